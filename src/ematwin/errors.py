@@ -1,0 +1,39 @@
+"""The errors that ematwin raises on purpose.
+
+Every message is one sentence or two that say what is wrong, what was received and what to do.
+The command line prints it without a traceback and exits with code 2.
+"""
+
+
+class EmatwinError(Exception):
+    """Base of every error that ematwin raises on purpose."""
+
+
+class InputError(EmatwinError, ValueError):
+    """A value from outside cannot be used: an argument, an option, a fault, a budget."""
+
+
+class ParameterError(InputError):
+    """An actuator or scenario is impossible or incomplete."""
+
+
+class RecordError(InputError):
+    """A recording cannot be used as it is."""
+
+
+class FileError(EmatwinError, OSError):
+    """A file cannot be read or written."""
+
+
+class MissingExtraError(EmatwinError, ImportError):
+    """An optional dependency is not installed; the message names the command that installs it."""
+
+    def __init__(self, package: str, extra: str, purpose: str) -> None:
+        super().__init__(
+            f"{purpose} needs the package {package}, which is not installed. "
+            f'Run: pip install "ematwin[{extra}]".'
+        )
+
+
+class DivergedError(EmatwinError):
+    """A single simulation left the finite numbers. Within a batch this is a status instead."""
