@@ -1,0 +1,168 @@
+"""Simulate an actuator: model, scenario and faults in, a `Record` out."""
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ematwin import __version__
+from ematwin.errors import DivergedError, InputError
+from ematwin.faults import Faults
+from ematwin.plant.constants import kernel_constants
+from ematwin.plant.parameters import DEFAULT_ACTUATOR, Actuator
+from ematwin.plant.scenario import DEFAULT_SCENARIO, Scenario
+from ematwin.signals.noise import Noise
+from ematwin.signals.record import Record
+
+MODELS = ("reference", "monitor")
+DEFAULT_SAMPLE_RATE = 20_000.0  # Hz
+
+
+def simulate(
+    model: str = "reference",
+    scenario: Scenario | str | Path = DEFAULT_SCENARIO,
+    faults: Faults | Mapping[str, float] | np.ndarray | None = None,
+    actuator: Actuator | str | Path = DEFAULT_ACTUATOR,
+    *,
+    sample_rate: float = DEFAULT_SAMPLE_RATE,
+    step: float | None = None,
+    noise: Noise | None = None,
+    seed: int = 0,
+    initial_position: float = 0.0,
+) -> Record:
+    """The response of an actuator with some faults to a scenario.
+
+    Parameters
+    ----------
+    model : "reference" (three phases, inverter, about 1 us) or "monitor" (one phase, 10 us)
+    scenario : a `Scenario`, the name of a shipped one, or a file
+    faults : `Faults`, a mapping of names to values, a vector (8,), or None for healthy
+    actuator : an `Actuator`, the name of a shipped one, or a TOML file
+    sample_rate : float, Hz, of the record
+    step : float, s, of the model; None takes the actuator's
+    noise : imperfections of the current measurement, or None
+    seed : int, of the noise
+    initial_position : float, rad on the output, at rest
+
+    Returns
+    -------
+    Record
+        The reference model gives phase currents, the monitor model the signed equivalent current;
+        both give positions and speeds of motor and output.
+
+    Raises
+    ------
+    InputError
+        If an argument cannot be used.
+    DivergedError
+        If the simulation left the finite numbers.
+    """
+    from ematwin.kernels import batch  # compiles, or loads what an earlier process compiled
+
+    actuator = Actuator.load(actuator)
+    scenario = Scenario.load_file(scenario)
+    faults = Faults.of(faults)
+    if model not in MODELS:
+        raise InputError(f"There is no model {model!r}; choose {' or '.join(MODELS)}.")
+    scenario.check(actuator)
+    grid = time_grid(actuator, model, scenario.duration, sample_rate, step)
+    ratio = actuator.transmission.ratio
+    command, load = scenario.histories(grid.time)
+    start = initial_position * ratio
+    run = batch.reference_trace if model == "reference" else batch.monitor_trace
+    trace = run(
+        faults.vector,
+        command * ratio,
+        load / ratio,
+        np.array([start, 0.0, start, 0.0]),
+        kernel_constants(actuator),
+        grid.step,
+        grid.substeps,
+        grid.decimation,
+    )
+    names = batch.REFERENCE_COLUMNS if model == "reference" else batch.MONITOR_COLUMNS
+    columns = {name: trace[:, n] for n, name in enumerate(names) if not name.startswith("e_")}
+    columns["output_position"] = columns["output_position"] / ratio
+    columns["output_speed"] = columns["output_speed"] / ratio
+    if not all(np.isfinite(column).all() for column in columns.values()):
+        raise DivergedError(
+            f"The {model} model diverged at a step of {grid.step:.3g} s; shorten the step."
+        )
+    kept = slice(None, None, grid.decimation)
+    record = Record(
+        time=grid.time[kept],
+        command=command[kept],
+        load=load[kept] if scenario.load else None,
+        **columns,
+        provenance=_provenance(model, scenario, faults, actuator, grid.step, noise, seed),
+    )
+    return record if noise is None else noise.apply(record, np.random.default_rng(seed))
+
+
+class TimeGrid:
+    """Times of a simulation: the grid of the inputs, the step, and which points are samples.
+
+    Inputs are known each 10 us or so and run in straight lines between; the reference model takes
+    several steps from one grid point to the next.
+    """
+
+    def __init__(self, step: float, longest_interval: float, duration: float, rate: float) -> None:
+        interval = 1.0 / rate
+        self.decimation = max(1, math.ceil(interval / longest_interval - 1e-9))
+        spacing = interval / self.decimation
+        self.substeps = max(1, math.ceil(spacing / step - 1e-9))
+        self.step = spacing / self.substeps
+        samples = math.floor(duration * rate + 1e-9) + 1
+        if samples < 2:
+            raise InputError(
+                f"A scenario of {duration:g} s has no two samples at {rate:g} Hz; "
+                "sample faster or prolong it."
+            )
+        self.time = np.arange((samples - 1) * self.decimation + 1) / (rate * self.decimation)
+
+
+def time_grid(
+    actuator: Actuator, model: str, duration: float, sample_rate: float, step: float | None
+) -> TimeGrid:
+    """The grid on which a model of this actuator is simulated.
+
+    Raises
+    ------
+    InputError
+        If the sample rate or the step cannot be used.
+    """
+    if not (math.isfinite(sample_rate) and sample_rate > 0.0):
+        raise InputError(f"sample_rate must be a positive number of Hz, received {sample_rate}.")
+    own = getattr(actuator.steps, model)
+    chosen = own if step is None else step
+    try:
+        actuator.check_step(model, chosen)
+    except InputError as error:
+        text = str(error)
+        raise InputError(text[0].upper() + text[1:] + ".") from None
+    return TimeGrid(chosen, max(actuator.steps.monitor, chosen), duration, sample_rate)
+
+
+def _provenance(
+    model: str,
+    scenario: Scenario,
+    faults: Faults,
+    actuator: Actuator,
+    step: float,
+    noise: Noise | None,
+    seed: int,
+) -> dict[str, Any]:
+    return {
+        "source": "simulated",
+        "model": model,
+        "ematwin": __version__,
+        "actuator": actuator.name,
+        "actuator_fingerprint": actuator.fingerprint,
+        "scenario": scenario.name,
+        "faults": faults.as_dict(),
+        "step_s": step,
+        "noise": None if noise is None else vars(noise).copy(),
+        "seed": seed,
+    }
