@@ -1,7 +1,7 @@
 """Simulate an actuator: model, scenario and faults in, a `Record` out."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,8 @@ from ematwin.signals.record import Record
 
 MODELS = ("reference", "monitor")
 DEFAULT_SAMPLE_RATE = 20_000.0  # Hz
+_SLICE_STEPS = 1_000_000  # steps between two reports of progress: about 0.1 s
+_STATE_OF = {"motor_position": "theta_m", "output_position": "theta_o"}  # not zero at rest
 
 
 def simulate(
@@ -31,6 +33,7 @@ def simulate(
     noise: Noise | None = None,
     seed: int = 0,
     initial_position: float = 0.0,
+    progress: Callable[[float], None] | None = None,
 ) -> Record:
     """The response of an actuator with some faults to a scenario.
 
@@ -45,6 +48,7 @@ def simulate(
     noise : imperfections of the current measurement, or None
     seed : int, of the noise
     initial_position : float, rad on the output, at rest
+    progress : called with the share done, in [0, 1], now and then
 
     Returns
     -------
@@ -59,8 +63,6 @@ def simulate(
     DivergedError
         If the simulation left the finite numbers.
     """
-    from ematwin.kernels import batch  # compiles, or loads what an earlier process compiled
-
     actuator = Actuator.load(actuator)
     scenario = Scenario.load_file(scenario)
     faults = Faults.of(faults)
@@ -70,22 +72,12 @@ def simulate(
     grid = time_grid(actuator, model, scenario.duration, sample_rate, step)
     ratio = actuator.transmission.ratio
     command, load = scenario.histories(grid.time)
-    start = initial_position * ratio
-    run = batch.reference_trace if model == "reference" else batch.monitor_trace
-    trace = run(
-        faults.vector,
-        command * ratio,
-        load / ratio,
-        np.array([start, 0.0, start, 0.0]),
-        kernel_constants(actuator),
-        grid.step,
-        grid.substeps,
-        grid.decimation,
-    )
-    names = batch.REFERENCE_COLUMNS if model == "reference" else batch.MONITOR_COLUMNS
-    columns = {name: trace[:, n] for n, name in enumerate(names) if not name.startswith("e_")}
-    columns["output_position"] = columns["output_position"] / ratio
-    columns["output_speed"] = columns["output_speed"] / ratio
+    columns = _run(
+        model, faults, command * ratio, load / ratio, initial_position * ratio, actuator, grid,
+        progress,
+    )  # fmt: skip
+    columns["output_position"] /= ratio
+    columns["output_speed"] /= ratio
     if not all(np.isfinite(column).all() for column in columns.values()):
         raise DivergedError(
             f"The {model} model diverged at a step of {grid.step:.3g} s; shorten the step."
@@ -99,6 +91,50 @@ def simulate(
         provenance=_provenance(model, scenario, faults, actuator, grid.step, noise, seed),
     )
     return record if noise is None else noise.apply(record, np.random.default_rng(seed))
+
+
+def _run(
+    model: str,
+    faults: Faults,
+    command: np.ndarray,
+    load: np.ndarray,
+    start: float,
+    actuator: Actuator,
+    grid: "TimeGrid",
+    progress: Callable[[float], None] | None,
+) -> dict[str, np.ndarray]:
+    """Columns of the trace; command, load and start are on the motor shaft."""
+    from ematwin.kernels import batch  # compiles, or loads what an earlier process compiled
+    from ematwin.kernels.monitor_step import MonitorState
+    from ematwin.kernels.reference_step import ReferenceState
+
+    if model == "reference":
+        run, names = batch.reference_trace, batch.REFERENCE_COLUMNS
+        rest = ReferenceState(0.0, 0.0, 0.0, 0.0, start, 0.0, start, 1.0, 0.0, 0.0, 0.0)
+    else:
+        run, names = batch.monitor_trace, batch.MONITOR_COLUMNS
+        rest = MonitorState(0.0, 0.0, start, 0.0, start)
+    state = np.array(rest)
+    first = [getattr(rest, _STATE_OF.get(name, ""), 0.0) for name in names]
+    pieces = [np.array([first])]
+    # In slices, so that a long simulation shows progress and can be interrupted.
+    stride = grid.decimation * max(1, round(_SLICE_STEPS / (grid.substeps * grid.decimation)))
+    end = command.size - 1
+    for left in range(0, end, stride):
+        right = min(left + stride, end)
+        part = slice(left, right + 1)
+        pieces.append(
+            run(
+                faults.vector, command[part], load[part], state, kernel_constants(actuator),
+                grid.step, grid.substeps, grid.decimation,
+            )  # fmt: skip
+        )
+        if progress is not None:
+            progress(right / end)
+    trace = np.concatenate(pieces)
+    return {
+        name: trace[:, n].copy() for n, name in enumerate(names) if not name.startswith("e_")
+    }
 
 
 class TimeGrid:

@@ -28,15 +28,16 @@ DIVERGED = 1
 
 
 @loop
-def reference_trace(k, command, load, initial, c, dt, substeps, decimation):
-    """Simulate the reference model.
+def reference_trace(k, command, load, state, c, dt, substeps, decimation):
+    """Simulate the reference model from a state on.
 
     Parameters
     ----------
     k : (8,) array, fault vector
     command, load : (G,) arrays, output command (rad) and load (N m) on the motor shaft, on a
         uniform grid; straight lines between its points
-    initial : (4,) array, motor position (rad), motor speed (rad/s), output position and speed
+    state : (11,) array, the fields of `ReferenceState`; holds the last state afterwards, so that
+        a long simulation can go on from there
     c : Constants
     dt : float, step, s
     substeps : int, steps from one grid point to the next
@@ -44,84 +45,86 @@ def reference_trace(k, command, load, initial, c, dt, substeps, decimation):
 
     Returns
     -------
-    (S, 10) array, columns as in `REFERENCE_COLUMNS`, S = (G - 1) // decimation + 1. A current is
-    the mean over the interval that ends at its sample; the first is the initial value.
+    ((G - 1) // decimation, 10) array, columns as in `REFERENCE_COLUMNS`: the samples after the
+    start. A current is the mean over the interval that ends at its sample.
     """
     fault = fault_state(k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7], c.half_gap)
     phases = phase_constants(fault, c)
-    state = ReferenceState(
-        0.0, 0.0, 0.0, initial[1], initial[0], initial[3], initial[2], 1.0, 0.0, 0.0, 0.0
-    )
-    samples = (command.size - 1) // decimation + 1
+    now = ReferenceState(
+        state[0], state[1], state[2], state[3], state[4], state[5], state[6], state[7],
+        state[8], state[9], state[10],
+    )  # fmt: skip
+    samples = (command.size - 1) // decimation
     trace = np.empty((samples, 10))
-    trace[0, :3] = 0.0
-    trace[0, 3:7] = initial
-    trace[0, 7:] = 0.0
     share = 1.0 / (substeps * decimation)
-    for sample in range(1, samples):
+    for sample in range(samples):
         sum_a = 0.0
         sum_b = 0.0
         sum_c = 0.0
-        for g in range((sample - 1) * decimation, sample * decimation):
+        for g in range(sample * decimation, (sample + 1) * decimation):
             d_command = (command[g + 1] - command[g]) / substeps
             d_load = (load[g + 1] - load[g]) / substeps
             for j in range(substeps):
-                before = state
-                state = reference_step(
-                    state, command[g] + j * d_command, load[g] + j * d_load, fault, phases, c, dt
+                before = now
+                now = reference_step(
+                    now, command[g] + j * d_command, load[g] + j * d_load, fault, phases, c, dt
                 )
-                sum_a += 0.5 * (before.i_a + state.i_a)
-                sum_b += 0.5 * (before.i_b + state.i_b)
-                sum_c += 0.5 * (before.i_c + state.i_c)
+                sum_a += 0.5 * (before.i_a + now.i_a)
+                sum_b += 0.5 * (before.i_b + now.i_b)
+                sum_c += 0.5 * (before.i_c + now.i_c)
         trace[sample, 0] = sum_a * share
         trace[sample, 1] = sum_b * share
         trace[sample, 2] = sum_c * share
-        trace[sample, 3] = state.theta_m
-        trace[sample, 4] = state.w_m
-        trace[sample, 5] = state.theta_o
-        trace[sample, 6] = state.w_o
-        trace[sample, 7] = state.e_electrical
-        trace[sample, 8] = state.e_copper
-        trace[sample, 9] = state.e_mechanical
+        trace[sample, 3] = now.theta_m
+        trace[sample, 4] = now.w_m
+        trace[sample, 5] = now.theta_o
+        trace[sample, 6] = now.w_o
+        trace[sample, 7] = now.e_electrical
+        trace[sample, 8] = now.e_copper
+        trace[sample, 9] = now.e_mechanical
+    for n, value in enumerate(now):
+        state[n] = value
     return trace
 
 
 @loop
-def monitor_trace(k, command, load, initial, c, dt, substeps, decimation):
+def monitor_trace(k, command, load, state, c, dt, substeps, decimation):
     """Simulate the monitor model; arguments as in `reference_trace`.
+
+    ``state`` (5,) holds the fields of `MonitorState`.
 
     Returns
     -------
-    (S, 5) array, columns as in `MONITOR_COLUMNS`; the current is signed.
+    ((G - 1) // decimation, 5) array, columns as in `MONITOR_COLUMNS`; the current is signed.
     """
     fault = fault_state(k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7], c.half_gap)
-    state = MonitorState(0.0, initial[1], initial[0], initial[3], initial[2])
-    samples = (command.size - 1) // decimation + 1
+    now = MonitorState(state[0], state[1], state[2], state[3], state[4])
+    samples = (command.size - 1) // decimation
     trace = np.empty((samples, 5))
-    trace[0, 0] = 0.0
-    trace[0, 1:] = initial
     share = 1.0 / (substeps * decimation)
-    for sample in range(1, samples):
+    for sample in range(samples):
         total = 0.0
-        for g in range((sample - 1) * decimation, sample * decimation):
+        for g in range(sample * decimation, (sample + 1) * decimation):
             d_command = (command[g + 1] - command[g]) / substeps
             d_load = (load[g + 1] - load[g]) / substeps
             for j in range(substeps):
-                state, i_mean = monitor_step(
-                    state, command[g] + j * d_command, load[g] + j * d_load, fault, c, dt
+                now, i_mean = monitor_step(
+                    now, command[g] + j * d_command, load[g] + j * d_load, fault, c, dt
                 )
                 total += i_mean
         trace[sample, 0] = total * share
-        trace[sample, 1] = state.theta_m
-        trace[sample, 2] = state.w_m
-        trace[sample, 3] = state.theta_o
-        trace[sample, 4] = state.w_o
+        trace[sample, 1] = now.theta_m
+        trace[sample, 2] = now.w_m
+        trace[sample, 3] = now.theta_o
+        trace[sample, 4] = now.w_o
+    for n, value in enumerate(now):
+        state[n] = value
     return trace
 
 
 @loop
 def monitor_scores(
-    k, command, load, initial, c, dt, substeps, taps, rectify, target, weight,
+    k, command, load, state, c, dt, substeps, taps, rectify, target, weight,
     costs, status, response,
 ):  # fmt: skip
     """Simulate and score a batch of candidates in one pass.
@@ -131,7 +134,7 @@ def monitor_scores(
     k : (B, 8) array, fault vectors; B a multiple of `LANES`
     command, load : (S,) arrays at the samples of the record, on the motor shaft; straight lines
         between
-    initial : (5,) array, motor position, motor speed, output position, output speed, current
+    state : (5,) array, the fields of `MonitorState` at the first sample
     c, dt : as in `reference_trace`
     substeps : int, steps from one sample to the next
     taps : (7,) array, low-pass ``b0 b1 b2 a1 a2`` and its state ``z1 z2`` at the start
@@ -175,11 +178,11 @@ def monitor_scores(
             zeta_cos[n] = f.zeta_cos
             zeta_sin[n] = f.zeta_sin
             gain[n] = f.gain
-            theta_m[n] = initial[0]
-            w_m[n] = initial[1]
-            theta_o[n] = initial[2]
-            w_o[n] = initial[3]
-            i[n] = initial[4]
+            theta_m[n] = state[2]
+            w_m[n] = state[1]
+            theta_o[n] = state[4]
+            w_o[n] = state[3]
+            i[n] = state[0]
             z1[n] = taps[5]
             z2[n] = taps[6]
             cost[n] = 0.0
@@ -193,7 +196,7 @@ def monitor_scores(
                 command_now = command[sample - 1] + j * d_command
                 load_now = load[sample - 1] + j * d_load
                 for n in range(LANES):
-                    state, i_mean = monitor_step(
+                    now, i_mean = monitor_step(
                         MonitorState(i[n], w_m[n], theta_m[n], w_o[n], theta_o[n]),
                         command_now,
                         load_now,
@@ -204,11 +207,11 @@ def monitor_scores(
                         c,
                         dt,
                     )  # fmt: skip
-                    i[n] = state.i
-                    w_m[n] = state.w_m
-                    theta_m[n] = state.theta_m
-                    w_o[n] = state.w_o
-                    theta_o[n] = state.theta_o
+                    i[n] = now.i
+                    w_m[n] = now.w_m
+                    theta_m[n] = now.theta_m
+                    w_o[n] = now.w_o
+                    theta_o[n] = now.theta_o
                     total[n] += i_mean
             for n in range(LANES):
                 x = total[n] * share
