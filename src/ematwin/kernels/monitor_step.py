@@ -6,7 +6,8 @@ DESIGN, section 4. With p and n the conducting phases of the sector,
     L_eq di/dt = u - R_eq i - kappa_eq omega,   T = kappa_eq i,
 
 which is exact for two conducting phases. The voltage drives the current to its reference within
-the step, as far as the supply allows. The published shape functions could not be had; these are
+the step, as far as the supply allows. The current has no ripple here; what the ripple of the real
+one does to stiction is taken into account (`dithered_static`). The published shape functions could not be had; these are
 derived here.
 """
 
@@ -15,7 +16,7 @@ from typing import NamedTuple
 from ematwin.kernels.backlash import advance_rigid_play, stop_at_ends
 from ematwin.kernels.compile import step
 from ematwin.kernels.controller import current_reference
-from ematwin.kernels.friction import loaded_friction
+from ematwin.kernels.friction import dithered_static, loaded_friction
 from ematwin.kernels.motor import gap_factors, hall_sector, phase_inductance
 from ematwin.kernels.scalar import clip
 
@@ -70,11 +71,12 @@ def monitor_step(state, command, load, fault, c, dt):
 
     act_m = kappa_eq * i_mean - c.viscous * state.w_m
     td_m = fault.friction * c.t_m
+    ts_m = dithered_static(c.static_ratio * td_m, td_m, kappa_eq * c.half_band)
     direction = state.w_o if state.w_o != 0.0 else state.w_m
     td_o = fault.friction * loaded_friction(direction, -load, c.t_o, c.c_opposing, c.c_aiding)
     theta_m, w_m, theta_o, w_o = advance_rigid_play(
         state.theta_m, state.w_m, state.theta_o, state.w_o, act_m, -load, c.j_m, c.j_o,
-        c.static_ratio * td_m, td_m, c.static_ratio * td_o, td_o, fault.half_gap, dt,
+        ts_m, td_m, c.static_ratio * td_o, td_o, fault.half_gap, dt,
     )  # fmt: skip
     theta_o, w_o = stop_at_ends(theta_o, w_o, c.travel_low, c.travel_high)
     # Contact is rigid: the stop also ends the motor's travel, half a gap further on.
