@@ -11,65 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.errors import FileError, InputError, RecordError
+from ematwin.errors import InputError, RecordError
 from ematwin.readers.files import written_whole
 
 METADATA_KEY = "ematwin"
 _CSV_MARK = f"# {METADATA_KEY} "
-
-
-def read_table(path: str | Path) -> tuple[Any, dict[str, Any]]:
-    """A pyarrow Table and the metadata object ({} if the file has none).
-
-    Raises
-    ------
-    FileError
-        If the file cannot be read, or is truncated, or is not what its name says.
-    """
-    path = Path(path)
-    kind = path.suffix.lower()
-    if not path.exists():
-        raise FileError(f"There is no file {path}.")
-    try:
-        if kind == ".parquet":
-            return _read_parquet(path)
-        if kind == ".csv":
-            return _read_csv(path)
-    except FileError:
-        raise
-    except Exception as error:
-        # pyarrow reports damage as ArrowInvalid, OSError, UnicodeDecodeError and others
-        reason = str(error).splitlines()[0].rstrip(".")
-        raise FileError(
-            f"Cannot read {path} as {kind[1:]}: {reason}. It may be truncated or of another kind."
-        ) from None
-    raise InputError(f"Cannot tell how to read {path}: its name must end in .parquet or .csv.")
-
-
-def _read_parquet(path: Path) -> tuple[Any, dict[str, Any]]:
-    import pyarrow.parquet as pq
-
-    table = pq.read_table(path)
-    metadata = (table.schema.metadata or {}).get(METADATA_KEY.encode())
-    return table, json.loads(metadata) if metadata else {}
-
-
-def _read_csv(path: Path) -> tuple[Any, dict[str, Any]]:
-    from pyarrow import csv
-
-    metadata: dict[str, Any] = {}
-    comments = 0
-    with path.open(encoding="utf-8") as file:
-        for line in file:
-            if not line.startswith("#"):
-                break
-            comments += 1
-            if line.startswith(_CSV_MARK):
-                metadata = json.loads(line[len(_CSV_MARK) :])
-    table = csv.read_csv(path, read_options=csv.ReadOptions(skip_rows=comments))
-    if table.num_rows == 0:
-        raise FileError(f"{path} holds a header and no rows.")
-    return table, metadata
 
 
 def write_table(path: str | Path, columns: dict[str, np.ndarray], metadata: dict[str, Any]) -> None:
@@ -97,36 +43,25 @@ def write_table(path: str | Path, columns: dict[str, np.ndarray], metadata: dict
                 csv.write_csv(table, file)
 
 
-def column_values(table: Any, name: str, path: str | Path) -> np.ndarray:
-    """A column of a table as float64; raise `RecordError` if it does not hold numbers."""
-    import pyarrow as pa
-
-    column = table.column(name)
-    try:
-        return np.asarray(column.cast(pa.float64()).to_numpy(zero_copy_only=False))
-    except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
-        raise RecordError(
-            f"Column {name} of {path} must hold numbers; it holds {column.type}. "
-            "Remove text and units from its rows."
-        ) from None
-
-
 def read_columns(
     path: str | Path, required: Sequence[str], optional: Sequence[str] = ()
 ) -> dict[str, np.ndarray]:
-    """Named columns of a file as float64 arrays.
+    """Named columns of a file as float64 arrays, as the file holds them.
 
     Raises
     ------
+    FileError
+        If the file cannot be read, or is truncated, or is not what its name says.
     RecordError
         If a required column is missing or does not hold numbers.
     """
-    table, _ = read_table(path)
-    missing = [name for name in required if name not in table.column_names]
-    if missing:
-        raise RecordError(
-            f"{path} has no column {missing[0]!r}; it has {', '.join(table.column_names)}. "
-            "Rename or add the column."
-        )
-    wanted = [*required, *(name for name in optional if name in table.column_names)]
-    return {name: column_values(table, name, path) for name in wanted}
+    from ematwin.readers.recording import open_recording
+
+    with open_recording(path) as recording:
+        missing = [name for name in required if name not in recording.names]
+        if missing:
+            raise RecordError(
+                f"{path} has no column {missing[0]!r}; it has {', '.join(recording.names)}. "
+                "Rename or add the column."
+            )
+        return recording.read([*required, *(name for name in optional if name in recording.names)])

@@ -1,0 +1,156 @@
+"""Text tables (CSV and kin), read block by block through pyarrow.
+
+Only the wanted columns become numbers, straight into arrays of about the right length, so that a
+file far larger than memory can be read if its wanted columns fit.
+"""
+
+from collections.abc import Sequence
+from io import BufferedReader
+from pathlib import Path
+from typing import Any, ClassVar, cast
+
+import numpy as np
+
+from ematwin.errors import FileError, RecordError
+from ematwin.readers.csv_dialect import sniff
+from ematwin.readers.recording import Progress, Recording, refusing
+
+_BLOCK = 1 << 20  # bytes; pyarrow reads some dozens ahead: four times as much took 100 MB more
+
+
+class CsvRecording(Recording):
+    """A text table.
+
+    Parameters
+    ----------
+    path : Path
+    delimiter, decimal, skip_rows : as in `ematwin.readers.column_map.CsvOptions`
+    """
+
+    kind: ClassVar[str] = "csv"
+
+    def __init__(self, path: Path, **options: Any) -> None:
+        super().__init__(path)
+        self._dialect = sniff(path, **options)
+        self.metadata = self._dialect.metadata
+        self.assumed = list(self._dialect.assumed)
+
+    @property
+    def names(self) -> tuple[str, ...]:  # noqa: D102
+        return tuple(self._dialect.names)
+
+    def unit(self, name: str) -> str | None:  # noqa: D102
+        if self.metadata:
+            return cast("str | None", self.metadata.get("units", {}).get(name))
+        return self._dialect.units[self._dialect.names.index(name)] or None
+
+    def read(  # noqa: D102
+        self, names: Sequence[str], progress: Progress | None = None
+    ) -> dict[str, np.ndarray]:
+        positions = [self._dialect.names.index(name) for name in names]
+        for name, position in zip(names, positions, strict=True):
+            if position in self._dialect.text:
+                raise RecordError(
+                    f"Column {name} of {self.path} must hold numbers; it holds text. "
+                    "Remove text and units from its rows."
+                )
+        columns = _Columns(len(names))
+        size = self.path.stat().st_size
+        with refusing(self.path, self.kind), self.path.open("rb") as file:
+            _check_end(self.path, file, size, bool(self.metadata), self.assumed)
+            file.seek(self._dialect.start)
+            for batch in self._batches(file, positions):
+                done = max(file.tell() - self._dialect.start, 1)
+                share = min(done / max(size - self._dialect.start, 1), 1.0)
+                columns.append([self._numbers(column) for column in batch.columns], share)
+                if progress is not None:
+                    progress(share)
+        if columns.rows == 0:
+            raise FileError(f"{self.path} holds a header and no rows.")
+        if progress is not None:
+            progress(1.0)
+        return dict(zip(names, columns.finished(), strict=True))
+
+    def _batches(self, file: BufferedReader, positions: Sequence[int]) -> Any:
+        import pyarrow as pa
+        from pyarrow import csv
+
+        width = len(self._dialect.names)
+        keys = [f"c{n}" for n in range(width)]
+        wanted = [keys[position] for position in positions]
+        signed = self._dialect.signed
+        encoding = self._dialect.encoding
+        return csv.open_csv(
+            file,
+            read_options=csv.ReadOptions(
+                column_names=keys,
+                block_size=_BLOCK,
+                # names were read by us: bytes above 127 in unread columns need no decoding
+                encoding=encoding if encoding.startswith("utf-16") else "utf8",
+            ),
+            parse_options=csv.ParseOptions(delimiter=self._dialect.delimiter),
+            convert_options=csv.ConvertOptions(
+                include_columns=wanted,
+                column_types={
+                    key: pa.string() if position in signed else pa.float64()
+                    for key, position in zip(wanted, positions, strict=True)
+                },
+                decimal_point=self._dialect.decimal,
+                check_utf8=False,
+                strings_can_be_null=True,
+            ),
+        )
+
+    def _numbers(self, column: Any) -> np.ndarray:
+        import pyarrow as pa
+        import pyarrow.compute as pc
+
+        if pa.types.is_string(column.type):  # numbers such as +1.5, which pyarrow does not parse
+            column = pc.utf8_ltrim(pc.utf8_trim_whitespace(column), characters="+")
+            if self._dialect.decimal == ",":
+                column = pc.replace_substring(column, ",", ".")
+            column = column.cast(pa.float64())
+        return np.asarray(column.to_numpy(zero_copy_only=False))
+
+
+class _Columns:
+    """Columns that grow; their length is foreseen from the share of the file that was read."""
+
+    def __init__(self, count: int) -> None:
+        self.rows = 0
+        self._arrays = [np.empty(0) for _ in range(count)]
+
+    def append(self, block: Sequence[np.ndarray], share: float) -> None:
+        """Add one block; ``share`` of the file has been read with it."""
+        if not block:
+            return
+        rows = self.rows + block[0].size
+        if rows > self._arrays[0].size:
+            foreseen = int(rows / max(share, 1e-6) * 1.05) + 1
+            for array in self._arrays:
+                # memory that is not written to is not taken; refcheck: nobody else holds them
+                array.resize(max(foreseen, rows), refcheck=False)
+        for array, values in zip(self._arrays, block, strict=True):
+            array[self.rows : rows] = values
+        self.rows = rows
+
+    def finished(self) -> list[np.ndarray]:
+        """The columns at their length."""
+        for array in self._arrays:
+            array.resize(self.rows, refcheck=False)
+        return self._arrays
+
+
+def _check_end(
+    path: Path, file: BufferedReader, size: int, is_ours: bool, assumed: list[str]
+) -> None:
+    file.seek(max(size - 2, 0))
+    if file.read().rstrip(b"\x00").endswith((b"\n", b"\r")):
+        return
+    if is_ours:
+        raise FileError(
+            f"Cannot read {path} as csv: it ends within a line. It was truncated; copy it again."
+        )
+    sentence = "the file ends without a line break: its last row was taken as it stands"
+    if sentence not in assumed:
+        assumed.append(sentence)

@@ -1,0 +1,172 @@
+"""Mistakes of wiring in a record: a phase of the wrong sign, phases swapped, a turned encoder.
+
+The three currents of a star winding sum to zero, whatever the faults. Projected on the EMF
+shapes at the recorded motor angle (`ematwin.signals.envelope.signed_current`) they give the whole
+equivalent current if the order is right, and half of it or less if it is not.
+"""
+
+from dataclasses import dataclass
+from itertools import permutations, product
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ematwin.errors import RecordError
+from ematwin.signals.envelope import trapezoid_shape
+from ematwin.signals.record import PHASES, Record
+
+if TYPE_CHECKING:
+    from ematwin.plant.parameters import Actuator
+
+_SUM = 0.2  # of the RMS of the currents: the sum of three good channels is less
+_FLIPPED = 0.5  # a flip explains the sum if it leaves less than this share of it
+_COHERENT = 0.85  # of the mean square current, on the right EMF shapes
+_BETTER = 1.15  # times the share of the order as it is: another order explains the currents
+_NEARLY = 0.98  # an order as good as that beside the best zero of the angle is the simpler cause
+_MOST = 20_000  # samples looked at
+_LAGS = 2.0 * np.pi / 3.0 * np.arange(3)
+
+
+def check_sum(record: Record) -> list[str]:
+    """Warnings if the phase currents do not sum to zero.
+
+    Raises
+    ------
+    RecordError
+        If turning the sign of one phase makes the sum vanish.
+    """
+    currents = record.phase_currents
+    if currents is None:
+        return []
+    scale = _rms(currents)
+    offset = currents.sum(axis=1).mean()
+    total = _rms(currents.sum(axis=1) - offset)
+    warnings = []
+    if scale > 0.0 and abs(offset) > 0.5 * _SUM * scale:
+        warnings.append(
+            f"The phase currents sum to {offset:.3g} A in the mean instead of zero: a sensor has "
+            "an offset; give it in the map."
+        )
+    if total <= _SUM * scale:
+        return warnings
+    left = {}
+    for k, name in enumerate(PHASES):
+        flipped = currents.sum(axis=1) - 2.0 * currents[:, k]
+        left[name] = _rms(flipped - flipped.mean())
+    best = min(left, key=left.__getitem__)
+    if left[best] < _FLIPPED * total and left[best] <= _SUM * scale:
+        others = " and ".join(name for name in PHASES if name != best)
+        raise RecordError(
+            f"The phase currents sum to {total:.3g} A (RMS) instead of zero, and to "
+            f"{left[best]:.3g} A with {best} turned over: {best} has the wrong sign (or both "
+            f"{others}). Give sign = -1 in the map."
+        )
+    return [
+        *warnings,
+        f"The phase currents sum to {total:.3g} A (RMS) instead of zero, at {scale:.3g} A (RMS) in "
+        "a phase, and no change of one sign explains it: check the scales of the three channels.",
+    ]
+
+
+def check_order(record: Record, actuator: "Actuator") -> list[str]:
+    """A warning if the currents do not fit the motor angle and nothing explains it.
+
+    Raises
+    ------
+    RecordError
+        If another order of the phases, other signs, or another zero of the angle fits far better.
+    """
+    currents = record.phase_currents
+    if currents is None or record.motor_position is None:
+        return []
+    every = max(1, len(record) // _MOST)
+    currents = currents[::every]
+    angle = actuator.motor.pole_pairs * record.motor_position[::every]
+    if np.ptp(angle) < 2.0 * np.pi:  # too little of a turn to tell the phases apart
+        return []
+    whole = float(np.mean((0.5 * np.abs(currents).sum(axis=1)) ** 2))
+    if whole == 0.0:
+        return []
+    work = _Work(record, actuator, every)
+
+    def fit(currents: np.ndarray, angle: np.ndarray) -> _Fit:
+        signed = 0.5 * (currents * trapezoid_shape(angle[:, None] - _LAGS)).sum(axis=1)
+        return _Fit(float(np.mean(signed**2)) / whole, work.sign(signed))
+
+    given = fit(currents, angle)
+    if given.share >= _COHERENT:
+        if given.sign < 0:
+            raise RecordError(
+                "All phase currents have the wrong sign against the motor angle: the motor would "
+                "take up more work than the load gives. Give sign = -1 for the three currents, or "
+                "for the motor position."
+            )
+        return []
+    orders = {order: fit(currents[:, order], angle) for order in permutations(range(3))}
+    order = max(orders, key=lambda key: orders[key].share)
+    zeros = {
+        (sense, float(zero)): fit(currents, sense * angle + zero)
+        for sense, zero in product((1, -1), np.arange(-np.pi, np.pi, np.pi / 36.0))
+    }
+    # half a turn more is a change of sign: of two equal fits the one that drives is right
+    sense, zero = max(zeros, key=lambda key: (round(zeros[key].share, 3), zeros[key].sign))
+    best = max(orders[order].share, zeros[sense, zero].share)
+    if best < _COHERENT or best < _BETTER * given.share:
+        return [
+            f"Only {100 * given.share:.0f} % of the current fits the EMF shapes at the recorded "
+            "motor angle, and no other order of phases or zero of the angle explains it: check "
+            "the motor position, its unit and the number of pole pairs."
+        ]
+    if orders[order].share >= _NEARLY * best:
+        # phase_order names the phases that the given channels carry: the inverse of `order`
+        carried = "".join("abc"[order.index(k)] for k in range(3))
+        signs = " and sign = -1 for all three" if orders[order].sign < 0 else ""
+        raise RecordError(
+            f"The phases are swapped: at the recorded motor angle {100 * given.share:.0f} % of the "
+            f"current fits the EMF shapes, and {100 * orders[order].share:.0f} % with phase_order "
+            f'= "{carried}"{signs}. Give that in the map.'
+        )
+    # the map turns the sign after the offset: angle = sign (number + offset)
+    offset = sense * zero / actuator.motor.pole_pairs
+    turned = "sign = -1 and " if sense < 0 else ""
+    raise RecordError(
+        f"The motor position is not counted from phase a: {100 * given.share:.0f} % of the current "
+        f"fits the EMF shapes, and {100 * best:.0f} % with {turned}offset = {offset:.3g} rad for "
+        "motor_position. Give that in the map."
+    )
+
+
+@dataclass(frozen=True)
+class _Fit:
+    share: float  # of the mean square current that lies on the EMF shapes
+    sign: int  # -1: the energy balance wants the opposite sign; 0: it cannot tell
+
+
+class _Work:
+    """The energy balance, which tells the sign of the currents.
+
+    Friction and windings only take: the work of the motor exceeds that given to the load. If it
+    does so with the opposite sign and not as given, the sign is wrong; if with both, an aiding
+    load hides it.
+    """
+
+    def __init__(self, record: Record, actuator: "Actuator", every: int) -> None:
+        assert record.motor_position is not None
+        self._turned = np.gradient(record.motor_position[::every])
+        self._torque_constant = actuator.motor.emf_constant  # N m/A of the equivalent current
+        self._to_load = 0.0  # J
+        if record.load is not None:
+            output = record.output_position
+            if output is None:
+                output = record.motor_position / actuator.transmission.ratio
+            self._to_load = float(record.load[::every] @ np.gradient(output[::every]))
+
+    def sign(self, signed_current: np.ndarray) -> int:
+        """+1, -1 or 0: whether this current can be right, only its opposite, or either."""
+        motor = self._torque_constant * float(signed_current @ self._turned)
+        as_given, opposite = motor > self._to_load, -motor > self._to_load
+        return int(as_given) - int(opposite)
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
