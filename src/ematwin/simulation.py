@@ -108,6 +108,8 @@ def _run(
     from ematwin.kernels.monitor_step import MonitorState
     from ematwin.kernels.reference_step import ReferenceState
 
+    rest: ReferenceState | MonitorState
+    names: tuple[str, ...]
     if model == "reference":
         run, names = batch.reference_trace, batch.REFERENCE_COLUMNS
         rest = ReferenceState(0.0, 0.0, 0.0, 0.0, start, 0.0, start, 1.0, 0.0, 0.0, 0.0)
@@ -125,16 +127,20 @@ def _run(
         part = slice(left, right + 1)
         pieces.append(
             run(
-                faults.vector, command[part], load[part], state, kernel_constants(actuator),
-                grid.step, grid.substeps, grid.decimation,
-            )  # fmt: skip
+                faults.vector,
+                command[part],
+                load[part],
+                state,
+                kernel_constants(actuator),
+                grid.step,
+                grid.substeps,
+                grid.decimation,
+            )
         )
         if progress is not None:
             progress(right / end)
     trace = np.concatenate(pieces)
-    return {
-        name: trace[:, n].copy() for n, name in enumerate(names) if not name.startswith("e_")
-    }
+    return {name: trace[:, n].copy() for n, name in enumerate(names) if not name.startswith("e_")}
 
 
 class TimeGrid:

@@ -40,7 +40,9 @@ def sources_stamp() -> str:
 
 def loop(function: Callable[..., Any]) -> Any:
     """Compile ``function`` on its first call; keep the result on disk for the next process."""
-    compiled = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=_RELAXED)(function)
+    compiled: Any = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=_RELAXED)(
+        function
+    )
     # IndexDataCacheFile compares this stamp with the stored one and discards the entry if it
     # differs; numba has no public way to widen it (checked with numba 0.61 to 0.68).
     compiled._cache._cache_file._source_stamp = sources_stamp()

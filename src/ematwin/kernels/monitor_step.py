@@ -7,8 +7,8 @@ DESIGN, section 4. With p and n the conducting phases of the sector,
 
 which is exact for two conducting phases. The voltage drives the current to its reference within
 the step, as far as the supply allows. The current has no ripple here; what the ripple of the real
-one does to stiction is taken into account (`dithered_static`). The published shape functions could not be had; these are
-derived here.
+one does to stiction is taken into account (`dithered_static`). The published shape functions could
+not be had; these are derived here.
 """
 
 from typing import NamedTuple

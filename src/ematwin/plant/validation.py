@@ -24,7 +24,9 @@ def load_toml(path: Path, kind: str) -> dict[str, Any]:
     except OSError as error:
         raise FileError(f"Cannot read the {kind} file {path}: {error.strerror}.") from None
     except UnicodeDecodeError:
-        raise ParameterError(f"The {kind} file {path} is not text; a TOML file is needed.") from None
+        raise ParameterError(
+            f"The {kind} file {path} is not text; a TOML file is needed."
+        ) from None
     except tomllib.TOMLDecodeError as error:
         raise ParameterError(f"The {kind} file {path} is not valid TOML: {error}.") from None
 

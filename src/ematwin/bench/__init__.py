@@ -1,0 +1,1 @@
+"""Speed and memory, measured as ratios and medians; run by ``ematwin bench``, never by a test."""

@@ -1,0 +1,177 @@
+"""The objective of identification: how badly a fault vector explains a record.
+
+A record is prepared once: its equivalent current is formed and filtered, the weights of the
+misfit follow from it, and command and load are put on the time base of the monitor model. A batch
+of candidates is then simulated and scored without keeping traces.
+"""
+
+import math
+import os
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+
+from ematwin.errors import RecordError
+from ematwin.plant.constants import kernel_constants
+from ematwin.plant.parameters import Actuator
+from ematwin.signals.envelope import current_envelope, signed_current
+from ematwin.signals.filters import LowPass
+from ematwin.signals.misfit import SlopeWeighting
+from ematwin.signals.record import Record
+
+_SHORTEST = 100  # samples: fewer cannot tell eight faults apart
+
+
+class Objective:
+    """Misfit (paper, eq. 2) of a batch of fault vectors against a record.
+
+    Parameters
+    ----------
+    record : Record
+        Drives the monitor model with its command and load, from its first position and speed.
+    actuator : Actuator
+    low_pass : filter of both currents
+    weighting : weights of the misfit
+    rectify : compare magnitudes; None compares signed currents where the record has the rotor
+        angle, else magnitudes
+    threads : threads that share a batch; None takes one for each core
+
+    Attributes
+    ----------
+    target : (S,) array, A, the filtered equivalent current of the record
+    weights : (S,) array, s/A
+    step, substeps : step of the monitor model (s), and how many make a sampling interval
+    rectify : whether magnitudes are compared
+
+    Raises
+    ------
+    RecordError
+        If the record is too short or constant.
+    InputError
+        If it is sampled too slowly for the filter.
+    """
+
+    def __init__(
+        self,
+        record: Record,
+        actuator: Actuator,
+        *,
+        low_pass: LowPass | None = None,
+        weighting: SlopeWeighting | None = None,
+        rectify: bool | None = None,
+        threads: int | None = None,
+    ) -> None:
+        if len(record) < _SHORTEST:
+            raise RecordError(
+                f"The record has {len(record)} samples; at least {_SHORTEST} are needed to tell "
+                "faults apart. Record longer or faster."
+            )
+        low_pass = low_pass or LowPass()
+        weighting = weighting or SlopeWeighting()
+        self.record = record
+        self.actuator = actuator
+        signed = None if rectify else signed_current(record, actuator.motor.pole_pairs)
+        if rectify is False and signed is None:
+            raise RecordError(
+                "A signed comparison needs phase currents with motor_position, or a signed "
+                "current; compare magnitudes instead."
+            )
+        self.rectify = signed is None
+        current = current_envelope(record) if signed is None else signed
+        if np.ptp(current) == 0.0:
+            raise RecordError(
+                f"The current of the record is constant ({current[0]:g} A): nothing moved. "
+                "Check the channel, or record a motion."
+            )
+        rate = record.sample_rate
+        self.target = low_pass.apply(current, rate)
+        self.weights = weighting.weights(self.target, record.interval)
+        self.weights[0] = 0.0  # the twin starts there; nothing has been simulated yet
+        self._taps = low_pass.taps(rate, float(current[0]))
+        self.substeps = max(1, math.ceil(record.interval / actuator.steps.monitor - 1e-9))
+        self.step = record.interval / self.substeps
+        ratio = actuator.transmission.ratio
+        self._command = record.command * ratio
+        load = np.zeros(len(record)) if record.load is None else record.load
+        self._load = load / ratio
+        self._state = initial_state(record, actuator, None if self.rectify else float(current[0]))
+        self._constants = kernel_constants(actuator)
+        self._threads = threads or os.cpu_count() or 1
+        self._pool: ThreadPoolExecutor | None = None
+
+    def __call__(self, k: np.ndarray) -> np.ndarray:
+        """Costs (B,) of fault vectors (B, 8), A s; infinite where the simulation diverged."""
+        return self._run(k, keep=False)[0]
+
+    def responses(self, k: np.ndarray) -> np.ndarray:
+        """Filtered currents (B, S) of fault vectors (B, 8), A."""
+        return self._run(k, keep=True)[1]
+
+    def residuals(self, k: np.ndarray) -> np.ndarray:
+        """Weighted residuals (B, S): the cost is the sum of their squares."""
+        return (self.responses(k) - self.target) * np.sqrt(self.weights)
+
+    def relative_misfit(self, cost: float) -> float:
+        """Root of the cost over that of a twin without any current: 0 is a perfect fit."""
+        return math.sqrt(cost / float(np.sum(self.weights * self.target**2)))
+
+    def _run(self, k: np.ndarray, keep: bool) -> tuple[np.ndarray, np.ndarray]:
+        from ematwin.kernels.batch import LANES, monitor_scores
+
+        count = len(k)
+        blocks = -(-count // LANES)
+        lanes = np.empty((blocks * LANES, 8))
+        lanes[:count] = k
+        lanes[count:] = k[-1]
+        costs = np.empty(len(lanes))
+        status = np.empty(len(lanes), dtype=np.int64)
+        response = np.empty((len(lanes), self.target.size) if keep else (0, 0))
+
+        def work(first: int, last: int) -> None:
+            part = slice(first * LANES, last * LANES)
+            monitor_scores(
+                lanes[part], self._command, self._load, self._state, self._constants, self.step,
+                self.substeps, self._taps, self.rectify, self.target, self.weights,
+                costs[part], status[part], response[part],
+            )  # fmt: skip
+
+        shares = np.array_split(np.arange(blocks), min(self._threads, blocks))
+        spans = [(int(share[0]), int(share[-1]) + 1) for share in shares]
+        if len(spans) == 1:
+            work(*spans[0])
+        else:
+            if self._pool is None:
+                self._pool = ThreadPoolExecutor(self._threads, thread_name_prefix="ematwin")
+            list(self._pool.map(lambda span: work(*span), spans))
+        return costs[:count], response[:count]
+
+    def __getstate__(self) -> dict[str, object]:
+        return {**self.__dict__, "_pool": None}  # threads stay where they are
+
+
+def initial_state(record: Record, actuator: Actuator, current: float | None) -> np.ndarray:
+    """State (5,) of the monitor model at the first sample.
+
+    Recorded positions and speeds are taken where they are known. Else the motor stands where the
+    output is, the output where the command is, and speeds are the slopes of the positions.
+    """
+    ratio = actuator.transmission.ratio
+    dt = record.interval
+    if record.output_position is not None:
+        theta_o = float(record.output_position[0]) * ratio
+        w_o = float(record.output_position[1] - record.output_position[0]) * ratio / dt
+    elif record.motor_position is not None:
+        theta_o = float(record.motor_position[0])
+        w_o = float(record.motor_position[1] - record.motor_position[0]) / dt
+    else:
+        theta_o = float(record.command[0]) * ratio
+        w_o = 0.0
+    if record.output_speed is not None:
+        w_o = float(record.output_speed[0]) * ratio
+    theta_m, w_m = theta_o, w_o
+    if record.motor_position is not None:
+        theta_m = float(record.motor_position[0])
+        w_m = float(record.motor_position[1] - record.motor_position[0]) / dt
+    if record.motor_speed is not None:
+        w_m = float(record.motor_speed[0])
+    return np.array([current or 0.0, w_m, theta_m, w_o, theta_o])

@@ -1,0 +1,68 @@
+"""Self-contained HTML pages: headings, tables, facts and interactive figures in one file."""
+
+from dataclasses import dataclass, field
+from importlib import resources
+from typing import Any
+
+from ematwin import __version__
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of a table; ``marked`` rows stand out."""
+
+    cells: list[str]
+    marked: bool = False
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table; ``last_is_text`` aligns the last column to the left."""
+
+    header: list[str]
+    rows: list[Row]
+    last_is_text: bool = False
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of a page; whatever is given is shown, in this order."""
+
+    heading: str = ""
+    text: str = ""
+    table: Table | None = None
+    facts: dict[str, str] = field(default_factory=dict)
+    figure: Any = None  # plotly figure
+
+
+def render(
+    title: str, lead: str, sections: list[Section], warnings: list[str] | None = None
+) -> str:
+    """The page as one HTML text."""
+    import jinja2
+    from plotly.io import to_html
+    from plotly.offline import get_plotlyjs
+
+    source = resources.files("ematwin.report").joinpath("templates/page.html.j2").read_text("utf-8")
+    environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    shown = [
+        {
+            **vars(section),
+            "figure": section.figure
+            and to_html(
+                section.figure,
+                include_plotlyjs=False,
+                full_html=False,
+                config={"displaylogo": False, "responsive": True},
+            ),
+        }
+        for section in sections
+    ]
+    return environment.from_string(source).render(
+        title=title,
+        lead=lead,
+        sections=shown,
+        warnings=warnings or [],
+        plotly_js=get_plotlyjs(),
+        version=__version__,
+    )
