@@ -23,10 +23,10 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from ematwin.errors import InputError, ParameterError
-from ematwin.plant.quantities import parse_quantity
-from ematwin.plant.validation import load_toml, one_sentence
+from ematwin.quantities import parse_quantity
 from ematwin.readers.recording import closest
 from ematwin.signals.record import COLUMNS
+from ematwin.validation import load_toml, one_sentence
 
 ALIASES = {
     "t": "time", "cmd": "command", "setpoint": "command",

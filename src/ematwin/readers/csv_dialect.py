@@ -20,7 +20,9 @@ METADATA_MARK = "# ematwin "
 _SAMPLE = 1 << 16  # bytes looked at, at the head and in the middle
 _DELIMITERS = (",", ";", "\t", "|")
 _COMMENT = ("#", "%", "//")
-_MISSING = {"", "nan", "na", "n/a", "#n/a", "null", "inf", "-inf"}
+PLACEHOLDERS = ["-", "--", "---"]  # what programs write for a missing value, beside NaN and kin
+_MISSING = {"", "nan", "na", "n/a", "#n/a", "null", "inf", "-inf", *PLACEHOLDERS}
+_CLOCK = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(\.\d{1,9})?Z?")
 _NUMBER = {
     ".": re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?"),
     ",": re.compile(r"[+-]?(\d+,?\d*|,\d+)([eE][+-]?\d+)?"),
@@ -38,7 +40,8 @@ class CsvDialect:
     delimiter, decimal, encoding : as written
     start : bytes before the first row of numbers
     signed : positions of columns with numbers such as ``+1.5``
-    text : positions of columns that hold no numbers
+    clock : positions of columns with clock times such as ``2026-11-21 08:00:00.001``
+    text : positions of columns that hold neither
     metadata : what ematwin wrote into the first line, else empty
     assumed : sentences for the provenance
     """
@@ -50,6 +53,7 @@ class CsvDialect:
     encoding: str
     start: int
     signed: set[int] = field(default_factory=set)
+    clock: set[int] = field(default_factory=set)
     text: set[int] = field(default_factory=set)
     metadata: dict[str, Any] = field(default_factory=dict)
     assumed: list[str] = field(default_factory=list)
@@ -107,6 +111,7 @@ def sniff(
     names, units, header_lines = _header(lines, split, first, data, width)
     body = [row for row in (_fields(line, delimiter) for line in probe) if len(row) == width]
     code = "utf-8" if encoding == "utf-8-sig" else encoding
+    clock = {n for n in range(width) if any(_CLOCK.fullmatch(row[n].strip()) for row in body)}
     dialect = CsvDialect(
         names=names,
         units=units,
@@ -115,12 +120,14 @@ def sniff(
         encoding=encoding,
         start=mark + len("".join(lines[:data]).encode(code)),
         signed={n for n in range(width) if any(row[n].strip().startswith("+") for row in body)},
+        clock=clock,
         text={
             n
             for n in range(width)
             if not any(_is_number(row[n], decimal) for row in body)
-            and any(row[n].strip() for row in body)
-        },
+            and any(row[n].strip().casefold() not in _MISSING for row in body)
+        }
+        - clock,
         metadata=metadata,
     )
     if not metadata:
@@ -213,7 +220,7 @@ def _signs(lines: Sequence[str], delimiter: str | None, decimal: str | None) -> 
             break
         width, votes = Counter(len(row) for row in rows).most_common(1)[0]
         for mark in [decimal] if decimal else [".", ","]:
-            if mark == sign:
+            if mark == sign and not any('"' in line for line in lines):
                 continue
             filled = sum(text.strip().casefold() not in _MISSING for row in rows for text in row)
             share = sum(_numbers(row, mark) for row in rows) / max(filled, 1)

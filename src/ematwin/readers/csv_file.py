@@ -12,7 +12,7 @@ from typing import Any, ClassVar, cast
 import numpy as np
 
 from ematwin.errors import FileError, RecordError
-from ematwin.readers.csv_dialect import sniff
+from ematwin.readers.csv_dialect import PLACEHOLDERS, sniff
 from ematwin.readers.recording import Progress, Recording, refusing
 
 _BLOCK = 1 << 20  # bytes; pyarrow reads some dozens ahead: four times as much took 100 MB more
@@ -55,6 +55,7 @@ class CsvRecording(Recording):
                     "Remove text and units from its rows."
                 )
         columns = _Columns(len(names))
+        origins: dict[int, int] = {}
         size = self.path.stat().st_size
         with refusing(self.path, self.kind), self.path.open("rb") as file:
             _check_end(self.path, file, size, bool(self.metadata), self.assumed)
@@ -62,7 +63,8 @@ class CsvRecording(Recording):
             for batch in self._batches(file, positions):
                 done = max(file.tell() - self._dialect.start, 1)
                 share = min(done / max(size - self._dialect.start, 1), 1.0)
-                columns.append([self._numbers(column) for column in batch.columns], share)
+                block = [self._numbers(c, origins, n) for n, c in enumerate(batch.columns)]
+                columns.append(block, share)
                 if progress is not None:
                     progress(share)
         if columns.rows == 0:
@@ -72,13 +74,11 @@ class CsvRecording(Recording):
         return dict(zip(names, columns.finished(), strict=True))
 
     def _batches(self, file: BufferedReader, positions: Sequence[int]) -> Any:
-        import pyarrow as pa
         from pyarrow import csv
 
         width = len(self._dialect.names)
         keys = [f"c{n}" for n in range(width)]
         wanted = [keys[position] for position in positions]
-        signed = self._dialect.signed
         encoding = self._dialect.encoding
         return csv.open_csv(
             file,
@@ -92,18 +92,31 @@ class CsvRecording(Recording):
             convert_options=csv.ConvertOptions(
                 include_columns=wanted,
                 column_types={
-                    key: pa.string() if position in signed else pa.float64()
+                    key: self._arrow_type(position)
                     for key, position in zip(wanted, positions, strict=True)
                 },
+                null_values=[*csv.ConvertOptions().null_values, *PLACEHOLDERS],
                 decimal_point=self._dialect.decimal,
                 check_utf8=False,
                 strings_can_be_null=True,
             ),
         )
 
-    def _numbers(self, column: Any) -> np.ndarray:
+    def _arrow_type(self, position: int) -> Any:
+        import pyarrow as pa
+
+        if position in self._dialect.clock:
+            return pa.timestamp("ns")
+        return pa.string() if position in self._dialect.signed else pa.float64()
+
+    def _numbers(self, column: Any, origins: dict[int, int], place: int) -> np.ndarray:
+        """One column of a block; clock times as seconds since ``origins[place]``, in ns."""
         import pyarrow as pa
         import pyarrow.compute as pc
+
+        if pa.types.is_timestamp(column.type):
+            nanoseconds = column.cast(pa.int64()).to_numpy(zero_copy_only=False)
+            return (nanoseconds - origins.setdefault(place, int(nanoseconds[0]))) * 1e-9
 
         if pa.types.is_string(column.type):  # numbers such as +1.5, which pyarrow does not parse
             column = pc.utf8_ltrim(pc.utf8_trim_whitespace(column), characters="+")

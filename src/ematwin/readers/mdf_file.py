@@ -73,7 +73,9 @@ class MdfRecording(Recording):
 
     def _values(self, name: str) -> np.ndarray:
         group, index = self._places[name]
-        samples, invalid = self._file.get(group=group, index=index, samples_only=True)
+        samples, invalid = self._file.get(
+            group=group, index=index, samples_only=True, ignore_invalidation_bits=True
+        )
         promised = self._file.groups[group].channel_group.cycles_nr
         if len(samples) != promised:
             raise FileError(

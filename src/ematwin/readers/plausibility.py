@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ematwin.errors import RecordError
-from ematwin.readers.agreement import check_agreement
+from ematwin.readers.agreement import check_agreement, check_overspeed
 from ematwin.readers.resample import CURRENTS
 from ematwin.readers.wiring import check_order, check_sum
 from ematwin.signals.envelope import current_envelope
@@ -46,13 +46,13 @@ def check_plausible(
     RecordError
         If the record cannot be identified from, with the reason and the likely cause.
     """
+    check_agreement(record, actuator)  # first, as it tells the cause and not the consequence
     _check_rate(record, cutoff)
     _check_length(record, cutoff)
     warnings = _check_motion(record, actuator)
     if actuator is not None:
         _check_currents(record, actuator)
-    check_agreement(record, actuator)
-    if actuator is not None:
+        check_overspeed(record, actuator)
         _check_travel(record, actuator)
     warnings += check_sum(record)
     if actuator is not None:

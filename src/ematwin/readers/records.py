@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from ematwin.errors import InputError, ParameterError, RecordError
-from ematwin.plant.quantities import parse_quantity
+from ematwin.quantities import parse_quantity
 from ematwin.readers.bench_record import record_in, record_of_bench
 from ematwin.readers.column_map import ColumnMap
 from ematwin.readers.gaps import Policy, check_policy

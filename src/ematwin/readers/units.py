@@ -4,7 +4,7 @@ import re
 from functools import cache
 
 from ematwin.errors import ParameterError, RecordError
-from ematwin.plant.quantities import to_si
+from ematwin.quantities import to_si
 
 # Spellings met in files of test benches that pint reads as something else or not at all.
 # (pint takes Nm for "N times milli-nothing", and 1/min for 1/60 rad/s instead of a turn a minute.)

@@ -21,9 +21,10 @@ if TYPE_CHECKING:
 _SUM = 0.2  # of the RMS of the currents: the sum of three good channels is less
 _FLIPPED = 0.5  # a flip explains the sum if it leaves less than this share of it
 _COHERENT = 0.85  # of the mean square current, on the right EMF shapes
-_BETTER = 1.15  # times the share of the order as it is: another order explains the currents
-_NEARLY = 0.98  # an order as good as that beside the best zero of the angle is the simpler cause
-_MOST = 20_000  # samples looked at
+_BETTER = 1.05  # times the share as it is: another order or zero explains the currents
+_DOUBTFUL = 1.03  # likewise, for a warning; faulty actuators reach 1.01
+_NEARLY = 0.995  # an order as good as that beside the best zero of the angle is the simpler cause
+_MOST = 5_000  # samples looked at
 _LAGS = 2.0 * np.pi / 3.0 * np.arange(3)
 
 
@@ -94,22 +95,32 @@ def check_order(record: Record, actuator: "Actuator") -> list[str]:
         return _Fit(float(np.mean(signed**2)) / whole, work.sign(signed))
 
     given = fit(currents, angle)
-    if given.share >= _COHERENT:
-        if given.sign < 0:
-            raise RecordError(
-                "All phase currents have the wrong sign against the motor angle: the motor would "
-                "take up more work than the load gives. Give sign = -1 for the three currents, or "
-                "for the motor position."
-            )
-        return []
-    orders = {order: fit(currents[:, order], angle) for order in permutations(range(3))}
-    order = max(orders, key=lambda key: orders[key].share)
     zeros = {
         (sense, float(zero)): fit(currents, sense * angle + zero)
         for sense, zero in product((1, -1), np.arange(-np.pi, np.pi, np.pi / 36.0))
     }
     # half a turn more is a change of sign: of two equal fits the one that drives is right
     sense, zero = max(zeros, key=lambda key: (round(zeros[key].share, 3), zeros[key].sign))
+    # the map turns the sign after the offset: angle = sign (number + offset)
+    offset = sense * zero / actuator.motor.pole_pairs
+    turned = "sign = -1 and " if sense < 0 else ""
+    counted = (
+        f"{100 * given.share:.0f} % of the current fits the EMF shapes at the recorded motor "
+        f"angle, and {100 * zeros[sense, zero].share:.0f} % with {turned}offset = {offset:.3g} rad "
+        "for motor_position"
+    )
+    gain = zeros[sense, zero].share / max(given.share, 1e-9)
+    if given.share >= _COHERENT and given.sign >= 0:
+        doubtful = gain > _DOUBTFUL
+        return [f"The motor position may be counted from elsewhere: {counted}."] * doubtful
+    if given.share >= _COHERENT and gain <= _DOUBTFUL:
+        raise RecordError(
+            "All phase currents have the wrong sign against the motor angle: the motor would "
+            "take up more work than the load gives. Give sign = -1 for the three currents, or "
+            "for the motor position."
+        )
+    orders = {order: fit(currents[:, order], angle) for order in permutations(range(3))}
+    order = max(orders, key=lambda key: orders[key].share)
     best = max(orders[order].share, zeros[sense, zero].share)
     if best < _COHERENT or best < _BETTER * given.share:
         return [
@@ -126,13 +137,8 @@ def check_order(record: Record, actuator: "Actuator") -> list[str]:
             f"current fits the EMF shapes, and {100 * orders[order].share:.0f} % with phase_order "
             f'= "{carried}"{signs}. Give that in the map.'
         )
-    # the map turns the sign after the offset: angle = sign (number + offset)
-    offset = sense * zero / actuator.motor.pole_pairs
-    turned = "sign = -1 and " if sense < 0 else ""
     raise RecordError(
-        f"The motor position is not counted from phase a: {100 * given.share:.0f} % of the current "
-        f"fits the EMF shapes, and {100 * best:.0f} % with {turned}offset = {offset:.3g} rad for "
-        "motor_position. Give that in the map."
+        f"The motor position is not counted from phase a: {counted}. Give that in the map."
     )
 
 

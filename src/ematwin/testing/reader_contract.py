@@ -1,0 +1,218 @@
+"""What every reader of recordings must keep: a contract suite, run by pytest.
+
+A reader of someone else's is tested by a class of theirs::
+
+    class TestMyReader(ReaderContract):
+        suffix = ".dat"
+
+        def write(self, path, channels, units):
+            my_library.save(path, channels)
+
+and is found by `ematwin.read` through the entry point group ``ematwin.readers``.
+"""
+
+import hashlib
+from abc import ABC, abstractmethod
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from ematwin.errors import EmatwinError, FileError
+from ematwin.readers.recording import Recording, open_recording
+from ematwin.readers.records import read
+from ematwin.signals.record import UNITS
+
+
+def bench_channels(duration: float = 0.1, sample_rate: float = 20_000.0) -> dict[str, np.ndarray]:
+    """Channels as a test bench might record them, in SI and named as in a record.
+
+    Parameters
+    ----------
+    duration : float, s
+    sample_rate : float, Hz
+
+    Returns
+    -------
+    dict of (S,) arrays
+        Time, a sweep as command, and three currents that sum to zero.
+    """
+    time = np.arange(round(duration * sample_rate)) / sample_rate
+    command = 0.005 * np.sin(2.0 * np.pi * (5.0 + 20.0 * time) * time)
+    angle = 2.0 * np.pi * 40.0 * time
+    lags = 2.0 * np.pi / 3.0 * np.arange(3)
+    a, b, c = (2.0 * np.sin(angle - lag) for lag in lags)
+    return {"time": time, "command": command, "current_a": a, "current_b": b, "current_c": c}
+
+
+class ReaderContract(ABC):
+    """Subclass it, name the suffix, and say how a file of the format is written."""
+
+    suffix: ClassVar[str]
+    states_units: ClassVar[bool] = False  # whether `write` puts units into the file
+
+    @abstractmethod
+    def write(self, path: Path, channels: dict[str, np.ndarray], units: dict[str, str]) -> None:
+        """Write channels, (S,) float64 arrays of one length, with the library of the format."""
+
+    def open(self, path: Path) -> Recording:
+        """Open a file; for readers that are not installed as an entry point."""
+        return open_recording(path)
+
+    @pytest.fixture
+    def channels(self) -> dict[str, np.ndarray]:
+        """What is written."""
+        return bench_channels()
+
+    @pytest.fixture
+    def path(self, tmp_path: Path, channels: dict[str, np.ndarray]) -> Path:
+        """A sound file."""
+        path = tmp_path / f"bench{self.suffix}"
+        self.write(path, channels, {name: UNITS[name] for name in channels})
+        return path
+
+    def test_every_channel_has_one_name(self, path: Path, channels: dict[str, np.ndarray]) -> None:
+        """Names are unique; those of the channels are the last parts of them."""
+        with self.open(path) as recording:
+            assert len(set(recording.names)) == len(recording.names)
+            for name in _found(recording, channels):
+                assert name in recording.names
+
+    def test_values_come_back(self, path: Path, channels: dict[str, np.ndarray]) -> None:
+        """To the last bit, as float64."""
+        with self.open(path) as recording:
+            names = _found(recording, channels)
+            values = recording.read(names)
+            assert list(values) == names
+            for name, wanted in zip(names, _wanted(recording, channels), strict=True):
+                assert values[name].dtype == np.float64
+                np.testing.assert_array_equal(values[name], wanted)
+
+    def test_only_wanted_channels_are_read(
+        self, path: Path, channels: dict[str, np.ndarray]
+    ) -> None:
+        """And in the order in which they were asked for."""
+        with self.open(path) as recording:
+            wanted = _found(recording, channels)[:0:-2]
+            assert list(recording.read(wanted)) == wanted
+
+    def test_arrays_belong_to_the_caller(self, path: Path, channels: dict[str, np.ndarray]) -> None:
+        """What the caller does to them does not show in the next reading."""
+        with self.open(path) as recording:
+            name = _found(recording, channels)[-1]
+            first = recording.read([name])[name]
+            before = first.copy()
+            first[:] = -1.0
+            np.testing.assert_array_equal(recording.read([name])[name], before)
+
+    def test_units_are_those_of_the_file(self, path: Path, channels: dict[str, np.ndarray]) -> None:
+        """As text, or None where the file states none."""
+        with self.open(path) as recording:
+            for name in _found(recording, channels):
+                stated = recording.unit(name)
+                key = _plain(name)
+                assert stated == (UNITS[key] if self.states_units else None)
+
+    def test_channels_sampled_together_share_a_time_base(
+        self, path: Path, channels: dict[str, np.ndarray]
+    ) -> None:
+        """With as many times as samples, where the format knows times."""
+        with self.open(path) as recording:
+            keys = {recording.time_base(name) for name in _found(recording, channels)}
+            assert len(keys) == 1
+            time = recording.base_time(keys.pop())
+            if time is not None:
+                np.testing.assert_allclose(time, channels["time"], rtol=0.0, atol=1e-9)
+
+    def test_progress_rises_to_one(self, path: Path, channels: dict[str, np.ndarray]) -> None:
+        """It is a share, never falls, and ends at 1."""
+        seen: list[float] = []
+        with self.open(path) as recording:
+            recording.read(_found(recording, channels), seen.append)
+        assert seen == sorted(seen)
+        assert seen[0] >= 0.0
+        assert seen[-1] == pytest.approx(1.0)
+
+    def test_a_record_is_read(self, path: Path, channels: dict[str, np.ndarray]) -> None:
+        """Through the public door, without a map, because the names are those of a record."""
+        if type(self).open is not ReaderContract.open:
+            return  # `read` finds installed readers only
+        record = read(path)
+        for name, values in channels.items():
+            np.testing.assert_allclose(getattr(record, name), values, rtol=0.0, atol=1e-9)
+
+    def test_reading_leaves_the_file_as_it_was(
+        self, path: Path, channels: dict[str, np.ndarray]
+    ) -> None:
+        """Byte for byte, and nothing is put beside it."""
+        before = hashlib.sha256(path.read_bytes()).digest()
+        with self.open(path) as recording:
+            recording.read(_found(recording, channels))
+        assert hashlib.sha256(path.read_bytes()).digest() == before
+        assert [file.name for file in path.parent.iterdir()] == [path.name]
+
+    def test_closing_twice_is_allowed(self, path: Path) -> None:
+        """As a context manager closes what was closed before."""
+        with self.open(path) as recording:
+            recording.close()
+
+    def test_a_missing_file_is_refused(self, tmp_path: Path) -> None:
+        """In one sentence that names it."""
+        with pytest.raises(FileError, match="nowhere"):
+            self.open(tmp_path / f"nowhere{self.suffix}")
+
+    @pytest.mark.parametrize("content", [b"", b"\x00\xff\x17" * 700], ids=["empty", "noise"])
+    def test_a_file_of_another_kind_is_refused(self, tmp_path: Path, content: bytes) -> None:
+        """Empty, or of bytes that mean nothing."""
+        path = tmp_path / f"other{self.suffix}"
+        path.write_bytes(content)
+        with pytest.raises(EmatwinError) as caught:
+            self._read_all(path)
+        assert path.name in str(caught.value)
+        assert "\n" not in str(caught.value)
+
+    @pytest.mark.parametrize("share", [0.02, 0.1, 0.35, 0.6, 0.85, 0.99])
+    def test_a_truncated_file_is_not_taken_for_whole(self, path: Path, share: float) -> None:
+        """It is refused; a text that may be whole is taken with a sentence in `assumed`."""
+        content = path.read_bytes()
+        path.write_bytes(content[: int(share * len(content))])
+        said = self._refusal_or_notes(path)
+        assert path.name in said or "last row" in said
+        assert "\n" not in said
+
+    @pytest.mark.parametrize("place", [0.01, 0.2, 0.5, 0.8, 0.995])
+    def test_a_damaged_file_raises_nothing_else(self, path: Path, place: float) -> None:
+        """Overwritten bytes may go unseen in plain numbers, but no foreign error gets out."""
+        content = bytearray(path.read_bytes())
+        start = int(place * len(content))
+        content[start : start + 40] = b"\xa5" * len(content[start : start + 40])
+        path.write_bytes(bytes(content))
+        said = self._refusal_or_notes(path)
+        assert "\n" not in said
+
+    def _refusal_or_notes(self, path: Path) -> str:
+        try:
+            return "; ".join(self._read_all(path))
+        except EmatwinError as error:
+            return str(error)
+
+    def _read_all(self, path: Path) -> list[str]:
+        with self.open(path) as recording:
+            recording.read(recording.names)
+            for key in {recording.time_base(name) for name in recording.names}:
+                recording.base_time(key)
+            return recording.assumed
+
+
+def _plain(name: str) -> str:
+    return name.replace(".", "/").split("/")[-1]
+
+
+def _found(recording: Recording, channels: dict[str, np.ndarray]) -> list[str]:
+    """Full names of the channels that were written, time left out where it is no channel."""
+    return [name for name in recording.names if _plain(name) in channels]
+
+
+def _wanted(recording: Recording, channels: dict[str, np.ndarray]) -> list[np.ndarray]:
+    return [channels[_plain(name)] for name in _found(recording, channels)]

@@ -1,0 +1,141 @@
+"""Each reader of ours against the contract, on files made by the libraries of the formats."""
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import scipy.io
+from asammdf import MDF, Signal
+from nptdms import ChannelObject, TdmsWriter
+
+from ematwin.testing.reader_contract import ReaderContract
+
+
+class TestCsv(ReaderContract):
+    suffix = ".csv"
+
+    def write(self, path: Path, channels: dict[str, np.ndarray], units: dict[str, str]) -> None:
+        rows = zip(*(map(repr, values.tolist()) for values in channels.values()), strict=True)
+        path.write_text("\n".join([",".join(channels), *(",".join(row) for row in rows)]) + "\n")
+
+
+class TestGermanCsv(ReaderContract):
+    suffix = ".txt"
+    states_units = True
+
+    def write(self, path: Path, channels: dict[str, np.ndarray], units: dict[str, str]) -> None:
+        lines = ["Prüfstand 3;;;;", ";".join(channels), ";".join(f"[{u}]" for u in units.values())]
+        for row in zip(*(values.tolist() for values in channels.values()), strict=True):
+            lines.append(";".join(repr(value).replace(".", ",") for value in row))
+        path.write_bytes("\r\n".join([*lines, ""]).encode("cp1252"))
+
+
+class TestParquet(ReaderContract):
+    suffix = ".parquet"
+    states_units = True
+
+    def write(self, path: Path, channels: dict[str, np.ndarray], units: dict[str, str]) -> None:
+        schema = pa.schema(
+            [pa.field(n, pa.float64(), metadata={"unit": units[n]}) for n in channels]
+        )
+        pq.write_table(pa.table(channels, schema=schema), path, row_group_size=700)
+
+
+class TestMatlab5(ReaderContract):
+    suffix = ".mat"
+
+    def write(self, path: Path, channels: dict[str, np.ndarray], units: dict[str, str]) -> None:
+        scipy.io.savemat(path, {"run": channels, "note": "test"})
+
+
+class TestMatlab5Compressed(ReaderContract):
+    suffix = ".mat"
+
+    def write(self, path: Path, channels: dict[str, np.ndarray], units: dict[str, str]) -> None:
+        scipy.io.savemat(path, channels, do_compression=True, oned_as="column")
+
+
+class TestMatlab73(ReaderContract):
+    suffix = ".mat"
+
+    def write(self, path: Path, channels: dict[str, np.ndarray], units: dict[str, str]) -> None:
+        write_matlab73(path, {"run": channels})
+
+
+class TestMdf4(ReaderContract):
+    suffix = ".mf4"
+    states_units = True
+
+    def write(self, path: Path, channels: dict[str, np.ndarray], units: dict[str, str]) -> None:
+        write_mdf(path, channels, units, "4.10")
+
+
+class TestMdf3(ReaderContract):
+    suffix = ".mdf"
+    states_units = True
+
+    def write(self, path: Path, channels: dict[str, np.ndarray], units: dict[str, str]) -> None:
+        write_mdf(path, channels, units, "3.30")
+
+
+class TestTdms(ReaderContract):
+    suffix = ".tdms"
+    states_units = True
+
+    def write(self, path: Path, channels: dict[str, np.ndarray], units: dict[str, str]) -> None:
+        wave = {"wf_increment": float(np.diff(channels["time"]).mean()), "wf_start_offset": 0.0}
+        with TdmsWriter(path) as writer:
+            writer.write_segment(
+                [
+                    ChannelObject("bench", name, values, {"unit_string": units[name], **wave})
+                    for name, values in channels.items()
+                ]
+            )
+
+
+class TestHdf5(ReaderContract):
+    suffix = ".h5"
+    states_units = True
+
+    def write(self, path: Path, channels: dict[str, np.ndarray], units: dict[str, str]) -> None:
+        with h5py.File(path, "w") as file:
+            for name, values in channels.items():
+                file[f"bench/{name}"] = values
+                file[f"bench/{name}"].attrs["unit"] = units[name]
+
+
+def write_mdf(
+    path: Path, channels: dict[str, np.ndarray], units: dict[str, str], version: str
+) -> None:
+    time = channels["time"]
+    signals = [
+        Signal(values, time, name=name, unit=units[name])
+        for name, values in channels.items()
+        if name != "time"
+    ]
+    with MDF(version=version) as mdf:
+        mdf.append(signals)
+        mdf.save(path, overwrite=True)
+
+
+def write_matlab73(path: Path, content: dict[str, object]) -> None:
+    """The layout that MATLAB gives a 7.3 file: HDF5 behind a header of its own."""
+
+    def put(group: h5py.Group, name: str, value: object) -> None:
+        if isinstance(value, dict):
+            inner = group.create_group(name)
+            inner.attrs["MATLAB_class"] = np.bytes_("struct")
+            for key, part in value.items():
+                put(inner, key, part)
+        else:
+            data = group.create_dataset(name, data=np.atleast_2d(np.asarray(value)))
+            data.attrs["MATLAB_class"] = np.bytes_("double")
+
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, value in content.items():
+            put(file, name, value)
+    header = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM"
+    with path.open("r+b") as raw:
+        raw.write(header)
