@@ -17,8 +17,8 @@ from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError,
 from pydantic.fields import FieldInfo
 
 from ematwin.errors import ParameterError
-from ematwin.plant.quantities import to_si
-from ematwin.plant.validation import load_toml, one_sentence
+from ematwin.quantities import to_si
+from ematwin.validation import load_toml, one_sentence
 
 DEFAULT_ACTUATOR = "servo48"
 

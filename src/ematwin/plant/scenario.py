@@ -16,8 +16,8 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from ematwin.errors import ParameterError
 from ematwin.plant.parameters import Actuator
-from ematwin.plant.quantities import parse_quantity
-from ematwin.plant.validation import load_toml, one_sentence
+from ematwin.quantities import parse_quantity
+from ematwin.validation import load_toml, one_sentence
 
 DEFAULT_SCENARIO = "default"
 
@@ -34,6 +34,7 @@ def _unit(si_unit: str) -> Any:
     return BeforeValidator(convert)
 
 
+Finite = Annotated[float, Field(allow_inf_nan=False)]
 Seconds = Annotated[float, _unit("s"), Field(allow_inf_nan=False)]
 Hertz = Annotated[float, _unit("Hz"), Field(allow_inf_nan=False, ge=0)]
 
@@ -42,6 +43,12 @@ class Component(BaseModel):
     """A part of a history. Amplitudes are rad for a command and N m for a load."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+    def __init__(self, **values: Any) -> None:
+        try:
+            super().__init__(**values)
+        except ValidationError as error:
+            raise one_sentence(error, type(self).__name__.lower()) from None
 
     def at(self, time: np.ndarray) -> np.ndarray:
         """Values at times (s) from the start of the scenario."""
@@ -52,7 +59,7 @@ class Step(Component):
     """Zero until ``time``, then ``value``."""
 
     type: Literal["step"] = "step"
-    value: float
+    value: Finite
     time: Seconds = 0.0
 
     def at(self, time: np.ndarray) -> np.ndarray:  # noqa: D102
@@ -63,7 +70,7 @@ class Ramp(Component):
     """Zero until ``start``, then ``rate`` per second until ``stop``, then held."""
 
     type: Literal["ramp"] = "ramp"
-    rate: float
+    rate: Finite
     start: Seconds = 0.0
     stop: Seconds | None = None
 
@@ -76,9 +83,9 @@ class Sine(Component):
     """``amplitude sin(2 pi frequency (t - start) + phase)`` from ``start`` on; phase in rad."""
 
     type: Literal["sine"] = "sine"
-    amplitude: float
+    amplitude: Finite
     frequency: Hertz
-    phase: float = 0.0
+    phase: Finite = 0.0
     start: Seconds = 0.0
 
     def at(self, time: np.ndarray) -> np.ndarray:  # noqa: D102
@@ -90,7 +97,7 @@ class Chirp(Component):
     """A sine whose frequency runs linearly from ``f_start`` to ``f_end`` within ``duration``."""
 
     type: Literal["chirp"] = "chirp"
-    amplitude: float
+    amplitude: Finite
     f_start: Hertz
     f_end: Hertz
     start: Seconds = 0.0

@@ -1,0 +1,69 @@
+"""Numbers with units in files: read once, converted to SI, checked for the right dimension."""
+
+import math
+import re
+from functools import cache
+from typing import Any
+
+from ematwin.errors import ParameterError
+
+# pint holds that a radian is nothing, so that Hz passes for rad/s and a bare number for rad.
+_ANGULAR = re.compile(r"rad|deg|°|turn|rpm|rev|arcmin|arcsec|gon|cycle", re.IGNORECASE)
+_ANGLES = {"rad", "rad/s"}
+_NO_ANGLES = {"", "Hz", "s"}
+_NEWTON_METRE = re.compile(r"\b([kmu\N{MICRO SIGN}]?)Nm\b")  # nautical mile to pint
+
+
+@cache
+def _registry() -> Any:
+    import pint  # where it is needed: importing ematwin stays quick
+
+    return pint.UnitRegistry(cache_folder=None)
+
+
+def to_si(value: float, unit: str, si_unit: str, what: str) -> float:
+    """``value`` in ``unit`` converted to ``si_unit``.
+
+    Raises
+    ------
+    ParameterError
+        If the unit is unknown or measures something else; a frequency is no angular speed.
+    """
+    if unit == si_unit:
+        return value
+    kind = "unit '', a ratio" if si_unit == "" else f"unit of the kind {si_unit}"
+    try:
+        if not isinstance(unit, str) or _is_mistaken(unit, si_unit):
+            raise ValueError(unit)
+        spelled = _NEWTON_METRE.sub(r"\1N*m", unit)
+        return float(_registry().Quantity(value, spelled).to(si_unit).magnitude)
+    except Exception:
+        # pint raises a family of unrelated types here (undefined unit, dimension, syntax)
+        raise ParameterError(
+            f"{what} must have a {kind}; received {value:g} {unit!r}. Correct the unit."
+        ) from None
+
+
+def _is_mistaken(unit: str, si_unit: str) -> bool:
+    """Whether pint would convert what means something else: Hz, rad/s and 1/s are one to it."""
+    angular = _ANGULAR.search(unit) is not None
+    if si_unit in _ANGLES:
+        return not angular
+    if si_unit == "1/s":
+        return "hz" in unit.lower() or "hertz" in unit.lower()
+    return si_unit in _NO_ANGLES and angular
+
+
+def parse_quantity(text: str, si_unit: str, what: str) -> float:
+    """A string such as ``"25 Hz"`` or ``"0.3 deg"`` as a number in ``si_unit``."""
+    head, _, unit = text.strip().partition(" ")
+    try:
+        value = float(head)
+    except ValueError:
+        raise ParameterError(
+            f'{what} must be a number or a number with a unit such as "5 {si_unit}"; '
+            f"received {text!r}. Correct it."
+        ) from None
+    if not math.isfinite(value):
+        raise ParameterError(f"{what} must be a finite number, received {text!r}. Correct it.")
+    return to_si(value, unit.strip() or si_unit, si_unit, what)
