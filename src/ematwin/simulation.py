@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -18,6 +17,8 @@ from ematwin.signals.record import Record
 
 MODELS = ("reference", "monitor")
 DEFAULT_SAMPLE_RATE = 20_000.0  # Hz
+_MOST_SAMPLES = 10_000_000  # of a record: some 1 GB
+_MOST_POINTS = 50_000_000  # of the inputs: some 2 GB
 _SLICE_STEPS = 1_000_000  # steps between two reports of progress: about 0.1 s
 _STATE_OF = {"motor_position": "theta_m", "output_position": "theta_o"}  # not zero at rest
 
@@ -68,6 +69,8 @@ def simulate(
     faults = Faults.of(faults)
     if model not in MODELS:
         raise InputError(f"There is no model {model!r}; choose {' or '.join(MODELS)}.")
+    check_seed(seed)
+    _check_start(initial_position, actuator)
     scenario.check(actuator)
     grid = time_grid(actuator, model, scenario.duration, sample_rate, step)
     ratio = actuator.transmission.ratio
@@ -88,7 +91,19 @@ def simulate(
         command=command[kept],
         load=load[kept] if scenario.load else None,
         **columns,
-        provenance=_provenance(model, scenario, faults, actuator, grid.step, noise, seed),
+        provenance={
+            "source": "simulated",
+            "model": model,
+            "ematwin": __version__,
+            "actuator": actuator.name,
+            "actuator_fingerprint": actuator.fingerprint,
+            "scenario": scenario.name,
+            "faults": faults.as_dict(),
+            "initial_position_rad": float(initial_position),
+            "step_s": grid.step,
+            "noise": None if noise is None else vars(noise).copy(),
+            "seed": int(seed),
+        },
     )
     return record if noise is None else noise.apply(record, np.random.default_rng(seed))
 
@@ -151,6 +166,11 @@ class TimeGrid:
     """
 
     def __init__(self, step: float, longest_interval: float, duration: float, rate: float) -> None:
+        if duration * rate > _MOST_SAMPLES:
+            raise InputError(
+                f"A scenario of {duration:g} s at {rate:g} Hz makes {duration * rate:.3g} samples; "
+                f"at most {_MOST_SAMPLES:g} can be kept. Sample slower or shorten the scenario."
+            )
         interval = 1.0 / rate
         self.decimation = max(1, math.ceil(interval / longest_interval - 1e-9))
         spacing = interval / self.decimation
@@ -161,6 +181,11 @@ class TimeGrid:
             raise InputError(
                 f"A scenario of {duration:g} s has no two samples at {rate:g} Hz; "
                 "sample faster or prolong it."
+            )
+        if (samples - 1) * self.decimation > _MOST_POINTS:
+            raise InputError(
+                f"A scenario of {duration:g} s has {(samples - 1) * self.decimation:.3g} steps of "
+                f"{spacing:.3g} s; at most {_MOST_POINTS:g} can be kept. Shorten the scenario."
             )
         self.time = np.arange((samples - 1) * self.decimation + 1) / (rate * self.decimation)
 
@@ -187,24 +212,16 @@ def time_grid(
     return TimeGrid(chosen, max(actuator.steps.monitor, chosen), duration, sample_rate)
 
 
-def _provenance(
-    model: str,
-    scenario: Scenario,
-    faults: Faults,
-    actuator: Actuator,
-    step: float,
-    noise: Noise | None,
-    seed: int,
-) -> dict[str, Any]:
-    return {
-        "source": "simulated",
-        "model": model,
-        "ematwin": __version__,
-        "actuator": actuator.name,
-        "actuator_fingerprint": actuator.fingerprint,
-        "scenario": scenario.name,
-        "faults": faults.as_dict(),
-        "step_s": step,
-        "noise": None if noise is None else vars(noise).copy(),
-        "seed": seed,
-    }
+def check_seed(seed: int) -> None:
+    """Raise `InputError` unless ``seed`` is a whole number of at least 0."""
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise InputError(f"A seed must be a whole number of at least 0, received {seed!r}.")
+
+
+def _check_start(position: float, actuator: Actuator) -> None:
+    gear = actuator.transmission
+    if not gear.travel_low <= position <= gear.travel_high:  # NaN fails this as well
+        raise InputError(
+            f"initial_position must lie within the travel of {actuator.name}, "
+            f"{gear.travel_low:.4g} to {gear.travel_high:.4g} rad, received {position:g}."
+        )

@@ -34,16 +34,27 @@ def load_toml(path: Path, kind: str) -> dict[str, Any]:
 def one_sentence(error: ValidationError, what: str) -> ParameterError:
     """The first finding of a validation, as a sentence for people."""
     finding = error.errors()[0]
-    place = ".".join(str(part) for part in finding["loc"])
+    places = [str(part) for part in finding["loc"]]
     more = len(error.errors()) - 1
     tail = f" ({more} more of this kind.)" if more else ""
     kind = finding["type"]
+    cause = finding.get("ctx", {}).get("error")
+    if isinstance(cause, ParameterError):
+        places = places[:-1]  # the last one is the kind of the part, which the cause names
+    place = ".".join(places)
     if kind == "extra_forbidden":
         text = f"{place} is not a name that {what} knows; remove it or correct its spelling"
     elif kind == "missing":
         text = f"{place} is missing; add it"
     elif kind == "value_error":
-        text = f"{place + ': ' if place else ''}{finding['ctx']['error']}"
+        text = f"{place + ': ' if place else ''}{cause}"
+    elif kind == "union_tag_not_found":
+        text = f"{place} has no type, received {finding['input']!r}; add its type"
+    elif kind == "union_tag_invalid":
+        known = finding["ctx"]["expected_tags"]
+        text = f"{place} has the type {finding['ctx']['tag']!r}; choose one of {known}"
+    elif kind in {"model_type", "model_attributes_type", "dict_type"}:
+        text = f"{place} must be a table, received {finding['input']!r}; correct it"
     else:
         message = finding["msg"].replace("Input should be", "must be")
         text = f"{place} {message}, received {finding['input']!r}; correct it"

@@ -1,5 +1,16 @@
 """The command line: thin. Each command reads its options, calls the library, prints the answer."""
 
-from ematwin.cli.app import main
+import sys
 
-__all__ = ["main"]
+
+def main() -> None:
+    """Entry point of the command ``ematwin``."""
+    try:
+        from ematwin.cli.app import run  # here, so that Ctrl-C is answered from the first moment
+
+        code = run()
+    except KeyboardInterrupt:
+        code = 130
+    if code == 130:
+        print("Interrupted; nothing was left half-written.", file=sys.stderr)
+    sys.exit(code)

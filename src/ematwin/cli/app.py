@@ -3,7 +3,9 @@
 Exit codes: 0 done; 2 the input cannot be used (one sentence on standard error); 130 interrupted.
 """
 
+import os
 import sys
+from typing import Any
 
 import typer
 
@@ -12,11 +14,15 @@ from ematwin.cli import actuators, bench, simulate
 app = typer.Typer(
     name="ematwin",
     help="Find the faults of an electromechanical actuator from a recording of how it moved.",
-    no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+# what typer raises on a wrong option; it has no public name
+_UsageError: Any = next(
+    kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException"
+)
+
 app.command("simulate")(simulate.simulate)
 app.command("actuators")(actuators.actuators)
 app.command("scenarios")(actuators.scenarios)
@@ -31,27 +37,62 @@ def _version(asked: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
+@app.callback(invoke_without_command=True)
 def root(
+    context: typer.Context,
     version: bool = typer.Option(
         False, "--version", callback=_version, is_eager=True, help="Print the version and end."
     ),
 ) -> None:
     """Find the faults of an electromechanical actuator from a recording of how it moved."""
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
 
 
-def main() -> None:
-    """Entry point of the command ``ematwin``."""
+def run() -> int:
+    """Run the command that the process was called with; gives its exit code."""
     from ematwin.errors import EmatwinError
 
     try:
-        app()
+        answer = app(prog_name="ematwin", standalone_mode=False)
+        sys.stdout.flush()
+    except _UsageError as error:
+        print(f"Error: {_usage_sentence(error)}", file=sys.stderr)
+        return 2
     except EmatwinError as error:
         print(f"Error: {error}", file=sys.stderr)
-        sys.exit(2)
-    except KeyboardInterrupt:
-        print("Interrupted; nothing was left half-written.", file=sys.stderr)
-        sys.exit(130)
+        return 2
+    except MemoryError:
+        print(
+            "Error: This needs more memory than there is. Shorten the scenario or sample slower.",
+            file=sys.stderr,
+        )
+        return 2
+    except typer.Abort:
+        return 130
     except BrokenPipeError:
-        sys.stderr.close()
-        sys.exit(0)
+        # whoever read the answer has seen enough; keep the interpreter from flushing into it
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    return answer if isinstance(answer, int) else 0
+
+
+def _usage_sentence(error: Any) -> str:
+    """What is wrong with the options, what was received, and where help is."""
+    text = error.format_message().strip().rstrip(".")
+    received = _received(getattr(error, "param", None))
+    if received is not None and received not in text:
+        text += f", received {received!r}"
+    context = getattr(error, "ctx", None)
+    return f"{text}. See {context.command_path if context else 'ematwin'} --help."
+
+
+def _received(parameter: Any) -> str | None:
+    """The text that the command line gave for an option."""
+    for option in getattr(parameter, "opts", ()):
+        for n, argument in enumerate(sys.argv):
+            if argument.startswith(f"{option}="):
+                return argument[len(option) + 1 :]
+            if argument == option and n + 1 < len(sys.argv):
+                return sys.argv[n + 1]
+    return None

@@ -45,6 +45,7 @@ def simulate(
 
     from ematwin import Actuator, Faults, Noise, Scenario
     from ematwin import simulate as run
+    from ematwin.errors import InputError
     from ematwin.readers.files import check_target
     from ematwin.readers.records import WRITTEN, write
     from ematwin.signals.envelope import current_envelope
@@ -55,6 +56,9 @@ def simulate(
     sensor = None if noise is None else Noise.parse(noise)
     if out is not None:
         check_target(out, WRITTEN)
+        for source in (scenario, actuator):
+            if Path(source).exists() and out.exists() and out.samefile(source):
+                raise InputError(f"--out {out} would overwrite its own input. Give another name.")
     if plot is not None:
         check_target(plot, (".html",))
     with progress_bar(f"Simulating {asked.duration:g} s") as progress:

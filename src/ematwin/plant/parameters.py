@@ -21,6 +21,8 @@ from ematwin.quantities import to_si
 from ematwin.validation import load_toml, one_sentence
 
 DEFAULT_ACTUATOR = "servo48"
+SHORTEST_STEP = 1e-9  # s: nothing in an actuator is so fast; a shorter one is a slip of the unit
+_UNREACHABLE = 100.0  # times the current that the supply can drive: mA taken for A give 1000
 
 
 def _quantity(unit: str, meaning: str, **limits: Any) -> Any:
@@ -136,6 +138,16 @@ class Actuator(BaseModel):
             self.check_step(model, getattr(self.steps, model))
         return self
 
+    @model_validator(mode="after")
+    def _current_can_be_reached(self) -> Self:
+        drivable = self.drive.supply_voltage / self.motor.resistance
+        if self.drive.current_limit > _UNREACHABLE * drivable:
+            raise ValueError(
+                f"drive.current_limit is {self.drive.current_limit:g} A, where the supply can "
+                f"drive {drivable:.3g} A; it looks like mA, correct its unit"
+            )
+        return self
+
     @classmethod
     def load(cls, name_or_path: "str | Path | Actuator" = DEFAULT_ACTUATOR) -> "Actuator":
         """A shipped set by name, or a TOML file.
@@ -184,7 +196,12 @@ class Actuator(BaseModel):
                     )
                 if isinstance(leaf["value"], bool) or not isinstance(leaf["value"], int | float):
                     raise ParameterError(
-                        f"{what}: {place} must be a number, received {leaf['value']!r}."
+                        f"{what}: {place} must be a number, received {leaf['value']!r}; correct it."
+                    )
+                if not (isinstance(leaf["source"], str) and leaf["source"].strip()):
+                    raise ParameterError(
+                        f"{what}: {place} must name the source of its value, received "
+                        f"{leaf['source']!r}; say where it comes from."
                     )
                 unit = unit_of(section.model_fields[name])
                 si = to_si(leaf["value"], leaf["unit"], unit, f"{what}: {place}")
@@ -249,13 +266,17 @@ class Actuator(BaseModel):
         return min(limits)
 
     def check_step(self, model: str, step: float) -> None:
-        """Raise `ParameterError` if ``step`` (s) is too long for this actuator."""
+        """Raise `ParameterError` if ``step`` (s) is too long for this actuator, or absurd."""
         longest = self.largest_stable_step(model)
-        if not 0.0 < step <= longest:
+        if not SHORTEST_STEP <= step <= longest:
+            advice = (
+                "shorten it or correct the inertias, gains and stiffness"
+                if step > longest
+                else "correct it"
+            )
             raise ParameterError(
-                f"the step of the {model} model must be positive and at most {longest:.3g} s for "
-                f"this actuator, received {step:.3g} s; shorten it or correct the inertias, gains "
-                "and stiffness"
+                f"the step of the {model} model must lie between {SHORTEST_STEP:g} and "
+                f"{longest:.3g} s for this actuator, received {step:.3g} s; {advice}"
             )
 
 

@@ -16,6 +16,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from ematwin.errors import ParameterError
 from ematwin.plant.parameters import Actuator
+from ematwin.plant.recorded import recorded_columns
 from ematwin.quantities import parse_quantity
 from ematwin.validation import load_toml, one_sentence
 
@@ -49,6 +50,10 @@ class Component(BaseModel):
             super().__init__(**values)
         except ValidationError as error:
             raise one_sentence(error, type(self).__name__.lower()) from None
+
+    def within(self, duration: float) -> Self:
+        """The component as it is in a scenario of this duration, s."""
+        return self
 
     def at(self, time: np.ndarray) -> np.ndarray:
         """Values at times (s) from the start of the scenario."""
@@ -94,14 +99,27 @@ class Sine(Component):
 
 
 class Chirp(Component):
-    """A sine whose frequency runs linearly from ``f_start`` to ``f_end`` within ``duration``."""
+    """A sine whose frequency runs linearly from ``f_start`` to ``f_end`` within ``duration``.
+
+    It ends with the scenario if no duration is given, and keeps its last value if it ends before.
+    """
 
     type: Literal["chirp"] = "chirp"
     amplitude: Finite
     f_start: Hertz
     f_end: Hertz
     start: Seconds = 0.0
-    duration: Annotated[float, _unit("s"), Field(gt=0)] | None = None
+    duration: Annotated[float, _unit("s"), Field(gt=0, allow_inf_nan=False)] | None = None
+
+    def within(self, duration: float) -> Self:  # noqa: D102
+        if self.duration is not None:
+            return self
+        if self.start >= duration:
+            raise ValueError(
+                f"a chirp starts at {self.start:g} s, but the scenario ends at {duration:g} s; "
+                "start it earlier"
+            )
+        return self.model_copy(update={"duration": duration - self.start})
 
     def at(self, time: np.ndarray) -> np.ndarray:  # noqa: D102
         from scipy.signal import chirp
@@ -115,7 +133,8 @@ class Chirp(Component):
 class Profile(Component):
     """Straight lines through ``(time, value)`` points, from a list or a recorded file.
 
-    ``file`` is a CSV or Parquet file with a column ``time`` and the column named by ``column``.
+    ``file`` is a recorded file (CSV, Parquet) with a column ``time`` and the column named by
+    ``column``, both in SI unless their name or the file gives a unit, as in ``command [deg]``.
     """
 
     type: Literal["profile"] = "profile"
@@ -126,14 +145,12 @@ class Profile(Component):
 
     @model_validator(mode="after")
     def _has_one_source(self) -> Self:
-        points = self.time is not None and self.value is not None
-        if points == (self.file is not None):
+        given = sorted(name for name, value in self if value is not None and name != "type")
+        if given not in (["time", "value"], ["column", "file"]):
             raise ValueError(
-                "a profile needs either time and value, or file and column, received "
-                f"{sorted(self.model_fields_set - {'type'})}; give one of the two"
+                "it needs either time and value, or file and column, received "
+                f"{', '.join(given) or 'neither'}; give one of the two"
             )
-        if self.file is not None and self.column is None:
-            raise ValueError("a profile from a file needs the name of its column; add column")
         if self.time is not None and self.value is not None:
             check_profile(np.asarray(self.time), np.asarray(self.value))
         return self
@@ -143,28 +160,28 @@ class Profile(Component):
             return np.interp(time, self.time, np.asarray(self.value, dtype=float))
         assert self.file is not None
         assert self.column is not None
-        from ematwin.readers.tables import read_columns
-
-        columns = read_columns(self.file, ["time", self.column])
-        check_profile(columns["time"], columns[self.column])
-        return np.interp(time - time[0], columns["time"] - columns["time"][0], columns[self.column])
+        columns = recorded_columns(
+            self.file, {"time": ("s",), self.column: ("rad", "N*m")}, optional={}
+        )
+        since, value = columns["time"] - columns["time"][0], columns[self.column]
+        check_profile(since, value)
+        return np.interp(time, since, value)
 
 
 def check_profile(time: np.ndarray, value: np.ndarray) -> None:
     """Raise ValueError unless time increases, all is finite, and both are equally long."""
     if time.size != value.size or time.size < 2:
         raise ValueError(
-            f"a profile needs as many times as values and at least two, received {time.size} and "
-            f"{value.size}"
+            f"it needs as many times as values and at least two, received {time.size} and "
+            f"{value.size}; complete it"
         )
     if not (np.isfinite(time).all() and np.isfinite(value).all()):
-        raise ValueError("a profile holds NaN or infinite values; remove them")
+        raise ValueError("it holds NaN or infinite values; remove them")
     falls = np.flatnonzero(np.diff(time) <= 0.0)
     if falls.size:
         n = int(falls[0])
         raise ValueError(
-            f"the time of a profile must increase: point {n + 1} ({time[n + 1]:g} s) follows "
-            f"{time[n]:g} s; sort it"
+            f"time must increase: point {n + 1} ({time[n + 1]:g} s) follows {time[n]:g} s; sort it"
         )
 
 
@@ -188,32 +205,50 @@ class Scenario(BaseModel):
         except ValidationError as error:
             raise one_sentence(error, f"scenario {values.get('name', '')}".rstrip()) from None
 
+    @model_validator(mode="after")
+    def _parts_fit(self) -> Self:
+        for part in (*self.command, *self.load):
+            part.within(self.duration)
+        return self
+
     @classmethod
     def load_file(cls, name_or_path: "str | Path | Scenario" = DEFAULT_SCENARIO) -> "Scenario":
         """A shipped scenario by name, a TOML file, or a recorded CSV or Parquet file.
 
         A recorded file needs the columns ``time`` and ``command``; ``load`` is taken if present.
+        They are in SI unless their name or the file gives a unit, as in ``command [deg]``.
+
+        Raises
+        ------
+        ParameterError
+            If there is no such scenario, or it is impossible or incomplete.
+        FileError
+            If the file cannot be read.
         """
         if isinstance(name_or_path, Scenario):
             return name_or_path
         path = Path(name_or_path)
-        if path.suffix == ".toml":
-            return cls(**_units_resolved(load_toml(path, "scenario"), path.parent))
-        if path.suffix:
-            from ematwin.readers.tables import read_columns
-
-            columns = read_columns(path, ["time", "command"], optional=["load"])
-            return cls.from_columns(
-                columns["time"], columns["command"], columns.get("load"), name=path.stem
-            )
         shipped = shipped_scenarios()
-        if str(name_or_path) not in shipped:
-            raise ParameterError(
-                f"There is no scenario {str(name_or_path)!r}. Shipped: {', '.join(shipped)}; "
-                "or give the path of a TOML, CSV or Parquet file."
+        if path.suffix and path.suffix != ".toml":
+            columns = recorded_columns(
+                path, {"time": ("s",), "command": ("rad",)}, {"load": ("N*m",)}
             )
-        file = shipped[str(name_or_path)]
-        return cls(**_units_resolved(load_toml(file, "scenario"), file.parent))
+            try:
+                return cls.from_columns(
+                    columns["time"], columns["command"], columns.get("load"), name=path.stem
+                )
+            except ParameterError as error:
+                raise ParameterError(f"{path}: {error}") from None
+        if not path.suffix:
+            if str(name_or_path) not in shipped:
+                raise ParameterError(
+                    f"There is no scenario {str(name_or_path)!r}. Shipped: {', '.join(shipped)}; "
+                    "or give the path of a TOML, CSV or Parquet file."
+                )
+            path = shipped[str(name_or_path)]
+        table = load_toml(path, "scenario")
+        name = table.setdefault("name", path.stem)
+        return cls(**_units_resolved(table, path.parent, f"scenario {name}"))
 
     @classmethod
     def from_columns(
@@ -223,9 +258,15 @@ class Scenario(BaseModel):
         load: np.ndarray | None = None,
         name: str = "recorded",
     ) -> "Scenario":
-        """A scenario from recorded columns: time (s), command (rad) and load (N m)."""
+        """A scenario from recorded columns: time (s), command (rad) and load (N m).
+
+        Raises
+        ------
+        ParameterError
+            If time does not increase, a value is not finite, or lengths differ.
+        """
         time = np.asarray(time, dtype=float)
-        start = (time - time[0]).tolist() if time.size else []
+        start = (time - time[:1]).tolist()
         histories: dict[str, Any] = {
             "command": [Profile(time=start, value=np.asarray(command, dtype=float).tolist())]
         }
@@ -236,10 +277,12 @@ class Scenario(BaseModel):
     def histories(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Command (rad) and load (N m) at times (s) from the start."""
         try:
-            command = sum((part.at(time) for part in self.command), np.zeros(time.shape))
-            load = sum((part.at(time) for part in self.load), np.zeros(time.shape))
+            command, load = (
+                sum((part.within(self.duration).at(time) for part in parts), np.zeros(time.shape))
+                for parts in (self.command, self.load)
+            )
         except ValueError as error:
-            raise ParameterError(f"scenario {self.name}: {error}.") from None
+            raise ParameterError(f"scenario {self.name}: {str(error).rstrip('.')}.") from None
         return command, load
 
     def check(self, actuator: Actuator) -> None:
@@ -249,11 +292,11 @@ class Scenario(BaseModel):
         gear = actuator.transmission
         low, high = float(command.min()), float(command.max())
         if low < gear.travel_low or high > gear.travel_high:
-            reach = max(abs(low), abs(high))
-            limit = max(abs(gear.travel_low), abs(gear.travel_high))
+            as_degrees = np.radians([low, high])
+            fits = gear.travel_low <= as_degrees[0] and as_degrees[1] <= gear.travel_high
             hint = (
-                "It looks like degrees; give radians, or a unit."
-                if 10.0 < reach / limit < 180.0
+                "It looks like degrees; give radians or write the unit."
+                if fits and max(-low, high) > 1.0
                 else "Shorten the command."
             )
             raise ParameterError(
@@ -263,21 +306,21 @@ class Scenario(BaseModel):
             )
 
 
-_AMPLITUDES = ("value", "rate", "amplitude")
-
-
-def _units_resolved(table: dict[str, Any], folder: Path) -> dict[str, Any]:
+def _units_resolved(table: dict[str, Any], folder: Path, what: str) -> dict[str, Any]:
     """Amplitudes with units as SI numbers; paths of profiles relative to the scenario file."""
     for history, unit in (("command", "rad"), ("load", "N*m")):
-        for part in table.get(history, []):
+        parts = table.get(history, [])
+        if not isinstance(parts, list):
+            continue  # validation will say so
+        for n, part in enumerate(parts):
             if not isinstance(part, dict):
                 continue
-            for name in _AMPLITUDES:
-                if isinstance(part.get(name), str):
-                    si_unit = f"{unit}/s" if name == "rate" else unit
-                    part[name] = parse_quantity(part[name], si_unit, f"{history}.{name}")
-            if isinstance(part.get("phase"), str):
-                part["phase"] = parse_quantity(part["phase"], "rad", f"{history}.phase")
+            units = {"value": unit, "amplitude": unit, "rate": f"{unit}/s", "phase": "rad"}
+            for name in units.keys() & part.keys():
+                if isinstance(part[name], str):
+                    part[name] = parse_quantity(
+                        part[name], units[name], f"{what}: {history}.{n}.{name}"
+                    )
             if isinstance(part.get("file"), str):
                 part["file"] = folder / part["file"]
     return table

@@ -28,6 +28,11 @@ class Noise:
     def __post_init__(self) -> None:
         if not (np.isfinite(self.white) and self.white >= 0.0):
             raise InputError(f"White noise must be a share of at least 0, received {self.white}.")
+        if self.white > 1.0:
+            raise InputError(
+                f"White noise is a share of the signal's RMS, received {self.white:g}. "
+                f"It looks like per cent; write {self.white / 100.0:g}."
+            )
         if not np.isfinite(self.offset):
             raise InputError(f"The offset must be a number of amperes, received {self.offset}.")
         if self.bits is not None and not (isinstance(self.bits, int) and 2 <= self.bits <= 32):
@@ -46,10 +51,15 @@ class Noise:
                     f"Noise knows {', '.join(cls.__dataclass_fields__)}; received {part.strip()!r}."
                     " Write for example white=0.02,bits=12."
                 )
+            if name in values:
+                raise InputError(f"Noise gives {name} twice; give it once.")
             try:
                 values[name] = int(value) if name == "bits" else float(value)
             except ValueError:
-                raise InputError(f"Noise {name} must be a number, received {value!r}.") from None
+                kind = "whole number" if name == "bits" else "number"
+                raise InputError(
+                    f"Noise {name} must be a {kind}, received {value!r}. Correct it."
+                ) from None
         return cls(**values)  # type: ignore[arg-type]
 
     def apply(self, record: Record, rng: np.random.Generator) -> Record:
