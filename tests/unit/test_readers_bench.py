@@ -14,7 +14,7 @@ from asammdf import MDF, Signal
 from nptdms import ChannelObject, TdmsWriter
 
 import ematwin
-from ematwin.errors import EmatwinError, MissingExtraError, RecordError
+from ematwin.errors import EmatwinError, FileError, MissingExtraError, RecordError
 from ematwin.readers.recording import known_suffixes, open_recording
 from ematwin.testing.reader_contract import bench_channels
 
@@ -252,6 +252,29 @@ def test_damaged_mdf_files_leave_nothing_on_stderr(tmp_path: Path) -> None:
     )
     assert done.stderr == ""
     assert "may be truncated" in done.stdout
+
+
+def test_an_mdf_channel_outside_its_record_is_refused(tmp_path: Path) -> None:
+    """The library would read foreign memory, and crash."""
+    path = tmp_path / "run.mdf"
+    with MDF(version="3.30") as mdf:
+        mdf.append([Signal(CHANNELS[n], TIME, name=n) for n in ("command", "current_a")])
+        mdf.save(path)
+    with MDF(path) as mdf:
+        place = mdf.groups[0].channels[2].address
+    content = bytearray(path.read_bytes())
+    start = content.index(b"\x80\x00\x40\x00", place)  # 16 byte into the record, 64 bits long
+    content[start : start + 2] = b"\xff\xf0"
+    path.write_bytes(bytes(content))
+    with pytest.raises(FileError, match="ends at bit"):
+        ematwin.read(path, {"cmd": "command", "i": "current_a"})
+
+
+def test_absurd_values_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "run.mat"
+    scipy.io.savemat(path, {**CHANNELS, "current_b": np.where(TIME[7] == TIME, 1e200, 0.0)})
+    with pytest.raises(RecordError, match=r"current_b .* reaches 1e\+200 A at sample 7"):
+        ematwin.read(path)
 
 
 def test_reading_loads_no_library_that_it_does_not_need() -> None:

@@ -1,5 +1,6 @@
 """The column map: its three ways in, its refusals, and what it does to numbers."""
 
+import tomllib
 from pathlib import Path
 
 import h5py
@@ -263,3 +264,11 @@ def test_units_in_names() -> None:
     assert unit_in_name("I_a / mA", "A") == "mA"
     assert unit_in_name("bench/ia", "A") is None
     assert unit_in_name("Phase [left]", "A") is None
+
+
+def test_the_map_in_the_documentation_is_one() -> None:
+    text = (Path(__file__).parents[2] / "docs" / "recordings.md").read_text(encoding="utf-8")
+    found = ColumnMap.of(tomllib.loads(text.split("```toml\n")[1].split("```")[0]))
+    assert len(found.columns) == 5
+    assert found.sample_rate == 20_000
+    assert found.csv.skip_rows == 3

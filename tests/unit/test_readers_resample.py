@@ -194,6 +194,7 @@ def test_jitter_is_no_rounding() -> None:
         (lambda t: np.r_[t[:500] ** 1.1, t[499] ** 1.1, t[500:] ** 1.1], "repeats"),
         (lambda t: np.where(t > 0.1, np.nan, t), "NaN or infinite in"),
         (lambda t: t[:1], "at least two"),
+        (lambda t: np.r_[t, 1e300], "which no clock does"),
     ],
 )
 def test_times_that_make_no_record_are_refused(change, said: str) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from ematwin.errors import RecordError
 from ematwin.readers.column_map import SIDES, Channel, ColumnMap, record_column
 from ematwin.readers.recording import Progress, Recording, bare, find_channel, last_part
+from ematwin.readers.timing import ABSURD
 from ematwin.readers.units import says_nothing, unit_factor, unit_in_name
 from ematwin.signals.record import COLUMNS, PHASES, UNITS
 
@@ -147,6 +148,13 @@ def _in_si(
         values *= gain
     if entry.offset != 0.0:
         values += entry.sign * factor * entry.offset
+    absurd = np.flatnonzero(np.isfinite(values) & (np.abs(values) > ABSURD))
+    if absurd.size:
+        raise RecordError(
+            f"{column} (channel {name!r} of {recording.path}) reaches {values[absurd[0]]:.3g} "
+            f"{UNITS[column]} at sample {absurd[0]}, which nothing does. The file is damaged, or "
+            "another channel was meant."
+        )
     account: dict[str, Any] = {"channel": name, "unit": unit, "unit_from": source}
     account |= entry.model_dump(exclude={"channel", "unit"}, exclude_defaults=True)
     result.channels[column] = account

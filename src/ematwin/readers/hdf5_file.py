@@ -38,12 +38,11 @@ class Hdf5Recording(Recording):
         return tuple(self._channels)
 
     def unit(self, name: str) -> str | None:  # noqa: D102
-        attributes = self._file[self._channels[name][0]].attrs
-        for key in _UNIT_ATTRIBUTES:
-            if key in attributes:
-                text = attributes[key]
-                return text.decode() if isinstance(text, bytes) else str(text)
-        return None
+        with refusing(self.path, self.kind):
+            attributes = self._file[self._channels[name][0]].attrs
+            key = next((key for key in _UNIT_ATTRIBUTES if key in attributes), None)
+            text = None if key is None else attributes[key]
+        return text.decode(errors="replace") if isinstance(text, bytes) else text and str(text)
 
     def time_base(self, name: str) -> str:  # noqa: D102
         return f"{self._lengths[name]} samples"
@@ -71,7 +70,9 @@ class Hdf5Recording(Recording):
     def close(self) -> None:  # noqa: D102
         self._file.close()
 
-    def _note(self, key: str, item: Any) -> None:
+    def _note(self, key: str | bytes, item: Any) -> None:
+        if isinstance(key, bytes):  # a name that is no text
+            return
         shape = getattr(item, "shape", None)
         if not shape:  # a group, a scalar, an empty dataset
             return

@@ -4,6 +4,7 @@ A name that stands in several channel groups is told apart as ``group 2/speed``.
 """
 
 import gc
+import logging
 import sys
 from collections import Counter
 from collections.abc import Sequence
@@ -13,7 +14,16 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ematwin.errors import FileError
-from ematwin.readers.recording import Progress, Recording, as_float, load_library, refusing
+from ematwin.readers.recording import (
+    Progress,
+    Recording,
+    as_float,
+    complaints,
+    load_library,
+    refusing,
+)
+
+_VIRTUAL = {3, 6}  # channel types of version 4 without bytes in the record
 
 
 class MdfRecording(Recording):
@@ -43,7 +53,8 @@ class MdfRecording(Recording):
 
     def unit(self, name: str) -> str | None:  # noqa: D102
         group, index = self._places[name]
-        return self._file.get_channel_unit(group=group, index=index) or None
+        with refusing(self.path, self.kind):
+            return self._file.get_channel_unit(group=group, index=index) or None
 
     def time_base(self, name: str) -> str:  # noqa: D102
         return f"group {self._places[name][0]}"
@@ -73,9 +84,13 @@ class MdfRecording(Recording):
 
     def _values(self, name: str) -> np.ndarray:
         group, index = self._places[name]
-        samples, invalid = self._file.get(
-            group=group, index=index, samples_only=True, ignore_invalidation_bits=True
-        )
+        self._check_place(name, group, index)
+        with complaints("asammdf", level=logging.ERROR) as found:
+            samples, invalid = self._file.get(
+                group=group, index=index, samples_only=True, ignore_invalidation_bits=True
+            )
+        if found:
+            raise ValueError(found[0])
         promised = self._file.groups[group].channel_group.cycles_nr
         if len(samples) != promised:
             raise FileError(
@@ -86,6 +101,23 @@ class MdfRecording(Recording):
         if invalid is not None:
             values[np.asarray(invalid, dtype=bool)] = np.nan
         return values
+
+    def _check_place(self, name: str, group: int, index: int) -> None:
+        """Refuse a channel that lies outside its records: asammdf would read foreign memory."""
+        channel = self._file.groups[group].channels[index]
+        if getattr(channel, "channel_type", 0) in _VIRTUAL:
+            return
+        if hasattr(channel, "byte_offset"):  # version 4
+            bits = 8 * channel.byte_offset + channel.bit_offset + channel.bit_count
+        else:
+            extra = getattr(channel, "additional_byte_offset", 0)
+            bits = 8 * extra + channel.start_offset + channel.bit_count
+        room = 8 * self._file.groups[group].channel_group.samples_byte_nr
+        if bits > room:
+            raise FileError(
+                f"Cannot read {self.path} as MDF: {name!r} ends at bit {bits} of a record of "
+                f"{room} bits. The file is damaged; copy it again."
+            )
 
 
 def _open(library: Any, path: Path) -> Any:
@@ -102,7 +134,12 @@ def _open(library: Any, path: Path) -> Any:
     sys.unraisablehook = ignore
     try:
         try:
-            return library.MDF(path)
+            with complaints("asammdf", level=logging.ERROR) as found:
+                opened = library.MDF(path)
+            if not found:
+                return opened
+            opened.close()
+            reason = found[0]
         except Exception as error:
             reason = str(error) or type(error).__name__
         gc.collect()  # it may be part of a cycle

@@ -6,6 +6,7 @@ suffixes without the dot. `ematwin.testing.reader_contract` holds the tests that
 """
 
 import difflib
+import logging
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
@@ -150,6 +151,25 @@ def load_library(module: str, package: str, purpose: str) -> Any:
         return import_module(module)
     except ImportError:
         raise MissingExtraError(package, "io", purpose) from None
+
+
+@contextmanager
+def complaints(*loggers: str, level: int = logging.WARNING) -> Iterator[list[str]]:
+    """Keep what a library logs off the screen, and collect what is at least of ``level``."""
+    found: list[str] = []
+
+    def keep(entry: logging.LogRecord) -> bool:
+        if entry.levelno >= level:
+            found.append(entry.getMessage().splitlines()[0])
+        return False
+
+    for name in loggers:
+        logging.getLogger(name).addFilter(keep)
+    try:
+        yield found
+    finally:
+        for name in loggers:
+            logging.getLogger(name).removeFilter(keep)
 
 
 @contextmanager

@@ -41,7 +41,7 @@ def saturated(
         return flags, limits
     largest = float(np.nanmax(np.abs(values)))
     for sign in (1.0, -1.0):
-        signed = sign * values
+        signed = values if sign > 0.0 else -values
         extreme = float(np.nanmax(signed))
         if extreme < _AT_REST * largest or extreme == 0.0:
             continue

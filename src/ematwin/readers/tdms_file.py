@@ -1,17 +1,23 @@
 """TDMS files, through npTDMS, lazily: only the wanted channels are read."""
 
-import logging
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
 from ematwin.errors import FileError
-from ematwin.readers.recording import Progress, Recording, as_float, load_library, refusing
+from ematwin.readers.recording import (
+    Progress,
+    Recording,
+    as_float,
+    complaints,
+    load_library,
+    refusing,
+)
 
 _LOGGERS = ("nptdms.reader", "nptdms.tdms_segment", "nptdms.base_segment", "nptdms.tdms")
+_OF_TEXT = "nptdms.types"  # complains of names in another encoding, which are read all the same
 
 
 class TdmsRecording(Recording):
@@ -25,7 +31,7 @@ class TdmsRecording(Recording):
     def __init__(self, path: Path) -> None:
         super().__init__(path)
         library = load_library("nptdms", "npTDMS", "Reading TDMS files")
-        with _warnings_kept() as found:
+        with complaints(_OF_TEXT), complaints(*_LOGGERS) as found:
             self._file = library.TdmsFile.open(path)
         self._channels: dict[str, Any] = {
             f"{group.name}/{channel.name}": channel
@@ -91,21 +97,3 @@ class TdmsRecording(Recording):
             return 0.0
         stamps = np.array([min(known), own], dtype="datetime64[ns]").astype(np.int64)
         return float(stamps[1] - stamps[0]) * 1e-9
-
-
-@contextmanager
-def _warnings_kept() -> Iterator[list[str]]:
-    """Collect what npTDMS would print about a damaged file."""
-    found: list[str] = []
-
-    def keep(record: logging.LogRecord) -> bool:
-        found.append(record.getMessage())
-        return False
-
-    for name in _LOGGERS:
-        logging.getLogger(name).addFilter(keep)
-    try:
-        yield found
-    finally:
-        for name in _LOGGERS:
-            logging.getLogger(name).removeFilter(keep)

@@ -7,6 +7,7 @@ import numpy as np
 from ematwin.errors import RecordError
 from ematwin.signals.record import REGULARITY
 
+ABSURD = 1e12  # in any SI unit of a record: no recording holds that
 GAP = 4.5  # steps longer than this many ordinary ones are a gap, not jitter
 _EPOCH = 1e6  # s: later times are counted from somebody's calendar, not from the start
 _FINEST_DECIMAL = 10
@@ -30,6 +31,11 @@ def tidy_time(time: np.ndarray, path: Path) -> tuple[np.ndarray, list[str]]:
         raise RecordError(
             f"{path}: time is NaN or infinite in {bad.size} samples, the first is sample {bad[0]}. "
             "Remove those rows, or give sample_rate in place of the time channel."
+        )
+    if np.abs(time).max() > ABSURD:
+        raise RecordError(
+            f"{path}: time runs from {time.min():.4g} to {time.max():.4g} s, which no clock does. "
+            "The file is damaged, or another channel was meant."
         )
     changed: list[str] = []
     if abs(time[0]) > _EPOCH:
