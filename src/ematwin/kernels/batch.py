@@ -185,7 +185,8 @@ def monitor_scores(
             i[n] = state[0]
             z1[n] = taps[5]
             z2[n] = taps[6]
-            cost[n] = 0.0
+            # A NaN anywhere in the vector must show: as a friction it would only hold all at rest.
+            cost[n] = 0.0 * v.sum()
         if keep:
             response[first : first + LANES, 0] = target[0]
         for sample in range(1, samples):
