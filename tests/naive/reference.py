@@ -1,0 +1,118 @@
+"""The reference model as a readable loop: three phases by a linear system, two masses.
+
+Independent of the kernels: the star point and the slopes of the currents come together from a
+matrix, the bridge is told by which leg conducts where. The integration rule is that of the model
+(currents by explicit Euler, mechanics semi-implicit), so that both must agree step by step.
+"""
+
+import numpy as np
+
+from . import mechanics, motor
+
+
+def leg_voltages(gates, currents, emf, resistances, inductances, drive):
+    """Terminal voltage of each leg, or None where it carries no current."""
+    voltages = [None, None, None]
+    for leg in range(3):
+        if gates[leg] == 1:
+            voltages[leg] = drive.supply_voltage
+        elif gates[leg] == -1:
+            voltages[leg] = 0.0
+        elif currents[leg] > 0:  # the lower diode carries a current into the motor
+            voltages[leg] = -drive.diode_drop
+        elif currents[leg] < 0:
+            voltages[leg] = drive.supply_voltage + drive.diode_drop
+    for leg in range(3):
+        if voltages[leg] is None:
+            _, star = slopes(voltages, currents, emf, resistances, inductances)
+            terminal = star + emf[leg]
+            if terminal < -drive.diode_drop:
+                voltages[leg] = -drive.diode_drop
+            elif terminal > drive.supply_voltage + drive.diode_drop:
+                voltages[leg] = drive.supply_voltage + drive.diode_drop
+    return voltages
+
+
+def slopes(voltages, currents, emf, resistances, inductances):
+    """Slopes of the phase currents and voltage of the star point, from four equations."""
+    matrix, right = np.zeros((4, 4)), np.zeros(4)
+    for k in range(3):
+        if voltages[k] is None:
+            matrix[k, k] = 1.0  # di/dt = 0
+        else:
+            matrix[k, k] = inductances[k]
+            matrix[k, 3] = 1.0
+            right[k] = voltages[k] - resistances[k] * currents[k] - emf[k]
+    matrix[3, :3] = 1.0
+    solution = np.linalg.solve(matrix, right)
+    return solution[:3], solution[3]
+
+
+def simulate(actuator, faults, command, load, dt):
+    """Simulate from rest; command (rad) and load (N m) on the motor shaft, one for each step.
+
+    Returns
+    -------
+    dict of lists: currents (after each step), motor, motor_speed, output, output_speed
+    """
+    drive, gear = actuator.drive, actuator.transmission
+    h = motor.turns_left(faults)
+    resistances = [x * actuator.motor.resistance / 2 for x in h]
+    inductances = [motor.inductance(x, actuator) for x in h]
+    worn = 1 + 2 * faults.friction
+    half_gap = gear.backlash / 2 * (1 + 99 * faults.backlash)
+    low, high = gear.travel_low * gear.ratio, gear.travel_high * gear.ratio
+    currents = np.zeros(3)
+    x_m = w_m = x_o = w_o = 0.0
+    sign = 1
+    trace = {name: [] for name in ("currents", "motor", "motor_speed", "output", "output_speed")}
+    for command_now, load_now in zip(command, load, strict=True):
+        kappa = motor.kappa(x_m, faults, actuator)
+        sector = motor.sector(actuator.motor.pole_pairs * x_m)
+        wanted = motor.current_reference(command_now, x_o, w_m, faults, actuator)
+        pair = motor.gates(sector, 1)
+        along = sum(g * i for g, i in zip(pair, currents, strict=True))
+        seen = max(abs(i) for i in currents) * (1 if along >= 0 else -1)
+        if seen > wanted + drive.hysteresis_band / 2:
+            sign = -1
+        elif seen < wanted - drive.hysteresis_band / 2:
+            sign = 1
+        gates = motor.gates(sector, sign)
+
+        emf = [k * w_m for k in kappa]
+        voltages = leg_voltages(gates, currents, emf, resistances, inductances, drive)
+        slope, _ = slopes(voltages, currents, emf, resistances, inductances)
+        after = currents + dt * slope
+        for leg in range(3):
+            if gates[leg] == 0 and after[leg] * currents[leg] < 0:  # the diode blocks
+                driven = [k for k in range(3) if gates[k] != 0]
+                for k in driven:
+                    after[k] += after[leg] / 2
+                after[leg] = 0.0
+        torque = sum(k * (i + j) / 2 for k, i, j in zip(kappa, currents, after, strict=True))
+        currents = after
+
+        contact = mechanics.contact_torque(
+            x_m, w_m, x_o, w_o, half_gap, gear.contact_stiffness, gear.contact_damping
+        )
+        act_m = torque - actuator.motor.viscous_damping * w_m - contact
+        act_o = contact - load_now
+        dynamic_m = worn * actuator.motor.friction_torque
+        dynamic_o = worn * mechanics.loaded_dynamic_torque(
+            w_o if w_o != 0 else act_o, -load_now, gear.friction_torque,
+            gear.efficiency_opposing, gear.efficiency_aiding,
+        )  # fmt: skip
+        w_m = mechanics.next_speed(
+            w_m, act_m, actuator.motor.inertia, gear.static_ratio * dynamic_m, dynamic_m, dt
+        )
+        w_o = mechanics.next_speed(
+            w_o, act_o, gear.output_inertia, gear.static_ratio * dynamic_o, dynamic_o, dt
+        )
+        x_m += dt * w_m
+        x_o, w_o = mechanics.end_stop(x_o + dt * w_o, w_o, low, high)
+        trace["currents"].append(currents.copy())
+        trace["motor"].append(x_m)
+        trace["motor_speed"].append(w_m)
+        trace["output"].append(x_o)
+        trace["output_speed"].append(w_o)
+    return {name: np.array(values) for name, values in trace.items()}

@@ -1,0 +1,159 @@
+"""The bridge and the phases against ngspice, a circuit simulator that nobody here wrote.
+
+Both get the same gate signals: the hysteresis regulator of the reference model drives its own
+bridge at an imposed speed, and its gates go to ngspice as piecewise linear voltages. ngspice has
+switches with diodes across them, three R-L branches with back-EMF sources and a free star point;
+its back-EMF is written here from the equations, not taken from the kernels.
+"""
+
+import math
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numba import njit
+
+from ematwin.faults import Faults
+from ematwin.kernels.inverter import gate_signals, hysteresis, pair_current
+from ematwin.kernels.motor import hall_sector
+from ematwin.kernels.reference_step import advance_bridge, emf_constants, phase_constants
+from ematwin.kernels.state import fault_state
+from ematwin.plant.constants import kernel_constants
+from ematwin.plant.parameters import Actuator
+
+SPEED = 400.0  # rad/s: one turn of the rotor in 15.7 ms, back-EMF at 60 % of the supply
+DT = 1e-6
+STEPS = 16_000
+MOTORING, BRAKING = 5.0, -4.0  # A, before and after half of the time
+EDGE = 2e-8  # s, of a gate signal
+SWITCH_ON = 1e-3  # ohm
+
+
+@njit(error_model="numpy")
+def run_bridge(k, speed, c, dt, steps):
+    """Currents (steps + 1, 3) and gates (steps, 3) at an imposed speed."""
+    fault = fault_state(k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7], c.half_gap)
+    phases = phase_constants(fault, c)
+    currents = np.zeros((steps + 1, 3))
+    gates = np.empty((steps, 3))
+    i_a, i_b, i_c, sign = 0.0, 0.0, 0.0, 1.0
+    for n in range(steps):
+        theta = speed * dt * n
+        kappa_a, kappa_b, kappa_c = emf_constants(theta, fault, c)
+        sector = hall_sector(c.pole_pairs * theta)
+        i_ref = MOTORING if n < steps // 2 else BRAKING
+        sign = hysteresis(pair_current(sector, i_a, i_b, i_c), i_ref, c.half_band, sign)
+        g_a, g_b, g_c = gate_signals(sector, sign)
+        i_a, i_b, i_c, _, _ = advance_bridge(
+            i_a, i_b, i_c, kappa_a * speed, kappa_b * speed, kappa_c * speed,
+            g_a, g_b, g_c, phases, c, dt,
+        )  # fmt: skip
+        gates[n] = g_a, g_b, g_c
+        currents[n + 1] = i_a, i_b, i_c
+    return currents, gates
+
+
+def gate_source(name: str, on: np.ndarray) -> str:
+    """A voltage of 1 V while the switch is on."""
+    points = [f"0 {on[0]:d}"]
+    for n in np.flatnonzero(np.diff(on.astype(int))) + 1:
+        at = n * DT
+        points += [f"{at:.9g} {on[n - 1]:d}", f"{at + EDGE:.9g} {on[n]:d}"]
+    lines = [" ".join(points[n : n + 8]) for n in range(0, len(points), 8)]
+    return f"V{name} {name} 0 PWL(\n+ " + "\n+ ".join(lines) + ")"
+
+
+def netlist(actuator: Actuator, faults: Faults, gates: np.ndarray, output: Path) -> str:
+    """The circuit, from the parameters of the actuator (phase to phase) and the faults."""
+    motor, drive = actuator.motor, actuator.drive
+    zeta = faults.eccentricity
+    phi = 2.0 * math.pi * (faults.eccentricity_phase - 0.5)
+    # n V_T ln(I/I_s) at 1 A; the rest of the forward drop is a source
+    junction = 0.1 * 0.025865 * math.log(1.0 / 1e-14)
+    lines = [
+        "three-phase bridge at imposed speed",
+        f"Vsupply rail 0 {drive.supply_voltage}",
+        f".model gate SW(vt=0.5 vh=0 ron={SWITCH_ON} roff=1e8)",
+        ".model diode D(is=1e-14 n=0.1)",
+        "Rstar star 0 1e9",
+    ]
+    shorts = (faults.short_a, faults.short_b, faults.short_c)
+    for n, (x, short) in enumerate(zip("abc", shorts, strict=True)):
+        h = 1.0 - short
+        resistance = h * motor.resistance / 2.0
+        leak = motor.leakage_share
+        inductance = (h**2 * (1.0 - leak) + leak) * motor.inductance / 2.0
+        lag = 2.0 * math.pi * n / 3.0
+        # asin(sin x) is a triangle: clipped at a third of its height it is the trapezoid
+        angle = f"{motor.pole_pairs * SPEED:.12g}*time-{lag:.12g}"
+        shape = f"max(-1,min(1,{6.0 / math.pi:.12g}*asin(sin({angle}))))"
+        gap = f"(1+{zeta}*cos({SPEED}*time+{phi - lag:.12g}))"
+        peak = h * motor.emf_constant / 2.0 * SPEED
+        lines += [
+            f"Shigh{x} rail t{x} h{x} 0 gate",
+            f"Slow{x} t{x} 0 l{x} 0 gate",
+            f"Dhigh{x} t{x} u{x} diode",
+            f"Vhigh{x} u{x} rail {drive.diode_drop - junction:.9g}",
+            f"Dlow{x} d{x} t{x} diode",
+            f"Vlow{x} 0 d{x} {drive.diode_drop - junction:.9g}",
+            f"R{x} t{x} r{x} {resistance:.12g}",
+            f"L{x} r{x} e{x} {inductance:.12g} IC=0",
+            f"B{x} e{x} star V={peak:.12g}*{gap}*{shape}",
+            gate_source(f"h{x}", gates[:, n] > 0.0),
+            gate_source(f"l{x}", gates[:, n] < 0.0),
+        ]
+    lines += [
+        ".options method=gear reltol=1e-4 abstol=1e-7",
+        f".tran 1u {STEPS * DT:.9g} 0 1u uic",
+        ".control",
+        "run",
+        "set wr_singlescale",
+        "option numdgt=9",
+        f"wrdata {output} i(La) i(Lb) i(Lc)",
+        "quit",
+        ".endc",
+        ".end",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def run_ngspice(text: str, folder: Path) -> np.ndarray:
+    """Time and phase currents, (S, 4)."""
+    program = shutil.which("ngspice")
+    assert program, "ngspice is missing: install the Debian package ngspice."
+    deck = folder / "bridge.cir"
+    deck.write_text(text, encoding="utf-8")
+    done = subprocess.run(
+        [program, "-b", str(deck)], cwd=folder, capture_output=True, text=True, timeout=120
+    )
+    output = folder / "currents.data"
+    assert output.exists(), f"ngspice gave no currents:\n{done.stdout}\n{done.stderr}"
+    return np.loadtxt(output)
+
+
+@pytest.mark.parametrize(
+    "faults",
+    [
+        pytest.param({}, id="healthy"),
+        pytest.param({"short_a": 0.5}, id="phase a half shorted"),
+        pytest.param({"eccentricity": 0.5, "eccentricity_phase": 0.3}, id="eccentricity 0.5"),
+    ],
+)
+def test_phase_currents_are_those_of_ngspice_within_two_per_cent(faults, tmp_path):
+    actuator, faults = Actuator.load(), Faults.of(faults)
+    c = kernel_constants(actuator)
+    currents, gates = run_bridge(faults.vector, SPEED, c, DT, STEPS)
+    # the regulator worked, and in all six sectors
+    assert np.abs(np.diff(gates, axis=0)).any(axis=1).sum() > 100
+    assert len(np.unique(gates, axis=0)) == 6
+
+    seen = run_ngspice(netlist(actuator, faults, gates, tmp_path / "currents.data"), tmp_path)
+    assert seen[-1, 0] == pytest.approx(STEPS * DT, rel=1e-6)
+    time = np.arange(STEPS + 1) * DT
+    for n in range(3):
+        other = np.interp(time, seen[:, 0], seen[:, n + 1])
+        error = np.sqrt(np.mean((currents[:, n] - other) ** 2) / np.mean(other**2))
+        print(f"{faults!r} phase {'abc'[n]}: {100.0 * error:.3f} % RMS")
+        assert error < 0.02
