@@ -33,10 +33,12 @@ def load_toml(path: Path, kind: str) -> dict[str, Any]:
 
 def one_sentence(error: ValidationError, what: str) -> ParameterError:
     """The first finding of a validation, as a sentence for people."""
-    finding = error.errors()[0]
+    # a misspelt name comes with the complaint that the right one is missing: the cause first
+    findings = sorted(error.errors(), key=lambda one: one["type"] != "extra_forbidden")
+    finding = findings[0]
     places = [str(part) for part in finding["loc"]]
-    more = len(error.errors()) - 1
-    tail = f" ({more} more of this kind.)" if more else ""
+    more = len(findings) - 1
+    tail = f" There {'is' if more == 1 else 'are'} {more} more to correct." if more else ""
     kind = finding["type"]
     cause = finding.get("ctx", {}).get("error")
     if isinstance(cause, ParameterError):

@@ -3,6 +3,7 @@
 Identification cannot tell the two apart, except by the provenance that is kept for the report.
 """
 
+import json
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -50,7 +51,8 @@ class Record:
     Raises
     ------
     RecordError
-        If lengths differ, a value is not finite, time is not regular, or there is no current.
+        If lengths differ, a value is not finite, time is not regular, there is no current, or the
+        provenance is not JSON.
     """
 
     time: np.ndarray
@@ -89,6 +91,7 @@ class Record:
                     f"Column {name} holds {bad.size} NaN or infinite values, the first at sample "
                     f"{bad[0]} ({self.time[bad[0]]:g} s). Remove that stretch of the record."
                 )
+        _check_provenance(self.provenance)
         phases = [name for name in PHASES if getattr(self, name) is not None]
         if phases and len(phases) < 3:
             missing = sorted(set(PHASES) - set(phases))
@@ -158,6 +161,16 @@ class Record:
         )
 
 
+def _check_provenance(provenance: dict[str, Any]) -> None:
+    try:
+        json.dumps(provenance)
+    except (TypeError, ValueError) as error:
+        raise RecordError(
+            f"The provenance must hold JSON values, so that files can keep it: {error}. "
+            "Convert them."
+        ) from None
+
+
 def _check_time(time: np.ndarray) -> None:
     if time.ndim != 1 or time.size < 2:
         raise RecordError(f"A record needs at least two samples in time, received {time.size}.")
@@ -175,10 +188,11 @@ def _check_time(time: np.ndarray) -> None:
     mean = (time[-1] - time[0]) / (time.size - 1)
     # rounding of the times themselves is no irregularity
     slack = REGULARITY * mean + 4.0 * np.spacing(np.abs(time).max())
-    uneven = np.flatnonzero(np.abs(steps - mean) > slack)
-    if uneven.size:
-        n = int(uneven[0]) + 1
+    if np.abs(steps - mean).max() > slack:
+        usual = float(np.median(steps))
+        n = int(np.abs(steps - usual).argmax()) + 1
         raise RecordError(
-            f"time must be regular: the step to sample {n} is {steps[n - 1]:.6g} s where the mean "
-            f"is {mean:.6g} s. Resample the record to a constant rate."
+            f"time must be regular: the step to sample {n} ({time[n]:.6g} s) is "
+            f"{steps[n - 1]:.6g} s where {usual:.6g} s is usual. "
+            "Resample the record to a constant rate."
         )

@@ -1,0 +1,44 @@
+"""What several tests share: the command line as a process, one profile of hypothesis."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from hypothesis import settings
+
+# The same examples in each run, on machines of any speed.
+settings.register_profile("repeatable", deadline=None, derandomize=True, max_examples=50)
+settings.load_profile("repeatable")
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a process answered."""
+
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def ematwin(tmp_path: Path) -> Callable[..., Answer]:
+    """Run ``python -m ematwin`` with some arguments, as a process of its own in ``tmp_path``."""
+
+    def run(*arguments: object, **environment: str) -> Answer:
+        done = subprocess.run(
+            [sys.executable, "-m", "ematwin", *map(str, arguments)],
+            cwd=tmp_path,
+            env={**os.environ, **environment},
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            timeout=300,
+            check=False,
+        )
+        return Answer(done.returncode, done.stdout, done.stderr)
+
+    return run

@@ -1,0 +1,278 @@
+"""`simulate`: repeatable bit for bit, sampled at any rate, sliced without a seam."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import ematwin
+from ematwin import Actuator, Faults, Noise, Record, Scenario, simulate, simulation
+from ematwin.errors import DivergedError, InputError
+from ematwin.faults import PAPER_CASES
+from ematwin.plant.scenario import Chirp, Step
+from ematwin.signals.envelope import current_envelope, signed_current
+
+MODELS = ("reference", "monitor")
+SHORT = Scenario(
+    name="short",
+    duration=0.06,
+    command=[Chirp(amplitude=0.005, f_start=10, f_end=30)],
+    load=[Step(value=10.0, time=0.03)],
+)
+
+
+def equal(one: Record, other: Record) -> bool:
+    """Whether all columns agree bit for bit."""
+    columns, others = dict(one.columns()), dict(other.columns())
+    return columns.keys() == others.keys() and all(
+        columns[name].tobytes() == others[name].tobytes() for name in columns
+    )
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_zero_faults_are_the_healthy_trace_bit_for_bit(model):
+    healthy = simulate(model, SHORT)
+    assert equal(simulate(model, SHORT, faults={}), healthy)
+    assert equal(simulate(model, SHORT, faults=Faults(friction=0.0, gain=0.5)), healthy)
+    assert equal(simulate(model, SHORT, faults=np.array([0, 0, 0, 0, 0, 0, 0.5, 0.5])), healthy)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_the_direction_of_no_eccentricity_means_nothing(model):
+    assert equal(simulate(model, SHORT, {"eccentricity_phase": 0.1}), simulate(model, SHORT))
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("case", PAPER_CASES)
+def test_each_fault_vector_of_the_paper_changes_the_current_and_stays_finite(model, case):
+    current = current_envelope(simulate(model, SHORT, PAPER_CASES[case]))
+    healthy = current_envelope(simulate(model, SHORT))
+    assert np.isfinite(current).all()
+    assert np.abs(current - healthy).max() > 0.01
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_everything_broken_at_once_stays_finite(model):
+    record = simulate(model, SHORT, np.ones(8))
+    assert all(np.isfinite(column).all() for _, column in record.columns())
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_a_simulation_in_slices_equals_the_whole_bit_for_bit(model, monkeypatch):
+    whole = simulate(model, SHORT, {"friction": 0.3, "backlash": 0.2})
+    monkeypatch.setattr(simulation, "_SLICE_STEPS", 137)
+    shares: list[float] = []
+    sliced = simulate(model, SHORT, {"friction": 0.3, "backlash": 0.2}, progress=shares.append)
+    assert equal(sliced, whole)
+    assert len(shares) > 30
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+
+
+def test_an_interrupt_ends_a_simulation_between_two_slices(monkeypatch):
+    monkeypatch.setattr(simulation, "_SLICE_STEPS", 137)
+
+    def interrupt(share: float) -> None:
+        if share > 0.5:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        simulate("monitor", SHORT, progress=interrupt)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_a_seed_repeats_the_noise_and_another_does_not(model):
+    noise = Noise(white=0.02, bits=12)
+    first = simulate(model, SHORT, noise=noise, seed=1)
+    assert equal(simulate(model, SHORT, noise=noise, seed=1), first)
+    assert not equal(simulate(model, SHORT, noise=noise, seed=2), first)
+
+
+def test_noise_touches_the_currents_and_nothing_else():
+    clean, noisy = (
+        simulate("reference", SHORT),
+        simulate("reference", SHORT, noise=Noise(white=0.1)),
+    )
+    for (name, before), (_, after) in zip(clean.columns(), noisy.columns(), strict=True):
+        assert np.array_equal(before, after) == (not name.startswith("current")), name
+
+
+def test_white_noise_has_the_stated_share_of_the_signal_and_no_memory():
+    clean = simulate("reference", "default")
+    noisy = Noise(white=0.05).apply(clean, np.random.default_rng(7))
+    for name in ("current_a", "current_b", "current_c"):
+        signal = getattr(clean, name)
+        error = getattr(noisy, name) - signal
+        sigma = 0.05 * np.sqrt(np.mean(signal**2))
+        n = error.size
+        assert abs(error.mean()) < 4 * sigma / np.sqrt(n)
+        assert error.std() == pytest.approx(sigma, rel=4 / np.sqrt(2 * n))
+        neighbours = np.corrcoef(error[1:], error[:-1])[0, 1]
+        assert abs(neighbours) < 4 / np.sqrt(n)
+        assert abs(np.corrcoef(error, signal)[0, 1]) < 4 / np.sqrt(n)
+    between = np.corrcoef(noisy.current_a - clean.current_a, noisy.current_b - clean.current_b)
+    assert abs(between[0, 1]) < 4 / np.sqrt(n)
+
+
+def test_an_offset_moves_every_sample_alike():
+    clean = simulate("monitor", SHORT)
+    moved = Noise(offset=-0.3).apply(clean, np.random.default_rng(0))
+    assert moved.current == pytest.approx(clean.current - 0.3)
+
+
+@given(bits=st.integers(2, 16), full_scale=st.floats(0.5, 50))
+def test_a_converter_gives_its_codes_and_saturates(bits, full_scale):
+    clean = simulate("monitor", SHORT, sample_rate=2000)
+    seen = Noise(bits=bits, full_scale=full_scale).apply(clean, np.random.default_rng(0)).current
+    step = 2 * full_scale / 2**bits
+    assert seen / step == pytest.approx(np.round(seen / step), abs=1e-6)
+    assert seen.min() >= -full_scale
+    assert seen.max() <= full_scale - step * (1 - 1e-9)
+    inside = np.abs(clean.current) < full_scale - step
+    assert np.abs(seen - clean.current)[inside].max(initial=0.0) <= step / 2 * (1 + 1e-9)
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"white": -0.1}, "at least 0"),
+        ({"white": float("nan")}, "received nan"),
+        ({"white": 2.0}, "looks like per cent; write 0.02"),
+        ({"offset": float("inf")}, "amperes"),
+        ({"bits": 1}, "2 to 32 bits"),
+        ({"bits": 12.5}, "2 to 32 bits"),
+        ({"full_scale": 0.0}, "positive"),
+    ],
+)
+def test_an_impossible_sensor_is_refused(values, said):
+    with pytest.raises(InputError, match=said):
+        Noise(**values)
+
+
+def test_noise_is_read_from_a_text():
+    assert Noise.parse("white=0.02, offset=-0.05,bits=12") == Noise(0.02, -0.05, 12)
+
+
+@pytest.mark.parametrize("rate", [100.0, 3333.0, 20_000.0, 100_000.0, 250_000.0])
+@pytest.mark.parametrize("model", MODELS)
+def test_a_record_has_the_rate_that_was_asked_for(model, rate):
+    record = simulate(model, SHORT, sample_rate=rate)
+    assert record.sample_rate == pytest.approx(rate, rel=1e-9)
+    assert record.time[0] == 0.0
+    assert len(record) == int(0.06 * rate + 1e-9) + 1
+    assert record.time[-1] <= 0.06 + 1e-12
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_a_slower_record_has_the_same_states_and_the_mean_of_the_currents(model):
+    # 100 kHz and 20 kHz run on one grid of inputs, so that only the sampling differs
+    fine, slow = simulate(model, SHORT, sample_rate=100_000), simulate(model, SHORT)
+    for name in ("motor_position", "motor_speed", "output_position", "command", "load"):
+        assert getattr(slow, name) == pytest.approx(getattr(fine, name)[::5], rel=1e-9, abs=1e-12)
+    for name in ("current_a", "current_b", "current_c") if model == "reference" else ("current",):
+        means = getattr(fine, name)[1:].reshape(-1, 5).mean(axis=1)
+        assert getattr(slow, name)[1:] == pytest.approx(means, rel=1e-9, abs=1e-9)
+
+
+def test_the_reference_model_gives_phases_and_the_monitor_model_their_equivalent():
+    reference, monitor = simulate("reference", SHORT), simulate("monitor", SHORT)
+    assert reference.current is None
+    assert reference.phase_currents.sum(axis=1) == pytest.approx(0.0, abs=1e-9)
+    assert monitor.phase_currents is None
+    assert monitor.current.min() < 0 < monitor.current.max()
+    assert signed_current(reference, 2).min() < 0 < signed_current(reference, 2).max()
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_it_starts_at_rest_where_it_is_told_to(model):
+    hold = Scenario(duration=0.05, command=[Step(value=0.1)])
+    record = simulate(model, hold, initial_position=0.1)
+    assert record.output_position[0] == 0.1
+    assert record.motor_position[0] == pytest.approx(50.0)
+    assert record.motor_speed[0] == 0.0
+    # commanded to where it stands, without a load, it stays
+    assert np.abs(record.output_position - 0.1).max() < 1e-12
+    moved = simulate(model, hold)
+    assert moved.output_position[0] == 0.0
+    assert moved.output_position[-1] > 0.05
+
+
+def test_provenance_tells_how_to_make_the_record_again():
+    record = simulate(
+        "monitor", SHORT, {"friction": 0.25}, noise=Noise(white=0.1), seed=5, sample_rate=10_000
+    )
+    made = record.provenance
+    assert made["model"] == "monitor"
+    assert made["scenario"] == "short"
+    assert made["actuator"] == "servo48"
+    assert made["actuator_fingerprint"] == Actuator.load().fingerprint
+    assert made["ematwin"] == ematwin.__version__
+    again = simulate(
+        made["model"], SHORT, made["faults"], made["actuator"],
+        noise=Noise(**made["noise"]), seed=made["seed"], sample_rate=record.sample_rate,
+        initial_position=made["initial_position_rad"],
+    )  # fmt: skip
+    assert equal(again, record)
+    assert again.provenance == made
+
+
+@settings(max_examples=10)
+@given(k=st.lists(st.floats(0, 1), min_size=8, max_size=8))
+def test_any_fault_vector_in_the_box_simulates(k):
+    for model in MODELS:
+        record = simulate(model, SHORT, np.array(k), sample_rate=2000)
+        assert all(np.isfinite(column).all() for _, column in record.columns())
+
+
+def test_a_step_of_the_users_own_is_taken():
+    usual, halved = simulate("monitor", SHORT), simulate("monitor", SHORT, step=5e-6)
+    assert halved.provenance["step_s"] == pytest.approx(5e-6)
+    difference = current_envelope(usual) - current_envelope(halved)
+    assert 0.0 < np.sqrt(np.mean(difference**2)) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ({"model": "refrence"}, "There is no model 'refrence'; choose reference or monitor"),
+        ({"sample_rate": 0.0}, "received 0.0"),
+        ({"sample_rate": -5.0}, "received -5.0"),
+        ({"sample_rate": float("nan")}, "received nan"),
+        ({"sample_rate": float("inf")}, "received inf"),
+        ({"sample_rate": 1e12}, "6e.10 samples; at most"),
+        ({"sample_rate": 10.0}, "no two samples at 10 Hz"),
+        ({"step": 1.0}, "received 1 s"),
+        ({"step": 0.0}, "received 0 s"),
+        ({"step": float("nan")}, "received nan s"),
+        ({"step": 1e-15}, "received 1e-15 s"),
+        ({"seed": -1}, "received -1"),
+        ({"seed": 1.5}, "received 1.5"),
+        ({"initial_position": 1.0}, "received 1"),
+        ({"initial_position": float("nan")}, "received nan"),
+        ({"faults": {"fricton": 0.1}}, "Did you mean friction"),
+        ({"faults": {"friction": 25}}, "looks like per cent; write 0.25"),
+        ({"faults": {"friction": float("nan")}}, "received nan"),
+        ({"faults": np.zeros(7)}, r"received shape \(7,\)"),
+    ],
+)
+def test_an_argument_that_cannot_be_used_is_refused_in_one_sentence(arguments, said):
+    with pytest.raises(InputError, match=said) as caught:
+        simulate(**{"model": "monitor", "scenario": SHORT, **arguments})
+    assert "\n" not in str(caught.value)
+    assert str(caught.value).endswith(".")
+
+
+def test_a_scenario_that_would_fill_the_memory_is_refused():
+    week = Scenario(duration=604_800, command=[Step(value=0.01)])
+    with pytest.raises(InputError, match="Shorten the scenario"):
+        simulate("monitor", week, sample_rate=1.0)
+
+
+def test_a_diverged_simulation_is_an_error_and_no_record(monkeypatch):
+    from ematwin.kernels import batch
+
+    monkeypatch.setattr(
+        batch, "monitor_trace", lambda k, command, *_: np.full((command.size - 1, 5), np.nan)
+    )
+    with pytest.raises(DivergedError, match="diverged at a step of 1e-05 s"):
+        simulate("monitor", SHORT, sample_rate=100_000)
