@@ -17,6 +17,8 @@ __version__ = "0.1.0"
 if TYPE_CHECKING:
     from ematwin.errors import EmatwinError
     from ematwin.faults import Faults, error_percent, error_percent_wrapped
+    from ematwin.identification.identify import Identification, identify
+    from ematwin.optimizers.minimize import minimize
     from ematwin.plant.parameters import Actuator
     from ematwin.plant.scenario import Scenario
     from ematwin.readers.records import read, write
@@ -28,11 +30,14 @@ _HOMES = {
     "Actuator": "ematwin.plant.parameters",
     "EmatwinError": "ematwin.errors",
     "Faults": "ematwin.faults",
+    "Identification": "ematwin.identification.identify",
     "Noise": "ematwin.signals.noise",
     "Record": "ematwin.signals.record",
     "Scenario": "ematwin.plant.scenario",
     "error_percent": "ematwin.faults",
     "error_percent_wrapped": "ematwin.faults",
+    "identify": "ematwin.identification.identify",
+    "minimize": "ematwin.optimizers.minimize",
     "read": "ematwin.readers.records",
     "simulate": "ematwin.simulation",
     "write": "ematwin.readers.records",
@@ -42,11 +47,14 @@ __all__ = [
     "Actuator",
     "EmatwinError",
     "Faults",
+    "Identification",
     "Noise",
     "Record",
     "Scenario",
     "error_percent",
     "error_percent_wrapped",
+    "identify",
+    "minimize",
     "read",
     "simulate",
     "write",

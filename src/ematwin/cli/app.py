@@ -9,7 +9,7 @@ from typing import Any
 
 import typer
 
-from ematwin.cli import actuators, bench, simulate
+from ematwin.cli import actuators, algorithms, bench, demo, identify, simulate
 
 app = typer.Typer(
     name="ematwin",
@@ -23,9 +23,12 @@ _UsageError: Any = next(
     kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException"
 )
 
+app.command("demo")(demo.demo)
+app.command("identify")(identify.identify)
 app.command("simulate")(simulate.simulate)
 app.command("actuators")(actuators.actuators)
 app.command("scenarios")(actuators.scenarios)
+app.command("algorithms")(algorithms.algorithms)
 app.command("bench")(bench.bench)
 
 

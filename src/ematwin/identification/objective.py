@@ -66,8 +66,8 @@ class Objective:
                 f"The record has {len(record)} samples; at least {_SHORTEST} are needed to tell "
                 "faults apart. Record longer or faster."
             )
-        low_pass = low_pass or LowPass()
-        weighting = weighting or SlopeWeighting()
+        self.low_pass = low_pass = low_pass or LowPass()
+        self._weighting = weighting = weighting or SlopeWeighting()
         self.record = record
         self.actuator = actuator
         signed = None if rectify else signed_current(record, actuator.motor.pole_pairs)
@@ -87,6 +87,10 @@ class Objective:
         self.target = low_pass.apply(current, rate)
         self.weights = weighting.weights(self.target, record.interval)
         self.weights[0] = 0.0  # the twin starts there; nothing has been simulated yet
+        for start, stop in record.provenance.get("masked_s", []):
+            # filled by the reader; the filter remembers it for a while afterwards
+            masked = (record.time >= start) & (record.time <= stop + 1.0 / low_pass.cutoff)
+            self.weights[masked] = 0.0
         self._taps = low_pass.taps(rate, float(current[0]))
         self.substeps = max(1, math.ceil(record.interval / actuator.steps.monitor - 1e-9))
         self.step = record.interval / self.substeps
@@ -98,6 +102,17 @@ class Objective:
         self._constants = kernel_constants(actuator)
         self._threads = threads or os.cpu_count() or 1
         self._pool: ThreadPoolExecutor | None = None
+
+    def with_cutoff(self, cutoff: float) -> "Objective":
+        """The same comparison through another low-pass (Hz)."""
+        return Objective(
+            self.record,
+            self.actuator,
+            low_pass=LowPass(cutoff),
+            weighting=self._weighting,
+            rectify=self.rectify,
+            threads=self._threads,
+        )
 
     def __call__(self, k: np.ndarray) -> np.ndarray:
         """Costs (B,) of fault vectors (B, 8), A s; infinite where the simulation diverged."""
