@@ -29,9 +29,9 @@ def demo(
 
     try:
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
+    except OSError as refusal:
         raise FileError(
-            f"Cannot make the folder {folder}: {error.strerror}. Choose another with --folder."
+            f"Cannot make the folder {folder}: {refusal.strerror}. Choose another with --folder."
         ) from None
     actuator = Actuator.load()
     injected = Faults.of(FAULTS)

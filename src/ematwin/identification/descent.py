@@ -100,7 +100,7 @@ class Descent:
         trials = project(trials.reshape(-1, d)).reshape(trials.shape)
         tried = residuals(trials.reshape(-1, d)).reshape(count, len(DAMPINGS), -1)
         for m, n in enumerate(moving):
-            self._choose(n, shifted[m], beside[m], trials[m], tried[m])
+            self._choose(int(n), shifted[m], beside[m], trials[m], tried[m])
 
     def _choose(
         self,

@@ -65,13 +65,12 @@ def reference_trace(k, command, load, state, c, dt, substeps, decimation):
             d_command = (command[g + 1] - command[g]) / substeps
             d_load = (load[g + 1] - load[g]) / substeps
             for j in range(substeps):
-                before = now
-                now = reference_step(
+                now, i_a, i_b, i_c = reference_step(
                     now, command[g] + j * d_command, load[g] + j * d_load, fault, phases, c, dt
                 )
-                sum_a += 0.5 * (before.i_a + now.i_a)
-                sum_b += 0.5 * (before.i_b + now.i_b)
-                sum_c += 0.5 * (before.i_c + now.i_c)
+                sum_a += i_a
+                sum_b += i_b
+                sum_c += i_c
         trace[sample, 0] = sum_a * share
         trace[sample, 1] = sum_b * share
         trace[sample, 2] = sum_c * share

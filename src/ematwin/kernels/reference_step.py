@@ -12,10 +12,10 @@ from ematwin.kernels.controller import current_reference
 from ematwin.kernels.friction import advance_speed, loaded_friction
 from ematwin.kernels.inverter import (
     advance_phase,
-    close_star,
     gate_signals,
     hysteresis,
     pair_current,
+    share_until_blocked,
     terminal_voltages,
 )
 from ematwin.kernels.motor import gap_factors, hall_sector, phase_inductance, trapezoid
@@ -64,31 +64,63 @@ def emf_constants(theta_m, fault, c):
 
 
 @step
-def advance_bridge(i_a, i_b, i_c, e_a, e_b, e_c, g_a, g_b, g_c, phases, c, dt):
-    """Phase currents after ``dt``, and the energies taken in and lost in copper meanwhile."""
+def _conduct(i_a, i_b, i_c, e_a, e_b, e_c, g_a, g_b, g_c, phases, c, dt):
+    """Advance the phases until ``dt`` or until the diode of an off leg blocks.
+
+    Gives the share of ``dt`` done, the currents then, and the energies taken in and lost.
+    """
     r_a, r_b, r_c, y_a, y_b, y_c = phases
     v_a, v_b, v_c, v_n, on_a, on_b, on_c = terminal_voltages(
         g_a, g_b, g_c, i_a, i_b, i_c, e_a, e_b, e_c, r_a, r_b, r_c, y_a, y_b, y_c,
         c.v_supply, c.v_diode,
     )  # fmt: skip
-    driven_a = g_a != 0.0
-    driven_b = g_b != 0.0
-    driven_c = g_c != 0.0
-    n_a = advance_phase(i_a, v_a, v_n, e_a, r_a, y_a, on_a, driven_a, dt)
-    n_b = advance_phase(i_b, v_b, v_n, e_b, r_b, y_b, on_b, driven_b, dt)
-    n_c = advance_phase(i_c, v_c, v_n, e_c, r_c, y_c, on_c, driven_c, dt)
-    n_a, n_b, n_c = close_star(n_a, n_b, n_c, driven_a, driven_b, driven_c)
+    n_a = advance_phase(i_a, v_a, v_n, e_a, r_a, y_a, on_a, dt)
+    n_b = advance_phase(i_b, v_b, v_n, e_b, r_b, y_b, on_b, dt)
+    n_c = advance_phase(i_c, v_c, v_n, e_c, r_c, y_c, on_c, dt)
+    share_a = share_until_blocked(i_a, n_a, g_a != 0.0)
+    share_b = share_until_blocked(i_b, n_b, g_b != 0.0)
+    share_c = share_until_blocked(i_c, n_c, g_c != 0.0)
+    share = share_a * share_b * share_c  # at most one leg is off
+    n_a = i_a + share * (n_a - i_a) if share_a == 1.0 else 0.0
+    n_b = i_b + share * (n_b - i_b) if share_b == 1.0 else 0.0
+    n_c = i_c + share * (n_c - i_c) if share_c == 1.0 else 0.0
     m_a = 0.5 * (i_a + n_a)
     m_b = 0.5 * (i_b + n_b)
     m_c = 0.5 * (i_c + n_c)
-    taken = dt * (v_a * m_a + v_b * m_b + v_c * m_c)
-    lost = dt * (r_a * m_a * m_a + r_b * m_b * m_b + r_c * m_c * m_c)
-    return n_a, n_b, n_c, taken, lost
+    taken = share * dt * (v_a * m_a + v_b * m_b + v_c * m_c)
+    lost = share * dt * (r_a * m_a * m_a + r_b * m_b * m_b + r_c * m_c * m_c)
+    return share, n_a, n_b, n_c, taken, lost
+
+
+@step
+def advance_bridge(i_a, i_b, i_c, e_a, e_b, e_c, g_a, g_b, g_c, phases, c, dt):
+    """Phase currents after ``dt``, their means, and the energies taken in and lost meanwhile."""
+    share, n_a, n_b, n_c, taken, lost = _conduct(
+        i_a, i_b, i_c, e_a, e_b, e_c, g_a, g_b, g_c, phases, c, dt
+    )
+    m_a = 0.5 * (i_a + n_a)
+    m_b = 0.5 * (i_b + n_b)
+    m_c = 0.5 * (i_c + n_c)
+    if share < 1.0:  # the rest of the step, with the off leg at zero
+        rest = 1.0 - share
+        _, p_a, p_b, p_c, more_taken, more_lost = _conduct(
+            n_a, n_b, n_c, e_a, e_b, e_c, g_a, g_b, g_c, phases, c, rest * dt
+        )
+        m_a = share * m_a + rest * 0.5 * (n_a + p_a)
+        m_b = share * m_b + rest * 0.5 * (n_b + p_b)
+        m_c = share * m_c + rest * 0.5 * (n_c + p_c)
+        n_a, n_b, n_c = p_a, p_b, p_c
+        taken += more_taken
+        lost += more_lost
+    return n_a, n_b, n_c, m_a, m_b, m_c, taken, lost
 
 
 @step
 def reference_step(state, command, load, fault, phases, c, dt):
-    """Advance the reference model by ``dt`` under a command (rad) and a load (N m)."""
+    """Advance the reference model by ``dt`` under a command (rad) and a load (N m).
+
+    Gives the state and the mean current of each phase within the step.
+    """
     kappa_a, kappa_b, kappa_c = emf_constants(state.theta_m, fault, c)
     sector = hall_sector(c.pole_pairs * state.theta_m)
 
@@ -100,14 +132,12 @@ def reference_step(state, command, load, fault, phases, c, dt):
     pair_sign = hysteresis(i_seen, i_ref, c.half_band, state.pair_sign)
     g_a, g_b, g_c = gate_signals(sector, pair_sign)
 
-    i_a, i_b, i_c, taken, lost = advance_bridge(
+    i_a, i_b, i_c, m_a, m_b, m_c, taken, lost = advance_bridge(
         state.i_a, state.i_b, state.i_c,
         kappa_a * state.w_m, kappa_b * state.w_m, kappa_c * state.w_m,
         g_a, g_b, g_c, phases, c, dt,
     )  # fmt: skip
-    torque = 0.5 * (
-        kappa_a * (state.i_a + i_a) + kappa_b * (state.i_b + i_b) + kappa_c * (state.i_c + i_c)
-    )
+    torque = kappa_a * m_a + kappa_b * m_b + kappa_c * m_c
 
     contact = contact_torque(
         state.theta_m, state.w_m, state.theta_o, state.w_o, fault.half_gap,
@@ -122,9 +152,10 @@ def reference_step(state, command, load, fault, phases, c, dt):
     w_o = advance_speed(state.w_o, act_o, c.j_o, c.static_ratio * td_o, td_o, dt)
     theta_m = state.theta_m + dt * w_m
     theta_o, w_o = stop_at_ends(state.theta_o + dt * w_o, w_o, c.travel_low, c.travel_high)
-    return ReferenceState(
+    after = ReferenceState(
         i_a, i_b, i_c, w_m, theta_m, w_o, theta_o, pair_sign,
         state.e_electrical + taken,
         state.e_copper + lost,
         state.e_mechanical + dt * torque * state.w_m,
     )  # fmt: skip
+    return after, m_a, m_b, m_c

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from ematwin.errors import FileError
+from ematwin.errors import FileError, InputError
 
 
 @contextmanager
@@ -52,3 +52,25 @@ def _umask() -> int:
     mask = os.umask(0)
     os.umask(mask)
     return mask
+
+
+def check_target(path: Path, suffixes: tuple[str, ...]) -> None:
+    """Before long work: the name ends in one of ``suffixes`` and its folder can be written.
+
+    Raises
+    ------
+    InputError
+        If the name has another ending.
+    FileError
+        If the folder is missing or read-only.
+    """
+    if path.suffix.lower() not in suffixes:
+        raise InputError(f"Cannot tell how to write {path}: end its name in {' or '.join(suffixes)}.")
+    if path.is_dir():
+        raise FileError(f"Cannot write {path}: it is a folder. Give the name of a file.")
+    folder = path.parent
+    if not (folder.is_dir() and os.access(folder, os.W_OK)):
+        raise FileError(
+            f"Cannot write {path}: the folder {folder} is missing or read-only. "
+            "Choose a folder that exists and is yours."
+        )

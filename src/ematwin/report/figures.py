@@ -23,9 +23,10 @@ def styled(figure: Any, height: int) -> Any:
     figure.update_layout(
         template="plotly_white",
         height=height,
-        margin={"l": 70, "r": 20, "t": 40, "b": 50},
+        margin={"l": 70, "r": 40, "t": 40, "b": 50},
         legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 1.0, "xanchor": "right"},
         hovermode="x unified",
+        modebar={"orientation": "v"},
     )
     # panel titles on the left, out of the legend's way
     figure.update_annotations(x=0.0, xanchor="left", font_size=14)

@@ -136,8 +136,8 @@ def _facts(found: Identification, record: Record) -> dict[str, str]:
         "simulations": f"{found.evaluations} in {found.seconds:.2f} s",
         "stopped": found.stopped,
         "misfit": f"{found.cost:.4g} A s; {100.0 * found.relative_misfit:.2f} % of the current",
-        "standard errors": "widened to cover the twin's own error as it was measured on simulated records; "
-        "a lower bound where the real actuator differs more",
+        "standard errors": "widened to cover the twin's own error as it was measured on simulated "
+        "records; a lower bound where the real actuator differs more",
     }
     for name in ("columns", "assumed", "changed"):
         if source.get(name):
