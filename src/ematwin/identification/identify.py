@@ -230,8 +230,8 @@ def _descend(
             raise
     if not math.isfinite(state.cost):
         raise RecordError(
-            f"The twin diverged for each of {state.evaluations} fault vectors. Check the parameters "
-            "of the actuator and the first position and speed of the record."
+            f"The twin diverged for each of {state.evaluations} fault vectors. Check the "
+            "parameters of the actuator and the first position and speed of the record."
         )
     return _Found(
         state.best, state.cost, state.evaluations, np.array(state.history, dtype=float),

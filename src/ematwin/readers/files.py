@@ -65,7 +65,9 @@ def check_target(path: Path, suffixes: tuple[str, ...]) -> None:
         If the folder is missing or read-only.
     """
     if path.suffix.lower() not in suffixes:
-        raise InputError(f"Cannot tell how to write {path}: end its name in {' or '.join(suffixes)}.")
+        raise InputError(
+            f"Cannot tell how to write {path}: end its name in {' or '.join(suffixes)}."
+        )
     if path.is_dir():
         raise FileError(f"Cannot write {path}: it is a folder. Give the name of a file.")
     folder = path.parent

@@ -1,0 +1,1 @@
+"""Studies: many identification runs, planned, run, stored, resumed."""
