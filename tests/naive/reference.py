@@ -53,7 +53,8 @@ def simulate(actuator, faults, command, load, dt):
 
     Returns
     -------
-    dict of lists: currents (after each step), motor, motor_speed, output, output_speed
+    dict of arrays: mean_currents (S, 3) of each step; motor, motor_speed, output, output_speed
+    after it
     """
     drive, gear = actuator.drive, actuator.transmission
     h = motor.turns_left(faults)
@@ -65,7 +66,9 @@ def simulate(actuator, faults, command, load, dt):
     currents = np.zeros(3)
     x_m = w_m = x_o = w_o = 0.0
     sign = 1
-    trace = {name: [] for name in ("currents", "motor", "motor_speed", "output", "output_speed")}
+    trace = {
+        name: [] for name in ("mean_currents", "motor", "motor_speed", "output", "output_speed")
+    }
     for command_now, load_now in zip(command, load, strict=True):
         kappa = motor.kappa(x_m, faults, actuator)
         sector = motor.sector(actuator.motor.pole_pairs * x_m)
@@ -80,17 +83,23 @@ def simulate(actuator, faults, command, load, dt):
         gates = motor.gates(sector, sign)
 
         emf = [k * w_m for k in kappa]
-        voltages = leg_voltages(gates, currents, emf, resistances, inductances, drive)
-        slope, _ = slopes(voltages, currents, emf, resistances, inductances)
-        after = currents + dt * slope
-        for leg in range(3):
-            if gates[leg] == 0 and after[leg] * currents[leg] < 0:  # the diode blocks
-                driven = [k for k in range(3) if gates[k] != 0]
-                for k in driven:
-                    after[k] += after[leg] / 2
-                after[leg] = 0.0
-        torque = sum(k * (i + j) / 2 for k, i, j in zip(kappa, currents, after, strict=True))
-        currents = after
+        charge, remaining = np.zeros(3), dt
+        while remaining > 0:
+            voltages = leg_voltages(gates, currents, emf, resistances, inductances, drive)
+            slope, _ = slopes(voltages, currents, emf, resistances, inductances)
+            # the step goes to its end, or until the diode of an off leg blocks
+            blocked = [
+                k for k in range(3)
+                if gates[k] == 0 and currents[k] * (currents[k] + remaining * slope[k]) < 0
+            ]  # fmt: skip
+            part = -currents[blocked[0]] / slope[blocked[0]] if blocked else remaining
+            after = currents + part * slope
+            after[blocked] = 0.0
+            charge += part * (currents + after) / 2
+            currents = after
+            remaining = remaining - part if blocked else 0
+        mean = charge / dt
+        torque = sum(k * i for k, i in zip(kappa, mean, strict=True))
 
         contact = mechanics.contact_torque(
             x_m, w_m, x_o, w_o, half_gap, gear.contact_stiffness, gear.contact_damping
@@ -110,7 +119,7 @@ def simulate(actuator, faults, command, load, dt):
         )
         x_m += dt * w_m
         x_o, w_o = mechanics.end_stop(x_o + dt * w_o, w_o, low, high)
-        trace["currents"].append(currents.copy())
+        trace["mean_currents"].append(mean)
         trace["motor"].append(x_m)
         trace["motor_speed"].append(w_m)
         trace["output"].append(x_o)

@@ -13,7 +13,7 @@ from numba import njit
 from ematwin.faults import HEALTHY, PAPER_CASES, Faults
 from ematwin.kernels import backlash, batch, controller, friction, inverter, motor, scalar, state
 from ematwin.kernels.monitor_step import equivalent_phase
-from ematwin.kernels.reference_step import emf_constants
+from ematwin.kernels.reference_step import advance_bridge, emf_constants
 from ematwin.plant.constants import kernel_constants
 from ematwin.plant.parameters import Actuator
 from ematwin.signals.filters import LowPass
@@ -500,17 +500,11 @@ def test_current_of_an_off_leg_runs_out_and_stays_zero():
     def freewheel(c):
         trace = np.empty((400, 3))
         i_a, i_b, i_c = 5.0, -5.0, 0.0
-        r = c.resistance
-        y = 1.0 / c.inductance
+        r, y = c.resistance, 1.0 / c.inductance
         for n in range(400):  # a has gone off; c is driven high, b low
-            v_a, v_b, v_c, v_n, on_a, on_b, on_c = inverter.terminal_voltages(
-                0.0, -1.0, 1.0, i_a, i_b, i_c, 0.0, 0.0, 0.0, r, r, r, y, y, y,
-                c.v_supply, c.v_diode,
-            )  # fmt: skip
-            n_a = inverter.advance_phase(i_a, v_a, v_n, 0.0, r, y, on_a, False, 1e-6)
-            n_b = inverter.advance_phase(i_b, v_b, v_n, 0.0, r, y, on_b, True, 1e-6)
-            n_c = inverter.advance_phase(i_c, v_c, v_n, 0.0, r, y, on_c, True, 1e-6)
-            i_a, i_b, i_c = inverter.close_star(n_a, n_b, n_c, False, True, True)
+            i_a, i_b, i_c, _, _, _, _, _ = advance_bridge(
+                i_a, i_b, i_c, 0.0, 0.0, 0.0, 0.0, -1.0, 1.0, (r, r, r, y, y, y), c, 1e-6
+            )
             trace[n] = i_a, i_b, i_c
         return trace
 
@@ -543,11 +537,10 @@ def test_reference_model_is_that_of_the_naive_loop(values):
     rest[7] = 1.0
     trace = batch.reference_trace(faults.vector, command, load, rest, C, dt, 1, 1)
     slow = naive_reference.simulate(ACTUATOR, faults, command[:-1], load[:-1], dt)
-    before = np.vstack([np.zeros(3), slow["currents"][:-1]])
     assert np.ptp(slow["motor"]) > 2.0  # more than one electrical sector
-    np.testing.assert_allclose(trace[:, :3], 0.5 * (before + slow["currents"]), rtol=0.0, atol=1e-6)
+    np.testing.assert_allclose(trace[:, :3], slow["mean_currents"], rtol=0.0, atol=1e-9)
     for column, name in enumerate(("motor", "motor_speed", "output", "output_speed"), start=3):
-        np.testing.assert_allclose(trace[:, column], slow[name], rtol=0.0, atol=1e-6)
+        np.testing.assert_allclose(trace[:, column], slow[name], rtol=0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize("values", [{}, SEVERE, *PAPER_CASES.values()])
@@ -559,7 +552,7 @@ def test_monitor_model_is_that_of_the_naive_loop(values):
     assert np.ptp(slow["motor"]) > 2.0
     names = ("mean_current", "motor", "motor_speed", "output", "output_speed")
     for column, name in enumerate(names):
-        np.testing.assert_allclose(trace[:, column], slow[name], rtol=0.0, atol=1e-6)
+        np.testing.assert_allclose(trace[:, column], slow[name], rtol=0.0, atol=1e-9)
 
 
 # Scoring in lanes
