@@ -1,0 +1,40 @@
+"""Optimisers: six metaheuristics and a baseline, adapters to other libraries, one search loop.
+
+They know no actuator: any function of a box-bounded batch can be minimised.
+"""
+
+from ematwin.optimizers.base import Box, Optimizer, OptimizerFactory
+from ematwin.optimizers.catalogue import Algorithm
+from ematwin.optimizers.differential_evolution import DifferentialEvolution
+from ematwin.optimizers.dragonfly import Dragonfly
+from ematwin.optimizers.genetic_algorithm import GeneticAlgorithm
+from ematwin.optimizers.grey_wolf import GreyWolf
+from ematwin.optimizers.minimize import History, MinimizeResult, minimize
+from ematwin.optimizers.particle_swarm import ParticleSwarm
+from ematwin.optimizers.random_search import RandomSearch
+from ematwin.optimizers.registry import algorithms, create
+from ematwin.optimizers.stopping import Progress, Stagnation, Stop, Target
+from ematwin.optimizers.whale import Whale
+
+__all__ = [
+    "Algorithm",
+    "Box",
+    "DifferentialEvolution",
+    "Dragonfly",
+    "GeneticAlgorithm",
+    "GreyWolf",
+    "History",
+    "MinimizeResult",
+    "Optimizer",
+    "OptimizerFactory",
+    "ParticleSwarm",
+    "Progress",
+    "RandomSearch",
+    "Stagnation",
+    "Stop",
+    "Target",
+    "Whale",
+    "algorithms",
+    "create",
+    "minimize",
+]

@@ -1,0 +1,98 @@
+"""Algorithms of pygmo, with their own defaults.
+
+pygmo evaluates one point at a time, so a batch is one point. Where an algorithm ends of itself
+(its tolerances are set to zero where it has any) it goes on from its population, and from a new
+one when it finds nothing left to do.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ematwin.optimizers.adapters.worker import Evaluate, ThreadedOptimizer
+from ematwin.optimizers.base import Box, FloatArray, OptimizerFactory
+from ematwin.optimizers.catalogue import Algorithm
+
+_SEEDS = 2**31
+_WORST = 1e300  # pygmo's arithmetic on costs must stay finite
+
+
+class _Problem:
+    """A user-defined problem of pygmo; pygmo copies it, the copies share the channel."""
+
+    def __init__(self, box: Box, evaluate: Evaluate) -> None:
+        self._box = box
+        self._evaluate = evaluate
+
+    def __deepcopy__(self, memo: object) -> _Problem:
+        return self
+
+    def fitness(self, x: FloatArray) -> list[float]:
+        return [min(float(self._evaluate(np.asarray(x)[None, :])[0]), _WORST)]
+
+    def get_bounds(self) -> tuple[list[float], list[float]]:
+        return self._box.lower.tolist(), self._box.upper.tolist()
+
+
+class Pygmo(ThreadedOptimizer):
+    """An algorithm of pygmo, named as in pygmo."""
+
+    minimum_population: ClassVar[int] = 7
+
+    def __init__(
+        self,
+        box: Box,
+        *,
+        population: int = 50,
+        iterations: int = 200,
+        seed: int = 1,
+        name: str = "de",
+        **options: Any,
+    ) -> None:
+        super().__init__(box, population=population, iterations=iterations, seed=seed)
+        self.name = name
+        self.options = options
+
+    def _search(self, evaluate: Evaluate) -> None:
+        import pygmo
+
+        problem = pygmo.problem(_Problem(self.box, evaluate))
+        make = getattr(pygmo, self.name)
+        seed = self.seed % _SEEDS
+        while True:
+            population = pygmo.population(problem, self.population, seed=seed)
+            generations = max(3, self.iterations - 1)
+            algorithm = pygmo.algorithm(make(gen=generations, seed=seed, **self.options))
+            spent = -1
+            while population.problem.get_fevals() != spent:
+                spent = population.problem.get_fevals()
+                population = algorithm.evolve(population)
+            seed = (seed + 1) % _SEEDS
+
+
+def _load(name: str, **options: Any) -> OptimizerFactory:
+    return partial(Pygmo, name=name, **options)
+
+
+def _algorithm(name: str, title: str, **options: Any) -> Algorithm:
+    return Algorithm(
+        f"pygmo-{name}",
+        f"{title} of pygmo",
+        f"pygmo.{name}",
+        "pygmo",
+        partial(_load, name, **options),
+        requires="pygmo",
+    )
+
+
+ALGORITHMS = (
+    _algorithm("sga", "Genetic algorithm"),
+    _algorithm("de", "Differential evolution", ftol=0.0, xtol=0.0),
+    _algorithm("sade", "Self-adaptive differential evolution", ftol=0.0, xtol=0.0),
+    _algorithm("de1220", "Differential evolution, adaptive variant", ftol=0.0, xtol=0.0),
+    _algorithm("pso", "Particle swarm"),
+    _algorithm("gwo", "Grey wolf"),
+)

@@ -1,0 +1,103 @@
+"""Ask/tell for libraries that only know how to call an objective.
+
+The library runs in a thread of its own and calls ``evaluate``; that call hands its points to
+``ask`` and sleeps until ``tell`` has brought their costs. Only one of the two threads ever runs.
+"""
+
+from __future__ import annotations
+
+import threading
+from abc import abstractmethod
+from collections.abc import Callable
+from queue import SimpleQueue
+from typing import ClassVar
+
+import numpy as np
+
+from ematwin.errors import EmatwinError, InputError
+from ematwin.optimizers.base import Box, FloatArray, Optimizer, checked_costs, whole_number
+
+Evaluate = Callable[[FloatArray], FloatArray]
+
+
+class _Closed(BaseException):
+    """Raised inside the library's thread to end it; no library catches it by accident."""
+
+
+class ThreadedOptimizer(Optimizer):
+    """An optimiser whose library is driven from a thread.
+
+    A subclass gives ``_search(evaluate)``, which calls ``evaluate`` with (m, d) points inside the
+    box, for ever. The thread starts with the first ``ask``.
+    """
+
+    picklable: ClassVar[bool] = False
+
+    def __init__(
+        self, box: Box, *, population: int = 50, iterations: int = 200, seed: int = 1
+    ) -> None:
+        self.box = box
+        self.population = whole_number(population, "population", self.minimum_population)
+        self.iterations = whole_number(iterations, "number of iterations", 1)
+        self.seed = whole_number(seed, "seed", 0)
+        self._pending: FloatArray | None = None
+        self._asked: SimpleQueue[FloatArray | BaseException] = SimpleQueue()
+        self._told: SimpleQueue[FloatArray | None] = SimpleQueue()
+        self._thread: threading.Thread | None = None
+        self._closed = False
+
+    def ask(self) -> FloatArray:
+        """Give the points that the library waits for."""
+        if self._closed:
+            raise InputError("The optimiser is closed. Make a new one.")
+        if self._pending is None:
+            if self._thread is None:
+                self._thread = threading.Thread(target=self._run, daemon=True)
+                self._thread.start()
+            answer = self._asked.get()
+            if isinstance(answer, BaseException):
+                self._closed = True
+                raise EmatwinError(
+                    f"{type(self).__name__} failed inside its library: {answer!r}."
+                ) from answer
+            self._pending = answer
+        return self._pending.copy()
+
+    def tell(self, points: FloatArray, costs: FloatArray) -> None:
+        """Hand the costs to the library."""
+        if self._pending is None:
+            raise InputError("tell() without a batch to answer: call ask() first.")
+        values = checked_costs(self._pending, points, costs)
+        self._pending = None
+        self._told.put(values)
+
+    def close(self) -> None:
+        """End the thread."""
+        if self._thread is not None and not self._closed:
+            self._told.put(None)
+            self._thread.join(timeout=5.0)
+        self._closed = True
+
+    def __getstate__(self) -> object:
+        raise InputError(
+            f"{type(self).__name__} keeps its state in a running thread and cannot be pickled."
+        )
+
+    @abstractmethod
+    def _search(self, evaluate: Evaluate) -> None: ...
+
+    def _run(self) -> None:
+        try:
+            self._search(self._evaluate)
+            raise RuntimeError("the library ended its search")
+        except _Closed:
+            return
+        except BaseException as error:
+            self._asked.put(error)
+
+    def _evaluate(self, points: FloatArray) -> FloatArray:
+        self._asked.put(self.box.clip(np.array(points, dtype=np.float64)))
+        costs = self._told.get()
+        if costs is None:
+            raise _Closed
+        return costs

@@ -1,0 +1,264 @@
+"""The promise that every optimiser keeps: ask for a batch, tell its costs.
+
+An optimiser knows a box, a population, the length of its schedule and a seed; it knows no
+objective, no budget and no clock. Those belong to the loop (:mod:`ematwin.optimizers.minimize`),
+so that one loop serves every method, on one core or on many.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ematwin.errors import InputError
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Box:
+    """The search space: every variable between a lower and an upper bound.
+
+    Parameters
+    ----------
+    lower, upper : (d,) array
+        Finite, and ``lower < upper`` in every variable. Any unit: the optimisers work in the
+        user's own coordinates, because several of them are not indifferent to where zero lies.
+
+    Raises
+    ------
+    InputError
+        A bound is missing, not finite, or not below its partner.
+    """
+
+    lower: FloatArray
+    upper: FloatArray
+
+    def __post_init__(self) -> None:
+        lower = _bound(self.lower, "lower")
+        upper = _bound(self.upper, "upper")
+        if lower.shape != upper.shape:
+            raise InputError(
+                f"The bounds differ in length: lower has {lower.size} values, upper has "
+                f"{upper.size}. Give one pair per variable."
+            )
+        bad = np.flatnonzero(~(lower < upper))
+        if bad.size:
+            k = int(bad[0])
+            raise InputError(
+                f"Each lower bound must be below its upper bound: variable {k} has "
+                f"{lower[k]:g} to {upper[k]:g}. Hold a fixed variable outside the search instead."
+            )
+        if not np.all(np.isfinite(upper - lower)):
+            raise InputError("The box is too wide: upper - lower overflows. Rescale the variables.")
+        object.__setattr__(self, "lower", lower)
+        object.__setattr__(self, "upper", upper)
+
+    @property
+    def dimension(self) -> int:
+        """Number of variables, d."""
+        return int(self.lower.size)
+
+    @property
+    def span(self) -> FloatArray:
+        """(d,) array, upper - lower."""
+        return self.upper - self.lower
+
+    def sample(self, rng: np.random.Generator, count: int) -> FloatArray:
+        """(count, d) points, uniform in the box."""
+        return self.clip(self.lower + rng.random((count, self.dimension)) * self.span)
+
+    def clip(self, points: FloatArray) -> FloatArray:
+        """Points moved onto the nearest bound, variable by variable."""
+        return np.minimum(np.maximum(points, self.lower), self.upper)
+
+    def contains(self, points: FloatArray) -> bool:
+        """True if every point lies within the bounds, bounds included."""
+        return bool(np.all((points >= self.lower) & (points <= self.upper)))
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Box):
+            return NotImplemented
+        return np.array_equal(self.lower, other.lower) and np.array_equal(self.upper, other.upper)
+
+    def __hash__(self) -> int:
+        return hash((self.lower.tobytes(), self.upper.tobytes()))
+
+
+def _bound(values: ArrayLike, name: str) -> FloatArray:
+    try:
+        array = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"The {name} bounds must be numbers, received {values!r}.") from error
+    if array.ndim != 1 or array.size == 0:
+        raise InputError(
+            f"The {name} bounds must be a list of d numbers, received shape {array.shape}."
+        )
+    if not np.all(np.isfinite(array)):
+        raise InputError(
+            f"The {name} bounds must be finite, received {array.tolist()}. "
+            "These methods draw their first points uniformly between the bounds."
+        )
+    array.setflags(write=False)
+    return array
+
+
+class Optimizer(ABC):
+    """Ask for a batch of points, tell their costs, until the caller has had enough.
+
+    Attributes
+    ----------
+    box : Box
+    population : int
+        Rows of every batch.
+    iterations : int
+        Length of the schedule: the batch number at which a method that narrows its search step
+        by step has narrowed it fully. Asking on is allowed; the schedule then holds its end.
+    seed : int
+
+    Notes
+    -----
+    The promise, which :mod:`ematwin.testing.optimizer_contract` checks:
+
+    - ``ask()`` gives a new (N, d) float64 array inside the box, N the same every time if
+      ``constant_batch``. Asked twice without a tell between, it gives the same batch again.
+    - ``tell(points, costs)`` takes the batch, or its leading rows where a budget ran out: the
+      rows left out count as worst. Costs that are NaN or infinite, of either sign, count as worst.
+    - The same seed, box, population, iterations and costs give the same batches, bit for bit.
+    - Pickled between any two calls and restored, it goes on identically (if ``picklable``).
+    """
+
+    picklable: ClassVar[bool] = True
+    constant_batch: ClassVar[bool] = True
+    minimum_population: ClassVar[int] = 1
+
+    box: Box
+    population: int
+    iterations: int
+    seed: int
+
+    @abstractmethod
+    def ask(self) -> FloatArray:
+        """Give the points whose costs are wanted next.
+
+        Returns
+        -------
+        (N, d) array
+            Inside the box; the caller may change it.
+        """
+
+    @abstractmethod
+    def tell(self, points: FloatArray, costs: FloatArray) -> None:
+        """Learn the costs of the batch last asked for.
+
+        Parameters
+        ----------
+        points : (m, d) array
+            The batch as asked, or its first m rows.
+        costs : (m,) array
+
+        Raises
+        ------
+        InputError
+            There is no batch to answer, or the shapes do not fit it.
+        """
+
+    def stop(self) -> str | None:
+        """Give a reason to stop that only the method itself can know, else None.
+
+        Budget, target and stagnation are the loop's. The six methods of this package never stop
+        of themselves.
+        """
+        return None
+
+    def close(self) -> None:  # noqa: B027
+        """Release what outlives a batch: threads, processes. Most methods hold nothing."""
+
+
+class OptimizerFactory(Protocol):
+    """What can be named: a class of Optimizer, or a function with this signature."""
+
+    def __call__(self, box: Box, *, population: int, iterations: int, seed: int) -> Optimizer:
+        """Make an optimiser for a box."""
+        ...  # pragma: no cover
+
+
+class PopulationOptimizer(Optimizer):
+    """The bookkeeping that every method of this package shares.
+
+    A method gives ``_start`` (first batch), ``_learn`` (take in costs) and ``_move`` (next batch).
+    ``_learn`` receives costs in which everything that is not finite has become +inf, for the whole
+    batch, so that no method needs to know of NaN or of a batch cut short.
+    """
+
+    def __init__(
+        self, box: Box, *, population: int = 50, iterations: int = 200, seed: int = 1
+    ) -> None:
+        self.box = box
+        self.population = whole_number(population, "population", self.minimum_population)
+        self.iterations = whole_number(iterations, "number of iterations", 1)
+        self.seed = whole_number(seed, "seed", 0)
+        self.iteration = 0
+        self._rng = np.random.default_rng(self.seed)
+        self._pending: FloatArray | None = None
+
+    def ask(self) -> FloatArray:
+        """Give the batch that waits for its costs, or move on to the next one."""
+        if self._pending is None:
+            self._pending = self._start() if self.iteration == 0 else self._move()
+        return self._pending.copy()
+
+    def tell(self, points: FloatArray, costs: FloatArray) -> None:
+        """Take in the costs of the batch, or of its leading rows."""
+        if self._pending is None:
+            raise InputError("tell() without a batch to answer: call ask() first.")
+        self._learn(self._pending, checked_costs(self._pending, points, costs))
+        self._pending = None
+        self.iteration += 1
+
+    @abstractmethod
+    def _start(self) -> FloatArray: ...
+
+    @abstractmethod
+    def _learn(self, points: FloatArray, costs: FloatArray) -> None: ...
+
+    @abstractmethod
+    def _move(self) -> FloatArray: ...
+
+
+def checked_costs(asked: FloatArray, points: FloatArray, costs: FloatArray) -> FloatArray:
+    """Costs of a whole batch, with +inf for what is not finite and for rows not evaluated."""
+    given = np.asarray(points, dtype=np.float64)
+    values = np.asarray(costs, dtype=np.float64)
+    rows = len(given) if given.ndim == 2 else -1
+    if rows < 1 or given.shape[1] != asked.shape[1] or rows > len(asked):
+        raise InputError(
+            f"tell() takes the batch of shape {asked.shape} or its first rows, "
+            f"received points of shape {given.shape}."
+        )
+    if values.shape != (rows,):
+        raise InputError(
+            f"tell() takes one cost per point: {rows} points came with costs of "
+            f"shape {values.shape}."
+        )
+    if not np.array_equal(given, asked[:rows]):
+        raise InputError(
+            "tell() received points that are not the first rows of the batch asked for. "
+            "Give them back unchanged and in order."
+        )
+    whole = np.full(len(asked), np.inf)
+    whole[:rows] = np.where(np.isfinite(values), values, np.inf)
+    return whole
+
+
+def whole_number(value: object, name: str, least: int) -> int:
+    """Check that a value is an integer of at least ``least``."""
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
+        raise InputError(f"The {name} must be a whole number, received {value!r}.")
+    if value < least:
+        raise InputError(f"The {name} must be at least {least}, received {value}.")
+    return int(value)

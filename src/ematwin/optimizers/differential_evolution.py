@@ -1,0 +1,221 @@
+"""Differential evolution, with the strategy as a value.
+
+Storn and Price (1997), Differential Evolution - A Simple and Efficient Heuristic for Global
+Optimization over Continuous Spaces, J. Global Optim. 11, 341-359; strategies by their names there.
+
+    v = x_r1 + F (x_r2 - x_r3),   r1, r2, r3 different and none of them i          (rand/1)
+    u_j = v_j where r_j <= CR or j = j_rand, else x_j                               (bin)
+    x <- u where f(u) <= f(x)
+
+All trials of a generation are made from the generation before it (synchronous), as in the paper.
+
+Departure: the paper has no bounds. A component that leaves the box comes back to a random place
+between that bound and the base vector, as in the authors' later program (Price, Storn and Lampinen
+2005, "bounce-back"), so that bounds attract no more than the costs there deserve. :class:`Clip`
+stops at the bound instead.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from ematwin.errors import InputError
+from ematwin.optimizers.base import Box, FloatArray, PopulationOptimizer
+
+
+@dataclass(frozen=True)
+class Mutants:
+    """What a strategy makes: (N, d) mutant vectors and the base vectors they started from."""
+
+    vectors: FloatArray
+    bases: FloatArray
+
+
+class Strategy(Protocol):
+    """How mutants are made of the population."""
+
+    def mutate(
+        self, rng: np.random.Generator, parents: FloatArray, best: int, F: FloatArray
+    ) -> Mutants:
+        """Make one mutant for each parent; ``F`` is (N, 1)."""
+        ...  # pragma: no cover
+
+
+def others(rng: np.random.Generator, count: int, picks: int) -> np.ndarray:
+    """(picks, N) indices: in each column different from each other and from the column's own.
+
+    The r-th pick is drawn among those left and shifted past the ones taken, smallest first.
+    """
+    taken = np.arange(count)[None, :]
+    for r in range(picks):
+        pick = rng.integers(count - 1 - r, size=count)
+        for low in np.sort(taken, axis=0):
+            pick += pick >= low
+        taken = np.vstack([taken, pick])
+    return taken[1:]
+
+
+@dataclass(frozen=True)
+class Rand1:
+    """DE/rand/1: one difference added to a random vector."""
+
+    def mutate(
+        self, rng: np.random.Generator, parents: FloatArray, best: int, F: FloatArray
+    ) -> Mutants:
+        """Make one mutant for each parent."""
+        r1, r2, r3 = others(rng, len(parents), 3)
+        bases = parents[r1]
+        return Mutants(bases + F * (parents[r2] - parents[r3]), bases)
+
+
+@dataclass(frozen=True)
+class Best1:
+    """DE/best/1: one difference added to the best vector."""
+
+    def mutate(
+        self, rng: np.random.Generator, parents: FloatArray, best: int, F: FloatArray
+    ) -> Mutants:
+        """Make one mutant for each parent."""
+        r1, r2 = others(rng, len(parents), 2)
+        bases = np.broadcast_to(parents[best], parents.shape)
+        return Mutants(bases + F * (parents[r1] - parents[r2]), bases)
+
+
+@dataclass(frozen=True)
+class CurrentToBest1:
+    """DE/current-to-best/1: a step towards the best vector and one difference."""
+
+    def mutate(
+        self, rng: np.random.Generator, parents: FloatArray, best: int, F: FloatArray
+    ) -> Mutants:
+        """Make one mutant for each parent."""
+        r1, r2 = others(rng, len(parents), 2)
+        steps = (parents[best] - parents) + (parents[r1] - parents[r2])
+        return Mutants(parents + F * steps, parents)
+
+
+@dataclass(frozen=True)
+class Best2:
+    """DE/best/2: two differences added to the best vector."""
+
+    def mutate(
+        self, rng: np.random.Generator, parents: FloatArray, best: int, F: FloatArray
+    ) -> Mutants:
+        """Make one mutant for each parent."""
+        r1, r2, r3, r4 = others(rng, len(parents), 4)
+        bases = np.broadcast_to(parents[best], parents.shape)
+        steps = parents[r1] + parents[r2] - parents[r3] - parents[r4]
+        return Mutants(bases + F * steps, bases)
+
+
+class BoundRule(Protocol):
+    """What becomes of a mutant outside the box."""
+
+    def repair(self, rng: np.random.Generator, box: Box, mutants: Mutants) -> FloatArray:
+        """(N, d) vectors inside the box."""
+        ...  # pragma: no cover
+
+
+@dataclass(frozen=True)
+class BounceBack:
+    """A component outside returns to a random place between the bound and the base vector."""
+
+    def repair(self, rng: np.random.Generator, box: Box, mutants: Mutants) -> FloatArray:
+        """(N, d) vectors inside the box."""
+        bound = box.clip(mutants.vectors)
+        back = bound + rng.random(bound.shape) * (mutants.bases - bound)
+        return box.clip(np.where(bound == mutants.vectors, bound, back))
+
+
+@dataclass(frozen=True)
+class Clip:
+    """A component outside stops at the bound."""
+
+    def repair(self, rng: np.random.Generator, box: Box, mutants: Mutants) -> FloatArray:
+        """(N, d) vectors inside the box."""
+        return box.clip(mutants.vectors)
+
+
+@dataclass(frozen=True)
+class Dither:
+    """A weight F drawn uniformly between two values.
+
+    Storn's advice for functions that are not smooth: Das, Konar and Chakraborty (2005), GECCO,
+    draw it for every vector.
+    """
+
+    low: float = 0.5
+    high: float = 1.0
+
+
+class DifferentialEvolution(PopulationOptimizer):
+    """Differential evolution with binomial crossover.
+
+    Parameters
+    ----------
+    box : Box
+    population, iterations, seed : int
+        ``iterations`` changes nothing: the method has no schedule.
+    strategy : Strategy
+        ``Rand1()`` (default), ``Best1()``, ``CurrentToBest1()``, ``Best2()``, or any object with
+        the same method.
+    F : float or Dither
+        Weight of the differences.
+    CR : float
+        Share of components taken from the mutant.
+    bounds : BoundRule
+        ``BounceBack()`` (default) or ``Clip()``.
+    """
+
+    minimum_population = 5  # four others are the most that a strategy here takes
+
+    def __init__(
+        self,
+        box: Box,
+        *,
+        population: int = 50,
+        iterations: int = 200,
+        seed: int = 1,
+        strategy: Strategy | None = None,
+        F: float | Dither = 0.5,
+        CR: float = 0.9,
+        bounds: BoundRule | None = None,
+    ) -> None:
+        super().__init__(box, population=population, iterations=iterations, seed=seed)
+        if not isinstance(F, Dither) and not 0.0 < F <= 2.0:
+            raise InputError(f"F must lie in (0, 2], received {F}. The paper starts with 0.5.")
+        if not 0.0 <= CR <= 1.0:
+            raise InputError(f"CR must lie in [0, 1], received {CR}.")
+        self.strategy: Strategy = Rand1() if strategy is None else strategy
+        self.F = F
+        self.CR = float(CR)
+        self.bounds: BoundRule = BounceBack() if bounds is None else bounds
+        self.parents = np.empty((0, box.dimension))
+        self.costs = np.full(self.population, np.inf)
+
+    def _start(self) -> FloatArray:
+        return self.box.sample(self._rng, self.population)
+
+    def _learn(self, points: FloatArray, costs: FloatArray) -> None:
+        if self.iteration == 0:
+            self.parents = points
+            self.costs = costs
+            return
+        # A trial without a finite cost replaces nothing, not even a parent without one.
+        accepted = (costs <= self.costs) & np.isfinite(costs)
+        self.parents = np.where(accepted[:, None], points, self.parents)
+        self.costs = np.where(accepted, costs, self.costs)
+
+    def _move(self) -> FloatArray:
+        rng, parents = self._rng, self.parents
+        F = np.full((len(parents), 1), self.F if not isinstance(self.F, Dither) else 0.0)
+        if isinstance(self.F, Dither):
+            F = rng.uniform(self.F.low, self.F.high, size=F.shape)
+        mutants = self.strategy.mutate(rng, parents, int(np.argmin(self.costs)), F)
+        vectors = self.bounds.repair(rng, self.box, mutants)
+        crossed = rng.random(parents.shape) <= self.CR
+        crossed[np.arange(len(parents)), rng.integers(parents.shape[1], size=len(parents))] = True
+        return np.where(crossed, vectors, parents)

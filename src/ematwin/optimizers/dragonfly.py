@@ -1,0 +1,159 @@
+"""Dragonfly algorithm.
+
+Mirjalili (2016), Dragonfly algorithm: a new meta-heuristic optimization technique, Neural Comput.
+Appl. 27, 1053-1073, equations (3.1) to (3.10), and the author's program, "DA source codes version
+1.0". With n neighbours X_j, steps V_j, food (best point seen) and enemy (worst point seen):
+
+    S = -sum (X_j - X),  A = mean V_j,  C = mean X_j - X,  F = food - X,  E = enemy + X
+    V <- s S + a A + c C + f F + e E + w V,   X <- X + V           (food within the radius)
+    V <- w V + r1 A + r2 C + r3 S,            X <- X + V           (food farther, n > 1)
+    X <- X + Levy X,  V <- 0                                       (food farther, n <= 1)
+
+Departure: none from the program, whose behaviour the paper's text does not tell in full:
+
+- distances are by component: a neighbour is within the radius in every variable, and differs in
+  every variable (so two dragonflies on the same bound are no neighbours);
+- the radius grows from a quarter of the box to 2.25 times it; w falls from 0.9 to 0.4;
+- F or E is zero where food or enemy is outside the radius; steps are limited to a tenth of the box;
+- s, a, c, f are drawn once an iteration; r1, r2, r3 for every dragonfly and variable;
+- one neighbour alone counts as none: then S = C = 0 and A = V;
+- the first steps are drawn like positions, from the box itself and not around zero;
+- only a point strictly inside the box becomes the enemy; food and enemy not yet found stand at the
+  coordinates' zero; positions are clipped right after the move;
+- dragonflies move one after another, each seeing where those before it have gone already.
+
+The last point is why this file has a loop over dragonflies. Moving all at once is simpler and was
+tried: on a shifted sphere (8 variables, 50 x 200) the median final value became seven times larger
+(0.0090 against 0.0012, 300 runs each, Mann-Whitney p = 2e-14). The loop runs only while dragonflies
+influence each other: from half of the iterations on their weights are zero.
+
+Copies of a second program by the author ("toolbox") are in circulation that forget to clear the
+neighbours' positions between dragonflies; its results are worse, and it is not followed here.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ematwin.optimizers.base import Box, FloatArray, PopulationOptimizer
+
+_BETA = 1.5
+_SIGMA = (
+    math.gamma(1 + _BETA)
+    * math.sin(math.pi * _BETA / 2)
+    / (math.gamma((1 + _BETA) / 2) * _BETA * 2 ** ((_BETA - 1) / 2))
+) ** (1 / _BETA)
+
+
+class Dragonfly(PopulationOptimizer):
+    """Dragonfly algorithm; it has no settings of its own.
+
+    Parameters
+    ----------
+    box : Box
+    population, iterations, seed : int
+    """
+
+    def __init__(
+        self, box: Box, *, population: int = 50, iterations: int = 200, seed: int = 1
+    ) -> None:
+        super().__init__(box, population=population, iterations=iterations, seed=seed)
+        self.food = np.zeros(box.dimension)
+        self.food_cost = np.inf
+        self.enemy = np.zeros(box.dimension)
+        self.enemy_cost = -np.inf
+        self._flies = np.empty((0, box.dimension))
+        self._steps = np.empty((0, box.dimension))
+
+    def _start(self) -> FloatArray:
+        flies = self.box.sample(self._rng, self.population)
+        self._steps = self.box.sample(self._rng, self.population)
+        return flies
+
+    def _learn(self, points: FloatArray, costs: FloatArray) -> None:
+        self._flies = points
+        best = int(np.argmin(costs))
+        if costs[best] < self.food_cost:
+            self.food_cost = float(costs[best])
+            self.food = points[best].copy()
+        inside = np.all((points > self.box.lower) & (points < self.box.upper), axis=1)
+        offered = np.where(inside, costs, -np.inf)
+        worst = int(np.argmax(offered))
+        if offered[worst] > self.enemy_cost:
+            self.enemy_cost = float(offered[worst])
+            self.enemy = points[worst].copy()
+
+    def _move(self) -> FloatArray:
+        span = self.box.span
+        step = min(self.iteration, self.iterations)  # counted from one, as in the program
+        radius = span / 4 + span * (step / self.iterations) * 2
+        w = 0.9 - step * (0.5 / self.iterations)
+        fading = max(0.0, 0.1 - step * (0.1 / (self.iterations / 2)))
+        s, a, c = 2 * self._rng.random(3) * fading
+        f = 2 * self._rng.random()
+        e = fading
+
+        X, V = self._flies, self._steps
+        reaches_food = np.all(np.abs(X - self.food) <= radius, axis=1)
+        meets_enemy = np.all(np.abs(X - self.enemy) <= radius, axis=1)
+        drift = w * V + reaches_food[:, None] * (f * (self.food - X))
+        drift += (reaches_food & meets_enemy)[:, None] * (e * (self.enemy + X))
+        if fading == 0.0 and reaches_food.all():
+            limit = span / 10
+            self._steps = np.clip(drift, -limit, limit)
+            return self.box.clip(X + self._steps)
+
+        weights = np.empty((3, *X.shape))
+        weights[:] = np.array([s, a, c])[:, None, None]
+        far = ~reaches_food
+        weights[:, far] = self._rng.random((3, int(far.sum()), X.shape[1]))
+        return self._fly(drift, weights, radius, reaches_food.tolist())
+
+    def _fly(
+        self, drift: FloatArray, weights: FloatArray, radius: FloatArray, reaches_food: list[bool]
+    ) -> FloatArray:
+        """Move one dragonfly after another.
+
+        ``drift`` holds the terms of a step that do not depend on neighbours. The columns of
+        ``swarm`` are X, V and ones, so that one product gives the three sums over neighbours:
+        written out this costs 8 us a dragonfly, a plain sum for each takes twice that.
+        """
+        d = self.box.dimension
+        lower, upper, limit = self.box.lower, self.box.upper, self.box.span / 10
+        swarm = np.ones((self.population, 2 * d + 1))
+        swarm[:, :d] = self._flies
+        swarm[:, d : 2 * d] = self._steps
+        X, V = swarm[:, :d], swarm[:, d : 2 * d]
+        separation, alignment, cohesion = weights
+        levy: FloatArray | None = None
+        for i, near_food in enumerate(reaches_food):
+            x = X[i].copy()
+            distance = np.abs(X - x)
+            close = (distance <= radius) & (distance != 0.0)
+            sums = np.dot(np.logical_and.reduce(close, axis=1).astype(np.float64), swarm)
+            count = sums[-1]
+            if count > 1.0:
+                mean = sums / count
+                C = mean[:d] - x  # and S = -count C
+                step = drift[i] + alignment[i] * mean[d:-1]
+                step += (cohesion[i] - count * separation[i]) * C
+            elif near_food:
+                step = drift[i] + alignment[i] * V[i]
+            else:
+                if levy is None:
+                    levy = self._levy()
+                V[i] = 0.0
+                X[i] = np.minimum(np.maximum(x + levy[i] * x, lower), upper)
+                continue
+            step = np.minimum(np.maximum(step, -limit), limit)
+            V[i] = step
+            X[i] = np.minimum(np.maximum(x + step, lower), upper)
+        self._steps = V.copy()
+        return X.copy()
+
+    def _levy(self) -> FloatArray:
+        """(N, d) Levy flights, equations (3.9) and (3.10)."""
+        u, v = self._rng.standard_normal((2, self.population, self.box.dimension))
+        return 0.01 * _SIGMA * u / np.abs(v) ** (1 / _BETA)

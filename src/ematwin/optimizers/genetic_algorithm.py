@@ -1,0 +1,180 @@
+"""Genetic algorithm, with the encoding as a value: real numbers or strings of bits.
+
+Holland (1973), Genetic Algorithms and the Optimal Allocation of Trials, SIAM J. Comput. 2(2),
+88-105: parents are chosen by their fitness, pairs exchange parts of their strings, single places
+mutate.
+
+Departure: Holland chooses parents in proportion to a positive fitness to be maximised; a cost to be
+minimised has no such scale, so parents win tournaments instead (Goldberg and Deb 1991).
+Departure: Holland's children replace their parents. Here the best of parents and children survive
+(mu + lambda), as the ESREL paper words it: "the best individuals of the previous one".
+Departure: real encoding is later than Holland. Its crossover and mutation are those that Deb made
+to act on numbers as crossover and mutation act on bits: Deb and Agrawal (1995), Deb and Goyal
+(1996).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from ematwin.errors import InputError
+from ematwin.optimizers.base import Box, FloatArray, PopulationOptimizer, whole_number
+from ematwin.optimizers.genetic_operators import (
+    BitCrossover,
+    OnePoint,
+    Polynomial,
+    SimulatedBinary,
+    Tournament,
+    decode,
+    probability,
+)
+
+
+class Encoding(Protocol):
+    """How a point is written as a string that can be crossed and mutated."""
+
+    def sample(self, rng: np.random.Generator, box: Box, count: int) -> np.ndarray:
+        """``count`` random strings, one a row."""
+        ...  # pragma: no cover
+
+    def breed(
+        self, rng: np.random.Generator, box: Box, first: np.ndarray, second: np.ndarray
+    ) -> np.ndarray:
+        """Two children of each pair, crossed and mutated: twice as many rows."""
+        ...  # pragma: no cover
+
+    def decode(self, strings: np.ndarray, box: Box) -> FloatArray:
+        """(N, d) points of the strings."""
+        ...  # pragma: no cover
+
+
+@dataclass(frozen=True)
+class Real:
+    """A string is the point itself, one number a place."""
+
+    crossover: SimulatedBinary = field(default_factory=SimulatedBinary)
+    mutation: Polynomial = field(default_factory=Polynomial)
+
+    def sample(self, rng: np.random.Generator, box: Box, count: int) -> np.ndarray:
+        """(count, d) uniform points."""
+        return box.sample(rng, count)
+
+    def breed(
+        self, rng: np.random.Generator, box: Box, first: np.ndarray, second: np.ndarray
+    ) -> np.ndarray:
+        """Cross, then mutate."""
+        children = np.concatenate(self.crossover.cross(rng, box, first, second))
+        return self.mutation.mutate(rng, box, children)
+
+    def decode(self, strings: np.ndarray, box: Box) -> FloatArray:
+        """Give the strings themselves."""
+        return strings
+
+
+@dataclass(frozen=True)
+class Binary:
+    """A string is ``bits`` bits a variable, in Gray code by default.
+
+    Attributes
+    ----------
+    bits : int
+        The box becomes a grid of 2**bits points a variable, both bounds on it.
+    gray : bool
+        In Gray code neighbouring grid points differ in one bit; in plain code up to all do.
+    crossover : BitCrossover
+        ``OnePoint()`` (Holland's), ``TwoPoint()`` or ``Uniform()``.
+    crossed : float
+        Share of pairs that are crossed.
+    flipped : float, optional
+        Share of bits that mutation flips; one bit of each individual on average by default.
+    """
+
+    bits: int = 16
+    gray: bool = True
+    crossover: BitCrossover = field(default_factory=OnePoint)
+    crossed: float = 0.9
+    flipped: float | None = None
+
+    def __post_init__(self) -> None:
+        whole_number(self.bits, "number of bits a variable", 1)
+        if self.bits > 52:
+            raise InputError(f"A variable can have at most 52 bits, received {self.bits}.")
+        probability(self.crossed, "share of pairs crossed")
+
+    def sample(self, rng: np.random.Generator, box: Box, count: int) -> np.ndarray:
+        """(count, d * bits) random bits."""
+        return rng.random((count, box.dimension * self.bits)) < 0.5
+
+    def breed(
+        self, rng: np.random.Generator, box: Box, first: np.ndarray, second: np.ndarray
+    ) -> np.ndarray:
+        """Exchange bits, then flip some."""
+        exchanged = self.crossover.mask(rng, len(first), first.shape[1])
+        exchanged = exchanged & (rng.random((len(first), 1)) < self.crossed)
+        children = np.concatenate(
+            [np.where(exchanged, second, first), np.where(exchanged, first, second)]
+        )
+        share = 1.0 / first.shape[1] if self.flipped is None else self.flipped
+        flips: np.ndarray = rng.random(children.shape) < share
+        return children ^ flips
+
+    def decode(self, strings: np.ndarray, box: Box) -> FloatArray:
+        """(N, d) points of the grid."""
+        return decode(strings, box, self.bits, self.gray)
+
+
+class GeneticAlgorithm(PopulationOptimizer):
+    """Genetic algorithm; parents and children compete for survival.
+
+    Parameters
+    ----------
+    box : Box
+    population, iterations, seed : int
+        ``iterations`` changes nothing: the method has no schedule.
+    encoding : Encoding
+        ``Real()`` (default) or ``Binary()``.
+    selection : Tournament
+    """
+
+    minimum_population = 2
+
+    def __init__(
+        self,
+        box: Box,
+        *,
+        population: int = 50,
+        iterations: int = 200,
+        seed: int = 1,
+        encoding: Encoding | None = None,
+        selection: Tournament | None = None,
+    ) -> None:
+        super().__init__(box, population=population, iterations=iterations, seed=seed)
+        self.encoding: Encoding = Real() if encoding is None else encoding
+        self.selection = Tournament() if selection is None else selection
+        self.parents: np.ndarray = np.empty((0, box.dimension))
+        self.costs = np.empty(0)
+        self._children: np.ndarray = np.empty((0, box.dimension))
+
+    def _start(self) -> FloatArray:
+        self._children = self.encoding.sample(self._rng, self.box, self.population)
+        return self.encoding.decode(self._children, self.box)
+
+    def _learn(self, points: FloatArray, costs: FloatArray) -> None:
+        if self.iteration == 0:
+            self.parents, self.costs = self._children, costs
+            return
+        pool = np.concatenate([self.parents, self._children])
+        pool_costs = np.concatenate([self.costs, costs])
+        survivors = np.argsort(pool_costs, kind="stable")[: self.population]
+        self.parents, self.costs = pool[survivors], pool_costs[survivors]
+
+    def _move(self) -> FloatArray:
+        pairs = -(-self.population // 2)
+        chosen = self.selection.select(self._rng, self.costs, 2 * pairs)
+        first, second = self.parents[chosen[:pairs]], self.parents[chosen[pairs:]]
+        children = self.encoding.breed(self._rng, self.box, first, second)
+        self._children = children[: self.population]
+        return self.encoding.decode(self._children, self.box)

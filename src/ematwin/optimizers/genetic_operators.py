@@ -1,0 +1,173 @@
+"""Parts of the genetic algorithm: selection, crossover, mutation, each a value.
+
+Each works on all pairs of parents at once. Parents come as two arrays of the same shape, one row a
+pair; children come back the same way.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from ematwin.errors import InputError
+from ematwin.optimizers.base import Box, FloatArray, whole_number
+
+BitArray = np.ndarray
+
+
+@dataclass(frozen=True)
+class Tournament:
+    """Selection: the best of ``size`` individuals drawn at random (Goldberg and Deb 1991)."""
+
+    size: int = 2
+
+    def __post_init__(self) -> None:
+        whole_number(self.size, "size of a tournament", 1)
+
+    def select(self, rng: np.random.Generator, costs: FloatArray, count: int) -> np.ndarray:
+        """(count,) indices of the winners."""
+        drawn = np.empty((count, self.size), dtype=np.intp)
+        rounds = -(-count * self.size // len(costs))
+        # Everyone is drawn equally often, so that no good individual is missed by chance.
+        orders = [rng.permutation(len(costs)) for _ in range(rounds)]
+        drawn[:] = np.concatenate(orders)[: drawn.size].reshape(drawn.shape)
+        return drawn[np.arange(count), np.argmin(costs[drawn], axis=1)]
+
+
+@dataclass(frozen=True)
+class SimulatedBinary:
+    """Crossover of real numbers that spreads children as one-point crossover of bits does.
+
+    Deb and Agrawal (1995), Complex Systems 9, 115-148; bounded form as in Deb's later programs.
+
+    Attributes
+    ----------
+    eta : float
+        Larger keeps children nearer to their parents.
+    probability : float
+        Share of pairs that are crossed.
+    per_variable : float
+        Share of a crossed pair's variables that are.
+    """
+
+    eta: float = 15.0
+    probability: float = 0.9
+    per_variable: float = 0.5
+
+    def cross(
+        self, rng: np.random.Generator, box: Box, first: FloatArray, second: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Make two children of each pair."""
+        low, high = np.minimum(first, second), np.maximum(first, second)
+        gap = high - low
+        crossed = (rng.random((len(first), 1)) < self.probability) & (
+            rng.random(first.shape) < self.per_variable
+        )
+        crossed &= gap > 1e-14 * box.span
+        gap = np.where(crossed, gap, 1.0)
+        u = rng.random(first.shape)
+        lower = (low + high - self._spread(u, (low - box.lower) / gap) * gap) / 2.0
+        upper = (low + high + self._spread(u, (box.upper - high) / gap) * gap) / 2.0
+        swapped = rng.random(first.shape) < 0.5
+        one = np.where(swapped, upper, lower)
+        other = np.where(swapped, lower, upper)
+        return (
+            box.clip(np.where(crossed, one, first)),
+            box.clip(np.where(crossed, other, second)),
+        )
+
+    def _spread(self, u: FloatArray, room: FloatArray) -> FloatArray:
+        """Spread factor, limited so that the child stays within ``room`` gaps of its parent."""
+        power = 1.0 / (self.eta + 1.0)
+        alpha = 2.0 - (1.0 + 2.0 * room) ** -(self.eta + 1.0)
+        scaled = u * alpha
+        base = np.where(scaled <= 1.0, scaled, 1.0 / np.maximum(2.0 - scaled, 1e-300))
+        return base**power
+
+
+@dataclass(frozen=True)
+class Polynomial:
+    """Mutation of real numbers by a bounded polynomial distribution.
+
+    Deb and Goyal (1996), Computer Science and Informatics 26(4), 30-45.
+
+    Attributes
+    ----------
+    eta : float
+        Larger makes smaller steps.
+    per_variable : float, optional
+        Share of variables mutated; one variable of each individual on average by default.
+    """
+
+    eta: float = 20.0
+    per_variable: float | None = None
+
+    def mutate(self, rng: np.random.Generator, box: Box, points: FloatArray) -> FloatArray:
+        """Points with some of their variables moved."""
+        share = 1.0 / box.dimension if self.per_variable is None else self.per_variable
+        rows, columns = np.nonzero(rng.random(points.shape) < share)
+        u = rng.random(rows.size)
+        x, span = points[rows, columns], box.span[columns]
+        down = u < 0.5
+        room = np.where(down, x - box.lower[columns], box.upper[columns] - x) / span
+        power = self.eta + 1.0
+        base = np.where(down, 2.0 * u, 2.0 * (1.0 - u))
+        step = 1.0 - (base + (1.0 - base) * (1.0 - room) ** power) ** (1.0 / power)
+        moved = points.copy()
+        moved[rows, columns] = x + np.where(down, -step, step) * span
+        return box.clip(moved)
+
+
+class BitCrossover(Protocol):
+    """Exchange of bits between two strings."""
+
+    def mask(self, rng: np.random.Generator, pairs: int, bits: int) -> BitArray:
+        """(pairs, bits) booleans, true where the bits are exchanged."""
+        ...  # pragma: no cover
+
+
+@dataclass(frozen=True)
+class OnePoint:
+    """All bits after a random place are exchanged: Holland's crossover."""
+
+    def mask(self, rng: np.random.Generator, pairs: int, bits: int) -> BitArray:
+        """(pairs, bits) booleans."""
+        return np.arange(bits) >= rng.integers(1, max(bits, 2), size=(pairs, 1))
+
+
+@dataclass(frozen=True)
+class TwoPoint:
+    """All bits between two random places are exchanged."""
+
+    def mask(self, rng: np.random.Generator, pairs: int, bits: int) -> BitArray:
+        """(pairs, bits) booleans."""
+        ends = np.sort(rng.integers(0, bits + 1, size=(pairs, 2)), axis=1)
+        places = np.arange(bits)
+        return (places >= ends[:, :1]) & (places < ends[:, 1:])
+
+
+@dataclass(frozen=True)
+class Uniform:
+    """Every bit is exchanged with probability one half (Syswerda 1989)."""
+
+    def mask(self, rng: np.random.Generator, pairs: int, bits: int) -> BitArray:
+        """(pairs, bits) booleans."""
+        return rng.random((pairs, bits)) < 0.5
+
+
+def decode(strings: BitArray, box: Box, bits: int, gray: bool) -> FloatArray:
+    """(N, d) points of (N, d * bits) strings: the codes 0 to 2**bits - 1 span the box evenly."""
+    codes = strings.reshape(len(strings), box.dimension, bits)
+    if gray:
+        codes = np.bitwise_xor.accumulate(codes, axis=2)
+    weights = 2.0 ** np.arange(bits - 1, -1, -1)
+    return box.clip(box.lower + (codes @ weights) / (2.0**bits - 1.0) * box.span)
+
+
+def probability(value: float, name: str) -> float:
+    """Check a probability."""
+    if not 0.0 <= value <= 1.0:
+        raise InputError(f"The {name} must lie in [0, 1], received {value}.")
+    return float(value)

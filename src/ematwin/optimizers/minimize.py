@@ -1,0 +1,318 @@
+"""The search loop: the only one, for every method and every objective.
+
+It owns what the methods must not know: the objective, the budget, the clock, the history, the
+checkpoint, the user's Ctrl-C.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ematwin.errors import InputError
+from ematwin.optimizers import checkpoint as checkpoints
+from ematwin.optimizers.base import Box, FloatArray, Optimizer, OptimizerFactory, whole_number
+from ematwin.optimizers.registry import resolve
+from ematwin.optimizers.stopping import Progress, Stop, StoppingCriterion, criteria
+
+Objective = Callable[[FloatArray], ArrayLike]
+"""(N, d) points to (N,) costs. Lower is better; NaN or infinite means "as bad as can be"."""
+
+POPULATION = 50
+ITERATIONS = 200
+"""The settings of the comparison this package follows: ESREL 2020, section 7."""
+
+_SENTENCES = {
+    Stop.BUDGET: "the budget is spent",
+    Stop.TARGET: "the target is reached",
+    Stop.STAGNATION: "the cost has stopped falling",
+    Stop.CALLBACK: "the callback asked to stop",
+    Stop.INTERRUPTED: "interrupted; this is the best found so far",
+    Stop.CONVERGED: "the method itself has converged",
+}
+
+
+@dataclass(frozen=True)
+class History:
+    """Best cost after each batch.
+
+    Attributes
+    ----------
+    evaluations : (B,) int array
+    cost : (B,) array
+    """
+
+    evaluations: np.ndarray
+    cost: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.evaluations)
+
+
+@dataclass(frozen=True)
+class MinimizeResult:
+    """What a search found, and how.
+
+    Attributes
+    ----------
+    x : (d,) array
+        Best point.
+    cost : float
+        Its cost.
+    evaluations : int
+    history : History
+    stopped : str
+        One of :class:`ematwin.optimizers.stopping.Stop`, or a method's own reason.
+    seconds : float
+        Wall time, objective included; over all sittings if resumed.
+    algorithm : str
+    seed : int
+    """
+
+    x: FloatArray
+    cost: float
+    evaluations: int
+    history: History
+    stopped: str
+    seconds: float
+    algorithm: str
+    seed: int
+
+    @property
+    def message(self) -> str:
+        """One sentence for people."""
+        reason = _SENTENCES.get(self.stopped, self.stopped)  # type: ignore[call-overload]
+        return (
+            f"Cost {self.cost:.6g} after {self.evaluations} evaluations "
+            f"in {self.seconds:.2f} s: {reason}."
+        )
+
+
+@dataclass
+class _Search:
+    """The state of a search between two batches: what a checkpoint holds."""
+
+    optimizer: Optimizer
+    x: FloatArray
+    cost: float = math.inf
+    evaluations: int = 0
+    improved_at: int = 0
+    seconds: float = 0.0
+    history: list[tuple[int, float]] = field(default_factory=list)
+
+    def progress(self, budget: int) -> Progress:
+        return Progress(self.evaluations, self.cost, self.improved_at, self.seconds, budget)
+
+
+def minimize(
+    objective: Objective,
+    lower: ArrayLike,
+    upper: ArrayLike,
+    algorithm: str | Optimizer | OptimizerFactory = "gwo",
+    population: int = POPULATION,
+    iterations: int = ITERATIONS,
+    seed: int = 1,
+    *,
+    budget: int | None = None,
+    target: float | None = None,
+    stagnation: int | None = None,
+    stopping: Iterable[StoppingCriterion] = (),
+    callback: Callable[[Progress], object] | None = None,
+    checkpoint: str | PathLike[str] | None = None,
+    checkpoint_every: int = 10,
+) -> MinimizeResult:
+    """Find the point of a box with the least cost.
+
+    Parameters
+    ----------
+    objective : callable
+        ``(N, d)`` points to ``(N,)`` costs. NaN and infinity count as worst.
+    lower, upper : (d,) array
+    algorithm : str, factory or Optimizer
+        A name of :func:`ematwin.optimizers.registry.algorithms`; or a class or function
+        ``(box, *, population, iterations, seed)``, such as
+        ``partial(ParticleSwarm, topology=Ring(2))``; or an optimiser not yet asked, whose own
+        population, iterations and seed then hold.
+    population, iterations, seed : int
+        The budget is their product unless given.
+    budget : int, optional
+        Evaluations to spend, exactly; the last batch is cut short if need be. Methods with a
+        schedule spread it over this budget.
+    target : float, optional
+        Stop once the cost is at most this.
+    stagnation : int, optional
+        Stop once so many evaluations in a row have not lowered the cost.
+    stopping : iterable of StoppingCriterion
+        More criteria, asked after each batch.
+    callback : callable, optional
+        Receives a :class:`Progress` after each batch; returning True stops the search.
+    checkpoint : path, optional
+        File written during the search. If it is there already, the search goes on from it, and
+        gives the same result as one that was never interrupted.
+    checkpoint_every : int
+        Batches between two writings.
+
+    Returns
+    -------
+    MinimizeResult
+        Also after Ctrl-C, with the best found until then and ``stopped == "interrupted"``.
+
+    Raises
+    ------
+    InputError
+        A bound, a number, a name or the objective's answer cannot be used, or no cost was finite.
+    MissingExtraError
+        The algorithm is another library's, which is not installed.
+    FileError
+        The checkpoint cannot be read or written.
+    """
+    box = Box(np.asarray(lower), np.asarray(upper))
+    if isinstance(algorithm, Optimizer):
+        population, iterations, seed = algorithm.population, algorithm.iterations, algorithm.seed
+    population = whole_number(population, "population", 1)
+    iterations = whole_number(iterations, "number of iterations", 1)
+    seed = whole_number(seed, "seed", 0)
+    if budget is None:
+        budget = population * iterations
+    elif not isinstance(algorithm, Optimizer):
+        budget = whole_number(budget, "budget (evaluations)", 1)
+        iterations = -(-budget // population)
+    budget = whole_number(budget, "budget (evaluations)", 1)
+    checkpoint_every = whole_number(checkpoint_every, "number of batches per checkpoint", 1)
+    ends = (*criteria(target, stagnation), *stopping)
+
+    name, optimizer = resolve(
+        algorithm, box, population=population, iterations=iterations, seed=seed
+    )
+    identity = {
+        "algorithm": name,
+        "lower bounds": box.lower.tolist(),
+        "upper bounds": box.upper.tolist(),
+        "population": population,
+        "iterations": iterations,
+        "seed": seed,
+        "budget": budget,
+    }
+    path = None if checkpoint is None else Path(checkpoint)
+    search = _restored(path, identity, optimizer) or _Search(
+        optimizer, np.full(box.dimension, np.nan)
+    )
+    try:
+        stopped = _run(search, objective, budget, ends, callback, path, checkpoint_every, identity)
+    finally:
+        search.optimizer.close()
+    if not math.isfinite(search.cost):
+        raise InputError(
+            f"The objective gave no finite cost in {search.evaluations} evaluations. "
+            "Check its answer at a point known to be sound."
+        )
+    evaluations, costs = zip(*search.history, strict=True)
+    return MinimizeResult(
+        x=search.x,
+        cost=search.cost,
+        evaluations=search.evaluations,
+        history=History(np.array(evaluations), np.array(costs)),
+        stopped=stopped,
+        seconds=search.seconds,
+        algorithm=name,
+        seed=seed,
+    )
+
+
+def _run(
+    search: _Search,
+    objective: Objective,
+    budget: int,
+    ends: tuple[StoppingCriterion, ...],
+    callback: Callable[[Progress], object] | None,
+    path: Path | None,
+    checkpoint_every: int,
+    identity: dict[str, Any],
+) -> str:
+    """Ask, evaluate, tell, until there is a reason to stop; give the reason."""
+    stopped = _reason(search, budget, ends)
+    batches = 0
+    while stopped is None:
+        started = time.perf_counter()
+        try:
+            _batch(search, objective, budget)
+        except KeyboardInterrupt:
+            if search.evaluations == 0:
+                raise
+            return str(Stop.INTERRUPTED)
+        search.seconds += time.perf_counter() - started
+        stopped = _reason(search, budget, ends)
+        batches += 1
+        try:
+            if path is not None and (stopped is not None or batches % checkpoint_every == 0):
+                checkpoints.save(path, identity, search)
+            if callback is not None and callback(search.progress(budget)) is True:
+                stopped = stopped or str(Stop.CALLBACK)
+        except KeyboardInterrupt:
+            return str(Stop.INTERRUPTED)
+    return stopped
+
+
+def _batch(search: _Search, objective: Objective, budget: int) -> None:
+    """Spend one batch, or what is left of the budget."""
+    points = search.optimizer.ask()[: budget - search.evaluations]
+    costs = _costs(objective, points)
+    ranked = np.where(np.isfinite(costs), costs, np.inf)
+    best = int(np.argmin(ranked))
+    # The books are closed before the optimiser learns, so that an interrupt during tell() loses
+    # nothing that was found.
+    search.evaluations += len(points)
+    if ranked[best] < search.cost:
+        search.x, search.cost = points[best].copy(), float(ranked[best])
+        search.improved_at = search.evaluations
+    search.history.append((search.evaluations, search.cost))
+    search.optimizer.tell(points, costs)
+
+
+def _costs(objective: Objective, points: FloatArray) -> FloatArray:
+    answer = objective(points.copy())
+    try:
+        costs = np.asarray(answer, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"The objective must give numbers, received {type(answer).__name__}."
+        ) from error
+    if costs.shape != (len(points),):
+        raise InputError(
+            f"The objective must give one cost per point: for points of shape {points.shape} it "
+            f"gave shape {costs.shape}. It receives a whole batch, one row a point."
+        )
+    return costs
+
+
+def _reason(search: _Search, budget: int, ends: tuple[StoppingCriterion, ...]) -> str | None:
+    progress = search.progress(budget)
+    for end in ends:
+        reason = end.reason(progress)
+        if reason is not None:
+            return str(reason)
+    if search.evaluations >= budget:
+        return str(Stop.BUDGET)
+    return search.optimizer.stop()
+
+
+def _restored(path: Path | None, identity: dict[str, Any], fresh: Optimizer) -> _Search | None:
+    if path is None:
+        return None
+    if not fresh.picklable:
+        raise InputError(
+            f"The algorithm {identity['algorithm']} keeps its state in another library and cannot "
+            "be written to a checkpoint. Leave the checkpoint out, or choose another algorithm."
+        )
+    state = checkpoints.load(path, identity)
+    if state is not None:
+        fresh.close()
+    return state

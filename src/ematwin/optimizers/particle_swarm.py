@@ -1,0 +1,154 @@
+"""Particle swarm optimisation, with the topology as a value.
+
+Kennedy and Eberhart (1995), Particle Swarm Optimization, Proc. IEEE ICNN 4, 1942-1948.
+
+    v <- chi (v + phi1 r1 (p - x) + phi2 r2 (g - x)),   x <- x + v
+
+p is the best point of the particle itself, g the best among its neighbours' (itself included),
+r1 and r2 are fresh for every particle and variable.
+
+Departure: the coefficients. The paper of 1995 has no inertia and phi1 = phi2 = 2, with which the
+swarm does not settle and needs a speed limit. The default is the constriction that Clerc and
+Kennedy (2002, IEEE Trans. Evol. Comput. 6, 58-73) derived for the same equation: phi1 = phi2 =
+2.05, chi = 0.72984. :data:`ORIGINAL_1995` gives the paper's own values.
+Departure: the paper has no bounds. A particle that would leave the box stops at the bound and that
+component of its velocity is set to zero (Bratton and Kennedy 2007, IEEE SIS, leave such particles
+unevaluated instead, which would not fill a batch).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from ematwin.errors import InputError
+from ematwin.optimizers.base import Box, FloatArray, PopulationOptimizer, whole_number
+
+
+class Topology(Protocol):
+    """Who informs whom."""
+
+    def informants(self, costs: FloatArray) -> np.ndarray:
+        """(N,) indices: for each particle the neighbour whose best point is best."""
+        ...  # pragma: no cover
+
+
+@dataclass(frozen=True)
+class Global:
+    """Every particle informs every other (gbest)."""
+
+    def informants(self, costs: FloatArray) -> np.ndarray:
+        """(N,) indices, all of them the best particle."""
+        return np.full(len(costs), np.argmin(costs))
+
+
+@dataclass(frozen=True)
+class Ring:
+    """Particles in a circle, each informed by itself and k others on either side (lbest)."""
+
+    k: int = 1
+
+    def __post_init__(self) -> None:
+        whole_number(self.k, "number k of neighbours on either side of a ring", 1)
+
+    def informants(self, costs: FloatArray) -> np.ndarray:
+        """(N,) indices; the particle itself wins a tie."""
+        count = len(costs)
+        offsets = sorted(range(-self.k, self.k + 1), key=abs)
+        around = (np.arange(count)[:, None] + offsets) % count
+        return around[np.arange(count), np.argmin(costs[around], axis=1)]
+
+
+@dataclass(frozen=True)
+class Coefficients:
+    """The weights of the velocity equation.
+
+    Attributes
+    ----------
+    inertia : float
+        Factor of the old velocity, chi.
+    own, neighbours : float
+        Factors of the pull to the own and to the neighbours' best point, chi phi1 and chi phi2.
+    speed_limit : float
+        Largest speed in spans of the box per iteration; infinite for none.
+    """
+
+    inertia: float
+    own: float
+    neighbours: float
+    speed_limit: float = np.inf
+
+
+CONSTRICTION = Coefficients(inertia=0.72984, own=0.72984 * 2.05, neighbours=0.72984 * 2.05)
+"""Clerc and Kennedy (2002)."""
+
+ORIGINAL_1995 = Coefficients(inertia=1.0, own=2.0, neighbours=2.0, speed_limit=0.5)
+"""Kennedy and Eberhart (1995); the speed limit that this form needs is half the box."""
+
+
+class ParticleSwarm(PopulationOptimizer):
+    """Particle swarm optimisation.
+
+    Parameters
+    ----------
+    box : Box
+    population, iterations, seed : int
+    topology : Topology
+        ``Global()`` or ``Ring(k)``, or any object with the same method.
+    coefficients : Coefficients
+    """
+
+    def __init__(
+        self,
+        box: Box,
+        *,
+        population: int = 50,
+        iterations: int = 200,
+        seed: int = 1,
+        topology: Topology | None = None,
+        coefficients: Coefficients = CONSTRICTION,
+    ) -> None:
+        super().__init__(box, population=population, iterations=iterations, seed=seed)
+        if not coefficients.speed_limit > 0:
+            raise InputError(
+                f"The speed limit of a swarm must be positive, received {coefficients.speed_limit}."
+            )
+        self.topology = Global() if topology is None else topology
+        self.coefficients = coefficients
+        self.best_points = np.empty((0, box.dimension))
+        self.best_costs = np.full(self.population, np.inf)
+        self._particles = np.empty((0, box.dimension))
+        self._velocity = np.empty((0, box.dimension))
+
+    def _start(self) -> FloatArray:
+        particles = self.box.sample(self._rng, self.population)
+        # Half the way to another random point of the box: no first step points far outside it.
+        self._velocity = 0.5 * (self.box.sample(self._rng, self.population) - particles)
+        self.best_points = particles.copy()
+        return particles
+
+    def _learn(self, points: FloatArray, costs: FloatArray) -> None:
+        self._particles = points
+        better = costs < self.best_costs
+        self.best_costs[better] = costs[better]
+        self.best_points[better] = points[better]
+
+    def _move(self) -> FloatArray:
+        weights = self.coefficients
+        x, p = self._particles, self.best_points
+        g = p[self.topology.informants(self.best_costs)]
+        r1, r2 = self._rng.random((2, *x.shape))
+        v = (
+            weights.inertia * self._velocity
+            + weights.own * r1 * (p - x)
+            + weights.neighbours * r2 * (g - x)
+        )
+        if np.isfinite(weights.speed_limit):
+            limit = weights.speed_limit * self.box.span
+            v = np.clip(v, -limit, limit)
+        wanted = x + v
+        moved = self.box.clip(wanted)
+        self._velocity = np.where(moved == wanted, v, 0.0)
+        return moved

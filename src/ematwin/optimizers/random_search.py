@@ -1,0 +1,28 @@
+"""Random search: points drawn uniformly in the box, the least that a method must beat.
+
+Brooks (1958), A Discussion of Random Methods for Seeking Maxima, Oper. Res. 6, 244-251.
+Departure: none.
+"""
+
+from __future__ import annotations
+
+from ematwin.optimizers.base import FloatArray, PopulationOptimizer
+
+
+class RandomSearch(PopulationOptimizer):
+    """Uniform random points; it learns nothing.
+
+    Parameters
+    ----------
+    box : Box
+    population, iterations, seed : int
+    """
+
+    def _start(self) -> FloatArray:
+        return self.box.sample(self._rng, self.population)
+
+    def _learn(self, points: FloatArray, costs: FloatArray) -> None:
+        """Do nothing: the next batch depends on no cost."""
+
+    def _move(self) -> FloatArray:
+        return self._start()

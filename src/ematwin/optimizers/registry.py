@@ -1,0 +1,229 @@
+"""The names of the algorithms, where each comes from, and whether it can be run here.
+
+Names are for the command line and for files; programs may pass classes and objects instead.
+A further method is registered by an entry point of the group ``ematwin.optimizers`` that names a
+class of :class:`Optimizer` or a function ``(box, *, population, iterations, seed)``.
+"""
+
+from __future__ import annotations
+
+import difflib
+import importlib.metadata
+from collections.abc import Callable
+from functools import partial
+
+from ematwin.errors import InputError
+from ematwin.optimizers.adapters import cma_es, nevergrad, pygmo, pymoo, scipy_de
+from ematwin.optimizers.base import Box, Optimizer, OptimizerFactory
+from ematwin.optimizers.catalogue import Algorithm
+from ematwin.optimizers.differential_evolution import Best1, DifferentialEvolution
+from ematwin.optimizers.dragonfly import Dragonfly
+from ematwin.optimizers.genetic_algorithm import Binary, GeneticAlgorithm
+from ematwin.optimizers.grey_wolf import GreyWolf
+from ematwin.optimizers.particle_swarm import ParticleSwarm, Ring
+from ematwin.optimizers.random_search import RandomSearch
+from ematwin.optimizers.whale import Whale
+
+ENTRY_POINT_GROUP = "ematwin.optimizers"
+
+
+def _own(factory: OptimizerFactory) -> Callable[[], OptimizerFactory]:
+    return lambda: factory
+
+
+_HOLLAND = "Holland (1973), SIAM J. Comput. 2(2), 88-105"
+_KENNEDY = "Kennedy and Eberhart (1995), Proc. IEEE ICNN 4, 1942-1948"
+_STORN = "Storn and Price (1997), J. Global Optim. 11, 341-359"
+
+_SIX = (
+    Algorithm(
+        "ga",
+        "Genetic algorithm, real encoding",
+        _HOLLAND,
+        "ematwin",
+        _own(GeneticAlgorithm),
+        aliases=("genetic", "genetic-algorithm", "ga-real"),
+    ),
+    Algorithm(
+        "ga-binary",
+        "Genetic algorithm, binary encoding",
+        _HOLLAND,
+        "ematwin",
+        _own(partial(GeneticAlgorithm, encoding=Binary())),
+    ),
+    Algorithm(
+        "pso",
+        "Particle swarm, global topology",
+        _KENNEDY,
+        "ematwin",
+        _own(ParticleSwarm),
+        aliases=("particle-swarm", "pso-global"),
+    ),
+    Algorithm(
+        "pso-ring",
+        "Particle swarm, ring topology",
+        _KENNEDY,
+        "ematwin",
+        _own(partial(ParticleSwarm, topology=Ring())),
+    ),
+    Algorithm(
+        "de",
+        "Differential evolution, rand/1/bin",
+        _STORN,
+        "ematwin",
+        _own(DifferentialEvolution),
+        aliases=("differential-evolution", "de-rand"),
+    ),
+    Algorithm(
+        "de-best",
+        "Differential evolution, best/1/bin",
+        _STORN,
+        "ematwin",
+        _own(partial(DifferentialEvolution, strategy=Best1())),
+    ),
+    Algorithm(
+        "gwo",
+        "Grey wolf optimiser",
+        "Mirjalili, Mirjalili and Lewis (2014), Adv. Eng. Softw. 69, 46-61",
+        "ematwin",
+        _own(GreyWolf),
+        aliases=("grey-wolf",),
+    ),
+    Algorithm(
+        "da",
+        "Dragonfly algorithm",
+        "Mirjalili (2016), Neural Comput. Appl. 27, 1053-1073",
+        "ematwin",
+        _own(Dragonfly),
+        aliases=("dragonfly",),
+    ),
+    Algorithm(
+        "woa",
+        "Whale optimisation algorithm",
+        "Mirjalili and Lewis (2016), Adv. Eng. Softw. 95, 51-67",
+        "ematwin",
+        _own(Whale),
+        aliases=("whale",),
+    ),
+    Algorithm(
+        "random",
+        "Random search",
+        "Brooks (1958), Oper. Res. 6, 244-251",
+        "ematwin",
+        _own(RandomSearch),
+        aliases=("random-search",),
+    ),
+)
+
+_ADAPTED = (
+    *cma_es.ALGORITHMS,
+    *scipy_de.ALGORITHMS,
+    *pymoo.ALGORITHMS,
+    *pygmo.ALGORITHMS,
+    *nevergrad.ALGORITHMS,
+)
+
+
+def algorithms() -> tuple[Algorithm, ...]:
+    """All algorithms that can be named: this package's, the adapters', the entry points'."""
+    listed = [*_SIX, *_ADAPTED]
+    taken = {name for algorithm in listed for name in (algorithm.name, *algorithm.aliases)}
+    for point in importlib.metadata.entry_points(group=ENTRY_POINT_GROUP):
+        package = point.dist.name if point.dist is not None else point.value.partition(".")[0]
+        name = _normal(point.name)
+        # A name that is taken is not taken over: the newcomer is told apart by its package.
+        name = f"{package}:{name}" if name in taken else name
+        taken.add(name)
+        listed.append(
+            Algorithm(name, point.value, package, package, partial(_load_entry_point, point))
+        )
+    return tuple(listed)
+
+
+def find(name: str) -> Algorithm:
+    """Find an algorithm by its name or alias.
+
+    Raises
+    ------
+    InputError
+        There is none; the message suggests the closest names.
+    """
+    wanted = _normal(name)
+    known: dict[str, Algorithm] = {}
+    for algorithm in algorithms():
+        for key in (algorithm.name, *algorithm.aliases):
+            known[key] = algorithm
+            if key == wanted:
+                return algorithm
+    close = difflib.get_close_matches(wanted, known, n=3, cutoff=0.5)
+    names = ", ".join(dict.fromkeys(known[key].name for key in close))
+    hint = (
+        f"Did you mean {names}?"
+        if names
+        else (f"Known are {', '.join(algorithm.name for algorithm in algorithms())}.")
+    )
+    raise InputError(f"There is no algorithm {name!r}. {hint}")
+
+
+def create(
+    name: str, box: Box, *, population: int = 50, iterations: int = 200, seed: int = 1
+) -> Optimizer:
+    """Make a named optimiser.
+
+    Raises
+    ------
+    InputError
+        The name is unknown or a number cannot be used.
+    MissingExtraError
+        The library that it needs is not installed.
+    """
+    factory = find(name).factory()
+    return factory(box, population=population, iterations=iterations, seed=seed)
+
+
+def resolve(
+    algorithm: str | Optimizer | OptimizerFactory,
+    box: Box,
+    *,
+    population: int,
+    iterations: int,
+    seed: int,
+) -> tuple[str, Optimizer]:
+    """Make an optimiser of a name, an object or a factory; give what to call it, and itself."""
+    if isinstance(algorithm, str):
+        found = find(algorithm)
+        factory = found.factory()
+        return found.name, factory(box, population=population, iterations=iterations, seed=seed)
+    if isinstance(algorithm, Optimizer):
+        if algorithm.box != box:
+            raise InputError(
+                "The optimiser was made for another box than the bounds given here. "
+                "Make both from the same bounds."
+            )
+        return type(algorithm).__name__, algorithm
+    if not callable(algorithm):
+        raise InputError(
+            f"An algorithm is a name, an Optimizer or a factory of one, received {algorithm!r}."
+        )
+    made = algorithm(box, population=population, iterations=iterations, seed=seed)
+    if not isinstance(made, Optimizer):
+        raise InputError(
+            f"The factory {algorithm!r} must make an ematwin.optimizers.Optimizer, "
+            f"it made {type(made).__name__}."
+        )
+    return type(made).__name__, made
+
+
+def _normal(name: str) -> str:
+    return name.strip().lower().replace("_", "-")
+
+
+def _load_entry_point(point: importlib.metadata.EntryPoint) -> OptimizerFactory:
+    try:
+        factory: OptimizerFactory = point.load()
+    except Exception as error:
+        raise InputError(
+            f"The algorithm {point.name!r} cannot be loaded from {point.value}: {error}. "
+            "Repair or remove the package that registers it."
+        ) from error
+    return factory
