@@ -4,19 +4,15 @@
 that calls it: without that the lanes of `batch` do not vectorise (measured: 4.6 times slower).
 
 ``loop`` marks the compiled loops. They release the GIL, so that threads share the work, and they
-are cached on disk. numba notices a change only in the file of the loop itself, not in the steps
-inlined into it; the stamp below covers every kernel source instead, so that an edited step is
-never answered by an older compilation.
+are kept on disk for the next process (`ematwin.kernels.cache`).
 
 ``contract``, ``nsz`` and ``arcp`` are the only relaxations of floating point: fused multiply-add,
 the sign of zero ignored, reciprocals of loop constants. Sums keep their order, and NaN keeps its
 meaning: it is how a diverged candidate is told.
 """
 
-import hashlib
 from collections.abc import Callable
-from functools import cache
-from pathlib import Path
+from functools import partial
 from typing import Any
 
 import numba
@@ -24,28 +20,21 @@ from numba.core import types
 from numba.core.typing.templates import Signature
 from numba.extending import intrinsic
 
+from ematwin.kernels.cache import keep
+
 _RELAXED = {"contract", "nsz", "arcp"}
 
 step = numba.njit(inline="always", error_model="numpy", fastmath=_RELAXED)
 
 
-@cache
-def sources_stamp() -> str:
-    """Hash of all kernel sources: the compiled cache is valid for exactly these."""
-    digest = hashlib.sha256()
-    for path in sorted(Path(__file__).parent.glob("*.py")):
-        digest.update(path.read_bytes())
-    return digest.hexdigest()
-
-
 def loop(function: Callable[..., Any]) -> Any:
     """Compile ``function`` on its first call; keep the result on disk for the next process."""
-    compiled: Any = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=_RELAXED)(
-        function
-    )
-    # IndexDataCacheFile compares this stamp with the stored one and discards the entry if it
-    # differs; numba has no public way to widen it (checked with numba 0.61 to 0.68).
-    compiled._cache._cache_file._source_stamp = sources_stamp()
+    compile_ = partial(numba.njit, nogil=True, error_model="numpy", fastmath=_RELAXED)
+    try:
+        compiled: Any = compile_(cache=True)(function)
+    except RuntimeError:  # no folder is writable, neither beside the package nor in a home
+        return compile_()(function)
+    keep(compiled)
     return compiled
 
 
