@@ -1,0 +1,199 @@
+"""How well faults are found: the figures of docs/results.md.
+
+    python benchmarks/identification.py --paper --algorithms multistart,ga,pso,de,gwo,da,woa
+    python benchmarks/identification.py --several 50 --seed 2026
+    python benchmarks/identification.py --several 50 --seed 2026 --noise white=0.02,bits=12
+    python benchmarks/identification.py --coverage
+
+Records come from the reference model with the default actuator and scenario; they are identified
+with the monitor model. Each prints a Markdown table; `--json` prints the runs.
+"""
+
+import argparse
+import json
+import statistics
+import sys
+from collections.abc import Iterable
+
+import numpy as np
+from joblib import Parallel, delayed
+
+from ematwin import Faults, Noise, identify, simulate
+from ematwin.faults import FAULTS, HEALTHY, PAPER_CASES, error_percent, error_percent_wrapped
+
+Run = dict[str, object]
+
+
+def random_faults(count: int, seed: int, least: int = 3, most: int = 8) -> list[Faults]:
+    """Vectors with ``least`` to ``most`` faults, each magnitude uniform in [0, 1]."""
+    rng = np.random.default_rng(seed)
+    vectors = []
+    for _ in range(count):
+        k = HEALTHY.copy()
+        chosen = rng.choice(len(FAULTS), rng.integers(least, most + 1), replace=False)
+        k[chosen] = rng.random(len(chosen))
+        vectors.append(Faults.of(k))
+    return vectors
+
+
+def one_run(case: str, injected: Faults, algorithm: str, seed: int, noise: Noise | None) -> Run:
+    """Simulate, identify, compare."""
+    record = simulate("reference", faults=injected, noise=noise, seed=seed)
+    found = identify(record, algorithm=algorithm, seed=seed, threads=1)
+    errors = [found.standard_error[name] for name in FAULTS]
+    return {
+        "case": case,
+        "algorithm": algorithm,
+        "seed": seed,
+        "injected": injected.vector.tolist(),
+        "found": found.faults.vector.tolist(),
+        "standard_error": errors,
+        "err": float(error_percent(found.faults.vector, injected.vector)),
+        "err_wrapped": float(error_percent_wrapped(found.faults.vector, injected.vector)),
+        "relative_misfit": found.relative_misfit,
+        "evaluations": found.evaluations,
+        "seconds": found.seconds,
+        "stopped": found.stopped,
+    }
+
+
+def paper_runs(algorithms: list[str], seeds: int, noise: Noise | None, workers: int) -> list[Run]:
+    """Each case of Table 1, each algorithm, each seed."""
+    tasks = [
+        delayed(one_run)(case, Faults(**values), algorithm, seed, noise)
+        for algorithm in algorithms
+        for case, values in PAPER_CASES.items()
+        for seed in range(1, seeds + 1)
+    ]
+    return watched(Parallel(n_jobs=workers, return_as="generator")(tasks), len(tasks))
+
+
+def several_runs(
+    algorithm: str, vectors: list[Faults], noise: Noise | None, workers: int
+) -> list[Run]:
+    """Each vector once."""
+    tasks = [
+        delayed(one_run)(f"vector {n}", injected, algorithm, n + 1, noise)
+        for n, injected in enumerate(vectors)
+    ]
+    return watched(Parallel(n_jobs=workers, return_as="generator")(tasks), len(tasks))
+
+
+def watched(runs: Iterable[Run], total: int) -> list[Run]:
+    """All runs, with a line of progress on a terminal."""
+    done = []
+    for n, run in enumerate(runs, 1):
+        done.append(run)
+        if sys.stderr.isatty():
+            print(f"\r{n}/{total} runs", end="", file=sys.stderr)
+    return done
+
+
+def paper_table(runs: list[Run], algorithms: list[str]) -> str:
+    """Mean Err% of each case and algorithm."""
+    lines = [
+        "| case | " + " | ".join(algorithms) + " |",
+        "|---|" + "--:|" * len(algorithms),
+    ]
+
+    def values(key: str, **wanted: str) -> list[float]:
+        return [
+            float(run[key])  # type: ignore[arg-type]
+            for run in runs
+            if all(run[name] == value for name, value in wanted.items())
+        ]
+
+    for case in PAPER_CASES:
+        means = [
+            statistics.fmean(values("err_wrapped", case=case, algorithm=a)) for a in algorithms
+        ]
+        lines.append(f"| {case} | " + " | ".join(f"{mean:.2f}" for mean in means) + " |")
+    for title, key, shown in (
+        ("mean, paper's Err%", "err", "{:.2f}"),
+        ("worst run, paper's Err%", "err", "{:.2f}"),
+        ("mean simulations", "evaluations", "{:.0f}"),
+    ):
+        summary = max if title.startswith("worst") else statistics.fmean
+        cells = [shown.format(summary(values(key, algorithm=a))) for a in algorithms]
+        lines.append(f"| {title} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def several_table(runs: list[Run]) -> str:
+    """Quantiles of Err% over the vectors."""
+    lines = [
+        "| | median | 90th percentile | worst | above 1 | above 5 |",
+        "|---|--:|--:|--:|--:|--:|",
+    ]
+    for title, key in (("paper's Err%", "err"), ("phase wrapped", "err_wrapped")):
+        e = np.array([run[key] for run in runs], dtype=float)
+        lines.append(
+            f"| {title} | {np.median(e):.2f} | {np.percentile(e, 90):.2f} | {e.max():.1f} | "
+            f"{np.sum(e > 1)} of {e.size} | {np.sum(e > 5)} of {e.size} |"
+        )
+    cost = np.array([run["evaluations"] for run in runs], dtype=float)
+    lines.append("")
+    lines.append(
+        f"simulations: mean {cost.mean():.0f}, median {np.median(cost):.0f}, most {cost.max():.0f}"
+    )
+    for run in runs:
+        if float(run["err_wrapped"]) > 1.0:  # type: ignore[arg-type]
+            injected = np.round(run["injected"], 2).tolist()
+            lines.append(
+                f"- {run['case']} {injected}: Err% {run['err_wrapped']:.1f}, "
+                f"misfit {100 * float(run['relative_misfit']):.2f} %, stopped: {run['stopped']}"  # type: ignore[arg-type]
+            )
+    return "\n".join(lines)
+
+
+def coverage_table(runs: list[Run]) -> str:
+    """How often the truth lies within 1, 2 and 3 standard errors."""
+    z = []
+    for run in runs:
+        k, found = np.array(run["injected"]), np.array(run["found"])
+        error = np.array(run["standard_error"], dtype=float)
+        inside = (k > 0.01) & (k < 0.99)  # at a bound an error has one side only
+        inside[6] = k[5] > 0.1
+        gap = found - k
+        gap[6] -= np.round(gap[6])
+        z.extend((np.abs(gap) / error)[inside & np.isfinite(error)])
+    z = np.array(z)
+    cells = [f"{100 * np.mean(z < n):.0f} %" for n in (1, 2, 3)]
+    return (
+        "| within 1 | within 2 | within 3 standard errors | components |\n|--:|--:|--:|--:|\n"
+        f"| {cells[0]} | {cells[1]} | {cells[2]} | {z.size} |"
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    what = parser.add_mutually_exclusive_group(required=True)
+    what.add_argument("--paper", action="store_true", help="the ten vectors of Table 1")
+    what.add_argument(
+        "--several", type=int, metavar="N", help="N random vectors with 3 to 8 faults"
+    )
+    what.add_argument("--coverage", action="store_true", help="are the standard errors honest?")
+    parser.add_argument("--algorithms", default="multistart")
+    parser.add_argument("--seeds", type=int, default=10, help="repetitions of each case")
+    parser.add_argument("--seed", type=int, default=2026, help="of the random vectors")
+    parser.add_argument("--most", type=float, default=1.0, help="largest magnitude of a fault")
+    parser.add_argument("--noise", type=Noise.parse, default=None)
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--json", action="store_true")
+    options = parser.parse_args()
+    algorithms = options.algorithms.split(",")
+    if options.paper:
+        runs = paper_runs(algorithms, options.seeds, options.noise, options.workers)
+        text = paper_table(runs, algorithms)
+    else:
+        vectors = random_faults(options.several or 100, options.seed)
+        if options.most < 1.0:
+            scaled = [v.vector * np.where(HEALTHY == 0.0, options.most, 1.0) for v in vectors]
+            vectors = [Faults.of(k) for k in scaled]
+        runs = several_runs(algorithms[0], vectors, options.noise, options.workers)
+        text = coverage_table(runs) if options.coverage else several_table(runs)
+    print(json.dumps(runs) if options.json else text)
+
+
+if __name__ == "__main__":
+    main()
