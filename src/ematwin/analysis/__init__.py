@@ -1,0 +1,1 @@
+"""Analysis of a study: errors, performance coefficient, rank tests, convergence, diagnosis."""

@@ -1,0 +1,152 @@
+"""Plain sentences of what a study shows and what it does not, each guarded by its numbers."""
+
+import math
+
+import numpy as np
+
+from ematwin.analysis.claims import ENOUGH
+from ematwin.analysis.diagnosis import Diagnosis
+from ematwin.analysis.ranks import ALPHA, RankComparison
+from ematwin.analysis.runs import RunTable
+from ematwin.analysis.summary import Cell
+
+_CORNER = {"gwo", "woa", "da"}
+
+
+def conclude(
+    table: RunTable,
+    cells: list[list[Cell]],
+    ranks: RankComparison,
+    diagnosis: list[Diagnosis],
+    threshold: float,
+) -> list[str]:
+    """The sentences, most important first."""
+    return [
+        *_runs(table, cells),
+        *_differences(ranks),
+        *_diagnosis(diagnosis, threshold),
+        *_mixtures(table),
+        *_limits(table),
+    ]
+
+
+def shown(name: str) -> str:
+    """An algorithm's name for people: the paper's in capitals."""
+    return name.upper() if len(name) <= 3 else name
+
+
+def _runs(table: RunTable, cells: list[list[Cell]]) -> list[str]:
+    done = int(table.done.sum())
+    sentences = [f"{done} of {len(table)} runs ended well."]
+    if done < len(table):
+        sentences[0] += (
+            f" The other {len(table) - done} are listed below; they count as failures in the "
+            "success rates and lose every comparison of runs, and have no Err% to average."
+        )
+    if not done:
+        return [*sentences, "No run has a result: no errors, times or ranks can be given."]
+    sizes = [cell.done for row in cells for cell in row]
+    fewest = min(sizes)
+    if fewest == 0:
+        missing = [
+            f"{shown(cell.algorithm)} on {cell.case}"
+            for row in cells
+            for cell in row
+            if not cell.done
+        ]
+        more = f" and {len(missing) - 5} more" if len(missing) > 5 else ""
+        sentences.append(f"No result yet: {', '.join(missing[:5])}{more}.")
+    if fewest < ENOUGH:
+        sentences.append(
+            f"Some cells have fewer than {ENOUGH} runs (the smallest {fewest}): their spread is "
+            "hardly known, and nothing is claimed of single cases."
+        )
+    return sentences
+
+
+def _differences(ranks: RankComparison) -> list[str]:
+    if not np.isfinite(ranks.average_ranks).all():
+        return list(ranks.notes)
+    order = np.argsort(ranks.average_ranks)
+    listed = ", ".join(f"{shown(ranks.algorithms[n])} {ranks.average_ranks[n]:.2f}" for n in order)
+    sentences = [
+        f"Average rank by mean Err% over {_counted(len(ranks.blocks), 'case')}, 1 the best: "
+        f"{listed}."
+    ]
+    if math.isfinite(ranks.friedman_p):
+        test = f"Friedman test: chi-squared {ranks.friedman:.3g}, p = {ranks.friedman_p:.2g}"
+        if ranks.friedman_p >= ALPHA:
+            sentences.append(
+                f"{test}. That the algorithms differ in Err% cannot be concluded; the order above "
+                "may be chance."
+            )
+            return [*sentences, *ranks.notes]
+        sentences.append(f"{test}: the algorithms differ in Err%.")
+    pairs = [pair for pair in ranks.pairs if pair.p_holm < ALPHA]
+    if pairs:
+        places = {name: rank for name, rank in zip(ranks.algorithms, ranks.average_ranks,
+                                                   strict=True)}  # fmt: skip
+        told = []
+        for pair in pairs:
+            first = places[pair.first] < places[pair.second]
+            better, worse = (pair.first, pair.second) if first else (pair.second, pair.first)
+            told.append(f"{shown(better)} before {shown(worse)} (p = {pair.p_holm:.2g})")
+        sentences.append(
+            f"Of {len(ranks.pairs)} pairs, {len(pairs)} differ after Holm's correction: "
+            f"{'; '.join(told)}. Nothing can be concluded of the others."
+        )
+    elif ranks.pairs:
+        sentences.append(
+            "No pair of algorithms differs significantly after Holm's correction: which of two is "
+            "the better cannot be concluded."
+        )
+    return [*sentences, *ranks.notes]
+
+
+def _diagnosis(diagnosis: list[Diagnosis], threshold: float) -> list[str]:
+    told = [
+        f"{shown(row.algorithm)} {100.0 * row.exact / row.runs:.0f} %"
+        for row in sorted(diagnosis, key=lambda row: -row.exact / max(row.runs, 1))
+        if row.runs
+    ]
+    if not told:
+        return []
+    return [
+        f"With a deviation of {threshold:g} counted as a fault, the faults were named exactly, "
+        f"none missed and none false, in this share of the runs: {', '.join(told)}."
+    ]
+
+
+def _mixtures(table: RunTable) -> list[str]:
+    """What differs between the runs although it should not."""
+    return [
+        f"The runs differ in {name} ({', '.join(values)}): averages over them mix unlike things."
+        for name, values in table.settings.items()
+        if len(values) > 1
+    ] + [
+        f"The runs were made on several machines ({len(table.provenance[name])}): their seconds "
+        "should not be compared, nor coefficients built on them."
+        for name in ("machine",)
+        if len(table.provenance.get(name, ())) > 1
+    ]
+
+
+def _limits(table: RunTable) -> list[str]:
+    sentences = [
+        "Spread and intervals here come from repeating the search with other seeds. They are "
+        "search spread, no measurement uncertainty, and say nothing of how far the twin is from a "
+        "real actuator: the records are simulated."
+    ]
+    if "plain" in table.settings.get("search box", ()):
+        drawn = [shown(name) for name in table.algorithms if name in _CORNER]
+        who = f", which favours {', '.join(drawn)}, drawn to the origin," if drawn else ","
+        sentences.append(
+            "Six of the eight healthy values lie in the corner of this search box, at the "
+            f"origin{who} and every method that clips at the bounds. Repeat the study with the "
+            "remapped box before concluding that a method is good at finding faults."
+        )
+    return sentences
+
+
+def _counted(number: int, noun: str) -> str:
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
