@@ -5,6 +5,7 @@ misfit follow from it, and command and load are put on the time base of the moni
 of candidates is then simulated and scored without keeping traces.
 """
 
+import copy
 import math
 import os
 from concurrent.futures import ThreadPoolExecutor
@@ -20,6 +21,8 @@ from ematwin.signals.misfit import SlopeWeighting
 from ematwin.signals.record import Record
 
 _SHORTEST = 100  # samples: fewer cannot tell eight faults apart
+_KEPT = 12_000  # samples of a response: more are thinned, as far as the low-pass allows
+_OVERSAMPLING = 8.0  # rate of kept samples over the cutoff, at least
 
 
 class Objective:
@@ -66,8 +69,8 @@ class Objective:
                 f"The record has {len(record)} samples; at least {_SHORTEST} are needed to tell "
                 "faults apart. Record longer or faster."
             )
-        self.low_pass = low_pass = low_pass or LowPass()
-        self._weighting = weighting = weighting or SlopeWeighting()
+        low_pass = low_pass or LowPass()
+        self._weighting = weighting or SlopeWeighting()
         self.record = record
         self.actuator = actuator
         signed = None if rectify else signed_current(record, actuator.motor.pole_pairs)
@@ -83,15 +86,8 @@ class Objective:
                 f"The current of the record is constant ({current[0]:g} A): nothing moved. "
                 "Check the channel, or record a motion."
             )
-        rate = record.sample_rate
-        self.target = low_pass.apply(current, rate)
-        self.weights = weighting.weights(self.target, record.interval)
-        self.weights[0] = 0.0  # the twin starts there; nothing has been simulated yet
-        for start, stop in record.provenance.get("masked_s", []):
-            # filled by the reader; the filter remembers it for a while afterwards
-            masked = (record.time >= start) & (record.time <= stop + 1.0 / low_pass.cutoff)
-            self.weights[masked] = 0.0
-        self._taps = low_pass.taps(rate, float(current[0]))
+        self._current = current
+        self._filter(low_pass)
         self.substeps = max(1, math.ceil(record.interval / actuator.steps.monitor - 1e-9))
         self.step = record.interval / self.substeps
         ratio = actuator.transmission.ratio
@@ -104,33 +100,55 @@ class Objective:
         self._pool: ThreadPoolExecutor | None = None
 
     def with_cutoff(self, cutoff: float) -> "Objective":
-        """The same comparison through another low-pass (Hz)."""
-        return Objective(
-            self.record,
-            self.actuator,
-            low_pass=LowPass(cutoff),
-            weighting=self._weighting,
-            rectify=self.rectify,
-            threads=self._threads,
-        )
+        """The same comparison through another low-pass (Hz); shares what does not change."""
+        other = copy.copy(self)
+        other._filter(LowPass(cutoff))
+        return other
+
+    def _filter(self, low_pass: LowPass) -> None:
+        """Form target, weights and filter for a low-pass."""
+        record = self.record
+        self.low_pass = low_pass
+        self.target = low_pass.apply(self._current, record.sample_rate)
+        self.weights = self._weighting.weights(self.target, record.interval)
+        self.weights[0] = 0.0  # the twin starts there; nothing has been simulated yet
+        for start, stop in record.provenance.get("masked_s", []):
+            # filled by the reader; the filter remembers it for a while afterwards
+            masked = (record.time >= start) & (record.time <= stop + 1.0 / low_pass.cutoff)
+            self.weights[masked] = 0.0
+        self._taps = low_pass.taps(record.sample_rate, float(self._current[0]))
 
     def __call__(self, k: np.ndarray) -> np.ndarray:
         """Costs (B,) of fault vectors (B, 8), A s; infinite where the simulation diverged."""
-        return self._run(k, keep=False)[0]
+        return self._run(k, 0)[0]
 
     def responses(self, k: np.ndarray) -> np.ndarray:
         """Filtered currents (B, S) of fault vectors (B, 8), A."""
-        return self._run(k, keep=True)[1]
+        return self._run(k, self.target.size)[1]
 
     def residuals(self, k: np.ndarray) -> np.ndarray:
-        """Weighted residuals (B, S): the cost is the sum of their squares."""
-        return (self.responses(k) - self.target) * np.sqrt(self.weights)
+        """Weighted residuals (B, K): the sum of their squares is the cost.
+
+        Of a long record only every so many samples are kept, weighted accordingly: the low-pass
+        leaves nothing in between, and memory stays bounded.
+        """
+        rate = self.record.sample_rate
+        most = max(1, int(rate / (_OVERSAMPLING * self.low_pass.cutoff)))
+        size = self.target.size
+        wished = min(most, -(-size // _KEPT))
+        kept = -(-size // wished)
+        stride = -(-size // kept)
+        response = self._run(k, kept)[1][:, : -(-size // stride)]
+        thin = slice(None, None, stride)
+        response -= self.target[thin]
+        response *= np.sqrt(stride * self.weights[thin])
+        return response
 
     def relative_misfit(self, cost: float) -> float:
         """Root of the cost over that of a twin without any current: 0 is a perfect fit."""
         return math.sqrt(cost / float(np.sum(self.weights * self.target**2)))
 
-    def _run(self, k: np.ndarray, keep: bool) -> tuple[np.ndarray, np.ndarray]:
+    def _run(self, k: np.ndarray, kept: int) -> tuple[np.ndarray, np.ndarray]:
         from ematwin.kernels.batch import LANES, monitor_scores
 
         count = len(k)
@@ -140,7 +158,7 @@ class Objective:
         lanes[count:] = k[-1]
         costs = np.empty(len(lanes))
         status = np.empty(len(lanes), dtype=np.int64)
-        response = np.empty((len(lanes), self.target.size) if keep else (0, 0))
+        response = np.empty((len(lanes), kept) if kept else (0, 0))
 
         def work(first: int, last: int) -> None:
             part = slice(first * LANES, last * LANES)

@@ -141,11 +141,13 @@ def monitor_scores(
     target, weight : (S,) arrays, filtered current of the record (A) and weight of each sample
     costs : (B,) array, filled with sum(weight (target - filtered current)^2)
     status : (B,) integer array, filled with `OK` or `DIVERGED` (cost infinite)
-    response : (B, S) array, filled with the filtered currents, or (0, 0) to keep none
+    response : (B, K) array, filled with every ceil(S/K)-th sample of the filtered currents, or
+        (0, 0) to keep none
     """
     wide_vectors()
     samples = target.size
     keep = response.shape[0] > 0
+    stride = (samples + response.shape[1] - 1) // response.shape[1] if keep else 1
     share = 1.0 / substeps
     b0, b1, b2, a1, a2 = taps[0], taps[1], taps[2], taps[3], taps[4]
     friction = np.empty(LANES)
@@ -222,9 +224,9 @@ def monitor_scores(
                 total[n] = y
                 error = target[sample] - y
                 cost[n] += weight[sample] * error * error
-            if keep:
+            if keep and sample % stride == 0:
                 for n in range(LANES):
-                    response[first + n, sample] = total[n]
+                    response[first + n, sample // stride] = total[n]
         for n in range(LANES):
             finite = math.isfinite(cost[n])
             costs[first + n] = cost[n] if finite else math.inf

@@ -39,9 +39,11 @@ def signed_current(record: Record, pole_pairs: int) -> np.ndarray | None:
     """(S,) array, A, signed equivalent current; None where the record does not determine it."""
     phases = record.phase_currents
     if phases is not None and record.motor_position is not None:
-        theta_e = pole_pairs * record.motor_position
-        lags = 2.0 * math.pi / 3.0 * np.arange(3)
-        return 0.5 * (phases * trapezoid_shape(theta_e[:, None] - lags)).sum(axis=1)
+        projected = np.zeros(len(record))
+        for phase in range(3):  # one at a time: long records need not be in memory three times
+            theta_e = pole_pairs * record.motor_position - phase * 2.0 * math.pi / 3.0
+            projected += 0.5 * phases[:, phase] * trapezoid_shape(theta_e)
+        return projected
     if phases is None and record.current is not None and (record.current < 0.0).any():
         return record.current
     return None

@@ -108,3 +108,12 @@ def test_step_divides_the_sampling_interval() -> None:
         objective = Objective(simulate("monitor", sample_rate=rate), ACTUATOR)
         assert objective.step <= ACTUATOR.steps.monitor * (1.0 + 1e-9)
         assert np.isclose(objective.step * objective.substeps, 1.0 / rate)
+
+
+def test_thinned_residuals_of_a_long_record_have_the_same_cost() -> None:
+    record = simulate("reference", faults=FAULTY, sample_rate=100_000.0)
+    objective = Objective(record, ACTUATOR)
+    k = np.random.default_rng(8).random((5, 8))
+    residuals = objective.residuals(k)
+    assert residuals.shape[1] <= 20_000 < len(record)
+    assert np.allclose((residuals**2).sum(axis=1), objective(k), rtol=5e-3)
