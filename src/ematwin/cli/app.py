@@ -9,7 +9,7 @@ from typing import Any
 
 import typer
 
-from ematwin.cli import actuators, algorithms, bench, demo, identify, simulate
+from ematwin.cli import actuators, algorithms, bench, compare, demo, identify, simulate
 
 app = typer.Typer(
     name="ematwin",
@@ -23,6 +23,7 @@ _UsageError: Any = next(
     kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException"
 )
 
+app.command("compare")(compare.compare)
 app.command("demo")(demo.demo)
 app.command("identify")(identify.identify)
 app.command("simulate")(simulate.simulate)

@@ -1,1 +1,1 @@
-"""Studies: many identification runs, planned, run, stored, resumed."""
+"""Studies: many searches compared fairly, resumable, on one machine or many."""

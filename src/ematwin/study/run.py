@@ -7,6 +7,7 @@ not (workers, engine, machine) is not. So resuming a study is a set difference, 
 import hashlib
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from typing import Any
@@ -68,7 +69,7 @@ class RunResult:
     err, err_wrapped : float, Err% of the paper and its wrapped-phase form, NaN unless done
     evaluations : int
     seconds, cpu_seconds : float, wall and CPU time of the search alone
-    history : pairs of evaluations and best cost
+    history : sequence of pairs of evaluations and best cost
     stopped : reason of the search, or the message of the failure
     provenance : versions, machine, kernel backend, engine
     """
@@ -83,7 +84,7 @@ class RunResult:
     evaluations: int = 0
     seconds: float = math.nan
     cpu_seconds: float = math.nan
-    history: tuple[tuple[int, float], ...] = ()
+    history: Sequence[tuple[int, float]] = ()
     stopped: str = ""
     provenance: dict[str, Any] = field(default_factory=dict)
 

@@ -1,0 +1,1 @@
+"""What carries runs to processors: local processes, or a Dask cluster."""

@@ -1,0 +1,167 @@
+"""Processes on this machine, by loky (joblib).
+
+When one process dies, loky gives up all of its pool. The runs that were in flight are then done
+again, one at a time: so a run that kills its process is found out without blaming its neighbours.
+"""
+
+import os
+import queue
+import signal
+import threading
+import time
+from collections import deque
+from concurrent.futures import BrokenExecutor, Future
+from dataclasses import dataclass
+from typing import Any
+
+from ematwin.study.engines.base import DEATHS, Engine, gave_up
+from ematwin.study.execute import execute, hard_limit
+from ematwin.study.run import RunResult, RunSpec
+
+# one run, one core: no library may share it out again
+_ENVIRONMENT = {
+    name: "1"
+    for name in (
+        "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS",
+        "VECLIB_MAXIMUM_THREADS", "BLIS_NUM_THREADS",
+    )
+}  # fmt: skip
+
+
+@dataclass
+class _Flight:
+    spec: RunSpec
+    since: float = 0.0
+    deaths: int = 0  # when it was the only one in flight
+
+
+class LocalEngine(Engine):
+    """Worker processes on this machine.
+
+    Parameters
+    ----------
+    workers : int
+    time_limit : float, s, of a run, or None
+    """
+
+    name = "local"
+
+    def __init__(self, workers: int, time_limit: float | None = None) -> None:
+        self._workers = workers
+        self._limit = time_limit
+        self._pool: Any = None
+        self._generation = 0
+        self._events: queue.SimpleQueue[tuple[int, str, Future[RunResult]]] = queue.SimpleQueue()
+        self._flights: dict[str, _Flight] = {}
+        self._suspects: deque[_Flight] = deque()
+
+    def start(self) -> None:  # noqa: D102
+        from joblib.externals.loky import ProcessPoolExecutor
+
+        self._pool = ProcessPoolExecutor(
+            max_workers=self._workers,
+            timeout=None,
+            initializer=_prepare_worker,
+            initargs=(os.getpid(),),
+            env=_ENVIRONMENT,
+        )
+
+    @property
+    def busy(self) -> int:  # noqa: D102
+        return len(self._flights) + len(self._suspects)
+
+    @property
+    def free(self) -> int:  # noqa: D102
+        alone = any(flight.deaths for flight in self._flights.values())
+        return 0 if self._suspects or alone else self._workers - len(self._flights)
+
+    def submit(self, spec: RunSpec) -> None:  # noqa: D102
+        self._launch(_Flight(spec))
+
+    def finished(self, timeout: float) -> list[RunResult]:  # noqa: D102
+        results: list[RunResult] = []
+        try:
+            while True:
+                event = self._events.get(timeout=0.0 if results else timeout)
+                results += self._land(*event)
+        except queue.Empty:
+            return results
+
+    def close(self) -> None:  # noqa: D102
+        self._flights.clear()
+        self._suspects.clear()
+        self._end_pool()
+
+    def _launch(self, flight: _Flight) -> None:
+        flight.since = time.monotonic()
+        id, generation = flight.spec.id, self._generation
+        self._flights[id] = flight
+        try:
+            future = self._pool.submit(execute, flight.spec, self._limit, self.name)
+        except (BrokenExecutor, RuntimeError) as error:  # an idle process had died
+            future = Future()
+            future.set_exception(
+                error if isinstance(error, BrokenExecutor) else BrokenExecutor(str(error))
+            )
+        future.add_done_callback(lambda done: self._events.put((generation, id, done)))
+
+    def _land(self, generation: int, id: str, future: "Future[RunResult]") -> list[RunResult]:
+        if generation != self._generation or id not in self._flights:
+            return []
+        if future.cancelled() or isinstance(future.exception(), BrokenExecutor):
+            return self._recover()
+        flight = self._flights.pop(id)
+        error = future.exception()
+        if error is not None:  # the result could not be carried back
+            result = RunResult(id, "failed", stopped=f"{type(error).__name__}: {error}")
+        else:
+            result = future.result()
+        if flight.deaths or self._suspects:
+            self._next_suspect()
+        return [result]
+
+    def _recover(self) -> list[RunResult]:
+        """A process died: find out which run was to blame, if any."""
+        flights = list(self._flights.values())
+        self._flights.clear()
+        self._generation += 1
+        self._end_pool()
+        self.start()
+        results = []
+        if len(flights) == 1:
+            flight = flights[0]
+            flight.deaths += 1
+            overdue = (
+                self._limit is not None
+                and time.monotonic() - flight.since >= hard_limit(self._limit)
+            )  # fmt: skip
+            if overdue or flight.deaths >= DEATHS:
+                results.append(gave_up(flight.spec, self.name, self._limit, overdue))
+            else:
+                self._suspects.append(flight)
+        else:
+            self._suspects.extend(flights)
+        self._next_suspect()
+        return results
+
+    def _next_suspect(self) -> None:
+        if self._suspects and not self._flights:
+            self._launch(self._suspects.popleft())
+
+    def _end_pool(self) -> None:
+        if self._pool is not None:
+            self._pool.shutdown(wait=True, kill_workers=True)
+            self._pool = None
+
+
+def _prepare_worker(parent: int) -> None:
+    """Leave Ctrl-C to the main process, and end with it even if it is killed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(0.5)
+        os._exit(1)
+
+    if os.name == "posix":
+        threading.Thread(target=watch, name="ematwin-parent", daemon=True).start()
