@@ -37,13 +37,14 @@ def current_envelope(record: Record) -> np.ndarray:
 
 def signed_current(record: Record, pole_pairs: int) -> np.ndarray | None:
     """(S,) array, A, signed equivalent current; None where the record does not determine it."""
-    phases = record.phase_currents
-    if phases is not None and record.motor_position is not None:
+    phases = [record.current_a, record.current_b, record.current_c]
+    if record.motor_position is not None and phases[0] is not None:
         projected = np.zeros(len(record))
-        for phase in range(3):  # one at a time: long records need not be in memory three times
-            theta_e = pole_pairs * record.motor_position - phase * 2.0 * math.pi / 3.0
-            projected += 0.5 * phases[:, phase] * trapezoid_shape(theta_e)
+        for n, phase in enumerate(phases):  # one at a time: long records take memory enough
+            assert phase is not None  # a record has all three or none
+            theta_e = pole_pairs * record.motor_position - n * 2.0 * math.pi / 3.0
+            projected += 0.5 * phase * trapezoid_shape(theta_e)
         return projected
-    if phases is None and record.current is not None and (record.current < 0.0).any():
+    if phases[0] is None and record.current is not None and (record.current < 0.0).any():
         return record.current
     return None
