@@ -15,6 +15,7 @@ import numpy as np
 from ematwin.analysis.paper import PAPER_ALGORITHMS
 from ematwin.errors import InputError
 from ematwin.faults import PAPER_CASES
+from ematwin.study.history import PackedHistory
 from ematwin.study.run import StoredRun
 
 HISTORY_POINTS = 100  # kept of a run: improvements, evenly thinned
@@ -186,7 +187,10 @@ def thinned(
 
     A target may so seem to be met later than it was, by one kept step, and never earlier.
     """
-    pairs = np.array(list(history), dtype=float).reshape(-1, 2)
+    if isinstance(history, PackedHistory):
+        pairs = np.column_stack(history.arrays()).astype(float)
+    else:
+        pairs = np.array(list(history), dtype=float).reshape(-1, 2)
     pairs = pairs[np.isfinite(pairs[:, 1])]
     if not len(pairs):
         return [], []

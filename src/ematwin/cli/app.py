@@ -9,7 +9,7 @@ from typing import Any
 
 import typer
 
-from ematwin.cli import actuators, algorithms, bench, compare, demo, identify, simulate
+from ematwin.cli import actuators, algorithms, bench, compare, demo, identify, report, simulate
 
 app = typer.Typer(
     name="ematwin",
@@ -31,6 +31,7 @@ app.command("actuators")(actuators.actuators)
 app.command("scenarios")(actuators.scenarios)
 app.command("algorithms")(algorithms.algorithms)
 app.command("bench")(bench.bench)
+app.command("report")(report.report)
 
 
 def _version(asked: bool) -> None:

@@ -30,9 +30,11 @@ class Section:
 
     heading: str = ""
     text: str = ""
+    points: list[str] = field(default_factory=list)
     table: Table | None = None
     facts: dict[str, str] = field(default_factory=dict)
     figure: Any = None  # plotly figure
+    svg: str = ""  # a drawing, trusted: it goes into the page as it is
 
 
 def render(

@@ -1,0 +1,275 @@
+"""Page: a study of algorithms, beside the paper's."""
+
+from typing import Any
+
+from ematwin.analysis.claims import OPEN
+from ematwin.analysis.diagnosis import THRESHOLD
+from ematwin.analysis.ranks import ALPHA
+from ematwin.analysis.study import StudyAnalysis
+from ematwin.analysis.summary import RESAMPLES
+from ematwin.report import study_figures as figures
+from ematwin.report import study_tables as tables
+from ematwin.report.page import Section, Table, render
+
+# A figure of the paper, by group and metric.
+_FIGURE = {
+    ("low", "err"): "Figure 4",
+    ("high", "err"): "Figure 5",
+    ("low", "seconds"): "Figure 6",
+    ("high", "seconds"): "Figure 7",
+}
+
+
+def study_page(analysis: StudyAnalysis, diagram: str = "") -> str:
+    """HTML page of a study.
+
+    Parameters
+    ----------
+    diagram : critical-difference diagram, SVG; empty if there is none
+    """
+    table = analysis.table
+    sections = [
+        Section("What can and cannot be concluded", points=analysis.conclusions),
+        *_claims(analysis),
+        *_figures(analysis),
+        *_coefficients(analysis),
+        *_errors(analysis),
+        *_ranks(analysis, diagram),
+        *_convergence(analysis),
+        *_diagnosis(analysis),
+        _failures(analysis),
+        Section("How it was made", facts=_facts(analysis)),
+    ]
+    lead = (
+        f"{len(table)} runs: {_counted(len(table.algorithms), 'algorithm')} on "
+        f"{_counted(len(table.cases), 'case')}. {int(table.done.sum())} ended well"
+        f"{_failed(analysis)}. Every number here is computed from the store alone."
+    )
+    return render("Comparison of identification algorithms", lead, sections)
+
+
+def _claims(analysis: StudyAnalysis) -> list[Section]:
+    if not analysis.claims:
+        return []
+    return [
+        Section(
+            "The paper's claims, point by point",
+            text="ESREL 2020, sections 7.2 and 8. A claim about one number is decided only where "
+            f"its 95 % bootstrap interval lies on one side of it, otherwise it “{OPEN}”; a claim "
+            "about an order is read from the means, which says nothing of its significance.",
+            table=tables.claims(analysis),
+        )
+    ]
+
+
+def _figures(analysis: StudyAnalysis) -> list[Section]:
+    sections = []
+    for metric, title, unit in (
+        ("err", "mean Err%", "mean Err%"),
+        ("seconds", "mean time of a search", "s"),
+    ):
+        for group in figures.groups(analysis):
+            number = _FIGURE.get((group.name, metric))
+            heading = f"{title[0].upper()}{title[1:]}, {group.title}"
+            if number:
+                heading += f" (the paper's {number.lower()})"
+            sections.append(Section(heading, figure=figures.bars(analysis, group, metric, unit)))
+    sections[0] = Section(
+        sections[0].heading,
+        text=f"Bars are means over the runs; whiskers are 95 % bootstrap intervals of the mean "
+        f"({RESAMPLES} resamples): search spread, no measurement uncertainty.",
+        figure=sections[0].figure,
+    )
+    return sections
+
+
+def _coefficients(analysis: StudyAnalysis) -> list[Section]:
+    sections = []
+    beside = tables.beside_paper(analysis)
+    if len(beside.rows) > 1 and len(analysis.shared) >= 2:
+        sections += [
+            Section(
+                "Performance coefficient beside the paper's (table 2)",
+                text="PC = 100 (1 - t err / sum of t err), t the mean seconds and err the mean "
+                "Err% of an algorithm on a case, the sum over the paper's algorithms that the "
+                "study has. It tells the share of an algorithm in the product of time and error "
+                "of all of them, so a number depends on who else takes part; with six, a case adds "
+                "up to 500 %.",
+                table=beside,
+            ),
+            Section(
+                text="Rank correlation of the two halves: 1 is the same order, 0 none, -1 the "
+                "reverse. The cells of a case are not independent, so no p-value is given.",
+                table=tables.likeness(analysis),
+            ),
+        ]
+    if analysis.shared != analysis.table.algorithms and len(analysis.table.algorithms) >= 2:
+        sections.append(
+            Section(
+                "Performance coefficient over all algorithms of the study",
+                table=tables.coefficients(analysis),
+            )
+        )
+    return sections
+
+
+def _errors(analysis: StudyAnalysis) -> list[Section]:
+    cells = len(analysis.table.cases) * len(analysis.table.algorithms)
+    left = (
+        f" The first {tables.MOST_ROWS} of {cells} rows; cells.csv has all."
+        if cells > tables.MOST_ROWS
+        else ""
+    )
+    sections = [
+        Section(
+            "Err% by case and algorithm",
+            text="The lowest mean of a case stands out. “Wrapped” takes the direction of the "
+            "eccentricity as an angle, which the paper's form does not." + left,
+            table=tables.errors(analysis),
+        ),
+        Section("Evaluations and time", text=left.strip(), table=tables.effort(analysis)),
+        Section(
+            "Success rate",
+            text="Share of all runs, failed ones included, that came to an Err%.",
+            table=tables.success(analysis),
+        ),
+    ]
+    if analysis.table.done.any():
+        sections.append(
+            Section(
+                "Distribution of Err%",
+                text="Box: quartiles and median; whiskers: the extremes; dots: the runs, where "
+                f"there are no more than {figures.MOST_POINTS}." + _first_cases(analysis),
+                figure=figures.distributions(analysis),
+            )
+        )
+    return sections
+
+
+def _ranks(analysis: StudyAnalysis, diagram: str) -> list[Section]:
+    if not analysis.ranks.pairs:
+        return []
+    return [
+        Section(
+            "Ranks and tests",
+            text="Blocks are cases, each with the mean Err% of an algorithm; runs of one case "
+            "share its fault and are no blocks of their own. Wilcoxon's signed-rank test compares "
+            "two algorithms over the cases, Holm's correction allows for the number of pairs. A12 "
+            "is the chance that a run of the first has the lower Err% than one of the second on "
+            "the same case; 0.5 is no difference. Pairs that differ at "
+            f"{ALPHA:g} after correction stand out.",
+            table=tables.ranks(analysis),
+        ),
+        Section(
+            text="Critical-difference diagram: average ranks, the best on the left; a bar joins "
+            "algorithms of which none is shown to differ from another."
+            if diagram
+            else "",
+            svg=diagram[diagram.find("<svg") :] if diagram else "",
+        ),
+        Section(table=tables.pairs(analysis)),
+    ]
+
+
+def _convergence(analysis: StudyAnalysis) -> list[Section]:
+    if not len(analysis.table.history_cost):
+        return [Section("Convergence", text="No run kept a history, so no curves can be drawn.")]
+    return [
+        Section(
+            "Convergence",
+            text="Median and quartiles of the best misfit over the runs." + _first_cases(analysis),
+            figure=figures.convergence(analysis),
+        ),
+        Section(
+            "Evaluations to target",
+            text="The gap of a run is its best misfit above the lowest that any run found on the "
+            "case, as a share of where searches start there. Targets are 31 gaps from 0.1 to "
+            "0.0001; the curve is the share of all pairs of run and target met, over all cases. A "
+            "small gap in misfit is no small Err% where the twin itself is off.",
+            figure=figures.to_target(analysis),
+        ),
+        Section(
+            text="Expected evaluations: all that were spent over the number of runs that met the "
+            "target.",
+            table=tables.to_target(analysis),
+        ),
+    ]
+
+
+def _diagnosis(analysis: StudyAnalysis) -> list[Section]:
+    at = analysis.threshold
+    return [
+        Section(
+            "Diagnosis",
+            text=f"A component counts as faulty from {at:g} away from healthy"
+            f"{' (the default)' if at == THRESHOLD else ''}. Missed: an injected fault not named. "
+            "False alarm: a healthy component named. Confused: a run that missed a fault and named "
+            "a healthy component instead. The direction of the eccentricity counts only where "
+            f"there is one and it was found; it is wrong from {at:g} of a turn.",
+            table=tables.diagnosis(analysis),
+        )
+    ]
+
+
+def _failures(analysis: StudyAnalysis) -> Section:
+    count = len(analysis.failures)
+    if not count:
+        return Section("Failures", text="None: every run ended well.")
+    text = f"{_counted(count, 'run')} did not end well."
+    if count > tables.MOST_ROWS:
+        text += f" The first {tables.MOST_ROWS} are listed; results.csv has all."
+    return Section("Failures", text=text, table=tables.failures(analysis))
+
+
+def _facts(analysis: StudyAnalysis) -> dict[str, str]:
+    found = {}
+    for name, values in analysis.table.settings.items():
+        found[name] = _listed(values)
+    for name, values in analysis.table.provenance.items():
+        # names of machines are nobody's business in a report that is passed on
+        found["machines" if name == "machine" else name] = (
+            str(len(values)) if name == "machine" else _listed(values)
+        )
+    return found
+
+
+def _listed(values: Any) -> str:
+    if len(values) == 1:
+        return str(next(iter(values)))
+    most = values.most_common(5)
+    more = f" and {len(values) - 5} more" if len(values) > 5 else ""
+    return "; ".join(f"{value} ({count} runs)" for value, count in most) + more
+
+
+def _first_cases(analysis: StudyAnalysis) -> str:
+    count = len(analysis.table.cases)
+    if count <= figures.MOST_CASES:
+        return ""
+    return f" The first {figures.MOST_CASES} of {count} cases are drawn."
+
+
+def _failed(analysis: StudyAnalysis) -> str:
+    return f", {len(analysis.failures)} did not" if analysis.failures else ""
+
+
+def _counted(number: int, noun: str) -> str:
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
+def latex_tables(analysis: StudyAnalysis) -> dict[str, tuple[Table, str]]:
+    """Tables and captions by the name of their file."""
+    return {
+        "errors": (tables.errors(analysis), "Err% by case and algorithm"),
+        "effort": (tables.effort(analysis), "Evaluations and time by case and algorithm"),
+        "success": (tables.success(analysis), "Share of runs that came to an Err%"),
+        "coefficients": (tables.coefficients(analysis), "Performance coefficient"),
+        "beside_paper": (
+            tables.beside_paper(analysis),
+            "Performance coefficient beside the paper's Table 2",
+        ),
+        "ranks": (tables.ranks(analysis), "Average ranks by mean Err%"),
+        "pairs": (tables.pairs(analysis), "Pairs of algorithms: Wilcoxon, Holm, A12"),
+        "to_target": (tables.to_target(analysis), "Evaluations to target"),
+        "diagnosis": (tables.diagnosis(analysis), f"Diagnosis at {analysis.threshold:g}"),
+        "failures": (tables.failures(analysis), "Runs that did not end well"),
+    }

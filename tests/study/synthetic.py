@@ -1,0 +1,92 @@
+"""Runs of a study that nobody searched: made from a formula and a seed."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from ematwin.faults import (
+    FAULTS,
+    PAPER_CASES,
+    Faults,
+    error_percent,
+    error_percent_wrapped,
+)
+from ematwin.study.run import RunResult, RunSpec, StoredRun
+
+# Typical size of the error of each algorithm.
+SIZES = {"ga": 0.05, "pso": 0.004, "de": 0.003, "gwo": 0.005, "da": 0.03, "woa": 0.1}
+_SECONDS = {"ga": 1.2, "pso": 1.0, "de": 0.8, "gwo": 0.8, "da": 1.2, "woa": 1.1}
+
+
+def spec(case: str = "Low F", algorithm: str = "de", run: int = 0, **changed: Any) -> RunSpec:
+    """The inputs of a run."""
+    values: dict[str, Any] = {
+        "case": case,
+        "faults": tuple(Faults(**PAPER_CASES.get(case, {})).vector.tolist()),
+        "algorithm": algorithm,
+        "run": run,
+        "seed": run + 1,
+        "population": 50,
+        "iterations": 200,
+        "noise": None,
+        "record_seed": run,
+        "actuator": {"name": "servo48"},
+        "scenario": {"name": "chirp"},
+    }
+    return RunSpec(**{**values, **changed})
+
+
+def done(of: RunSpec, found: np.ndarray, **changed: Any) -> StoredRun:
+    """A run that ended well with a fault vector."""
+    injected = np.array(of.faults)
+    values: dict[str, Any] = {
+        "faults": tuple(found.tolist()),
+        "cost": 1.0,
+        "relative_misfit": 0.01,
+        "err": float(error_percent(found, injected)),
+        "err_wrapped": float(error_percent_wrapped(found, injected)),
+        "evaluations": 10_000,
+        "seconds": 1.0,
+        "cpu_seconds": 0.9,
+        "stopped": "iterations",
+        "provenance": {"ematwin": "0.1.0", "machine": "bench", "engine": "local"},
+    }
+    return StoredRun(of, RunResult(of.id, "done", **{**values, **changed}))
+
+
+def failed(of: RunSpec, status: str = "failed", message: str = "it broke") -> StoredRun:
+    """A run that did not end well."""
+    return StoredRun(of, RunResult(of.id, status, stopped=message))
+
+
+def study(
+    runs: int = 4,
+    algorithms: tuple[str, ...] = tuple(SIZES),
+    cases: tuple[str, ...] = tuple(PAPER_CASES),
+    seed: int = 1,
+    history_points: int = 200,
+) -> Iterator[StoredRun]:
+    """Every case, algorithm and repetition."""
+    rng = np.random.default_rng(seed)
+    evaluations = (np.arange(history_points) + 1) * (10_000 // history_points)
+    for case in cases:
+        for algorithm in algorithms:
+            size = SIZES.get(algorithm, 0.01)
+            for run in range(runs):
+                of = spec(case, algorithm, run)
+                found = np.clip(np.array(of.faults) + size * rng.standard_normal(8), 0.0, 1.0)
+                rate = 3.0 * rng.uniform(0.7, 1.3) / (size * 200.0 + 1.0)
+                cost = 1.0 + 500.0 * np.exp(-rate * np.arange(history_points) / 20.0) + 30.0 * size
+                yield done(
+                    of,
+                    found,
+                    cost=float(cost[-1]),
+                    seconds=_SECONDS.get(algorithm, 1.0) * rng.uniform(0.9, 1.1),
+                    history=tuple(zip(evaluations.tolist(), cost.tolist(), strict=True)),
+                )
+
+
+def vector(**faults: float) -> np.ndarray:
+    """A fault vector by names."""
+    return np.array([getattr(Faults(**faults), name) for name in FAULTS])
