@@ -1,0 +1,262 @@
+"""``ematwin identify`` and ``demo`` as their users meet them: processes, files, a browser."""
+
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ematwin as library
+from ematwin.readers.tables import write_table
+
+FAULTS = {"friction": 0.3, "backlash": 0.15}
+
+
+@pytest.fixture(scope="module")
+def record() -> library.Record:
+    return library.simulate("reference", faults=FAULTS)
+
+
+@pytest.fixture
+def folder(tmp_path: Path, record: library.Record) -> Path:
+    library.write(record, tmp_path / "rec.parquet")
+    return tmp_path
+
+
+def refused(answer, said: str) -> None:  # type: ignore[no-untyped-def]
+    assert answer.code == 2, answer.out + answer.err
+    assert answer.out == ""
+    assert re.fullmatch(r"Error: [^\n]*[.?]\n", answer.err), answer.err
+    assert re.search(said, answer.err), answer.err
+
+
+def test_answer_for_programs_holds_faults_and_how_they_were_found(ematwin, folder: Path) -> None:
+    answer = ematwin("identify", "rec.parquet", "--algorithm", "pso", "--budget", 2000, "--json")
+    assert answer.code == 0, answer.err
+    found = json.loads(answer.out)
+    assert found["evaluations"] == 2000
+    assert found["algorithm"] == "pso"
+    assert found["stopped"] == "budget"
+    assert set(found["faults"]) == set(library.Faults().as_dict())
+    assert {"cost", "seconds", "seed"} <= set(found)
+
+
+def test_table_for_people_names_value_and_healthy_value(ematwin, folder: Path) -> None:
+    answer = ematwin("identify", "rec.parquet", "--only", "friction,backlash")
+    assert answer.code == 0, answer.err
+    row = next(line for line in answer.out.splitlines() if "friction" in line)
+    assert "0.04" in row
+    assert "0.03 N m" in row
+    assert "held" in answer.out
+    assert "simulations in" in answer.out
+
+
+def browse(page: Path, folder: Path) -> tuple[str, str]:
+    """The page's document as the browser holds it, and what the browser said."""
+    browser = shutil.which("chromium") or shutil.which("google-chrome")
+    assert browser, "This test needs Chromium: apt-get install chromium."
+    done = subprocess.run(
+        [
+            browser, "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic",
+            "--no-first-run", "--disable-background-networking", "--disable-component-update",
+            "--disable-sync", f"--user-data-dir={folder / 'profile'}", "--enable-logging=stderr",
+            "--log-level=0", "--virtual-time-budget=10000", "--dump-dom", page.as_uri(),
+        ],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )  # fmt: skip
+    return done.stdout, done.stderr
+
+
+def test_report_opens_in_a_browser_and_loads_nothing(ematwin, folder: Path) -> None:
+    answer = ematwin("identify", "rec.parquet", "--report", "out.html")
+    assert answer.code == 0, answer.err
+    page = folder / "out.html"
+    document, log = browse(page, folder)
+    assert document.count("main-svg") >= 3  # each figure was drawn
+    assert "Found: friction" in document
+    assert "CONSOLE" not in log, [line for line in log.splitlines() if "CONSOLE" in line]
+    text = page.read_text(encoding="utf-8")
+    assert not re.search(r"<(script|link|img|iframe)[^>]*(src|href)\s*=\s*[\"']?http", text)
+
+
+def test_demo_runs_the_whole_path(ematwin, tmp_path: Path) -> None:
+    answer = ematwin("demo", "--json")
+    assert answer.code == 0, answer.err
+    told = json.loads(answer.out)
+    assert told["error_percent"] < 0.5
+    for name in ("record.parquet", "simulated.html", "report.html"):
+        assert (tmp_path / "ematwin-demo" / name).stat().st_size > 1000
+
+
+def test_algorithms_are_listed_with_their_sources(ematwin) -> None:
+    listed = {row["name"]: row for row in json.loads(ematwin("algorithms", "--json").out)}
+    assert {"multistart", "ga", "pso", "de", "gwo", "da", "woa", "cma"} <= set(listed)
+    assert "Mirjalili" in listed["gwo"]["source"]
+
+
+def test_channels_of_a_test_bench_are_mapped_by_name(
+    ematwin, tmp_path: Path, record: library.Record
+) -> None:
+    write_table(
+        tmp_path / "bench.csv",
+        {
+            "t [ms]": 1e3 * record.time,
+            "set point [deg]": np.degrees(record.command),
+            "load": record.load,
+            "Phase U [mA]": 1e3 * record.current_a,
+            "Phase V [mA]": 1e3 * record.current_b,
+            "Phase W [mA]": 1e3 * record.current_c,
+        },
+        {},
+    )
+    answer = ematwin(
+        "identify", "bench.csv", "--column", "time=t [ms]", "--column", "command=set point [deg]",
+        "--column", "load=load", "--column", "i_a=Phase U [mA]", "--column", "i_b=Phase V [mA]",
+        "--column", "i_c=Phase W [mA]", "--json",
+    )  # fmt: skip
+    assert answer.code == 0, answer.err
+    found = json.loads(answer.out)["faults"]
+    assert found["friction"] == pytest.approx(0.3, abs=0.01)
+    assert found["backlash"] == pytest.approx(0.15, abs=0.01)
+
+
+def changed_file(folder: Path, record: library.Record, change: Callable[[dict], None]) -> str:
+    columns = {name: values.copy() for name, values in record.columns()}
+    change(columns)
+    write_table(folder / "changed.parquet", columns, {})
+    return "changed.parquet"
+
+
+def _scaled(name: str, factor: float) -> Callable[[dict], None]:
+    def change(columns: dict) -> None:
+        columns[name] *= factor
+
+    return change
+
+
+def _without(*names: str) -> Callable[[dict], None]:
+    def change(columns: dict) -> None:
+        for name in names:
+            del columns[name]
+
+    return change
+
+
+def _milliamperes(columns: dict) -> None:
+    for name in ("current_a", "current_b", "current_c"):
+        columns[name] *= 1e3
+
+
+def _holes(columns: dict) -> None:
+    columns["current_a"][2000:2100] = np.nan
+
+
+def _swapped(columns: dict) -> None:
+    columns["current_a"], columns["current_b"] = columns["current_b"], columns["current_a"]
+
+
+def _gap(columns: dict) -> None:
+    for name in columns:
+        columns[name] = np.delete(columns[name], np.s_[4000:4500])
+
+
+def _short(columns: dict) -> None:
+    for name in columns:
+        columns[name] = columns[name][:50]
+
+
+def _still(columns: dict) -> None:
+    for name in columns:
+        if name != "time":
+            columns[name][:] = columns[name][0]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (_without("current_a", "current_b", "current_c"), "current"),
+        (_without("command"), "command"),
+        (_without("time"), "time"),
+        (_milliamperes, "mA"),
+        (_scaled("command", 57.3), "degrees"),
+        (_scaled("time", 1e3), "ms|Hz"),
+        (_scaled("current_b", -1.0), "current_b"),
+        (_swapped, "order|swap"),
+        (_holes, "hole|NaN|missing"),
+        (_gap, "gap|hole|missing"),
+        (_short, "short|samples"),
+        (_still, "zero throughout"),
+    ],
+)
+def test_record_that_cannot_be_right_is_refused_with_the_reason(
+    ematwin, tmp_path: Path, record: library.Record, change, said: str
+) -> None:
+    name = changed_file(tmp_path, record, change)
+    refused(ematwin("identify", name, "--report", "out.html"), said)
+    assert not (tmp_path / "out.html").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["none.parquet"], "no file none.parquet"),
+        (["rec.parquet", "--budget", "0"], "budget"),
+        (["rec.parquet", "--algorithm", "pzo"], "pso"),
+        (["rec.parquet", "--algorithm", "de", "--population", "0"], "population"),
+        (["rec.parquet", "--only", "fricton"], "friction"),
+        (["rec.parquet", "--hold", "gain=7"], "gain"),
+        (["rec.parquet", "--report", "out.pdf"], "html"),
+        (["rec.parquet", "--report", "nowhere/out.html"], "nowhere"),
+        (["rec.parquet", "--column", "i_x=Phase"], "i_x"),
+        (["rec.parquet", "--gaps", "ignore"], "longest"),
+        (["rec.parquet", "--resample-to", "fast"], "fast"),
+    ],
+)
+def test_option_that_cannot_be_used_is_refused(
+    ematwin, folder: Path, arguments: list[str], said: str
+) -> None:
+    refused(ematwin("identify", *arguments), said)
+
+
+def test_missing_extra_names_the_command_that_installs_it(ematwin, folder: Path) -> None:
+    # a package of that name that cannot be imported stands for one that is not installed
+    (folder / "block").mkdir()
+    (folder / "block" / "sitecustomize.py").write_text(
+        "import sys\nsys.modules['cma'] = None\n", encoding="utf-8"
+    )
+    answer = ematwin(
+        "identify", "rec.parquet", "--algorithm", "cma", PYTHONPATH=str(folder / "block")
+    )
+    refused(answer, r'pip install "ematwin\[bench\]"')
+
+
+def test_ctrl_c_keeps_the_best_found_and_says_so(folder: Path) -> None:
+    process = subprocess.Popen(
+        [
+            sys.executable, "-m", "ematwin", "identify", "rec.parquet", "--algorithm", "de",
+            "--budget", "10000000", "--report", "out.html",
+        ],
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        stdin=subprocess.DEVNULL,
+        text=True,
+        env=os.environ.copy(),
+    )  # fmt: skip
+    time.sleep(15.0)  # imports, loads kernels, searches
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert "Interrupted: this is the best found until then." in out, err
+    assert "Traceback" not in err
+    assert (folder / "out.html").exists()
