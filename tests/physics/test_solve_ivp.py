@@ -6,8 +6,6 @@ closer in proportion when their step is shortened.
 """
 
 import math
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,9 +19,6 @@ from ematwin.kernels.friction import advance_speed
 from ematwin.plant.constants import kernel_constants
 from ematwin.plant.parameters import Actuator
 from ematwin.plant.scenario import Scenario
-
-# Some installed packages bring a top-level package named tests, which would hide ours.
-sys.path.append(str(Path(__file__).resolve().parents[1]))
 from naive import motor as naive_motor
 from naive.hybrid import Mass, TwoMasses
 

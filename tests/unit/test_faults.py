@@ -1,12 +1,10 @@
 """The eight fault components: names, bounds, physical magnitudes, Err%."""
 
 import math
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ematwin.errors import InputError
@@ -20,12 +18,8 @@ from ematwin.faults import (
     error_percent_wrapped,
 )
 from ematwin.plant.parameters import Actuator
-
-# Some installed packages bring a top-level package named tests, which would hide ours.
-sys.path.append(str(Path(__file__).resolve().parents[1]))
 from naive import signals as naive_signals
 
-PROPERTY = settings(deadline=None, derandomize=True)
 vectors = st.lists(st.floats(0.0, 1.0), min_size=8, max_size=8).map(np.array)
 
 # ESREL 2020 paper, Table 1: rows in its order, columns F B Na Nb Nc Z phi Gain, per cent.
@@ -54,7 +48,6 @@ def test_no_faults_are_the_healthy_vector_of_the_paper():
     assert tuple(Faults().as_dict()) == FAULTS
 
 
-@PROPERTY
 @given(vectors)
 def test_faults_come_back_from_vector_and_mapping(vector):
     faults = Faults.of(vector)
@@ -131,7 +124,6 @@ def test_printing_marks_what_is_not_healthy_and_gives_its_unit():
     assert "0.045 N m" in marked[0]
 
 
-@PROPERTY
 @given(vectors, vectors)
 def test_err_per_cent_is_the_formula_of_the_paper(found, injected):
     expected = naive_signals.error_percent(found, injected)
@@ -158,7 +150,6 @@ def test_err_per_cent_takes_whole_batches():
     assert errors[2, 1] == pytest.approx(error_percent(found[2, 1], HEALTHY))
 
 
-@PROPERTY
 @given(vectors, vectors)
 def test_the_wrapped_error_never_exceeds_that_of_the_paper(found, injected):
     wrapped = error_percent_wrapped(found, injected)
@@ -168,7 +159,6 @@ def test_the_wrapped_error_never_exceeds_that_of_the_paper(found, injected):
     assert error_percent_wrapped(other_end, injected) == pytest.approx(wrapped)
 
 
-@PROPERTY
 @given(vectors)
 def test_eccentricity_vector_has_the_length_and_direction_of_its_components(vector):
     x, y = eccentricity_vector(vector)

@@ -1,8 +1,6 @@
 """The kernels against closed forms and against the slow versions in ``tests/naive``."""
 
 import math
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,9 +16,6 @@ from ematwin.plant.constants import kernel_constants
 from ematwin.plant.parameters import Actuator
 from ematwin.signals.filters import LowPass
 from ematwin.signals.misfit import SlopeWeighting
-
-# Some installed packages bring a top-level package named tests, which would hide ours.
-sys.path.append(str(Path(__file__).resolve().parents[1]))
 from naive import mechanics
 from naive import monitor as naive_monitor
 from naive import motor as naive_motor
@@ -41,8 +36,6 @@ positions = st.floats(-1.0, 1.0)
 shares = st.floats(0.0, 1.0)
 angles = st.floats(-1e4, 1e4)
 INERTIA, DT = 2.5e-6, 1e-5
-# The first example compiles a kernel, which takes its time.
-PROPERTY = settings(deadline=None, derandomize=True)
 
 
 def fault(**values):
@@ -67,14 +60,12 @@ def test_sine_and_cosine_err_by_less_than_1e_12_within_a_thousand_turns():
     assert largest_error(1e5, 2_000_003) < 1e-10
 
 
-@PROPERTY
 @given(st.integers(-40_000, 40_000))
 def test_sine_and_cosine_are_right_at_and_beside_every_eighth_of_a_turn(eighths):
     for x in np.nextafter(eighths * math.pi / 4.0, [-np.inf, 0.0, np.inf]):
         assert scalar.sincos(x) == pytest.approx((math.sin(x), math.cos(x)), abs=1e-11)
 
 
-@PROPERTY
 @given(st.floats(), st.floats(-1e3, 1e3), st.floats(0.0, 1e3))
 def test_clip_limits_and_lets_nan_through(x, low, width):
     clipped = scalar.clip(x, low, low + width)
@@ -87,7 +78,6 @@ def test_clip_limits_and_lets_nan_through(x, low, width):
 # Friction
 
 
-@PROPERTY
 @given(speeds, torques, st.floats(0.0, 0.2), st.floats(1.0, 3.0))
 def test_friction_is_that_of_the_naive_version(w, act, dynamic, ratio):
     static = ratio * dynamic
@@ -99,13 +89,11 @@ def test_friction_is_that_of_the_naive_version(w, act, dynamic, ratio):
     )
 
 
-@PROPERTY
 @given(st.floats(-0.0599, 0.0599))
 def test_a_mass_at_rest_sticks_up_to_the_static_torque(act):
     assert friction.advance_speed(0.0, act, INERTIA, 0.06, 0.03, DT) == 0.0
 
 
-@PROPERTY
 @given(st.floats(0.0601, 1.0), st.sampled_from([-1.0, 1.0]))
 def test_beyond_the_static_torque_a_mass_breaks_loose(act, way):
     w = friction.advance_speed(0.0, way * act, INERTIA, 0.06, 0.03, DT)
@@ -113,7 +101,6 @@ def test_beyond_the_static_torque_a_mass_breaks_loose(act, way):
     assert w * way > 0.0
 
 
-@PROPERTY
 @given(speeds, st.floats(-0.03, 0.03))
 def test_a_step_that_would_reverse_ends_at_exactly_zero(w, act):
     after = friction.advance_speed(w, act, INERTIA, 0.06, 0.03, DT)
@@ -122,7 +109,6 @@ def test_a_step_that_would_reverse_ends_at_exactly_zero(w, act):
         assert after == 0.0
 
 
-@PROPERTY
 @given(speeds, torques, st.floats(0.0, 0.2))
 def test_friction_never_adds_energy(w, act, dynamic):
     """It opposes motion, and a step never ends faster than it would without friction."""
@@ -149,7 +135,6 @@ def test_coasting_ends_after_the_time_and_way_of_the_closed_form():
     assert way == pytest.approx(INERTIA * w0**2 / (2.0 * dynamic), rel=1e-3)
 
 
-@PROPERTY
 @given(st.floats(-100.0, 100.0), torques)
 def test_load_adds_to_friction_by_whether_it_opposes_or_aids(direction, load):
     seen = friction.loaded_friction(direction, load, C.t_o, C.c_opposing, C.c_aiding)
@@ -171,7 +156,6 @@ def test_opposing_load_takes_the_torque_that_its_efficiency_says():
     assert load - aiding == pytest.approx(load * gear.efficiency_aiding)
 
 
-@PROPERTY
 @given(st.floats(0.0, 0.2), st.floats(1.0, 3.0), st.floats(0.0, 0.2))
 def test_ripple_lowers_the_static_torque_but_never_below_the_dynamic(dynamic, ratio, ripple):
     static = ratio * dynamic
@@ -183,7 +167,6 @@ def test_ripple_lowers_the_static_torque_but_never_below_the_dynamic(dynamic, ra
 # Backlash, contact, end stops
 
 
-@PROPERTY
 @given(positions, positions, st.floats(0.0, 0.5))
 def test_play_is_that_of_the_naive_version(motor_angle, output, half_gap):
     assert backlash.play(motor_angle, output, half_gap) == pytest.approx(
@@ -207,7 +190,7 @@ def test_play_draws_the_closed_hysteresis_loop_of_a_cosine():
     np.testing.assert_allclose(out, expected, atol=1e-6)
 
 
-@settings(PROPERTY, max_examples=400)
+@settings(max_examples=400)
 @given(positions, speeds, positions, speeds, torques, torques, st.floats(0.0, 0.5), shares)
 def test_rigid_contact_is_that_of_the_naive_version(x_m, w_m, x_o, w_o, act_m, act_o, gap, td):
     td_m, td_o = 0.03 * td, 0.02
@@ -228,7 +211,7 @@ def test_rigid_contact_is_that_of_the_naive_version(x_m, w_m, x_o, w_o, act_m, a
     assert seen == pytest.approx(expected, rel=1e-12, abs=1e-9)
 
 
-@settings(PROPERTY, max_examples=300)
+@settings(max_examples=300)
 @given(st.floats(-0.3, 0.3), speeds, speeds, st.floats(0.01, 0.3))
 def test_the_gap_never_opens_beyond_its_width(x_m, w_m, w_o, half_gap):
     assume(abs(x_m) <= half_gap)
@@ -238,7 +221,6 @@ def test_the_gap_never_opens_beyond_its_width(x_m, w_m, w_o, half_gap):
     assert abs(x_m - x_o) <= half_gap + 1e-12
 
 
-@PROPERTY
 @given(speeds, speeds)
 def test_an_impact_keeps_momentum_and_is_inelastic(w_m, w_o):
     assume(w_m - w_o > 1e-3)
@@ -290,7 +272,6 @@ def test_static_load_deflects_the_contact_by_gap_and_spring():
         assert seen == pytest.approx(way * torque)
 
 
-@PROPERTY
 @given(positions, speeds, positions, speeds, st.floats(0.0, 0.5))
 def test_contact_pushes_and_never_pulls(x_m, w_m, x_o, w_o, half_gap):
     stiff, damp = C.contact_stiffness, C.contact_damping
@@ -305,7 +286,7 @@ def test_contact_pushes_and_never_pulls(x_m, w_m, x_o, w_o, half_gap):
         assert seen * twist >= 0.0
 
 
-@settings(PROPERTY, max_examples=30)
+@settings(max_examples=30)
 @given(st.floats(1.0, 200.0), st.floats(1e-4, 0.02))
 def test_energy_never_grows_in_a_bounce_off_the_contact(w, half_gap):
     """Two free masses meet: kinetic and elastic energy fall from step to step, at 1 us."""
@@ -334,7 +315,6 @@ def bounce(w_m, half_gap, j_m, j_o, stiffness, damping):
     return energies
 
 
-@PROPERTY
 @given(positions, speeds, st.floats(0.0, 0.5))
 def test_end_stop_is_inelastic_and_lets_go(x, w, reach):
     low, high = -reach - 0.01, reach + 0.01
@@ -362,13 +342,11 @@ def test_motor_is_stopped_half_a_gap_beyond_the_end_stop_of_the_output(way):
 # Commutation, motor, controller
 
 
-@PROPERTY
 @given(angles)
 def test_trapezoid_is_that_of_the_naive_version(theta):
     assert motor.trapezoid(theta) == pytest.approx(naive_motor.trapezoid(theta), abs=1e-9)
 
 
-@PROPERTY
 @given(angles)
 def test_trapezoid_is_a_clipped_triangle_odd_and_a_sixth_turn_periodic(theta):
     f = motor.trapezoid(theta)
@@ -387,7 +365,6 @@ def test_sectors_are_six_of_sixty_degrees_from_thirty_on():
         assert naive_motor.sector(math.radians(degrees)) == expected
 
 
-@PROPERTY
 @given(angles)
 def test_commutation_drives_the_two_legs_whose_back_emf_is_on_its_flats(theta):
     assume(abs((theta / (math.pi / 3.0) - 0.5) - round(theta / (math.pi / 3.0) - 0.5)) > 1e-6)
@@ -404,7 +381,6 @@ def test_commutation_drives_the_two_legs_whose_back_emf_is_on_its_flats(theta):
                 assert abs(shape) < 1.0
 
 
-@PROPERTY
 @given(angles, shares, shares, shares, shares, shares)
 def test_emf_constants_are_those_of_the_naive_version(theta, a, b, c, zeta, phase):
     values = dict(short_a=a, short_b=b, short_c=c, eccentricity=zeta, eccentricity_phase=phase)
@@ -413,7 +389,6 @@ def test_emf_constants_are_those_of_the_naive_version(theta, a, b, c, zeta, phas
     assert seen == pytest.approx(expected, abs=1e-9)
 
 
-@PROPERTY
 @given(angles, shares, shares, shares, shares, shares)
 def test_equivalent_phase_is_the_two_conducting_phases_in_series(theta, a, b, c, zeta, phase):
     values = dict(short_a=a, short_b=b, short_c=c, eccentricity=zeta, eccentricity_phase=phase)
@@ -424,7 +399,6 @@ def test_equivalent_phase_is_the_two_conducting_phases_in_series(theta, a, b, c,
     assert seen == pytest.approx(expected, abs=1e-9)
 
 
-@PROPERTY
 @given(st.floats(-10.0, 10.0), st.floats(-10.0, 10.0), speeds, shares)
 def test_controller_is_that_of_the_naive_version(command, output, w, gain):
     seen = controller.current_reference(
@@ -434,7 +408,6 @@ def test_controller_is_that_of_the_naive_version(command, output, w, gain):
     assert seen == pytest.approx(expected, rel=1e-9, abs=1e-9)
 
 
-@PROPERTY
 @given(st.floats(-30.0, 30.0), st.floats(-30.0, 30.0), st.sampled_from([-1.0, 1.0]))
 def test_comparator_keeps_its_sign_within_the_band(i, i_ref, last):
     sign = inverter.hysteresis(i, i_ref, 0.25, last)
@@ -446,7 +419,6 @@ def test_comparator_keeps_its_sign_within_the_band(i, i_ref, last):
         assert sign == last
 
 
-@PROPERTY
 @given(st.integers(0, 5), st.floats(-20.0, 20.0), st.floats(-20.0, 20.0))
 def test_regulator_sees_the_largest_phase_current_with_the_sign_of_its_pair(sector, i_a, i_b):
     i = (i_a, i_b, -i_a - i_b)
@@ -457,7 +429,7 @@ def test_regulator_sees_the_largest_phase_current_with_the_sign_of_its_pair(sect
         assert seen * (i[first] - i[second]) >= 0.0
 
 
-@settings(PROPERTY, max_examples=300)
+@settings(max_examples=300)
 @given(
     st.integers(0, 5), st.sampled_from([-1.0, 1.0]),
     st.tuples(st.floats(-20.0, 20.0), st.floats(-20.0, 20.0)), st.booleans(),
@@ -636,7 +608,6 @@ def test_a_candidate_scored_against_its_own_response_costs_nothing():
     np.testing.assert_allclose(costs, 0.0, atol=1e-20)
 
 
-@PROPERTY
 @given(st.tuples(*[shares] * 8))
 def test_fault_states_are_the_magnitudes_of_the_paper(values):
     k = np.array(values)

@@ -1,12 +1,10 @@
 """Equivalent current, low-pass, misfit and noise."""
 
 import math
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ematwin.errors import InputError
@@ -15,13 +13,9 @@ from ematwin.signals.filters import LowPass
 from ematwin.signals.misfit import SlopeWeighting, misfit
 from ematwin.signals.noise import Noise
 from ematwin.signals.record import PHASES, Record
-
-# Some installed packages bring a top-level package named tests, which would hide ours.
-sys.path.append(str(Path(__file__).resolve().parents[1]))
 from naive import motor as naive_motor
 from naive import signals as naive_signals
 
-PROPERTY = settings(deadline=None, derandomize=True)
 RATE = 20_000.0
 POLE_PAIRS = 2
 signals = st.lists(st.floats(-20.0, 20.0), min_size=8, max_size=60).map(np.array)
@@ -52,7 +46,6 @@ def single(current):
 # Equivalent current
 
 
-@PROPERTY
 @given(st.lists(st.tuples(st.floats(-20, 20), st.floats(-20, 20)), min_size=2, max_size=20))
 def test_envelope_of_currents_that_sum_to_zero_is_the_largest(pairs):
     a, b = np.array(pairs).T
@@ -90,7 +83,6 @@ def test_projection_makes_the_torque_of_a_healthy_motor():
     np.testing.assert_allclose(2.0 * signed_current(record, POLE_PAIRS), torque, atol=1e-9)
 
 
-@PROPERTY
 @given(st.floats(-1e3, 1e3))
 def test_shape_is_the_trapezoid_of_the_naive_version(theta):
     assert trapezoid_shape(np.array([theta]))[0] == pytest.approx(
@@ -111,14 +103,12 @@ def test_envelope_of_an_equivalent_current_is_its_magnitude():
 # Low-pass
 
 
-@PROPERTY
 @given(signals, st.floats(50.0, 5000.0))
 def test_low_pass_is_the_explicit_recursion(signal, cutoff):
     expected = naive_signals.low_pass(signal, cutoff, RATE)
     np.testing.assert_allclose(LowPass(cutoff).apply(signal, RATE), expected, atol=1e-8)
 
 
-@PROPERTY
 @given(st.floats(-20.0, 20.0))
 def test_a_constant_passes_unchanged_from_the_first_sample_on(level):
     seen = LowPass(500.0).apply(np.full(50, level), RATE)
@@ -146,7 +136,6 @@ def test_a_rate_that_the_filter_cannot_work_at_is_refused(cutoff, rate):
 # Misfit
 
 
-@PROPERTY
 @given(signals, st.integers(0, 2**32 - 1), st.sampled_from([1.0, 500.0]))
 def test_misfit_is_equation_2_of_the_paper(measured, seed, scale):
     simulated = measured + np.random.default_rng(seed).normal(size=measured.size)
@@ -155,7 +144,6 @@ def test_misfit_is_equation_2_of_the_paper(measured, seed, scale):
     assert seen == pytest.approx(expected, rel=1e-9)
 
 
-@PROPERTY
 @given(signals)
 def test_misfit_of_equal_currents_is_zero(signal):
     assert misfit(signal, signal, 1.0 / RATE) == 0.0
@@ -208,7 +196,6 @@ def test_noise_leaves_positions_and_command_alone():
     np.testing.assert_array_equal(seen.command, record.command)
 
 
-@PROPERTY
 @given(st.integers(2, 16), signals)
 def test_a_converter_gives_whole_steps_and_errs_by_half_a_step(bits, signal):
     seen = Noise(bits=bits, full_scale=25.0).apply(single(signal), np.random.default_rng(0)).current
