@@ -193,7 +193,7 @@ def _still(columns: dict) -> None:
         (_scaled("time", 1e3), "ms|Hz"),
         (_scaled("current_b", -1.0), "current_b"),
         (_swapped, "order|swap"),
-        (_holes, "hole|NaN|missing"),
+        (_holes, "no values in a stretch"),
         (_gap, "gap|hole|missing"),
         (_short, "short|samples"),
         (_still, "zero throughout"),
