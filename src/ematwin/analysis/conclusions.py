@@ -84,16 +84,10 @@ def _differences(ranks: RankComparison) -> list[str]:
         sentences.append(f"{test}: the algorithms differ in Err%.")
     pairs = [pair for pair in ranks.pairs if pair.p_holm < ALPHA]
     if pairs:
-        places = {name: rank for name, rank in zip(ranks.algorithms, ranks.average_ranks,
-                                                   strict=True)}  # fmt: skip
-        told = []
-        for pair in pairs:
-            first = places[pair.first] < places[pair.second]
-            better, worse = (pair.first, pair.second) if first else (pair.second, pair.first)
-            told.append(f"{shown(better)} before {shown(worse)} (p = {pair.p_holm:.2g})")
+        rest = " Nothing can be concluded of the others." if len(pairs) < len(ranks.pairs) else ""
         sentences.append(
-            f"Of {len(ranks.pairs)} pairs, {len(pairs)} differ after Holm's correction: "
-            f"{'; '.join(told)}. Nothing can be concluded of the others."
+            f"Of {len(ranks.pairs)} pairs, {len(pairs)} differ after Holm's correction (p at most "
+            f"{max(pair.p_holm for pair in pairs):.2g}): {_before(ranks, order)}.{rest}"
         )
     elif ranks.pairs:
         sentences.append(
@@ -101,6 +95,17 @@ def _differences(ranks: RankComparison) -> list[str]:
             "the better cannot be concluded."
         )
     return [*sentences, *ranks.notes]
+
+
+def _before(ranks: RankComparison, order: np.ndarray) -> str:
+    """Who comes before whom significantly, the best first."""
+    p = ranks.significance()
+    told = []
+    for n, better in enumerate(order):
+        worse = [shown(ranks.algorithms[m]) for m in order[n + 1 :] if p[better, m] < ALPHA]
+        if worse:
+            told.append(f"{shown(ranks.algorithms[better])} before {', '.join(worse)}")
+    return "; ".join(told)
 
 
 def _diagnosis(diagnosis: list[Diagnosis], threshold: float) -> list[str]:

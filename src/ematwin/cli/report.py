@@ -20,6 +20,9 @@ def report(
         Path | None,
         typer.Option(help="Write page, CSV, LaTeX tables and SVG figures to this folder."),
     ] = None,
+    slim: Annotated[
+        bool, typer.Option("--slim", help="Still figures on the page: 1 MB instead of 5.")
+    ] = False,
     ioh: Annotated[
         Path | None, typer.Option(help="Export the runs for IOHanalyzer to this new folder.")
     ] = None,
@@ -60,7 +63,7 @@ def report(
     if out is not None:
         from ematwin.report.study_folder import write_report
 
-        files = write_report(analysis, out)
+        files = write_report(analysis, out, slim=slim)
     if json:
         answer = analysis.as_dict()
         answer["report"] = None if out is None else {"folder": str(out), "files": files}

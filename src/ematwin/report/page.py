@@ -65,6 +65,6 @@ def render(
         lead=lead,
         sections=shown,
         warnings=warnings or [],
-        plotly_js=get_plotlyjs(),
+        plotly_js=get_plotlyjs() if any(section.figure for section in sections) else "",
         version=__version__,
     )

@@ -1,5 +1,6 @@
 """Page: a study of algorithms, beside the paper's."""
 
+from dataclasses import replace
 from typing import Any
 
 from ematwin.analysis.claims import OPEN
@@ -20,13 +21,18 @@ _FIGURE = {
 }
 
 
-def study_page(analysis: StudyAnalysis, diagram: str = "") -> str:
+def study_page(
+    analysis: StudyAnalysis, drawn: dict[str, str] | None = None, *, slim: bool = False
+) -> str:
     """HTML page of a study.
 
     Parameters
     ----------
-    diagram : critical-difference diagram, SVG; empty if there is none
+    drawn : drawings of `study_svg.drawings`; the critical-difference diagram comes from here
+    slim : show the still drawings instead of interactive figures, which are 4.5 MB larger
     """
+    stills = drawn or {}
+    diagram = stills.get("critical_difference.svg", "")
     table = analysis.table
     sections = [
         Section("What can and cannot be concluded", points=analysis.conclusions),
@@ -40,12 +46,22 @@ def study_page(analysis: StudyAnalysis, diagram: str = "") -> str:
         _failures(analysis),
         Section("How it was made", facts=_facts(analysis)),
     ]
+    if slim:
+        sections = [_still(section, stills) for section in sections]
     lead = (
         f"{len(table)} runs: {_counted(len(table.algorithms), 'algorithm')} on "
         f"{_counted(len(table.cases), 'case')}. {int(table.done.sum())} ended well"
         f"{_failed(analysis)}. Every number here is computed from the store alone."
     )
     return render("Comparison of identification algorithms", lead, sections)
+
+
+def _still(section: Section, stills: dict[str, str]) -> Section:
+    """The section with the drawing of its figure, which names it."""
+    if section.figure is None:
+        return section
+    svg = stills.get(str(section.figure.layout.meta), "")
+    return replace(section, figure=None, svg=svg[svg.find("<svg") :] if svg else "")
 
 
 def _claims(analysis: StudyAnalysis) -> list[Section]:

@@ -82,6 +82,20 @@ def bars(analysis: StudyAnalysis, group: Group, metric: str, title: str) -> Any:
         }],
     )  # fmt: skip
     figure.update_yaxes(title_text=title, rangemode="tozero")
+    return named(figure, bars_file(group, metric))
+
+
+def bars_file(group: Group, metric: str) -> str:
+    """Name of the still drawing of `bars`; the paper's figures keep their numbers."""
+    number = {
+        ("low", "err"): "4", ("high", "err"): "5", ("low", "seconds"): "6", ("high", "seconds"): "7"
+    }.get((group.name, metric), "")  # fmt: skip
+    return f"figure{number}_{'errors' if metric == 'err' else 'seconds'}_{group.name}.svg"
+
+
+def named(figure: Any, drawing: str) -> Any:
+    """The figure with the name of the still drawing that shows the same."""
+    figure.update_layout(meta=drawing)
     return figure
 
 
@@ -119,7 +133,7 @@ def convergence(analysis: StudyAnalysis) -> Any:
             _band(figure, band, analysis.table.algorithms.index(band.algorithm), c)
     figure.update_yaxes(type="log", exponentformat="power")
     figure.update_xaxes(type="log", exponentformat="power")
-    return figure
+    return named(figure, "convergence.svg")
 
 
 def _band(figure: Any, band: Band, place: int, case: int) -> None:
@@ -166,8 +180,8 @@ def distributions(analysis: StudyAnalysis) -> Any:
                     marker={"color": color(a), "size": 4, "opacity": 0.6}, showlegend=False,
                     **where,
                 )  # fmt: skip
-    figure.update_yaxes(type="log", exponentformat="power")
-    return figure
+    figure.update_yaxes(type="log", exponentformat="none")
+    return named(figure, "distributions.svg")
 
 
 def to_target(analysis: StudyAnalysis) -> Any:
@@ -183,7 +197,7 @@ def to_target(analysis: StudyAnalysis) -> Any:
     styled(figure, 420)
     figure.update_xaxes(type="log", title_text="simulations", exponentformat="power")
     figure.update_yaxes(range=[0.0, 1.02], title_text="share of (run, target) pairs met")
-    return figure
+    return named(figure, "evaluations_to_target.svg")
 
 
 def short(values: Any) -> list[float | None]:

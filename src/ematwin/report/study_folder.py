@@ -48,8 +48,8 @@ def check_folder(folder: Path) -> None:
         )
 
 
-def write_report(analysis: StudyAnalysis, folder: str | Path) -> list[str]:
-    """Write the report; gives the names of its files.
+def write_report(analysis: StudyAnalysis, folder: str | Path, *, slim: bool = False) -> list[str]:
+    """Write the report; gives the names of its files. ``slim`` as of `study_page`.
 
     Raises
     ------
@@ -70,7 +70,7 @@ def write_report(analysis: StudyAnalysis, folder: str | Path) -> list[str]:
             f"Cannot write the report to {target}: {error.strerror}. Choose a folder that is yours."
         ) from None
     try:
-        _fill(analysis, draft)
+        _fill(analysis, draft, slim)
         names = sorted(path.name for path in draft.iterdir())
         _put(draft, target)
     except OSError as error:
@@ -84,7 +84,7 @@ def write_report(analysis: StudyAnalysis, folder: str | Path) -> list[str]:
     return names
 
 
-def _fill(analysis: StudyAnalysis, draft: Path) -> None:
+def _fill(analysis: StudyAnalysis, draft: Path, slim: bool) -> None:
     drawn = drawings(analysis)
     for name, text in drawn.items():
         write_text(draft / name, text)
@@ -95,7 +95,7 @@ def _fill(analysis: StudyAnalysis, draft: Path) -> None:
         write_text(draft / "claims.md", claims_markdown(analysis))
     _write_csv(draft / "results.csv", _run_rows(analysis))
     _write_csv(draft / "cells.csv", _cell_rows(analysis))
-    write_text(draft / "index.html", study_page(analysis, drawn.get(_DIAGRAM, "")))
+    write_text(draft / "index.html", study_page(analysis, drawn, slim=slim))
 
 
 def _put(draft: Path, target: Path) -> None:

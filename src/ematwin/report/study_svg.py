@@ -16,7 +16,7 @@ from ematwin.analysis.convergence import bands
 from ematwin.analysis.ranks import ALPHA
 from ematwin.analysis.study import StudyAnalysis
 from ematwin.errors import MissingExtraError
-from ematwin.report.study_figures import MOST_CASES, Group, color, groups
+from ematwin.report.study_figures import MOST_CASES, Group, bars_file, color, groups
 
 
 def check_extra() -> None:
@@ -35,13 +35,8 @@ def drawings(analysis: StudyAnalysis) -> dict[str, str]:
     """SVG texts by file name."""
     found = {}
     for group in groups(analysis):
-        for metric, unit, figures in (
-            ("err", "mean Err%", {"low": "figure4", "high": "figure5"}),
-            ("seconds", "mean time, s", {"low": "figure6", "high": "figure7"}),
-        ):
-            word = "errors" if metric == "err" else "seconds"
-            name = f"{figures.get(group.name, 'figure')}_{word}_{group.name}.svg"
-            found[name] = _svg(
+        for metric, unit in (("err", "mean Err%"), ("seconds", "mean time, s")):
+            found[bars_file(group, metric)] = _svg(
                 partial(_bars, analysis=analysis, group=group, metric=metric, unit=unit),
                 (9.0, 3.6),
             )

@@ -25,7 +25,9 @@ def number(value: float, digits: int = 3) -> str:
 
 def _between(interval: tuple[float, float]) -> str:
     low, high = interval
-    return f"{number(low)} to {number(high)}" if math.isfinite(low) else _NONE
+    if not math.isfinite(low):
+        return _NONE
+    return number(low, 6) if low == high else f"{number(low)} to {number(high)}"
 
 
 def errors(analysis: StudyAnalysis) -> Table:
@@ -53,8 +55,8 @@ def errors(analysis: StudyAnalysis) -> Table:
                 )
             )
     header = [
-        "case", "algorithm", "done", "mean", "its 95 % interval", "median", "its 95 % interval",
-        "quartiles", "mean, wrapped", "median, wrapped",
+        "case", "algorithm", "done", "mean", "95 % interval", "median", "95 % interval",
+        "quartiles", "wrapped: mean", "median",
     ]  # fmt: skip
     return Table(header, rows[:MOST_ROWS])
 
