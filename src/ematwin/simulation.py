@@ -9,7 +9,6 @@ import numpy as np
 from ematwin import __version__
 from ematwin.errors import DivergedError, InputError
 from ematwin.faults import Faults
-from ematwin.plant.constants import kernel_constants
 from ematwin.plant.parameters import DEFAULT_ACTUATOR, Actuator
 from ematwin.plant.scenario import DEFAULT_SCENARIO, Scenario
 from ematwin.signals.noise import Noise
@@ -122,6 +121,7 @@ def _run(
     from ematwin.kernels import batch  # compiles, or loads what an earlier process compiled
     from ematwin.kernels.monitor_step import MonitorState
     from ematwin.kernels.reference_step import ReferenceState
+    from ematwin.plant.constants import kernel_constants
 
     rest: ReferenceState | MonitorState
     names: tuple[str, ...]
@@ -132,6 +132,7 @@ def _run(
         run, names = batch.monitor_trace, batch.MONITOR_COLUMNS
         rest = MonitorState(0.0, 0.0, start, 0.0, start)
     state = np.array(rest)
+    constants = kernel_constants(actuator)
     first = [getattr(rest, _STATE_OF.get(name, ""), 0.0) for name in names]
     pieces = [np.array([first])]
     # In slices, so that a long simulation shows progress and can be interrupted.
@@ -146,7 +147,7 @@ def _run(
                 command[part],
                 load[part],
                 state,
-                kernel_constants(actuator),
+                constants,
                 grid.step,
                 grid.substeps,
                 grid.decimation,

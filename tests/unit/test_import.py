@@ -17,7 +17,7 @@ EXTRAS = {"asammdf", "nptdms", "pymatreader", "h5py", "cma", "pymoo", "pygmo", "
 def python(code: str, *arguments: str) -> str:
     """What a fresh interpreter prints."""
     done = subprocess.run(
-        [sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=False
+        [sys.executable, "-B", "-c", code, *arguments], capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""

@@ -141,7 +141,8 @@ def test_a_part_of_a_record_keeps_both_ends():
 
 
 def test_a_data_frame_has_the_columns_of_the_record():
-    pandas = pytest.importorskip("pandas")
+    import pandas
+
     frame = Record(**columns()).to_dataframe()
     assert isinstance(frame, pandas.DataFrame)
     assert list(frame) == ["time", "command", *PHASES]

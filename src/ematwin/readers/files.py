@@ -71,8 +71,10 @@ def check_target(path: Path, suffixes: tuple[str, ...]) -> None:
     if path.is_dir():
         raise FileError(f"Cannot write {path}: it is a folder. Give the name of a file.")
     folder = path.parent
-    if not (folder.is_dir() and os.access(folder, os.W_OK)):
+    try:
+        tempfile.TemporaryFile(dir=folder).close()  # rights alone do not tell of read-only mounts
+    except OSError:
         raise FileError(
             f"Cannot write {path}: the folder {folder} is missing or read-only. "
             "Choose a folder that exists and is yours."
-        )
+        ) from None

@@ -1,0 +1,271 @@
+"""What an impatient user may type: one sentence, exit code 2, no answer, no half-written file."""
+
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ematwin as library
+
+OUT = ("--out", "rec.parquet")
+
+
+def contents(folder: Path) -> dict[str, bytes | None]:
+    """Every file of a folder, hidden ones included."""
+    return {
+        str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None
+        for path in folder.rglob("*")
+    }
+
+
+def refused(answer, said: str) -> None:
+    assert answer.code == 2, answer.err
+    assert answer.out == ""
+    assert re.fullmatch(r"Error: [^\n]*\.\n", answer.err), answer.err
+    assert "Traceback" not in answer.err
+    assert said in answer.err, answer.err
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> Path:
+    """A folder with good and bad files to try."""
+
+    def text(name: str, body: str) -> None:
+        (tmp_path / name).write_text(body, encoding="utf-8")
+
+    text("good.csv", "time,command\n0,0\n0.2,0.001\n")
+    text("unsorted.csv", "time,command\n0,0\n0.2,0.001\n0.1,0\n")
+    text("nan.csv", "time,command\n0,0\n0.2,nan\n0.3,0\n")
+    text("text.csv", "time,command\n0,0\n0.2,abc\n0.3,def\n")
+    text("missing.csv", "time,setpoint\n0,0\n0.2,0.001\n")
+    text("degrees.csv", "time,command\n0,0\n0.2,20\n0.3,0\n")
+    text("volts.csv", "time,command [V]\n0,0\n0.2,0.01\n")
+    text("header.csv", "time,command\n")
+    text("one.csv", "time,command\n0,0\n")
+    text("empty.csv", "")
+    text("sheet.xlsx", "time,command\n0,0\n0.2,0.001\n")
+    text("endless.toml", 'duration = 1e12\n[[command]]\ntype = "step"\nvalue = 0.01\n')
+    text("zero.toml", 'duration = 0\n[[command]]\ntype = "step"\nvalue = 0.01\n')
+    text("kind.toml", 'duration = 1\n[[command]]\ntype = "stp"\nvalue = 0.01\n')
+    text("kg.toml", 'duration = 1\n[[command]]\ntype = "step"\nvalue = "1 kg"\n')
+    text("broken.toml", "duration = [")
+    (tmp_path / "binary.toml").write_bytes(bytes(range(256)))
+    (tmp_path / "binary.parquet").write_bytes(bytes(range(256)) * 8)
+    (tmp_path / "folder.parquet").mkdir()
+    record = library.simulate("monitor", sample_rate=2000)
+    library.write(record, tmp_path / "whole.parquet")
+    whole = (tmp_path / "whole.parquet").read_bytes()
+    (tmp_path / "whole.parquet").unlink()
+    (tmp_path / "truncated.parquet").write_bytes(whole[: len(whole) // 2])
+    from ematwin.plant.parameters import shipped_actuators
+
+    shipped = shipped_actuators()["servo48"].read_text(encoding="utf-8")
+    for name, old, new in (
+        ("inductance", "inductance = { value = 0.72", "inductance = { value = -0.72"),
+        ("inertia", "inertia = { value = 25", "inertia = { value = 0"),
+        ("unit", 'unit = "mH"', 'unit = "mF"'),
+        ("source", ', source = "assumed" }', " }"),
+        ("slow", 'monitor = { value = 10, unit = "us"', 'monitor = { value = 10, unit = "ms"'),
+        ("spelling", "[drive]", "[drives]"),
+        ("milli", "current_limit = { value = 22.5", "current_limit = { value = 22500"),
+    ):
+        assert old in shipped
+        text(f"{name}.toml", shipped.replace(old, new))
+    return tmp_path
+
+
+CASES = [
+    # faults
+    (["--fault", "fricton=0.25"], "Did you mean friction?"),
+    (["--fault", "short=0.25"], "The faults are friction, backlash, short_a"),
+    (["--fault", "friction=25"], "It looks like per cent; write 0.25"),
+    (["--fault", "friction=1.01"], "received 1.01"),
+    (["--fault", "friction=-0.1"], "received -0.1"),
+    (["--fault", "friction=nan"], "received nan"),
+    (["--fault", "friction=inf"], "received inf"),
+    (["--fault", "friction=a lot"], "received 'a lot'"),
+    (["--fault", "friction=0,25"], "received '0,25'"),
+    (["--fault", "friction"], "needs name=value, received 'friction'"),
+    (["--fault", "friction="], "needs name=value"),
+    (["--fault", ""], "needs name=value"),
+    (["--fault", "friction=0.1", "--fault", "friction=0.2"], "gives friction twice"),
+    (["--fault"], "requires an argument"),
+    # numbers
+    (["--seed", "text"], "received 'text'"),
+    (["--seed", "1.5"], "received '1.5'"),
+    (["--seed=-1", "--noise", "white=0.1"], "received -1"),
+    (["--sample-rate", "-5"], "received -5"),
+    (["--sample-rate", "0"], "received 0"),
+    (["--sample-rate", "nan"], "received nan"),
+    (["--sample-rate", "1e12"], "at most"),
+    (["--sample-rate", "20 kHz"], "received '20 kHz'"),
+    (["--sample-rate", "1"], "no two samples at 1 Hz"),
+    (["--step", "1"], "received 1 s"),
+    (["--step", "-1e-6"], "received -1e-06 s"),
+    (["--step", "1e-15"], "received 1e-15 s"),
+    (["--noise", "5"], "received '5'"),
+    (["--noise", "white=-1"], "received -1"),
+    (["--noise", "white=5"], "write 0.05"),
+    (["--noise", "bits=1"], "2 to 32 bits"),
+    (["--noise", "bits=many"], "received 'many'"),
+    (["--noise", "colour=0.1"], "Noise knows white"),
+    # names
+    (["--model", "refrence"], "choose reference or monitor"),
+    (["--actuator", "servo49"], "Shipped: servo48"),
+    (["--scenario", "defualt"], "Shipped: default"),
+    (["--nonsense"], "No such option: --nonsense"),
+    (["extra"], "extra"),
+    # scenario files
+    (["--scenario", "none.toml"], "No such file"),
+    (["--scenario", "none.csv"], "There is no file none.csv"),
+    (["--scenario", "unsorted.csv"], "point 2 (0.1 s) follows 0.2 s"),
+    (["--scenario", "nan.csv"], "NaN"),
+    (["--scenario", "text.csv"], "invalid value 'abc'"),
+    (["--scenario", "missing.csv"], "no column 'command'; it has time, setpoint"),
+    (["--scenario", "degrees.csv"], "It looks like degrees"),
+    (["--scenario", "volts.csv"], "received 'V'"),
+    (["--scenario", "header.csv"], "header and no rows"),
+    (["--scenario", "one.csv"], "at least two"),
+    (["--scenario", "empty.csv"], "empty"),
+    (["--scenario", "sheet.xlsx"], "Cannot tell how to read sheet.xlsx"),
+    (["--scenario", "binary.parquet"], "Cannot read binary.parquet as parquet"),
+    (["--scenario", "truncated.parquet"], "may be truncated"),
+    (["--scenario", "folder.parquet"], "is a folder"),
+    (["--scenario", "binary.toml"], "not text"),
+    (["--scenario", "broken.toml"], "not valid TOML"),
+    (["--scenario", "endless.toml"], "shorten the scenario"),
+    (["--scenario", "zero.toml"], "greater than 0"),
+    (["--scenario", "kind.toml"], "'stp'; choose one of"),
+    (["--scenario", "kg.toml"], "received 1 'kg'"),
+    # parameter files
+    (["--actuator", "none.toml"], "No such file"),
+    (["--actuator", "binary.toml"], "not text"),
+    (["--actuator", "inductance.toml"], "motor.inductance must be greater than 0"),
+    (["--actuator", "inertia.toml"], "motor.inertia must be greater than 0"),
+    (["--actuator", "unit.toml"], "unit of the kind H; received 0.72 'mF'"),
+    (["--actuator", "source.toml"], "complete it"),
+    (["--actuator", "slow.toml"], "received 0.01 s"),
+    (["--actuator", "spelling.toml"], "drives is not a name"),
+    (["--actuator", "milli.toml"], "it looks like mA"),
+    # targets
+    (["--out", "."], "end its name in .parquet or .csv"),
+    (["--out", ""], "end its name in .parquet or .csv"),
+    (["--out", "rec"], "end its name in .parquet or .csv"),
+    (["--out", "rec.xlsx"], "end its name in .parquet or .csv"),
+    (["--out", "folder.parquet"], "it is a folder"),
+    (["--out", "none/rec.parquet"], "folder none is missing"),
+    (["--out", "empty.csv/rec.parquet"], "Cannot write empty.csv/rec.parquet"),
+    (["--plot", "rec.png"], "end its name in .html"),
+    (["--plot", "none/rec.html"], "folder none is missing"),
+    (["--scenario", "good.csv", "--out", "good.csv"], "overwrite its own input"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "said"), CASES, ids=[" ".join(case[0]) for case in CASES])
+def test_simulate_refuses_in_one_sentence(ematwin, files, arguments, said):
+    before = contents(files)
+    more = [] if "--out" in arguments else OUT
+    refused(ematwin("simulate", "--model", "monitor", *more, "--json", *arguments), said)
+    assert contents(files) == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["simulat"], "No such command 'simulat'"),
+        (["--colour"], "No such option: --colour"),
+        (["actuators", "servo49"], "Shipped: servo48"),
+        (["actuators", "none.toml"], "No such file"),
+        (["actuators", "inertia.toml"], "motor.inertia must be greater than 0"),
+        (["actuators", "folder.parquet"], "There is no actuator"),
+        (["scenarios", "extra"], "extra"),
+        (["bench", "--quick"], "No such option: --quick"),
+    ],
+)
+def test_other_commands_refuse_in_one_sentence(ematwin, files, arguments, said):
+    before = contents(files)
+    refused(ematwin(*arguments), said)
+    assert contents(files) == before
+
+
+def test_the_installed_script_refuses_alike(tmp_path):
+    script = Path(sys.executable).parent / "ematwin"
+    done = subprocess.run(
+        [script, "simulate", "--fault", "fricton=0.25"],
+        cwd=tmp_path, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("Error: Unknown fault 'fricton'. Did you mean friction?")
+
+
+def test_a_read_only_folder_is_refused_before_the_work(ematwin):
+    folder = Path("/proc/sys")  # root cannot write here either
+    for option, name in (("--out", "rec.csv"), ("--plot", "rec.html")):
+        # each step of a nanosecond: the simulation itself would take minutes
+        answer = ematwin("simulate", "--step", "1e-9", option, folder / name)
+        refused(answer, f"the folder {folder} is missing or read-only")
+
+
+def test_an_existing_record_survives_a_refusal(ematwin, tmp_path):
+    (tmp_path / "rec.parquet").write_text("precious")
+    refused(ematwin("simulate", "--fault", "friction=2", *OUT), "received 2")
+    assert (tmp_path / "rec.parquet").read_text() == "precious"
+
+
+@pytest.fixture
+def hour(tmp_path: Path) -> Path:
+    """A scenario that takes the reference model minutes."""
+    path = tmp_path / "hour.toml"
+    path.write_text('duration = 400\n[[command]]\ntype = "sine"\namplitude = 0.01\nfrequency = 2\n')
+    return path
+
+
+@pytest.mark.parametrize("moment", [0.0, 0.4, 4.0])
+def test_ctrl_c_ends_with_130_and_leaves_nothing(hour, tmp_path, moment):
+    (tmp_path / "rec.parquet").write_text("precious")
+    process = subprocess.Popen(
+        [sys.executable, "-m", "ematwin", "simulate", "--scenario", hour, "--sample-rate", "1000",
+         *OUT, "--plot", "rec.html"],
+        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    _wait_until_python_answers(process)
+    time.sleep(moment)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=120)
+    # Python itself ends by the signal where it struck within an import; shells show 130 for both
+    assert process.returncode in (130, -signal.SIGINT), err
+    assert out == ""
+    assert err == "Interrupted; nothing was left half-written.\n"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["hour.toml", "rec.parquet"]
+    assert (tmp_path / "rec.parquet").read_text() == "precious"
+
+
+def _wait_until_python_answers(process: "subprocess.Popen[str]") -> None:
+    """Until the package is being imported: what comes before is Python's own start."""
+    maps = Path(f"/proc/{process.pid}/maps")
+    deadline = time.monotonic() + 60.0
+    while time.monotonic() < deadline:
+        if "numpy" in maps.read_text():
+            return
+        time.sleep(0.01)
+
+
+def test_a_reader_that_has_seen_enough_is_no_error(tmp_path):
+    done = subprocess.run(
+        f"{sys.executable} -m ematwin actuators servo48 | head -n 1",
+        shell=True, cwd=tmp_path, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert done.stdout.startswith("servo48: 48 V brushless")
+    assert done.stderr == ""
+
+
+@pytest.mark.parametrize("size", [0, 1, 7, 99])
+def test_damaged_parquet_is_never_a_traceback(ematwin, tmp_path, size):
+    rng = np.random.default_rng(size)
+    (tmp_path / "noise.parquet").write_bytes(b"PAR1" + rng.bytes(size) + b"PAR1")
+    refused(ematwin("simulate", "--scenario", "noise.parquet"), "Cannot read noise.parquet")
