@@ -102,6 +102,11 @@ class Plan:
         """All runs; those that share a record stand together, so that workers simulate it once."""
         shared = self.settings()
         seed = shared.pop("seed")
+        records = {
+            (case, run): derived_seed(seed, "record", case, run)
+            for case in self.cases
+            for run in range(self.runs)
+        }
         return [
             RunSpec(
                 case=case,
@@ -109,7 +114,7 @@ class Plan:
                 algorithm=algorithm,
                 run=run,
                 seed=derived_seed(seed, "search", case, algorithm, run),
-                record_seed=derived_seed(seed, "record", case, run),
+                record_seed=records[case, run],
                 **shared,
             )
             for case, faults in self.cases.items()

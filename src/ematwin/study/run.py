@@ -8,7 +8,7 @@ import hashlib
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any
 
@@ -52,7 +52,8 @@ class RunSpec:
     @cached_property
     def id(self) -> str:
         """Hash of the inputs, 24 hexadecimal digits."""
-        text = json.dumps({"schema": SCHEMA, **asdict(self)}, sort_keys=True, allow_nan=False)
+        inputs = {one.name: getattr(self, one.name) for one in fields(self)}
+        text = json.dumps({"schema": SCHEMA, **inputs}, sort_keys=True, allow_nan=False)
         return hashlib.sha256(text.encode()).hexdigest()[:24]
 
 

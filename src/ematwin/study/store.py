@@ -24,6 +24,7 @@ from ematwin.study.run import StoredRun
 LEASE = 60.0  # s for which a claim holds without being renewed
 _PAGE = 1000  # runs read at a time; between pages others may write
 _FEW = 500  # ids in one question
+_COUNTED = {"preserve_rowcount": True}
 _LOCK = 0x656D6174  # of PostgreSQL, for making the tables
 
 
@@ -188,11 +189,7 @@ class Store:
         if not tables:
             return False
         study = schema.study
-        found = (
-            dict(connection.execute(select(study.c.key, study.c.value)).tuples().all())
-            if study.name in tables
-            else {}
-        )
+        found = _pairs(connection) if study.name in tables else {}
         if found.get("format") != schema.FORMAT:
             raise FileError(
                 f"{self.name} is not a study store: it holds other tables "
@@ -216,7 +213,7 @@ class Store:
                 study.insert(), [{"key": key, "value": value} for key, value in rows.items()]
             )
             return
-        found = dict(connection.execute(select(study.c.key, study.c.value)).tuples().all())
+        found = _pairs(connection)
         schema.migrate(connection, int(found["schema"]), self.name)
         _check_same(json.loads(found["settings"]), settings, self.name)
 
@@ -235,7 +232,10 @@ class Store:
             set_={name: query.excluded[name] for name in rows[0] if name != "id"},
             where=schema.runs.c.status != "done",
         )
-        kept = sum(connection.execute(query.values(row)).rowcount for row in rows)
+        kept = sum(
+            connection.execute(query.values(row), execution_options=_COUNTED).rowcount
+            for row in rows
+        )
         claims = schema.claims
         ids = [row["id"] for row in rows]
         for part in _parts(ids):
@@ -281,6 +281,11 @@ class Store:
     def _document(self, key: str) -> Any:
         query = select(schema.documents.c.body).where(schema.documents.c.key == key)
         return json.loads(self._database.read(lambda c: c.execute(query).scalar_one()))
+
+
+def _pairs(connection: Connection) -> dict[str, str]:
+    columns = schema.study.c
+    return {row[0]: row[1] for row in connection.execute(select(columns.key, columns.value))}
 
 
 def _documents_of(one: StoredRun) -> tuple[dict[str, Any], dict[str, Any]]:

@@ -1,0 +1,138 @@
+"""A real PostgreSQL, studies as processes, and algorithms that misbehave."""
+
+import os
+import pwd
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from processes import RUNS, free_port, numbers, study
+
+
+@pytest.fixture(scope="session")
+def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Any, ...]]:
+    """The small study, done by one process in peace."""
+    where = tmp_path_factory.mktemp("undisturbed") / "study.db"
+    answer = study("--store", where, "--workers", 1)
+    assert answer["counts"] == {"done": RUNS}
+    return numbers(where)
+
+
+class Postgres:
+    """A private PostgreSQL server in a folder of its own."""
+
+    def __init__(self, folder: Path) -> None:
+        self._bin = _binaries()
+        self._data = folder / "data"
+        self._log = folder / "log"
+        self.port = free_port()
+        self._user = "postgres" if os.geteuid() == 0 else None  # it refuses to run as root
+        if self._user:
+            shutil.chown(folder, self._user)
+        self._as_user(
+            "initdb", "-D", self._data, "-U", "ematwin", "--auth=trust", "--no-sync", "-E", "UTF8"
+        )
+
+    def _as_user(self, program: str, *arguments: object) -> None:
+        account = None if self._user is None else pwd.getpwnam(self._user)
+        identity = {} if account is None else {"user": account.pw_uid, "group": account.pw_gid}
+        subprocess.run(
+            [str(self._bin / program), *map(str, arguments)],
+            check=True, stdout=subprocess.DEVNULL, cwd="/", **identity,
+        )  # fmt: skip
+
+    def start(self) -> None:
+        """Start, and wait until it answers."""
+        options = f"-p {self.port} -h 127.0.0.1 -c fsync=off -k ''"
+        self._as_user("pg_ctl", "-D", self._data, "-l", self._log, "-o", options, "-w", "start")
+
+    def stop(self) -> None:
+        """Stop at once; connections break."""
+        self._as_user("pg_ctl", "-D", self._data, "-m", "fast", "-w", "stop")
+
+    def database(self, name: str) -> str:
+        """URL of a new, empty database."""
+        arguments = ("-h", "127.0.0.1", "-p", self.port, "-U", "ematwin", name)
+        self._as_user("createdb", *arguments)
+        return f"postgresql://ematwin@127.0.0.1:{self.port}/{name}"
+
+
+def _binaries() -> Path:
+    found = sorted(Path("/usr/lib/postgresql").glob("*/bin/initdb"))
+    path = str(found[-1]) if found else shutil.which("initdb")
+    if path is None:
+        pytest.fail("These tests start a real PostgreSQL: apt-get install postgresql")
+    return Path(path).parent
+
+
+@pytest.fixture(scope="session")
+def postgres() -> Iterator[Postgres]:
+    """A running server for the whole session."""
+    with tempfile.TemporaryDirectory(prefix="ematwin-postgres-") as folder:
+        server = Postgres(Path(folder))
+        server.start()
+        yield server
+        server.stop()
+
+
+@pytest.fixture
+def postgres_url(postgres: Postgres, request: pytest.FixtureRequest) -> str:
+    """An empty database for one test."""
+    return postgres.database(f"test_{abs(hash(request.node.nodeid))}")
+
+
+SABOTEURS = """
+import os, signal, time
+import numpy as np
+from ematwin.optimizers.differential_evolution import DifferentialEvolution
+
+def _sound():
+    return os.environ.get("SABOTEURS_REPAIRED") == "1"
+
+class Raises(DifferentialEvolution):
+    def ask(self):
+        if not _sound():
+            raise RuntimeError("broken on purpose")
+        return super().ask()
+
+class Hangs(DifferentialEvolution):
+    def ask(self):
+        while not _sound():
+            time.sleep(3600.0)
+        return super().ask()
+
+class Slow(DifferentialEvolution):
+    def ask(self):
+        if not _sound():
+            time.sleep(1.0)
+        return super().ask()
+
+class Dies(DifferentialEvolution):
+    def ask(self):
+        if not _sound():
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().ask()
+
+class Nan(DifferentialEvolution):
+    def ask(self):
+        x = super().ask()
+        return x if _sound() else np.full_like(x, np.nan)
+"""
+
+
+@pytest.fixture
+def saboteurs(tmp_path: Path) -> dict[str, str]:
+    """Environment in which five algorithms are installed that misbehave."""
+    folder = tmp_path / "site"
+    info = folder / "saboteurs-1.dist-info"
+    info.mkdir(parents=True)
+    (folder / "saboteurs.py").write_text(SABOTEURS)
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: saboteurs\nVersion: 1\n")
+    names = ("Raises", "Hangs", "Slow", "Dies", "Nan")
+    points = [f"{name.lower()} = saboteurs:{name}" for name in names]
+    (info / "entry_points.txt").write_text("\n".join(["[ematwin.optimizers]", *points, ""]))
+    return {"PYTHONPATH": os.pathsep.join([str(folder), os.environ.get("PYTHONPATH", "")])}

@@ -1,0 +1,200 @@
+"""A disturbed study, repeated, ends as one that was left alone. Each disturbance is a real one."""
+
+import os
+import shutil
+import signal
+import sqlite3
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+from processes import RUNS, SMALL, finish, numbers, start, study, wait_for
+
+Numbers = dict[str, tuple[Any, ...]]
+
+
+def loky_workers(main: "subprocess.Popen[str]") -> list[psutil.Process]:
+    """Worker processes of a study."""
+    found = []
+    for child in psutil.Process(main.pid).children(recursive=True):
+        try:
+            if any("popen_loky" in part for part in child.cmdline()):
+                found.append(child)
+        except psutil.Error:
+            pass
+    return found
+
+
+def test_killed_main_process(tmp_path: Path, undisturbed: Numbers) -> None:
+    where = tmp_path / "study.db"
+    main = start("--store", where, "--workers", 2)
+    wait_for(where, 5, main)
+    workers = loky_workers(main)
+    main.kill()
+    main.wait()
+    _, alive = psutil.wait_procs(workers, timeout=20.0)
+    assert not alive, "workers outlived their main process"
+    done = len(numbers(where))
+    assert 5 <= done < RUNS
+    answer = study("--store", where, "--workers", 2)
+    assert answer["found"] == done
+    assert answer["seconds"] < 50.0, "the claims of a dead process were waited for"
+    assert numbers(where) == undisturbed
+
+
+def test_interrupted_main_process(tmp_path: Path, undisturbed: Numbers) -> None:
+    where = tmp_path / "study.db"
+    main = start("--store", where, "--workers", 2)
+    wait_for(where, 3, main)
+    main.send_signal(signal.SIGINT)
+    _, err = main.communicate(timeout=30)
+    assert main.returncode == 130
+    assert "Traceback" not in err
+    study("--store", where, "--workers", 2)
+    assert numbers(where) == undisturbed
+
+
+def test_killed_worker_process(tmp_path: Path, undisturbed: Numbers) -> None:
+    where = tmp_path / "study.db"
+    main = start("--store", where, "--workers", 2)
+    for stored in (4, 12):
+        wait_for(where, stored, main)
+        workers = loky_workers(main)
+        assert workers
+        workers[0].kill()
+    assert finish(main)["counts"] == {"done": RUNS}
+    assert numbers(where) == undisturbed
+
+
+def test_two_commands_share_a_store(tmp_path: Path, undisturbed: Numbers) -> None:
+    where = tmp_path / "study.db"
+    both = [start("--store", where, "--workers", 1) for _ in range(2)]
+    answers = [finish(one) for one in both]
+    assert sum(answer["finished"] for answer in answers) == RUNS
+    for answer in answers:
+        assert answer["counts"] == {"done": RUNS}
+        assert answer["finished"] > 0
+    assert numbers(where) == undisturbed
+
+
+def test_two_commands_share_postgres_and_one_is_killed(
+    postgres_url: str, undisturbed: Numbers
+) -> None:
+    both = [start("--store", postgres_url, "--workers", 1) for _ in range(2)]
+    wait_for(postgres_url, 5, both[0])
+    both[0].kill()
+    both[0].wait()
+    answer = finish(both[1])
+    assert answer["counts"] == {"done": RUNS}
+    assert answer["finished"] + answer["elsewhere"] + answer["found"] == RUNS
+    assert numbers(postgres_url) == undisturbed
+
+
+def test_postgres_gone_for_ten_seconds(
+    postgres: Any, postgres_url: str, undisturbed: Numbers
+) -> None:
+    main = start("--store", postgres_url, "--workers", 2)
+    wait_for(postgres_url, 3, main)
+    postgres.stop()
+    time.sleep(10.0)
+    assert main.poll() is None
+    postgres.start()
+    assert finish(main)["counts"] == {"done": RUNS}
+    assert numbers(postgres_url) == undisturbed
+
+
+def test_sqlite_locked_for_ten_seconds(tmp_path: Path, undisturbed: Numbers) -> None:
+    where = tmp_path / "study.db"
+    main = start("--store", where, "--workers", 2)
+    wait_for(where, 3, main)
+    other = sqlite3.connect(where, timeout=30.0, isolation_level=None, check_same_thread=False)
+    other.execute("BEGIN EXCLUSIVE")
+    release = threading.Timer(10.0, lambda: other.execute("ROLLBACK"))
+    release.start()
+    assert finish(main)["counts"] == {"done": RUNS}
+    release.join()
+    other.close()
+    assert numbers(where) == undisturbed
+
+
+def test_full_disk(tmp_path: Path, undisturbed: Numbers) -> None:
+    """On a small file system of memory, mounted for this process only, that is enlarged later."""
+    disk, kept = tmp_path / "disk", tmp_path / "kept.db"
+    disk.mkdir()
+    where = disk / "study.db"
+    command = f"{sys.executable} -m ematwin compare {' '.join(SMALL)} --store {where} --workers 2"
+    script = f"""
+        mount -t tmpfs -o size=120k ematwin {disk} || exit 90
+        {command}; echo "first $?"
+        mount -o remount,size=16m {disk}
+        {command}; echo "second $?"
+        cp {where} {kept}
+    """
+    space = ["unshare", "--mount"] if os.geteuid() == 0 else ["unshare", "-r", "--mount"]
+    assert shutil.which("unshare")
+    done = subprocess.run(
+        [*space, "sh", "-c", script], capture_output=True, text=True, timeout=200, check=False
+    )
+    assert "first 2" in done.stdout, done.stdout + done.stderr
+    assert "second 0" in done.stdout, done.stdout + done.stderr
+    errors = [line for line in done.stderr.splitlines() if line.startswith("Error: ")]
+    assert len(errors) == 1
+    assert "is full" in errors[0]
+    assert "Traceback" not in done.stderr
+    assert numbers(kept) == undisturbed
+
+
+def test_file_that_may_not_grow(tmp_path: Path, undisturbed: Numbers) -> None:
+    """The other way in which writing fails: the limit on the size of a file."""
+    where = tmp_path / "study.db"
+    limit = ["prlimit", "--fsize=81920", sys.executable, "-m", "ematwin", "compare", *SMALL]
+    done = subprocess.run(
+        [*limit, "--store", str(where), "--workers", "2"],
+        capture_output=True, text=True, timeout=200, check=False,
+    )  # fmt: skip
+    assert done.returncode == 2, done.stderr
+    assert done.stderr.count("Error: ") == 1
+    assert "Traceback" not in done.stderr
+    study("--store", where, "--workers", 2)
+    assert numbers(where) == undisturbed
+
+
+def test_runs_that_misbehave(tmp_path: Path, saboteurs: dict[str, str]) -> None:
+    where, alone = tmp_path / "study.db", tmp_path / "alone.db"
+    shape = ("--runs", 1, "--population", 8, "--iterations", 4, "--seed", 7)
+    cases = tmp_path / "cases.toml"
+    cases.write_text('[cases."Worn"]\nfriction = 0.3\nbacklash = 0.2\n')
+    asked = ("--cases", cases, *shape, "--workers", 2)
+    bad = ("--algorithms", "ga,raises,hangs,slow,nan,dies", "--time-limit", 1.5)
+    answer = study(*asked, *bad, "--store", where, **saboteurs)
+    assert answer["counts"] == {"done": 1, "failed": 2, "timeout": 2, "not finite": 1}
+    ends = {one[0].algorithm: one[1] for one in numbers(where).values()}
+    assert ends == {
+        "ga": "done", "raises": "failed", "dies": "failed", "hangs": "timeout",
+        "slow": "timeout", "nan": "not finite",
+    }  # fmt: skip
+    study(*asked, "--algorithms", "ga", "--store", alone)
+    assert numbers(where, ["ga"]) == numbers(alone)
+
+    again = study(*asked, *bad, "--store", where, **saboteurs)
+    assert again["finished"] == 0, "failed runs are done again only when asked"
+    repaired = study(
+        *asked, *bad, "--retry-failed", "--store", where, SABOTEURS_REPAIRED="1", **saboteurs
+    )
+    assert repaired["finished"] == 5
+    assert repaired["counts"] == {"done": 6}
+
+
+@pytest.mark.parametrize("workers", [2])
+def test_numbers_do_not_depend_on_the_workers(
+    tmp_path: Path, undisturbed: Numbers, workers: int
+) -> None:
+    where = tmp_path / "study.db"
+    answer = study("--store", where, "--workers", workers)
+    assert answer["counts"] == {"done": RUNS}
+    assert numbers(where) == undisturbed
