@@ -27,6 +27,7 @@ SPEED = 400.0  # rad/s: one turn of the rotor in 15.7 ms, back-EMF at 60 % of th
 DT = 1e-6
 STEPS = 16_000
 MOTORING, BRAKING = 5.0, -4.0  # A, before and after half of the time
+LIMIT = 0.005  # of RMS; the project asks for 0.02
 EDGE = 2e-8  # s, of a gate signal
 SWITCH_ON = 1e-3  # ohm
 
@@ -141,7 +142,7 @@ def run_ngspice(text: str, folder: Path) -> np.ndarray:
         pytest.param({"eccentricity": 0.5, "eccentricity_phase": 0.3}, id="eccentricity 0.5"),
     ],
 )
-def test_phase_currents_are_those_of_ngspice_within_two_per_cent(faults, tmp_path):
+def test_phase_currents_are_those_of_ngspice_within_half_a_per_cent(faults, tmp_path):
     actuator, faults = Actuator.load(), Faults.of(faults)
     c = kernel_constants(actuator)
     currents, gates = run_bridge(faults.vector, SPEED, c, DT, STEPS)
@@ -156,4 +157,4 @@ def test_phase_currents_are_those_of_ngspice_within_two_per_cent(faults, tmp_pat
         other = np.interp(time, seen[:, 0], seen[:, n + 1])
         error = np.sqrt(np.mean((currents[:, n] - other) ** 2) / np.mean(other**2))
         print(f"{faults!r} phase {'abc'[n]}: {100.0 * error:.3f} % RMS")
-        assert error < 0.02
+        assert error < LIMIT
