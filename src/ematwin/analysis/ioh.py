@@ -3,6 +3,8 @@
 Layout as `ioh` 0.3 writes it (https://iohprofiler.github.io/IOHanalyzer/data/): a folder for each
 algorithm; in it, for each case as a "function", a JSON meta file and a folder with one raw-data
 file. Raw data: two columns, evaluations and best cost (``raw_y``), a header line before each run.
+The readers tell runs apart by evaluation 1, and a history here begins after the first batch of
+candidates: its best cost is therefore given at evaluation 1, which flatters the very beginning.
 Written from the whole histories, run by run, so a large store passes through.
 """
 
@@ -111,7 +113,9 @@ def _append(
             improved.append(point)
     best = improved[-1]
     total = max(stored.result.evaluations, history[-1][0])
-    lines = improved if best[0] == total else [*improved, (total, best[1])]
+    lines = [(1, improved[0][1]), *improved[1:]]
+    if lines[-1][0] != total:
+        lines.append((total, best[1]))
     target = folder / function.data
     target.parent.mkdir(parents=True, exist_ok=True)
     with target.open("a", encoding="utf-8", newline="\n") as file:
