@@ -339,6 +339,19 @@ def test_motor_is_stopped_half_a_gap_beyond_the_end_stop_of_the_output(way):
     assert np.abs(trace[:, 3]).max() <= abs(end)
 
 
+def test_reference_output_rests_on_its_end_stop_while_the_motor_pushes():
+    command = np.full(80_001, 2.0 * C.travel_high)
+    rest = np.zeros(11)
+    rest[7] = 1.0
+    trace = batch.reference_trace(HEALTHY, command, 0.0 * command, rest, C, 1e-6, 10, 100)
+    assert trace[-1, 5] == C.travel_high
+    assert trace[-1, 6] == 0.0
+    # the motor stands where its torque bends the contact
+    pushing = trace[-1, 3] - C.travel_high - C.half_gap
+    torque = 2.0 * C.k_e * C.v_supply / (2.0 * C.resistance)
+    assert pushing == pytest.approx(torque / C.contact_stiffness, rel=0.05)
+
+
 # Commutation, motor, controller
 
 
