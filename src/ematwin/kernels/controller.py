@@ -1,6 +1,6 @@
 """Cascaded controller: position, speed, current reference.
 
-DESIGN: position error on the output -> proportional gain (drifts with the gain fault) -> speed
+docs/models.md: position error on the output -> proportional gain (drifts with the gain fault) -> speed
 reference, limited -> proportional speed loop -> current reference, limited. All on the motor
 shaft, in SI units.
 """

@@ -1,6 +1,6 @@
 """One step of the monitor model: one equivalent phase, rigid play, about 10 us.
 
-DESIGN, section 4. With p and n the conducting phases of the sector,
+docs/models.md, "Monitor model". With p and n the conducting phases of the sector,
 
     R_eq = R_p + R_n,  L_eq = L_p + L_n,  kappa_eq = |kappa_p| + |kappa_n|,
     L_eq di/dt = u - R_eq i - kappa_eq omega,   T = kappa_eq i,

@@ -1,7 +1,7 @@
 """Trapezoidal brushless motor: sectors, EMF shapes, faults of the windings and of the rotor.
 
 Phases k = 0, 1, 2 (a, b, c). With h_k the share of turns left, zeta the eccentricity ratio and
-phi its direction (paper, section 6; DESIGN, section 3):
+phi its direction (paper, section 6; docs/models.md):
 
     R_k = h_k R,   L_k = (h_k^2 (1 - l) + l) L,
     kappa_k = h_k k_e f(theta_e - 2 pi k/3) (1 + zeta cos(theta_m + phi - 2 pi k/3)),

@@ -1,6 +1,6 @@
 """One step of the reference model: three phases, inverter, two masses, about 1 us.
 
-DESIGN, section 3. Angles, speeds, torques and inertias are on the motor shaft; the output is
+docs/models.md, "Reference model". Angles, speeds, torques and inertias are on the motor shaft; the output is
 reflected to it by the gear ratio. `ReferenceState` is advanced by semi-implicit Euler.
 """
 
