@@ -7,8 +7,9 @@ A store may hold a hundred thousand runs, so each is dropped once its scalars an
 import re
 from array import array
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -118,8 +119,8 @@ def collect(runs: Iterable[StoredRun]) -> RunTable:
         injected.extend(spec.faults)
         found.extend(result.faults if len(result.faults) == 8 else [np.nan] * 8)
         kept_evaluations, kept_cost = thinned(result.history)
-        evaluations.extend(kept_evaluations)
-        cost.extend(kept_cost)
+        evaluations.frombytes(kept_evaluations.astype(np.int64).tobytes())
+        cost.frombytes(kept_cost.tobytes())
         start.append(len(cost))
         _count(settings, _settings(stored))
         _count(provenance, {k: str(v) for k, v in result.provenance.items()})
@@ -181,27 +182,40 @@ def _ordered(
 
 
 def thinned(
-    history: Iterable[tuple[int, float]], most: int = HISTORY_POINTS
-) -> tuple[list[int], list[float]]:
+    history: Sequence[tuple[int, float]], most: int = HISTORY_POINTS
+) -> tuple[np.ndarray, np.ndarray]:
     """The points where the best cost improved, and the last; at most ``most`` of them.
 
     A target may so seem to be met later than it was, by one kept step, and never earlier.
+
+    Returns
+    -------
+    evaluations : int64 array, cost : float array
     """
     if isinstance(history, PackedHistory):
-        pairs = np.column_stack(history.arrays()).astype(float)
+        evaluations, cost = history.arrays()
     else:
         pairs = np.array(list(history), dtype=float).reshape(-1, 2)
-    pairs = pairs[np.isfinite(pairs[:, 1])]
-    if not len(pairs):
-        return [], []
-    best = np.minimum.accumulate(pairs[:, 1])
-    keep = np.flatnonzero(np.diff(best, prepend=np.inf) < 0.0)
-    last = len(pairs) - 1
-    if keep[-1] != last:
-        keep = np.append(keep, last)
+        evaluations, cost = pairs[:, 0].astype(np.int64), pairs[:, 1]
+    known = np.isfinite(cost)
+    if not known.all():
+        evaluations, cost = evaluations[known], cost[known]
+    if not len(cost):
+        return evaluations[:0], cost[:0]
+    best = np.minimum.accumulate(cost)
+    improved = np.empty(len(best), dtype=bool)
+    improved[0] = improved[-1] = True
+    np.less(best[1:-1], best[:-2], out=improved[1:-1])
+    keep = np.flatnonzero(improved)
     if len(keep) > most:
-        keep = keep[np.unique(np.linspace(0, len(keep) - 1, most).round().astype(int))]
-    return pairs[keep, 0].astype(int).tolist(), best[keep].tolist()
+        keep = keep[_even(len(keep), most)]
+    return evaluations[keep], best[keep]
+
+
+@lru_cache(maxsize=1024)
+def _even(length: int, most: int) -> np.ndarray:
+    """Places of ``most`` of ``length`` points, the first and the last among them."""
+    return np.linspace(0, length - 1, most).round().astype(int)
 
 
 def _settings(stored: StoredRun) -> dict[str, str]:
