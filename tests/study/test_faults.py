@@ -129,7 +129,7 @@ def test_full_disk(tmp_path: Path, undisturbed: Numbers) -> None:
     where = disk / "study.db"
     command = f"{sys.executable} -m ematwin compare {' '.join(SMALL)} --store {where} --workers 2"
     script = f"""
-        mount -t tmpfs -o size=120k ematwin {disk} || exit 90
+        mount -t tmpfs -o size=60k ematwin {disk} || exit 90
         {command}; echo "first $?"
         mount -o remount,size=16m {disk}
         {command}; echo "second $?"
@@ -152,7 +152,7 @@ def test_full_disk(tmp_path: Path, undisturbed: Numbers) -> None:
 def test_file_that_may_not_grow(tmp_path: Path, undisturbed: Numbers) -> None:
     """The other way in which writing fails: the limit on the size of a file."""
     where = tmp_path / "study.db"
-    limit = ["prlimit", "--fsize=81920", sys.executable, "-m", "ematwin", "compare", *SMALL]
+    limit = ["prlimit", "--fsize=45056", sys.executable, "-m", "ematwin", "compare", *SMALL]
     done = subprocess.run(
         [*limit, "--store", str(where), "--workers", "2"],
         capture_output=True, text=True, timeout=200, check=False,

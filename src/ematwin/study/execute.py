@@ -96,6 +96,11 @@ def execute(spec: RunSpec, time_limit: float | None = None, engine: str = "none"
     )
 
 
+def warm_up() -> None:
+    """Load what a run needs, so that the first one is not slower than the others."""
+    from ematwin.kernels import batch  # noqa: F401
+
+
 class _Search:
     """One search, with its clock, its count and the box that it sees."""
 

@@ -56,8 +56,10 @@ class DaskEngine(Engine):
         self._events: queue.SimpleQueue[tuple[str, Any]] = queue.SimpleQueue()
 
     def start(self) -> None:  # noqa: D102
-        # what it would log about lost connections is said once, as a sentence
-        logging.getLogger("distributed").setLevel(logging.CRITICAL)
+        # what they would log about lost connections is said once, as a sentence
+        for name in list(logging.root.manager.loggerDict):
+            if name.split(".")[0] in {"distributed", "tornado", "asyncio"}:
+                logging.getLogger(name).setLevel(logging.CRITICAL + 1)
         if self._address is None:
             self._cluster = self._distributed.LocalCluster(
                 n_workers=self._workers,

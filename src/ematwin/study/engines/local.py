@@ -14,8 +14,8 @@ from concurrent.futures import BrokenExecutor, Future
 from dataclasses import dataclass
 from typing import Any
 
-from ematwin.study.engines.base import DEATHS, Engine, gave_up
-from ematwin.study.execute import execute, hard_limit
+from ematwin.study.engines.base import DEATHS, Engine, EngineError, gave_up
+from ematwin.study.execute import execute, hard_limit, warm_up
 from ematwin.study.run import RunResult, RunSpec
 
 # one run, one core: no library may share it out again
@@ -55,7 +55,7 @@ class LocalEngine(Engine):
         self._flights: dict[str, _Flight] = {}
         self._suspects: deque[_Flight] = deque()
 
-    def start(self) -> None:  # noqa: D102
+    def start(self, attempts: int = DEATHS) -> None:  # noqa: D102
         from joblib.externals.loky import ProcessPoolExecutor
 
         self._pool = ProcessPoolExecutor(
@@ -65,6 +65,17 @@ class LocalEngine(Engine):
             initargs=(os.getpid(),),
             env=_ENVIRONMENT,
         )
+        try:
+            # a run's clock starts when it is submitted: somebody must be there to take it
+            self._pool.submit(warm_up).result()
+        except (BrokenExecutor, RuntimeError) as error:
+            self._end_pool()
+            if attempts > 1:
+                return self.start(attempts - 1)
+            raise EngineError(
+                f"The worker processes die as soon as they start ({type(error).__name__}). "
+                "Finished runs are kept; see whether there is enough memory."
+            ) from None
 
     @property
     def busy(self) -> int:  # noqa: D102

@@ -1,0 +1,159 @@
+"""What cannot be used is refused in one sentence, with exit code 2, and touches nothing."""
+
+import os
+import sqlite3
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from processes import free_port
+
+from ematwin.cli.app import run
+from ematwin.study.store import Store, open_store
+from ematwin.testing.store_contract import small_plan, some_run
+
+Refused = Callable[..., str]
+
+
+@pytest.fixture
+def refused(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> Refused:
+    """Give the sentence with which ``ematwin compare`` refuses some arguments."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments: object) -> str:
+        before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+        monkeypatch.setattr(sys, "argv", ["ematwin", "compare", *map(str, arguments)])
+        code = run()
+        after = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+        text = capsys.readouterr()
+        assert code == 2, text
+        assert after == before, "something was touched"
+        lines = text.err.strip().splitlines()
+        assert len(lines) == 1, lines
+        assert lines[0].startswith("Error: ")
+        return lines[0]
+
+    return call
+
+
+@pytest.fixture
+def begun(tmp_path: Path) -> Path:
+    """The store of a study with one run."""
+    plan = small_plan()
+    where = tmp_path / "study.db"
+    with Store(where) as store:
+        store.begin(plan.settings())
+        store.save([some_run(plan.specs()[0])])
+    return where
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("--cases", "papers"), "no cases 'papers'"),
+        (("--cases", "missing.toml"), "Cannot read the cases file missing.toml"),
+        (("--count", "5"), "--count belongs to --cases multi"),
+        (("--cases", "multi", "--count", "0"), "at least 1, received 0"),
+        (("--algorithms", "ga,psoo"), "no algorithm 'psoo'. Did you mean pso"),
+        (("--algorithms", ","), "at least one case and one algorithm"),
+        (("--runs", "0"), "runs must be at least 1, received 0"),
+        (("--population", "-5"), "population must be at least 1"),
+        (("--seed", "-1"), "whole number of at least 0, received -1"),
+        (("--box", "round"), "no box 'round'; choose plain or remapped"),
+        (("--engine", "spark"), "no engine 'spark'; choose local or dask"),
+        (("--engine", "local", "--scheduler", "tcp://a:1"), "--scheduler belongs to"),
+        (("--scheduler", "tcp://a:1", "--workers", "2"), "has its own workers"),
+        (("--time-limit", "0"), "--time-limit must be a positive number"),
+        (("--store", "mysql://root@host/db"), "received mysql://"),
+        (("--store", "."), "is a folder"),
+        (("--store", "missing/study.db"), "folder missing is missing or read-only"),
+        (("--workers", "0"), "--workers"),
+        (("--noise", "pink=1"), "Noise knows"),
+        (
+            ("--algorithms", "multistart", "--population", "5", "--iterations", "5"),
+            "at least 64, received 25",
+        ),
+    ],
+)
+def test_impossible_arguments(refused: Refused, arguments: tuple[str, ...], sentence: str) -> None:
+    assert sentence in refused(*arguments)
+
+
+def test_a_scheduler_that_does_not_answer(refused: Refused) -> None:
+    assert "does not answer" in refused("--scheduler", f"tcp://127.0.0.1:{free_port()}")
+    assert "does not answer" in refused("--scheduler", "nonsense://here")
+
+
+def test_a_postgres_that_does_not_answer(refused: Refused) -> None:
+    url = f"postgresql://me:secret@127.0.0.1:{free_port()}/db"
+    sentence = refused("--store", url)
+    assert "cannot be used" in sentence
+    assert "secret" not in sentence
+
+
+def test_a_file_of_another_kind(refused: Refused, tmp_path: Path) -> None:
+    notes = tmp_path / "notes.txt"
+    notes.write_text("bought milk")
+    assert "another kind of file" in refused("--store", notes)
+
+
+def test_a_damaged_store(refused: Refused, begun: Path) -> None:
+    whole = begun.read_bytes()
+    begun.write_bytes(whole[:100] + b"\x17" * (len(whole) - 100))
+    assert "cannot be used" in refused("--store", begun)
+
+
+def test_a_database_of_something_else(refused: Refused, tmp_path: Path) -> None:
+    other = sqlite3.connect(tmp_path / "shop.db")
+    other.execute("CREATE TABLE customers (id INTEGER)")
+    other.commit()
+    other.close()
+    assert "not a study store" in refused("--store", tmp_path / "shop.db")
+
+
+def test_a_newer_schema(refused: Refused, begun: Path) -> None:
+    other = sqlite3.connect(begun)
+    other.execute("UPDATE ematwin_study SET value = '99' WHERE key = 'schema'")
+    other.commit()
+    other.close()
+    assert "has schema 99" in refused("--store", begun)
+
+
+def test_a_different_study(refused: Refused, begun: Path) -> None:
+    assert "its population is 50, received 40" in refused("--store", begun, "--population", 40)
+    assert "its box is plain, received remapped" in refused("--store", begun, "--box", "remapped")
+    assert "its noise is None" in refused("--store", begun, "--noise", "white=0.02")
+
+
+def test_a_read_only_folder(
+    refused: Refused, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(os, "access", lambda path, mode: False)  # root may write anywhere
+    assert "missing or read-only" in refused("--store", tmp_path / "study.db")
+
+
+@pytest.mark.parametrize(
+    ("module", "arguments", "command"),
+    [
+        ("distributed", ("--engine", "dask"), 'pip install "ematwin[dask]"'),
+        ("psycopg", ("--store", "postgresql://a/b"), 'pip install "ematwin[postgres]"'),
+    ],
+)
+def test_extras_that_are_not_installed(
+    refused: Refused,
+    monkeypatch: pytest.MonkeyPatch,
+    module: str,
+    arguments: tuple[str, ...],
+    command: str,
+) -> None:
+    monkeypatch.setitem(sys.modules, module, None)
+    assert command in refused(*arguments)
+
+
+def test_reading_what_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(OSError, match="There is no study in"):
+        open_store(tmp_path / "study.db")
+    assert not (tmp_path / "study.db").exists()
