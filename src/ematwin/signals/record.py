@@ -35,6 +35,9 @@ REGULARITY = 1e-3  # of the sampling interval: more jitter than this needs resam
 class Record:
     """A response of an actuator, sampled at a constant rate, in SI.
 
+    A current of a simulated record is the mean over the sampling interval that ends at its time,
+    as an integrating converter gives it; positions and speeds are values at that time.
+
     Parameters
     ----------
     time : (S,) array, s
@@ -44,9 +47,6 @@ class Record:
     load : (S,) array, N m on the output, optional
     motor_position, motor_speed, output_position, output_speed : (S,) arrays, optional
     provenance : dict, where the record comes from; JSON values
-
-    A current of a simulated record is the mean over the sampling interval that ends at its time,
-    as an integrating converter gives it; positions and speeds are values at that time.
 
     Raises
     ------

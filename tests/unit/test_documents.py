@@ -1,0 +1,82 @@
+"""README, docs and examples: what they show runs, what they link is there."""
+
+import os
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+PROJECT = Path(__file__).parents[2]
+PAGES = [PROJECT / "README.md", *sorted((PROJECT / "docs").glob("*.md"))]
+
+
+def blocks(path: Path, language: str) -> list[str]:
+    text = path.read_text(encoding="utf-8")
+    return re.findall(rf"^```{language}\n(.*?)^```", text, flags=re.DOTALL | re.MULTILINE)
+
+
+@pytest.mark.parametrize("name", ["README.md", "docs/quickstart.md"])
+def test_the_python_of_a_page_runs_from_top_to_bottom(name, tmp_path):
+    code = "\n".join(blocks(PROJECT / name, "python"))
+    assert code
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert "friction" in done.stdout
+
+
+@pytest.mark.parametrize("path", sorted((PROJECT / "examples").glob("*.py")), ids=lambda p: p.name)
+def test_an_example_runs_in_an_empty_folder(path, tmp_path):
+    done = subprocess.run(
+        [sys.executable, path], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout
+
+
+def test_every_link_between_pages_leads_somewhere():
+    for page in PAGES:
+        for target in re.findall(r"\]\((?!https?:)([^)#\s]+)", page.read_text(encoding="utf-8")):
+            assert (page.parent / target).exists(), f"{page.name} -> {target}"
+
+
+def test_every_page_is_in_the_table_of_contents():
+    listed = re.findall(r"^(\w+)$", blocks(PROJECT / "docs" / "index.md", r"\{toctree\}")[0], re.M)
+    pages = {path.stem for path in (PROJECT / "docs").glob("*.md")} - {"index"}
+    assert pages == set(listed)
+
+
+def test_the_shell_commands_of_the_readme_exist():
+    from ematwin.cli.app import app
+
+    known = {command.name for command in app.registered_commands}
+    shown = re.findall(r"ematwin ([a-z]+)", (PROJECT / "README.md").read_text(encoding="utf-8"))
+    assert {"demo", "simulate", "identify", "bench"} <= set(shown) & known
+    for page in PAGES:
+        for block in blocks(page, "console"):
+            assert set(re.findall(r"^\$ ematwin ([a-z]+)", block, re.MULTILINE)) <= known
+
+
+def test_the_readme_gives_install_and_tests_as_its_two_commands():
+    install, test = blocks(PROJECT / "README.md", "sh")
+    assert install.endswith("ematwin demo\n")
+    assert test.endswith("pytest -n auto\n")
+    extras = tomllib.loads((PROJECT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
+        "optional-dependencies"
+    ]
+    (extra,) = re.findall(r'"\.\[(\w+)\]"', test)
+    assert extra in extras
+
+
+def test_the_check_script_is_sound_bash_and_calls_the_commands_of_the_readme():
+    script = PROJECT / ".ci" / "run"
+    assert os.access(script, os.X_OK)
+    subprocess.run(["bash", "-n", script], check=True)
+    text = script.read_text(encoding="utf-8")
+    assert "readme_command 1" in text
+    assert "readme_command 2" in text
+    assert "set -euo pipefail" in text
