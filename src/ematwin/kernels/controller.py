@@ -1,7 +1,7 @@
 """Cascaded controller: position, speed, current reference.
 
-docs/models.md: position error on the output -> proportional gain (drifts with the gain fault) -> speed
-reference, limited -> proportional speed loop -> current reference, limited. All on the motor
+docs/models.md: position error on the output -> proportional gain (drifts with the gain fault) ->
+speed reference, limited -> proportional speed loop -> current reference, limited. All on the motor
 shaft, in SI units.
 """
 

@@ -1,7 +1,7 @@
 """One step of the reference model: three phases, inverter, two masses, about 1 us.
 
-docs/models.md, "Reference model". Angles, speeds, torques and inertias are on the motor shaft; the output is
-reflected to it by the gear ratio. `ReferenceState` is advanced by semi-implicit Euler.
+docs/models.md, "Reference model". Angles, speeds, torques and inertias are on the motor shaft; the
+output is reflected to it by the gear ratio. `ReferenceState` is advanced by semi-implicit Euler.
 """
 
 from typing import NamedTuple
