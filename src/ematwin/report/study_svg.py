@@ -132,7 +132,7 @@ def _convergence(figure: Any, analysis: StudyAnalysis, rows: int) -> None:
             axes.fill_between(n, band.q1[known], band.q3[known], color=shade, alpha=0.18, lw=0)
             axes.plot(n, band.median[known], color=shade, lw=1.2, label=shown(band.algorithm))
         axes.set_title(analysis.table.cases[c], loc="left", fontsize=9)
-        if found:
+        if axes.lines and any(len(line.get_xdata()) for line in axes.lines):
             axes.set_xscale("log")
             axes.set_yscale("log")
         if c == 0 and found:
@@ -158,7 +158,8 @@ def _distributions(figure: Any, analysis: StudyAnalysis, rows: int) -> None:
                              medianprops={"color": color(a)})  # fmt: skip
         axes.set_xticks(range(len(table.algorithms)), [shown(name) for name in table.algorithms],
                         fontsize=7)  # fmt: skip
-        axes.set_yscale("log")
+        if axes.lines:
+            axes.set_yscale("log")
         axes.set_title(table.cases[c], loc="left", fontsize=9)
     figure.supylabel("Err%", fontsize=9)
 

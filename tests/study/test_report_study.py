@@ -1,0 +1,207 @@
+"""The report as a folder, as a page in a browser, and as a command."""
+
+import csv
+import json
+import re
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import pytest
+from synthetic import done, failed, spec, study, vector
+
+from ematwin.analysis.study import analyse
+from ematwin.errors import FileError, MissingExtraError
+from ematwin.report import study_folder
+from ematwin.report.latex import escape, latex_table
+from ematwin.report.page import Row, Table
+from ematwin.report.study_folder import write_report
+from ematwin.study.rows import settings_of
+from ematwin.study.store import Store
+
+
+@pytest.fixture(scope="module")
+def analysis():
+    runs = list(study(5))
+    runs[7] = failed(runs[7].spec, "timeout", "no end after 60 s <b>")
+    return analyse(runs)
+
+
+@pytest.fixture(scope="module")
+def small():
+    return analyse(study(3, cases=("Low F", "High Z")))
+
+
+@pytest.fixture(scope="module")
+def report(analysis, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("study") / "report"
+    write_report(analysis, folder)
+    return folder
+
+
+def browse(page: Path, profile: Path) -> tuple[str, str]:
+    """The page after its scripts ran, and what the browser said meanwhile."""
+    done = subprocess.run(
+        [
+            "chromium", "--headless", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr",
+            "--host-resolver-rules=MAP * ~NOTFOUND", f"--user-data-dir={profile}",
+            "--virtual-time-budget=8000", "--dump-dom", page.as_uri(),
+        ],
+        capture_output=True, text=True, timeout=120, check=True,
+    )  # fmt: skip
+    return done.stdout, done.stderr
+
+
+def test_page_draws_every_figure_in_a_browser_without_errors_or_network(report, tmp_path):
+    dom, said = browse(report / "index.html", tmp_path)
+    errors = [line for line in said.splitlines() if "CONSOLE" in line and "rror" in line]
+    assert errors == []
+    assert dom.count('class="main-svg"') >= 7  # four bar charts, boxes, bands, targets
+    body = re.sub(r"<script.*?</script>", "", (report / "index.html").read_text(), flags=re.S)
+    assert re.findall(r'(?:src|href)="(?!#)[^"]*"', body) == []
+    assert "&lt;b&gt;" in body
+
+
+def test_report_holds_page_tables_and_drawings(report):
+    names = {path.name for path in report.iterdir()}
+    for number, kind in ((4, "errors_low"), (5, "errors_high"), (6, "seconds_low"),
+                         (7, "seconds_high")):  # fmt: skip
+        assert f"figure{number}_{kind}.svg" in names
+    assert {"index.html", "results.csv", "cells.csv", "claims.md", "critical_difference.svg",
+            "convergence.svg", "distributions.svg", "evaluations_to_target.svg",
+            "table_beside_paper.tex"} <= names  # fmt: skip
+    for path in report.glob("*.svg"):
+        assert ET.parse(path).getroot().tag.endswith("svg")
+    assert (report / "index.html").stat().st_size < 6e6
+
+
+def test_results_hold_every_run_failed_ones_included(report, analysis):
+    with (report / "results.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len(analysis.table) == 300
+    (bad,) = [row for row in rows if row["status"] != "done"]
+    assert (bad["status"], bad["err"]) == ("timeout", "")
+
+
+def test_report_is_the_same_when_built_again(small, tmp_path):
+    one, again = tmp_path / "one", tmp_path / "again"
+    write_report(small, one, slim=True)
+    write_report(analyse(reversed(list(study(3, cases=("Low F", "High Z"))))), again, slim=True)
+    assert {path.name for path in one.iterdir()} == {path.name for path in again.iterdir()}
+    for path in one.iterdir():
+        assert path.read_bytes() == (again / path.name).read_bytes(), path.name
+
+
+def test_slim_page_has_still_figures_and_no_script(small, tmp_path):
+    write_report(small, tmp_path / "slim", slim=True)
+    page = (tmp_path / "slim" / "index.html").read_text()
+    assert "<script" not in page
+    assert page.count("<svg") >= 8
+    assert len(page) < 2e6
+
+
+def test_report_replaces_its_own_files_and_keeps_others(tmp_path):
+    (tmp_path / "notes.txt").write_text("mine")
+    (tmp_path / "figure4_errors_low.svg").write_text("of an older report")
+    write_report(analyse([done(spec("x", run=0), vector())]), tmp_path)
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+    assert not (tmp_path / "figure4_errors_low.svg").exists()
+    assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
+
+
+def test_a_report_that_fails_leaves_nothing(small, tmp_path, monkeypatch):
+    def full_disk(*_: object, **__: object) -> str:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(study_folder, "study_page", full_disk)
+    with pytest.raises(FileError, match="No space left"):
+        write_report(small, tmp_path / "report")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_missing_extra_names_the_install_command(small, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "scikit_posthocs", None)
+    with pytest.raises(MissingExtraError, match=r"ematwin\[study\]"):
+        write_report(small, tmp_path / "report")
+
+
+@pytest.mark.parametrize(
+    "runs",
+    [
+        [done(spec(), vector(friction=0.3))],
+        [failed(spec(run=0)), failed(spec(run=1))],
+        list(study(2, algorithms=("de",))),
+        list(study(1, cases=tuple(f"Multi {n}" for n in range(14)), algorithms=("de", "mine"))),
+    ],
+    ids=["one run", "all failed", "one algorithm", "other cases"],
+)
+def test_report_says_what_it_could_not_compute(runs, tmp_path):
+    write_report(analyse(runs), tmp_path / "report")
+    assert "What can and cannot be concluded" in (tmp_path / "report/index.html").read_text()
+
+
+def test_latex_is_escaped_and_marked():
+    text = latex_table(
+        Table(["a_b", "50 %"], [Row(["x & y", "{1}"], marked=True)]), "All of it: 100 %", "tab:x"
+    )
+    assert r"a\_b & 50 \% \\" in text
+    assert r"\textbf{x \& y} & \textbf{\{1\}} \\" in text
+    assert text.count("{") == text.count("}")
+    assert escape("\\^~") == r"\textbackslash{}\textasciicircum{}\textasciitilde{}"
+
+
+def command(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "ematwin", "report", *arguments],
+        capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory):
+    path = tmp_path_factory.mktemp("store") / "study.db"
+    runs = list(study(2, cases=("Low F", "High Z"), history_points=20))
+    with Store(path) as opened:
+        opened.begin(settings_of(runs[0].spec))
+        opened.save(runs)
+    return path
+
+
+def test_command_writes_report_and_export_and_answers_as_json(store, tmp_path):
+    out, ioh = tmp_path / "report", tmp_path / "ioh"
+    answer = command(str(store), "--out", str(out), "--ioh", str(ioh), "--json")
+    assert answer.returncode == 0, answer.stderr
+    told = json.loads(answer.stdout)
+    assert told["runs"] == 24
+    assert "index.html" in told["report"]["files"]
+    assert told["ioh"]["written"] == 24
+    assert (out / "index.html").exists()
+
+
+def test_command_without_folder_prints_for_people(store):
+    answer = command(str(store))
+    assert answer.returncode == 0, answer.stderr
+    assert "Average rank" in answer.stdout
+
+
+def test_command_refuses_in_one_sentence(store, tmp_path):
+    empty = tmp_path / "empty.db"
+    with Store(empty) as opened:
+        opened.begin(settings_of(spec()))
+    file = tmp_path / "file"
+    file.write_text("")
+    for arguments in (
+        (str(tmp_path / "none.db"),),
+        (str(empty),),
+        (str(store), "--out", str(file)),
+        (str(store), "--out", "/proc/nowhere/report"),
+        (str(store), "--threshold", "2"),
+        (str(store), "--seed", "-1"),
+    ):
+        answer = command(*arguments)
+        assert answer.returncode == 2, arguments
+        assert answer.stderr.startswith("Error: ")
+        assert answer.stderr.count("\n") == 1
+        assert answer.stdout == ""
+    assert not (tmp_path / "none.db").exists()
