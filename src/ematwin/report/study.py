@@ -1,5 +1,6 @@
 """Page: a study of algorithms, beside the paper's."""
 
+from collections import Counter
 from dataclasses import replace
 from typing import Any
 
@@ -242,6 +243,8 @@ def _facts(analysis: StudyAnalysis) -> dict[str, str]:
     for name, values in analysis.table.settings.items():
         found[name] = _listed(values)
     for name, values in analysis.table.provenance.items():
+        if name == "system":  # the kernel's build tells nothing of the numbers
+            values = Counter({value.split("-")[0]: count for value, count in values.items()})
         # names of machines are nobody's business in a report that is passed on
         found["machines" if name == "machine" else name] = (
             str(len(values)) if name == "machine" else _listed(values)
