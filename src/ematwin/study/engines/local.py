@@ -120,7 +120,9 @@ class LocalEngine(Engine):
         if generation != self._generation or id not in self._flights:
             return []
         if future.cancelled() or isinstance(future.exception(), BrokenExecutor):
-            return self._recover()
+            cause = "" if future.cancelled() else str(future.exception())
+            # loky names the signals that ended processes; the watchdog exits without one
+            return self._recover(by_signal="SIG" in cause)
         flight = self._flights.pop(id)
         error = future.exception()
         if error is not None:  # the result could not be carried back
@@ -131,7 +133,7 @@ class LocalEngine(Engine):
             self._next_suspect()
         return [result]
 
-    def _recover(self) -> list[RunResult]:
+    def _recover(self, by_signal: bool) -> list[RunResult]:
         """A process died: find out which run was to blame, if any."""
         flights = list(self._flights.values())
         self._flights.clear()
@@ -144,6 +146,7 @@ class LocalEngine(Engine):
             flight.deaths += 1
             overdue = (
                 self._limit is not None
+                and not by_signal
                 and time.monotonic() - flight.since >= hard_limit(self._limit)
             )  # fmt: skip
             if overdue or flight.deaths >= DEATHS:
@@ -161,8 +164,13 @@ class LocalEngine(Engine):
 
     def _end_pool(self) -> None:
         if self._pool is not None:
-            self._pool.shutdown(wait=True, kill_workers=True)
-            self._pool = None
+            # loky's own thread may stumble over the processes that are killed under it
+            hook, threading.excepthook = threading.excepthook, lambda _: None
+            try:
+                self._pool.shutdown(wait=True, kill_workers=True)
+            finally:
+                threading.excepthook = hook
+                self._pool = None
 
 
 def _prepare_worker(parent: int) -> None:
