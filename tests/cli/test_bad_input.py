@@ -44,16 +44,11 @@ def files(tmp_path: Path) -> Path:
     text("text.csv", "time,command\n0,0\n0.2,abc\n0.3,def\n")
     text("missing.csv", "time,setpoint\n0,0\n0.2,0.001\n")
     text("degrees.csv", "time,command\n0,0\n0.2,20\n0.3,0\n")
-    text("volts.csv", "time,command [V]\n0,0\n0.2,0.01\n")
     text("header.csv", "time,command\n")
-    text("one.csv", "time,command\n0,0\n")
     text("empty.csv", "")
     text("sheet.xlsx", "time,command\n0,0\n0.2,0.001\n")
     text("endless.toml", 'duration = 1e12\n[[command]]\ntype = "step"\nvalue = 0.01\n')
-    text("zero.toml", 'duration = 0\n[[command]]\ntype = "step"\nvalue = 0.01\n')
-    text("kind.toml", 'duration = 1\n[[command]]\ntype = "stp"\nvalue = 0.01\n')
     text("kg.toml", 'duration = 1\n[[command]]\ntype = "step"\nvalue = "1 kg"\n')
-    text("broken.toml", "duration = [")
     (tmp_path / "binary.toml").write_bytes(bytes(range(256)))
     (tmp_path / "binary.parquet").write_bytes(bytes(range(256)) * 8)
     (tmp_path / "folder.parquet").mkdir()
@@ -69,9 +64,7 @@ def files(tmp_path: Path) -> Path:
         ("inductance", "inductance = { value = 0.72", "inductance = { value = -0.72"),
         ("inertia", "inertia = { value = 25", "inertia = { value = 0"),
         ("unit", 'unit = "mH"', 'unit = "mF"'),
-        ("source", ', source = "assumed" }', " }"),
         ("slow", 'monitor = { value = 10, unit = "us"', 'monitor = { value = 10, unit = "ms"'),
-        ("spelling", "[drive]", "[drives]"),
         ("milli", "current_limit = { value = 22.5", "current_limit = { value = 22500"),
     ):
         assert old in shipped
@@ -82,37 +75,26 @@ def files(tmp_path: Path) -> Path:
 CASES = [
     # faults
     (["--fault", "fricton=0.25"], "Did you mean friction?"),
-    (["--fault", "short=0.25"], "The faults are friction, backlash, short_a"),
     (["--fault", "friction=25"], "It looks like per cent; write 0.25"),
-    (["--fault", "friction=1.01"], "received 1.01"),
     (["--fault", "friction=-0.1"], "received -0.1"),
     (["--fault", "friction=nan"], "received nan"),
-    (["--fault", "friction=inf"], "received inf"),
     (["--fault", "friction=a lot"], "received 'a lot'"),
     (["--fault", "friction=0,25"], "received '0,25'"),
     (["--fault", "friction"], "needs name=value, received 'friction'"),
-    (["--fault", "friction="], "needs name=value"),
     (["--fault", ""], "needs name=value"),
     (["--fault", "friction=0.1", "--fault", "friction=0.2"], "gives friction twice"),
     (["--fault"], "requires an argument"),
     # numbers
     (["--seed", "text"], "received 'text'"),
-    (["--seed", "1.5"], "received '1.5'"),
     (["--seed=-1", "--noise", "white=0.1"], "received -1"),
     (["--sample-rate", "-5"], "received -5"),
-    (["--sample-rate", "0"], "received 0"),
-    (["--sample-rate", "nan"], "received nan"),
     (["--sample-rate", "1e12"], "at most"),
     (["--sample-rate", "20 kHz"], "received '20 kHz'"),
     (["--sample-rate", "1"], "no two samples at 1 Hz"),
     (["--step", "1"], "received 1 s"),
-    (["--step", "-1e-6"], "received -1e-06 s"),
     (["--step", "1e-15"], "received 1e-15 s"),
-    (["--noise", "5"], "received '5'"),
     (["--noise", "white=-1"], "received -1"),
     (["--noise", "white=5"], "write 0.05"),
-    (["--noise", "bits=1"], "2 to 32 bits"),
-    (["--noise", "bits=many"], "received 'many'"),
     (["--noise", "colour=0.1"], "Noise knows white"),
     # names
     (["--model", "refrence"], "choose reference or monitor"),
@@ -128,40 +110,29 @@ CASES = [
     (["--scenario", "text.csv"], "invalid value 'abc'"),
     (["--scenario", "missing.csv"], "no column 'command'; it has time, setpoint"),
     (["--scenario", "degrees.csv"], "It looks like degrees"),
-    (["--scenario", "volts.csv"], "received 'V'"),
     (["--scenario", "header.csv"], "header and no rows"),
-    (["--scenario", "one.csv"], "at least two"),
     (["--scenario", "empty.csv"], "empty"),
     (["--scenario", "sheet.xlsx"], "Cannot tell how to read sheet.xlsx"),
     (["--scenario", "binary.parquet"], "Cannot read binary.parquet as parquet"),
     (["--scenario", "truncated.parquet"], "may be truncated"),
     (["--scenario", "folder.parquet"], "is a folder"),
     (["--scenario", "binary.toml"], "not text"),
-    (["--scenario", "broken.toml"], "not valid TOML"),
     (["--scenario", "endless.toml"], "shorten the scenario"),
-    (["--scenario", "zero.toml"], "greater than 0"),
-    (["--scenario", "kind.toml"], "'stp'; choose one of"),
     (["--scenario", "kg.toml"], "received 1 'kg'"),
     # parameter files
     (["--actuator", "none.toml"], "No such file"),
-    (["--actuator", "binary.toml"], "not text"),
     (["--actuator", "inductance.toml"], "motor.inductance must be greater than 0"),
     (["--actuator", "inertia.toml"], "motor.inertia must be greater than 0"),
     (["--actuator", "unit.toml"], "unit of the kind H; received 0.72 'mF'"),
-    (["--actuator", "source.toml"], "complete it"),
     (["--actuator", "slow.toml"], "received 0.01 s"),
-    (["--actuator", "spelling.toml"], "drives is not a name"),
     (["--actuator", "milli.toml"], "it looks like mA"),
     # targets
     (["--out", "."], "end its name in .parquet or .csv"),
-    (["--out", ""], "end its name in .parquet or .csv"),
-    (["--out", "rec"], "end its name in .parquet or .csv"),
     (["--out", "rec.xlsx"], "end its name in .parquet or .csv"),
     (["--out", "folder.parquet"], "it is a folder"),
     (["--out", "none/rec.parquet"], "folder none is missing"),
     (["--out", "empty.csv/rec.parquet"], "Cannot write empty.csv/rec.parquet"),
     (["--plot", "rec.png"], "end its name in .html"),
-    (["--plot", "none/rec.html"], "folder none is missing"),
     (["--scenario", "good.csv", "--out", "good.csv"], "overwrite its own input"),
 ]
 
@@ -185,6 +156,7 @@ def test_simulate_refuses_in_one_sentence(ematwin, files, arguments, said):
         (["actuators", "folder.parquet"], "There is no actuator"),
         (["scenarios", "extra"], "extra"),
         (["bench", "--quick"], "No such option: --quick"),
+        (["bench", "--repeats", "0"], "'--repeats'"),
     ],
 )
 def test_other_commands_refuse_in_one_sentence(ematwin, files, arguments, said):
@@ -264,7 +236,7 @@ def test_a_reader_that_has_seen_enough_is_no_error(tmp_path):
     assert done.stderr == ""
 
 
-@pytest.mark.parametrize("size", [0, 1, 7, 99])
+@pytest.mark.parametrize("size", [0, 99])
 def test_damaged_parquet_is_never_a_traceback(ematwin, tmp_path, size):
     rng = np.random.default_rng(size)
     (tmp_path / "noise.parquet").write_bytes(b"PAR1" + rng.bytes(size) + b"PAR1")

@@ -6,7 +6,7 @@ from ematwin.bench import twin
 
 
 def test_the_figures_come_as_json(ematwin):
-    answer = ematwin("bench", "--json")
+    answer = ematwin("bench", "--repeats", "1", "--json")
     assert (answer.code, answer.err) == (0, "")
     told = json.loads(answer.out)
     assert told["machine"].keys() >= {"processor", "cores", "python", "numba", "numpy"}

@@ -1,7 +1,7 @@
 """Speed and memory of the twin, as medians of repeated runs with their spread.
 
-Each function measures one figure. They time the work itself, compiled; what starts processes says
-so. Aims are those that the project set itself; a missed one is printed as such.
+Each function measures one figure, some number of times. They time the work itself, compiled; what
+starts processes says so. Aims are those that the project set itself; a missed one is printed as such.
 """
 
 import os
@@ -21,7 +21,7 @@ from ematwin.plant.parameters import Actuator
 from ematwin.plant.scenario import Scenario
 from ematwin.simulation import simulate
 
-REPEATS = 7
+REPEATS = 7  # by default
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ def _cpuinfo() -> str:
         return ""
 
 
-def _seconds(work: Callable[[], object], repeats: int = REPEATS) -> list[float]:
+def _seconds(work: Callable[[], object], repeats: int) -> list[float]:
     """Times of repeated work, compiled and warm."""
     work()
     return [_once(work) for _ in range(repeats)]
@@ -88,7 +88,7 @@ def _figure(
     )  # fmt: skip
 
 
-def lanes_against_scalar() -> Figure:
+def lanes_against_scalar(repeats: int) -> Figure:
     """Speed-up of the monitor model in lanes, a candidate."""
     from ematwin.identification.objective import Objective
     from ematwin.kernels import batch
@@ -114,7 +114,7 @@ def lanes_against_scalar() -> Figure:
     ratios = []
     objective(k)
     one_at_a_time()
-    for _ in range(REPEATS):  # in turn, so that a change of the machine's speed meets both
+    for _ in range(repeats):  # in turn, so that a change of the machine's speed meets both
         scalar = _once(one_at_a_time) / 16
         lanes = _once(lambda: objective(k)) / len(k)
         ratios.append(scalar / lanes)
@@ -124,7 +124,7 @@ def lanes_against_scalar() -> Figure:
     )  # fmt: skip
 
 
-def ten_thousand_scores() -> Figure:
+def ten_thousand_scores(repeats: int) -> Figure:
     """Seconds for 10,000 scorings of the default scenario."""
     from ematwin.identification.objective import Objective
 
@@ -137,9 +137,9 @@ def ten_thousand_scores() -> Figure:
 
     objective(k)
     return _figure(
-        "10,000 scorings of the default scenario", [_once(work) for _ in range(3)], "s", 3.0,
-        at_least=False,
-        detail="200 batches of 50, 0.5 s record at 20 kHz, all cores",
+        "10,000 scorings of the default scenario",
+        [_once(work) for _ in range(max(1, repeats // 2))],
+        "s", 3.0, at_least=False, detail="200 batches of 50, 0.5 s record at 20 kHz, all cores",
     )  # fmt: skip
 
 
@@ -162,8 +162,8 @@ print(kilobytes / 1024)
 """
 
 
-def memory_of_scores() -> Figure:
-    """Peak resident memory of a process that makes 10,000 scorings."""
+def memory_of_scores(_repeats: int) -> Figure:
+    """Peak resident memory of a process that makes 10,000 scorings; once, as it hardly varies."""
     answer = subprocess.run(
         [sys.executable, "-c", _MEMORY_PROBE], capture_output=True, text=True, check=True
     )
@@ -173,9 +173,9 @@ def memory_of_scores() -> Figure:
     )  # fmt: skip
 
 
-def reference_against_real_time() -> Figure:
+def reference_against_real_time(repeats: int) -> Figure:
     """Simulated seconds of the reference model in one second."""
-    times = _seconds(lambda: simulate("reference", faults=HEALTHY))
+    times = _seconds(lambda: simulate("reference", faults=HEALTHY), repeats)
     duration = Scenario.load_file().duration
     return _figure(
         "reference model: simulated over real time", [duration / t for t in times], "times", 5.0,
@@ -183,7 +183,7 @@ def reference_against_real_time() -> Figure:
     )  # fmt: skip
 
 
-def help_page() -> Figure:
+def help_page(repeats: int) -> Figure:
     """Seconds for ``ematwin --help``."""
 
     def work() -> None:
@@ -194,7 +194,7 @@ def help_page() -> Figure:
         )
 
     return _figure(
-        "ematwin --help", _seconds(work), "s", 0.5, at_least=False, detail="a process each"
+        "ematwin --help", _seconds(work, repeats), "s", 0.5, at_least=False, detail="a process each"
     )
 
 

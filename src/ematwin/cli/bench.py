@@ -8,6 +8,7 @@ from ematwin.cli.options import print_json
 
 
 def bench(
+    repeats: Annotated[int, typer.Option(min=1, help="How often most figures are measured.")] = 7,
     json: Annotated[bool, typer.Option("--json", help="Answer as JSON.")] = False,
 ) -> None:
     """Measure speed and memory of the twin on this machine, against stated aims."""
@@ -19,7 +20,7 @@ def bench(
     figures = []
     for measure in MEASUREMENTS:
         with console.status(measure.__doc__ or measure.__name__):
-            figures.append(measure())
+            figures.append(measure(repeats))
     if json:
         print_json({"machine": machine(), "figures": [vars(figure) for figure in figures]})
         return
