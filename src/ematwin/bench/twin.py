@@ -1,7 +1,8 @@
 """Speed and memory of the twin, as medians of repeated runs with their spread.
 
 Each function measures one figure, some number of times. They time the work itself, compiled; what
-starts processes says so. Aims are those that the project set itself; a missed one is printed as such.
+starts processes says so. Aims are those that the project set itself; a missed one is printed as
+such.
 """
 
 import os
