@@ -16,7 +16,7 @@ from ematwin.errors import InputError
 from ematwin.optimizers.adapters import cma_es, nevergrad, pygmo, pymoo, scipy_de
 from ematwin.optimizers.base import Box, Optimizer, OptimizerFactory
 from ematwin.optimizers.catalogue import Algorithm
-from ematwin.optimizers.differential_evolution import Best1, DifferentialEvolution
+from ematwin.optimizers.differential_evolution import Best1, DifferentialEvolution, Rand1
 from ematwin.optimizers.dragonfly import Dragonfly
 from ematwin.optimizers.genetic_algorithm import Binary, GeneticAlgorithm
 from ematwin.optimizers.grey_wolf import GreyWolf
@@ -68,18 +68,25 @@ _SIX = (
     ),
     Algorithm(
         "de",
-        "Differential evolution, rand/1/bin",
+        "Differential evolution, best/1/bin, mixed CR",
         _STORN,
         "ematwin",
         _own(DifferentialEvolution),
-        aliases=("differential-evolution", "de-rand"),
+        aliases=("differential-evolution",),
+    ),
+    Algorithm(
+        "de-rand",
+        "Differential evolution, rand/1/bin",
+        _STORN,
+        "ematwin",
+        _own(partial(DifferentialEvolution, strategy=Rand1(), CR=0.9)),
     ),
     Algorithm(
         "de-best",
         "Differential evolution, best/1/bin",
         _STORN,
         "ematwin",
-        _own(partial(DifferentialEvolution, strategy=Best1())),
+        _own(partial(DifferentialEvolution, strategy=Best1(), F=0.8, CR=0.9)),
     ),
     Algorithm(
         "gwo",
