@@ -53,7 +53,7 @@ class Box:
                 f"Each lower bound must be below its upper bound: variable {k} has "
                 f"{lower[k]:g} to {upper[k]:g}. Hold a fixed variable outside the search instead."
             )
-        if not np.all(np.isfinite(upper - lower)):
+        if not np.all(upper / 2 - lower / 2 <= np.finfo(np.float64).max / 2):
             raise InputError("The box is too wide: upper - lower overflows. Rescale the variables.")
         object.__setattr__(self, "lower", lower)
         object.__setattr__(self, "upper", upper)

@@ -1,6 +1,7 @@
 """Algorithms of pymoo, with their own defaults, through its own ask and tell.
 
-pymoo drops duplicates, so that a batch can be smaller than the population.
+pymoo drops duplicates, so that a batch can be smaller than the population. Its genetic algorithm
+holds local functions that cannot be pickled, so none of them is said to be.
 """
 
 from __future__ import annotations
@@ -37,6 +38,7 @@ class Pymoo(Optimizer):
         Name of the class; its module has the same name in lower case.
     """
 
+    picklable: ClassVar[bool] = False
     constant_batch: ClassVar[bool] = False
     minimum_population: ClassVar[int] = 5
 

@@ -1,0 +1,354 @@
+"""One step of each method, on examples small enough to work out by hand."""
+
+import math
+
+import numpy as np
+import pytest
+
+from ematwin.errors import InputError
+from ematwin.optimizers import (
+    Box,
+    DifferentialEvolution,
+    Dragonfly,
+    GeneticAlgorithm,
+    GreyWolf,
+    ParticleSwarm,
+    Whale,
+)
+from ematwin.optimizers.differential_evolution import (
+    Best1,
+    Best2,
+    BounceBack,
+    Clip,
+    CurrentToBest1,
+    Mutants,
+    Rand1,
+    others,
+)
+from ematwin.optimizers.genetic_operators import (
+    OnePoint,
+    Polynomial,
+    SimulatedBinary,
+    Tournament,
+    TwoPoint,
+    Uniform,
+    decode,
+)
+from ematwin.optimizers.particle_swarm import Coefficients, Global, Ring
+from naive import optimizers_naive as naive
+
+WIDE = Box([-100.0, -100.0], [100.0, 100.0])
+VAST = Box([-1e6, -1e6], [1e6, 1e6])
+
+
+class Scripted:
+    """A generator of random numbers that gives what it was told, in any shape."""
+
+    def __init__(self, *answers):
+        self.answers = list(answers)
+
+    def _next(self, shape):
+        return np.broadcast_to(np.asarray(self.answers.pop(0)), shape).copy()
+
+    def random(self, size=()):
+        return self._next(size)
+
+    def integers(self, low, high=None, size=()):
+        return self._next(size)
+
+
+def start(optimizer, points, costs):
+    """Put an optimiser behind its first batch, with the points given."""
+    optimizer.ask()
+    optimizer._pending = np.array(points, dtype=float)
+    optimizer.tell(optimizer._pending, np.array(costs, dtype=float))
+
+
+def test_grey_wolves_move_to_the_mean_of_three_leaders():
+    wolves = GreyWolf(WIDE, population=3, iterations=10)
+    start(wolves, [[4.0, 0.0], [1.0, 1.0], [2.0, 5.0]], [1.0, 2.0, 3.0])
+    # a = 2 in the first iteration; r1 = 3/4 makes A = 1, r2 = 1/2 makes C = 1.
+    wolves._rng = Scripted(np.array([0.75, 0.5])[:, None, None, None])
+    # For wolf 1, first variable: 4 - |4-1|, 1 - 0, 2 - |2-1|: mean of 1, 1, 1.
+    # Second variable: 0 - |0-1|, 1 - 0, 5 - |5-1|: mean of -1, 1, 1.
+    assert wolves.ask()[1] == pytest.approx([1.0, 1.0 / 3.0])
+
+
+def test_a_grey_wolf_that_becomes_alpha_does_not_push_the_old_alpha_down():
+    wolves = GreyWolf(WIDE, population=4, iterations=10)
+    start(wolves, [[1, 1], [2, 2], [3, 3], [4, 4]], [5.0, 9.0, 2.0, 7.0])
+    assert wolves.leader_costs.tolist() == [2.0, 7.0, np.inf]
+    assert wolves.leaders.tolist() == [[3, 3], [4, 4], [0, 0]]
+
+
+def test_grey_wolf_leaders_equal_those_of_the_wolf_by_wolf_comparison():
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        wolves = GreyWolf(Box([-1.0], [1.0]), population=12, iterations=5)
+        scores = [math.inf] * 3
+        for _ in range(3):
+            costs = rng.integers(0, 15, size=12).astype(float)
+            points = wolves.ask()
+            wolves.tell(points, costs)
+            for f in costs:
+                if f < scores[0]:
+                    scores[0] = f
+                if scores[0] < f < scores[1]:
+                    scores[1] = f
+                if f > scores[0] and f > scores[1] and f < scores[2]:
+                    scores[2] = f
+        assert wolves.leader_costs.tolist() == scores
+
+
+def test_a_whale_encircles_spirals_or_searches():
+    whales = Whale(WIDE, population=3, iterations=10)
+    start(whales, [[1.0, 2.0], [3.0, 6.0], [5.0, -2.0]], [1.0, 2.0, 3.0])
+    # Rows are r1, r2, r3, p; one column a whale. a = 2 and a2 = -1.
+    # Whale 0: A = 0.5, C = 1, encircles itself: no gap, it stays.
+    # Whale 1: p >= 1/2 and l = -2 * 0.5 + 1 = 0: its gaps (2, 4) times exp(0) cos(0).
+    # Whale 2: A = -1.5, C = 2, searches whale 1, which has moved already to (3, 6).
+    numbers = np.array([[0.625, 0.5, 0.125], [0.5, 0.5, 1.0], [0.5, 0.5, 0.5], [0.1, 0.9, 0.1]])
+    whales._rng = Scripted(numbers[:, :, None], 1)
+    moved = whales.ask()
+    assert moved[0] == pytest.approx([1.0, 2.0])
+    assert moved[1] == pytest.approx([3.0, 6.0])
+    assert moved[2] == pytest.approx([3 + 1.5 * abs(6 - 5), 6 + 1.5 * abs(12 + 2)])
+
+
+def test_searching_whales_see_those_before_them_where_they_have_gone():
+    rng = np.random.default_rng(2)
+    whales = Whale(WIDE, population=30, iterations=10)
+    whales._whales = rng.normal(size=(30, 2))
+    moved = rng.normal(size=(30, 2))
+    rows = np.arange(1, 30, 2)
+    A, C = rng.normal(size=(2, rows.size, 1))
+    drawn = rng.integers(30, size=(rows.size, 2))
+    expected = moved.copy()
+    for k, i in enumerate(rows):
+        for j in range(2):
+            other = (expected if drawn[k, j] < i else whales._whales)[drawn[k, j], j]
+            expected[i, j] = other - A[k, 0] * abs(C[k, 0] * other - whales._whales[i, j])
+    whales._rng = Scripted(drawn)
+    whales._search(moved, rows, A, C)
+    assert np.array_equal(moved, expected)
+
+
+@pytest.mark.parametrize("reach", [0.3, 0.6, 1.5])
+def test_dragonflies_move_one_after_another(reach):
+    rng = np.random.default_rng(7)
+    box = Box([-1.0, 0.0, 2.0], [1.0, 4.0, 3.0])
+    flies = Dragonfly(box, population=12, iterations=10, seed=4)
+    X, V = box.sample(rng, 12), 0.1 * rng.normal(size=(12, 3))
+    X[3, 0] = X[5, 0] = box.lower[0]  # on the same bound: no neighbours
+    drift, weights = 0.1 * rng.normal(size=(12, 3)), rng.random((3, 12, 3))
+    levy = rng.normal(size=(12, 3))
+    fed = (rng.random(12) < 0.5).tolist()
+    flies._flies, flies._steps = X.copy(), V.copy()
+    flies._levy = lambda: levy
+    moved = flies._fly(drift, weights, reach * box.span, fed)
+    x, v = X.tolist(), V.tolist()
+    naive.fly_one_after_another(
+        x, v, drift.tolist(), weights.tolist(), (reach * box.span).tolist(), box.span.tolist(),
+        box.lower.tolist(), box.upper.tolist(), levy.tolist(), fed,
+    )  # fmt: skip
+    assert moved == pytest.approx(np.array(x), abs=1e-12)
+    assert flies._steps == pytest.approx(np.array(v), abs=1e-12)
+
+
+def test_the_enemy_of_dragonflies_is_strictly_inside_the_box():
+    flies = Dragonfly(Box([0.0], [1.0]), population=3, iterations=10)
+    start(flies, [[0.0], [0.5], [0.2]], [9.0, 2.0, 3.0])
+    assert flies.enemy.tolist() == [0.2]
+    assert flies.food.tolist() == [0.5]
+
+
+def test_levy_flights_of_dragonflies_have_the_scale_of_the_paper():
+    flies = Dragonfly(Box(np.zeros(10), np.ones(10)), population=2000, iterations=10)
+    # Median |u| sigma / |v|^(2/3) of two normal numbers, times 0.01, by quadrature: 0.00631.
+    assert np.median(np.abs(flies._levy())) == pytest.approx(0.00631, rel=0.03)
+
+
+def test_a_particle_follows_its_own_and_its_neighbours_best():
+    swarm = ParticleSwarm(
+        WIDE,
+        population=2,
+        iterations=10,
+        coefficients=Coefficients(inertia=0.5, own=1.0, neighbours=2.0),
+        craziness=None,
+    )
+    start(swarm, [[1.0, 2.0], [3.0, 8.0]], [1.0, 2.0])
+    swarm._velocity = np.array([[0.0, 0.0], [2.0, -4.0]])
+    swarm._rng = Scripted(np.array([0.5, 0.25])[:, None, None])
+    # Own best is where it is; v = 0.5 (2, -4) + 2 x 0.25 ((1, 2) - (3, 8)) = (0, -5).
+    assert swarm.ask()[1] == pytest.approx([3.0, 3.0])
+
+
+def test_a_particle_stops_at_a_bound_and_loses_that_speed():
+    swarm = ParticleSwarm(
+        Box([0.0, 0.0], [1.0, 1.0]),
+        population=1,
+        iterations=10,
+        coefficients=Coefficients(1.0, 0.0, 0.0),
+        craziness=None,
+    )
+    start(swarm, [[0.9, 0.5]], [1.0])
+    swarm._velocity = np.array([[0.3, 0.1]])
+    assert swarm.ask()[0] == pytest.approx([1.0, 0.6])
+    assert swarm._velocity[0] == pytest.approx([0.0, 0.1])
+
+
+def test_craziness_puts_the_worst_particles_beside_the_best_point():
+    swarm = ParticleSwarm(Box([0.0] * 4, [1.0] * 4), population=20, iterations=10, seed=2)
+    costs = np.arange(20.0)
+    points = swarm.ask()
+    swarm.tell(points, costs)
+    crazy = swarm.ask()[-3:]  # 15 % of 20
+    changed = (crazy != points[0]).sum(axis=1)
+    assert changed.max() < 4
+    assert np.abs(crazy - points[0]).max() < 0.5
+
+
+def test_topologies_choose_the_best_of_the_neighbourhood():
+    costs = np.array([5.0, 4.0, 3.0, 2.0, 9.0, 1.0])
+    assert Global().informants(costs).tolist() == [5] * 6
+    assert Ring(1).informants(costs).tolist() == [5, 2, 3, 3, 5, 5]
+    assert Ring(2).informants(costs).tolist() == [5, 5, 3, 5, 5, 5]
+
+
+@pytest.mark.parametrize("picks", [2, 3, 4])
+def test_donors_are_different_and_not_the_parent(picks):
+    rng = np.random.default_rng(1)
+    seen = set()
+    for _ in range(2000):
+        drawn = np.vstack([np.arange(6), others(rng, 6, picks)])
+        for column in drawn.T:
+            assert len(set(column.tolist())) == picks + 1
+        seen |= {tuple(column) for column in drawn.T.tolist()}
+    assert len(seen) == math.perm(6, picks + 1)  # every choice is possible
+
+
+def test_mutants_are_those_of_the_strategies():
+    parents = np.arange(12.0).reshape(6, 2) ** 2
+    F = np.full((6, 1), 0.5)
+    for strategy, picks in ((Rand1(), 3), (Best1(), 2), (CurrentToBest1(), 2), (Best2(), 4)):
+        r = others(np.random.default_rng(3), 6, picks)
+        x = [parents[row] for row in r]
+        best = parents[4]
+        expected = {
+            Rand1: lambda x=x: x[0] + 0.5 * (x[1] - x[2]),
+            Best1: lambda x=x, best=best: best + 0.5 * (x[0] - x[1]),
+            CurrentToBest1: lambda x=x, best=best: (
+                parents + 0.5 * (best - parents) + 0.5 * (x[0] - x[1])
+            ),
+            Best2: lambda x=x, best=best: best + 0.5 * (x[0] + x[1] - x[2] - x[3]),
+        }[type(strategy)]()
+        made = strategy.mutate(np.random.default_rng(3), parents, 4, F)
+        assert made.vectors == pytest.approx(expected)
+
+
+def test_a_trial_replaces_its_parent_only_if_it_is_no_worse():
+    evolution = DifferentialEvolution(WIDE, population=5, iterations=10)
+    parents = evolution.ask()
+    evolution.tell(parents, np.array([3.0, 3.0, 3.0, np.nan, np.nan]))
+    trials = evolution.ask()
+    evolution.tell(trials, np.array([4.0, 3.0, 2.0, np.nan, 1.0]))
+    assert evolution.costs.tolist() == [3.0, 3.0, 2.0, np.inf, 1.0]
+    kept = [(row == parent).all() for row, parent in zip(evolution.parents, parents, strict=True)]
+    assert kept == [True, False, False, True, False]
+
+
+def test_mutants_outside_the_box_bounce_back_or_stop():
+    box = Box([0.0, 0.0], [1.0, 1.0])
+    mutants = Mutants(np.array([[-0.4, 0.5], [0.3, 1.6]]), np.array([[0.2, 0.2], [0.3, 0.4]]))
+    bounced = BounceBack().repair(Scripted(0.5), box, mutants)
+    assert bounced == pytest.approx(np.array([[0.1, 0.5], [0.3, 0.7]]))
+    assert Clip().repair(Scripted(), box, mutants).tolist() == [[0.0, 0.5], [0.3, 1.0]]
+
+
+def test_the_best_of_each_tournament_wins_and_everyone_is_drawn():
+    costs = np.array([3.0, 1.0, 2.0, 0.0])
+    won = Tournament(2).select(np.random.default_rng(0), costs, 4)
+    assert (won == 3).sum() == 2  # drawn twice in four pairs, it wins each time
+    everyone = Tournament(1).select(np.random.default_rng(0), costs, 4)
+    assert sorted(everyone.tolist()) == [0, 1, 2, 3]
+
+
+def test_children_of_real_parents_lie_on_the_line_through_them_when_crossed_whole():
+    rng = np.random.default_rng(5)
+    first, second = rng.normal(size=(2, 200, 2))
+    crossover = SimulatedBinary(whole=1.0, probability=1.0)
+    one, other = crossover.cross(rng, VAST, first, second)
+    direction = second - first
+    for child in (one, other):
+        cross = (child - first)[:, 0] * direction[:, 1] - (child - first)[:, 1] * direction[:, 0]
+        assert np.abs(cross).max() < 1e-6  # bounds nearby would bend the line
+
+
+def test_children_of_real_parents_are_spread_evenly_about_their_parents():
+    rng = np.random.default_rng(6)
+    first, second = rng.normal(size=(2, 500, 2))
+    one, other = SimulatedBinary(whole=0.0, probability=1.0, eta=2.0).cross(
+        rng, VAST, first, second
+    )
+    assert (one + other) == pytest.approx(first + second, abs=1e-6)
+    contracted = np.abs(one - other) < np.abs(first - second)
+    assert contracted.mean() == pytest.approx(0.5, abs=0.05)
+
+
+def test_polynomial_mutation_stays_in_the_box_and_moves_one_variable_on_average():
+    rng = np.random.default_rng(7)
+    box = Box([0.0] * 5, [1.0] * 5)
+    points = rng.random((4000, 5)) ** 4
+    moved = Polynomial().mutate(rng, box, points)
+    assert box.contains(moved)
+    assert (moved != points).sum(axis=1).mean() == pytest.approx(1.0, abs=0.05)
+
+
+def test_bits_span_the_box_evenly_and_gray_neighbours_differ_in_one_bit():
+    box = Box([-2.0], [5.0])
+    strings = np.array([[n >> 2 & 1, n >> 1 & 1, n & 1] for n in range(8)], dtype=bool)
+    plain = decode(strings, box, 3, gray=False)[:, 0]
+    assert plain == pytest.approx(np.linspace(-2.0, 5.0, 8))
+    gray = np.argsort(decode(strings, box, 3, gray=True)[:, 0])
+    steps = (strings[gray][1:] != strings[gray][:-1]).sum(axis=1)
+    assert steps.tolist() == [1] * 7
+
+
+def test_bit_crossovers_exchange_runs_of_bits():
+    rng = np.random.default_rng(8)
+    changes = np.abs(np.diff(OnePoint().mask(rng, 300, 12).astype(int), axis=1)).sum(axis=1)
+    assert set(changes.tolist()) == {1}
+    changes = np.abs(np.diff(TwoPoint().mask(rng, 300, 12).astype(int), axis=1)).sum(axis=1)
+    assert changes.max() == 2
+    assert Uniform().mask(rng, 300, 12).mean() == pytest.approx(0.5, abs=0.05)
+
+
+def test_the_best_of_parents_and_children_survive():
+    genes = GeneticAlgorithm(WIDE, population=4, iterations=10)
+    parents = genes.ask()
+    genes.tell(parents, np.array([1.0, 9.0, 2.0, np.nan]))
+    children = genes.ask()
+    genes.tell(children, np.array([np.nan, 3.0, 0.5, 8.0]))
+    assert genes.costs.tolist() == [0.5, 1.0, 2.0, 3.0]
+    assert np.array_equal(genes.parents[0], children[2])
+    assert np.array_equal(genes.parents[1], parents[0])
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: DifferentialEvolution(WIDE, F=0.0),
+        lambda: DifferentialEvolution(WIDE, CR=1.5),
+        lambda: DifferentialEvolution(WIDE, population=4),
+        lambda: ParticleSwarm(WIDE, coefficients=Coefficients(1, 1, 1, speed_limit=0.0)),
+        lambda: Ring(0),
+        lambda: Tournament(0),
+        lambda: SimulatedBinary(eta=-1.0),
+        lambda: GreyWolf(WIDE, population=0),
+        lambda: GreyWolf(WIDE, iterations=2.5),
+        lambda: GreyWolf(WIDE, seed=-1),
+    ],
+)
+def test_impossible_settings_are_refused(make):
+    with pytest.raises(InputError):
+        make()
