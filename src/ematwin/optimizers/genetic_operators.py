@@ -21,7 +21,7 @@ BitArray = np.ndarray
 class Tournament:
     """Selection: the best of ``size`` individuals drawn at random (Goldberg and Deb 1991)."""
 
-    size: int = 3
+    size: int = 4
 
     def __post_init__(self) -> None:
         whole_number(self.size, "size of a tournament", 1)

@@ -65,7 +65,7 @@ CASES = {
     ),
     "binary genetic": (
         partial(GeneticAlgorithm, encoding=Binary(bits=12)),
-        partial(naive.binary_genetic_algorithm, bits=12, contest=3),
+        partial(naive.binary_genetic_algorithm, bits=12, contest=4),
     ),
 }
 

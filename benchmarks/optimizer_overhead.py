@@ -1,0 +1,62 @@
+"""The optimisers' own time: ask and tell at 50 x 8, in microseconds an evaluation.
+
+python benchmarks/optimizer_overhead.py [--json] [--repeats 5] [NAME ...]
+
+The objective's time is left out. Each figure is the least of the repeats: what else ran on the
+machine only adds to it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+
+import numpy as np
+
+from ematwin.optimizers import Box, algorithms, create
+
+POPULATION, ITERATIONS, DIMENSION = 50, 200, 8
+OPTIMUM = np.array([0.3, 0.62, 0.41, 0.77, 0.55, 0.23, 0.68, 0.36])
+
+
+def microseconds(name: str, seed: int) -> float:
+    box = Box(np.zeros(DIMENSION), np.ones(DIMENSION))
+    optimizer = create(name, box, population=POPULATION, iterations=ITERATIONS, seed=seed)
+    spent, evaluations = 0.0, 0
+    try:
+        while evaluations < POPULATION * ITERATIONS:
+            started = time.perf_counter()
+            points = optimizer.ask()
+            spent += time.perf_counter() - started
+            costs = ((points - OPTIMUM) ** 2).sum(axis=1)
+            started = time.perf_counter()
+            optimizer.tell(points, costs)
+            spent += time.perf_counter() - started
+            evaluations += len(points)
+    finally:
+        optimizer.close()
+    return 1e6 * spent / evaluations
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("names", nargs="*", metavar="NAME")
+    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--json", action="store_true")
+    options = parser.parse_args()
+    names = options.names or [found.name for found in algorithms() if found.installed]
+    figures = {
+        name: min(microseconds(name, seed) for seed in range(1, options.repeats + 1))
+        for name in names
+    }
+    if options.json:
+        print(json.dumps({"unit": "us per evaluation", "own_time": figures}, indent=2))
+        return
+    print("| algorithm | own time, us an evaluation |\n|---|---|")
+    for name, figure in figures.items():
+        print(f"| `{name}` | {figure:.2f} |")
+
+
+if __name__ == "__main__":
+    main()
