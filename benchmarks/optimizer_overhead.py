@@ -44,7 +44,7 @@ def main() -> None:
     parser.add_argument("names", nargs="*", metavar="NAME")
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--json", action="store_true")
-    options = parser.parse_args()
+    options = parser.parse_intermixed_args()
     names = options.names or [found.name for found in algorithms() if found.installed]
     figures = {
         name: min(microseconds(name, seed) for seed in range(1, options.repeats + 1))

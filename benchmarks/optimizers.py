@@ -102,7 +102,7 @@ def main() -> None:
     parser.add_argument("names", nargs="*", metavar="NAME")
     parser.add_argument("--seeds", type=int, default=15)
     parser.add_argument("--json", action="store_true")
-    options = parser.parse_args()
+    options = parser.parse_intermixed_args()
     cases = problems(options.suite)
     if not options.json:
         print("| algorithm | " + " | ".join(cases) + " |\n|---|" + "---|" * len(cases))
