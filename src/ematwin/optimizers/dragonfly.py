@@ -125,34 +125,34 @@ class Dragonfly(PopulationOptimizer):
         swarm = np.ones((self.population, 2 * d + 1))
         swarm[:, :d] = self._flies
         swarm[:, d : 2 * d] = self._steps
+        least = -limit
         X, V = self._flies.copy(), swarm[:, d : 2 * d]  # X apart too: whole rows, read fast
-        distance, apart = np.empty_like(X), np.empty(X.shape, dtype=bool)
+        distance = np.empty_like(X)
+        apart, within = np.empty((2, *X.shape), dtype=bool)
         all_within = bool(np.all(radius >= self.box.span))
-        separation, alignment, cohesion = weights
         levy: FloatArray | None = None
-        for i, near_food in enumerate(reaches_food):
-            x = X[i].copy()
+        rows = zip(self._flies, drift, *weights, reaches_food, strict=True)
+        for i, (x, onward, separation, alignment, cohesion, near_food) in enumerate(rows):
             np.not_equal(X, x, out=apart)
             if not all_within:
                 np.abs(np.subtract(X, x, out=distance), out=distance)
-                np.logical_and(apart, distance <= radius, out=apart)
+                np.less_equal(distance, radius, out=within)
+                np.logical_and(apart, within, out=apart)
             sums = np.dot(np.logical_and.reduce(apart, axis=1).astype(np.float64), swarm)
-            count = sums[-1]
+            count = sums.item(-1)
             if count > 1.0:
                 mean = sums / count
                 C = mean[:d] - x  # and S = -count C
-                step = drift[i] + alignment[i] * mean[d:-1]
-                step += (cohesion[i] - count * separation[i]) * C
+                step = onward + alignment * mean[d:-1] + (cohesion - separation * count) * C
             elif near_food:
-                step = drift[i] + alignment[i] * V[i]
+                step = onward + alignment * V[i]
             else:
                 if levy is None:
                     levy = self._levy()
                 V[i] = 0.0
                 swarm[i, :d] = X[i] = np.minimum(np.maximum(x + levy[i] * x, lower), upper)
                 continue
-            step = np.minimum(np.maximum(step, -limit), limit)
-            V[i] = step
+            V[i] = step = np.minimum(np.maximum(step, least), limit)
             swarm[i, :d] = X[i] = np.minimum(np.maximum(x + step, lower), upper)
         self._steps = V.copy()
         return X

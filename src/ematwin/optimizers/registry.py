@@ -20,7 +20,7 @@ from ematwin.optimizers.differential_evolution import Best1, DifferentialEvoluti
 from ematwin.optimizers.dragonfly import Dragonfly
 from ematwin.optimizers.genetic_algorithm import Binary, GeneticAlgorithm
 from ematwin.optimizers.grey_wolf import GreyWolf
-from ematwin.optimizers.particle_swarm import ParticleSwarm, Ring
+from ematwin.optimizers.particle_swarm import CONSTRICTION, ParticleSwarm, Ring
 from ematwin.optimizers.random_search import RandomSearch
 from ematwin.optimizers.whale import Whale
 
@@ -65,6 +65,13 @@ _SIX = (
         _KENNEDY,
         "ematwin",
         _own(partial(ParticleSwarm, topology=Ring())),
+    ),
+    Algorithm(
+        "pso-plain",
+        "Particle swarm, constriction, no craziness",
+        "Clerc and Kennedy (2002), IEEE Trans. Evol. Comput. 6, 58-73",
+        "ematwin",
+        _own(partial(ParticleSwarm, coefficients=CONSTRICTION, craziness=None)),
     ),
     Algorithm(
         "de",
