@@ -25,8 +25,8 @@ from ematwin.optimizers import minimize
 POPULATION, ITERATIONS, DIMENSION = 50, 200, 8
 OPTIMUM = np.array([0.3, 0.62, 0.41, 0.77, 0.55, 0.23, 0.68, 0.36])
 DEFAULT = (
-    "ga", "ga-binary", "pso", "pso-ring", "pso-plain", "de", "de-rand", "gwo", "da", "woa",
-    "random", "cma", "scipy-de", "pymoo-ga", "pymoo-pso", "pymoo-de",
+    "ga", "ga-binary", "pso", "pso-global", "pso-ring", "pso-plain", "de", "de-rand", "gwo", "da",
+    "woa", "random", "cma", "scipy-de", "pymoo-ga", "pymoo-pso", "pymoo-de",
     "pygmo-sga", "pygmo-pso", "pygmo-de",
 )  # fmt: skip
 BBOB = (1, 3, 8, 10, 13, 15, 17, 20, 21, 24)

@@ -161,16 +161,19 @@ def particle_swarm(
         for x in X
     ]
     best, f_best = [list(x) for x in X], [math.inf] * population
-    for _ in range(iterations):
+    for t in range(1, iterations + 1):
         for i in range(population):
             f = cost(X[i])
             if f < f_best[i]:
                 f_best[i], best[i] = f, list(X[i])
         for i in range(population):
-            if ring is None:
+            reach = (
+                round((t / iterations) ** 2 * population / 2) or 1 if ring == "growing" else ring
+            )
+            if reach is None:
                 informers = range(population)
             else:
-                informers = [(i + k) % population for k in range(-ring, ring + 1)]
+                informers = [(i + k) % population for k in range(-reach, reach + 1)]
             g = best[min(informers, key=f_best.__getitem__)]
             for j in range(d):
                 v = inertia * V[i][j]

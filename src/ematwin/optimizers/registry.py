@@ -20,7 +20,7 @@ from ematwin.optimizers.differential_evolution import Best1, DifferentialEvoluti
 from ematwin.optimizers.dragonfly import Dragonfly
 from ematwin.optimizers.genetic_algorithm import Binary, GeneticAlgorithm
 from ematwin.optimizers.grey_wolf import GreyWolf
-from ematwin.optimizers.particle_swarm import CONSTRICTION, ParticleSwarm, Ring
+from ematwin.optimizers.particle_swarm import CONSTRICTION, Global, ParticleSwarm, Ring
 from ematwin.optimizers.random_search import RandomSearch
 from ematwin.optimizers.whale import Whale
 
@@ -53,11 +53,18 @@ _SIX = (
     ),
     Algorithm(
         "pso",
-        "Particle swarm, global topology",
+        "Particle swarm, growing ring",
         _KENNEDY,
         "ematwin",
         _own(ParticleSwarm),
-        aliases=("particle-swarm", "pso-global"),
+        aliases=("particle-swarm",),
+    ),
+    Algorithm(
+        "pso-global",
+        "Particle swarm, global topology",
+        _KENNEDY,
+        "ematwin",
+        _own(partial(ParticleSwarm, topology=Global())),
     ),
     Algorithm(
         "pso-ring",
@@ -68,10 +75,10 @@ _SIX = (
     ),
     Algorithm(
         "pso-plain",
-        "Particle swarm, constriction, no craziness",
+        "Particle swarm, global topology, constriction, no craziness",
         "Clerc and Kennedy (2002), IEEE Trans. Evol. Comput. 6, 58-73",
         "ematwin",
-        _own(partial(ParticleSwarm, coefficients=CONSTRICTION, craziness=None)),
+        _own(partial(ParticleSwarm, topology=Global(), coefficients=CONSTRICTION, craziness=None)),
     ),
     Algorithm(
         "de",

@@ -34,7 +34,7 @@ from ematwin.optimizers.genetic_operators import (
     Uniform,
     decode,
 )
-from ematwin.optimizers.particle_swarm import Coefficients, Global, Ring
+from ematwin.optimizers.particle_swarm import Coefficients, Global, GrowingRing, Ring
 from naive import optimizers_naive as naive
 
 WIDE = Box([-100.0, -100.0], [100.0, 100.0])
@@ -197,22 +197,33 @@ def test_a_particle_stops_at_a_bound_and_loses_that_speed():
     assert swarm._velocity[0] == pytest.approx([0.0, 0.1])
 
 
-def test_craziness_puts_the_worst_particles_beside_the_best_point():
-    swarm = ParticleSwarm(Box([0.0] * 4, [1.0] * 4), population=20, iterations=10, seed=2)
+@pytest.mark.parametrize(("topology", "beside"), [(Global(), [0, 0]), (Ring(1), [17, 0])])
+def test_craziness_puts_the_worst_particles_beside_their_neighbours_best_point(topology, beside):
+    swarm = ParticleSwarm(
+        Box([0.0] * 4, [1.0] * 4), population=20, iterations=10, seed=2, topology=topology
+    )
     costs = np.arange(20.0)
     points = swarm.ask()
     swarm.tell(points, costs)
-    crazy = swarm.ask()[-3:]  # 15 % of 20
-    changed = (crazy != points[0]).sum(axis=1)
+    crazy = swarm.ask()[-2:]  # 10 % of 20
+    changed = (crazy != points[beside]).sum(axis=1)
     assert changed.max() < 4
-    assert np.abs(crazy - points[0]).max() < 0.5
+    assert np.abs(crazy - points[beside]).max() < 0.5
 
 
 def test_topologies_choose_the_best_of_the_neighbourhood():
     costs = np.array([5.0, 4.0, 3.0, 2.0, 9.0, 1.0])
-    assert Global().informants(costs).tolist() == [5] * 6
-    assert Ring(1).informants(costs).tolist() == [5, 2, 3, 3, 5, 5]
-    assert Ring(2).informants(costs).tolist() == [5, 5, 3, 5, 5, 5]
+    assert Global().informants(costs, 0.0).tolist() == [5] * 6
+    assert Ring(1).informants(costs, 0.0).tolist() == [5, 2, 3, 3, 5, 5]
+    assert Ring(2).informants(costs, 0.0).tolist() == [5, 5, 3, 5, 5, 5]
+
+
+@pytest.mark.parametrize(("progress", "same_as"), [(0.0, 1), (0.5, 1), (0.8, 2), (0.95, 3)])
+def test_a_growing_ring_ends_as_the_whole_swarm(progress, same_as):
+    costs = np.array([5.0, 4.0, 3.0, 2.0, 9.0, 1.0])
+    grown = GrowingRing().informants(costs, progress)
+    assert grown.tolist() == Ring(same_as).informants(costs, 0.0).tolist()
+    assert GrowingRing().informants(costs, 1.0).tolist() == [5] * 6
 
 
 @pytest.mark.parametrize("picks", [2, 3, 4])
@@ -342,6 +353,7 @@ def test_the_best_of_parents_and_children_survive():
         lambda: DifferentialEvolution(WIDE, population=4),
         lambda: ParticleSwarm(WIDE, coefficients=Coefficients(1, 1, 1, speed_limit=0.0)),
         lambda: Ring(0),
+        lambda: GrowingRing(0.0),
         lambda: Tournament(0),
         lambda: SimulatedBinary(eta=-1.0),
         lambda: GreyWolf(WIDE, population=0),
