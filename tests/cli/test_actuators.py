@@ -4,7 +4,7 @@ import json
 import math
 
 from ematwin import Actuator
-from ematwin.plant.parameters import shipped_actuators
+from ematwin.plant.kinds import shipped_actuators
 from ematwin.plant.scenario import shipped_scenarios
 
 

@@ -57,7 +57,7 @@ def files(tmp_path: Path) -> Path:
     whole = (tmp_path / "whole.parquet").read_bytes()
     (tmp_path / "whole.parquet").unlink()
     (tmp_path / "truncated.parquet").write_bytes(whole[: len(whole) // 2])
-    from ematwin.plant.parameters import shipped_actuators
+    from ematwin.plant.kinds import shipped_actuators
 
     shipped = shipped_actuators()["servo48"].read_text(encoding="utf-8")
     for name, old, new in (

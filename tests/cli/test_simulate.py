@@ -86,7 +86,7 @@ def test_fault_vectors_of_the_paper_simulate_from_the_command_line(ematwin, tmp_
 
 
 def test_files_of_the_users_own_are_taken(ematwin, tmp_path):
-    from ematwin.plant.parameters import shipped_actuators
+    from ematwin.plant.kinds import shipped_actuators
 
     shipped = shipped_actuators()["servo48"].read_text(encoding="utf-8")
     (tmp_path / "mine.toml").write_text(shipped.replace('name = "servo48"', 'name = "mine"'))

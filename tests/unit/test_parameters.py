@@ -8,9 +8,10 @@ import pytest
 
 from ematwin.errors import FileError, ParameterError
 from ematwin.plant.constants import kernel_constants
-from ematwin.plant.parameters import Actuator, Section, shipped_actuators
+from ematwin.plant.parameter_set import Section
+from ematwin.plant.parameters import Actuator
 
-SHIPPED = shipped_actuators()["servo48"].read_text(encoding="utf-8")
+SHIPPED = Actuator.shipped()["servo48"].read_text(encoding="utf-8")
 
 
 def edited(tmp_path: Path, place: str, **leaf: object) -> Path:
@@ -55,7 +56,7 @@ def test_shipped_values_are_converted_to_si():
 
 
 def test_every_shipped_value_names_unit_meaning_and_source():
-    for name in shipped_actuators():
+    for name in Actuator.shipped():
         rows = list(Actuator.load(name).parameters())
         fields = [
             field

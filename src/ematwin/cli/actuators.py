@@ -14,17 +14,17 @@ def actuators(
     json: Annotated[bool, typer.Option("--json", help="Answer as JSON.")] = False,
 ) -> None:
     """List the shipped actuator parameter sets, or show one with units and sources."""
-    from ematwin.plant.parameters import Actuator, shipped_actuators
+    from ematwin.plant.kinds import load_actuator, shipped_actuators
 
     if name is None:
-        sets = {key: Actuator.load(key).description for key in shipped_actuators()}
+        sets = {key: load_actuator(key).description for key in shipped_actuators()}
         if json:
             print_json(sets)
         else:
             for key, description in sets.items():
                 typer.echo(f"{key:<12} {description}")
         return
-    actuator = Actuator.load(name)
+    actuator = load_actuator(name)
     rows = list(actuator.parameters())
     if json:
         print_json(

@@ -73,7 +73,19 @@ class CsvRecording(Recording):
             progress(1.0)
         return dict(zip(names, columns.finished(), strict=True))
 
-    def _batches(self, file: BufferedReader, positions: Sequence[int]) -> Any:
+    def texts(self, name: str) -> list[str]:  # noqa: D102
+        import pyarrow as pa
+
+        position = self._dialect.names.index(name)
+        with refusing(self.path, self.kind), self.path.open("rb") as file:
+            file.seek(self._dialect.start)
+            batches = self._batches(file, [position], {position: pa.string()})
+            found = [text for batch in batches for text in batch.column(0).to_pylist()]
+        return ["" if text is None else text.strip() for text in found]
+
+    def _batches(
+        self, file: BufferedReader, positions: Sequence[int], types: dict[int, Any] | None = None
+    ) -> Any:
         from pyarrow import csv
 
         width = len(self._dialect.names)
@@ -92,7 +104,7 @@ class CsvRecording(Recording):
             convert_options=csv.ConvertOptions(
                 include_columns=wanted,
                 column_types={
-                    key: self._arrow_type(position)
+                    key: (types or {}).get(position) or self._arrow_type(position)
                     for key, position in zip(wanted, positions, strict=True)
                 },
                 null_values=[*csv.ConvertOptions().null_values, *PLACEHOLDERS],

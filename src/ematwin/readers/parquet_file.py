@@ -59,6 +59,15 @@ class ParquetRecording(Recording):
             progress(1.0)
         return columns
 
+    def texts(self, name: str) -> list[str]:  # noqa: D102
+        import pyarrow as pa
+
+        with refusing(self.path, self.kind):
+            column = self._file.read(columns=[name]).column(0)
+            if pa.types.is_floating(column.type):
+                return super().texts(name)
+            return ["" if text is None else text for text in column.cast(pa.string()).to_pylist()]
+
     def close(self) -> None:  # noqa: D102
         self._file.close()
 

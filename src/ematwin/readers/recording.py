@@ -70,6 +70,10 @@ class Recording(ABC):
             Fresh arrays, which the caller may overwrite; missing samples are NaN.
         """
 
+    def texts(self, name: str) -> list[str]:
+        """Values of a channel as texts, for labels such as a condition or the number of a run."""
+        return [f"{value:g}" for value in self.read([name])[name]]
+
     def unit(self, name: str) -> str | None:
         """Unit of a channel as the file states it; None where it states none."""
         return None

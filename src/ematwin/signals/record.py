@@ -78,7 +78,7 @@ class Record:
             except (TypeError, ValueError):
                 raise RecordError(f"Column {name} must hold numbers; it does not.") from None
             object.__setattr__(self, name, array)
-        _check_time(self.time)
+        check_time(self.time)
         for name, column in self.columns():
             if column.shape != self.time.shape:
                 raise RecordError(
@@ -171,7 +171,8 @@ def _check_provenance(provenance: dict[str, Any]) -> None:
         ) from None
 
 
-def _check_time(time: np.ndarray) -> None:
+def check_time(time: np.ndarray) -> None:
+    """Raise `RecordError` unless times (S,) increase in equal steps."""
     if time.ndim != 1 or time.size < 2:
         raise RecordError(f"A record needs at least two samples in time, received {time.size}.")
     bad = np.flatnonzero(~np.isfinite(time))

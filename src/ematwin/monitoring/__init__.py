@@ -1,0 +1,1 @@
+"""Condition monitoring: calibrate a twin on healthy motions, then judge others against them."""

@@ -1,0 +1,46 @@
+"""The kinds of actuators, and parameter sets of any kind."""
+
+from pathlib import Path
+
+from ematwin.errors import ParameterError
+from ematwin.plant.ball_screw import BallScrew
+from ematwin.plant.parameter_set import ROTARY, ParameterSet
+from ematwin.plant.parameters import Actuator
+from ematwin.validation import load_toml
+
+KINDS: dict[str, type[ParameterSet]] = {kind.kind: kind for kind in (Actuator, BallScrew)}
+
+
+def shipped_actuators() -> dict[str, Path]:
+    """Names and files of all parameter sets that come with ematwin."""
+    return {name: path for kind in KINDS.values() for name, path in kind.shipped().items()}
+
+
+def load_actuator(name_or_path: str | Path | ParameterSet) -> ParameterSet:
+    """A shipped set by name, or a TOML file, of whatever kind it says it is.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such set, or a value is missing, impossible or of the wrong unit.
+    FileError
+        If the file cannot be read.
+    """
+    if isinstance(name_or_path, ParameterSet):
+        return name_or_path
+    path = Path(name_or_path)
+    if path.suffix != ".toml":
+        shipped = shipped_actuators()
+        if str(name_or_path) not in shipped:
+            raise ParameterError(
+                f"There is no actuator {str(name_or_path)!r}. Shipped: {', '.join(shipped)}; "
+                "or give the path of a TOML file (ending in .toml)."
+            )
+        path = shipped[str(name_or_path)]
+    table = load_toml(path, "actuator")
+    kind = table.get("kind", ROTARY)
+    if kind not in KINDS:
+        raise ParameterError(
+            f"{path}: there is no kind of actuator {kind!r}; choose one of {', '.join(KINDS)}."
+        )
+    return KINDS[kind].from_dict(table, str(name_or_path))

@@ -1,0 +1,188 @@
+"""Parameter sets: validated, in SI, each value from a file that gives its unit and source.
+
+A file holds a table for each section and, for each parameter, ``{ value, unit, source }``. Each
+kind of actuator is one subclass of `ParameterSet`; the shipped sets lie in ``actuators/``.
+"""
+
+import hashlib
+import json
+from collections.abc import Iterator
+from functools import cached_property
+from importlib import resources
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
+from pydantic.fields import FieldInfo
+
+from ematwin.errors import ParameterError
+from ematwin.quantities import to_si
+from ematwin.validation import load_toml, one_sentence
+
+ROTARY = "rotary"  # the kind of a file that names none
+
+
+def quantity(unit: str, meaning: str, **limits: Any) -> Any:
+    """A field of a section: a finite number with an SI unit."""
+    return Field(
+        description=meaning,
+        json_schema_extra={"unit": unit},
+        allow_inf_nan=False,
+        **limits,
+    )
+
+
+def unit_of(field: FieldInfo) -> str:
+    """SI unit of a parameter; the empty string for a ratio."""
+    extra = field.json_schema_extra
+    assert isinstance(extra, dict)
+    return str(extra["unit"])
+
+
+class Section(BaseModel):
+    """A table of the parameter file."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class ParameterSet(BaseModel):
+    """One actuator of some kind, all values in SI.
+
+    Load one with ``load("name")`` or ``load("mine.toml")``; make a variant with
+    ``changed({"section.name": 2.3})``.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    kind: ClassVar[str]  # as ``kind = "..."`` in the file
+    folder: ClassVar[str]  # of the shipped sets
+    default: ClassVar[str]  # the shipped set that is meant where none is named
+
+    name: str
+    description: str
+    _sources: dict[str, str] = PrivateAttr(default_factory=dict)
+
+    @classmethod
+    def load(cls, name_or_path: "str | Path | ParameterSet | None" = None) -> Self:
+        """A shipped set by name, or a TOML file; the default of this kind if not given.
+
+        Raises
+        ------
+        ParameterError
+            If there is no such set, or a value is missing, impossible or of the wrong unit.
+        FileError
+            If the file cannot be read.
+        """
+        if name_or_path is None:
+            name_or_path = cls.default
+        if isinstance(name_or_path, cls):
+            return name_or_path
+        if isinstance(name_or_path, ParameterSet):
+            raise cls._wrong_kind(name_or_path.name, name_or_path.kind)
+        path = Path(name_or_path)
+        if path.suffix == ".toml":
+            return cls.from_dict(load_toml(path, "actuator"), str(path))
+        shipped = cls.shipped()
+        if str(name_or_path) not in shipped:
+            raise ParameterError(
+                f"There is no actuator {str(name_or_path)!r}. Shipped: {', '.join(shipped)}; "
+                "or give the path of a TOML file (ending in .toml)."
+            )
+        return cls.from_dict(load_toml(shipped[str(name_or_path)], "actuator"), str(name_or_path))
+
+    @classmethod
+    def from_dict(cls, table: dict[str, Any], what: str = "actuator") -> Self:
+        """An actuator from the content of a parameter file: values, units and sources."""
+        kind = table.get("kind", ROTARY)
+        if kind != cls.kind:
+            raise cls._wrong_kind(what, kind)
+        table = {key: entry for key, entry in table.items() if key != "kind"}
+        plain: dict[str, Any] = {}
+        sources: dict[str, str] = {}
+        for key, entry in table.items():
+            field = cls.model_fields.get(key)
+            if field is None or not isinstance(entry, dict):
+                plain[key] = entry
+                continue
+            section: Any = field.annotation
+            plain[key] = {}
+            for name, leaf in entry.items():
+                place = f"{key}.{name}"
+                if name not in section.model_fields:
+                    plain[key][name] = leaf
+                    continue
+                if not (isinstance(leaf, dict) and {"value", "unit", "source"} == set(leaf)):
+                    raise ParameterError(
+                        f"{what}: {place} must be {{ value = ..., unit = ..., source = ... }}, "
+                        f"received {leaf!r}; complete it."
+                    )
+                if isinstance(leaf["value"], bool) or not isinstance(leaf["value"], int | float):
+                    raise ParameterError(
+                        f"{what}: {place} must be a number, received {leaf['value']!r}; correct it."
+                    )
+                if not (isinstance(leaf["source"], str) and leaf["source"].strip()):
+                    raise ParameterError(
+                        f"{what}: {place} must name the source of its value, received "
+                        f"{leaf['source']!r}; say where it comes from."
+                    )
+                unit = unit_of(section.model_fields[name])
+                si = to_si(leaf["value"], leaf["unit"], unit, f"{what}: {place}")
+                plain[key][name] = si
+                sources[place] = leaf["source"]
+        try:
+            actuator = cls.model_validate(plain)
+        except ValidationError as error:
+            raise one_sentence(error, what) from None
+        actuator._sources.update(sources)
+        return actuator
+
+    @classmethod
+    def _wrong_kind(cls, what: str, kind: object) -> ParameterError:
+        return ParameterError(
+            f"{what} describes an actuator of the kind {kind!r} where one of the kind "
+            f"{cls.kind!r} is needed; give another file."
+        )
+
+    @classmethod
+    def shipped(cls) -> dict[str, Path]:
+        """Names and files of the sets of this kind that come with ematwin."""
+        folder = Path(str(resources.files("ematwin.plant"))) / cls.folder
+        return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+
+    def changed(self, values: dict[str, float]) -> Self:
+        """A variant with some values replaced, e.g. ``{"motor.resistance": 2.3}``, in SI."""
+        table = self.model_dump()
+        for place, value in values.items():
+            section, _, name = place.partition(".")
+            if section not in table or name not in table[section]:
+                raise ParameterError(
+                    f"{place!r} is not a parameter of an actuator; use section.name such as "
+                    "'motor.resistance'."
+                )
+            table[section][name] = value
+        try:
+            variant = type(self).model_validate(table)
+        except ValidationError as error:
+            raise one_sentence(error, self.name) from None
+        variant._sources.update(self._sources)
+        return variant
+
+    def parameters(self) -> Iterator[tuple[str, float, str, str, str]]:
+        """Yield place, value, SI unit, meaning and source of each parameter."""
+        for key, section in self:
+            if isinstance(section, Section):
+                for name, field in type(section).model_fields.items():
+                    place = f"{key}.{name}"
+                    yield (
+                        place,
+                        getattr(section, name),
+                        unit_of(field),
+                        str(field.description),
+                        self._sources.get(place, "set by the user"),
+                    )
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """Hash of all values: equal fingerprints simulate alike."""
+        values = self.model_dump(exclude={"name", "description"})
+        return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:16]
