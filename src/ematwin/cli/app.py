@@ -9,7 +9,18 @@ from typing import Any
 
 import typer
 
-from ematwin.cli import actuators, algorithms, bench, compare, demo, identify, report, simulate
+from ematwin.cli import (
+    actuators,
+    algorithms,
+    bench,
+    calibrate,
+    compare,
+    demo,
+    detect,
+    identify,
+    report,
+    simulate,
+)
 
 app = typer.Typer(
     name="ematwin",
@@ -26,6 +37,8 @@ _UsageError: Any = next(
 app.command("compare")(compare.compare)
 app.command("demo")(demo.demo)
 app.command("identify")(identify.identify)
+app.command("calibrate")(calibrate.calibrate)
+app.command("detect")(detect.detect)
 app.command("simulate")(simulate.simulate)
 app.command("actuators")(actuators.actuators)
 app.command("scenarios")(actuators.scenarios)

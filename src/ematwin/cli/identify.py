@@ -59,7 +59,9 @@ def identify(
     json: Annotated[bool, typer.Option("--json", help="Answer as JSON.")] = False,
 ) -> None:
     """Find the faults with which the digital twin answers as the recorded actuator did."""
+    from ematwin.errors import InputError
     from ematwin.identification.identify import identify as run
+    from ematwin.plant.kinds import kind_of
     from ematwin.plant.parameters import Actuator
     from ematwin.readers.column_map import ColumnMap
     from ematwin.readers.files import check_target, write_text
@@ -67,6 +69,16 @@ def identify(
 
     if report is not None:
         check_target(report, (".html",))
+    if kind_of(actuator) == "ball-screw":
+        if algorithm != "multistart" or only or hold or map_file or checkpoint:
+            raise InputError(
+                f"{actuator} is a ball-screw actuator, whose magnitudes are fitted to each motion; "
+                "of the options only --column, --report and --json apply."
+            )
+        from ematwin.cli.detect import detect
+
+        detect([record], Path(actuator), "motion", None, column, report, None, json)
+        return
     chosen = Actuator.load(actuator)
     columns: Any = None
     if map_file is not None or column:

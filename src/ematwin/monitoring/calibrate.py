@@ -47,6 +47,20 @@ class CalibrationReport:
     held_back: list[str]
     false_alarms: float
 
+    def as_dict(self) -> dict[str, object]:
+        """For JSON."""
+        limits = self.calibration.thresholds
+        return {
+            "actuator": self.calibration.actuator.name,
+            "parameters": {p.place: vars(p).copy() for p in self.parameters},
+            "spread": {k: {"within": a, "between": b} for k, (a, b) in self.run_spread.items()},
+            "learnt": self.learnt,
+            "held_back": self.held_back,
+            "false_alarms": self.false_alarms,
+            "threshold": vars(limits).copy(),
+            "signatures": [s.fault for s in self.calibration.signatures],
+        }
+
 
 def calibrate(
     motions: list[Motion],

@@ -125,18 +125,40 @@ def detect(motions: list[Motion], calibration: Calibration | str | Path) -> Dete
     scores = calibration.population.scores(features, load)
     values = reported_values(calibration.layout, features)
     groups = numbered([motion.together for motion in motions])
+    one_source = len({motion.source for motion in motions}) == 1
     judge = _Judge(calibration, scores, values, load, measured.coupling)
     single = tuple(
-        judge.verdict(np.array([n]), motion.name, motion.labels, False)
+        judge.verdict(
+            np.array([n]), _name_of(motion.source, motion.labels, one_source), motion.labels, False
+        )
         for n, motion in enumerate(motions)
     )
     together = []
     for g in np.unique(groups):
         members = np.flatnonzero(groups == g)
         labels = {k: v for k, v in motions[members[0]].labels.items() if k != "motion"}
-        name = " ".join([motions[members[0]].source, *(f"{k} {v}" for k, v in labels.items())])
+        name = _name_of(motions[members[0]].source, labels, one_source)
         together.append(judge.verdict(members, name, labels, True))
     return Detection(single, tuple(together), calibration)
+
+
+def _name_of(source: str, labels: dict[str, str], one_source: bool) -> str:
+    """Labels for tables, with the file where there are several or no labels."""
+    said = ", ".join(f"{key} {value}" for key, value in labels.items())
+    return said if said and one_source else f"{source} {said}".strip()
+
+
+def gathered_notes(verdicts: tuple[Verdict, ...]) -> list[str]:
+    """The notes of many verdicts, alike ones once, each with how many have it."""
+    seen: dict[str, list[tuple[str, str]]] = {}
+    for verdict in verdicts:
+        for note in verdict.notes:
+            seen.setdefault(note.partition(" (")[0], []).append((verdict.name, note))
+    return [
+        f"{found[0][0]}: {found[0][1]}"
+        + (f" {len(found)} of {len(verdicts)} are like this." if len(found) > 1 else "")
+        for found in seen.values()
+    ]
 
 
 class _Judge:
@@ -233,8 +255,8 @@ class _Judge:
         load = float(self._load[members].mean())
         if not low - slack <= load <= high + slack:
             notes.append(
-                f"Its load of about {load:.4g} N lies outside the {low:.4g} to {high:.4g} N of the "
-                "healthy motions; what is healthy there is extrapolated."
+                f"Its load lies outside that of the healthy motions (about {load:.4g} N, where "
+                f"they had {low:.4g} to {high:.4g} N): what is healthy there is extrapolated."
             )
         if index > _STRANGE:
             notes.append(

@@ -34,7 +34,8 @@ class Population:
     ----------
     load_scale : float, N
     coefficients : (3, F) array, of the mean over the load
-    within, between : (F,) arrays, standard deviations between motions of a run, and between runs
+    within, between : (F,) arrays, standard deviations between motions of a run, and between the
+        means of runs
     """
 
     load_scale: float
@@ -60,13 +61,14 @@ class Population:
         inner = sum(((m - m.mean(0)) ** 2).sum(0) for m in members)
         within = inner / max(1, len(rest) - len(members))
         means = np.stack([m.mean(0) for m in members])
-        size = len(rest) / len(members)
-        between = (means**2).sum(0) / max(1, len(members) - 1) - within / size
+        # the scatter of the means of runs holds a share of that within; not taking it off keeps
+        # few runs, which may agree by chance, from promising that no run differs
+        between = (means**2).sum(0) / max(1, len(members) - 1)
         return cls(
             load_scale,
             coefficients,
             np.sqrt(np.maximum(within, _LEAST_SPREAD**2)),
-            np.sqrt(np.maximum(between, 0.0)),
+            np.sqrt(between),
         )
 
     def mean(self, load: np.ndarray) -> np.ndarray:

@@ -1,6 +1,7 @@
 """The kinds of actuators, and parameter sets of any kind."""
 
 from pathlib import Path
+from typing import Any
 
 from ematwin.errors import ParameterError
 from ematwin.plant.ball_screw import BallScrew
@@ -28,6 +29,16 @@ def load_actuator(name_or_path: str | Path | ParameterSet) -> ParameterSet:
     """
     if isinstance(name_or_path, ParameterSet):
         return name_or_path
+    table = _table(name_or_path)
+    return KINDS[_kind(table, name_or_path)].from_dict(table, str(name_or_path))
+
+
+def kind_of(name_or_path: str | Path) -> str:
+    """The kind of a shipped set or TOML file, without reading its values."""
+    return _kind(_table(name_or_path), name_or_path)
+
+
+def _table(name_or_path: str | Path) -> dict[str, Any]:
     path = Path(name_or_path)
     if path.suffix != ".toml":
         shipped = shipped_actuators()
@@ -38,9 +49,13 @@ def load_actuator(name_or_path: str | Path | ParameterSet) -> ParameterSet:
             )
         path = shipped[str(name_or_path)]
     table = load_toml(path, "actuator")
+    return {key: value for key, value in table.items() if key not in ("calibration", "signature")}
+
+
+def _kind(table: dict[str, Any], what: str | Path) -> str:
     kind = table.get("kind", ROTARY)
     if kind not in KINDS:
         raise ParameterError(
-            f"{path}: there is no kind of actuator {kind!r}; choose one of {', '.join(KINDS)}."
+            f"{what}: there is no kind of actuator {kind!r}; choose one of {', '.join(KINDS)}."
         )
-    return KINDS[kind].from_dict(table, str(name_or_path))
+    return str(kind)

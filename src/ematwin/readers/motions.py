@@ -65,12 +65,25 @@ def read_motions(
     for file in files:
         with open_recording(Path(file)) as recording:
             found += _motions_of(recording, columns or {})
-    chosen = [motion for motion in found if _fits(motion, where or {})]
+    return fitting(found, where or {})
+
+
+def fitting(motions: list[Motion], where: Mapping[str, Sequence[str]]) -> list[Motion]:
+    """The motions with these labels.
+
+    Raises
+    ------
+    InputError
+        If a motion has no such label.
+    RecordError
+        If none fits.
+    """
+    chosen = [motion for motion in motions if _fits(motion, where)]
     if not chosen:
-        wanted = ", ".join(f"{key} = {' or '.join(v)}" for key, v in (where or {}).items())
+        wanted = ", ".join(f"{key} = {' or '.join(v)}" for key, v in where.items())
         raise RecordError(
-            f"None of the {len(found)} motions has {wanted or 'anything to read'}; there are "
-            f"{_labels_of(found)}. Correct the choice."
+            f"None of the {len(motions)} motions has {wanted or 'anything to read'}; there are "
+            f"{_labels_of(motions)}. Correct the choice."
         )
     return chosen
 

@@ -1,0 +1,146 @@
+"""Page: verdicts on recordings, value by value against the healthy band."""
+
+from typing import Any
+
+from ematwin.monitoring.detect import Detection, Verdict, gathered_notes
+from ematwin.monitoring.measure import REPORTED
+from ematwin.report.figures import BLUE, GREY, ORANGE, stacked
+from ematwin.report.page import Row, Section, Table, render
+
+_MOST_ROWS = 400  # of the table; the figures show all
+
+
+def detection_page(found: Detection) -> str:
+    """HTML page: trend of index and magnitudes, table of runs, how healthy was learnt."""
+    alarms = [verdict for verdict in found.runs if verdict.alarm]
+    names: dict[str, int] = {}
+    for verdict in alarms:
+        names[verdict.fault] = names.get(verdict.fault, 0) + 1
+    said = "; ".join(f"{fault} in {count}" for fault, count in names.items())
+    lead = (
+        f"{len(alarms)} of {len(found.runs)} runs raise an alarm{': ' + said if said else ''}. "
+        f"{sum(v.alarm for v in found.motions)} of {len(found.motions)} motions do so alone."
+    )
+    sections = [
+        Section(
+            "Trend",
+            text="A point for each run, its motions together. The band is where 95 % of healthy "
+            "runs lie; bars are the same spread around the value. Above the dashed line the index "
+            "raises an alarm.",
+            figure=trend_figure(found.runs),
+        ),
+        Section("Runs", table=_table(found.runs[:_MOST_ROWS])),
+        Section("Each motion alone", figure=index_figure(found.motions)),
+        Section("How healthy was learnt", facts=_facts(found)),
+    ]
+    notes = gathered_notes(found.runs)
+    return render(f"{found.calibration.actuator.name}: condition", lead, sections, notes)
+
+
+def trend_figure(verdicts: tuple[Verdict, ...]) -> Any:
+    """Index and magnitudes over the runs."""
+    titles = ["Health index", *(name.capitalize() for name in REPORTED)]
+    units = ["", *("times healthy" if unit == "x" else unit for unit, _ in REPORTED.values())]
+    figure = stacked(titles, units, "run", 170 + 190 * len(titles))
+    x = list(range(1, len(verdicts) + 1))
+    texts = [_hover(verdict) for verdict in verdicts]
+    _marks(figure, 1, x, [v.index for v in verdicts], verdicts, texts)
+    figure.add_scatter(
+        x=x, y=[v.threshold for v in verdicts], mode="lines", name="alarm limit",
+        line={"color": GREY, "dash": "dash", "width": 1.2}, hoverinfo="skip", row=1, col=1,
+    )  # fmt: skip
+    for row, name in enumerate(REPORTED, start=2):
+        values = [next(m for m in v.magnitudes if m.name == name) for v in verdicts]
+        _band(figure, row, x, [m.healthy[0] for m in values], [m.healthy[1] for m in values])
+        bars = {
+            "type": "data", "symmetric": False, "color": GREY, "thickness": 1,
+            "array": [m.high - m.value for m in values],
+            "arrayminus": [m.value - m.low for m in values],
+        }  # fmt: skip
+        _marks(figure, row, x, [m.value for m in values], verdicts, texts, bars)
+    figure.update_layout(hovermode="closest")
+    return figure
+
+
+def index_figure(verdicts: tuple[Verdict, ...]) -> Any:
+    """Index of each motion."""
+    figure = stacked(["Health index of each motion"], [""], "motion", 340)
+    x = list(range(1, len(verdicts) + 1))
+    _marks(figure, 1, x, [v.index for v in verdicts], verdicts, [_hover(v) for v in verdicts])
+    figure.add_scatter(
+        x=x, y=[v.threshold for v in verdicts], mode="lines", name="alarm limit",
+        line={"color": GREY, "dash": "dash", "width": 1.2}, hoverinfo="skip",
+    )  # fmt: skip
+    figure.update_layout(hovermode="closest")
+    return figure
+
+
+def _marks(
+    figure: Any,
+    row: int,
+    x: list[int],
+    y: list[float],
+    verdicts: tuple[Verdict, ...],
+    texts: list[str],
+    bars: dict[str, Any] | None = None,
+) -> None:
+    for alarm, color, name in ((False, BLUE, "healthy"), (True, ORANGE, "alarm")):
+        members = [n for n, verdict in enumerate(verdicts) if verdict.alarm == alarm]
+        if not members:
+            continue
+        own = bars and {
+            key: [value[n] for n in members] if isinstance(value, list) else value
+            for key, value in bars.items()
+        }
+        figure.add_scatter(
+            x=[x[n] for n in members], y=[y[n] for n in members], mode="markers", name=name,
+            legendgroup=name, showlegend=row == 1, text=[texts[n] for n in members],
+            hoverinfo="text+y", marker={"color": color, "size": 6}, error_y=own, row=row, col=1,
+        )  # fmt: skip
+
+
+def _band(figure: Any, row: int, x: list[int], low: list[float], high: list[float]) -> None:
+    figure.add_scatter(
+        x=[*x, *reversed(x)], y=[*high, *reversed(low)], fill="toself", mode="lines",
+        line={"width": 0}, fillcolor="rgba(0,114,178,0.15)", name="healthy band",
+        legendgroup="band", showlegend=row == 2, hoverinfo="skip", row=row, col=1,
+    )  # fmt: skip
+
+
+def _hover(verdict: Verdict) -> str:
+    said = verdict.fault if verdict.alarm else "healthy"
+    return f"{verdict.name}<br>{said}, load {verdict.load:.0f} N"
+
+
+def _table(verdicts: tuple[Verdict, ...]) -> Table:
+    header = ["run", "verdict", "index / limit", *REPORTED, "load"]
+    rows = []
+    for verdict in verdicts:
+        by = f" (by {verdict.named_by})" if verdict.named_by else ""
+        cells = [
+            verdict.name,
+            f"{verdict.fault}{by}" if verdict.alarm else "healthy",
+            f"{verdict.index:.2f} / {verdict.threshold:.2f}",
+        ]
+        for m in verdict.magnitudes:
+            cells.append(f"{m.value:.2f} ({m.low:.2f} to {m.high:.2f})")
+        cells.append(f"{verdict.load:.0f} N")
+        rows.append(Row(cells, marked=verdict.alarm))
+    return Table(header, rows)
+
+
+def _facts(found: Detection) -> dict[str, str]:
+    calibration = found.calibration
+    facts = calibration.facts
+    limits = calibration.thresholds
+    return {
+        "actuator": f"{calibration.actuator.name}: {calibration.actuator.description}",
+        "learnt from": f"runs {', '.join(facts.get('runs', []))} of "
+        f"{', '.join(facts.get('sources', []))}",
+        "threshold from": f"runs {', '.join(facts.get('held_back', []))}: a healthy run of another "
+        f"day exceeds it with a probability of {100.0 * limits.false_alarm_rate:g} %",
+        "not determined": ", ".join(facts.get("undetermined", [])) or "nothing",
+        "names": "; ".join(f"{s.fault} from {s.source}" for s in calibration.signatures)
+        or "from physics alone: the magnitude furthest above its healthy spread",
+        "intervals": "95 %, from the scatter of healthy motions within and between runs",
+    }
