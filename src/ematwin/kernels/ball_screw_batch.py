@@ -26,12 +26,17 @@ def ball_screw_traces(magnitudes, set_point, interval, c, substeps, update_every
     -------
     current : (B, S) array, A, mean over the interval that ends at the sample
     position_error : (B, S) array, m
+        Both are NaN for a candidate with a magnitude that is not finite, and from the sample on
+        at which a simulation leaves the finite numbers.
     """
     batch, samples = magnitudes.shape[0], set_point.size
     current = np.empty((batch, samples))
     position_error = np.empty((batch, samples))
     dt = interval / substeps
     for n in range(batch):
+        if not math.isfinite(magnitudes[n].sum()):  # a play of NaN would leave the nut where it is
+            current[n], position_error[n] = math.nan, math.nan
+            continue
         friction = magnitudes[n, 0] * c.friction
         half_gap = 0.5 * magnitudes[n, 1] / c.per_radian
         gain = magnitudes[n, 2]

@@ -1,6 +1,6 @@
 """``calibrate``: from healthy motions to a twin, its healthy population and its thresholds."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -124,13 +124,13 @@ def calibrate(
     measured, discrepancy, scale = _with_discrepancy(bench, actuator, learning)
     tell(0.8)
     features = bench.features(measured)
-    _check_outliers(features, measured.load, groups, motions, scale)
+    _check_outliers(features, measured.load, groups, motions, scale, layout.kinds)
     population = Population.of(features[learning], measured.load[learning], groups[learning], scale)
     values = reported_values(layout, features)
     reported = Population.of(values[learning], measured.load[learning], groups[learning], scale)
     scores = population.scores(features, measured.load)
-    thresholds = _thresholds(scores[~learning], groups[~learning], false_alarm_rate)
-    over = health_index(scores[~learning]) > thresholds.motion
+    thresholds = _thresholds(scores[~learning], groups[~learning], layout.kinds, false_alarm_rate)
+    over = health_index(scores[~learning], layout.kinds) > thresholds.motion
     calibration = Calibration(
         actuator=actuator,
         set_point=set_point,
@@ -230,12 +230,14 @@ def _with_discrepancy(
     return measured, discrepancy, scale
 
 
-def _thresholds(scores: np.ndarray, groups: np.ndarray, rate: float) -> Thresholds:
+def _thresholds(
+    scores: np.ndarray, groups: np.ndarray, kinds: Sequence[str], rate: float
+) -> Thresholds:
     runs = np.unique(groups)
     means = np.stack([scores[groups == g].mean(0) for g in runs])
     return Thresholds(
-        motion=prediction_bound(health_index(scores), groups, rate),
-        run=prediction_bound(health_index(means), runs, rate),
+        motion=prediction_bound(health_index(scores, kinds), groups, rate),
+        run=prediction_bound(health_index(means, kinds), runs, rate),
         false_alarm_rate=rate,
     )
 
@@ -246,6 +248,7 @@ def _check_outliers(
     groups: np.ndarray,
     motions: list[Motion],
     scale: float,
+    kinds: Sequence[str],
 ) -> None:
     """Refuse a run that is unlike all others: it may be a faulty one among the healthy."""
     of_run = np.array([motion.run for motion in motions])
@@ -256,7 +259,7 @@ def _check_outliers(
         population = Population.of(features[others], load[others], groups[others], scale)
         own = population.scores(features[~others], load[~others])
         means = [own[groups[~others] == g].mean(0) for g in np.unique(groups[~others])]
-        index.append(float(np.log(np.mean(health_index(np.stack(means))))))
+        index.append(float(np.log(np.mean(health_index(np.stack(means), kinds)))))
     if len(runs) < 4:
         return  # of three, nobody can tell which one is the odd one
     level = np.array(index)

@@ -135,9 +135,10 @@ class Calibration:
             raise ParameterError(
                 f"{path} holds an actuator but no calibration; make one with ematwin calibrate."
             )
-        if learnt.get("format", FORMAT) > FORMAT:
+        written = learnt.get("format", FORMAT)
+        if isinstance(written, int) and written > FORMAT:
             raise ParameterError(
-                f"{path} was written by a newer ematwin (format {learnt['format']}, this one knows "
+                f"{path} was written by a newer ematwin (format {written}, this one knows "
                 f"{FORMAT}). Update ematwin."
             )
         signatures = table.pop("signature", [])
@@ -170,17 +171,24 @@ class Calibration:
 
     def check(self) -> None:
         """Raise `ValueError` unless all parts fit together."""
+        numbers = [self.interval, self.settling_time, *vars(self.thresholds).values()]
+        if not all(np.isfinite(x) and x > 0.0 for x in numbers):
+            raise ValueError(f"{numbers} must be positive")
         features = len(self.layout.names)
-        shapes = {
-            "discrepancy": (self.discrepancy.shape, (3, 2 * self.set_point.size)),
-            "population": (self.population.coefficients.shape, (3, features)),
-        }
-        shapes |= {
-            f"signature {s.fault}": (s.coefficients.shape, (3, features)) for s in self.signatures
-        }
-        for name, (shape, wanted) in shapes.items():
-            if shape != wanted:
-                raise ValueError(f"{name} has the shape {shape}, not {wanted}")
+        arrays = {"discrepancy": (self.discrepancy, (3, 2 * self.set_point.size))}
+        for name, part, count in (
+            ("population", self.population, features), ("reported", self.reported, len(REPORTED)),
+        ):  # fmt: skip
+            arrays[name] = (part.coefficients, (3, count))
+            arrays[f"{name} within"] = (part.within, (count,))
+            arrays[f"{name} between"] = (part.between, (count,))
+        for s in self.signatures:
+            arrays[f"signature {s.fault}"] = (s.coefficients, (3, features))
+        for name, (values, wanted) in arrays.items():
+            if values.shape != wanted:
+                raise ValueError(f"{name} has the shape {values.shape}, not {wanted}")
+            if not np.isfinite(values).all():
+                raise ValueError(f"{name} holds values that are not finite")
 
 
 def _actuator_table(actuator: BallScrew, sources: Mapping[str, str]) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from ematwin.signals.motion import Motion
 COVERAGE = 1.96  # standard deviations of an interval: 95 %
 _ENDS = np.array([-1.0, 1.0])
 _REWIRED = 6.0  # healthy standard deviations of the sensor coupling
-_STRANGE = 3.5  # index that hardly any fault reaches: another rig or unit is likelier
+_STRANGE = 4.0  # index that hardly any fault reaches: another rig or unit is likelier
 
 
 @dataclass(frozen=True)
@@ -182,7 +182,7 @@ class _Judge:
         limit = calibration.thresholds.run if run else calibration.thresholds.motion
         scores = self._scores[members]
         mean = scores.mean(0)
-        index = float(health_index(mean[None])[0])
+        index = float(health_index(mean[None], calibration.layout.kinds)[0])
         magnitudes = self._magnitudes(members)
         named = Name("", "")
         if index > limit:

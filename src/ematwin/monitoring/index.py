@@ -1,21 +1,33 @@
 """The health index: how far a motion lies from the healthy population, and its threshold.
 
-The index is the root mean square of the scores of all features, in healthy standard deviations,
-each limited so that one glitch does not decide. That of a run takes the mean scores of its
-motions. The threshold comes from healthy runs that took no part in the calibration: a one-sided
-prediction bound for a new run, since runs differ by more than motions within a run do.
+The index is a weighted root mean square of scores, in healthy standard deviations: the magnitudes
+of the twin, the means of the residual, and its bands count as three groups, so that a few
+magnitudes are not drowned by many statistics. Each score is limited so that one glitch does not
+decide. The index of a run takes the mean scores of its motions. The threshold comes from healthy
+runs that took no part in the calibration: a one-sided prediction bound for a new run, since runs
+differ by more than motions within a run do.
 """
+
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.stats import t as student
 
-LIMIT = 4.0  # standard deviations, the most that one feature counts
+# Weight of a kind of features, and the most standard deviations that one of them counts. A
+# magnitude of the twin raises an alarm alone from about four on.
+WEIGHTS = {"model": (0.15, 8.0), "mean": (0.35, 4.0), "band": (0.5, 4.0)}
 
 
-def health_index(scores: np.ndarray) -> np.ndarray:
-    """Index (N,) of scores (N, F)."""
-    limited = np.clip(scores, -LIMIT, LIMIT)
-    found: np.ndarray = np.sqrt((limited**2).mean(axis=-1))
+def health_index(scores: np.ndarray, kinds: Sequence[str]) -> np.ndarray:
+    """Index (N,) of scores (N, F) of features of these kinds (F)."""
+    of = np.array(kinds)
+    total, weight = np.zeros(len(scores)), 0.0
+    for kind, (share, limit) in WEIGHTS.items():
+        own = scores[:, of == kind]
+        if own.shape[1]:
+            total += share * np.mean(np.clip(own, -limit, limit) ** 2, axis=1)
+            weight += share
+    found: np.ndarray = np.sqrt(total / weight)
     return found
 
 

@@ -1,5 +1,7 @@
 """Simulated motions: to try the whole path without a rig, and to test it."""
 
+from pathlib import Path
+
 import numpy as np
 
 from ematwin.errors import InputError
@@ -77,10 +79,8 @@ def simulate_motion(
     return Motion(time, set_point, error, np.abs(current), labels or {}, "simulated")
 
 
-def write_motions(motions: list[Motion], path: str) -> None:
+def write_motions(motions: list[Motion], path: str | Path) -> None:
     """Write motions as one CSV or Parquet table in mm and A, as a test bench would."""
-    from pathlib import Path
-
     import pyarrow as pa
     from pyarrow import csv, parquet
 
