@@ -15,6 +15,7 @@ import tomli_w
 from ematwin import __version__
 from ematwin.errors import ParameterError
 from ematwin.monitoring.features import Layout
+from ematwin.monitoring.measure import REPORTED
 from ematwin.monitoring.phases import phases
 from ematwin.monitoring.population import Population
 from ematwin.plant.ball_screw import BallScrew
@@ -144,6 +145,8 @@ class Calibration:
         signatures = table.pop("signature", [])
         actuator = BallScrew.from_dict(table, str(path))
         try:
+            if not isinstance(written, int):
+                raise ValueError(f"its format is {written!r}")
             found = cls(
                 actuator=actuator,
                 set_point=np.array(learnt["set_point"], dtype=float),
@@ -175,7 +178,8 @@ class Calibration:
         if not all(np.isfinite(x) and x > 0.0 for x in numbers):
             raise ValueError(f"{numbers} must be positive")
         features = len(self.layout.names)
-        arrays = {"discrepancy": (self.discrepancy, (3, 2 * self.set_point.size))}
+        arrays: dict[str, tuple[np.ndarray, tuple[int, ...]]] = {}
+        arrays["discrepancy"] = (self.discrepancy, (3, 2 * self.set_point.size))
         for name, part, count in (
             ("population", self.population, features), ("reported", self.reported, len(REPORTED)),
         ):  # fmt: skip

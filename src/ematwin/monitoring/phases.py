@@ -12,6 +12,7 @@ import numpy as np
 SETTLED = 6.3  # time constants of the position loop until a transient has died out
 _LEAST = 12  # samples of a steady phase; shorter ones belong to the transient before
 _SAME = 0.02  # of the largest commanded speed: differences below are none
+_STEADY = 0.1  # of the largest commanded speed: a steady phase varies by less
 _EQUAL_PARTS = 8
 
 
@@ -51,15 +52,11 @@ def phases(set_point: np.ndarray, interval: float, settling_time: float) -> list
     speed[0] = speed[1]
     largest = float(np.abs(speed).max())
     changes = np.flatnonzero(np.abs(np.diff(speed)) > _SAME * max(largest, 1e-12)) + 1
-    edges = np.r_[0, changes, set_point.size]
+    edges = np.r_[0, changes]
     edges = edges[np.r_[True, np.diff(edges) >= 3]]  # a corner between two samples is one change
-    edges[-1] = set_point.size
+    edges = np.r_[0, edges[(edges > 0) & (edges <= set_point.size - 3)], set_point.size]
     if edges.size > 2 * _EQUAL_PARTS:
-        even = np.linspace(0, set_point.size, _EQUAL_PARTS + 1).astype(int)
-        return [
-            Phase(f"part {n + 1}", False, True, slice(int(a), int(b)))
-            for n, (a, b) in enumerate(pairwise(even))
-        ]
+        return _equal_parts(set_point.size)
     settle = round(settling_time / interval)
     found: list[Phase] = []
     seen: dict[str, int] = {}
@@ -75,4 +72,15 @@ def phases(set_point: np.ndarray, interval: float, settling_time: float) -> list
         found.append(Phase(name, False, moving, slice(int(first), int(cut))))
         if cut < end:
             found.append(Phase(name, True, moving, slice(int(cut), int(end))))
+    steady = [speed[phase.samples] for phase in found if phase.steady]
+    if not steady or max(float(np.ptp(part)) for part in steady) > _STEADY * largest:
+        return _equal_parts(set_point.size)  # a sine: its speed never stays
     return found
+
+
+def _equal_parts(samples: int) -> list[Phase]:
+    even = np.linspace(0, samples, _EQUAL_PARTS + 1).astype(int)
+    return [
+        Phase(f"part {n + 1}", False, True, slice(int(a), int(b)))
+        for n, (a, b) in enumerate(pairwise(even))
+    ]

@@ -54,8 +54,8 @@ def _table(name_or_path: str | Path) -> dict[str, Any]:
 
 def _kind(table: dict[str, Any], what: str | Path) -> str:
     kind = table.get("kind", ROTARY)
-    if kind not in KINDS:
+    if not isinstance(kind, str) or kind not in KINDS:
         raise ParameterError(
             f"{what}: there is no kind of actuator {kind!r}; choose one of {', '.join(KINDS)}."
         )
-    return str(kind)
+    return kind

@@ -77,11 +77,13 @@ class CsvRecording(Recording):
         import pyarrow as pa
 
         position = self._dialect.names.index(name)
+        encoding = self._dialect.encoding
+        code = "utf-8" if encoding.startswith("utf-16") else encoding  # as pyarrow gives them
         with refusing(self.path, self.kind), self.path.open("rb") as file:
             file.seek(self._dialect.start)
-            batches = self._batches(file, [position], {position: pa.string()})
+            batches = self._batches(file, [position], {position: pa.binary()})
             found = [text for batch in batches for text in batch.column(0).to_pylist()]
-        return ["" if text is None else text.strip() for text in found]
+        return ["" if text is None else text.decode(code, "replace").strip() for text in found]
 
     def _batches(
         self, file: BufferedReader, positions: Sequence[int], types: dict[int, Any] | None = None

@@ -116,6 +116,8 @@ def _motions_of(recording: Recording, columns: Mapping[str, str]) -> list[Motion
     others = [name for name in recording.names if name not in channels.values()]
     labels = {name: np.array(recording.texts(name)) for name in others}
     time = values["time"]
+    if time.size == 0:
+        raise RecordError(f"{path} holds no rows; nothing was recorded. Leave it out.")
     starts = np.r_[True, np.diff(time) < 0.0]
     fixed = {name: text for name, text in labels.items() if _is_label(text, time.size)}
     for text in fixed.values():
@@ -205,7 +207,7 @@ def _motion(values: dict[str, np.ndarray], labels: dict[str, str], path: Path) -
             f"{motion}: set_point spans {span:.4g} m, which no actuator travels; its unit is "
             "probably mm. Name it set_point_mm or put [mm] into the name."
         )
-    largest = float(np.nanmax(np.abs(values["current"])))
+    largest = float(np.abs(values["current"]).max())  # NaN is refused by `Motion`
     if largest > _LARGEST:
         raise RecordError(
             f"{motion}: current reaches {largest:.4g} A, which no such drive takes; its unit is "

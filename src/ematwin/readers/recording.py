@@ -72,7 +72,9 @@ class Recording(ABC):
 
     def texts(self, name: str) -> list[str]:
         """Values of a channel as texts, for labels such as a condition or the number of a run."""
-        return [f"{value:g}" for value in self.read([name])[name]]
+        values = self.read([name])[name]
+        # whole numbers in full: days such as 20261121 must stay apart
+        return [f"{x:.0f}" if x == round(x, 0) else f"{x:g}" for x in values.tolist()]
 
     def unit(self, name: str) -> str | None:
         """Unit of a channel as the file states it; None where it states none."""

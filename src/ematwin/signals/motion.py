@@ -49,7 +49,10 @@ class Motion:
     source: str = ""
 
     def __post_init__(self) -> None:
-        check_time(self.time)
+        try:
+            check_time(self.time)
+        except RecordError as error:
+            raise RecordError(f"{self.name}: {error}") from None
         for name in ("set_point", "position_error", "current"):
             column: Any = getattr(self, name)
             if column.shape != self.time.shape:

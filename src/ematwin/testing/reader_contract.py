@@ -106,6 +106,17 @@ class ReaderContract(ABC):
             first[:] = -1.0
             np.testing.assert_array_equal(recording.read([name])[name], before)
 
+    def test_texts_are_the_values_as_labels(
+        self, path: Path, channels: dict[str, np.ndarray]
+    ) -> None:
+        """One for each sample, in the order of the file, equal where the values are equal."""
+        with self.open(path) as recording:
+            for name in _found(recording, channels):
+                texts = recording.texts(name)
+                assert all(isinstance(text, str) for text in texts)
+                seen = [float(text.replace(",", ".")) for text in texts]
+                np.testing.assert_allclose(seen, channels[_plain(name)], rtol=1e-5, atol=1e-12)
+
     def test_units_are_those_of_the_file(self, path: Path, channels: dict[str, np.ndarray]) -> None:
         """As text, or None where the file states none."""
         with self.open(path) as recording:

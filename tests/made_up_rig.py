@@ -1,0 +1,75 @@
+"""A ball-screw rig that does not exist, with days on which it runs a little differently."""
+
+from functools import cache
+
+import numpy as np
+
+from ematwin.monitoring.simulate import out_and_back, simulate_motion
+from ematwin.plant.ball_screw import BallScrew
+from ematwin.signals.motion import Motion
+
+# What the rig is, as factors on the template that a calibration starts from.
+TRUTH = {
+    "screw.friction_force": 1.25,
+    "screw.fading_speed": 1.2,
+    "drive.idle_current": 0.8,
+    "controller.position_gain": 0.8,
+    "controller.integral_gain": 1.25,
+}
+NOISE = (0.02, 1e-4)  # A, m
+LOADS = {"light": -100.0, "heavy": 300.0}  # N, by the label of the motion
+
+
+@cache
+def template() -> BallScrew:
+    return BallScrew.load("rm1605")
+
+
+@cache
+def rig() -> BallScrew:
+    """The template with the parameters of `TRUTH`."""
+    known = {place: value for place, value, *_ in template().parameters()}
+    return template().changed({place: factor * known[place] for place, factor in TRUTH.items()})
+
+
+@cache
+def command() -> tuple[np.ndarray, float]:
+    """100 mm out in 5 s, 2 s of rest, and back."""
+    return out_and_back(rig(), 0.1, 5.0, 2.0)
+
+
+def motion(seed: int = 0, **changed: object) -> Motion:
+    """One motion of the rig; ``changed`` as in `simulate_motion`."""
+    set_point, interval = command()
+    options: dict[str, object] = {"noise": NOISE, "seed": seed, **changed}
+    return simulate_motion(rig(), set_point, interval, **options)  # type: ignore[arg-type]
+
+
+def run(number: int, motions: int = 2, condition: str = "normal", **fault: float) -> list[Motion]:
+    """The motions of a run, under two loads; each run has its own friction, play and gain.
+
+    ``fault``: friction and gain as factors, backlash in m, roughness as in `simulate_motion`.
+    """
+    random = np.random.default_rng(1000 + number)
+    friction, gain = np.exp(random.normal(0.0, [0.02, 0.01]))
+    play = rig().screw.backlash * float(np.exp(random.normal(0.0, 0.2)))
+    return [
+        motion(
+            seed=1000 * number + 10 * n + m,
+            friction=friction * fault.get("friction", 1.0),
+            gain=gain * fault.get("gain", 1.0),
+            backlash=fault.get("backlash", play),
+            roughness=fault.get("roughness", 0.0),
+            load=load + random.normal(0.0, 30.0),
+            labels={
+                "condition": condition, "weight": weight, "run": str(number), "motion": str(m + 1),
+            },
+        )
+        for n, (weight, load) in enumerate(LOADS.items())
+        for m in range(motions)
+    ]  # fmt: skip
+
+
+def healthy_runs(count: int, first: int = 1) -> list[Motion]:
+    """Motions of healthy runs, numbered from ``first``."""
+    return [one for number in range(first, first + count) for one in run(number)]

@@ -1,0 +1,138 @@
+"""Phases of a command, and what is measured in each."""
+
+import numpy as np
+import pytest
+
+from ematwin.monitoring.features import BANDS, CHANNELS, MODEL, Layout, band_levels
+from ematwin.monitoring.phases import phases
+
+INTERVAL = 0.04
+
+
+def out_and_back(way: int = 100, rest: int = 60, shift: float = 0.0) -> np.ndarray:
+    """A set point, m; its corners ``shift`` of a sample late."""
+    corners = np.array([0, way, way + rest, 2 * way + rest]) + shift
+    return np.interp(np.arange(2 * way + rest), corners, [0.0, 0.1, 0.1, 0.0])
+
+
+def test_out_rest_and_back_have_a_transient_and_a_steady_part_each():
+    found = phases(out_and_back(), INTERVAL, 1.4)
+    assert [phase.title for phase in found] == [
+        "out, transient", "out, steady", "rest, transient", "rest, steady", "back, transient",
+        "back, steady",
+    ]  # fmt: skip
+    assert [phase.moving for phase in found] == [True, True, False, False, True, True]
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.3, 0.5, 0.9])
+def test_a_corner_between_two_samples_is_one_change(shift):
+    found = phases(out_and_back(shift=shift), INTERVAL, 1.4)
+    assert [phase.name for phase in found] == ["out"] * 2 + ["rest"] * 2 + ["back"] * 2
+    for phase, first in zip(found[::2], (0, 100, 160), strict=True):
+        assert phase.samples.start == pytest.approx(first, abs=2)
+        assert phase.samples.stop - phase.samples.start == 35  # 1.4 s
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.5])
+@pytest.mark.parametrize("scale", [1e-3, 1.0, -1.0])
+def test_phases_follow_each_other_without_a_gap(shift, scale):
+    set_point = scale * out_and_back(shift=shift)
+    found = phases(set_point, INTERVAL, 1.4)
+    edges = [phase.samples.start for phase in found] + [set_point.size]
+    assert edges[0] == 0
+    assert [phase.samples.stop for phase in found] == edges[1:]
+
+
+def test_a_motion_that_starts_the_other_way_goes_back_first():
+    found = phases(-out_and_back(), INTERVAL, 1.4)
+    assert [phase.name for phase in found if phase.steady] == ["back", "rest", "out"]
+
+
+def test_phases_that_come_again_are_numbered():
+    twice = np.r_[out_and_back(), out_and_back()]
+    names = [phase.name for phase in phases(twice, INTERVAL, 1.4) if phase.steady]
+    assert names == ["out", "rest", "back", "out 2", "rest 2", "back 2"]
+
+
+def test_a_stretch_too_short_to_settle_is_all_transient():
+    found = phases(out_and_back(rest=40), INTERVAL, 1.4)
+    (rest,) = [phase for phase in found if phase.name == "rest"]
+    assert not rest.steady
+    assert rest.samples.stop - rest.samples.start == pytest.approx(40, abs=1)
+
+
+@pytest.mark.parametrize("period", [20, 50, 100, 200, 400, 2000])
+def test_a_sine_is_cut_into_equal_parts(period):
+    sine = 0.05 * np.sin(2.0 * np.pi * np.arange(320) / period)
+    found = phases(sine, INTERVAL, 1.4)
+    assert [phase.name for phase in found] == [f"part {n}" for n in range(1, 9)]
+    assert not any(phase.steady for phase in found)
+    assert {phase.samples.stop - phase.samples.start for phase in found} == {40}
+
+
+def test_a_ramp_of_limited_acceleration_keeps_its_phases():
+    speed = np.interp(np.arange(300), [0, 10, 90, 100, 200, 210, 290, 300], [0, 1, 1, 0] * 2)
+    speed[200:] *= -1.0
+    found = phases(np.cumsum(speed) * 1e-3, INTERVAL, 1.4)
+    assert [phase.name for phase in found if phase.steady] == ["out", "rest", "back"]
+    assert found[-1].samples == slice(291, 300)  # the last ramp is no part of steady motion
+
+
+# Features
+
+
+def layout() -> Layout:
+    return Layout.of(phases(out_and_back(), INTERVAL, 1.4))
+
+
+def values(current: np.ndarray, error: np.ndarray, layout: Layout) -> dict[str, float]:
+    magnitudes = np.array([1.1, 2e-4, 0.9, 100.0, 0.0])
+    return dict(zip(layout.names, layout.values(magnitudes, current, error), strict=True))
+
+
+def test_features_have_one_name_each_and_a_kind():
+    found = layout()
+    assert len(set(found.names)) == len(found.names) == len(found.kinds)
+    assert set(found.kinds) == {"model", "mean", "band"}
+    # three transients of four parts, three steady phases of a mean and the bands
+    assert len(found.names) == len(MODEL) + len(CHANNELS) * 3 * (4 + 1 + len(BANDS) - 1)
+
+
+def test_means_say_where_a_residual_lies():
+    current = np.zeros(260)
+    current[105:130] = 0.5  # while the rest settles
+    seen = values(current, np.full(260, 1e-3), layout())
+    assert seen["current mean, out, steady"] == 0.0
+    assert [seen[f"current part {n}, rest, transient"] for n in (2, 3)] == [0.5, 0.5]
+    assert seen["current mean, rest, steady"] == 0.0
+    assert seen["error mean, back, steady"] == pytest.approx(1e-3)
+    assert [seen[name] for name in MODEL] == [1.1, 2e-4, 0.9]
+
+
+@pytest.mark.parametrize("band", range(len(BANDS) - 1))
+def test_a_swing_shows_in_its_own_band(band):
+    nyquist_share = 0.5 * (BANDS[band] + BANDS[band + 1])
+    swing = np.sin(np.pi * nyquist_share * np.arange(100) + 0.3)
+    levels = band_levels(swing)
+    assert int(np.argmax(levels)) == band
+    # ten times the amplitude is a step of ln 10, in each band
+    np.testing.assert_allclose(
+        np.array(band_levels(10.0 * swing)) - levels, np.log(10.0), rtol=1e-6
+    )
+
+
+def test_levels_do_not_see_a_constant():
+    noise = np.random.default_rng(0).normal(size=100)
+    np.testing.assert_allclose(band_levels(noise + 7.0), band_levels(noise), atol=1e-9)
+
+
+def test_noise_of_every_length_has_the_level_of_its_standard_deviation():
+    random = np.random.default_rng(1)
+    for size in (24, 60, 200):
+        levels = [band_levels(0.3 * random.normal(size=size)) for _ in range(400)]
+        power = np.exp(2.0 * np.array(levels)).mean(0)
+        np.testing.assert_allclose(np.sqrt(power[1:]), 0.3, rtol=0.1)
+
+
+def test_a_residual_of_zeros_has_a_finite_level():
+    assert np.isfinite(band_levels(np.zeros(40))).all()

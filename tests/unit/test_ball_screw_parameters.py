@@ -1,0 +1,332 @@
+"""Parameter files of ball screws, the kinds of actuators, and calibrations in files."""
+
+import math
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tomli_w
+
+from ematwin.errors import FileError, ParameterError
+from ematwin.monitoring.calibration import FORMAT, Calibration, Signature, Thresholds
+from ematwin.monitoring.features import Layout
+from ematwin.monitoring.phases import phases
+from ematwin.monitoring.population import Population
+from ematwin.monitoring.simulate import out_and_back
+from ematwin.plant.ball_screw import BallScrew
+from ematwin.plant.kinds import KINDS, kind_of, load_actuator, shipped_actuators
+from ematwin.plant.parameters import Actuator
+
+SHIPPED = BallScrew.shipped()["rm1605"].read_text(encoding="utf-8")
+
+
+def written(tmp_path: Path, old: str = "", new: str = "") -> Path:
+    """The shipped file, with one text replaced."""
+    assert old in SHIPPED
+    path = tmp_path / "mine.toml"
+    path.write_text(SHIPPED.replace(old, new, 1) if old else SHIPPED, encoding="utf-8")
+    return path
+
+
+def refusal(load: Callable[[], object]) -> str:
+    with pytest.raises(ParameterError) as caught:
+        load()
+    text = str(caught.value)
+    assert "\n" not in text
+    assert text.endswith(".")
+    return text
+
+
+# Values
+
+
+def test_shipped_values_are_converted_to_si():
+    actuator = BallScrew.load()
+    assert actuator.name == "rm1605"
+    assert actuator.screw.lead == pytest.approx(5e-3)
+    assert actuator.screw.backlash == pytest.approx(5e-5)
+    assert actuator.screw.friction_force == pytest.approx(2500.0)
+    assert actuator.screw.fading_speed == pytest.approx(0.045)
+    assert actuator.drive.response_time == pytest.approx(0.06)
+    assert actuator.controller.sample_time == pytest.approx(0.04)
+    assert actuator.steps.twin == pytest.approx(0.004)
+
+
+@pytest.mark.parametrize("name", BallScrew.shipped())
+def test_every_shipped_value_names_unit_meaning_and_source(name):
+    for place, value, unit, meaning, source in BallScrew.load(name).parameters():
+        assert isinstance(value, int | float), place
+        assert unit or place.startswith("screw.efficiency"), place
+        assert meaning, place
+        assert source not in {"", "set by the user"}, place
+
+
+def test_the_kernel_gets_the_parameters_on_the_motor_shaft():
+    actuator = BallScrew.load()
+    c = actuator.kernel_constants()
+    assert c.per_radian * 2.0 * math.pi == pytest.approx(actuator.screw.lead)
+    assert c.half_gap * c.per_radian * 2.0 == pytest.approx(actuator.screw.backlash)
+    # a force on a way is a torque on an angle: one turn does the work of one lead
+    assert c.friction * 2.0 * math.pi == pytest.approx(2500.0 * 5e-3)
+    assert c.w_fading * c.per_radian == pytest.approx(0.045)
+    assert c.c_opposing == pytest.approx(1.0 / 0.6 - 1.0)
+    assert c.c_aiding == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('lead = { value = 5, unit = "mm"', 'lead = { value = 5, unit = "deg"', "screw.lead"),
+        ("lead = { value = 5", "lead = { value = -5", "received -0.005"),
+        ("efficiency_aiding = { value = 0.9", "efficiency_aiding = { value = 1.1", "1.1"),
+        ('value = 4.5, unit = "1/s"', 'value = 4.5, unit = "Hz"', "controller.position_gain"),
+        ("lead = {", "pitch = {", "screw.pitch is not a name"),
+        ("[drive]", "[motor]", "motor is not a name"),
+    ],
+)
+def test_an_impossible_value_is_refused(tmp_path, old, new, said):
+    assert said in refusal(lambda: BallScrew.load(written(tmp_path, old, new)))
+
+
+@pytest.mark.parametrize(
+    ("change", "longest"),
+    [
+        ({"steps.twin": 0.021}, "0.02 s"),
+        ({"drive.response_time": 0.006}, "0.003 s"),
+        ({"controller.sample_time": 0.005}, "0.0025 s"),
+        ({"steps.twin": 1e-7}, "between 1e-6 and"),
+    ],
+)
+def test_a_step_that_does_not_resolve_lag_and_sampling_is_refused(change, longest):
+    text = refusal(lambda: BallScrew.load().changed(change))
+    assert "steps.twin" in text
+    assert longest in text
+    assert "received" in text
+
+
+# Kinds
+
+
+def test_every_kind_has_a_default_among_its_shipped_sets():
+    for kind in KINDS.values():
+        assert kind.default in kind.shipped()
+    names = [name for kind in KINDS.values() for name in kind.shipped()]
+    assert len(set(names)) == len(names)
+    assert list(shipped_actuators()) == names
+
+
+@pytest.mark.parametrize("name", shipped_actuators())
+def test_a_set_is_loaded_as_the_kind_that_it_is(name):
+    actuator = load_actuator(name)
+    assert actuator.kind == kind_of(name) == kind_of(shipped_actuators()[name])
+    assert type(actuator) is KINDS[actuator.kind]
+    assert load_actuator(actuator) is actuator
+    assert load_actuator(shipped_actuators()[name]) == actuator
+
+
+def test_a_file_that_names_no_kind_is_rotary():
+    assert "kind" not in tomllib.loads(Actuator.shipped()["servo48"].read_text(encoding="utf-8"))
+    assert kind_of("servo48") == "rotary"
+
+
+@pytest.mark.parametrize(
+    ("wanted", "other", "kind"),
+    [(Actuator, "rm1605", "ball-screw"), (BallScrew, "servo48", "rotary")],
+)
+def test_an_actuator_of_another_kind_is_refused_by_its_kind(wanted, other, kind):
+    for given in (shipped_actuators()[other], load_actuator(other)):
+        text = refusal(lambda given=given: wanted.load(given))
+        assert f"of the kind {kind!r} where one of the kind {wanted.kind!r} is needed" in text
+    assert f"Shipped: {wanted.default}" in refusal(lambda: wanted.load(other))
+
+
+def test_an_unknown_kind_names_the_known_ones(tmp_path):
+    path = written(tmp_path, '"ball-screw"', '"hydraulic"')
+    for load in (load_actuator, kind_of):
+        assert "'hydraulic'; choose one of rotary, ball-screw" in refusal(
+            lambda load=load: load(path)
+        )
+    text = refusal(lambda: load_actuator(written(tmp_path, '"ball-screw"', "[1]")))
+    assert "[1]" in text
+
+
+def test_an_unknown_name_and_a_missing_file_are_refused(tmp_path):
+    assert "Shipped: servo48, rm1605" in refusal(lambda: load_actuator("rm1606"))
+    with pytest.raises(FileError, match="Cannot read the actuator file"):
+        load_actuator(tmp_path / "none.toml")
+
+
+def test_equal_values_have_one_fingerprint_and_a_variant_another():
+    actuator = BallScrew.load()
+    assert actuator.fingerprint == actuator.changed({"screw.lead": 5e-3}).fingerprint
+    assert actuator.fingerprint != actuator.changed({"screw.lead": 10e-3}).fingerprint
+
+
+# Calibrations in files
+
+
+@pytest.fixture
+def calibration() -> Calibration:
+    """One with numbers of no meaning, all different."""
+    random = np.random.default_rng(0)
+    actuator = BallScrew.load().changed({"screw.friction_force": 2711.828})
+    set_point, interval = out_and_back(actuator, 0.1, 4.0, 2.0)
+    features = len(Layout.of(phases(set_point, interval, 1.4)).names)
+
+    def population(count: int) -> Population:
+        return Population(
+            212.5, random.normal(size=(3, count)), *np.exp(random.normal(size=(2, count)))
+        )
+
+    return Calibration(
+        actuator=actuator,
+        set_point=set_point,
+        interval=interval,
+        settling_time=1.4,
+        discrepancy=random.normal(size=(3, 2 * set_point.size)),
+        population=population(features),
+        reported=population(4),
+        thresholds=Thresholds(1.75, 1.25, 0.1),
+        coupling=(2.5, 0.25),
+        load_range=(-120.0, 340.0),
+        signatures=(Signature("lubrication", random.normal(size=(3, features)), "9 motions"),),
+        facts={"runs": ["1", "2"], "held_back": ["3"], "sources": ["a.csv"], "undetermined": []},
+    )
+
+
+def test_a_saved_calibration_comes_back(tmp_path, calibration):
+    path = tmp_path / "mine.toml"
+    calibration.save(path, {"screw.friction_force": "calibrated on runs 1, 2"})
+    again = Calibration.load(path)
+    assert again.actuator.fingerprint == calibration.actuator.fingerprint
+    assert again.actuator.name == calibration.actuator.name
+    assert again.thresholds == calibration.thresholds
+    assert again.facts == calibration.facts
+    for name in ("interval", "settling_time", "coupling", "load_range"):
+        assert getattr(again, name) == getattr(calibration, name)
+    for part in ("population", "reported"):
+        for name, values in vars(getattr(calibration, part)).items():
+            np.testing.assert_allclose(getattr(getattr(again, part), name), values, rtol=1e-8)
+    for name in ("set_point", "discrepancy"):
+        np.testing.assert_allclose(getattr(again, name), getattr(calibration, name), rtol=1e-8)
+    (signature,) = again.signatures
+    assert (signature.fault, signature.source) == ("lubrication", "9 motions")
+    np.testing.assert_allclose(
+        signature.coefficients, calibration.signatures[0].coefficients, rtol=1e-8
+    )
+    assert again.layout == calibration.layout
+    assert [file.name for file in tmp_path.iterdir()] == ["mine.toml"]
+
+
+def test_saving_what_was_loaded_changes_nothing(tmp_path, calibration):
+    first, second = tmp_path / "first.toml", tmp_path / "second.toml"
+    calibration.save(first, {})
+    again = Calibration.load(first)
+    sources = {place: source for place, *_, source in again.actuator.parameters()}
+    again.save(second, sources)
+    assert first.read_bytes() == second.read_bytes()
+
+
+def test_a_calibration_is_an_actuator_too(tmp_path, calibration):
+    """With the source of what was fitted."""
+    path = tmp_path / "mine.toml"
+    calibration.save(path, {"screw.friction_force": "calibrated on runs 1, 2"})
+    assert kind_of(path) == "ball-screw"
+    actuator = load_actuator(path)
+    sources = {place: source for place, *_, source in actuator.parameters()}
+    assert sources["screw.friction_force"] == "calibrated on runs 1, 2"
+    assert sources["screw.lead"] == "RM1605: 16 mm diameter, 5 mm lead"
+    assert actuator.fingerprint == calibration.actuator.fingerprint
+
+
+def test_a_calibration_that_cannot_be_written_leaves_the_old_one(tmp_path, calibration):
+    path = tmp_path / "mine.toml"
+    calibration.save(path, {})
+    before = path.read_bytes()
+    with pytest.raises(TypeError):
+        Calibration(**{**vars(calibration), "facts": {"runs": object()}}).save(path, {})
+    assert path.read_bytes() == before
+    assert [file.name for file in tmp_path.iterdir()] == ["mine.toml"]
+
+
+def changed(tmp_path: Path, calibration: Calibration, change: Callable[[dict], Any]) -> str:
+    """What is said of a saved calibration after a change of its table."""
+    path = tmp_path / "mine.toml"
+    calibration.save(path, {})
+    table = tomllib.loads(path.read_text(encoding="utf-8"))
+    change(table)
+    path.write_text(tomli_w.dumps(table), encoding="utf-8")
+    text = refusal(lambda: Calibration.load(path))
+    assert str(path) in text
+    return text
+
+
+def _set(*keys: Any) -> Callable[[dict], None]:
+    *way, last, value = keys
+
+    def change(table: dict) -> None:
+        for key in way:
+            table = table[key]
+        table[last] = value
+
+    return change
+
+
+def _shorter(*keys: str) -> Callable[[dict], None]:
+    def change(table: dict) -> None:
+        for key in keys:
+            table = table[key]
+        table.pop()  # type: ignore[attr-defined]
+
+    return change
+
+
+DAMAGES = {
+    "no set point": lambda table: table["calibration"].pop("set_point"),
+    "shorter set point": _shorter("calibration", "set_point"),
+    "no population": lambda table: table["calibration"].pop("population"),
+    "population of two rows": _shorter("calibration", "population", "coefficients"),
+    "ragged population": lambda t: t["calibration"]["population"]["coefficients"][1].pop(),
+    "short scatter within": _shorter("calibration", "population", "within"),
+    "short scatter between": _shorter("calibration", "population", "between"),
+    "short reported": _shorter("calibration", "reported", "between"),
+    "reported of two rows": _shorter("calibration", "reported", "coefficients"),
+    "discrepancy of two rows": _shorter("calibration", "discrepancy"),
+    "text for a number": _set("calibration", "interval", "often"),
+    "NaN": _set("calibration", "population", "within", 0, math.nan),
+    "NaN threshold": _set("calibration", "threshold", "motion", math.nan),
+    "no time": _set("calibration", "interval", 0.0),
+    "no threshold": lambda table: table["calibration"]["threshold"].pop("run"),
+    "another threshold": _set("calibration", "threshold", "day", 1.0),
+    "half a coupling": _shorter("calibration", "coupling"),
+    "signature of two rows": lambda table: table["signature"][0]["coefficients"].pop(),
+    "signature without a fault": lambda table: table["signature"][0].pop("fault"),
+    "format of text": _set("calibration", "format", "one"),
+}
+
+
+@pytest.mark.parametrize("change", DAMAGES.values(), ids=DAMAGES)
+def test_a_damaged_calibration_is_refused(tmp_path, calibration, change):
+    assert "its calibration is damaged" in changed(tmp_path, calibration, change)
+
+
+def test_a_calibration_of_a_newer_format_asks_for_an_update(tmp_path, calibration):
+    text = changed(tmp_path, calibration, _set("calibration", "format", FORMAT + 1))
+    assert f"format {FORMAT + 1}, this one knows {FORMAT}" in text
+    assert "Update ematwin" in text
+
+
+def test_a_template_is_no_calibration(tmp_path):
+    assert "no calibration; make one with ematwin calibrate" in refusal(
+        lambda: Calibration.load(written(tmp_path))
+    )
+    with pytest.raises(FileError, match="Cannot read the calibration file"):
+        Calibration.load(tmp_path / "none.toml")
+
+
+def test_a_calibration_of_another_kind_is_refused(tmp_path, calibration):
+    text = changed(tmp_path, calibration, _set("kind", "rotary"))
+    assert "of the kind 'rotary' where one of the kind 'ball-screw' is needed" in text
