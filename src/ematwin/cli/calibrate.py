@@ -109,6 +109,8 @@ def print_calibration(report: "CalibrationReport") -> None:
             f"{name:<10} scatters by {within * scale:.3g} {unit} within a run and "
             f"{between * scale:.3g} {unit} between runs"
         )
+    facts = report.calibration.facts
+    typer.echo(f"taken for healthy: {facts['motions']} motions with {facts['labels']}")
     limits = report.calibration.thresholds
     typer.echo(
         f"learnt from runs {', '.join(report.learnt)}; held back {', '.join(report.held_back)}: "

@@ -75,6 +75,11 @@ def identify(
                 f"{actuator} is a ball-screw actuator, whose magnitudes are fitted to each motion; "
                 "of the options only --column, --report and --json apply."
             )
+        if not actuator.endswith(".toml"):
+            raise InputError(
+                f"{actuator} is a template; its healthy actuator has to be learnt first. Run "
+                f"ematwin calibrate with --actuator {actuator}, and give what it writes."
+            )
         from ematwin.cli.detect import detect
 
         detect([record], Path(actuator), "motion", None, column, report, None, json)

@@ -17,10 +17,12 @@ from ematwin.monitoring.nominal import MeanMotion, NominalParameter, fit_nominal
 from ematwin.monitoring.phases import SETTLED, phases
 from ematwin.monitoring.population import Population, fit_parabola
 from ematwin.plant.ball_screw import BallScrew
+from ematwin.readers.motions import labels_of
 from ematwin.signals.motion import Motion
 
 Progress = Callable[[float], None]
 FALSE_ALARM_RATE = 0.1
+_MOST_MEANS = 24  # mean motions that the nominal parameters are fitted to
 _ROUNDS = 2  # of discrepancy and magnitudes in turn
 _OUTLIER = 4.0  # robust standard deviations of the logarithm of a run's index
 _LEAST_SCATTER = 0.15  # of that logarithm: few runs may agree by chance
@@ -115,7 +117,7 @@ def calibrate(
         interval,
         [
             MeanMotion(bench.current[own].mean(0), bench.position_error[own].mean(0))
-            for own in (groups == g for g in np.unique(groups[learning]))
+            for own in (groups == g for g in _spread_out(np.unique(groups[learning])))
         ],
     )
     if name is not None:
@@ -149,6 +151,7 @@ def calibrate(
             "runs": [run for run in runs if run not in back],
             "held_back": back,
             "motions": len(motions),
+            "labels": labels_of(motions),
             "sources": sorted({motion.source for motion in motions}),
             "template": template.name,
             "undetermined": [p.place for p in parameters if not p.determined],
@@ -197,6 +200,12 @@ def numbered(keys: list[tuple[str, ...]]) -> np.ndarray:
     """Number (N,) of each key, equal for equal keys, in the order of their first appearance."""
     order = {key: n for n, key in enumerate(dict.fromkeys(keys))}
     return np.array([order[key] for key in keys])
+
+
+def _spread_out(groups: np.ndarray) -> np.ndarray:
+    """At most `_MOST_MEANS` of the groups, evenly chosen: more make the fit slow, not better."""
+    places = np.linspace(0, len(groups) - 1, min(len(groups), _MOST_MEANS))
+    return groups[np.unique(np.round(places).astype(int))]
 
 
 def _held_back(runs: list[str], wanted: int | None) -> list[str]:

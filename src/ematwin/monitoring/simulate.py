@@ -64,6 +64,8 @@ def simulate_motion(
     ):  # fmt: skip
         if not np.isfinite(value) or value < least:
             raise InputError(f"{name} must be at least {least:g}, received {value:g}.")
+    if not np.isfinite(load):
+        raise InputError(f"load must be a finite number, received {load:g}.")
     random = np.random.default_rng(seed)
     magnitudes = np.array([[friction, play, gain, load, 0.0]])
     current, error = (x[0] for x in twin_traces(actuator, set_point, interval, magnitudes))

@@ -83,6 +83,11 @@ class ParameterSet(BaseModel):
         if path.suffix == ".toml":
             return cls.from_dict(load_toml(path, "actuator"), str(path))
         shipped = cls.shipped()
+        for path in Path(str(resources.files("ematwin.plant"))).rglob(f"{name_or_path}.toml"):
+            if str(name_or_path) not in shipped and path.parent.name != "scenarios":
+                return cls.from_dict(
+                    load_toml(path, "actuator"), str(name_or_path)
+                )  # says its kind
         if str(name_or_path) not in shipped:
             raise ParameterError(
                 f"There is no actuator {str(name_or_path)!r}. Shipped: {', '.join(shipped)}; "

@@ -83,7 +83,7 @@ def fitting(motions: list[Motion], where: Mapping[str, Sequence[str]]) -> list[M
         wanted = ", ".join(f"{key} = {' or '.join(v)}" for key, v in where.items())
         raise RecordError(
             f"None of the {len(motions)} motions has {wanted or 'anything to read'}; there are "
-            f"{_labels_of(motions)}. Correct the choice."
+            f"{labels_of(motions)}. Correct the choice."
         )
     return chosen
 
@@ -100,7 +100,8 @@ def _fits(motion: Motion, where: Mapping[str, Sequence[str]]) -> bool:
     return True
 
 
-def _labels_of(motions: list[Motion]) -> str:
+def labels_of(motions: list[Motion]) -> str:
+    """The labels of motions with their values, as a text."""
     values: dict[str, dict[str, None]] = {}
     for motion in motions:
         for name, value in motion.labels.items():
