@@ -1,20 +1,30 @@
-"""How fast a ball-screw actuator is calibrated, and motions are judged.
+"""How fast a ball-screw actuator is calibrated, and motions are judged; what the step costs.
 
 python benchmarks/monitoring.py    (simulated motions of 13 s at 25 Hz: 5 runs, 3 loads, 5 motions)
+python benchmarks/monitoring.py --steps
 """
 
+import argparse
 import statistics
 import time
 from collections.abc import Callable
 
+import numpy as np
+
 import ematwin
 from ematwin.monitoring.simulate import out_and_back, simulate_motion
+from ematwin.monitoring.twin import twin_traces
 
 LOADS = (-400.0, 200.0, 400.0)  # N
 
 
 def main() -> None:
-    """Print seconds for 75 motions, and motions a second, medians of five."""
+    """Print seconds for 75 motions, and motions a second, medians of five; or the cost of steps."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--steps", action="store_true", help="the error of the twin by its step")
+    if parser.parse_args().steps:
+        steps()
+        return
     actuator = ematwin.BallScrew.load()
     set_point, interval = out_and_back(actuator, 0.12, 5.0, 3.0)
     motions = [
@@ -37,6 +47,25 @@ def main() -> None:
     )
     print(f"calibration on {len(motions)} motions: {calibrating:.2f} s")
     print(f"detection: {len(motions) / judging:.0f} motions a second")
+
+
+def steps() -> None:
+    """Print the RMS difference to a step of 0.25 ms, as a share of the RMS."""
+    actuator = ematwin.BallScrew.load()
+    set_point, interval = out_and_back(actuator, 0.12, 5.0, 3.0)
+    magnitudes = np.array([[1.0, 5e-5, 1.0, 200.0, 0.0], [1.3, 5e-4, 1.0, -400.0, 1e-3]])
+
+    def traces(step: float) -> tuple[np.ndarray, np.ndarray]:
+        return twin_traces(actuator.changed({"steps.twin": step}), set_point, interval, magnitudes)
+
+    finest = traces(0.25e-3)
+    print("step, ms    current, %    position error, %")
+    for step in (8e-3, 4e-3, 2e-3, 1e-3):
+        errors = [
+            float(np.sqrt(((now - best) ** 2).mean() / (best**2).mean()))
+            for now, best in zip(traces(step), finest, strict=True)
+        ]
+        print(f"{1e3 * step:>8g} {100 * errors[0]:>13.2f} {100 * errors[1]:>20.2f}")
 
 
 def timed(call: Callable[[], object]) -> float:
