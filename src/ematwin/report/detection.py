@@ -7,6 +7,7 @@ from ematwin.monitoring.measure import REPORTED
 from ematwin.report.figures import BLUE, GREY, ORANGE, stacked
 from ematwin.report.page import Row, Section, Table, render
 
+_NAMED_RUNS = 40  # of the trend; more names would overlap
 _MOST_ROWS = 400  # of the table; the figures show all
 
 
@@ -59,6 +60,10 @@ def trend_figure(verdicts: tuple[Verdict, ...]) -> Any:
         }  # fmt: skip
         _marks(figure, row, x, [m.value for m in values], verdicts, texts, bars)
     figure.update_layout(hovermode="closest")
+    figure.update_yaxes(rangemode="tozero", row=1, col=1)
+    if len(verdicts) <= _NAMED_RUNS:
+        names = [verdict.name.removeprefix("run ") for verdict in verdicts]
+        figure.update_xaxes(tickvals=x, ticktext=names, row=len(titles), col=1)
     return figure
 
 
@@ -123,7 +128,7 @@ def _table(verdicts: tuple[Verdict, ...]) -> Table:
             f"{verdict.index:.2f} / {verdict.threshold:.2f}",
         ]
         for m in verdict.magnitudes:
-            cells.append(f"{m.value:.2f} ({m.low:.2f} to {m.high:.2f})")
+            cells.append(f"{m.value:.2f} ({m.low:.2f}–{m.high:.2f})")
         cells.append(f"{verdict.load:.0f} N")
         rows.append(Row(cells, marked=verdict.alarm))
     return Table(header, rows)
