@@ -11,7 +11,10 @@ from ematwin.cli.options import numbers, print_json, progress_bar
 def simulate(
     fault: Annotated[
         list[str] | None,
-        typer.Option(help="A fault and its magnitude in [0, 1], e.g. friction=0.25. Repeatable."),
+        typer.Option(
+            help="A fault and its magnitude in [0, 1], e.g. friction=0.25; of a ball screw in its "
+            "own unit, e.g. friction=1.3 times healthy. Repeatable."
+        ),
     ] = None,
     model: Annotated[str, typer.Option(help="reference or monitor.")] = "reference",
     scenario: Annotated[
@@ -46,10 +49,22 @@ def simulate(
     from ematwin import Actuator, Faults, Noise, Scenario
     from ematwin import simulate as run
     from ematwin.errors import InputError
+    from ematwin.plant.kinds import kind_of
     from ematwin.readers.files import check_target
     from ematwin.readers.records import WRITTEN, write
     from ematwin.signals.envelope import current_envelope
 
+    if kind_of(actuator) == "ball-screw":
+        given = (model, scenario, plot, noise, sample_rate, step)
+        if given != ("reference", "default", None, None, 20_000.0, None):
+            raise InputError(
+                f"{actuator} is a ball-screw actuator, which goes out and back once; of the "
+                "options only --fault, --out, --seed and --json apply."
+            )
+        from ematwin.cli.simulate_motion import simulate_motion
+
+        simulate_motion(actuator, fault, out, seed, json)
+        return
     faults = Faults.of(numbers(fault or [], "--fault"))
     chosen = Actuator.load(actuator)
     asked = Scenario.load_file(scenario)
