@@ -37,7 +37,17 @@ def simulate_motion(
     chosen = load_actuator(actuator)
     assert isinstance(chosen, BallScrew)
     set_point, interval = out_and_back(chosen, STROKE, SECONDS, REST)
-    motion = run(chosen, set_point, interval, **magnitudes, seed=seed)
+    motion = run(
+        chosen,
+        set_point,
+        interval,
+        friction=magnitudes.get("friction", 1.0),
+        backlash=magnitudes.get("backlash"),
+        gain=magnitudes.get("gain", 1.0),
+        roughness=magnitudes.get("roughness", 0.0),
+        load=magnitudes.get("load", 0.0),
+        seed=seed,
+    )
     if out is not None:
         write_motions([motion], out)
     rms = float(np.sqrt(np.mean(motion.current**2)))
