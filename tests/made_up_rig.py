@@ -34,15 +34,14 @@ def rig() -> BallScrew:
 
 @cache
 def command() -> tuple[np.ndarray, float]:
-    """100 mm out in 5 s, 2 s of rest, and back."""
-    return out_and_back(rig(), 0.1, 5.0, 2.0)
+    """80 mm out in 4 s, 2 s of rest, and back."""
+    return out_and_back(rig(), 0.08, 4.0, 2.0)
 
 
 def motion(seed: int = 0, **changed: object) -> Motion:
     """One motion of the rig; ``changed`` as in `simulate_motion`."""
-    set_point, interval = command()
     options: dict[str, object] = {"noise": NOISE, "seed": seed, **changed}
-    return simulate_motion(rig(), set_point, interval, **options)  # type: ignore[arg-type]
+    return simulate_motion(rig(), *command(), **options)  # type: ignore[arg-type]
 
 
 def run(number: int, motions: int = 2, condition: str = "normal", **fault: float) -> list[Motion]:
@@ -70,6 +69,6 @@ def run(number: int, motions: int = 2, condition: str = "normal", **fault: float
     ]  # fmt: skip
 
 
-def healthy_runs(count: int, first: int = 1) -> list[Motion]:
+def healthy_runs(count: int, first: int = 1, motions: int = 2) -> list[Motion]:
     """Motions of healthy runs, numbered from ``first``."""
-    return [one for number in range(first, first + count) for one in run(number)]
+    return [one for number in range(first, first + count) for one in run(number, motions)]

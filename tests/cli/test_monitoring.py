@@ -1,0 +1,326 @@
+"""``ematwin calibrate``, ``detect`` and ``identify`` on motions, from the files to the verdict."""
+
+import csv
+import json
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from ematwin.cli import main
+from ematwin.monitoring.simulate import write_motions
+from ematwin.plant.kinds import shipped_actuators
+from made_up_rig import healthy_runs, run
+
+HEALTHY = (
+    "calibrate", "bench.csv", "--where", "condition=normal", "--hold-back", "3",
+    "--out", "rig.toml",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory) -> Path:
+    """Recordings of a rig, and what calibrating with them left and told."""
+    folder = tmp_path_factory.mktemp("bench")
+    dry = [one for n in (60, 61) for one in run(n, 1, "dry", friction=1.3)]
+    loose = run(62, 1, "loose", backlash=8e-4)
+    write_motions([*healthy_runs(7), *dry, *loose], folder / "bench.csv")
+    write_motions([*run(63, 1, "dry", friction=1.35), *run(8, 1)], folder / "later.parquet")
+    done = subprocess.run(
+        [sys.executable, "-m", "ematwin", *HEALTHY, "--json"],
+        cwd=folder, capture_output=True, text=True, timeout=300, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    (folder / "told.json").write_text(done.stdout, encoding="utf-8")
+    return folder
+
+
+@pytest.fixture
+def files(bench: Path, tmp_path: Path) -> Path:
+    """A copy of them to work in."""
+    for path in bench.iterdir():
+        shutil.copy(path, tmp_path)
+    return tmp_path
+
+
+def contents(folder: Path) -> dict[str, bytes | None]:
+    """Every file of a folder, hidden ones included."""
+    return {
+        str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None
+        for path in folder.rglob("*")
+    }
+
+
+def refused(answer, said: str) -> None:
+    assert answer.code == 2, answer.out + answer.err
+    assert answer.out == ""
+    assert re.fullmatch(r"Error: [^\n]*[.?]\n", answer.err), answer.err
+    assert said in answer.err, answer.err
+
+
+# calibrate
+
+
+def test_calibrate_tells_programs_what_it_learnt(files):
+    told = json.loads((files / "told.json").read_text(encoding="utf-8"))
+    assert told["out"] == "rig.toml"
+    assert told["actuator"] == "rig"
+    assert told["learnt"] == ["1", "2", "3", "4"]
+    assert told["held_back"] == ["5", "6", "7"]
+    friction = told["parameters"]["screw.friction_force"]
+    assert friction["value"] == pytest.approx(3125.0, rel=0.04)
+    assert friction["template"] == 2500.0
+    assert friction["determined"] is True
+    assert set(told["spread"]) == {"friction", "backlash", "gain", "roughness"}
+    assert 0.0 < told["threshold"]["run"] < told["threshold"]["motion"]
+    assert told["signatures"] == []
+
+
+def test_the_calibration_is_a_parameter_file_with_sources(ematwin, files):
+    answer = ematwin("actuators", "rig.toml", "--json")
+    assert answer.code == 0, answer.err
+    told = json.loads(answer.out)["parameters"]
+    assert "calibrated on healthy runs 1, 2, 3, 4" in told["screw.friction_force"]["source"]
+    assert told["screw.lead"]["source"].startswith("RM1605")
+
+
+def test_calibrate_tells_people_the_same_and_learns_known_faults(ematwin, files):
+    answer = ematwin(*HEALTHY[:-1], "taught.toml", "--known", "no grease:condition=dry;run=60,61")
+    assert answer.code == 0, answer.err
+    told = json.loads((files / "told.json").read_text(encoding="utf-8"))
+    for place, parameter in told["parameters"].items():
+        row = next(line for line in answer.out.splitlines() if place in line)
+        assert f"{parameter['value']:.4g}" in row
+        assert ("not determined" in row) == (not parameter["determined"])
+    assert "learnt from runs 1, 2, 3, 4; held back 5, 6, 7" in answer.out
+    assert re.search(r"backlash +scatters by [\d.]+ mm within a run", answer.out)
+    assert "known fault: no grease, from 4 motions: condition=dry;run=60,61" in answer.out
+    assert "wrote taught.toml" in answer.out
+
+    answer = ematwin("detect", "later.parquet", "--actuator", "taught.toml", "--json")
+    named = [(v["fault"], v["named_by"]) for v in json.loads(answer.out)["verdicts"]]
+    assert named[:2] == [("no grease", "signature")] * 2
+
+
+# detect
+
+
+def test_detect_tells_programs_value_interval_alarm_and_name(ematwin, files):
+    answer = ematwin("detect", "bench.csv", "--actuator", "rig.toml", "--json")
+    assert answer.code == 0, answer.err
+    told = json.loads(answer.out)
+    assert told["actuator"] == "rig"
+    assert told["each"] == "run"
+    found = {}
+    for verdict in told["verdicts"]:
+        assert verdict["alarm"] == (verdict["index"] > verdict["threshold"])
+        assert verdict["alarm"] == (verdict["fault"] is not None)
+        found.setdefault(verdict["labels"]["condition"], []).append(verdict)
+        for magnitude in verdict["magnitudes"].values():
+            assert magnitude["low"] <= magnitude["value"] <= magnitude["high"]
+            assert np.isfinite(magnitude["score"])
+    assert {v["fault"] for v in found["dry"]} == {"lubrication"}
+    assert {v["fault"] for v in found["loose"]} == {"backlash"}
+    assert sum(v["alarm"] for v in found["normal"]) <= 4  # of 14, eight of them learnt
+    for verdict in found["dry"]:
+        assert verdict["magnitudes"]["friction"]["value"] == pytest.approx(1.3, rel=0.08)
+        assert verdict["magnitudes"]["friction"]["unit"] == "x"
+    for verdict in found["loose"]:
+        assert verdict["magnitudes"]["backlash"]["value"] == pytest.approx(0.8, abs=0.1)
+        assert verdict["magnitudes"]["backlash"]["unit"] == "mm"
+
+
+def test_detect_tells_people_in_a_table_with_a_count_of_alarms(ematwin, files):
+    for each, rows in (("run", 4), ("motion", 4)):
+        answer = ematwin("detect", "later.parquet", "--actuator", "rig.toml", "--each", each)
+        assert answer.code == 0, answer.err
+        lines = [line for line in answer.out.splitlines() if "run 63" in line or "run 8" in line]
+        assert len(lines) == rows
+        assert sum("lubrication" in line for line in lines) == 2
+        assert all(re.search(r"\d\.\d\d \(\d\.\d\d to \d\.\d\d\) x", line) for line in lines)
+        assert re.search(r"\d of 4 runs raise an alarm", answer.out)
+        assert re.search(r"\d of 4 motions raise an alarm", answer.out)
+
+
+def test_where_and_column_choose_what_is_judged(ematwin, files):
+    answer = ematwin(
+        "detect", "bench.csv", "--actuator", "rig.toml", "--where", "condition=dry,loose",
+        "--where", "run=60,62", "--column", "current=current_a", "--json",
+    )  # fmt: skip
+    assert answer.code == 0, answer.err
+    runs = [verdict["labels"]["run"] for verdict in json.loads(answer.out)["verdicts"]]
+    assert runs == ["60", "60", "62", "62"]
+
+
+def test_detect_writes_all_verdicts_as_a_table(ematwin, files):
+    import pyarrow.parquet as pq
+
+    answers = {}
+    for name in ("verdicts.csv", "verdicts.parquet"):
+        answers[name] = ematwin(
+            "detect", "later.parquet", "--actuator", "rig.toml", "--table", name
+        )
+        assert answers[name].code == 0, answers[name].err
+        assert f"wrote {name}" in answers[name].out
+    with (files / "verdicts.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["fault"] for row in rows][:2] == ["lubrication", "lubrication"]
+    assert (
+        float(rows[0]["friction_low"])
+        < float(rows[0]["friction"])
+        < float(rows[0]["friction_high"])
+    )
+    assert "backlash_mm" in rows[0]
+    stored = pq.read_table(files / "verdicts.parquet").to_pylist()
+    assert [str(row["index"]) for row in stored] == [row["index"] for row in rows]
+
+
+def browse(page: Path, folder: Path) -> tuple[str, str]:
+    """The page's document as the browser holds it, and what the browser said."""
+    browser = shutil.which("chromium") or shutil.which("google-chrome")
+    assert browser, "This test needs Chromium: apt-get install chromium."
+    done = subprocess.run(
+        [
+            browser, "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic",
+            "--no-first-run", "--disable-background-networking", "--disable-component-update",
+            "--disable-sync", f"--user-data-dir={folder / 'profile'}", "--enable-logging=stderr",
+            "--log-level=0", "--virtual-time-budget=10000", "--dump-dom", page.as_uri(),
+        ],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )  # fmt: skip
+    return done.stdout, done.stderr
+
+
+def test_the_page_opens_in_a_browser_and_loads_nothing(ematwin, files):
+    answer = ematwin("detect", "bench.csv", "--actuator", "rig.toml", "--report", "out.html")
+    assert answer.code == 0, answer.err
+    assert "wrote out.html" in answer.out
+    document, log = browse(files / "out.html", files)
+    assert document.count("main-svg") >= 2  # each figure was drawn
+    assert "lubrication in 4; backlash in 2" in document
+    assert "condition dry, weight light, run 60" in document
+    assert "learnt from" in document
+    assert "CONSOLE" not in log, [line for line in log.splitlines() if "CONSOLE" in line]
+    text = (files / "out.html").read_text(encoding="utf-8")
+    assert not re.search(r"<(script|link|img|iframe)[^>]*(src|href)\s*=\s*[\"']?http", text)
+
+
+# identify
+
+
+def test_identify_takes_a_calibrated_ball_screw_too(ematwin, files):
+    answer = ematwin(
+        "identify", "later.parquet", "--actuator", "rig.toml", "--report", "out.html", "--json"
+    )
+    assert answer.code == 0, answer.err
+    told = json.loads(answer.out)
+    assert told["each"] == "motion"
+    assert told["report"] == "out.html"
+    assert [v["fault"] for v in told["verdicts"]][:2] == ["lubrication", "lubrication"]
+    assert (files / "out.html").stat().st_size > 10_000
+
+
+def test_identify_refuses_options_that_do_not_apply(ematwin, files):
+    for option in (["--algorithm", "pso"], ["--only", "friction"], ["--hold", "gain=0.5"]):
+        answer = ematwin("identify", "later.parquet", "--actuator", "rig.toml", *option)
+        refused(answer, "is a ball-screw actuator")
+
+
+# What cannot be used
+
+CASES = [
+    # calibrate
+    (["calibrate", "bench.csv", "--where", "state=normal", "--out", "x.toml"],
+     "no label 'state'; it has condition, weight, run"),
+    (["calibrate", "bench.csv", "--where", "condition=wet", "--out", "x.toml"],
+     "None of the 34 motions has condition = wet"),
+    (["calibrate", "bench.csv", "--where", "run=1,2", "--out", "x.toml"],
+     "at least three healthy runs"),
+    (["calibrate", "bench.csv", "--where", "condition", "--out", "x.toml"], "--where needs"),
+    (["calibrate", "bench.csv", "--where", "run=1,2,3", "--hold-back", "2", "--out", "x.toml"],
+     "between 1 and 1 can be held back, received 2"),
+    (["calibrate", "bench.csv", "--false-alarms", "0.7", "--out", "x.toml"],
+     "between 0 and 0.5, received 0.7"),
+    (["calibrate", "bench.csv", "--known", "dry", "--out", "x.toml"], "--known needs fault:label"),
+    (["calibrate", "bench.csv", "--known", "dry:condition=wet", "--out", "x.toml"],
+     "condition = wet"),
+    (["calibrate", "bench.csv", "--out", "x.json"], "end its name in .toml"),
+    (["calibrate", "bench.csv", "--out", "none/x.toml"], "folder none is missing"),
+    (["calibrate", "bench.csv", "--out", "folder.toml"], "it is a folder"),
+    (["calibrate", "none.csv", "--out", "x.toml"], "There is no file none.csv"),
+    (["calibrate", "bench.csv", "--actuator", "servo48", "--out", "x.toml"],
+     "of the kind 'rotary' where one of the kind 'ball-screw' is needed"),
+    (["calibrate", "bench.csv", "--actuator", "servo48.toml", "--out", "x.toml"],
+     "of the kind 'rotary' where one of the kind 'ball-screw' is needed"),
+    (["calibrate", "bench.csv"], "--out"),
+    (["calibrate", "rotary.csv", "--out", "x.toml"], "no channel for current"),
+    # detect
+    (["detect", "later.parquet", "--actuator", "rm1605.toml"], "no calibration; make one with"),
+    (["detect", "later.parquet", "--actuator", "rm1605"], "rm1605"),
+    (["detect", "later.parquet", "--actuator", "none.toml"], "none.toml"),
+    (["detect", "later.parquet", "--actuator", "servo48.toml"], "no calibration"),
+    (["detect", "later.parquet", "--actuator", "later.parquet"], "later.parquet"),
+    (["detect", "later.parquet", "--actuator", "cut.toml"], "cut.toml"),
+    (["detect", "later.parquet", "--actuator", "rig.toml", "--each", "day"],
+     "--each must be motion or run, received 'day'"),
+    (["detect", "later.parquet", "--actuator", "rig.toml", "--report", "x.pdf"], ".html"),
+    (["detect", "later.parquet", "--actuator", "rig.toml", "--report", "none/x.html"],
+     "folder none is missing"),
+    (["detect", "later.parquet", "--actuator", "rig.toml", "--table", "x.xlsx"],
+     ".csv or .parquet"),
+    (["detect", "later.parquet", "--actuator", "rig.toml", "--column", "torque=x"],
+     "no column 'torque'"),
+    (["detect", "later.parquet", "--actuator", "rig.toml", "--column", "current=x"],
+     "no channel 'x'"),
+    (["detect", "short.csv", "--actuator", "rig.toml", "--table", "x.csv"], "samples where"),
+    (["detect", "turned.csv", "--actuator", "rig.toml", "--report", "x.html"], "wrong sign"),
+    (["detect", "rotary.csv", "--actuator", "rig.toml"], "no channel for current"),
+    # identify
+    (["identify", "later.parquet", "--actuator", "rm1605.toml"], "no calibration; make one with"),
+    (["identify", "later.parquet", "--actuator", "rm1605"], "rm1605"),
+    (["identify", "rotary.csv", "--actuator", "rig.toml"], "no channel for current"),
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def bad(bench: Path, tmp_path_factory) -> Path:
+    """Good and bad files together."""
+    folder = tmp_path_factory.mktemp("bad")
+    for path in bench.iterdir():
+        shutil.copy(path, folder)
+    for name in ("servo48", "rm1605"):
+        shutil.copy(shipped_actuators()[name], folder / f"{name}.toml")
+    (folder / "folder.toml").mkdir()
+    (folder / "rotary.csv").write_text("time,command,i_a,i_b\n0,0,0,0\n0.1,0,1,-1\n")
+    whole = (folder / "rig.toml").read_bytes()
+    (folder / "cut.toml").write_bytes(whole[: len(whole) // 2])
+    header, *rows = (folder / "bench.csv").read_text(encoding="utf-8").splitlines()
+    (folder / "short.csv").write_text("\n".join([header, *rows[:200], ""]))
+    place = header.replace('"', "").split(",").index("position_error_mm")
+    turned = [row.split(",") for row in rows[:250]]
+    for row in turned:
+        row[place] = str(-float(row[place]))
+    (folder / "turned.csv").write_text("\n".join([header, *map(",".join, turned), ""]))
+    return folder
+
+
+@pytest.mark.parametrize(("arguments", "said"), CASES, ids=[" ".join(case[0]) for case in CASES])
+def test_what_cannot_be_used_is_refused_in_one_sentence(bad, arguments, said, monkeypatch, capfd):
+    """And nothing is written, not even half."""
+    before = contents(bad)
+    monkeypatch.chdir(bad)
+    monkeypatch.setattr(sys, "argv", ["ematwin", *arguments])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    seen = capfd.readouterr()
+    refused(SimpleNamespace(code=stop.value.code, out=seen.out, err=seen.err), said)
+    assert contents(bad) == before

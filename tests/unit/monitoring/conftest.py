@@ -1,0 +1,11 @@
+"""One calibration of the made-up rig, which several tests judge with."""
+
+import pytest
+
+from ematwin.monitoring.calibrate import CalibrationReport, calibrate
+from made_up_rig import healthy_runs
+
+
+@pytest.fixture(scope="session")
+def report() -> CalibrationReport:
+    return calibrate(healthy_runs(9), held_back=4, name="rig")

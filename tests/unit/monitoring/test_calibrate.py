@@ -1,0 +1,190 @@
+"""Calibration: parameters, population and thresholds from healthy motions."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ematwin.errors import InputError, RecordError
+from ematwin.monitoring.calibrate import calibrate, sources_of
+from ematwin.monitoring.calibration import Calibration
+from ematwin.monitoring.measure import REPORTED
+from ematwin.monitoring.nominal import FITTED, MeanMotion, fit_nominal
+from made_up_rig import TRUTH, command, healthy_runs, motion, rig, run, template
+
+SET_POINT, INTERVAL = command()
+
+
+def refusal(motions, kind=RecordError, **options) -> str:
+    with pytest.raises(kind) as caught:
+        calibrate(motions, **options)
+    text = str(caught.value)
+    assert "\n" not in text
+    assert text.endswith(".")
+    return text
+
+
+# Nominal parameters
+
+
+def mean_of(**changed) -> MeanMotion:
+    one = motion(**changed)
+    return MeanMotion(one.current, one.position_error)
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    """From four loads, with little noise, as the mean of many motions has."""
+    means = [
+        mean_of(seed=n, load=load, noise=(2e-3, 2e-5))
+        for n, load in enumerate((-400.0, 0.0, 400.0, 800.0))
+    ]
+    return fit_nominal(template(), SET_POINT, INTERVAL, means)
+
+
+@pytest.mark.parametrize("place", TRUTH)
+def test_a_template_that_is_off_is_fitted_to_the_rig(fitted, place):
+    """Within three standard errors, and to 2 %."""
+    actuator, parameters = fitted
+    (found,) = [p for p in parameters if p.place == place]
+    true = {name: value for name, value, *_ in rig().parameters()}[place]
+    assert found.template == pytest.approx(true / TRUTH[place])
+    assert found.value == pytest.approx(true, rel=0.02)
+    assert abs(found.value - true) < 3.0 * found.standard_error
+    assert found.determined
+    assert {name: value for name, value, *_ in actuator.parameters()}[place] == found.value
+
+
+def test_what_is_not_fitted_stays_the_template(fitted):
+    actuator, parameters = fitted
+    assert [p.place for p in parameters] == list(FITTED)
+    before = {place: value for place, value, *_ in template().parameters()}
+    for place, value, *_ in actuator.parameters():
+        if place not in FITTED:
+            assert value == before[place], place
+
+
+def test_what_motions_do_not_tell_is_said_and_held_by_the_template():
+    """Without load nothing can be said of the efficiencies."""
+    actuator, parameters = fit_nominal(template(), SET_POINT, INTERVAL, [mean_of(load=0.0)])
+    determined = {p.place: p.determined for p in parameters}
+    for place in ("screw.efficiency_opposing", "screw.efficiency_aiding"):
+        assert not determined[place]
+        (found,) = [p for p in parameters if p.place == place]
+        assert found.value == pytest.approx(found.template, rel=2.0 * (1.0 - 1.0 / 1.3))
+    assert determined["screw.friction_force"]
+    assert actuator.screw.efficiency_opposing <= 1.0
+    assert actuator.screw.efficiency_aiding <= 1.0
+
+
+# Calibration
+
+
+def test_the_calibrated_actuator_is_the_rig(report):
+    """To 3 %, which is how far its healthy days differ."""
+    found = {place: value for place, value, *_ in report.calibration.actuator.parameters()}
+    true = {place: value for place, value, *_ in rig().parameters()}
+    for place in TRUTH:
+        assert found[place] == pytest.approx(true[place], rel=0.03), place
+    assert report.calibration.actuator.name == "rig"
+
+
+def test_the_spread_is_that_of_the_healthy_days(report):
+    """Friction differs by 2 % from day to day, gain by 1 %, backlash by a fifth."""
+    spread = report.run_spread
+    assert set(spread) == set(REPORTED)
+    assert 0.01 < spread["friction"][1] < 0.04
+    assert 0.004 < spread["gain"][1] < 0.02
+    for name in ("friction", "gain"):
+        assert spread[name][0] < spread[name][1]
+    assert max(spread["backlash"]) < 4e-5
+
+
+def test_a_calibration_says_what_it_learnt_from(report):
+    facts = report.calibration.facts
+    assert report.learnt == facts["runs"] == ["1", "2", "3", "4", "5"]
+    assert report.held_back == facts["held_back"] == ["6", "7", "8", "9"]
+    assert facts["motions"] == 36
+    assert facts["template"] == "rm1605"
+    low, high = report.calibration.load_range
+    assert -250.0 < low < 0.0
+    assert 200.0 < high < 450.0
+    sources = sources_of(report)
+    assert set(sources) == set(FITTED)
+    assert "calibrated on healthy runs 1, 2, 3, 4, 5" in sources["screw.friction_force"]
+    for p in report.parameters:
+        assert ("not determined" in sources[p.place]) == (not p.determined)
+        assert (p.place in facts["undetermined"]) == (not p.determined)
+
+
+def test_thresholds_are_above_health_and_within_reach_of_a_fault(report):
+    limits = report.calibration.thresholds
+    assert 0.6 < limits.run < limits.motion < 1.6
+    assert limits.false_alarm_rate == 0.1
+    assert 0.0 <= report.false_alarms <= 0.25
+
+
+def test_a_calibration_that_was_saved_is_the_same(report, tmp_path):
+    path = tmp_path / "rig.toml"
+    report.calibration.save(path, sources_of(report))
+    again = Calibration.load(path)
+    assert again.actuator.fingerprint == report.calibration.actuator.fingerprint
+    assert again.thresholds == report.calibration.thresholds
+    np.testing.assert_allclose(again.discrepancy, report.calibration.discrepancy, rtol=1e-8)
+
+
+def test_the_order_of_motions_within_runs_and_who_asks_for_progress_change_nothing():
+    motions = healthy_runs(3, motions=1)
+    seen: list[float] = []
+    first = calibrate(motions)
+    # each second one swapped with its neighbour: the runs stay in their order
+    swapped = [motions[n ^ 1] for n in range(len(motions))]
+    second = calibrate(swapped, progress=seen.append)
+    assert first.learnt == second.learnt
+    for name, value in vars(first.calibration.thresholds).items():
+        assert vars(second.calibration.thresholds)[name] == pytest.approx(value, rel=1e-3)
+    for one, other in zip(first.parameters, second.parameters, strict=True):
+        assert other.value == pytest.approx(one.value, rel=1e-4), one.place
+    assert seen == sorted(seen)
+    assert seen[-1] == 1.0
+
+
+# What cannot be learnt from
+
+
+def test_fewer_than_three_runs_are_refused():
+    text = refusal(healthy_runs(2, motions=1))
+    assert "at least three healthy runs" in text
+    assert "received 2 (1, 2)" in text
+
+
+@pytest.mark.parametrize("count", [0, 2, 5])
+def test_a_number_of_held_back_runs_that_leaves_too_few_is_refused(count):
+    text = refusal(healthy_runs(3, motions=1), InputError, held_back=count)
+    assert f"Of 3 runs between 1 and 1 can be held back, received {count}" in text
+
+
+@pytest.mark.parametrize("rate", [0.0, 0.5, -0.1, float("nan")])
+def test_a_false_alarm_rate_that_makes_no_sense_is_refused(rate):
+    text = refusal(healthy_runs(3, motions=1), InputError, false_alarm_rate=rate)
+    assert "between 0 and 0.5" in text
+
+
+@pytest.mark.parametrize("fault", [{"friction": 1.5}, {"roughness": 0.4}], ids=str)
+def test_a_faulty_run_among_the_healthy_is_named(fault):
+    motions = [*healthy_runs(4), *run(66, **fault), *healthy_runs(1, 5)]
+    text = refusal(motions)
+    assert text.startswith("Run 66 is unlike the other 5 healthy runs")
+    assert "leave it out (--where)" in text
+
+
+def test_a_motion_of_another_command_is_refused():
+    motions = healthy_runs(3, motions=1)
+    motions[4] = replace(motions[4], set_point=0.5 * SET_POINT)
+    text = refusal(motions)
+    assert "run 3, motion 1 follows another command" in text
+
+
+def test_a_recording_whose_rate_is_no_multiple_of_the_step_is_refused():
+    motions = [replace(one, time=0.825 * one.time) for one in healthy_runs(3, motions=1)]
+    assert "no whole number of steps" in refusal(motions)

@@ -1,0 +1,261 @@
+"""Verdicts on motions of the made-up rig, from the recordings to the name of the fault."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ematwin.errors import RecordError
+from ematwin.monitoring.calibrate import _signature as learn_signature
+from ematwin.monitoring.calibrate import sources_of
+from ematwin.monitoring.detect import detect, gathered_notes
+from ematwin.monitoring.naming import UNNAMED
+from ematwin.signals.motion import Motion
+from made_up_rig import NOISE, healthy_runs, motion, rig, run
+
+FAULTS = {
+    "lubrication": {"friction": 1.3},
+    "backlash": {"backlash": 8e-4},
+    "surface damage": {"roughness": 0.1},
+}
+
+
+@pytest.fixture(scope="module")
+def calibration(report):
+    return report.calibration
+
+
+def value(verdict, name: str) -> float:
+    return next(m.value for m in verdict.magnitudes if m.name == name)
+
+
+# Health
+
+
+def test_healthy_runs_of_other_days_seldom_raise_an_alarm(calibration):
+    """One in ten is asked for; of 60 runs and 60 motions a quarter would be a bad threshold."""
+    found = detect(healthy_runs(30, first=101, motions=1), calibration)
+    assert len(found.runs) == len(found.motions) == 60
+    assert np.mean([verdict.alarm for verdict in found.runs]) < 0.25
+    assert np.mean([verdict.alarm for verdict in found.motions]) < 0.25
+
+
+def test_intervals_hold_the_healthy_value_and_bands_hold_healthy_runs(calibration):
+    found = detect(healthy_runs(15, first=201), calibration)
+    held, inside = [], []
+    for verdict in found.runs:
+        for m in verdict.magnitudes:
+            assert m.low <= m.value <= m.high
+            assert m.healthy[0] < m.healthy[1]
+            inside.append(m.healthy[0] <= m.value <= m.healthy[1])
+            if m.name in {"friction", "gain"}:
+                held.append(m.low <= 1.0 <= m.high)
+    assert np.mean(held) > 0.75
+    assert np.mean(inside) > 0.75
+
+
+def test_the_load_of_a_motion_is_estimated(calibration):
+    found = detect([motion(load=load) for load in (-150.0, 0.0, 250.0)], calibration)
+    loads = [verdict.load for verdict in found.motions]
+    np.testing.assert_allclose(np.diff(loads), [150.0, 250.0], atol=50.0)
+
+
+# Faults
+
+
+@pytest.mark.parametrize(("name", "fault"), FAULTS.items(), ids=FAULTS)
+def test_a_fault_raises_an_alarm_and_is_named_by_physics(calibration, name, fault):
+    found = detect([one for n in (60, 61, 62) for one in run(n, **fault)], calibration)
+    assert [(verdict.fault, verdict.named_by) for verdict in found.runs] == [(name, "physics")] * 6
+    assert all(verdict.alarm for verdict in found.motions)
+    for verdict in found.runs:
+        scores = {m.name: m.score for m in verdict.magnitudes}
+        raised = {"lubrication": "friction", "surface damage": "roughness"}.get(name, name)
+        assert max(scores, key=lambda key: scores[key]) == raised
+
+
+def test_magnitudes_of_a_fault_are_those_that_were_put_in(calibration):
+    verdicts = detect(
+        [*run(60, friction=1.3), *run(61, backlash=8e-4), *run(62, gain=0.85)], calibration
+    ).runs
+    assert value(verdicts[0], "friction") == pytest.approx(1.3, rel=0.06)
+    assert value(verdicts[2], "backlash") == pytest.approx(0.8, abs=0.08)
+    assert value(verdicts[4], "gain") == pytest.approx(0.85, rel=0.03)
+
+
+def test_a_larger_fault_has_a_larger_index(calibration):
+    for name, steps in {
+        "friction": (1.0, 1.1, 1.3), "backlash": (5e-5, 3e-4, 1e-3), "roughness": (0.0, 0.05, 0.2),
+    }.items():  # fmt: skip
+        index = [detect([motion(1, **{name: x})], calibration).motions[0].index for x in steps]
+        assert index == sorted(index), name
+
+
+def test_a_change_that_wear_does_not_make_is_unnamed(calibration):
+    for verdict in detect(run(60, gain=0.8), calibration).runs:
+        assert verdict.alarm
+        assert verdict.fault == UNNAMED
+        assert verdict.named_by == ""
+
+
+def test_signatures_name_by_statistics(calibration):
+    """A fault that physics has no name for, and one that it would name otherwise."""
+    known = {
+        "loose encoder: gain 0.8": [*run(70, gain=0.8), *run(71, gain=0.8)],
+        "wrong grease: friction 1.3": [*run(72, friction=1.3), *run(73, friction=1.3)],
+    }
+    signatures = tuple(learn_signature(calibration, name, one) for name, one in known.items())
+    assert [s.fault for s in signatures] == ["loose encoder", "wrong grease"]
+    assert signatures[0].source == "8 motions: gain 0.8, runs 70, 71"
+    taught = replace(calibration, signatures=signatures)
+    motions = [*run(60, gain=0.8), *run(61, friction=1.3), *run(62, backlash=8e-4)]
+    names = [(v.fault, v.named_by) for v in detect(motions, taught).runs]
+    assert names == [
+        *[("loose encoder", "signature")] * 2, *[("wrong grease", "signature")] * 2,
+        *[("backlash", "physics")] * 2,
+    ]  # fmt: skip
+    # signatures name; they raise no alarm
+    for one, other in zip(
+        detect(motions, taught).runs, detect(motions, calibration).runs, strict=True
+    ):
+        assert (one.index, one.threshold) == (other.index, other.threshold)
+
+
+def test_evidence_names_the_features_that_stand_out(calibration):
+    (verdict,) = detect([motion(1, friction=1.3)], calibration).motions
+    names = list(verdict.evidence)
+    assert "friction" in names
+    sizes = np.abs(list(verdict.evidence.values()))
+    assert (np.diff(sizes) <= 0.0).all()
+
+
+# Independence
+
+
+def as_dicts(verdicts) -> dict[str, object]:
+    return {verdict.name: verdict.as_dict() for verdict in verdicts}
+
+
+def test_verdicts_depend_neither_on_order_nor_on_the_other_motions(calibration):
+    motions = [*run(60, friction=1.3), *healthy_runs(2, first=101), *run(61, backlash=8e-4)]
+    whole = detect(motions, calibration)
+    backwards = detect(motions[::-1], calibration)
+    few = detect(motions[:4], calibration)
+    for part in ("motions", "runs"):
+        expected = as_dicts(getattr(whole, part))
+        assert len(expected) == len(getattr(whole, part))
+        for other in (as_dicts(getattr(backwards, part)), as_dicts(getattr(few, part))):
+            for name, verdict in other.items():
+                assert _flat(verdict) == pytest.approx(_flat(expected[name]), rel=1e-9, abs=1e-9)
+                assert verdict["fault"] == expected[name]["fault"]
+
+
+def _flat(table) -> list[float]:
+    if isinstance(table, dict):
+        return [x for entry in table.values() for x in _flat(entry)]
+    if isinstance(table, list | tuple):
+        return [x for entry in table for x in _flat(entry)]
+    return [float(table)] if isinstance(table, int | float) else []
+
+
+def test_a_saved_calibration_judges_alike(calibration, report, tmp_path):
+    calibration.save(tmp_path / "rig.toml", sources_of(report))
+    motions = [*run(60, friction=1.3), *healthy_runs(1, first=101)]
+    first, second = detect(motions, calibration), detect(motions, tmp_path / "rig.toml")
+    for one, other in zip(first.runs, second.runs, strict=True):
+        assert (one.name, one.fault) == (other.name, other.fault)
+        assert _flat(other.as_dict()) == pytest.approx(_flat(one.as_dict()), rel=1e-4, abs=1e-4)
+
+
+def test_motions_of_one_run_are_judged_together_by_label(calibration):
+    found = detect(run(60), calibration)
+    assert [verdict.motions for verdict in found.runs] == [2, 2]
+    assert [v.name for v in found.runs] == [
+        "condition normal, weight light, run 60", "condition normal, weight heavy, run 60",
+    ]  # fmt: skip
+    assert "motion" not in found.runs[0].labels
+    assert len({v.name for v in found.motions}) == 4
+
+
+def test_motions_without_labels_are_named_by_their_files(calibration):
+    motions = [replace(motion(n), source=f"day{n}.csv") for n in (1, 2)]
+    assert [v.name for v in detect(motions, calibration).runs] == ["day1.csv", "day2.csv"]
+
+
+# Notes
+
+
+def rewired(share: float, **fault: float) -> list[Motion]:
+    """Motions whose current holds a share (A/m) of all the noise of the position sensor."""
+    motions = []
+    for seed in range(3):
+        one = motion(seed, load=100.0, **fault)
+        silent = motion(seed, load=100.0, noise=(NOISE[0], 0.0), **fault)
+        noise = one.position_error - silent.position_error
+        motions.append(replace(one, current=one.current + share * noise, source=f"{fault}"))
+    return motions
+
+
+def test_rewired_sensors_are_noted_and_no_verdict_rests_on_them(calibration):
+    faults = [{}, *FAULTS.values()]
+    plain = detect([m for fault in faults for m in rewired(0.0, **fault)], calibration).runs
+    for share in (-300.0, 300.0):
+        motions = [m for fault in faults for m in rewired(share, **fault)]
+        found = detect(motions, calibration).runs
+        for before, after in zip(plain, found, strict=True):
+            assert (after.alarm, after.fault) == (before.alarm, before.fault)
+            # of slow noise a share stays: it cannot be told from what the actuator does
+            assert after.index == pytest.approx(before.index, abs=0.25)
+            assert after.coupling - before.coupling == pytest.approx(share, rel=0.2)
+            # a rough screw swings fast enough to be taken for a coupling of its own
+            if after.fault != "surface damage":
+                assert any("No verdict rests on it" in note for note in after.notes)
+    assert plain[0].notes == ()
+
+
+def test_a_load_that_no_healthy_motion_had_is_noted(calibration):
+    inside, outside = detect([motion(load=200.0), motion(load=900.0)], calibration).motions
+    assert inside.notes == ()
+    assert any("extrapolated" in note for note in outside.notes)
+
+
+def test_another_rig_is_suspected(calibration):
+    other = motion(friction=3.0, gain=0.5, backlash=4e-3, roughness=0.5, noise=(0.5, 2e-3))
+    (verdict,) = detect([other], calibration).motions
+    assert verdict.alarm
+    assert any("another rig or a wrong unit" in note for note in verdict.notes)
+
+
+def test_alike_notes_are_said_once(calibration):
+    found = detect([motion(n, load=900.0) for n in range(3)], calibration)
+    (note,) = gathered_notes(found.motions)
+    assert note.endswith("3 of 3 are like this.")
+
+
+# What cannot be judged
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda m: replace(m, time=2.0 * m.time), "is sampled each 0.08 s where 0.04 s"),
+        (lambda m: replace(m, set_point=0.5 * m.set_point), "follows another command"),
+        (lambda m: replace(m, position_error=-m.position_error), "has the wrong sign"),
+        (lambda m: replace(m, position_error=1e3 * m.position_error), "unit is probably wrong"),
+        (lambda m: replace(m, current=-m.current), "change its sign"),
+    ],
+)
+def test_one_motion_that_does_not_fit_is_refused_by_its_name(calibration, change, said):
+    motions = run(60)
+    motions[2] = change(motions[2])
+    with pytest.raises(RecordError, match=said) as caught:
+        detect(motions, calibration)
+    assert "weight heavy, run 60, motion 1" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_the_twin_of_the_rig_itself_is_healthy(calibration):
+    """Without day-to-day differences and at a load that was learnt."""
+    (verdict,) = detect([motion(load=100.0, backlash=rig().screw.backlash)], calibration).motions
+    assert not verdict.alarm
+    assert value(verdict, "friction") == pytest.approx(1.0, abs=0.03)

@@ -1,0 +1,185 @@
+"""The healthy population, the health index, its threshold, and names of faults."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ematwin.monitoring.calibration import Signature
+from ematwin.monitoring.index import WEIGHTS, health_index, prediction_bound
+from ematwin.monitoring.naming import BY_MAGNITUDE, UNNAMED, named_by_physics, named_by_signature
+from ematwin.monitoring.population import Population, fit_parabola, load_basis
+
+# Population
+
+
+def healthy(random, runs: int, motions: int, within: float, between: float):
+    """Features (N, 2), loads and runs: a parabola in the load, and scatter of two kinds."""
+    groups = np.repeat(np.arange(runs), motions)
+    load = random.normal(50.0, 200.0, groups.size)
+    mean = np.column_stack([1.0 + 1e-3 * load, 5.0 - 2e-6 * load**2])
+    day = between * random.normal(size=(runs, 2))
+    return mean + day[groups] + within * random.normal(size=mean.shape), load, groups
+
+
+def test_a_parabola_over_the_load_is_found():
+    """But for the twentieth by which the ridge holds slope and curvature down."""
+    random = np.random.default_rng(0)
+    load = np.linspace(-300.0, 300.0, 400)
+    values = np.column_stack([2.0 + 0.5 * load / 200.0, 1.0 - 0.2 * ((load / 200.0) ** 2 - 1.0)])
+    found = fit_parabola(load, 200.0, values + 0.01 * random.normal(size=values.shape))
+    np.testing.assert_allclose(found, [[2.0, 1.0], [0.5, 0.0], [0.0, -0.2]], atol=0.05)
+
+
+def test_one_load_leaves_slope_and_curvature_alone():
+    """Slope and curvature would be anything; the mean at that load is what was measured."""
+    found = fit_parabola(np.full(20, 150.0), 150.0, np.full((20, 1), 3.0))
+    assert load_basis(np.array([150.0]), 150.0) @ found == pytest.approx(3.0, rel=0.02)
+    assert abs(found[2, 0]) < 1e-9
+
+
+def test_spread_has_a_part_within_runs_and_one_between_them():
+    random = np.random.default_rng(1)
+    features, load, groups = healthy(random, 200, 5, within=0.1, between=0.3)
+    population = Population.of(features, load, groups, 200.0)
+    np.testing.assert_allclose(population.within, 0.1, rtol=0.1)
+    np.testing.assert_allclose(population.between, np.hypot(0.3, 0.1 / np.sqrt(5)), rtol=0.15)
+    np.testing.assert_allclose(population.spread, np.hypot(population.within, population.between))
+
+
+def test_scores_of_another_healthy_run_are_standard_at_any_load():
+    random = np.random.default_rng(2)
+    population = Population.of(*healthy(random, 500, 4, 0.1, 0.3), 200.0)
+    features, load, _ = healthy(random, 2000, 1, 0.1, 0.3)
+    scores = population.scores(features, load)
+    np.testing.assert_allclose(scores.mean(0), 0.0, atol=0.15)
+    np.testing.assert_allclose(scores.std(0), 1.0, rtol=0.1)
+    assert np.abs(np.corrcoef(load, scores.T)[0, 1:]).max() < 0.1
+
+
+def test_runs_of_one_motion_and_equal_features_give_finite_scores():
+    features = np.ones((4, 2))
+    population = Population.of(features, np.array([1.0, 2.0, 3.0, 4.0]), np.arange(4), 2.0)
+    assert np.isfinite(population.scores(features, np.ones(4))).all()
+
+
+def test_the_order_of_motions_does_not_matter():
+    random = np.random.default_rng(3)
+    features, load, groups = healthy(random, 6, 4, 0.1, 0.3)
+    order = random.permutation(len(load))
+    first = Population.of(features, load, groups, 200.0)
+    second = Population.of(features[order], load[order], 10 - groups[order], 200.0)
+    for name in ("coefficients", "within", "between"):
+        np.testing.assert_allclose(getattr(first, name), getattr(second, name), atol=1e-12)
+
+
+# Index
+
+KINDS = ("model",) * 3 + ("mean",) * 20 + ("band",) * 30
+
+
+def test_the_index_of_the_mean_is_zero_and_one_deviation_all_over_is_one():
+    scores = np.vstack([np.zeros(53), np.ones(53), -2.0 * np.ones(53)])
+    np.testing.assert_allclose(health_index(scores, KINDS), [0.0, 1.0, 2.0])
+
+
+def test_a_magnitude_of_the_twin_counts_as_many_statistics():
+    scores = np.zeros((2, 53))
+    scores[0, 0] = scores[1, -1] = 3.0
+    magnitude, statistic = health_index(scores, KINDS)
+    assert magnitude > 1.5 * statistic
+
+
+@given(st.integers(0, 52), st.floats(-1e9, 1e9))
+def test_one_glitch_counts_no_more_than_its_limit(place, glitch):
+    scores = np.zeros((1, 53))
+    scores[0, place] = glitch
+    _, limit = WEIGHTS[KINDS[place]]
+    largest = scores.copy()
+    largest[0, place] = limit
+    assert health_index(scores, KINDS)[0] <= health_index(largest, KINDS)[0]
+
+
+def test_a_layout_without_a_kind_has_an_index_too():
+    kinds = ("model",) * 3 + ("mean",) * 8  # a sine: no steady phase, no bands
+    assert health_index(np.ones((1, 11)), kinds)[0] == pytest.approx(1.0)
+
+
+# Threshold
+
+
+@pytest.mark.parametrize(("runs", "motions"), [(3, 4), (6, 3), (12, 2), (40, 1)])
+@pytest.mark.parametrize("between", [0.0, 0.2, 0.6])
+def test_a_motion_of_a_new_run_exceeds_the_bound_at_about_the_rate(runs, motions, between):
+    """On logarithms that are normal; with few runs rather less often than more."""
+    random = np.random.default_rng(runs)
+    groups = np.repeat(np.arange(runs), motions)
+    exceeded = []
+    for _ in range(1500):
+        day = between * random.normal(size=runs + 1)
+        log_index = day[groups] + 0.2 * random.normal(size=groups.size)
+        bound = prediction_bound(np.exp(log_index), groups, 0.1)
+        exceeded.append(np.exp(day[-1] + 0.2 * random.normal()) > bound)
+    assert 0.02 < np.mean(exceeded) < 0.14
+
+
+def test_a_lower_rate_asks_for_a_higher_bound():
+    random = np.random.default_rng(0)
+    index, groups = np.exp(0.2 * random.normal(size=24)), np.repeat(np.arange(6), 4)
+    bounds = [prediction_bound(index, groups, rate) for rate in (0.3, 0.1, 0.03, 0.01)]
+    assert bounds == sorted(bounds)
+    assert bounds[0] > np.exp(np.log(index).mean())
+
+
+def test_the_bound_scales_with_the_index_and_forgets_the_order():
+    random = np.random.default_rng(1)
+    index, groups = np.exp(random.normal(size=20)), np.repeat(np.arange(5), 4)
+    order = random.permutation(20)
+    bound = prediction_bound(index, groups, 0.1)
+    assert prediction_bound(3.0 * index, groups, 0.1) == pytest.approx(3.0 * bound)
+    assert prediction_bound(index[order], groups[order], 0.1) == pytest.approx(bound)
+
+
+# Names
+
+
+@pytest.mark.parametrize(("magnitude", "fault"), BY_MAGNITUDE.items())
+def test_physics_names_the_magnitude_that_rose_furthest(magnitude, fault):
+    scores = {"friction": 3.5, "backlash": 3.5, "gain": 0.0, "roughness": 3.5, magnitude: 9.0}
+    assert named_by_physics(scores).fault == fault
+    assert named_by_physics(scores).by == "physics"
+
+
+def test_what_wear_does_not_do_stays_unnamed():
+    """Less friction, less play, another gain, or nothing clear."""
+    for scores in (
+        {"friction": -20.0, "backlash": -20.0, "gain": 0.0, "roughness": -20.0},
+        {"friction": 0.0, "backlash": 0.0, "gain": 30.0, "roughness": 0.0},
+        {"friction": 2.9, "backlash": 2.9, "gain": 0.0, "roughness": 2.9},
+    ):
+        assert named_by_physics(scores).fault == UNNAMED
+        assert named_by_physics(scores).by == ""
+
+
+def signatures() -> tuple[Signature, ...]:
+    """Two faults: one grows with the load, the other does not."""
+    first, second = np.zeros((3, 10)), np.zeros((3, 10))
+    first[0, :5] = first[1, :5] = 4.0
+    second[0, 5:] = 4.0
+    return (Signature("dry", first, "made up"), Signature("worn", second, "made up"))
+
+
+def test_a_signature_names_what_lies_near_it_at_its_load():
+    random = np.random.default_rng(0)
+    load = np.array([100.0, 300.0])
+    for signature in signatures():
+        scores = load_basis(load, 200.0) @ signature.coefficients + random.normal(size=(2, 10))
+        named = named_by_signature(scores, load, 200.0, signatures())
+        assert (named.fault, named.by) == (signature.fault, "signature")
+
+
+def test_what_no_signature_explains_stays_unnamed():
+    scores = np.zeros((1, 10))
+    assert named_by_signature(scores, np.zeros(1), 200.0, signatures()).fault == UNNAMED
+    scores[0, 5:] = -4.0  # the other way
+    assert named_by_signature(scores, np.zeros(1), 200.0, signatures()).fault == UNNAMED
