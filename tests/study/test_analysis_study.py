@@ -33,6 +33,24 @@ def test_claims_are_decided_from_the_numbers(six):
     assert verdicts["GWO errs by more than 4 % on High Z"] == "does not hold"
 
 
+def test_an_order_of_means_is_decided_only_where_their_intervals_tell():
+    err = {"ga": 0.10, "pso": 0.10, "de": 0.11, "gwo": 0.20, "da": 0.30, "woa": 0.101}
+    rng = np.random.default_rng(2)
+    runs = []
+    for case in PAPER_CASES:
+        for algorithm, size in err.items():
+            for run in range(8):
+                of = spec(case, algorithm, run)
+                found = np.array(of.faults)
+                found[4] += size * rng.uniform(0.8, 1.2)  # short_c, healthy in every case
+                runs.append(done(of, found))
+    verdicts = {claim.text: claim.verdict for claim in analyse(runs).claims}
+    assert verdicts["WOA is the best on High Gain"] == "cannot be told"
+    assert verdicts["PSO has the lowest mean Err% for low faults"] == "cannot be told"
+    assert verdicts["DA is poor on High Z (among the two worst)"] == "holds"
+    assert verdicts["WOA is poor on High Z (among the two worst)"] == "does not hold"
+
+
 def test_nothing_is_claimed_with_too_few_runs():
     found = analyse(study(2))
     assert {claim.verdict for claim in found.claims} == {"cannot be told"}

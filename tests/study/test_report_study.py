@@ -17,6 +17,7 @@ from ematwin.report import study_folder
 from ematwin.report.latex import escape, latex_table
 from ematwin.report.page import Row, Table
 from ematwin.report.study_folder import write_report
+from ematwin.report.study_tables import number
 from ematwin.study.rows import settings_of
 from ematwin.study.store import Store
 
@@ -65,15 +66,22 @@ def test_page_draws_every_figure_in_a_browser_without_errors_or_network(report, 
 
 def test_report_holds_page_tables_and_drawings(report):
     names = {path.name for path in report.iterdir()}
-    for number, kind in ((4, "errors_low"), (5, "errors_high"), (6, "seconds_low"),
-                         (7, "seconds_high")):  # fmt: skip
-        assert f"figure{number}_{kind}.svg" in names
+    for place, kind in ((4, "errors_low"), (5, "errors_high"), (6, "seconds_low"),
+                        (7, "seconds_high")):  # fmt: skip
+        assert f"figure{place}_{kind}.svg" in names
     assert {"index.html", "results.csv", "cells.csv", "claims.md", "critical_difference.svg",
             "convergence.svg", "distributions.svg", "evaluations_to_target.svg",
             "table_beside_paper.tex"} <= names  # fmt: skip
     for path in report.glob("*.svg"):
         assert ET.parse(path).getroot().tag.endswith("svg")
     assert (report / "index.html").stat().st_size < 6e6
+
+
+def test_numbers_keep_their_digits():
+    assert [number(value) for value in (4.0, 0.6, 100.0, 1234.5, 0.0, 99.95)] == [
+        "4.00", "0.600", "100", "1234", "0", "100",
+    ]  # fmt: skip
+    assert number(float("nan")) == "–"
 
 
 def test_results_hold_every_run_failed_ones_included(report, analysis):

@@ -1,7 +1,8 @@
 """The paper's claims (section 7.2 and 8), each held against a study.
 
 A claim about one number holds or fails only if its 95 % bootstrap interval lies wholly on one
-side; a claim about an order is read from the means, and says so. With fewer than `ENOUGH` runs
+side, a claim about an order of means only where they differ by more than their intervals allow.
+Coefficients and wins have no intervals and are read as they are. With fewer than `ENOUGH` runs
 nothing is decided.
 """
 
@@ -82,19 +83,17 @@ def _over_all(
     average = dict(zip(shared, pc.mean(axis=0).tolist(), strict=True))
     order = sorted(shared, key=lambda name: -average[name])
     listed = ", ".join(f"{name.upper()} {average[name]:.0f} %" for name in order)
-    seconds = dict(
-        zip(shared, matrix(chosen, "seconds")[:, places].mean(axis=0).tolist(), strict=True)
-    )
-    fastest = sorted(shared, key=lambda name: seconds[name])
-    low = [n for n, row in enumerate(chosen) if row[0].case in LOW_CASES]
-    errors = matrix(chosen, "err")[:, places]
-    low_error = dict(zip(shared, errors[low].mean(axis=0).tolist(), strict=True))
-    best_low = sorted(shared, key=lambda name: low_error[name])
-    wins = np.argmin(errors, axis=1)
+    columns = {name: [row[a] for row in chosen] for name, a in zip(shared, places, strict=True)}
+    seconds = {name: _over(column, "seconds") for name, column in columns.items()}
+    low_error = {
+        name: _over([cell for cell in column if cell.case in LOW_CASES], "err")
+        for name, column in columns.items()
+    }
+    wins = np.argmin(matrix(chosen, "err")[:, places], axis=1)
     da_wins = int((wins == shared.index("da")).sum())
 
-    def judged(truth: bool) -> str:
-        return OPEN if not enough else HOLDS if truth else FAILS
+    def judged(truth: bool | None) -> str:
+        return _verdict(truth, enough)
 
     return [
         Claim(
@@ -112,14 +111,16 @@ def _over_all(
         Claim(
             "PSO has the lowest mean Err% for low faults",
             "section 7.2, figure 4",
-            judged(best_low[0] == "pso"),
-            ", ".join(f"{name.upper()} {low_error[name]:.2f} %" for name in best_low),
+            judged(_lowest({"pso"}, low_error)),
+            "mean Err%: "
+            + ", ".join(f"{name.upper()} {mean}" for name, mean in _sorted(low_error)),
         ),
         Claim(
             "GWO and DE are the fastest",
             "section 7.2, figures 6 and 7",
-            judged({*fastest[:2]} == {"gwo", "de"}),
-            "mean time: " + ", ".join(f"{name.upper()} {seconds[name]:.3g} s" for name in fastest),
+            judged(_lowest({"gwo", "de"}, seconds)),
+            "mean time, s: "
+            + ", ".join(f"{name.upper()} {mean}" for name, mean in _sorted(seconds)),
         ),
         Claim(
             "DA gives the lowest error in almost 30 % of the cases",
@@ -131,6 +132,54 @@ def _over_all(
 
 
 _Cells = dict[str, dict[str, Cell]]
+
+
+@dataclass(frozen=True)
+class _Mean:
+    """A mean and half the width of its 95 % interval."""
+
+    value: float
+    reach: float
+
+    def above(self, other: "_Mean") -> bool:
+        """Higher by more than the intervals allow."""
+        return self.value - other.value > math.hypot(self.reach, other.reach)
+
+    def __str__(self) -> str:
+        if not math.isfinite(self.reach):
+            return f"{self.value:.3g}"
+        reach = np.format_float_positional(float(f"{self.reach:.1g}"), trim="-")
+        return f"{self.value:.3g} ± {reach}"
+
+
+def _mean(cell: Cell, metric: str) -> _Mean:
+    low, high = cell.metrics[metric].mean_interval
+    return _Mean(cell.metrics[metric].mean, (high - low) / 2.0 if math.isfinite(low) else math.inf)
+
+
+def _over(column: list[Cell], metric: str) -> _Mean:
+    """Mean over cases, which were searched independently of one another."""
+    means = [_mean(cell, metric) for cell in column]
+    return _Mean(
+        float(np.mean([mean.value for mean in means])),
+        math.hypot(*(mean.reach for mean in means)) / len(means),
+    )
+
+
+def _sorted(means: dict[str, _Mean]) -> list[tuple[str, _Mean]]:
+    return sorted(means.items(), key=lambda item: item[1].value)
+
+
+def _lowest(group: set[str], means: dict[str, _Mean]) -> bool | None:
+    """Whether a group lies below all others; None where the intervals do not tell."""
+    pairs = [(means[a], means[b]) for a in group for b in means if b not in group]
+    if all(other.above(one) for one, other in pairs):
+        return True
+    return False if any(one.above(other) for one, other in pairs) else None
+
+
+def _verdict(truth: bool | None, enough: bool) -> str:
+    return OPEN if truth is None or not enough else HOLDS if truth else FAILS
 
 
 def _known(by_case: _Cells, name: str, case: str) -> Cell | None:
@@ -178,43 +227,44 @@ def _worst(by_case: _Cells, name: str, case: str) -> Claim:
     }
     if case not in known or len(known) < 2:
         return Claim(text, source, OPEN, f"too few results of {name.upper()}")
-    ordered = sorted(known, key=lambda other: -known[other].metrics["err"].mean)
     enough = min(cell.done for cell in known.values()) >= ENOUGH
-    shown = ", ".join(f"{other} {known[other].metrics['err'].mean:.3g} %" for other in ordered[:3])
-    verdict = OPEN if not enough else HOLDS if ordered[0] == case else FAILS
-    return Claim(text, source, verdict, f"largest mean Err%: {shown}")
+    means = {other: _mean(cell, "err") for other, cell in known.items()}
+    shown = ", ".join(f"{other} {mean}" for other, mean in _sorted(means)[:-4:-1])
+    others = [mean for other, mean in means.items() if other != case]
+    truth = None
+    if all(means[case].above(mean) for mean in others):
+        truth = True
+    elif any(mean.above(means[case]) for mean in others):
+        truth = False
+    return Claim(text, source, _verdict(truth, enough), f"largest mean Err%: {shown}")
 
 
-def _order(by_case: _Cells, case: str) -> tuple[list[str], str, bool]:
-    """The paper's algorithms by mean Err% on a case, as text, and whether runs are enough."""
+def _on(by_case: _Cells, case: str) -> tuple[dict[str, _Mean], str, bool]:
+    """Mean Err% of the paper's algorithms on a case, as text, and whether runs are enough."""
     known = {
         name: cell for name in PAPER_ALGORITHMS if (cell := _known(by_case, name, case)) is not None
     }
-    order = sorted(known, key=lambda name: known[name].metrics["err"].mean)
-    shown = ", ".join(f"{name.upper()} {known[name].metrics['err'].mean:.3g} %" for name in order)
+    means = {name: _mean(cell, "err") for name, cell in known.items()}
+    shown = ", ".join(f"{name.upper()} {mean}" for name, mean in _sorted(means))
     enough = len(known) == len(PAPER_ALGORITHMS) and all(
         cell.done >= ENOUGH for cell in known.values()
     )
-    return order, shown or "no results", enough
+    return means, f"mean Err%: {shown}" if shown else "no results", enough
 
 
 def _poor(by_case: _Cells, name: str, case: str) -> Claim:
-    order, shown, enough = _order(by_case, case)
-    verdict = OPEN if not enough else HOLDS if name in order[-2:] else FAILS
-    return Claim(
-        f"{name.upper()} is poor on {case} (among the two worst)",
-        "section 7.2, figures 4 and 5",
-        verdict,
-        f"mean Err%: {shown}",
-    )
+    means, shown, enough = _on(by_case, case)
+    truth = None
+    if enough:
+        better = sum(means[name].above(mean) for mean in means.values())
+        worse = sum(mean.above(means[name]) for mean in means.values())
+        truth = True if better >= len(means) - 2 else False if worse >= 2 else None
+    text = f"{name.upper()} is poor on {case} (among the two worst)"
+    return Claim(text, "section 7.2, figures 4 and 5", _verdict(truth, enough), shown)
 
 
 def _best(by_case: _Cells, name: str, case: str) -> Claim:
-    order, shown, enough = _order(by_case, case)
-    verdict = OPEN if not enough else HOLDS if order[0] == name else FAILS
-    return Claim(
-        f"{name.upper()} is the best on {case}",
-        "section 7.2, figure 5",
-        verdict,
-        f"mean Err%: {shown}",
-    )
+    means, shown, enough = _on(by_case, case)
+    truth = _lowest({name}, means) if enough else None
+    text = f"{name.upper()} is the best on {case}"
+    return Claim(text, "section 7.2, figure 5", _verdict(truth, enough), shown)

@@ -13,9 +13,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from ematwin.analysis.paper import PAPER_ALGORITHMS
+from ematwin.analysis.paper import PAPER_ALGORITHMS, TABLE_2
 from ematwin.errors import InputError
-from ematwin.faults import PAPER_CASES
 from ematwin.study.history import PackedHistory
 from ematwin.study.run import StoredRun
 
@@ -151,7 +150,7 @@ def _ordered(
     provenance: dict[str, Counter[str]],
 ) -> RunTable:
     """The table in an order that does not depend on which run ended first."""
-    cases = _in_order({case for case, _ in names}, list(PAPER_CASES))
+    cases = _in_order({case for case, _ in names}, list(TABLE_2))
     algorithms = _in_order({algorithm for _, algorithm in names}, list(PAPER_ALGORITHMS))
     case_place = {name: n for n, name in enumerate(cases)}
     algorithm_place = {name: n for n, name in enumerate(algorithms)}

@@ -16,9 +16,7 @@ def escape(text: str) -> str:
 
 def latex_table(table: Table, caption: str, label: str) -> str:
     """A floating table; marked rows are bold. Needs the package booktabs."""
-    columns = "l" + "r" * (len(table.header) - 1)
-    if table.last_is_text:
-        columns = columns[:-1] + "l"
+    columns = "".join("l" if n == 0 or table.is_text(n) else "r" for n in range(len(table.header)))
     body = [_line(table.header, bold=False)]
     body.append(r"\midrule")
     body += [_line(row.cells, bold=row.marked) for row in table.rows]

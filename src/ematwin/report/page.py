@@ -17,11 +17,16 @@ class Row:
 
 @dataclass(frozen=True)
 class Table:
-    """A table; ``last_is_text`` aligns the last column to the left."""
+    """A table; columns of text (``texts``, ``last_is_text``) stand left and may be wrapped."""
 
     header: list[str]
     rows: list[Row]
     last_is_text: bool = False
+    texts: tuple[int, ...] = ()
+
+    def is_text(self, column: int) -> bool:
+        """Whether a column, counted from 0, holds text."""
+        return column in self.texts or (self.last_is_text and column == len(self.header) - 1)
 
 
 @dataclass(frozen=True)

@@ -72,8 +72,9 @@ def _claims(analysis: StudyAnalysis) -> list[Section]:
         Section(
             "The paper's claims, point by point",
             text="ESREL 2020, sections 7.2 and 8. A claim about one number is decided only where "
-            f"its 95 % bootstrap interval lies on one side of it, otherwise it “{OPEN}”; a claim "
-            "about an order is read from the means, which says nothing of its significance.",
+            f"its 95 % bootstrap interval (±, half its width) lies on one side of it, one about an "
+            "order of means only where they differ by more than their intervals allow; otherwise "
+            f"it “{OPEN}”. Coefficients and wins have no intervals and are read as they are.",
             table=tables.claims(analysis),
         )
     ]
@@ -83,7 +84,7 @@ def _figures(analysis: StudyAnalysis) -> list[Section]:
     sections = []
     for metric, title, unit in (
         ("err", "mean Err%", "mean Err%"),
-        ("seconds", "mean time of a search", "s"),
+        ("seconds", "mean time of a search", "mean time, s"),
     ):
         for group in figures.groups(analysis):
             number = _FIGURE.get((group.name, metric))
@@ -178,8 +179,8 @@ def _ranks(analysis: StudyAnalysis, diagram: str) -> list[Section]:
             table=tables.ranks(analysis),
         ),
         Section(
-            text="Critical-difference diagram: average ranks, the best on the left; a bar joins "
-            "algorithms of which none is shown to differ from another."
+            text="Critical-difference diagram: average ranks, the best on the left; the dots on "
+            "a bar are algorithms of which none is shown to differ from another."
             if diagram
             else "",
             svg=diagram[diagram.find("<svg") :] if diagram else "",
@@ -206,8 +207,8 @@ def _convergence(analysis: StudyAnalysis) -> list[Section]:
             figure=figures.to_target(analysis),
         ),
         Section(
-            text="Expected evaluations: all that were spent over the number of runs that met the "
-            "target.",
+            text="Share of the runs that met a target, and evaluations to expect: all that were "
+            "spent over the number of runs that met it.",
             table=tables.to_target(analysis),
         ),
     ]

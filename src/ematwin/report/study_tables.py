@@ -17,17 +17,29 @@ _NONE = "–"
 
 
 def number(value: float, digits: int = 3) -> str:
-    """A number to so many digits, a dash where there is none."""
+    """A number to so many digits, zeros at the end among them; a dash where there is none."""
     if not math.isfinite(value):
         return _NONE
-    return f"{value:.0f}" if abs(value) >= 10.0**digits else f"{value:.{digits}g}"
+    if value == 0.0 or abs(value) >= 10.0**digits:
+        return f"{value:.0f}"
+    return f"{value:#.{digits}g}".removesuffix(".")
+
+
+def _whole(value: float) -> str:
+    """A count, or a mean of counts."""
+    return f"{value:.0f}" if math.isfinite(value) else _NONE
 
 
 def _between(interval: tuple[float, float]) -> str:
     low, high = interval
     if not math.isfinite(low):
         return _NONE
-    return number(low, 6) if low == high else f"{number(low)} to {number(high)}"
+    return number(low) if low == high else f"{number(low)} to {number(high)}"
+
+
+def _between_whole(interval: tuple[float, float]) -> str:
+    low, high = map(_whole, interval)
+    return low if low == high else f"{low} to {high}"
 
 
 def errors(analysis: StudyAnalysis) -> Table:
@@ -56,9 +68,9 @@ def errors(analysis: StudyAnalysis) -> Table:
             )
     header = [
         "case", "algorithm", "done", "mean", "95 % interval", "median", "95 % interval",
-        "quartiles", "wrapped: mean", "median",
+        "quartiles", "wrapped: mean", "wrapped: median",
     ]  # fmt: skip
-    return Table(header, rows[:MOST_ROWS])
+    return Table(header, rows[:MOST_ROWS], texts=(1,))
 
 
 def effort(analysis: StudyAnalysis) -> Table:
@@ -68,17 +80,17 @@ def effort(analysis: StudyAnalysis) -> Table:
         spent, wall, cpu = (cell.metrics[m] for m in ("evaluations", "seconds", "cpu_seconds"))
         rows.append(
             Row([
-                cell.case, shown(cell.algorithm), number(spent.mean, 6),
-                _between(spent.mean_interval), number(wall.mean), _between(wall.mean_interval),
-                number(wall.median), number(wall.iqr), number(cpu.mean),
-                _between(cpu.mean_interval),
+                cell.case, shown(cell.algorithm), _whole(spent.mean),
+                _between_whole(spent.mean_interval), number(wall.mean),
+                _between(wall.mean_interval), number(wall.median), number(wall.iqr),
+                number(cpu.mean), _between(cpu.mean_interval),
             ])
         )  # fmt: skip
     header = [
         "case", "algorithm", "evaluations", "95 % interval", "wall s, mean", "95 % interval",
-        "median", "IQR", "CPU s, mean", "95 % interval",
+        "wall s, median", "IQR", "CPU s, mean", "95 % interval",
     ]  # fmt: skip
-    return Table(header, rows[:MOST_ROWS])
+    return Table(header, rows[:MOST_ROWS], texts=(1,))
 
 
 def success(analysis: StudyAnalysis) -> Table:
@@ -192,12 +204,12 @@ def to_target(analysis: StudyAnalysis) -> Table:
     """Share of runs that closed the gap, and the expected evaluations to it."""
     header = ["algorithm"]
     for gap in STATED_GAPS:
-        header += [f"gap {gap:g}: met", "expected evaluations"]
+        header += [f"gap {gap:g}: met", "evaluations"]
     rows = []
     for curve in analysis.to_target:
         cells = [shown(curve.algorithm)]
         for gap in STATED_GAPS:
-            cells += [f"{100.0 * curve.reached[gap]:.0f} %", number(curve.expected[gap], 6)]
+            cells += [f"{100.0 * curve.reached[gap]:.0f} %", _whole(curve.expected[gap])]
         rows.append(Row(cells))
     return Table(header, rows)
 
@@ -242,6 +254,7 @@ def failures(analysis: StudyAnalysis) -> Table:
             for one in analysis.failures[:MOST_ROWS]
         ],
         last_is_text=True,
+        texts=(1, 3),
     )
 
 
@@ -254,4 +267,5 @@ def claims(analysis: StudyAnalysis) -> Table:
             for claim in analysis.claims
         ],
         last_is_text=True,
+        texts=(0, 1, 2),
     )
