@@ -27,6 +27,10 @@ _ENVIRONMENT = {
     )
 }  # fmt: skip
 
+# loky replaces a process that grew by 300 MB since its first call, and warns of a memory leak. The
+# compiler takes more than that, once: the process would lose its records and kernels for nothing.
+_LEAK = 2_000_000_000
+
 
 @dataclass
 class _Flight:
@@ -174,8 +178,11 @@ class LocalEngine(Engine):
 
 
 def _prepare_worker(parent: int) -> None:
-    """Leave Ctrl-C to the main process, and end with it even if it is killed."""
+    """Leave Ctrl-C to the main process, end with it even if it is killed, and compile in peace."""
+    from joblib.externals.loky import process_executor
+
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    process_executor._MAX_MEMORY_LEAK_SIZE = _LEAK
 
     def watch() -> None:
         while os.getppid() == parent:
