@@ -103,7 +103,7 @@ def test_a_file_of_another_kind(refused: Refused, tmp_path: Path) -> None:
 def test_a_damaged_store(refused: Refused, begun: Path) -> None:
     whole = begun.read_bytes()
     begun.write_bytes(whole[:100] + b"\x17" * (len(whole) - 100))
-    assert "cannot be used" in refused("--store", begun)
+    assert "is damaged" in refused("--store", begun)
 
 
 def test_a_database_of_something_else(refused: Refused, tmp_path: Path) -> None:

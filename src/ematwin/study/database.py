@@ -128,8 +128,13 @@ class Database:
                 f"The disk of the store {self.name} is full ({cause}). Finished runs are kept; "
                 "make room and give the same command again."
             )
+        if "malformed" in cause or "not a database" in cause:
+            return FileError(
+                f"The store {self.name} is damaged ({cause}). Put a copy in its place, or give "
+                "another --store."
+            )
         return FileError(
-            f"The store {self.name} cannot be used: {cause.rstrip('.')}. Finished runs are kept; "
+            f"The store {self.name} cannot be used: {cause.rstrip('.?')}. Finished runs are kept; "
             "give the same command again once it can."
         )
 
