@@ -213,3 +213,14 @@ def test_command_refuses_in_one_sentence(store, tmp_path):
         assert answer.stderr.count("\n") == 1
         assert answer.stdout == ""
     assert not (tmp_path / "none.db").exists()
+
+
+def test_the_example_report_is_small_and_says_how_it_was_made():
+    folder = Path(__file__).parents[2] / "examples" / "paper-study"
+    page = (folder / "index.html").read_text(encoding="utf-8")
+    assert len(page) < 1.1e6
+    assert "<script" not in page
+    assert "600 runs: 6 algorithms on 10 cases" in page
+    commands = (folder / "README.md").read_text(encoding="utf-8")
+    assert "ematwin compare --cases paper --algorithms ga,pso,de,gwo,da,woa --runs 10" in commands
+    assert "ematwin report paper.db --out report --slim" in commands
