@@ -28,7 +28,7 @@ FAULTS = {
     "lackLubrication2": "lubrication",
     "backlash1": "backlash",
     "backlash2": "backlash",
-    **{f"spalling{stage}": "surface damage" for stage in range(1, 9)},
+    **{f"spalling{stage}": "spalling" for stage in range(1, 9)},
 }
 TAUGHT = [name for name in FAULTS if name not in {f"spalling{stage}" for stage in range(1, 6)}]
 LEARNING, THRESHOLD = ("1", "2", "3"), ("4", "5")
@@ -202,9 +202,7 @@ def pca(motions: Motions, judged: Motions) -> dict[str, list[bool]]:
 def loads(found: ematwin.monitoring.detect.Detection) -> None:
     """What the twin, which is told no load, says of it, beside what the rig held."""
     held = sorted({verdict.labels["load_kgf"] for verdict in found.motions}, key=float)
-    print(
-        "\nload held by the rig, and as estimated from healthy motions (mean, spread), N"
-    )
+    print("\nload held by the rig, and as estimated from healthy motions (mean, spread), N")
     for text in held:
         own = [
             v.load

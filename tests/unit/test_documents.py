@@ -45,7 +45,8 @@ def test_every_link_between_pages_leads_somewhere():
 
 
 def test_every_page_is_in_the_table_of_contents():
-    listed = re.findall(r"^([\w-]+)$", blocks(PROJECT / "docs" / "index.md", r"\{toctree\}")[0], re.M)
+    contents = blocks(PROJECT / "docs" / "index.md", r"\{toctree\}")[0]
+    listed = re.findall(r"^([\w-]+)$", contents, re.MULTILINE)
     pages = {path.stem for path in (PROJECT / "docs").glob("*.md")} - {"index"}
     assert pages == set(listed)
 

@@ -405,3 +405,13 @@ def test_a_motion_says_what_it_is():
     assert repr(motion) == f"Motion({motion.name}: 60 samples, each 0.04 s)"
     nameless = Motion(TIME, SET_POINT, motion.position_error, motion.current)
     assert nameless.name == "the motion"
+
+
+def test_a_motion_that_was_not_chosen_need_not_be_sound(tmp_path):
+    columns = table(run=["1"] * SAMPLES + ["2"] * SAMPLES)
+    columns["current"] = np.where(np.arange(2 * SAMPLES) == 100, np.nan, columns["current"])
+    path = saved(tmp_path / "bench.parquet", columns)
+    (motion,) = read_motions(path, where={"run": ["1"]})
+    assert motion.run == "1"
+    with pytest.raises(RecordError, match="NaN"):
+        read_motions(path)

@@ -53,15 +53,16 @@ def calibrate(
 
     check_target(out, (".toml",))
     template = BallScrew.load(actuator)
-    everything = load_motions(records, column, None)
-    healthy = fitting(everything, choice(where or [], "--where"))
-    faults = {}
-    for text in known or []:
-        fault, labels = known_fault(text)
-        faults[f"{fault}: {text.partition(':')[2]}"] = fitting(everything, labels)
+    wanted = choice(where or [], "--where")
+    taught = [(text, *known_fault(text)) for text in known or []]
+    motions = load_motions(records, column, wanted, *(labels for _, _, labels in taught))
+    faults = {
+        f"{fault}: {text.partition(':')[2]}": fitting(motions, labels)
+        for text, fault, labels in taught
+    }
     with progress_bar("Calibrating", not json) as progress:
         report = run(
-            healthy,
+            fitting(motions, wanted),
             template,
             held_back=hold_back,
             false_alarm_rate=false_alarms,
@@ -117,5 +118,7 @@ def print_calibration(report: "CalibrationReport") -> None:
         f"{100.0 * report.false_alarms:.0f} % of their motions above the threshold "
         f"({limits.motion:.2f} for a motion, {limits.run:.2f} for a run)"
     )
+    for note in report.notes:
+        typer.echo(f"Warning: {note}")
     for signature in report.calibration.signatures:
         typer.echo(f"known fault: {signature.fault}, from {signature.source}")

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ematwin.cli.motions import load_motions
+from ematwin.cli.motions import choice, load_motions
 from ematwin.cli.options import print_json
 from ematwin.errors import InputError
 
@@ -49,7 +49,7 @@ def detect(
     if table is not None:
         check_target(table, (".csv", ".parquet"))
     calibration = Calibration.load(actuator)
-    found = run(load_motions(records, column, where), calibration)
+    found = run(load_motions(records, column, choice(where or [], "--where")), calibration)
     shown = found.runs if each == "run" else found.motions
     if table is not None:
         _write_table(table, shown)

@@ -70,7 +70,9 @@ def identify(
     if report is not None:
         check_target(report, (".html",))
     if kind_of(actuator) == "ball-screw":
-        if algorithm != "multistart" or only or hold or map_file or checkpoint:
+        given = (algorithm, budget, population, iterations, seed, gaps)
+        others = (only, hold, map_file, checkpoint, resample_to)
+        if given != ("multistart", None, 50, 200, 1, "refuse") or any(others):
             raise InputError(
                 f"{actuator} is a ball-screw actuator, whose magnitudes are fitted to each motion; "
                 "of the options only --column, --report and --json apply."

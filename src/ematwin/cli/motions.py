@@ -11,13 +11,13 @@ if TYPE_CHECKING:
 
 
 def load_motions(
-    files: list[Path], column: list[str] | None, where: list[str] | None
+    files: list[Path], column: list[str] | None, *choices: dict[str, list[str]]
 ) -> "list[Motion]":
-    """Motions of files, as ``--column role="channel"`` and ``--where label=value,value`` say."""
+    """Motions of files that fit one of the choices, with ``--column role="channel"``."""
     from ematwin.readers.motions import read_motions
 
     columns = {k: v.strip("\"'") for k, v in pairs(column or [], "--column").items()}
-    return read_motions(files, columns, choice(where or [], "--where"))
+    return read_motions(files, columns, choices or None)
 
 
 def choice(texts: list[str], what: str) -> dict[str, list[str]]:

@@ -10,7 +10,7 @@ from ematwin import __version__
 from ematwin.errors import InputError, RecordError
 from ematwin.monitoring.calibration import Calibration, Signature, Thresholds
 from ematwin.monitoring.features import Layout
-from ematwin.monitoring.index import health_index, prediction_bound
+from ematwin.monitoring.index import health_index, prediction_bound, single_reach
 from ematwin.monitoring.measure import REPORTED, Bench, Measured, reported_values
 from ematwin.monitoring.naming import REACH
 from ematwin.monitoring.nominal import MeanMotion, NominalParameter, fit_nominal
@@ -26,6 +26,9 @@ _MOST_MEANS = 24  # mean motions that the nominal parameters are fitted to
 _ROUNDS = 2  # of discrepancy and magnitudes in turn
 _OUTLIER = 4.0  # robust standard deviations of the logarithm of a run's index
 _LEAST_SCATTER = 0.15  # of that logarithm: few runs may agree by chance
+_ODD = 8.0  # robust standard deviations of a magnitude
+# Of friction and gain (logarithms) and backlash (m): no healthy run is that far off.
+_LEAST_ODD = {"friction": (0.25, "%"), "backlash": (5e-4, "mm"), "gain": (0.25, "%")}
 
 
 @dataclass(frozen=True)
@@ -40,6 +43,7 @@ class CalibrationReport:
         logarithms of ratios, backlash in m
     learnt, held_back : names of the runs
     false_alarms : share of the held-back motions above the threshold
+    notes : sentences on what to be careful of
     """
 
     calibration: Calibration
@@ -48,6 +52,7 @@ class CalibrationReport:
     learnt: list[str]
     held_back: list[str]
     false_alarms: float
+    notes: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, object]:
         """For JSON."""
@@ -59,6 +64,7 @@ class CalibrationReport:
             "learnt": self.learnt,
             "held_back": self.held_back,
             "false_alarms": self.false_alarms,
+            "notes": list(self.notes),
             "threshold": vars(limits).copy(),
             "signatures": [s.fault for s in self.calibration.signatures],
         }
@@ -126,10 +132,11 @@ def calibrate(
     measured, discrepancy, scale = _with_discrepancy(bench, actuator, learning)
     tell(0.8)
     features = bench.features(measured)
-    _check_outliers(features, measured.load, groups, motions, scale, layout.kinds)
-    population = Population.of(features[learning], measured.load[learning], groups[learning], scale)
+    _check_outliers(features, measured.load, groups, motions, scale, layout)
+    learnt = (measured.load[learning], groups[learning], scale)
+    population = Population.of(features[learning], *learnt)
     values = reported_values(layout, features)
-    reported = Population.of(values[learning], measured.load[learning], groups[learning], scale)
+    reported = Population.of(values[learning], *learnt)
     scores = population.scores(features, measured.load)
     thresholds = _thresholds(scores[~learning], groups[~learning], layout.kinds, false_alarm_rate)
     over = health_index(scores[~learning], layout.kinds) > thresholds.motion
@@ -172,7 +179,19 @@ def calibrate(
         [run for run in runs if run not in back],
         back,
         float(over.mean()),
+        tuple(_cautions(thresholds, len(runs), len(back))),
     )
+
+
+def _cautions(thresholds: Thresholds, runs: int, back: int) -> list[str]:
+    if max(thresholds.motion, thresholds.run) < single_reach():
+        return []
+    return [
+        f"The thresholds ({thresholds.motion:.2f} for a motion, {thresholds.run:.2f} for a run) are "
+        f"so high that no single magnitude reaches them (at most {single_reach():.2f}): "
+        f"{runs - back} runs to learn from and {back} held back tell too little of how healthy "
+        "runs differ. Record more healthy runs, on other days."
+    ]
 
 
 def sources_of(report: CalibrationReport) -> dict[str, str]:
@@ -257,31 +276,49 @@ def _check_outliers(
     groups: np.ndarray,
     motions: list[Motion],
     scale: float,
-    kinds: Sequence[str],
+    layout: Layout,
 ) -> None:
     """Refuse a run that is unlike all others: it may be a faulty one among the healthy."""
     of_run = np.array([motion.run for motion in motions])
     runs = list(dict.fromkeys(of_run))
+    values = reported_values(layout, features)
     index = []
     for run in runs:
         others = of_run != run
         population = Population.of(features[others], load[others], groups[others], scale)
         own = population.scores(features[~others], load[~others])
         means = [own[groups[~others] == g].mean(0) for g in np.unique(groups[~others])]
-        index.append(float(np.log(np.mean(health_index(np.stack(means), kinds)))))
+        index.append(float(np.log(np.mean(health_index(np.stack(means), layout.kinds)))))
     if len(runs) < 4:
         return  # of three, nobody can tell which one is the odd one
     level = np.array(index)
     for n, run in enumerate(runs):
         rest = np.delete(level, n)
-        scatter = max(1.4826 * float(np.median(np.abs(rest - np.median(rest)))), _LEAST_SCATTER)
-        away = (level[n] - float(np.median(rest))) / scatter
-        if away > _OUTLIER:
-            raise RecordError(
-                f"Run {run} is unlike the other {len(runs) - 1} healthy runs: it lies "
-                f"{np.exp(level[n] - np.median(rest)):.1f} times as far from them as they lie from "
-                "each other. If it is faulty or another rig, leave it out (--where)."
+        away = level[n] - float(np.median(rest))
+        if away > _OUTLIER * max(_robust_spread(rest), _LEAST_SCATTER):
+            raise _odd_one(
+                run, len(runs), f"{np.exp(away):.1f} times as far from the others as they"
             )
+    for k, (name, (least, unit)) in enumerate(_LEAST_ODD.items()):
+        level = np.array([values[of_run == run, k].mean() for run in runs])
+        for n, run in enumerate(runs):
+            rest = np.delete(level, n)
+            away = abs(level[n] - float(np.median(rest)))
+            if away > max(_ODD * _robust_spread(rest), least):
+                shown = 1e3 * away if unit == "mm" else 100.0 * away
+                raise _odd_one(run, len(runs), f"{name} {shown:.2g} {unit} further off than they")
+
+
+def _robust_spread(values: np.ndarray) -> float:
+    """Standard deviation by the median absolute deviation."""
+    return 1.4826 * float(np.median(np.abs(values - np.median(values))))
+
+
+def _odd_one(run: str, count: int, how: str) -> RecordError:
+    return RecordError(
+        f"Run {run} is unlike the other {count - 1} healthy runs: it lies {how} lie from each "
+        "other. If it is faulty or of another rig, leave it out (--where)."
+    )
 
 
 def _signature(calibration: Calibration, fault: str, motions: list[Motion]) -> Signature:

@@ -15,7 +15,7 @@ from ematwin.signals.motion import Motion
 COVERAGE = 1.96  # standard deviations of an interval: 95 %
 _ENDS = np.array([-1.0, 1.0])
 _REWIRED = 6.0  # healthy standard deviations of the sensor coupling
-_STRANGE = 4.0  # index that hardly any fault reaches: another rig or unit is likelier
+_STRANGE = 12.0  # root mean square of scores; seeded faults of a real rig reach 4
 
 
 @dataclass(frozen=True)
@@ -201,7 +201,7 @@ class _Judge:
             named_by=named.by,
             coupling=float(self._coupling[members].mean()),
             evidence={names[n]: float(mean[n]) for n in order},
-            notes=tuple(self._notes(members, index)),
+            notes=tuple(self._notes(members)),
         )
 
     def _name(
@@ -240,15 +240,16 @@ class _Judge:
             )  # fmt: skip
         return tuple(found)
 
-    def _notes(self, members: np.ndarray, index: float) -> list[str]:
+    def _notes(self, members: np.ndarray) -> list[str]:
         calibration = self._calibration
         notes = []
         mean, spread = calibration.coupling
         coupling = float(self._coupling[members].mean())
         if abs(coupling - mean) > _REWIRED * max(spread, 0.05 * abs(mean)):
             notes.append(
-                f"The sensors share noise otherwise than in the healthy runs ({coupling:.3g} A/m, "
-                f"healthy {mean:.3g}): the measuring chain was changed. No verdict rests on it."
+                f"The sensors share fast noise otherwise than in the healthy runs ({coupling:.3g} "
+                f"A/m, healthy {mean:.3g}): rewiring and reassembly do that, and so may rough "
+                "running. It is taken out of the current before the verdict."
             )
         low, high = calibration.load_range
         slack = 0.15 * max(abs(low), abs(high))
@@ -258,7 +259,7 @@ class _Judge:
                 f"Its load lies outside that of the healthy motions (about {load:.4g} N, where "
                 f"they had {low:.4g} to {high:.4g} N): what is healthy there is extrapolated."
             )
-        if index > _STRANGE:
+        if float(np.sqrt(np.mean(self._scores[members].mean(0) ** 2))) > _STRANGE:
             notes.append(
                 "It is so unlike the healthy motions that another rig or a wrong unit is likelier "
                 "than a fault; check the channels."

@@ -18,7 +18,7 @@ UNNAMED = "unnamed change"
 BY_MAGNITUDE = {
     "friction": "lubrication",
     "backlash": "backlash",
-    "roughness": "surface damage",
+    "roughness": "spalling",
 }
 _CLEAR = 3.0  # standard deviations of a magnitude, for a name from physics
 _EXPLAINED = 0.15  # of the squared scores, for a name from a signature

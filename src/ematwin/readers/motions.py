@@ -6,8 +6,10 @@ change within a motion, such as condition, run and motion.
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -17,6 +19,7 @@ from ematwin.readers.timing import tidy_time
 from ematwin.readers.units import says_nothing, unit_factor, unit_in_name
 from ematwin.signals.motion import MOTION_COLUMNS, Motion
 
+Choice = Mapping[str, Sequence[str]]  # label to the values that are wanted
 _ALIASES = {
     "time": ("time", "t"),
     "set_point": ("set_point", "setpoint", "command", "demand", "reference"),
@@ -33,7 +36,7 @@ _SHORTEST = 20  # samples of a motion
 def read_motions(
     paths: Sequence[str | Path] | str | Path,
     columns: Mapping[str, str] | None = None,
-    where: Mapping[str, Sequence[str]] | None = None,
+    where: Choice | Sequence[Choice] | None = None,
 ) -> list[Motion]:
     """Read motions from files that `ematwin.read` knows the format of.
 
@@ -43,7 +46,8 @@ def read_motions(
     columns : channel of each of time, set_point, position_error (or position) and current; found
         by name where left out. A unit stands in the name (``"Demand [mm]"``, ``demand_mm``) or in
         the file; SI where it stands nowhere
-    where : labels with the values that are wanted, e.g. ``{"condition": ["normal"]}``
+    where : labels with the values that are wanted, e.g. ``{"condition": ["normal"]}``, or several
+        such choices, of which one has to fit
 
     Raises
     ------
@@ -61,14 +65,28 @@ def read_motions(
                 "Correct the name."
             )
     files = [paths] if isinstance(paths, str | Path) else list(paths)
-    found: list[Motion] = []
+    pieces: list[_Piece] = []
     for file in files:
         with open_recording(Path(file)) as recording:
-            found += _motions_of(recording, columns or {})
-    return fitting(found, where or {})
+            pieces += _pieces_of(recording, columns or {})
+    choices = [where or {}] if where is None or isinstance(where, Mapping) else list(where)
+    wanted = {id(piece) for choice in choices for piece in fitting(pieces, choice)}
+    # only what was chosen has to be sound
+    return [piece.motion() for piece in pieces if id(piece) in wanted]
 
 
-def fitting(motions: list[Motion], where: Mapping[str, Sequence[str]]) -> list[Motion]:
+class _Labelled(Protocol):
+    @property
+    def labels(self) -> dict[str, str]: ...
+
+    @property
+    def source(self) -> str: ...
+
+
+_Item = TypeVar("_Item", bound=_Labelled)
+
+
+def fitting(motions: Sequence[_Item], where: Choice) -> list[_Item]:
     """The motions with these labels.
 
     Raises
@@ -88,7 +106,7 @@ def fitting(motions: list[Motion], where: Mapping[str, Sequence[str]]) -> list[M
     return chosen
 
 
-def _fits(motion: Motion, where: Mapping[str, Sequence[str]]) -> bool:
+def _fits(motion: _Labelled, where: Choice) -> bool:
     for name, values in where.items():
         if name not in motion.labels:
             raise InputError(
@@ -100,7 +118,7 @@ def _fits(motion: Motion, where: Mapping[str, Sequence[str]]) -> bool:
     return True
 
 
-def labels_of(motions: list[Motion]) -> str:
+def labels_of(motions: Sequence[_Labelled]) -> str:
     """The labels of motions with their values, as a text."""
     values: dict[str, dict[str, None]] = {}
     for motion in motions:
@@ -109,7 +127,23 @@ def labels_of(motions: list[Motion]) -> str:
     return "; ".join(f"{name} {', '.join(list(v)[:20])}" for name, v in values.items()) or "none"
 
 
-def _motions_of(recording: Recording, columns: Mapping[str, str]) -> list[Motion]:
+@dataclass(frozen=True)
+class _Piece:
+    """The rows of a motion in a file, not looked at yet."""
+
+    values: dict[str, np.ndarray]
+    labels: dict[str, str]
+    path: Path
+
+    @property
+    def source(self) -> str:
+        return self.path.name
+
+    def motion(self) -> Motion:
+        return _motion(self.values, self.labels, self.path)
+
+
+def _pieces_of(recording: Recording, columns: Mapping[str, str]) -> list[_Piece]:
     path = recording.path
     channels = _channels(recording, columns)
     raw = recording.read(list(channels.values()))
@@ -123,13 +157,12 @@ def _motions_of(recording: Recording, columns: Mapping[str, str]) -> list[Motion
     fixed = {name: text for name, text in labels.items() if _is_label(text, time.size)}
     for text in fixed.values():
         starts[1:] |= text[1:] != text[:-1]
-    edges = np.r_[np.flatnonzero(starts), time.size]
-    motions = []
-    for first, end in pairwise(edges):
+    pieces = []
+    for first, end in pairwise(np.r_[np.flatnonzero(starts), time.size]):
         part = slice(int(first), int(end))
         own = {name: str(text[first]) for name, text in fixed.items()}
-        motions.append(_motion({k: v[part] for k, v in values.items()}, own, path))
-    return motions
+        pieces.append(_Piece({k: v[part] for k, v in values.items()}, own, path))
+    return pieces
 
 
 def _is_label(text: np.ndarray, rows: int) -> bool:

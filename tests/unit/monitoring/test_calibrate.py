@@ -8,6 +8,8 @@ import pytest
 from ematwin.errors import InputError, RecordError
 from ematwin.monitoring.calibrate import calibrate, sources_of
 from ematwin.monitoring.calibration import Calibration
+from ematwin.monitoring.detect import detect
+from ematwin.monitoring.index import single_reach
 from ematwin.monitoring.measure import REPORTED
 from ematwin.monitoring.nominal import FITTED, MeanMotion, fit_nominal
 from made_up_rig import TRUTH, command, healthy_runs, motion, rig, run, template
@@ -168,6 +170,33 @@ def test_a_number_of_held_back_runs_that_leaves_too_few_is_refused(count):
 def test_a_false_alarm_rate_that_makes_no_sense_is_refused(rate):
     text = refusal(healthy_runs(3, motions=1), InputError, false_alarm_rate=rate)
     assert "between 0 and 0.5" in text
+
+
+@pytest.mark.parametrize(
+    "fault", [{"friction": 3.0}, {"backlash": 2e-3}, {"friction": 1.5}], ids=str
+)
+def test_one_faulty_motion_a_load_is_enough_to_name_its_run(fault):
+    motions = [*healthy_runs(5, motions=1), *run(66, motions=1, **fault)]
+    assert refusal(motions).startswith("Run 66 is unlike the other 5 healthy runs")
+
+
+@pytest.mark.parametrize("draw", [0, 100, 200])
+def test_runs_too_few_to_see_a_fault_are_said_to_be(draw):
+    """Three runs under one load: the features of the third lie far from what two have taught."""
+    one_load = [m for m in healthy_runs(3, 1 + draw) if m.labels["weight"] == "light"]
+    report = calibrate(one_load)
+    assert report.calibration.thresholds.motion > single_reach()
+    assert "Record more healthy runs" in report.notes[0]
+
+
+@pytest.mark.parametrize("draw", [0, 100])
+def test_eight_runs_set_a_threshold_that_a_third_more_friction_passes(draw):
+    one_load = [m for m in healthy_runs(8, 1 + draw) if m.labels["weight"] == "light"]
+    report = calibrate(one_load)
+    faulty = [m for m in run(77 + draw, friction=1.35) if m.labels["weight"] == "light"]
+    (found,) = detect(faulty, report.calibration).runs
+    assert found.alarm
+    assert report.notes == ()
 
 
 @pytest.mark.parametrize("fault", [{"friction": 1.5}, {"roughness": 0.4}], ids=str)

@@ -16,7 +16,7 @@ from made_up_rig import NOISE, healthy_runs, motion, rig, run
 FAULTS = {
     "lubrication": {"friction": 1.3},
     "backlash": {"backlash": 8e-4},
-    "surface damage": {"roughness": 0.1},
+    "spalling": {"roughness": 0.1},
 }
 
 
@@ -70,7 +70,7 @@ def test_a_fault_raises_an_alarm_and_is_named_by_physics(calibration, name, faul
     assert all(verdict.alarm for verdict in found.motions)
     for verdict in found.runs:
         scores = {m.name: m.score for m in verdict.magnitudes}
-        raised = {"lubrication": "friction", "surface damage": "roughness"}.get(name, name)
+        raised = {"lubrication": "friction", "spalling": "roughness"}.get(name, name)
         assert max(scores, key=lambda key: scores[key]) == raised
 
 
@@ -208,8 +208,8 @@ def test_rewired_sensors_are_noted_and_no_verdict_rests_on_them(calibration):
             assert after.index == pytest.approx(before.index, abs=0.25)
             assert after.coupling - before.coupling == pytest.approx(share, rel=0.2)
             # a rough screw swings fast enough to be taken for a coupling of its own
-            if after.fault != "surface damage":
-                assert any("No verdict rests on it" in note for note in after.notes)
+            if after.fault != "spalling":
+                assert any("share fast noise otherwise" in note for note in after.notes)
     assert plain[0].notes == ()
 
 
