@@ -187,8 +187,8 @@ def _cautions(thresholds: Thresholds, runs: int, back: int) -> list[str]:
     if max(thresholds.motion, thresholds.run) < single_reach():
         return []
     return [
-        f"The thresholds ({thresholds.motion:.2f} for a motion, {thresholds.run:.2f} for a run) are "
-        f"so high that no single magnitude reaches them (at most {single_reach():.2f}): "
+        f"The thresholds ({thresholds.motion:.2f} for a motion, {thresholds.run:.2f} for a run) "
+        f"are so high that no single magnitude reaches them (at most {single_reach():.2f}): "
         f"{runs - back} runs to learn from and {back} held back tell too little of how healthy "
         "runs differ. Record more healthy runs, on other days."
     ]
