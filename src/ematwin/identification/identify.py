@@ -15,6 +15,7 @@ from ematwin.identification.multistart import DEFAULT_BUDGET, MultistartDescent
 from ematwin.identification.objective import Objective
 from ematwin.identification.precision import standard_errors
 from ematwin.identification.space import FaultSpace
+from ematwin.identification.stretches import Stretches
 from ematwin.optimizers.base import Optimizer
 from ematwin.optimizers.minimize import ITERATIONS, POPULATION, minimize
 from ematwin.plant.parameters import DEFAULT_ACTUATOR, Actuator
@@ -39,7 +40,7 @@ class Identification:
     faults : Faults, the vector with which the twin answers as the record does
     standard_error : name to standard error of each searched fault, normalised; see
         `ematwin.identification.precision` for what it does and does not cover
-    cost : float, A s, misfit (paper, eq. 2)
+    cost : float, A s, misfit (paper, eq. 2) over the whole record
     relative_misfit : float, root of the cost over that of a twin without current; 0 is perfect
     evaluations : int, simulations that the search took
     seconds : float, wall time of the search
@@ -180,7 +181,7 @@ def identify(
             result.stopped, result.algorithm, result.seed,
         )  # fmt: skip
     seconds = time.perf_counter() - started
-    errors = standard_errors(objective, space, found.k)
+    errors = standard_errors(found.stretches or objective, space, found.k)
     misfit = objective.relative_misfit(found.cost)
     return Identification(
         faults=Faults.of(found.k),
@@ -209,6 +210,7 @@ class _Found:
     stopped: str
     algorithm: str
     seed: int
+    stretches: Stretches | None = None
 
 
 def _descend(
@@ -235,7 +237,7 @@ def _descend(
         )
     return _Found(
         state.best, state.cost, state.evaluations, np.array(state.history, dtype=float),
-        state.stopped, DEFAULT_ALGORITHM, seed,
+        state.stopped, DEFAULT_ALGORITHM, seed, state.stretches,
     )  # fmt: skip
 
 
@@ -250,7 +252,15 @@ def _reporter(
 def _doubts(misfit: float, errors: dict[str, float], found: _Found) -> list[str]:
     """Sentences on why the answer may be wrong."""
     doubts = []
-    if misfit > _POOR_FIT:
+    if found.stretches is not None:
+        stretch_cost = float(found.stretches(found.k[None])[0])
+        doubts.append(
+            f"Over the whole record the twin goes another way than the actuator (misfit "
+            f"{100.0 * misfit:.1f} %), as happens near stall. The faults are those that explain "
+            f"stretches of {1e3 * found.stretches.length:g} ms, each from its recorded positions "
+            f"(misfit {100.0 * found.stretches.relative_misfit(stretch_cost):.2f} %)."
+        )
+    elif misfit > _POOR_FIT:
         doubts.append(
             f"The twin explains this record poorly (misfit {100.0 * misfit:.1f} %): the faults may "
             "be wrong. Check that the actuator's parameters fit this rig, or search longer."

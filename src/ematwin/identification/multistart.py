@@ -4,8 +4,13 @@ Coarse to fine. Misfits of currents low-passed at 100 Hz are smooth over wide va
 the first descents use those. Descents start from the best samples of three ranges of backlash,
 because backlash is where the misfit has separate valleys, and from all directions of the
 eccentricity. Every second iteration or so the worse half is dropped. The survivors go on with the
-record's full bandwidth. Where the fit is poor, all is done again from new samples, until two ends
-agree or the budget is spent.
+record's full bandwidth.
+
+Where the fit is poor, the twin may have stalled where the actuator still moved, and the misfit of
+the whole record leads nowhere. If the record has positions, the same search is then made stretch by
+stretch (`ematwin.identification.stretches`). An end that explains the stretches far better than
+the first one did is the answer; any other goes on with the whole record. Where that does not settle
+it, all is done again from new samples, until two ends agree or the budget is spent.
 
 Sobol (1967), with scipy's scrambling; successive halving as in Jamieson and Talwalkar (2016).
 """
@@ -19,6 +24,7 @@ from ematwin.errors import InputError
 from ematwin.identification.descent import Descent
 from ematwin.identification.objective import Objective
 from ematwin.identification.space import FaultSpace
+from ematwin.identification.stretches import Stretches, has_states
 
 SMOOTH_CUTOFF = 100.0  # Hz
 SAMPLES = 256
@@ -26,22 +32,30 @@ THINNING = ((10, 2), (5, 2), (3, 3))  # descents and their iterations, smooth mi
 POLISH = ((2, 4), (1, 12))  # the same with the full bandwidth
 BACKLASH_RANGES = 3
 GOOD_FIT = 0.015  # relative misfit that needs no second opinion
+CLEARLY_BETTER = 3.0  # ratio of misfits by stretches; 3.6 to 160 where a search was misled
 AGREEMENT = 0.02  # largest difference of two ends that agree, in any coordinate
 SMALLEST_BUDGET = 64
+STRETCH_BUDGET = 2000  # an upper limit: mostly 900
 DEFAULT_BUDGET = 10_000  # an upper limit: most records need a tenth of it
 
 Report = Callable[[int, float], None]
+End = tuple[float, np.ndarray]  # cost and point of a finished descent
 
 
 @dataclass
 class SearchState:
-    """What a search knows so far: the best vector, its cost, the price, the way there."""
+    """What a search knows so far: the best vector, its cost, the price, the way there.
+
+    ``stretches`` is what the best vector was judged by where not by the whole record; its cost is
+    of the whole record nevertheless.
+    """
 
     best: np.ndarray
     cost: float
     evaluations: int
     history: list[tuple[int, float]]
     stopped: str = "interrupted"
+    stretches: Stretches | None = None
 
 
 class BudgetSpentError(Exception):
@@ -53,7 +67,7 @@ class MultistartDescent:
 
     Parameters
     ----------
-    objective : Objective, with the full bandwidth
+    objective : Objective, or a record by stretches, with the full bandwidth
     space : FaultSpace
     budget : int, simulations at most
     seed : int
@@ -66,7 +80,7 @@ class MultistartDescent:
 
     def __init__(
         self,
-        objective: Objective,
+        objective: Objective | Stretches,
         space: FaultSpace,
         *,
         budget: int = DEFAULT_BUDGET,
@@ -92,22 +106,78 @@ class MultistartDescent:
         from scipy.stats.qmc import Sobol
 
         sobol = Sobol(len(self._space.names), rng=self._rng)
-        ends: list[tuple[float, np.ndarray]] = []
+        ends: list[End] = []
         try:
-            while True:
+            while not self._settled(ends):
+                if len(ends) == 1 and self._search_stretches(ends):
+                    continue
                 ends.append(self._one_search(sobol))
-                ends.sort(key=lambda end: end[0])
-                if self._objective.relative_misfit(ends[0][0]) < GOOD_FIT:
-                    self.state.stopped = "good fit"
-                    break
-                if len(ends) > 1 and np.abs(ends[0][1] - ends[1][1]).max() < AGREEMENT:
-                    self.state.stopped = "two searches agree"
-                    break
         except BudgetSpentError:
             self.state.stopped = "budget"
         return self.state
 
-    def _one_search(self, sobol: object) -> tuple[float, np.ndarray]:
+    def _settled(self, ends: list[End]) -> bool:
+        """Whether the search may end, and why."""
+        ends.sort(key=lambda end: end[0])
+        if self.state.stretches is not None:
+            self.state.stopped = "good fit of stretches"
+        elif ends and self._objective.relative_misfit(ends[0][0]) < GOOD_FIT:
+            self.state.stopped = "good fit"
+        elif len(ends) > 1 and np.abs(ends[0][1] - ends[1][1]).max() < AGREEMENT:
+            self.state.stopped = "two searches agree"
+        else:
+            return False
+        return True
+
+    def _search_stretches(self, ends: list[End]) -> bool:
+        """Search by stretches; the answer, or one more end. False if the record has no states."""
+        whole, state, space = self._objective, self.state, self._space
+        budget = min(STRETCH_BUDGET, self._budget - state.evaluations)
+        if isinstance(whole, Stretches) or not has_states(whole.record):
+            return False
+        if budget < SMALLEST_BUDGET:
+            raise BudgetSpentError
+        stretches = Stretches(whole)
+        before = state.evaluations
+
+        def count(evaluations: int, cost: float) -> None:
+            state.evaluations = before + evaluations
+            if self._report is not None:
+                self._report(state.evaluations, state.cost)
+
+        search = MultistartDescent(
+            stretches, space, budget=budget, seed=int(self._rng.integers(2**31)), report=count
+        )
+        found = search.run()
+        state.evaluations = before + found.evaluations
+        if not np.isfinite(found.cost):
+            return False
+
+        def residuals(z: np.ndarray) -> np.ndarray:
+            self._spend(len(z))
+            return stretches.residuals(space.to_faults(z))
+
+        answer = space.to_faults(self._polished(found.best, residuals).points)[0]
+        self._spend(2)
+        old, new = stretches(np.stack([state.best, answer]))
+        if stretches.relative_misfit(new) < GOOD_FIT and old > CLEARLY_BETTER**2 * new:
+            self._spend(1)
+            state.best, state.stretches = answer, stretches
+            state.cost = float(whole(answer[None])[0])
+            return True
+        fine = self._polished(answer, self._residuals)
+        self._keep(fine)
+        ends.append((float(fine.costs[0]), fine.points[0]))
+        return True
+
+    def _polished(self, k: np.ndarray, residuals: Callable[[np.ndarray], np.ndarray]) -> Descent:
+        """The end of a last descent from a fault vector (8,)."""
+        fine = Descent.start(self._space.from_faults(k[None]), residuals, damping=1e-2)
+        for _ in range(POLISH[-1][1]):
+            self._iterate(fine, residuals)
+        return fine
+
+    def _one_search(self, sobol: object) -> End:
         space = self._space
         samples = self._samples(sobol)
         costs = self._costs(samples)

@@ -45,6 +45,7 @@ class Objective:
     weights : (S,) array, s/A
     step, substeps : step of the monitor model (s), and how many make a sampling interval
     rectify : whether magnitudes are compared
+    threads : threads that share a batch
 
     Raises
     ------
@@ -96,7 +97,8 @@ class Objective:
         self._load = load / ratio
         self._state = initial_state(record, actuator, None if self.rectify else float(current[0]))
         self._constants = kernel_constants(actuator)
-        self._threads = threads or os.cpu_count() or 1
+        self._kept = _KEPT
+        self.threads = threads or os.cpu_count() or 1
         self._pool: ThreadPoolExecutor | None = None
 
     def with_cutoff(self, cutoff: float) -> "Objective":
@@ -104,6 +106,42 @@ class Objective:
         other = copy.copy(self)
         other._filter(LowPass(cutoff))
         return other
+
+    def parts(self, starts: list[int], samples: int) -> "list[Objective]":
+        """The same comparison over stretches of the record, each from its recorded state.
+
+        Parameters
+        ----------
+        starts : first samples of the stretches, rising
+        samples : length of each; it ends with the sample at which another may start
+
+        Returns
+        -------
+        list of Objective, of one thread each
+        """
+        from scipy.signal import lfilter
+
+        b, a, z = self._taps[:3], np.r_[1.0, self._taps[3:5]], self._taps[5:]
+        record = _with_speeds(self.record)
+        parts, filtered = [], 0
+        for start in starts:
+            # the filter goes on from the recorded current, so that a stretch has no transient
+            _, z = lfilter(b, a, self._current[filtered : start + 1], zi=z)
+            filtered = start + 1
+            span = slice(start, start + samples + 1)
+            part = copy.copy(self)
+            part.record = record.changed(**{name: c[span] for name, c in record.columns()})
+            part._current, part.target = self._current[span], self.target[span]
+            part._command, part._load = self._command[span], self._load[span]
+            part.weights = self.weights[span].copy()
+            part.weights[0] = 0.0
+            current = None if self.rectify else float(self._current[start])
+            part._state = initial_state(part.record, self.actuator, current)
+            part._taps = np.concatenate([self._taps[:5], z])
+            part._kept = max(8, _KEPT // len(starts))
+            part.threads, part._pool = 1, None
+            parts.append(part)
+        return parts
 
     def _filter(self, low_pass: LowPass) -> None:
         """Form target, weights and filter for a low-pass."""
@@ -135,7 +173,7 @@ class Objective:
         rate = self.record.sample_rate
         most = max(1, int(rate / (_OVERSAMPLING * self.low_pass.cutoff)))
         size = self.target.size
-        wished = min(most, -(-size // _KEPT))
+        wished = min(most, -(-size // self._kept))
         kept = -(-size // wished)
         stride = -(-size // kept)
         response = self._run(k, kept)[1][:, : -(-size // stride)]
@@ -168,18 +206,35 @@ class Objective:
                 costs[part], status[part], response[part],
             )  # fmt: skip
 
-        shares = np.array_split(np.arange(blocks), min(self._threads, blocks))
+        shares = np.array_split(np.arange(blocks), min(self.threads, blocks))
         spans = [(int(share[0]), int(share[-1]) + 1) for share in shares]
         if len(spans) == 1:
             work(*spans[0])
         else:
             if self._pool is None:
-                self._pool = ThreadPoolExecutor(self._threads, thread_name_prefix="ematwin")
+                self._pool = ThreadPoolExecutor(self.threads, thread_name_prefix="ematwin")
             list(self._pool.map(lambda span: work(*span), spans))
         return costs[:count], response[:count]
 
     def __getstate__(self) -> dict[str, object]:
         return {**self.__dict__, "_pool": None}  # threads stay where they are
+
+
+def _with_speeds(record: Record) -> Record:
+    """The record with speeds from its positions where it has none.
+
+    Slopes over a millisecond: those from one sample to the next are mostly an encoder's steps.
+    """
+    half = max(1, round(0.5e-3 * record.sample_rate))
+    n = np.arange(len(record))
+    before, after = np.maximum(n - half, 0), np.minimum(n + half, len(record) - 1)
+    speeds = {}
+    for side in ("motor", "output"):
+        position = getattr(record, f"{side}_position")
+        if position is not None and getattr(record, f"{side}_speed") is None:
+            span = record.time[after] - record.time[before]
+            speeds[f"{side}_speed"] = (position[after] - position[before]) / span
+    return record.changed(**speeds) if speeds else record
 
 
 def initial_state(record: Record, actuator: Actuator, current: float | None) -> np.ndarray:

@@ -23,13 +23,16 @@ import numpy as np
 from ematwin.faults import FAULTS
 from ematwin.identification.objective import Objective
 from ematwin.identification.space import FaultSpace
+from ematwin.identification.stretches import Stretches
 
 MODEL_ERROR = 2.5
 _BLOCKS = 20
 _DIFFERENCE = 2e-3  # of a normalised fault
 
 
-def standard_errors(objective: Objective, space: FaultSpace, k: np.ndarray) -> dict[str, float]:
+def standard_errors(
+    objective: Objective | Stretches, space: FaultSpace, k: np.ndarray
+) -> dict[str, float]:
     """Standard error of each searched fault at a vector ``k`` (8,); infinite if undetermined.
 
     Takes one simulation for each searched fault and one more.
