@@ -188,7 +188,7 @@ def calibration() -> Calibration:
         discrepancy=random.normal(size=(3, 2 * set_point.size)),
         population=population(features),
         reported=population(4),
-        thresholds=Thresholds(1.75, 1.25, 0.1),
+        thresholds=Thresholds(1.75, 1.25, 5.0, 0.1),
         coupling=(2.5, 0.25),
         load_range=(-120.0, 340.0),
         signatures=(Signature("lubrication", random.normal(size=(3, features)), "9 motions"),),

@@ -116,7 +116,7 @@ def print_calibration(report: "CalibrationReport") -> None:
     typer.echo(
         f"learnt from runs {', '.join(report.learnt)}; held back {', '.join(report.held_back)}: "
         f"{100.0 * report.false_alarms:.0f} % of their motions above the threshold "
-        f"({limits.motion:.2f} for a motion, {limits.run:.2f} for a run)"
+        f"({limits.motion:.2f} for a motion, {limits.run:.2f} for a run of {limits.run_size:.3g})"
     )
     for note in report.notes:
         typer.echo(f"Warning: {note}")

@@ -266,6 +266,7 @@ def _thresholds(
     return Thresholds(
         motion=prediction_bound(health_index(scores, kinds), groups, rate),
         run=prediction_bound(health_index(means, kinds), runs, rate),
+        run_size=len(scores) / len(runs),
         false_alarm_rate=rate,
     )
 

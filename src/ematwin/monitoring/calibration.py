@@ -44,11 +44,32 @@ class Signature:
 
 @dataclass(frozen=True)
 class Thresholds:
-    """Index above which a motion, or a run, raises an alarm."""
+    """Index above which an alarm is raised.
+
+    Attributes
+    ----------
+    motion : of one motion
+    run : of a run of ``run_size`` motions, from their mean scores
+    false_alarm_rate : of either, on a healthy run of another day
+    """
 
     motion: float
     run: float
+    run_size: float
     false_alarm_rate: float
+
+    def of(self, motions: int) -> float:
+        """The threshold for this many motions of a run together.
+
+        The square of the index falls with their number n as B + W/n, since what is between runs
+        does not average out.
+        """
+        if self.run_size <= 1.0 or self.run >= self.motion:
+            return self.motion
+        size = self.run_size
+        between = max((size * self.run**2 - self.motion**2) / (size - 1.0), 0.0)
+        within = self.motion**2 - between
+        return float(np.sqrt(between + within / min(float(motions), size)))
 
 
 @dataclass(frozen=True)

@@ -129,7 +129,7 @@ def detect(motions: list[Motion], calibration: Calibration | str | Path) -> Dete
     judge = _Judge(calibration, scores, values, load, measured.coupling)
     single = tuple(
         judge.verdict(
-            np.array([n]), _name_of(motion.source, motion.labels, one_source), motion.labels, False
+            np.array([n]), _name_of(motion.source, motion.labels, one_source), motion.labels
         )
         for n, motion in enumerate(motions)
     )
@@ -138,7 +138,7 @@ def detect(motions: list[Motion], calibration: Calibration | str | Path) -> Dete
         members = np.flatnonzero(groups == g)
         labels = {k: v for k, v in motions[members[0]].labels.items() if k != "motion"}
         name = _name_of(motions[members[0]].source, labels, one_source)
-        together.append(judge.verdict(members, name, labels, True))
+        together.append(judge.verdict(members, name, labels))
     return Detection(single, tuple(together), calibration)
 
 
@@ -176,10 +176,10 @@ class _Judge:
         reported = calibration.reported
         self._healthy = reported.mean(load)
 
-    def verdict(self, members: np.ndarray, name: str, labels: dict[str, str], run: bool) -> Verdict:
+    def verdict(self, members: np.ndarray, name: str, labels: dict[str, str]) -> Verdict:
         """The verdict on some motions taken together."""
         calibration = self._calibration
-        limit = calibration.thresholds.run if run else calibration.thresholds.motion
+        limit = calibration.thresholds.of(len(members))
         scores = self._scores[members]
         mean = scores.mean(0)
         index = float(health_index(mean[None], calibration.layout.kinds)[0])

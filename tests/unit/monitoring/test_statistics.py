@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ematwin.monitoring.calibration import Signature
+from ematwin.monitoring.calibration import Signature, Thresholds
 from ematwin.monitoring.index import WEIGHTS, health_index, prediction_bound
 from ematwin.monitoring.naming import BY_MAGNITUDE, UNNAMED, named_by_physics, named_by_signature
 from ematwin.monitoring.population import Population, fit_parabola, load_basis
@@ -142,6 +142,20 @@ def test_the_bound_scales_with_the_index_and_forgets_the_order():
     bound = prediction_bound(index, groups, 0.1)
     assert prediction_bound(3.0 * index, groups, 0.1) == pytest.approx(3.0 * bound)
     assert prediction_bound(index[order], groups[order], 0.1) == pytest.approx(bound)
+
+
+def test_fewer_motions_of_a_run_have_a_higher_threshold():
+    limits = Thresholds(motion=1.3, run=0.7, run_size=5.0, false_alarm_rate=0.1)
+    assert limits.of(1) == pytest.approx(1.3)
+    assert limits.of(5) == pytest.approx(0.7)
+    assert limits.of(9) == limits.of(5)
+    steps = [limits.of(n) for n in range(1, 6)]
+    assert steps == sorted(steps, reverse=True)
+    # what is within a run averages out, what is between runs does not
+    noise = Thresholds(motion=1.0, run=0.5, run_size=4.0, false_alarm_rate=0.1)
+    assert noise.of(2) == pytest.approx(np.sqrt(0.5))
+    alike = Thresholds(motion=1.0, run=1.0, run_size=4.0, false_alarm_rate=0.1)
+    assert alike.of(2) == 1.0
 
 
 # Names
