@@ -96,7 +96,10 @@ def test_failures_are_all_listed_and_nothing_but_failures_can_be_reported():
 
 def test_mixed_settings_are_told():
     runs = [done(spec(run=0), vector()), done(spec(run=1, box="remapped"), vector())]
-    assert any("differ in search box" in text for text in analyse(runs).conclusions)
+    text = " ".join(analyse(runs).conclusions)
+    assert "differ in search box" in text
+    assert "Repeat the study with the remapped box" in text
+    assert "lies beside a cliff" in text
 
 
 def test_search_spread_is_never_called_measurement_uncertainty(six):

@@ -150,6 +150,12 @@ def _limits(table: RunTable) -> list[str]:
             f"origin{who} and every method that clips at the bounds. Repeat the study with the "
             "remapped box before concluding that a method is good at finding faults."
         )
+    if "remapped" in table.settings.get("search box", ()):
+        sentences.append(
+            "In the remapped box a healthy value lies beside a cliff, where the plain box has a "
+            "wall, so that all methods err more. What a method loses between the boxes it owes to "
+            "the corner of the plain one."
+        )
     return sentences
 
 
