@@ -5,7 +5,7 @@ python benchmarks/optimizers.py bbob [--seeds 15] [--json] [NAME ...]
 python benchmarks/optimizers.py origin [--seeds 31] [--json] [NAME ...]
 
 four    sphere, Rosenbrock, Rastrigin and Ackley in [0, 1]^8, optimum inside
-bbob    functions of the BBOB suite in 8 dimensions, as the package ioh has them
+bbob    functions of the BBOB suite in 8 dimensions, as the package ioh has them (pip install ioh)
 origin  a sphere centred in the corner at zero, and the same sphere centred inside
 
 Every algorithm has the same budget, 10,000 evaluations in batches of 50, and the same seeds.
