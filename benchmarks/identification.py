@@ -3,6 +3,7 @@
     python benchmarks/identification.py --paper --algorithms multistart,ga,pso,de,gwo,da,woa
     python benchmarks/identification.py --several 50 --seed 2026
     python benchmarks/identification.py --several 50 --seed 2026 --noise white=0.02,bits=12
+    python benchmarks/identification.py --near-stall 60 --seed 201
     python benchmarks/identification.py --coverage
 
 Records come from the reference model with the default actuator and scenario; they are identified
@@ -34,6 +35,18 @@ def random_faults(count: int, seed: int, least: int = 3, most: int = 8) -> list[
         k[chosen] = rng.random(len(chosen))
         vectors.append(Faults.of(k))
     return vectors
+
+
+def near_stall(count: int, seed: int) -> list[Faults]:
+    """Of such vectors those with a phase nearly lost, and a second one or most of the air gap."""
+    found: list[Faults] = []
+    while len(found) < count:
+        for faults in random_faults(100, seed):
+            shorts = sorted((faults.short_a, faults.short_b, faults.short_c))
+            if shorts[2] > 0.9 and (shorts[1] > 0.85 or faults.eccentricity > 0.85):
+                found.append(faults)
+        seed += 1
+    return found[:count]
 
 
 def one_run(case: str, injected: Faults, algorithm: str, seed: int, noise: Noise | None) -> Run:
@@ -174,6 +187,9 @@ def main() -> None:
     what.add_argument(
         "--several", type=int, metavar="N", help="N random vectors with 3 to 8 faults"
     )
+    what.add_argument(
+        "--near-stall", type=int, metavar="N", help="N such vectors near the torque at stall"
+    )
     what.add_argument("--coverage", action="store_true", help="are the standard errors honest?")
     parser.add_argument("--algorithms", default="multistart")
     parser.add_argument("--seeds", type=int, default=10, help="repetitions of each case")
@@ -190,7 +206,10 @@ def main() -> None:
         runs = paper_runs(algorithms, seeds, options.noise, options.workers)
         text = paper_table(runs, algorithms)
     else:
-        vectors = random_faults(options.several or 100, options.seed)
+        if options.near_stall:
+            vectors = near_stall(options.near_stall, options.seed)
+        else:
+            vectors = random_faults(options.several or 100, options.seed)
         if options.most < 1.0:
             scaled = [v.vector * np.where(HEALTHY == 0.0, options.most, 1.0) for v in vectors]
             vectors = [Faults.of(k) for k in scaled]
