@@ -2,6 +2,7 @@
 
 import csv
 import json
+import os
 import re
 import subprocess
 import sys
@@ -159,9 +160,9 @@ def test_latex_is_escaped_and_marked():
     assert escape("\\^~") == r"\textbackslash{}\textasciicircum{}\textasciitilde{}"
 
 
-def command(*arguments: str) -> subprocess.CompletedProcess[str]:
+def command(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "ematwin", "report", *arguments],
+        [sys.executable, "-m", "ematwin", "report", *arguments], env={**os.environ, **environment},
         capture_output=True, text=True, timeout=120, check=False,
     )  # fmt: skip
 
@@ -185,6 +186,14 @@ def test_command_writes_report_and_export_and_answers_as_json(store, tmp_path):
     assert "index.html" in told["report"]["files"]
     assert told["ioh"]["written"] == 24
     assert (out / "index.html").exists()
+
+
+def test_report_does_not_hang_on_the_hashes_of_a_process(store, tmp_path):
+    pages = []
+    for seed in ("1", "2"):
+        command(str(store), "--out", str(tmp_path / seed), "--slim", PYTHONHASHSEED=seed)
+        pages.append((tmp_path / seed / "index.html").read_bytes())
+    assert pages[0] == pages[1]
 
 
 def test_command_without_folder_prints_for_people(store):

@@ -69,7 +69,7 @@ def critical_difference(analysis: StudyAnalysis) -> str:
     def draw(figure: Any) -> None:
         axes = figure.add_subplot()
         axes.spines["top"].set_visible(True)  # the line of the ranks
-        scikit_posthocs.critical_difference_diagram(
+        made = scikit_posthocs.critical_difference_diagram(
             pandas.Series(ranks.average_ranks, index=names),
             significance,
             alpha=ALPHA,
@@ -77,13 +77,27 @@ def critical_difference(analysis: StudyAnalysis) -> str:
             label_fmt_left="{label} ({rank:.2f})\N{NO-BREAK SPACE}",
             label_fmt_right="\N{NO-BREAK SPACE}({rank:.2f}) {label}",
             color_palette={name: color(n) for n, name in enumerate(names)},
-            # a bar may pass over an algorithm that is not of its group: dots tell
-            crossbar_props={"marker": "o", "markersize": 5.0},
             text_h_margin=0.08,
         )
+        _draw_bars_again(axes, [line for bar in made["crossbars"] for line in bar])
         axes.set_xticks(range(1, len(names) + 1))
 
     return _svg(draw, (7.5, 1.0 + 0.28 * len(names)))
+
+
+def _draw_bars_again(axes: Any, lines: list[Any]) -> None:
+    """Bars in an order that does not hang on the hash of a name, with dots at their members.
+
+    A bar may pass over an algorithm that is not of its group: the dots tell.
+    """
+    ends: list[float] = []  # of each level
+    bars = sorted(sorted(line.get_xdata()) for line in lines)
+    for line in lines:
+        line.remove()
+    for ranks in bars:
+        level = next((n for n, end in enumerate(ends) if end < ranks[0]), len(ends))
+        ends[level : level + 1] = [ranks[-1]]
+        axes.plot(ranks, [-level - 1] * len(ranks), "k-o", lw=2.0, ms=5.0, zorder=3)
 
 
 def _svg(draw: Callable[[Any], None], size: tuple[float, float]) -> str:
