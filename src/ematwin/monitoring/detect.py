@@ -227,10 +227,8 @@ class _Judge:
             ends = np.r_[value[n], value[n] + reach * _ENDS, healthy[n] + reach * _ENDS]
             if name == "backlash":
                 shown = np.maximum(ends, 0.0) * 1e3
-            elif name == "roughness":
-                shown = np.exp(ends - healthy[n])
             else:
-                shown = np.exp(ends)
+                shown = np.exp(ends - healthy[n])  # times the healthy mean at this load
             found.append(
                 Magnitude(
                     name, unit, float(shown[0]), float(shown[1]), float(shown[2]),

@@ -63,6 +63,9 @@ def fit_nominal(
 ) -> tuple[BallScrew, list[NominalParameter]]:
     """The actuator that answers as the healthy ones did on the average, and what was fitted.
 
+    What turns out not to be determined goes back to the template's value, and the rest is fitted
+    again.
+
     Parameters
     ----------
     template : BallScrew
@@ -70,58 +73,78 @@ def fit_nominal(
     interval : float, s
     means : one for each run and condition
     """
-    places = list(FITTED)
-    start = np.array([_value(template, place) for place in places])
-    spread = np.log(np.array([FITTED[place] for place in places]))
-    loads = np.array([_start_of(template, set_point, interval, mean) for mean in means])
-    upper = np.array(
-        [np.log(_LIMITS.get(place, np.inf) / s) for place, s in zip(places, start, strict=True)]
-    )
-    unit = 0.1 * template.screw.friction_force  # N, scale of the loads
-    count = len(places)
-    measured = np.stack(
-        [
-            np.r_[
-                mean.current / FIRST_WEIGHTS.current,
-                mean.position_error / FIRST_WEIGHTS.position_error,
-            ]
-            for mean in means
-        ]
-    )
-
-    def residuals(x: np.ndarray) -> np.ndarray:
-        actuator = _with(template, places, start * np.exp(x[:count]))
-        own = x[count:].reshape(-1, 2)
-        magnitudes = np.column_stack([
-            np.ones(len(means)), np.full(len(means), actuator.screw.backlash),
-            np.ones(len(means)), own[:, 0] * unit, own[:, 1] * 1e-3,
-        ])  # fmt: skip
-        i, e = twin_traces(actuator, set_point, interval, magnitudes)
-        answer = np.concatenate(
-            [i / FIRST_WEIGHTS.current, e / FIRST_WEIGHTS.position_error], axis=1
+    fit = _Fit(template, set_point, interval, means)
+    values, errors = fit.run(list(FITTED))
+    vague = [place for place in FITTED if errors[place] >= _DETERMINED * np.log(FITTED[place])]
+    if vague:
+        values, again = fit.run([place for place in FITTED if place not in vague])
+        errors |= again
+    parameters = []
+    for place in FITTED:
+        start = _value(template, place)
+        value = values.get(place, start)
+        parameters.append(
+            NominalParameter(place, value, start, errors[place] * value, place not in vague)
         )
-        return np.r_[(answer - measured).ravel(), x[:count] / spread]
+    return _with(template, values), parameters
 
-    first = np.r_[np.minimum(0.0, upper), (loads / [unit, 1e-3]).ravel()]
-    high = np.r_[upper, np.full(2 * len(means), np.inf)]
-    found = least_squares(
-        residuals, np.minimum(first, high - 1e-9), bounds=(-np.inf, high), diff_step=1e-4,
-        loss="soft_l1", max_nfev=60,
-    )  # fmt: skip
-    fitted = start * np.exp(found.x[:count])
-    # residuals of neighbouring samples are alike: as many independent ones as the twin misses
-    inflation = max(1.0, 2.0 * found.cost / max(1, measured.size - found.x.size))
-    information = found.jac.T @ found.jac / inflation
-    information[np.arange(count), np.arange(count)] += 1.0 / spread**2
-    errors = np.sqrt(np.diag(np.linalg.inv(information))[:count])
-    parameters = [
-        NominalParameter(
-            place, float(fitted[n]), float(start[n]), float(errors[n] * fitted[n]),
-            bool(errors[n] < _DETERMINED * spread[n]),
+
+class _Fit:
+    """Least squares on mean motions; the load and the initial error of each are fitted with it."""
+
+    def __init__(
+        self, template: BallScrew, set_point: np.ndarray, interval: float, means: list[MeanMotion]
+    ) -> None:
+        self._template, self._set_point, self._interval = template, set_point, interval
+        self._count = len(means)
+        self._unit = 0.1 * template.screw.friction_force  # N, scale of the loads
+        own = np.array([_start_of(template, set_point, interval, mean) for mean in means])
+        self._first = (own / [self._unit, 1e-3]).ravel()
+        self._measured = np.stack([_weighed(m.current, m.position_error) for m in means])
+
+    def run(self, places: list[str]) -> tuple[dict[str, float], dict[str, float]]:
+        """Values of these parameters, and standard errors of their logarithms."""
+        start = np.array([_value(self._template, place) for place in places])
+        spread = np.log(np.array([FITTED[place] for place in places]))
+        upper = np.log(np.array([_LIMITS.get(place, np.inf) for place in places]) / start)
+        count = len(places)
+
+        def residuals(x: np.ndarray) -> np.ndarray:
+            values = dict(zip(places, start * np.exp(x[:count]), strict=True))
+            missed = self._answers(values, x[count:].reshape(-1, 2)) - self._measured
+            return np.r_[missed.ravel(), x[:count] / spread]
+
+        high = np.r_[upper, np.full(2 * self._count, np.inf)]
+        first = np.minimum(np.r_[np.zeros(count), self._first], high - 1e-9)
+        found = least_squares(
+            residuals, first, bounds=(-np.inf, high), diff_step=1e-4, loss="soft_l1", max_nfev=60
         )
-        for n, place in enumerate(places)
-    ]  # fmt: skip
-    return _with(template, places, fitted), parameters
+        # neighbouring samples miss alike: what the twin misses counts as noise of the data
+        inflation = max(1.0, 2.0 * found.cost / max(1, self._measured.size - found.x.size))
+        of_data = found.jac[:-count]
+        information = of_data.T @ of_data / inflation
+        information[np.arange(count), np.arange(count)] += 1.0 / spread**2
+        errors = np.sqrt(np.diag(np.linalg.inv(information))[:count])
+        values = start * np.exp(found.x[:count])
+        return (
+            dict(zip(places, values.tolist(), strict=True)),
+            dict(zip(places, errors.tolist(), strict=True)),
+        )
+
+    def _answers(self, values: dict[str, float], own: np.ndarray) -> np.ndarray:
+        """What the twin answers, (runs, 2 S), in standard deviations."""
+        actuator = _with(self._template, values)
+        one = np.ones(self._count)
+        magnitudes = np.column_stack(
+            [one, actuator.screw.backlash * one, one, own[:, 0] * self._unit, own[:, 1] * 1e-3]
+        )
+        return _weighed(*twin_traces(actuator, self._set_point, self._interval, magnitudes))
+
+
+def _weighed(current: np.ndarray, position_error: np.ndarray) -> np.ndarray:
+    return np.concatenate(
+        [current / FIRST_WEIGHTS.current, position_error / FIRST_WEIGHTS.position_error], axis=-1
+    )
 
 
 def _start_of(
@@ -145,10 +168,10 @@ def _value(actuator: BallScrew, place: str) -> float:
     return float(getattr(getattr(actuator, section), name))
 
 
-def _with(actuator: BallScrew, places: list[str], values: np.ndarray) -> BallScrew:
+def _with(actuator: BallScrew, values: dict[str, float]) -> BallScrew:
     """Without validation, which a thousand calls of a fit need not repeat."""
     sections: dict[str, dict[str, float]] = {}
-    for place, value in zip(places, values, strict=True):
+    for place, value in values.items():
         section, name = place.split(".")
         sections.setdefault(section, {})[name] = float(value)
     return actuator.model_copy(
