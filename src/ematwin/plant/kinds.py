@@ -5,7 +5,7 @@ from typing import Any
 
 from ematwin.errors import ParameterError
 from ematwin.plant.ball_screw import BallScrew
-from ematwin.plant.parameter_set import ROTARY, ParameterSet
+from ematwin.plant.parameter_set import ROTARY, ParameterSet, no_such_actuator
 from ematwin.plant.parameters import Actuator
 from ematwin.validation import load_toml
 
@@ -43,10 +43,7 @@ def _table(name_or_path: str | Path) -> dict[str, Any]:
     if path.suffix != ".toml":
         shipped = shipped_actuators()
         if str(name_or_path) not in shipped:
-            raise ParameterError(
-                f"There is no actuator {str(name_or_path)!r}. Shipped: {', '.join(shipped)}; "
-                "or give the path of a TOML file (ending in .toml)."
-            )
+            raise no_such_actuator(str(name_or_path), shipped)
         path = shipped[str(name_or_path)]
     table = load_toml(path, "actuator")
     return {key: value for key, value in table.items() if key not in ("calibration", "signature")}

@@ -6,7 +6,7 @@ kind of actuator is one subclass of `ParameterSet`; the shipped sets lie in ``ac
 
 import hashlib
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import cached_property
 from importlib import resources
 from pathlib import Path
@@ -37,6 +37,14 @@ def unit_of(field: FieldInfo) -> str:
     extra = field.json_schema_extra
     assert isinstance(extra, dict)
     return str(extra["unit"])
+
+
+def no_such_actuator(name: str, shipped: Iterable[str]) -> ParameterError:
+    """The error where a name is neither a shipped set nor a file."""
+    return ParameterError(
+        f"There is no actuator {name!r}. Shipped: {', '.join(shipped)}; "
+        "or give the path of a TOML file (ending in .toml)."
+    )
 
 
 class Section(BaseModel):
@@ -89,10 +97,7 @@ class ParameterSet(BaseModel):
                     load_toml(path, "actuator"), str(name_or_path)
                 )  # says its kind
         if str(name_or_path) not in shipped:
-            raise ParameterError(
-                f"There is no actuator {str(name_or_path)!r}. Shipped: {', '.join(shipped)}; "
-                "or give the path of a TOML file (ending in .toml)."
-            )
+            raise no_such_actuator(str(name_or_path), shipped)
         return cls.from_dict(load_toml(shipped[str(name_or_path)], "actuator"), str(name_or_path))
 
     @classmethod
