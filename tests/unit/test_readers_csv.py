@@ -9,7 +9,6 @@ import ematwin
 from ematwin.errors import FileError, InputError, RecordError
 from ematwin.readers.csv_dialect import sniff
 from ematwin.readers.records import read, write
-from ematwin.readers.tables import read_columns
 from ematwin.signals.record import Record
 from ematwin.testing.reader_contract import bench_channels
 
@@ -212,15 +211,6 @@ def test_a_map_over_our_own_file_keeps_its_origin(tmp_path: Path) -> None:
     record = read(path, {"i_a": "current_a", "i_b": "current_b"})
     assert record.provenance["origin"] == {"model": "reference"}
     assert record.provenance["columns"]["current_a"]["unit_from"] == "file"
-
-
-def test_named_columns_of_a_profile(tmp_path: Path) -> None:
-    path = tmp_path / "profile.csv"
-    path.write_text("time,command\n0,1\n1,2\n")
-    columns = read_columns(path, ["time", "command"], optional=["load"])
-    assert columns["command"].tolist() == [1.0, 2.0]
-    with pytest.raises(RecordError, match="no column 'load'"):
-        read_columns(path, ["load"])
 
 
 def test_missing_file_folder_and_suffix(tmp_path: Path) -> None:

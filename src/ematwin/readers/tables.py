@@ -1,17 +1,16 @@
-"""Columns of CSV and Parquet files, through pyarrow, and the metadata of a record in them.
+"""Writing columns to CSV and Parquet files, through pyarrow, with the metadata of a record.
 
 Numbers survive the round trip bit for bit. The metadata of a record is one JSON object: in
 Parquet it stands in the schema under ``ematwin``, in CSV in a first line ``# ematwin {...}``.
 """
 
 import json
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ematwin.errors import InputError, RecordError
+from ematwin.errors import InputError
 from ematwin.readers.files import written_whole
 
 METADATA_KEY = "ematwin"
@@ -41,27 +40,3 @@ def write_table(path: str | Path, columns: dict[str, np.ndarray], metadata: dict
             with draft.open("wb") as file:
                 file.write(f"{_CSV_MARK}{note}\n".encode())
                 csv.write_csv(table, file)
-
-
-def read_columns(
-    path: str | Path, required: Sequence[str], optional: Sequence[str] = ()
-) -> dict[str, np.ndarray]:
-    """Named columns of a file as float64 arrays, as the file holds them.
-
-    Raises
-    ------
-    FileError
-        If the file cannot be read, or is truncated, or is not what its name says.
-    RecordError
-        If a required column is missing or does not hold numbers.
-    """
-    from ematwin.readers.recording import open_recording
-
-    with open_recording(path) as recording:
-        missing = [name for name in required if name not in recording.names]
-        if missing:
-            raise RecordError(
-                f"{path} has no column {missing[0]!r}; it has {', '.join(recording.names)}. "
-                "Rename or add the column."
-            )
-        return recording.read([*required, *(name for name in optional if name in recording.names)])
