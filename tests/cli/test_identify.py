@@ -3,7 +3,6 @@
 import json
 import os
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -15,6 +14,7 @@ import numpy as np
 import pytest
 
 import ematwin as library
+from browser import browse
 from ematwin.readers.tables import write_table
 
 FAULTS = {"friction": 0.3, "backlash": 0.15}
@@ -57,25 +57,6 @@ def test_table_for_people_names_value_and_healthy_value(ematwin, folder: Path) -
     assert "0.03 N m" in row
     assert "held" in answer.out
     assert "simulations in" in answer.out
-
-
-def browse(page: Path, folder: Path) -> tuple[str, str]:
-    """The page's document as the browser holds it, and what the browser said."""
-    browser = shutil.which("chromium") or shutil.which("google-chrome")
-    assert browser, "This test needs Chromium: apt-get install chromium."
-    done = subprocess.run(
-        [
-            browser, "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic",
-            "--no-first-run", "--disable-background-networking", "--disable-component-update",
-            "--disable-sync", f"--user-data-dir={folder / 'profile'}", "--enable-logging=stderr",
-            "--log-level=0", "--virtual-time-budget=10000", "--dump-dom", page.as_uri(),
-        ],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )  # fmt: skip
-    return done.stdout, done.stderr
 
 
 def test_report_opens_in_a_browser_and_loads_nothing(ematwin, folder: Path) -> None:

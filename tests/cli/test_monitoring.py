@@ -12,9 +12,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from browser import browse
 from ematwin.cli import main
 from ematwin.monitoring.simulate import write_motions
-from ematwin.plant.kinds import shipped_actuators
+from ematwin.plant.ball_screw import BallScrew
+from ematwin.plant.kinds import load_actuator, shipped_actuators
 from made_up_rig import healthy_runs, run
 
 HEALTHY = (
@@ -108,6 +110,12 @@ def test_calibrate_tells_people_the_same_and_learns_known_faults(ematwin, files)
     assert named[:2] == [("no grease", "signature")] * 2
 
 
+def test_what_calibrate_wrote_serves_as_the_next_template(files):
+    found = BallScrew.load(files / "rig.toml")
+    assert found.name == "rig"
+    assert found == load_actuator(files / "rig.toml")
+
+
 # detect
 
 
@@ -179,25 +187,6 @@ def test_detect_writes_all_verdicts_as_a_table(ematwin, files):
     assert "backlash_mm" in rows[0]
     stored = pq.read_table(files / "verdicts.parquet").to_pylist()
     assert [str(row["index"]) for row in stored] == [row["index"] for row in rows]
-
-
-def browse(page: Path, folder: Path) -> tuple[str, str]:
-    """The page's document as the browser holds it, and what the browser said."""
-    browser = shutil.which("chromium") or shutil.which("google-chrome")
-    assert browser, "This test needs Chromium: apt-get install chromium."
-    done = subprocess.run(
-        [
-            browser, "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic",
-            "--no-first-run", "--disable-background-networking", "--disable-component-update",
-            "--disable-sync", f"--user-data-dir={folder / 'profile'}", "--enable-logging=stderr",
-            "--log-level=0", "--virtual-time-budget=10000", "--dump-dom", page.as_uri(),
-        ],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )  # fmt: skip
-    return done.stdout, done.stderr
 
 
 def test_the_page_opens_in_a_browser_and_loads_nothing(ematwin, files):

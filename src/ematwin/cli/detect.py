@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ematwin.cli.motions import choice, load_motions
-from ematwin.cli.options import print_json
+from ematwin.cli.options import print_json, print_table
 from ematwin.errors import InputError
 
 if TYPE_CHECKING:
@@ -75,7 +75,6 @@ def detect(
 
 def print_verdicts(found: "Detection", each: str) -> None:
     """The table for people, and what there is to say of it."""
-    from rich.console import Console
     from rich.table import Table
 
     from ematwin.monitoring.detect import gathered_notes
@@ -95,8 +94,7 @@ def print_verdicts(found: "Detection", each: str) -> None:
             f"{verdict.threshold:.2f}", verdict.fault if verdict.alarm else "healthy",
             style="bold" if verdict.alarm else None,
         )  # fmt: skip
-    console = Console()
-    console.print(table) if console.is_terminal else Console(width=200).print(table)
+    print_table(table, 200)
     for kind, verdicts in (("runs", found.runs), ("motions", found.motions)):
         alarms = sum(verdict.alarm for verdict in verdicts)
         typer.echo(f"{alarms} of {len(verdicts)} {kind} raise an alarm")
@@ -105,10 +103,7 @@ def print_verdicts(found: "Detection", each: str) -> None:
 
 
 def _write_table(path: Path, verdicts: "tuple[Verdict, ...]") -> None:
-    import pyarrow as pa
-    from pyarrow import csv, parquet
-
-    from ematwin.readers.files import written_whole
+    from ematwin.readers.tables import write_table
 
     rows = []
     for verdict in verdicts:
@@ -121,9 +116,4 @@ def _write_table(path: Path, verdicts: "tuple[Verdict, ...]") -> None:
         row |= {"load_N": verdict.load, "sensor_coupling": verdict.coupling}
         rows.append(row)
     names = list(dict.fromkeys(name for row in rows for name in row))
-    columns = pa.table({name: [row.get(name) for row in rows] for name in names})
-    with written_whole(path) as draft:
-        if path.suffix.lower() == ".csv":
-            csv.write_csv(columns, draft)
-        else:
-            parquet.write_table(columns, draft)
+    write_table(path, {name: [row.get(name) for row in rows] for name in names})

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ematwin.cli.options import numbers, print_json, progress_bar
+from ematwin.cli.options import numbers, print_json, print_table, progress_bar
 
 if TYPE_CHECKING:
     from ematwin.identification.identify import Identification
@@ -146,7 +146,6 @@ def search_bar(shown: bool) -> Iterator[Callable[[int, float, int], None]]:
 
 def print_findings(found: "Identification") -> None:
     """The table for people."""
-    from rich.console import Console
     from rich.table import Table
 
     from ematwin.faults import FAULTS, HEALTHY
@@ -170,9 +169,7 @@ def print_findings(found: "Identification") -> None:
             row.meaning,
             style="bold" if away else None,
         )
-    console = Console()
-    # a terminal wraps the table to its width; a file gets all of it
-    console.print(table) if console.is_terminal else Console(width=140).print(table)
+    print_table(table, 140)
     typer.echo(
         f"misfit {100.0 * found.relative_misfit:.2f} % of the current ({found.cost:.4g} A s), "
         f"{found.evaluations} simulations in {found.seconds:.2f} s with {found.algorithm}, "

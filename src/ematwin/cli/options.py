@@ -48,6 +48,14 @@ def print_json(answer: Any) -> None:
     typer.echo(json.dumps(answer, indent=2, allow_nan=False))
 
 
+def print_table(table: Any, width: int) -> None:
+    """A table of rich: a terminal wraps it to its own width, a file gets all of it."""
+    from rich.console import Console
+
+    console = Console()
+    console.print(table) if console.is_terminal else Console(width=width).print(table)
+
+
 @contextmanager
 def progress_bar(title: str, shown: bool = True) -> Iterator[Callable[[float], None]]:
     """A bar on standard error; gives a function that takes the share done."""

@@ -110,6 +110,7 @@ def calibrate(
         )
     runs = list(dict.fromkeys(motion.run for motion in motions))
     back = _held_back(runs, held_back)
+    learnt_runs = [run for run in runs if run not in back]
     learning = np.array([motion.run not in back for motion in motions])
     set_point, interval = motions[0].set_point, motions[0].interval
     settling = SETTLED / template.controller.position_gain
@@ -132,10 +133,10 @@ def calibrate(
     measured, discrepancy, scale = _with_discrepancy(bench, actuator, learning)
     tell(0.8)
     features = bench.features(measured)
-    _check_outliers(features, measured.load, groups, motions, scale, layout)
+    values = reported_values(layout, features)
+    _check_outliers(features, values, measured.load, groups, motions, scale, layout.kinds)
     learnt = (measured.load[learning], groups[learning], scale)
     population = Population.of(features[learning], *learnt)
-    values = reported_values(layout, features)
     reported = Population.of(values[learning], *learnt)
     scores = population.scores(features, measured.load)
     thresholds = _thresholds(scores[~learning], groups[~learning], layout.kinds, false_alarm_rate)
@@ -155,7 +156,7 @@ def calibrate(
         ),
         load_range=(float(measured.load.min()), float(measured.load.max())),
         facts={
-            "runs": [run for run in runs if run not in back],
+            "runs": learnt_runs,
             "held_back": back,
             "motions": len(motions),
             "labels": labels_of(motions),
@@ -176,7 +177,7 @@ def calibrate(
         replace(calibration, signatures=signatures),
         parameters,
         spread,
-        [run for run in runs if run not in back],
+        learnt_runs,
         back,
         float(over.mean()),
         tuple(_cautions(thresholds, len(runs), len(back))),
@@ -273,25 +274,25 @@ def _thresholds(
 
 def _check_outliers(
     features: np.ndarray,
+    values: np.ndarray,
     load: np.ndarray,
     groups: np.ndarray,
     motions: list[Motion],
     scale: float,
-    layout: Layout,
+    kinds: Sequence[str],
 ) -> None:
     """Refuse a run that is unlike all others: it may be a faulty one among the healthy."""
     of_run = np.array([motion.run for motion in motions])
     runs = list(dict.fromkeys(of_run))
-    values = reported_values(layout, features)
+    if len(runs) < 4:
+        return  # of three, nobody can tell which one is the odd one
     index = []
     for run in runs:
         others = of_run != run
         population = Population.of(features[others], load[others], groups[others], scale)
         own = population.scores(features[~others], load[~others])
         means = [own[groups[~others] == g].mean(0) for g in np.unique(groups[~others])]
-        index.append(float(np.log(np.mean(health_index(np.stack(means), layout.kinds)))))
-    if len(runs) < 4:
-        return  # of three, nobody can tell which one is the odd one
+        index.append(float(np.log(np.mean(health_index(np.stack(means), kinds)))))
     level = np.array(index)
     for n, run in enumerate(runs):
         rest = np.delete(level, n)

@@ -6,6 +6,7 @@ learnt from which runs) and ``signature`` (known faults) beside it.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -105,7 +106,7 @@ class Calibration:
     signatures: tuple[Signature, ...] = ()
     facts: dict[str, Any] = field(default_factory=dict)
 
-    @property
+    @cached_property
     def layout(self) -> Layout:
         """The features of its motions."""
         return Layout.of(phases(self.set_point, self.interval, self.settling_time))

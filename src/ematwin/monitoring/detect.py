@@ -10,7 +10,7 @@ from ematwin.monitoring.calibration import Calibration
 from ematwin.monitoring.index import health_index
 from ematwin.monitoring.measure import REPORTED, reported_values
 from ematwin.monitoring.naming import UNNAMED, Name, named_by_physics, named_by_signature
-from ematwin.signals.motion import Motion
+from ematwin.signals.motion import Motion, label_text
 
 COVERAGE = 1.96  # standard deviations of an interval: 95 %
 _ENDS = np.array([-1.0, 1.0])
@@ -144,7 +144,7 @@ def detect(motions: list[Motion], calibration: Calibration | str | Path) -> Dete
 
 def _name_of(source: str, labels: dict[str, str], one_source: bool) -> str:
     """Labels for tables, with the file where there are several or no labels."""
-    said = ", ".join(f"{key} {value}" for key, value in labels.items())
+    said = label_text(labels)
     return said if said and one_source else f"{source} {said}".strip()
 
 

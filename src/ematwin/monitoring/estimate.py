@@ -44,6 +44,15 @@ def first_prior(actuator: BallScrew) -> Prior:
     )
 
 
+def first_starts(actuator: BallScrew, initial_error: float) -> np.ndarray:
+    """Starts (2, 5) of a search that knows nothing yet, one for each direction of the load."""
+    pull = 0.1 * actuator.screw.friction_force
+    starts = np.tile(first_prior(actuator).mean, (2, 1))
+    starts[:, 3] = (-pull, pull)
+    starts[:, 4] = initial_error
+    return starts
+
+
 def estimate(
     actuator: BallScrew,
     set_point: np.ndarray,

@@ -6,7 +6,7 @@ import numpy as np
 
 from ematwin.errors import RecordError
 from ematwin.monitoring.coupling import coupling, decoupled_current
-from ematwin.monitoring.estimate import Prior, estimate, first_prior
+from ematwin.monitoring.estimate import estimate, first_prior, first_starts
 from ematwin.monitoring.features import Layout
 from ematwin.monitoring.nominal import FIRST_WEIGHTS
 from ematwin.monitoring.population import load_basis
@@ -98,9 +98,11 @@ class Bench:
         error = self.position_error - missed[:, samples:]
         found = np.empty((count, prior.mean.size))
         for n in range(count):
-            first = _first(prior, actuator, self.position_error[n, 0])
-            if starts is not None:
-                first = starts[n][None]
+            first = (
+                first_starts(actuator, self.position_error[n, 0])
+                if starts is None
+                else starts[n][None]
+            )
             found[n], _ = estimate(
                 actuator, self.set_point, self.interval, current[n], error[n], FIRST_WEIGHTS,
                 prior, first,
@@ -123,15 +125,6 @@ class Bench:
                 measured.magnitudes, measured.current, measured.position_error, strict=True
             )
         ])  # fmt: skip
-
-
-def _first(prior: Prior, actuator: BallScrew, initial_error: float) -> np.ndarray:
-    """Two starts, one for each direction of the load."""
-    pull = 0.1 * actuator.screw.friction_force
-    starts = np.tile(prior.mean, (2, 1))
-    starts[:, 3] = (-pull, pull)
-    starts[:, 4] = initial_error
-    return starts
 
 
 def reported_values(layout: Layout, features: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from ematwin.monitoring.estimate import Weights, estimate, first_prior
+from ematwin.monitoring.estimate import Weights, estimate, first_prior, first_starts
 from ematwin.monitoring.twin import twin_traces
 from ematwin.plant.ball_screw import BallScrew
 
@@ -151,14 +151,9 @@ def _start_of(
     template: BallScrew, set_point: np.ndarray, interval: float, mean: MeanMotion
 ) -> tuple[float, float]:
     """Load and initial error from which the common fit starts."""
-    prior = first_prior(template)
-    pull = 0.1 * template.screw.friction_force
-    starts = np.tile(prior.mean, (2, 1))
-    starts[:, 3] = (-pull, pull)
-    starts[:, 4] = mean.position_error[0]
     magnitudes, _ = estimate(
-        template, set_point, interval, mean.current, mean.position_error, FIRST_WEIGHTS, prior,
-        starts,
+        template, set_point, interval, mean.current, mean.position_error, FIRST_WEIGHTS,
+        first_prior(template), first_starts(template, mean.position_error[0]),
     )  # fmt: skip
     return float(magnitudes[3]), float(magnitudes[4])
 

@@ -80,11 +80,6 @@ class Population:
         """Standard deviation (F,) of a motion of another healthy run."""
         return np.hypot(self.within, self.between)
 
-    @property
-    def scatter(self) -> np.ndarray:
-        """Standard deviation (F,) of a motion within its run; never zero."""
-        return np.maximum(self.within, _LEAST_SPREAD)
-
     def scores(self, features: np.ndarray, load: np.ndarray) -> np.ndarray:
         """Features (N, F) in standard deviations from the healthy mean at their load."""
         return (features - self.mean(load)) / self.spread

@@ -7,6 +7,7 @@ import numpy as np
 from ematwin.errors import InputError
 from ematwin.monitoring.twin import twin_traces
 from ematwin.plant.ball_screw import BallScrew
+from ematwin.readers.tables import write_table
 from ematwin.signals.motion import Motion
 
 
@@ -83,13 +84,6 @@ def simulate_motion(
 
 def write_motions(motions: list[Motion], path: str | Path) -> None:
     """Write motions as one CSV or Parquet table in mm and A, as a test bench would."""
-    import pyarrow as pa
-    from pyarrow import csv, parquet
-
-    from ematwin.readers.files import check_target, written_whole
-
-    target = Path(path)
-    check_target(target, (".csv", ".parquet"))
     labels = list(dict.fromkeys(name for motion in motions for name in motion.labels))
     columns: dict[str, object] = {
         name: [motion.labels.get(name, "") for motion in motions for _ in motion.time]
@@ -99,9 +93,4 @@ def write_motions(motions: list[Motion], path: str | Path) -> None:
     columns["set_point_mm"] = np.concatenate([1e3 * motion.set_point for motion in motions])
     columns["position_error_mm"] = np.concatenate([1e3 * m.position_error for m in motions])
     columns["current_a"] = np.concatenate([motion.current for motion in motions])
-    table = pa.table(columns)
-    with written_whole(target) as draft:
-        if target.suffix == ".csv":
-            csv.write_csv(table, draft)
-        else:
-            parquet.write_table(table, draft)
+    write_table(path, columns)

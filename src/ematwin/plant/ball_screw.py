@@ -51,8 +51,9 @@ class BallScrew(ParameterSet):
     """One ball-screw actuator, all values in SI, on the nut unless said otherwise."""
 
     kind: ClassVar[str] = "ball-screw"
-    folder: ClassVar[str] = "actuators/ball_screw"
+    folder: ClassVar[str] = "ball_screw"
     default: ClassVar[str] = "rm1605"
+    beside: ClassVar[frozenset[str]] = frozenset({"calibration", "signature"})
 
     screw: Screw
     drive: ScrewDrive

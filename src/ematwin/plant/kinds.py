@@ -5,7 +5,7 @@ from typing import Any
 
 from ematwin.errors import ParameterError
 from ematwin.plant.ball_screw import BallScrew
-from ematwin.plant.parameter_set import ROTARY, ParameterSet, no_such_actuator
+from ematwin.plant.parameter_set import ROTARY, ParameterSet, parameter_file
 from ematwin.plant.parameters import Actuator
 from ematwin.validation import load_toml
 
@@ -39,14 +39,7 @@ def kind_of(name_or_path: str | Path) -> str:
 
 
 def _table(name_or_path: str | Path) -> dict[str, Any]:
-    path = Path(name_or_path)
-    if path.suffix != ".toml":
-        shipped = shipped_actuators()
-        if str(name_or_path) not in shipped:
-            raise no_such_actuator(str(name_or_path), shipped)
-        path = shipped[str(name_or_path)]
-    table = load_toml(path, "actuator")
-    return {key: value for key, value in table.items() if key not in ("calibration", "signature")}
+    return load_toml(parameter_file(name_or_path, shipped_actuators()), "actuator")
 
 
 def _kind(table: dict[str, Any], what: str | Path) -> str:

@@ -20,6 +20,7 @@ from ematwin.quantities import to_si
 from ematwin.validation import load_toml, one_sentence
 
 ROTARY = "rotary"  # the kind of a file that names none
+_ACTUATORS = Path(str(resources.files("ematwin.plant"))) / "actuators"
 
 
 def quantity(unit: str, meaning: str, **limits: Any) -> Any:
@@ -39,12 +40,21 @@ def unit_of(field: FieldInfo) -> str:
     return str(extra["unit"])
 
 
-def no_such_actuator(name: str, shipped: Iterable[str]) -> ParameterError:
-    """The error where a name is neither a shipped set nor a file."""
-    return ParameterError(
-        f"There is no actuator {name!r}. Shipped: {', '.join(shipped)}; "
-        "or give the path of a TOML file (ending in .toml)."
-    )
+def parameter_file(name_or_path: str | Path, offered: Iterable[str]) -> Path:
+    """A TOML file itself, or that of a shipped set of any kind.
+
+    ``offered`` are the names that the error lists.
+    """
+    path = Path(name_or_path)
+    if path.suffix == ".toml":
+        return path
+    shipped = {p.stem: p for p in _ACTUATORS.rglob("*.toml")}
+    if str(name_or_path) not in shipped:
+        raise ParameterError(
+            f"There is no actuator {str(name_or_path)!r}. Shipped: {', '.join(offered)}; "
+            "or give the path of a TOML file (ending in .toml)."
+        )
+    return shipped[str(name_or_path)]
 
 
 class Section(BaseModel):
@@ -63,8 +73,9 @@ class ParameterSet(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     kind: ClassVar[str]  # as ``kind = "..."`` in the file
-    folder: ClassVar[str]  # of the shipped sets
+    folder: ClassVar[str]  # of the shipped sets, below ``actuators/``
     default: ClassVar[str]  # the shipped set that is meant where none is named
+    beside: ClassVar[frozenset[str]] = frozenset()  # tables of its files that are no parameters
 
     name: str
     description: str
@@ -87,18 +98,8 @@ class ParameterSet(BaseModel):
             return name_or_path
         if isinstance(name_or_path, ParameterSet):
             raise cls._wrong_kind(name_or_path.name, name_or_path.kind)
-        path = Path(name_or_path)
-        if path.suffix == ".toml":
-            return cls.from_dict(load_toml(path, "actuator"), str(path))
-        shipped = cls.shipped()
-        for path in Path(str(resources.files("ematwin.plant"))).rglob(f"{name_or_path}.toml"):
-            if str(name_or_path) not in shipped and path.parent.name != "scenarios":
-                return cls.from_dict(
-                    load_toml(path, "actuator"), str(name_or_path)
-                )  # says its kind
-        if str(name_or_path) not in shipped:
-            raise no_such_actuator(str(name_or_path), shipped)
-        return cls.from_dict(load_toml(shipped[str(name_or_path)], "actuator"), str(name_or_path))
+        path = parameter_file(name_or_path, cls.shipped())
+        return cls.from_dict(load_toml(path, "actuator"), str(name_or_path))
 
     @classmethod
     def from_dict(cls, table: dict[str, Any], what: str = "actuator") -> Self:
@@ -106,7 +107,7 @@ class ParameterSet(BaseModel):
         kind = table.get("kind", ROTARY)
         if kind != cls.kind:
             raise cls._wrong_kind(what, kind)
-        table = {key: entry for key, entry in table.items() if key != "kind"}
+        table = {k: entry for k, entry in table.items() if k != "kind" and k not in cls.beside}
         plain: dict[str, Any] = {}
         sources: dict[str, str] = {}
         for key, entry in table.items():
@@ -156,8 +157,7 @@ class ParameterSet(BaseModel):
     @classmethod
     def shipped(cls) -> dict[str, Path]:
         """Names and files of the sets of this kind that come with ematwin."""
-        folder = Path(str(resources.files("ematwin.plant"))) / cls.folder
-        return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+        return {path.stem: path for path in sorted((_ACTUATORS / cls.folder).glob("*.toml"))}
 
     def changed(self, values: dict[str, float]) -> Self:
         """A variant with some values replaced, e.g. ``{"motor.resistance": 2.3}``, in SI."""

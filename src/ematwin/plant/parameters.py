@@ -88,7 +88,7 @@ class Actuator(ParameterSet):
     """
 
     kind: ClassVar[str] = "rotary"
-    folder: ClassVar[str] = "actuators"
+    folder: ClassVar[str] = ""
     default: ClassVar[str] = DEFAULT_ACTUATOR
 
     motor: Motor

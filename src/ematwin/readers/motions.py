@@ -17,7 +17,7 @@ from ematwin.errors import InputError, RecordError
 from ematwin.readers.recording import Recording, bare, find_channel, open_recording
 from ematwin.readers.timing import tidy_time
 from ematwin.readers.units import says_nothing, unit_factor, unit_in_name
-from ematwin.signals.motion import MOTION_COLUMNS, Motion
+from ematwin.signals.motion import MOTION_COLUMNS, Motion, label_text
 
 Choice = Mapping[str, Sequence[str]]  # label to the values that are wanted
 _ALIASES = {
@@ -224,7 +224,7 @@ def _factor(recording: Recording, role: str, name: str) -> float:
 
 
 def _motion(values: dict[str, np.ndarray], labels: dict[str, str], path: Path) -> Motion:
-    motion = f"{path} {', '.join(f'{key} {value}' for key, value in labels.items())}".strip()
+    motion = f"{path} {label_text(labels)}".strip()
     if values["time"].size < _SHORTEST:
         raise RecordError(
             f"{motion}: a motion of {values['time'].size} samples is too short; at least "

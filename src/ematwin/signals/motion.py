@@ -22,6 +22,11 @@ MOTION_COLUMNS = {
 }
 
 
+def label_text(labels: dict[str, str]) -> str:
+    """Labels for messages and tables: ``condition normal, run 1``."""
+    return ", ".join(f"{key} {value}" for key, value in labels.items())
+
+
 @dataclass(frozen=True, eq=False)
 class Motion:
     """One motion, sampled at a constant rate, in SI.
@@ -75,8 +80,8 @@ class Motion:
     @property
     def name(self) -> str:
         """File and labels, for messages and tables."""
-        labels = ", ".join(f"{key} {value}" for key, value in self.labels.items())
-        return " ".join(part for part in (self.source, labels) if part) or "the motion"
+        said = label_text(self.labels)
+        return " ".join(part for part in (self.source, said) if part) or "the motion"
 
     @property
     def run(self) -> str:
