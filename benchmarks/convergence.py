@@ -16,12 +16,12 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from ematwin.plant.parameters import Actuator
-from ematwin.plant.scenario import Scenario, Step
-from ematwin.signals.envelope import signed_current
-from ematwin.signals.filters import LowPass
-from ematwin.signals.record import Record
-from ematwin.simulation import simulate
+from ematwin.models.bldc.envelope import signed_current
+from ematwin.models.bldc.parameters import BldcActuator
+from ematwin.models.scenario import Scenario, Step
+from ematwin.models.simulating import simulate
+from ematwin.numerics.low_pass import LowPass
+from ematwin.recordings.recording import Recording
 
 SAMPLE_RATE = 25_000.0  # Hz: 40 us, a multiple of all steps
 STEPS = {"reference": (2e-6, 1e-6, 0.5e-6, 0.25e-6), "monitor": (40e-6, 20e-6, 10e-6, 5e-6, 2.5e-6)}
@@ -40,9 +40,9 @@ class Row:
     order: float | None
 
 
-def smooth_actuator() -> Actuator:
+def smooth_actuator() -> BldcActuator:
     """The default actuator without dry friction and backlash."""
-    return Actuator.load().changed(
+    return BldcActuator.load().changed(
         {
             "motor.friction_torque": 0.0,
             "transmission.friction_torque": 0.0,
@@ -57,7 +57,7 @@ def smooth_actuator() -> Actuator:
 SMOOTH = Scenario(name="smooth", duration=1e-3, command=[Step(value=0.5)])
 
 
-def _current(record: Record, pole_pairs: int) -> np.ndarray:
+def _current(record: Recording, pole_pairs: int) -> np.ndarray:
     signed = signed_current(record, pole_pairs)
     if signed is None:  # a monitor current that never was negative
         assert record.current is not None
@@ -72,7 +72,7 @@ def response(model: str, case: str, step: float) -> np.ndarray:
         record = simulate(model, SMOOTH, None, actuator, sample_rate=SAMPLE_RATE, step=step)
         return _current(record, actuator.motor.pole_pairs)
     record = simulate(model, sample_rate=SAMPLE_RATE, step=step)
-    current = _current(record, Actuator.load().motor.pole_pairs)
+    current = _current(record, BldcActuator.load().motor.pole_pairs)
     return LowPass(CUTOFF).apply(current, SAMPLE_RATE)
 
 

@@ -20,7 +20,13 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from ematwin import Faults, Noise, identify, simulate
-from ematwin.faults import FAULTS, HEALTHY, PAPER_CASES, error_percent, error_percent_wrapped
+from ematwin.models.bldc.faults import (
+    FAULTS,
+    HEALTHY,
+    PAPER_CASES,
+    error_percent,
+    error_percent_wrapped,
+)
 
 Run = dict[str, object]
 

@@ -12,8 +12,8 @@ from collections.abc import Callable
 import numpy as np
 
 import ematwin
-from ematwin.monitoring.simulate import out_and_back, simulate_motion
-from ematwin.monitoring.twin import twin_traces
+from ematwin.models.ball_screw.simulate import out_and_back, simulate_motion
+from ematwin.models.ball_screw.twin import twin_traces
 
 LOADS = (-400.0, 200.0, 400.0)  # N
 

@@ -20,20 +20,27 @@ from pathlib import Path
 
 import numpy as np
 
-from ematwin.study.cases import cases_of, multi_cases
-from ematwin.study.compare import Tally, compare
-from ematwin.study.engines.local import LocalEngine
-from ematwin.study.plan import Plan
-from ematwin.study.run import RunResult, RunSpec, StoredRun
-from ematwin.study.store import Store, open_store
+from ematwin.comparison.study.cases import cases_of, multi_cases
+from ematwin.comparison.study.compare import Tally, compare
+from ematwin.comparison.study.engines.local import LocalEngine
+from ematwin.comparison.study.plan import Plan
+from ematwin.comparison.study.run import RunResult, RunSpec, StoredRun
+from ematwin.comparison.study.store import Store, open_store
 
 
 class WarmEngine(LocalEngine):
-    """Starts before the clock does."""
+    """Starts before the clock does; the start that a study makes then changes nothing."""
+
+    warm = False
+
+    def warm_up(self) -> None:
+        super().start()
+        self.warm = True
 
     def start(self, attempts: int = 3) -> None:
-        if self._pool is None:
+        if not self.warm:
             super().start(attempts)
+        self.warm = False  # after a process died it has to start anew
 
 
 def measure_workers(folder: Path, runs: int, repeat: int) -> dict[str, float]:
@@ -44,9 +51,9 @@ def measure_workers(folder: Path, runs: int, repeat: int) -> dict[str, float]:
         seconds: dict[int, float] = {}
         for workers in (1, 2):
             engine = WarmEngine(workers)
-            engine.start()
-            for _ in range(workers):  # records and kernels
-                engine.submit(replace(plan.specs()[0], iterations=1, run=len(engine._flights)))
+            engine.warm_up()
+            for _ in range(workers):  # recordings and kernels
+                engine.submit(replace(plan.specs()[0], iterations=1, run=engine.busy))
             while engine.busy:
                 engine.finished(1.0)
             where = folder / f"{turn}-{workers}.db"
@@ -92,9 +99,9 @@ RESUME = """
 import sys
 sys.path.insert(0, sys.argv[3])
 from study import large_plan
-from ematwin.study.compare import compare
-from ematwin.study.engines.local import LocalEngine
-from ematwin.study.store import Store
+from ematwin.comparison.study.compare import compare
+from ematwin.comparison.study.engines.local import LocalEngine
+from ematwin.comparison.study.store import Store
 with Store(sys.argv[1]) as store:
     tally = compare(large_plan(int(sys.argv[2])), store, LocalEngine(1))
 assert tally.finished == 0 and tally.found == tally.planned, tally

@@ -29,3 +29,22 @@ html_theme = "pydata_sphinx_theme"
 html_title = "ematwin"
 html_show_sourcelink = False
 html_theme_options = {"show_prev_next": False, "secondary_sidebar_items": ["page-toc"]}
+
+
+def one_line_fields(app, what, name, obj, options, lines):  # type: ignore[no-untyped-def]
+    """Give napoleon a name and its whole meaning: it would cut it at the end of the line."""
+    section, found = "", []
+    for n, line in enumerate(lines):
+        if n + 1 < len(lines) and lines[n + 1] and not lines[n + 1].strip("-"):
+            section = line
+        if section in ("Parameters", "Attributes") and line[:1].strip() and " : " in line:
+            names, meaning = line.split(" : ", 1)
+            found += [names, f"    {meaning}"]
+        else:
+            found.append(line)
+    lines[:] = found
+
+
+def setup(app):  # type: ignore[no-untyped-def]
+    """Before napoleon, whose priority is 500."""
+    app.connect("autodoc-process-docstring", one_line_fields, priority=400)

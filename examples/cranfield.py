@@ -11,15 +11,14 @@ python examples/cranfield.py runs_1_to_5.parquet --rotate    (false alarms on ot
 
 import argparse
 import itertools
-from collections.abc import Callable
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 import ematwin
-from ematwin.monitoring.calibrate import CalibrationReport, measure, numbered, sources_of
-from ematwin.monitoring.index import health_index, prediction_bound
+from ematwin.monitoring import CalibrationReport, Detection, Scores
 from ematwin.report.detection import detection_page
 
 HEALTHY = "normal"
@@ -32,7 +31,7 @@ FAULTS = {
 }
 TAUGHT = [name for name in FAULTS if name not in {f"spalling{stage}" for stage in range(1, 6)}]
 LEARNING, THRESHOLD = ("1", "2", "3"), ("4", "5")
-Motions = list[ematwin.Motion]
+Motions = list[ematwin.Recording]
 
 
 def main() -> None:
@@ -64,10 +63,14 @@ def main() -> None:
     print(f"names learnt from faulty runs {', '.join(teaching)}; judged on the others\n")
     named = [v.fault == FAULTS.get(v.labels["condition"]) for v in found.motions]
     named_run = [v.fault == FAULTS.get(v.labels["condition"]) for v in found.runs]
+    scores = report.calibration.scores(judged)
+    held = report.calibration.scores(
+        [m for m in motions if m.labels["condition"] == HEALTHY and m.run in THRESHOLD]
+    )
     ways = {
         "motion": [v.alarm for v in found.motions],
-        "model": share_of(report, judged, motions, lambda kind: kind == "model"),
-        "statistics": share_of(report, judged, motions, lambda kind: kind != "model"),
+        "model": alarms_of(scores, held, {"model"}),
+        "statistics": alarms_of(scores, held, {"mean", "band"}),
         **pca(motions, judged),
     }
     heading = ["by run", "by motion", "model only", "statistics", "PCA T2", "PCA Q"]
@@ -101,7 +104,7 @@ def main() -> None:
     print("\nnamed right: % of the detected motions / of the runs that took no part in teaching")
     loads(found)
     given.out.mkdir(parents=True, exist_ok=True)
-    report.calibration.save(given.out / "calibrated.toml", sources_of(report))
+    report.save(given.out / "calibrated.toml")
     page = given.out / "report.html"
     page.write_text(detection_page(found), encoding="utf-8")
     print(f"wrote {page}")
@@ -127,22 +130,9 @@ def calibrated(
     return ematwin.calibrate(healthy, held_back=len(held), known=known, name="cranfield")
 
 
-def share_of(
-    report: CalibrationReport, judged: Motions, motions: Motions, wanted: Callable[[str], bool]
-) -> list[bool]:
-    """Alarms of motions where only the features of some kinds count."""
-    calibration = report.calibration
-    columns = [n for n, kind in enumerate(calibration.layout.kinds) if wanted(kind)]
-    kinds = [calibration.layout.kinds[n] for n in columns]
-
-    def index(some: Motions) -> np.ndarray:
-        features, measured = measure(calibration, some)
-        scores = calibration.population.scores(features, measured.load)
-        return health_index(scores[:, columns], kinds)
-
-    held = [m for m in motions if m.labels["condition"] == HEALTHY and m.run in THRESHOLD]
-    limit = prediction_bound(index(held), numbered([m.together for m in held]), 0.1)
-    return list(index(judged) > limit)
+def alarms_of(scores: Scores, held: Scores, kinds: Collection[str]) -> list[bool]:
+    """Alarms of motions where only the features of some kinds count, with a limit of their own."""
+    return list(scores.index(kinds) > held.limit(kinds=kinds))
 
 
 @dataclass
@@ -169,7 +159,7 @@ def pca(motions: Motions, judged: Motions) -> dict[str, list[bool]]:
 
     ways = (Stroke(slice(0, 35), slice(35, 125)), Stroke(slice(200, 240), slice(240, 324)))
 
-    def features(motion: ematwin.Motion) -> list[float]:
+    def features(motion: ematwin.Recording) -> list[float]:
         values = []
         for way in ways:
             for signal in (motion.current, motion.position_error):
@@ -199,7 +189,7 @@ def pca(motions: Motions, judged: Motions) -> dict[str, list[bool]]:
     return {"T2": list(t2 > limits[0]), "Q": list(q > limits[1])}
 
 
-def loads(found: ematwin.monitoring.detect.Detection) -> None:
+def loads(found: Detection) -> None:
     """What the twin, which is told no load, says of it, beside what the rig held."""
     held = sorted({verdict.labels["load_kgf"] for verdict in found.motions}, key=float)
     print("\nload held by the rig, and as estimated from healthy motions (mean, spread), N")

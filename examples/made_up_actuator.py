@@ -10,7 +10,6 @@ through what to do with them.
 import numpy as np
 
 import ematwin
-from ematwin.monitoring.simulate import out_and_back, simulate_motion, write_motions
 
 # The actuator as it really is; the template that calibration starts from does not know.
 TRUTH = {
@@ -24,7 +23,8 @@ TRUTH = {
     "controller.position_gain": 6.0,
     "controller.integral_gain": 12.0,
 }
-STROKE, SECONDS, REST = 0.08, 4.0, 2.0  # m, s, s
+STROKE, SECONDS, REST = 0.08, 4.0, 2.0  # m, s one way, s between
+INTERVAL = 0.04  # s, of the position loop
 LATER: list[dict[str, float]] = [
     {"friction": 1.0},
     {"friction": 1.08},
@@ -37,23 +37,26 @@ LATER: list[dict[str, float]] = [
 ]
 
 
+def command() -> ematwin.Scenario:
+    """A set point that goes out, rests and comes back, sampled as the position loop does."""
+    time = np.arange(round((2.0 * SECONDS + REST) / INTERVAL)) * INTERVAL
+    corners = [0.0, SECONDS, SECONDS + REST, 2.0 * SECONDS + REST]
+    return ematwin.Scenario.from_columns(time, np.interp(time, corners, [0.0, STROKE, STROKE, 0.0]))
+
+
 def run(
     actuator: ematwin.BallScrew, number: int, faults: dict[str, float], random: np.random.Generator
-) -> list[ematwin.Motion]:
+) -> list[ematwin.Recording]:
     """Four motions of a day, each under another load."""
-    set_point, interval = out_and_back(actuator, STROKE, SECONDS, REST)
     day = {"friction": random.normal(1.0, 0.015), "gain": random.normal(1.0, 0.005)}
     day |= {name: value * day.get(name, 1.0) for name, value in faults.items()}
     return [
-        simulate_motion(
-            actuator,
-            set_point,
-            interval,
-            **day,
-            load=random.uniform(-200.0, 200.0),
+        ematwin.simulate(
+            scenario=command(),
+            faults={**day, "load": random.uniform(-200.0, 200.0)},
+            actuator=actuator,
             seed=1000 * number + motion,
-            labels={"run": str(number), "motion": str(motion)},
-        )
+        ).changed(labels={"run": str(number), "motion": str(motion)})
         for motion in range(1, 5)
     ]
 
@@ -65,7 +68,7 @@ def main() -> None:
     healthy = [motion for n in range(1, 11) for motion in run(actuator, n, {}, random)]
     later = [m for n, faults in enumerate(LATER, 11) for m in run(actuator, n, faults, random)]
     for motions, path in ((healthy, "healthy.csv"), (later, "later.csv")):
-        write_motions(motions, path)
+        ematwin.write(motions, path)
         print(f"wrote {path}: {len(motions)} motions")
 
 

@@ -4,9 +4,9 @@ from functools import cache
 
 import numpy as np
 
-from ematwin.monitoring.simulate import out_and_back, simulate_motion
-from ematwin.plant.ball_screw import BallScrew
-from ematwin.signals.motion import Motion
+from ematwin.models.ball_screw.parameters import BallScrew
+from ematwin.models.ball_screw.simulate import out_and_back, simulate_motion
+from ematwin.recordings.recording import Recording
 
 # What the rig is, as factors on the template that a calibration starts from.
 TRUTH = {
@@ -28,8 +28,7 @@ def template() -> BallScrew:
 @cache
 def rig() -> BallScrew:
     """The template with the parameters of `TRUTH`."""
-    known = {place: value for place, value, *_ in template().parameters()}
-    return template().changed({place: factor * known[place] for place, factor in TRUTH.items()})
+    return template().changed({place: f * template().value(place) for place, f in TRUTH.items()})
 
 
 @cache
@@ -38,13 +37,15 @@ def command() -> tuple[np.ndarray, float]:
     return out_and_back(rig(), 0.08, 4.0, 2.0)
 
 
-def motion(seed: int = 0, **changed: object) -> Motion:
+def motion(seed: int = 0, **changed: object) -> Recording:
     """One motion of the rig; ``changed`` as in `simulate_motion`."""
     options: dict[str, object] = {"noise": NOISE, "seed": seed, **changed}
     return simulate_motion(rig(), *command(), **options)  # type: ignore[arg-type]
 
 
-def run(number: int, motions: int = 2, condition: str = "normal", **fault: float) -> list[Motion]:
+def run(
+    number: int, motions: int = 2, condition: str = "normal", **fault: float
+) -> list[Recording]:
     """The motions of a run, under two loads; each run has its own friction, play and gain.
 
     ``fault``: friction and gain as factors, backlash in m, roughness as in `simulate_motion`.
@@ -69,6 +70,6 @@ def run(number: int, motions: int = 2, condition: str = "normal", **fault: float
     ]  # fmt: skip
 
 
-def healthy_runs(count: int, first: int = 1, motions: int = 2) -> list[Motion]:
+def healthy_runs(count: int, first: int = 1, motions: int = 2) -> list[Recording]:
     """Motions of healthy runs, numbered from ``first``."""
     return [one for number in range(first, first + count) for one in run(number, motions)]

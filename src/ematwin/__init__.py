@@ -12,65 +12,81 @@ nothing.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.1.0"
+__version__ = "0.2.0.dev0"
 
 if TYPE_CHECKING:
     from ematwin.errors import EmatwinError
-    from ematwin.faults import Faults, error_percent, error_percent_wrapped
-    from ematwin.identification.identify import Identification, identify
+    from ematwin.estimation.estimate import Estimate
+    from ematwin.estimation.identify import Identification, identify
+    from ematwin.estimation.problem import Problem
+    from ematwin.models.ball_screw.parameters import BallScrew
+    from ematwin.models.base import Model
+    from ematwin.models.bldc.faults import Faults, error_percent, error_percent_wrapped
+    from ematwin.models.bldc.parameters import BldcActuator
+    from ematwin.models.reading import read, read_motions, write
+    from ematwin.models.registry import load_actuator
+    from ematwin.models.scenario import Scenario
+    from ematwin.models.simulating import simulate
+    from ematwin.models.unknown import Unknown
     from ematwin.monitoring.calibrate import calibrate
     from ematwin.monitoring.calibration import Calibration
     from ematwin.monitoring.detect import detect
     from ematwin.optimizers.minimize import minimize
-    from ematwin.plant.ball_screw import BallScrew
-    from ematwin.plant.parameters import Actuator
-    from ematwin.plant.scenario import Scenario
-    from ematwin.readers.motions import read_motions
-    from ematwin.readers.records import read, write
-    from ematwin.signals.motion import Motion
-    from ematwin.signals.noise import Noise
-    from ematwin.signals.record import Record
-    from ematwin.simulation import simulate
+    from ematwin.recordings.channel import Channel
+    from ematwin.recordings.noise import Noise
+    from ematwin.recordings.recording import Recording
 
 _HOMES = {
-    "Actuator": "ematwin.plant.parameters",
-    "BallScrew": "ematwin.plant.ball_screw",
+    "BallScrew": "ematwin.models.ball_screw.parameters",
+    "BldcActuator": "ematwin.models.bldc.parameters",
     "Calibration": "ematwin.monitoring.calibration",
+    "Channel": "ematwin.recordings.channel",
     "EmatwinError": "ematwin.errors",
-    "Faults": "ematwin.faults",
-    "Identification": "ematwin.identification.identify",
-    "Motion": "ematwin.signals.motion",
-    "Noise": "ematwin.signals.noise",
-    "Record": "ematwin.signals.record",
-    "Scenario": "ematwin.plant.scenario",
+    "Estimate": "ematwin.estimation.estimate",
+    "Faults": "ematwin.models.bldc.faults",
+    "Identification": "ematwin.estimation.identify",
+    "Model": "ematwin.models.base",
+    "Noise": "ematwin.recordings.noise",
+    "Problem": "ematwin.estimation.problem",
+    "Recording": "ematwin.recordings.recording",
+    "Scenario": "ematwin.models.scenario",
+    "Unknown": "ematwin.models.unknown",
     "calibrate": "ematwin.monitoring.calibrate",
     "detect": "ematwin.monitoring.detect",
-    "error_percent": "ematwin.faults",
-    "error_percent_wrapped": "ematwin.faults",
-    "identify": "ematwin.identification.identify",
+    "error_percent": "ematwin.models.bldc.faults",
+    "error_percent_wrapped": "ematwin.models.bldc.faults",
+    "identify": "ematwin.estimation.identify",
+    "load_actuator": "ematwin.models.registry",
     "minimize": "ematwin.optimizers.minimize",
-    "read": "ematwin.readers.records",
-    "read_motions": "ematwin.readers.motions",
-    "simulate": "ematwin.simulation",
-    "write": "ematwin.readers.records",
+    "read": "ematwin.models.reading",
+    "read_motions": "ematwin.models.reading",
+    "simulate": "ematwin.models.simulating",
+    "write": "ematwin.models.reading",
 }
+# Names of version 0.1 and what they are called now.
+_FORMER = {"Actuator": "BldcActuator", "Motion": "Recording", "Record": "Recording"}
 
 __all__ = [
-    "Actuator",
     "BallScrew",
+    "BldcActuator",
     "Calibration",
+    "Channel",
     "EmatwinError",
+    "Estimate",
     "Faults",
     "Identification",
-    "Motion",
+    "Model",
     "Noise",
-    "Record",
+    "Problem",
+    "Recording",
     "Scenario",
+    "Unknown",
     "calibrate",
     "detect",
     "error_percent",
     "error_percent_wrapped",
     "identify",
+    "load_actuator",
     "minimize",
     "read",
     "read_motions",
@@ -80,6 +96,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
+    name = _FORMER.get(name, name)
     if name in _HOMES:
         return getattr(import_module(_HOMES[name]), name)
     raise AttributeError(f"module 'ematwin' has no attribute {name!r}")

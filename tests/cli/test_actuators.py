@@ -3,9 +3,9 @@
 import json
 import math
 
-from ematwin import Actuator
-from ematwin.plant.kinds import shipped_actuators
-from ematwin.plant.scenario import shipped_scenarios
+from ematwin import BldcActuator
+from ematwin.models.registry import shipped_actuators
+from ematwin.models.scenario import shipped_scenarios
 
 
 def test_shipped_sets_are_listed(ematwin):
@@ -18,7 +18,7 @@ def test_shipped_sets_are_listed(ematwin):
 def test_one_set_is_shown_with_the_unit_and_source_of_every_value(ematwin):
     text = ematwin("actuators", "servo48").out
     told = json.loads(ematwin("actuators", "servo48", "--json").out)
-    rows = {place: row for place, *row in Actuator.load("servo48").parameters()}
+    rows = {place: row for place, *row in BldcActuator.load("servo48").parameters()}
     assert told["parameters"].keys() == rows.keys()
     for place, (value, unit, meaning, source) in rows.items():
         assert told["parameters"][place] == {
@@ -40,6 +40,28 @@ def test_a_file_is_shown_like_a_shipped_set(ematwin, tmp_path):
 
 def test_shipped_scenarios_are_listed(ematwin):
     lines = ematwin("scenarios").out.splitlines()
-    assert [line.split()[0] for line in lines] == list(shipped_scenarios())
+    names = [line.split()[0] for line in lines]
+    assert names == [*shipped_scenarios(), *shipped_scenarios("ematwin.models.ball_screw")]
     told = json.loads(ematwin("scenarios", "--json").out)
     assert told["default"]["duration"] == 0.5
+
+
+def test_faults_and_channels_of_a_kind_are_shown(ematwin):
+    told = json.loads(ematwin("actuators", "rm1605", "--json").out)
+    assert told["kind"] == "ball-screw"
+    assert told["channels"]["set_point"]["unit"] == "m"
+    assert told["unknowns"]["friction"]["role"] == "fault"
+    text = ematwin("actuators", "servo48").out
+    assert "eccentricity_phase" in text
+    assert "motor shaft angle" in text
+
+
+def test_a_shipped_set_is_copied_to_be_made_ones_own(ematwin, tmp_path):
+    answer = ematwin("actuators", "servo48", "--out", "mine.toml")
+    assert (answer.code, answer.err) == (0, "")
+    mine = BldcActuator.load(tmp_path / "mine.toml")
+    assert mine.fingerprint == BldcActuator.load("servo48").fingerprint
+    assert list(mine.parameters()) == list(BldcActuator.load("servo48").parameters())
+    refused = ematwin("actuators", "--out", "mine.toml")
+    assert refused.code == 2
+    assert "needs the name of an actuator" in refused.err

@@ -57,7 +57,7 @@ def files(tmp_path: Path) -> Path:
     whole = (tmp_path / "whole.parquet").read_bytes()
     (tmp_path / "whole.parquet").unlink()
     (tmp_path / "truncated.parquet").write_bytes(whole[: len(whole) // 2])
-    from ematwin.plant.kinds import shipped_actuators
+    from ematwin.models.registry import shipped_actuators
 
     shipped = shipped_actuators()["servo48"].read_text(encoding="utf-8")
     for name, old, new in (
@@ -75,7 +75,7 @@ def files(tmp_path: Path) -> Path:
 CASES = [
     # faults
     (["--fault", "fricton=0.25"], "Did you mean friction?"),
-    (["--fault", "friction=25"], "It looks like per cent; write 0.25"),
+    (["--fault", "friction=25"], "If this is a percentage, write 0.25"),
     (["--fault", "friction=-0.1"], "received -0.1"),
     (["--fault", "friction=nan"], "received nan"),
     (["--fault", "friction=a lot"], "received 'a lot'"),
@@ -90,7 +90,7 @@ CASES = [
     (["--sample-rate", "-5"], "received -5"),
     (["--sample-rate", "1e12"], "at most"),
     (["--sample-rate", "20 kHz"], "received '20 kHz'"),
-    (["--sample-rate", "1"], "no two samples at 1 Hz"),
+    (["--sample-rate", "1"], "fewer than two samples at 1 Hz"),
     (["--step", "1"], "received 1 s"),
     (["--step", "1e-15"], "received 1e-15 s"),
     (["--noise", "white=-1"], "received -1"),

@@ -15,18 +15,18 @@ import pytest
 
 import ematwin as library
 from browser import browse
-from ematwin.readers.tables import write_table
+from ematwin.recordings.tables import write_table
 
 FAULTS = {"friction": 0.3, "backlash": 0.15}
 
 
 @pytest.fixture(scope="module")
-def record() -> library.Record:
+def record() -> library.Recording:
     return library.simulate("reference", faults=FAULTS)
 
 
 @pytest.fixture
-def folder(tmp_path: Path, record: library.Record) -> Path:
+def folder(tmp_path: Path, record: library.Recording) -> Path:
     library.write(record, tmp_path / "rec.parquet")
     return tmp_path
 
@@ -87,7 +87,7 @@ def test_algorithms_are_listed_with_their_sources(ematwin) -> None:
 
 
 def test_channels_of_a_test_bench_are_mapped_by_name(
-    ematwin, tmp_path: Path, record: library.Record
+    ematwin, tmp_path: Path, record: library.Recording
 ) -> None:
     write_table(
         tmp_path / "bench.csv",
@@ -112,7 +112,7 @@ def test_channels_of_a_test_bench_are_mapped_by_name(
     assert found["backlash"] == pytest.approx(0.15, abs=0.01)
 
 
-def changed_file(folder: Path, record: library.Record, change: Callable[[dict], None]) -> str:
+def changed_file(folder: Path, record: library.Recording, change: Callable[[dict], None]) -> str:
     columns = {name: values.copy() for name, values in record.columns()}
     change(columns)
     write_table(folder / "changed.parquet", columns, {})
@@ -181,7 +181,7 @@ def _still(columns: dict) -> None:
     ],
 )
 def test_record_that_cannot_be_right_is_refused_with_the_reason(
-    ematwin, tmp_path: Path, record: library.Record, change, said: str
+    ematwin, tmp_path: Path, record: library.Recording, change, said: str
 ) -> None:
     name = changed_file(tmp_path, record, change)
     refused(ematwin("identify", name, "--report", "out.html"), said)
@@ -238,6 +238,46 @@ def test_ctrl_c_keeps_the_best_found_and_says_so(folder: Path) -> None:
     time.sleep(15.0)  # imports, loads kernels, searches
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=60)
-    assert "Interrupted: this is the best found until then." in out, err
+    assert "Interrupted: this is the best found so far." in out, err
     assert "Traceback" not in err
     assert (folder / "out.html").exists()
+
+
+def test_units_that_were_assumed_are_told_and_a_hopeless_fit_is_called_one(
+    ematwin, tmp_path: Path, record: library.Recording
+) -> None:
+    left_out = {"command", "output_position", "output_speed", "motor_position", "motor_speed"}
+    columns = {name: values for name, values in record.columns() if name not in left_out}
+    columns["reference"] = np.degrees(record.command)  # and nobody says so
+    write_table(tmp_path / "bench.parquet", columns, {})
+    answer = ematwin("identify", "bench.parquet", "--column", "command=reference", "--column",
+                     "time=time", *(f"--column=i_{k}=current_{k}" for k in "abc"))  # fmt: skip
+    assert answer.code == 0, answer.err
+    assert re.search(r"^Assumed: .*command in rad", answer.out, re.MULTILINE | re.IGNORECASE)
+    assert "these values mean nothing" in answer.out
+
+
+@pytest.mark.parametrize("kind", ["servo48", "rm1605"])
+def test_every_kind_answers_without_calibration_and_says_so(
+    ematwin, tmp_path: Path, kind: str
+) -> None:
+    ematwin("simulate", "--actuator", kind, "--seed", "1", "--out", "rec.csv")
+    answer = ematwin("identify", "rec.csv", "--actuator", kind, "--report", "out.html")
+    assert answer.code == 0, answer.err
+    assert "Not calibrated: values are relative to the parameters" in answer.out
+    found = json.loads(ematwin("identify", "rec.csv", "--actuator", kind, "--json").out)
+    assert found["kind"] == {"servo48": "bldc", "rm1605": "ball-screw"}[kind]
+    assert found["present"] == []
+    estimate = library.Estimate.from_dict(found["estimate"])
+    assert set(estimate.names) == set(found["searched"])
+
+
+def test_a_parameter_is_searched_from_the_shell(ematwin, folder: Path) -> None:
+    answer = ematwin(
+        "identify", "rec.parquet", "--only", "friction,backlash,motor.emf_constant", "--json"
+    )
+    assert answer.code == 0, answer.err
+    told = json.loads(answer.out)
+    nominal = library.BldcActuator.load().motor.emf_constant
+    assert told["faults"]["motor.emf_constant"] == pytest.approx(nominal, rel=0.01)
+    assert told["physical"]["motor.emf_constant"]["unit"] == "V*s/rad"

@@ -12,11 +12,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+import ematwin as ematwin_module
 from browser import browse
 from ematwin.cli import main
-from ematwin.monitoring.simulate import write_motions
-from ematwin.plant.ball_screw import BallScrew
-from ematwin.plant.kinds import load_actuator, shipped_actuators
+from ematwin.models.ball_screw.parameters import BallScrew
+from ematwin.models.registry import load_actuator, shipped_actuators
 from made_up_rig import healthy_runs, run
 
 HEALTHY = (
@@ -31,8 +31,9 @@ def bench(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("bench")
     dry = [one for n in (60, 61) for one in run(n, 1, "dry", friction=1.3)]
     loose = run(62, 1, "loose", backlash=8e-4)
-    write_motions([*healthy_runs(7), *dry, *loose], folder / "bench.csv")
-    write_motions([*run(63, 1, "dry", friction=1.35), *run(8, 1)], folder / "later.parquet")
+    ematwin_module.write([*healthy_runs(7), *dry, *loose], folder / "bench.csv")
+    ematwin_module.write([*run(63, 1, "dry", friction=1.35), *run(8, 1)], folder / "later.parquet")
+    ematwin_module.write(run(63, 1, "dry", friction=1.35)[0], folder / "one.parquet")
     done = subprocess.run(
         [sys.executable, "-m", "ematwin", *HEALTHY, "--json"],
         cwd=folder, capture_output=True, text=True, timeout=300, check=False,
@@ -82,6 +83,8 @@ def test_calibrate_tells_programs_what_it_learnt(files):
     assert set(told["spread"]) == {"friction", "backlash", "gain", "roughness"}
     assert 0.0 < told["threshold"]["run"] < told["threshold"]["motion"]
     assert told["signatures"] == []
+    assert told["kind"] == "ball-screw"
+    assert told["assumed"] == told["warnings"] == []
 
 
 def test_the_calibration_is_a_parameter_file_with_sources(ematwin, files):
@@ -102,6 +105,8 @@ def test_calibrate_tells_people_the_same_and_learns_known_faults(ematwin, files)
         assert ("not determined" in row) == (not parameter["determined"])
     assert "learnt from runs 1, 2, 3, 4; held back 5, 6, 7" in answer.out
     assert re.search(r"backlash +scatters by [\d.]+ mm within a run", answer.out)
+    assert "healthy reference: 28 recordings with condition normal" in answer.out
+    assert "Not fitted, as in the template: screw.lead, screw.backlash," in answer.out
     assert "known fault: no grease, from 4 motions: condition=dry;run=60,61" in answer.out
     assert "wrote taught.toml" in answer.out
 
@@ -130,6 +135,8 @@ def test_detect_tells_programs_value_interval_alarm_and_name(ematwin, files):
         assert verdict["alarm"] == (verdict["index"] > verdict["threshold"])
         assert verdict["alarm"] == (verdict["fault"] is not None)
         found.setdefault(verdict["labels"]["condition"], []).append(verdict)
+        assert isinstance(verdict["load_N"], float)
+        assert isinstance(verdict["sensor_coupling"], float)
         for magnitude in verdict["magnitudes"].values():
             assert magnitude["low"] <= magnitude["value"] <= magnitude["high"]
             assert np.isfinite(magnitude["score"])
@@ -184,7 +191,7 @@ def test_detect_writes_all_verdicts_as_a_table(ematwin, files):
         < float(rows[0]["friction"])
         < float(rows[0]["friction_high"])
     )
-    assert "backlash_mm" in rows[0]
+    assert {"backlash_mm", "load_N", "sensor_coupling"} <= set(rows[0])
     stored = pq.read_table(files / "verdicts.parquet").to_pylist()
     assert [str(row["index"]) for row in stored] == [row["index"] for row in rows]
 
@@ -203,25 +210,80 @@ def test_the_page_opens_in_a_browser_and_loads_nothing(ematwin, files):
     assert not re.search(r"<(script|link|img|iframe)[^>]*(src|href)\s*=\s*[\"']?http", text)
 
 
+def test_units_that_were_assumed_are_said(ematwin, files):
+    """Nothing states that these are metres and amperes."""
+    header, *rows = (files / "bench.csv").read_text(encoding="utf-8").splitlines()
+    names = header.replace('"', "").replace("_mm", "").replace("_a", "").replace("_s,", ",")
+    columns = names.split(",")
+    metres = [columns.index(name) for name in ("set_point", "position_error")]
+    cells = [row.split(",") for row in rows]
+    for row in cells:
+        for n in metres:
+            row[n] = str(1e-3 * float(row[n]))
+    (files / "bare.csv").write_text("\n".join([names, *map(",".join, cells), ""]))
+    for option in ([], ["--json"]):
+        answer = ematwin("detect", "bare.csv", "--actuator", "rig.toml", *option)
+        assert answer.code == 0, answer.err
+        assert "set_point" in answer.out.partition("ssumed")[2], answer.out
+
+
 # identify
 
 
-def test_identify_takes_a_calibrated_ball_screw_too(ematwin, files):
+def test_identify_adds_a_verdict_where_the_actuator_is_calibrated(ematwin, files):
     answer = ematwin(
-        "identify", "later.parquet", "--actuator", "rig.toml", "--report", "out.html", "--json"
+        "identify", "one.parquet", "--actuator", "rig.toml", "--report", "out.html", "--json"
     )
     assert answer.code == 0, answer.err
     told = json.loads(answer.out)
     assert told["each"] == "motion"
     assert told["report"] == "out.html"
-    assert [v["fault"] for v in told["verdicts"]][:2] == ["lubrication", "lubrication"]
+    assert [v["fault"] for v in told["verdicts"]] == ["lubrication"]
+    assert told["faults"]["friction"] == pytest.approx(1.35, rel=0.06)
     assert (files / "out.html").stat().st_size > 10_000
 
 
-def test_identify_refuses_options_that_do_not_apply(ematwin, files):
-    for option in (["--algorithm", "pso"], ["--only", "friction"], ["--hold", "gain=0.5"]):
-        answer = ematwin("identify", "later.parquet", "--actuator", "rig.toml", *option)
-        refused(answer, "is a ball-screw actuator")
+# Another kind
+
+
+def test_a_brushless_actuator_is_calibrated_and_judged_from_the_shell(ematwin, files):
+    """One file a run; what does not apply to the kind is null."""
+    from made_up_axis import run as axis_run
+
+    healthy = [f"day{n}.parquet" for n in range(1, 5)]
+    for n, name in enumerate(healthy, 1):
+        ematwin_of(axis_run(n), files / name)
+    ematwin_of(axis_run(60, friction=0.25), files / "dry.parquet")
+    answer = ematwin("calibrate", *healthy, "--actuator", "servo48", "--out", "axis.toml")
+    assert answer.code == 0, answer.err
+    assert "controller.position_gain" in answer.out
+    assert re.search(r"friction +scatters by [\d.]+ within a run", answer.out)
+    assert "learnt from runs day1.parquet, day2.parquet, day3.parquet" in answer.out
+    answer = ematwin("detect", "dry.parquet", "--actuator", "axis.toml", "--json")
+    assert answer.code == 0, answer.err
+    told = json.loads(answer.out)
+    (verdict,) = told["verdicts"]
+    assert told["kind"] == "bldc"
+    assert verdict["load_N"] is verdict["sensor_coupling"] is None
+    friction = verdict["magnitudes"]["friction"]
+    assert friction["value"] == pytest.approx(0.25, abs=0.03)
+    assert friction["score"] > 3.0
+    answer = ematwin(
+        "detect", "dry.parquet", "--actuator", "axis.toml", "--report", "a.html", "--table", "a.csv"
+    )
+    assert answer.code == 0, answer.err
+    heading = answer.out.splitlines()[1]
+    assert "eccentricity" in heading
+    assert "load" not in heading
+    with (files / "a.csv").open(encoding="utf-8") as file:
+        (row,) = csv.DictReader(file)
+    assert float(row["friction"]) == pytest.approx(friction["value"])
+    assert (files / "a.html").stat().st_size > 10_000
+
+
+def ematwin_of(recording, path: Path) -> None:
+    """Write a recording without its label: the file is the run."""
+    ematwin_module.write(recording.changed(labels={}), path)
 
 
 # What cannot be used
@@ -247,11 +309,11 @@ CASES = [
     (["calibrate", "bench.csv", "--out", "folder.toml"], "it is a folder"),
     (["calibrate", "none.csv", "--out", "x.toml"], "There is no file none.csv"),
     (["calibrate", "bench.csv", "--actuator", "servo48", "--out", "x.toml"],
-     "of the kind 'rotary' where one of the kind 'ball-screw' is needed"),
+     "It has the channels of the kind ball-screw"),
     (["calibrate", "bench.csv", "--actuator", "servo48.toml", "--out", "x.toml"],
-     "of the kind 'rotary' where one of the kind 'ball-screw' is needed"),
+     "It has the channels of the kind ball-screw"),
     (["calibrate", "bench.csv"], "--out"),
-    (["calibrate", "rotary.csv", "--out", "x.toml"], "no channel for current"),
+    (["calibrate", "rotary.csv", "--out", "x.toml"], "It has the channels of the kind bldc"),
     # detect
     (["detect", "later.parquet", "--actuator", "rm1605.toml"], "no calibration; make one with"),
     (["detect", "later.parquet", "--actuator", "rm1605"], "rm1605"),
@@ -272,11 +334,11 @@ CASES = [
      "no channel 'x'"),
     (["detect", "short.csv", "--actuator", "rig.toml", "--table", "x.csv"], "samples where"),
     (["detect", "turned.csv", "--actuator", "rig.toml", "--report", "x.html"], "wrong sign"),
-    (["detect", "rotary.csv", "--actuator", "rig.toml"], "no channel for current"),
+    (["detect", "rotary.csv", "--actuator", "rig.toml"], "It has the channels of the kind bldc"),
     # identify
-    (["identify", "later.parquet", "--actuator", "rm1605.toml"], "no calibration; make one with"),
-    (["identify", "later.parquet", "--actuator", "rm1605"], "rm1605"),
-    (["identify", "rotary.csv", "--actuator", "rig.toml"], "no channel for current"),
+    (["identify", "later.parquet", "--actuator", "rig.toml"], "later.parquet holds 4 motions"),
+    (["identify", "one.parquet", "--actuator", "cut.toml"], "cut.toml"),
+    (["identify", "rotary.csv", "--actuator", "rig.toml"], "It has the channels of the kind bldc"),
 ]  # fmt: skip
 
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import ematwin as library
-from ematwin.faults import PAPER_CASES
-from ematwin.signals.envelope import current_envelope
+from ematwin.models.bldc.envelope import current_envelope
+from ematwin.models.bldc.faults import PAPER_CASES
 
 
 def test_the_main_job_writes_a_record_and_a_plot(ematwin, tmp_path):
@@ -86,7 +86,7 @@ def test_fault_vectors_of_the_paper_simulate_from_the_command_line(ematwin, tmp_
 
 
 def test_files_of_the_users_own_are_taken(ematwin, tmp_path):
-    from ematwin.plant.kinds import shipped_actuators
+    from ematwin.models.registry import shipped_actuators
 
     shipped = shipped_actuators()["servo48"].read_text(encoding="utf-8")
     (tmp_path / "mine.toml").write_text(shipped.replace('name = "servo48"', 'name = "mine"'))

@@ -138,8 +138,8 @@ def dragonfly(cost, lower, upper, population, iterations, rng):
                     terms = [terms[j] + fade * (enemy[j] + x[j]) for j in range(d)]
             near.append(fed)
             drift.append(terms)
-            for row, weight in zip(weights, (s, a, c), strict=True):
-                row.append([weight if fed else rng.random() for _ in range(d)])
+        for row, weight in zip(weights, (s, a, c), strict=True):
+            row += [[weight if fed else rng.random() for _ in range(d)] for fed in near]
         levy = [
             [0.01 * sigma * rng.gauss(0, 1) / abs(rng.gauss(0, 1)) ** (2 / 3) for _ in range(d)]
             for _ in range(population)

@@ -9,13 +9,13 @@ import math
 import numpy as np
 import pytest
 
-from ematwin.faults import PAPER_CASES, Faults
-from ematwin.kernels import batch
-from ematwin.plant.constants import kernel_constants
-from ematwin.plant.parameters import Actuator
-from ematwin.plant.scenario import Scenario
+from ematwin.models.bldc import batch
+from ematwin.models.bldc.constants import kernel_constants
+from ematwin.models.bldc.faults import PAPER_CASES, Faults
+from ematwin.models.bldc.parameters import BldcActuator
+from ematwin.models.scenario import Scenario
 
-ACTUATOR = Actuator.load()
+ACTUATOR = BldcActuator.load()
 C = kernel_constants(ACTUATOR)
 DT = 1e-6
 TOLERANCE = 0.0005  # the project asks for 0.005; this also guards the events of the diodes

@@ -6,20 +6,21 @@ import numpy as np
 import pytest
 from numba import njit
 
-from ematwin.faults import PAPER_CASES, Faults
-from ematwin.kernels.backlash import play
-from ematwin.kernels.controller import current_reference
-from ematwin.kernels.friction import advance_speed, dithered_static, loaded_friction
-from ematwin.kernels.monitor_step import equivalent_phase
-from ematwin.kernels.state import fault_state
-from ematwin.plant.constants import kernel_constants
-from ematwin.plant.parameters import Actuator
-from ematwin.plant.scenario import Profile, Ramp, Scenario, Step
-from ematwin.signals.envelope import current_envelope, signed_current, trapezoid_shape
-from ematwin.signals.filters import LowPass
-from ematwin.simulation import MODELS, simulate
+from ematwin.models.bldc.constants import kernel_constants
+from ematwin.models.bldc.controller import current_reference
+from ematwin.models.bldc.envelope import current_envelope, signed_current, trapezoid_shape
+from ematwin.models.bldc.faults import FAULTS, PAPER_CASES, Faults
+from ematwin.models.bldc.monitor_step import equivalent_phase
+from ematwin.models.bldc.parameters import BldcActuator
+from ematwin.models.bldc.state import fault_state
+from ematwin.models.scenario import Chirp, Profile, Ramp, Scenario, Step
+from ematwin.models.simulating import simulate
+from ematwin.numerics.backlash import play
+from ematwin.numerics.friction import advance_speed, dithered_static, loaded_friction
+from ematwin.numerics.low_pass import LowPass
 
-ACTUATOR = Actuator.load()
+MODELS = ("reference", "monitor")
+ACTUATOR = BldcActuator.load()
 MOTOR, GEAR, CONTROL = ACTUATOR.motor, ACTUATOR.transmission, ACTUATOR.controller
 RATE = 20_000.0
 LOW_PASS = LowPass(500.0)
@@ -59,6 +60,17 @@ def test_models_agree_within_two_per_cent_on_a_healthy_actuator(equivalent):
 @pytest.mark.parametrize("faults", PAPER_CASES.values(), ids=PAPER_CASES)
 def test_models_agree_within_five_per_cent_on_the_fault_vectors_of_the_paper(faults, equivalent):
     assert gap_between_models(faults, equivalent) < CASE_LIMIT
+
+
+# up to half of friction, eccentricity and gain, a third of the other faults, at any angle
+MIXTURES = np.random.default_rng(0).random((6, 8)) * [0.5, 0.3, 0.3, 0.3, 0.3, 0.5, 1.0, 0.5]
+MIXTURES[:, 7] += 0.25
+
+
+@pytest.mark.parametrize("equivalent", [current_envelope, signed])
+@pytest.mark.parametrize("faults", MIXTURES, ids=range(len(MIXTURES)))
+def test_models_agree_within_two_per_cent_on_mixtures_of_all_faults(faults, equivalent):
+    assert gap_between_models(faults, equivalent) < HEALTHY_LIMIT
 
 
 @njit
@@ -120,10 +132,64 @@ def same(one, other):
         np.testing.assert_array_equal(x, y, err_msg=name)
 
 
+HEALTHY_VALUES = dict.fromkeys(FAULTS, 0.0) | {"eccentricity_phase": 0.5, "gain": 0.5}
+MIXED = {
+    "friction": 0.3, "backlash": 0.1, "short_a": 0.2, "short_c": 0.1, "eccentricity": 0.3,
+    "eccentricity_phase": 0.7, "gain": 0.6,
+}  # fmt: skip
+
+
 @pytest.mark.parametrize("model", MODELS)
-def test_zero_faults_reproduce_the_healthy_trace_bit_for_bit(model):
-    same(simulate(model), simulate(model, faults=Faults(**dict.fromkeys(["friction"], 0.0))))
-    same(simulate(model), simulate(model, faults=np.array([0, 0, 0, 0, 0, 0, 0.5, 0.5])))
+def test_values_of_a_healthy_actuator_reproduce_the_healthy_trace_bit_for_bit(model):
+    """Whatever was simulated before, and however healthy is said."""
+    healthy = simulate(model)
+    for faults in (MIXED, *PAPER_CASES.values()):
+        assert rms(signed(simulate(model, faults=faults)) - signed(healthy)) > 0.01
+    for faults in ({}, HEALTHY_VALUES, Faults(), np.array(list(HEALTHY_VALUES.values()))):
+        same(healthy, simulate(model, faults=faults))
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("faults", [MIXED, *PAPER_CASES.values()], ids=["mixed", *PAPER_CASES])
+def test_a_mapping_an_object_and_a_vector_of_the_same_faults_are_one_trace(model, faults):
+    traces = [simulate(model, faults=given) for given in (faults, Faults.of(faults))]
+    same(*traces)
+    same(traces[0], simulate(model, faults=np.array(list((HEALTHY_VALUES | faults).values()))))
+
+
+SWING = Scenario(
+    name="swing", duration=0.2, command=[Chirp(amplitude=0.005, f_start=5.0, f_end=25.0)]
+)
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize(
+    "faults",
+    [
+        {"friction": 0.25},
+        {"friction": 1.0},
+        {"backlash": 0.1},
+        {"backlash": 0.8},
+        {"gain": 0.1},
+        {"gain": 1.0},
+        {"friction": 0.5, "backlash": 0.2, "gain": 0.7},
+    ],
+    ids=str,
+)
+def test_a_faulty_actuator_is_a_healthy_one_with_those_parameters(model, faults):
+    """The laws of the paper's section 6, as anybody would put them into a parameter file."""
+    faulty = simulate(model, SWING, faults)
+    rubbing = 1.0 + 2.0 * faults.get("friction", 0.0)
+    parameters = {
+        "motor.friction_torque": rubbing * MOTOR.friction_torque,
+        "transmission.friction_torque": rubbing * GEAR.friction_torque,
+        "transmission.backlash": (1.0 + 99.0 * faults.get("backlash", 0.0)) * GEAR.backlash,
+        "controller.position_gain": (0.5 + faults.get("gain", 0.5)) * CONTROL.position_gain,
+    }
+    worn = simulate(model, SWING, actuator=ACTUATOR.changed(parameters))
+    for (name, x), (_, y) in zip(faulty.columns(), worn.columns(), strict=True):
+        np.testing.assert_allclose(x, y, rtol=1e-6, atol=1e-6 * np.abs(y).max(), err_msg=name)
+    assert rms(signed(worn) - signed(simulate(model, SWING))) > 0.01
 
 
 @pytest.mark.parametrize("model", MODELS)

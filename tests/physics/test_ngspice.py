@@ -15,13 +15,13 @@ import numpy as np
 import pytest
 from numba import njit
 
-from ematwin.faults import Faults
-from ematwin.kernels.inverter import gate_signals, hysteresis, pair_current
-from ematwin.kernels.motor import hall_sector
-from ematwin.kernels.reference_step import advance_bridge, emf_constants, phase_constants
-from ematwin.kernels.state import fault_state
-from ematwin.plant.constants import kernel_constants
-from ematwin.plant.parameters import Actuator
+from ematwin.models.bldc.constants import kernel_constants
+from ematwin.models.bldc.faults import Faults
+from ematwin.models.bldc.inverter import gate_signals, hysteresis, pair_current
+from ematwin.models.bldc.motor import hall_sector
+from ematwin.models.bldc.parameters import BldcActuator
+from ematwin.models.bldc.reference_step import advance_bridge, emf_constants, phase_constants
+from ematwin.models.bldc.state import fault_state
 
 SPEED = 400.0  # rad/s: one turn of the rotor in 15.7 ms, back-EMF at 60 % of the supply
 DT = 1e-6
@@ -66,7 +66,7 @@ def gate_source(name: str, on: np.ndarray) -> str:
     return f"V{name} {name} 0 PWL(\n+ " + "\n+ ".join(lines) + ")"
 
 
-def netlist(actuator: Actuator, faults: Faults, gates: np.ndarray, output: Path) -> str:
+def netlist(actuator: BldcActuator, faults: Faults, gates: np.ndarray, output: Path) -> str:
     """The circuit, from the parameters of the actuator (phase to phase) and the faults."""
     motor, drive = actuator.motor, actuator.drive
     zeta = faults.eccentricity
@@ -143,7 +143,7 @@ def run_ngspice(text: str, folder: Path) -> np.ndarray:
     ],
 )
 def test_phase_currents_are_those_of_ngspice_within_half_a_per_cent(faults, tmp_path):
-    actuator, faults = Actuator.load(), Faults.of(faults)
+    actuator, faults = BldcActuator.load(), Faults.of(faults)
     c = kernel_constants(actuator)
     currents, gates = run_bridge(faults.vector, SPEED, c, DT, STEPS)
     # the regulator worked, and in all six sectors

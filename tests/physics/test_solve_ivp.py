@@ -12,17 +12,17 @@ import pytest
 from numba import njit
 from scipy.integrate import solve_ivp
 
-from ematwin.faults import HEALTHY, Faults
-from ematwin.kernels import batch
-from ematwin.kernels.backlash import advance_rigid_play
-from ematwin.kernels.friction import advance_speed
-from ematwin.plant.constants import kernel_constants
-from ematwin.plant.parameters import Actuator
-from ematwin.plant.scenario import Scenario
+from ematwin.models.bldc import batch
+from ematwin.models.bldc.constants import kernel_constants
+from ematwin.models.bldc.faults import HEALTHY, Faults
+from ematwin.models.bldc.parameters import BldcActuator
+from ematwin.models.scenario import Scenario
+from ematwin.numerics.backlash import advance_rigid_play
+from ematwin.numerics.friction import advance_speed
 from naive import motor as naive_motor
 from naive.hybrid import Mass, TwoMasses
 
-ACTUATOR = Actuator.load()
+ACTUATOR = BldcActuator.load()
 C = kernel_constants(ACTUATOR)
 INTERVAL = 1e-4  # s, between compared instants
 HEALTHY_FAULTS = Faults()

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ematwin.study.store import open_store
+from ematwin.comparison.study.store import open_store
 
 SMALL = (
     "--cases", "paper", "--algorithms", "ga,pso", "--runs", "2", "--population", "8",

@@ -5,14 +5,17 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.faults import (
+from ematwin.comparison.study.run import RunResult, RunSpec, StoredRun
+from ematwin.comparison.study.subject import Subject
+from ematwin.models.bldc.faults import (
     FAULTS,
     PAPER_CASES,
     Faults,
     error_percent,
     error_percent_wrapped,
 )
-from ematwin.study.run import RunResult, RunSpec, StoredRun
+
+ACTUATOR = Subject.of("servo48").plain()
 
 # Typical size of the error of each algorithm.
 SIZES = {"ga": 0.05, "pso": 0.004, "de": 0.003, "gwo": 0.005, "da": 0.03, "woa": 0.1}
@@ -31,7 +34,7 @@ def spec(case: str = "Low F", algorithm: str = "de", run: int = 0, **changed: An
         "iterations": 200,
         "noise": None,
         "record_seed": run,
-        "actuator": {"name": "servo48"},
+        "actuator": ACTUATOR,
         "scenario": {"name": "chirp"},
     }
     return RunSpec(**{**values, **changed})

@@ -8,20 +8,20 @@ import pytest
 from scipy import stats
 from synthetic import done, failed, spec, study, vector
 
-from ematwin.analysis.convergence import bands, evaluations_to_target
-from ematwin.analysis.diagnosis import diagnose
-from ematwin.analysis.paper import (
+from ematwin.comparison.analysis.convergence import bands, evaluations_to_target
+from ematwin.comparison.analysis.diagnosis import diagnose
+from ematwin.comparison.analysis.paper import (
     PAPER_ALGORITHMS,
     TABLE_2,
     TABLE_2_AVERAGE,
     paper_coefficients,
 )
-from ematwin.analysis.performance import likeness_to_paper, performance_coefficients
-from ematwin.analysis.ranks import compare_ranks, effect_sizes, holm, vargha_delaney
-from ematwin.analysis.runs import collect, thinned
-from ematwin.analysis.summary import spreads_of, summarise
+from ematwin.comparison.analysis.performance import likeness_to_paper, performance_coefficients
+from ematwin.comparison.analysis.ranks import compare_ranks, effect_sizes, holm, vargha_delaney
+from ematwin.comparison.analysis.runs import collect, thinned
+from ematwin.comparison.analysis.summary import spreads_of, summarise
 from ematwin.errors import InputError
-from ematwin.faults import PAPER_CASES
+from ematwin.models.bldc.faults import PAPER_CASES
 
 
 def test_papers_table_2_adds_up_to_500_per_case_within_its_rounding():

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from synthetic import done, failed, spec, study, vector
 
-from ematwin.analysis.ioh import export_ioh
-from ematwin.analysis.study import analyse
+from ematwin.comparison.analysis.ioh import export_ioh
+from ematwin.comparison.analysis.study import analyse
 from ematwin.errors import FileError, InputError
-from ematwin.faults import PAPER_CASES
+from ematwin.models.bldc.faults import PAPER_CASES
 
 
 @pytest.fixture(scope="module")
@@ -104,7 +104,7 @@ def test_mixed_settings_are_told():
 
 def test_search_spread_is_never_called_measurement_uncertainty(six):
     text = " ".join(six.conclusions)
-    assert "no measurement uncertainty" in text
+    assert "not measurement uncertainty" in text
     assert text.count("measurement uncertainty") == 1
 
 

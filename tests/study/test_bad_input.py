@@ -10,7 +10,7 @@ import pytest
 from processes import free_port
 
 from ematwin.cli.app import run
-from ematwin.study.store import Store, open_store
+from ematwin.comparison.study.store import Store, open_store
 from ematwin.testing.store_contract import small_plan, some_run
 
 Refused = Callable[..., str]
@@ -72,6 +72,9 @@ def begun(tmp_path: Path) -> Path:
         (("--store", "missing/study.db"), "folder missing is missing or read-only"),
         (("--workers", "0"), "--workers"),
         (("--noise", "pink=1"), "Noise knows"),
+        (("--actuator", "rm1606"), "no actuator 'rm1606'. Did you mean rm1605"),
+        (("--actuator", "rm1605", "--cases", "paper"), "--cases paper is for the kind bldc"),
+        (("--actuator", "rm1605", "--scenario", "step"), "no scenario 'step'"),
         (
             ("--algorithms", "multistart", "--population", "5", "--iterations", "5"),
             "at least 64, received 25",

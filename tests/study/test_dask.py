@@ -25,7 +25,7 @@ class Cluster:
         self.port = free_port()
         self.address = f"tcp://127.0.0.1:{self.port}"
         self.scheduler = self._scheduler()
-        self.workers = [self._worker(1) for _ in range(2)]
+        self.workers = [self.worker() for _ in range(2)]
 
     def _dask(self, *arguments: object) -> psutil.Popen:
         return psutil.Popen(
@@ -39,7 +39,8 @@ class Cluster:
     def _scheduler(self) -> psutil.Popen:
         return self._dask("scheduler", "--host", "127.0.0.1", "--port", self.port, "--no-dashboard")
 
-    def _worker(self, threads: int) -> psutil.Popen:
+    def worker(self, threads: int = 1) -> psutil.Popen:
+        """Start a worker."""
         return self._dask("worker", self.address, "--nthreads", threads, "--no-dashboard")
 
     def wait(self, workers: int = 2) -> None:
@@ -51,7 +52,7 @@ class Cluster:
         """Start all anew, at the same address."""
         self.stop()
         self.scheduler = self._scheduler()
-        self.workers = [self._worker(1) for _ in range(2)]
+        self.workers = [self.worker() for _ in range(2)]
         self.wait()
 
     def stop(self) -> None:
@@ -123,7 +124,7 @@ def test_a_run_that_never_returns(tmp_path: Path, saboteurs: dict[str, str]) -> 
 
 
 def test_workers_with_several_threads_are_refused(tmp_path: Path, cluster: Cluster) -> None:
-    cluster.workers.append(cluster._worker(2))
+    cluster.workers.append(cluster.worker(threads=2))
     cluster.wait(3)
     answer = study("--store", tmp_path / "study.db", "--scheduler", cluster.address, code=2)
     assert "--nthreads 1" in answer["error"]

@@ -1,26 +1,32 @@
 """Processes of the local engine."""
 
 import os
-import time
+from pathlib import Path
 
-from ematwin.study.engines.local import LocalEngine
+import pytest
 
-_kept: list[bytes] = []
-
-
-def grow(size: int) -> int:
-    """Keep memory as the compiler does, and tell which process did."""
-    _kept.append(b"x" * size)
-    time.sleep(1.1)  # loky looks at the memory once a second
-    return os.getpid()
+from ematwin.comparison.study.engines.local import LocalEngine
+from ematwin.testing.store_contract import small_plan
 
 
-def test_a_worker_whose_memory_grew_by_compiling_is_not_replaced() -> None:
+def test_a_worker_whose_memory_grew_by_compiling_is_not_replaced(
+    saboteurs: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    notes = tmp_path / "processes"
+    monkeypatch.syspath_prepend(saboteurs["PYTHONPATH"].split(os.pathsep)[0])
+    monkeypatch.setenv("SABOTEURS_NOTES", str(notes))
+    plan = small_plan(algorithms=("grows",), runs=4, population=8, iterations=1)
     engine = LocalEngine(1)
     engine.start()
     try:
-        # the first call is what loky measures from
-        processes = {engine._pool.submit(grow, size).result() for size in (0, 500_000_000, 0, 0)}
+        for spec in plan.specs():
+            engine.submit(spec)
+            results = []
+            while engine.busy:
+                results += engine.finished(1.0)
+            assert [result.status for result in results] == ["done"], results
     finally:
         engine.close()
-    assert len(processes) == 1
+    processes = notes.read_text().split()
+    assert len(processes) == 4
+    assert len(set(processes)) == 1

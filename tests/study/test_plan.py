@@ -6,14 +6,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ematwin.errors import InputError
-from ematwin.faults import HEALTHY, PAPER_CASES
-from ematwin.plant.scenario import Profile, Scenario
-from ematwin.study.box import SHIFT, from_faults, to_faults
-from ematwin.study.cases import cases_of, multi_cases
-from ematwin.study.execute import execute
-from ematwin.study.history import PackedHistory, pack
-from ematwin.study.run import RunSpec
+from ematwin import load_actuator
+from ematwin.comparison.study.box import RemappedProblem, boxed, places, shifts
+from ematwin.comparison.study.cases import cases_of, multi_cases
+from ematwin.comparison.study.execute import execute
+from ematwin.comparison.study.history import PackedHistory, pack
+from ematwin.comparison.study.plan import Plan
+from ematwin.comparison.study.run import RunSpec
+from ematwin.comparison.study.subject import Subject
+from ematwin.errors import InputError, ParameterError
+from ematwin.estimation.identify import find
+from ematwin.estimation.problem import Problem
+from ematwin.estimation.search import named
+from ematwin.models.bldc.faults import HEALTHY, PAPER_CASES
+from ematwin.models.comparison import Comparison
+from ematwin.models.scenario import Profile, Scenario
 from ematwin.testing.store_contract import small_plan
 
 
@@ -92,15 +99,75 @@ def test_recorded_profiles_travel_with_the_runs(tmp_path: Path) -> None:
     assert kept["value"] == [0.0, 0.002, 0.0]
 
 
-def test_the_remapped_box_is_one_to_one_and_healthy_lies_inside() -> None:
-    x = np.random.default_rng(1).random((1000, 8))
-    k = to_faults(x, "remapped")
-    assert np.all((k >= 0.0) & (k <= 1.0))
-    np.testing.assert_allclose(from_faults(k, "remapped"), x, atol=1e-12)
-    healthy = from_faults(HEALTHY[None], "remapped")[0]
+class Bowl(Comparison):
+    """Misfit that grows with the distance from a vector, whatever the actuator."""
+
+    noise = 0.0  # priors do not count
+
+    def __init__(self, subject: Subject, bottom: np.ndarray) -> None:
+        self._subject, self._bottom = subject, bottom
+        self.scale = 1.0
+
+    def responses(self, candidates, count):  # type: ignore[no-untyped-def]
+        values = np.column_stack([candidates[name] for name in self._subject.names])
+        return {"share": values / (self._subject.upper - self._subject.lower)}
+
+    def measured(self):  # type: ignore[no-untyped-def]
+        return {"share": self._bottom / (self._subject.upper - self._subject.lower)}
+
+    def captions(self):  # type: ignore[no-untyped-def]
+        return {"share": ("share", "")}
+
+    def residuals(self, candidates, count):  # type: ignore[no-untyped-def]
+        return self.responses(candidates, count)["share"] - self.measured()["share"]
+
+
+def bowl(actuator: str) -> Problem:
+    subject = Subject.of(actuator)
+    bottom = subject.lower + 0.4 * (subject.upper - subject.lower)
+    return Problem([Bowl(subject, bottom)], subject.unknowns)
+
+
+@pytest.mark.parametrize("actuator", ["servo48", "rm1605"])
+def test_the_remapped_box_is_one_to_one_and_healthy_lies_inside(actuator: str) -> None:
+    subject, problem = Subject.of(actuator), bowl(actuator)
+    remapped = RemappedProblem(problem)
+    lower, width = subject.lower, subject.upper - subject.lower
+    x = np.random.default_rng(1).random((1000, len(width))) * width + lower
+    k = remapped.from_box(x)
+    assert np.all((k >= subject.lower) & (k <= subject.upper))
+    np.testing.assert_allclose((remapped.to_box(k) - x) / width, 0.0, atol=1e-12)
+    healthy = ((remapped.to_box(subject.healthy[None])[0]) - lower) / width
     assert np.all((healthy > 0.2) & (healthy < 0.8) & (np.abs(healthy - 0.5) > 0.05))
-    assert len(set(SHIFT)) == 8
-    np.testing.assert_array_equal(to_faults(x, "plain"), x)
+    np.testing.assert_array_equal(problem.from_box(x), x)
+    np.testing.assert_array_equal(remapped.costs(k), problem.costs(k))
+    assert boxed(problem, "plain") is problem
+
+
+def test_the_remapped_box_of_the_brushless_actuator_stays_as_it_was() -> None:
+    shift = [0.31, 0.64, 0.42, 0.73, 0.27, 0.58, 0.19, 0.87]
+    assert shifts(Subject.of("servo48").unknowns).tolist() == shift
+
+
+@pytest.mark.parametrize("dimension", range(1, 40))
+def test_healthy_lies_nowhere_special_in_any_dimension(dimension: int) -> None:
+    place = places(dimension)
+    assert len(place) == dimension
+    assert np.all((place >= 0.25) & (place <= 0.75) & (np.abs(place - 0.5) >= 0.05))
+    assert len(set(place)) == dimension
+    assert dimension < 3 or np.ptp(place) > 0.2
+
+
+@pytest.mark.parametrize("method", ["de", "levenberg-marquardt"])
+def test_a_search_of_the_remapped_box_answers_with_values(method: str) -> None:
+    problem = RemappedProblem(bowl("rm1605"))
+    assert np.abs(problem.start - problem.healthy).max() > 0.0  # it shall not begin at the answer
+    np.testing.assert_allclose(problem.to_box(problem.start[None])[0],
+                               0.5 * (problem.lower + problem.upper))  # fmt: skip
+    found = find(problem, named(method, population=30), budget=3000)
+    share = (found.point - problem.lower) / (problem.upper - problem.lower)
+    np.testing.assert_allclose(share, 0.4, atol=1e-3)
+    assert found.cost == problem.costs(found.point[None])[0]
 
 
 @pytest.fixture
@@ -117,7 +184,7 @@ def test_a_run_repeats_bit_for_bit(spec: RunSpec) -> None:
     assert first.provenance["engine"] == "none"
 
 
-@pytest.mark.parametrize("algorithm", ["de", "multistart"])
+@pytest.mark.parametrize("algorithm", ["de", "multistart", "levenberg-marquardt"])
 def test_runs_in_the_remapped_box(spec: RunSpec, algorithm: str) -> None:
     plain = execute(replace(spec, algorithm=algorithm))
     moved = execute(replace(spec, algorithm=algorithm, box="remapped"))
@@ -147,3 +214,108 @@ def test_histories_are_packed_without_loss() -> None:
     assert packed[:2] == history[:2]
     assert len(packed) == 200
     assert PackedHistory(pack(())) == ()
+
+
+# Any kind of actuator
+
+
+@pytest.fixture
+def screw() -> Plan:
+    """A study of the ball-screw actuator: one case, three methods, two runs."""
+    chosen = load_actuator("rm1605")
+    cases = {"High friction": cases_of(actuator=chosen)["High friction"]}
+    return Plan(
+        cases, ("de", "multistart", "levenberg-marquardt"), runs=2, population=20, iterations=15,
+        actuator=chosen,
+    )  # fmt: skip
+
+
+def test_runs_of_another_kind_name_it(screw: Plan) -> None:
+    (spec, *_) = screw.specs()
+    assert spec.actuator["kind"] == "ball-screw"
+    assert spec.scenario["name"] == "out-and-back"
+    assert len(spec.faults) == 5
+    assert "kind" not in small_plan().specs()[0].actuator
+    again = Subject.stored(spec.actuator)
+    assert again.actuator.fingerprint == load_actuator("rm1605").fingerprint
+    assert again.names == Subject.of("rm1605").names
+
+
+def test_runs_of_another_kind_find_its_faults(screw: Plan) -> None:
+    results = {spec.algorithm: execute(spec) for spec in screw.specs()[:3]}
+    assert {result.status for result in results.values()} == {"done"}
+    for result in results.values():
+        assert result.err == result.err_wrapped  # no unknown of it has a direction
+        assert len(result.faults) == 5
+    assert results["multistart"].err < 2.0
+    assert results["levenberg-marquardt"].err < 2.0
+    assert results["levenberg-marquardt"].evaluations <= 300
+    assert results["de"].evaluations == 300
+
+
+def test_sensors_of_a_kind_that_has_them_differ_from_run_to_run(screw: Plan) -> None:
+    first, second = (spec for spec in screw.specs() if spec.algorithm == "levenberg-marquardt")
+    assert first.record_seed != second.record_seed
+    assert execute(first).cost != execute(second).cost
+
+
+def test_a_case_of_another_kind_is_refused(screw: Plan) -> None:
+    with pytest.raises(InputError, match="'High friction' has 5 values, but servo48 has 8"):
+        replace(screw, actuator="servo48", scenario=None)
+
+
+def test_cases_default_to_those_of_the_kind() -> None:
+    assert cases_of() == cases_of("paper")
+    assert list(cases_of()) == list(PAPER_CASES)
+    assert set(cases_of(actuator="rm1605")) == {
+        f"{size} {name}" for name in ("friction", "backlash", "gain") for size in ("Low", "High")
+    }
+    with pytest.raises(InputError, match="--cases paper is for the kind bldc"):
+        cases_of("paper", "rm1605")
+
+
+def test_random_cases_of_any_kind_lie_between_healthy_and_the_bounds() -> None:
+    subject = Subject.of("rm1605")
+    cases = multi_cases(50, 7, subject.actuator)
+    assert cases == multi_cases(50, 7, subject.actuator)
+    width = subject.upper - subject.lower
+    for vector in cases.values():
+        away = np.abs(np.array(vector) - subject.healthy) / width
+        assert 2 <= (away > 0.0).sum() <= 3  # it has three faults
+        assert np.all(away[3:] == 0.0), "a nuisance is no fault"
+        assert np.all((away[away > 0.0] > 0.01) & (away[away > 0.0] < 0.91))
+        assert np.all((subject.lower <= vector) & (vector <= subject.upper))
+
+
+def test_random_cases_of_the_brushless_actuator_stay_as_they_were() -> None:
+    found = list(multi_cases(4, 1).values())
+    assert found[0] == (0.0, 0.0, 0.439, 0.0, 0.762, 0.0, 0.5, 0.021)
+    assert found[2] == (0.0, 0.0, 0.14, 0.174, 0.0, 0.322, 0.822, 0.5)
+    assert found[3] == (0.921, 0.0, 0.0, 0.0, 0.502, 0.0, 0.5, 0.935)
+
+
+def test_what_is_not_searched_makes_no_case(tmp_path: Path) -> None:
+    path = tmp_path / "cases.toml"
+    path.write_text("[cases.Pitted]\nroughness = 0.5\n")
+    with pytest.raises(InputError, match=r"roughness is derived from .* leave it out of the case"):
+        cases_of(str(path), "rm1605")
+    path.write_text("[cases.Loaded]\nload = 300\nfriction = 2\n")
+    (vector,) = cases_of(str(path), "rm1605").values()
+    assert vector[0] == 2.0
+    assert vector[3] == 300.0
+
+
+def test_a_kind_that_is_not_installed_says_so() -> None:
+    with pytest.raises(InputError, match=r"no kind of actuator 'piston'.*install the package"):
+        Subject.stored({"kind": "piston", "name": "mine"})
+    with pytest.raises(ParameterError, match=r"actuator mine of the study: .* is missing"):
+        Subject.stored({"name": "mine", "description": ""})
+
+
+@pytest.mark.parametrize("method", ["multistart", "ga"])
+def test_a_budget_too_small_for_a_method_is_refused(method: str) -> None:
+    smallest = named(method).smallest_budget
+    assert small_plan(algorithms=(method,), population=smallest, iterations=1).runs == 3
+    if smallest > 1:
+        with pytest.raises(InputError, match=f"at least {smallest}, received {smallest - 1}"):
+            small_plan(algorithms=(method,), population=smallest - 1, iterations=1)

@@ -12,15 +12,18 @@ from pathlib import Path
 import pytest
 from synthetic import done, failed, spec, study, vector
 
-from ematwin.analysis.study import analyse
+from ematwin.comparison.analysis.study import analyse
+from ematwin.comparison.report import study_folder
+from ematwin.comparison.report.latex import escape, latex_table
+from ematwin.comparison.report.study_figures import StudyFigures
+from ematwin.comparison.report.study_folder import write_report
+from ematwin.comparison.report.study_plotly import interactive
+from ematwin.comparison.report.study_svg import still
+from ematwin.comparison.report.study_tables import number
+from ematwin.comparison.study.rows import settings_of
+from ematwin.comparison.study.store import Store
 from ematwin.errors import FileError, MissingExtraError
-from ematwin.report import study_folder
-from ematwin.report.latex import escape, latex_table
 from ematwin.report.page import Row, Table
-from ematwin.report.study_folder import write_report
-from ematwin.report.study_tables import number
-from ematwin.study.rows import settings_of
-from ematwin.study.store import Store
 
 
 @pytest.fixture(scope="module")
@@ -76,6 +79,35 @@ def test_report_holds_page_tables_and_drawings(report):
     for path in report.glob("*.svg"):
         assert ET.parse(path).getroot().tag.endswith("svg")
     assert (report / "index.html").stat().st_size < 6e6
+
+
+def test_both_ways_of_drawing_show_the_words_and_names_of_one_description(small):
+    figures = StudyFigures(small)
+    for figure in figures.all:
+        svg, page = still(figure), interactive(figure).to_json()
+        for panel in figure.panels:
+            words = {figure.y_title, figure.x_title, *panel.categories}
+            words |= {panel.title} if figure.grid else set()
+            words |= {series.name for series in panel.series}
+            words |= {series.color for series in panel.series}
+            assert [word for word in words if word not in svg] == [], figure.file
+            assert [word for word in words if word not in page] == [], figure.file
+    assert len({figure.file for figure in figures.all}) == len(figures.all)
+    assert len({figure.heading for figure in figures.all}) == len(figures.all)
+
+
+def test_figures_hold_the_numbers_of_the_analysis(small):
+    bars, *_ = StudyFigures(small).bars
+    assert bars.heading == "Mean Err%, low faults (the paper's figure 4)"
+    (panel,) = bars.panels
+    spreads = [small.cells[0][a].metrics["err"] for a in range(len(panel.series))]
+    assert [series.height[0] for series in panel.series] == [spread.mean for spread in spreads]
+    drawn = interactive(bars).data
+    assert [trace.y[0] for trace in drawn] == pytest.approx(
+        [spread.mean for spread in spreads], rel=1e-3
+    )
+    whiskers = [(trace.y[0] - trace.error_y.arrayminus[0]) for trace in drawn]
+    assert whiskers == pytest.approx([spread.mean_interval[0] for spread in spreads], rel=1e-2)
 
 
 def test_numbers_keep_their_digits():

@@ -1,6 +1,7 @@
 """Parameter files of ball screws, the kinds of actuators, and calibrations in files."""
 
 import math
+import re
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -10,15 +11,17 @@ import numpy as np
 import pytest
 import tomli_w
 
+import ematwin
 from ematwin.errors import FileError, ParameterError
-from ematwin.monitoring.calibration import FORMAT, Calibration, Signature, Thresholds
-from ematwin.monitoring.features import Layout
-from ematwin.monitoring.phases import phases
+from ematwin.models.ball_screw.constants import kernel_constants
+from ematwin.models.ball_screw.model import MODEL
+from ematwin.models.ball_screw.parameters import BallScrew
+from ematwin.models.ball_screw.simulate import out_and_back
+from ematwin.models.bldc.parameters import BldcActuator
+from ematwin.models.registry import kind_of, load_actuator, models, shipped_actuators
+from ematwin.monitoring.calibration import FORMAT, Calibration, Thresholds
+from ematwin.monitoring.classification import Signature
 from ematwin.monitoring.population import Population
-from ematwin.monitoring.simulate import out_and_back
-from ematwin.plant.ball_screw import BallScrew
-from ematwin.plant.kinds import KINDS, kind_of, load_actuator, shipped_actuators
-from ematwin.plant.parameters import Actuator
 
 SHIPPED = BallScrew.shipped()["rm1605"].read_text(encoding="utf-8")
 
@@ -66,7 +69,7 @@ def test_every_shipped_value_names_unit_meaning_and_source(name):
 
 def test_the_kernel_gets_the_parameters_on_the_motor_shaft():
     actuator = BallScrew.load()
-    c = actuator.kernel_constants()
+    c = kernel_constants(actuator)
     assert c.per_radian * 2.0 * math.pi == pytest.approx(actuator.screw.lead)
     assert c.half_gap * c.per_radian * 2.0 == pytest.approx(actuator.screw.backlash)
     # a force on a way is a torque on an angle: one turn does the work of one lead
@@ -107,45 +110,139 @@ def test_a_step_that_does_not_resolve_lag_and_sampling_is_refused(change, longes
     assert "received" in text
 
 
+# Unknowns
+
+
+def test_the_unknowns_are_one_table():
+    actuator = BallScrew.load()
+    table = {one.name: one for one in MODEL.unknowns(actuator)}
+    roles = {name: one.role for name, one in table.items()}
+    assert roles == {
+        "friction": "fault", "backlash": "fault", "gain": "fault", "load": "nuisance",
+        "initial_error": "nuisance", "roughness": "symptom",
+    }  # fmt: skip
+    assert table["backlash"].healthy == actuator.screw.backlash
+    assert table["load"].upper == 2.0 * actuator.screw.friction_force
+    told = table["backlash"].physical_value(actuator, 4e-4)
+    assert (told.value, told.unit) == (pytest.approx(0.4), "mm")
+
+
+def test_a_healthy_backlash_beyond_the_usual_leaves_room_for_more():
+    loose = BallScrew.load().changed({"screw.backlash": 8e-3})
+    assert MODEL.unknown(loose, "backlash").upper > 8e-3
+
+
+def test_every_nominal_parameter_is_a_parameter():
+    places = [place for place, *_ in BallScrew.load().parameters()]
+    for place in MODEL.nominal:
+        assert MODEL.unknown(BallScrew.load(), place).role == "nominal"
+        assert place in places
+
+
+# Scenarios
+
+
+def test_the_shipped_motion_is_that_of_0_1():
+    """120 mm out in 5 s, 3 s of rest, and back, with the noise of its seed."""
+    actuator = BallScrew.load()
+    found = ematwin.simulate(
+        actuator="rm1605", faults={"friction": 1.2, "roughness": 0.1, "load": 100.0}, seed=3
+    )
+    set_point, interval = out_and_back(actuator, 0.12, 5.0, 3.0)
+    np.testing.assert_array_equal(found.set_point, set_point)
+    assert found.interval == pytest.approx(interval)
+    assert len(found) == 325
+    # sums of what version 0.1 simulated
+    assert found.current.sum() == pytest.approx(259.8422945594303, rel=1e-9)
+    assert found.position_error.sum() == pytest.approx(-0.05882226625552113, rel=1e-9)
+    assert found.provenance["faults"]["friction"] == 1.2
+
+
+def test_a_sensor_of_ones_own_takes_the_place_of_the_usual_noise():
+    clean = ematwin.simulate(actuator="rm1605", noise=ematwin.Noise())
+    again = ematwin.simulate(actuator="rm1605", noise=ematwin.Noise(), seed=5)
+    np.testing.assert_array_equal(clean.current, again.current)
+    noisy = ematwin.simulate(actuator="rm1605", noise=ematwin.Noise(white=0.02), seed=5)
+    np.testing.assert_array_equal(noisy.position_error, clean.position_error)
+    rms = float(np.sqrt(np.mean(clean.current**2)))
+    assert np.std(noisy.current - clean.current) == pytest.approx(0.02 * rms, rel=0.2)
+
+
+@pytest.mark.parametrize("rate", [25.0, 50.0, 12.5])
+def test_a_motion_is_sampled_at_the_rate_that_is_asked_for(rate):
+    found = ematwin.simulate(actuator="rm1605", sample_rate=rate)
+    assert found.sample_rate == pytest.approx(rate)
+    assert found.time[-1] == pytest.approx(12.96, abs=1.0 / rate)
+
+
+REFUSED = {
+    "no rate": ({"sample_rate": 0.0}, "cannot be sampled at 0.0 Hz"),
+    "too slow": ({"sample_rate": 0.01}, "cannot be sampled at 0.01 Hz"),
+    "a step": ({"step": 1e-3}, "leave step and initial_position out"),
+    "a place": ({"initial_position": 0.01}, "leave step and initial_position out"),
+    "another model": ({"model": "reference"}, "There is no model 'reference'"),
+    "a load over time": (
+        {"scenario": ematwin.Scenario.from_columns(
+            np.array([0.0, 1.0]), np.array([0.0, 0.01]), np.array([0.0, 1.0])
+        )},
+        "give the load, in N, with the faults",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("options", "said"), REFUSED.values(), ids=REFUSED)
+def test_what_a_ball_screw_cannot_simulate_is_refused(options, said):
+    with pytest.raises(ematwin.EmatwinError, match=said) as caught:
+        ematwin.simulate(actuator="rm1605", **options)
+    assert "\n" not in str(caught.value)
+
+
 # Kinds
 
 
 def test_every_kind_has_a_default_among_its_shipped_sets():
-    for kind in KINDS.values():
+    kinds = [model.parameters for model in models().values()]
+    for kind in kinds:
         assert kind.default in kind.shipped()
-    names = [name for kind in KINDS.values() for name in kind.shipped()]
+    names = [name for kind in kinds for name in kind.shipped()]
     assert len(set(names)) == len(names)
     assert list(shipped_actuators()) == names
 
 
-@pytest.mark.parametrize("name", shipped_actuators())
+@pytest.mark.parametrize("name", ["servo48", "rm1605"])
 def test_a_set_is_loaded_as_the_kind_that_it_is(name):
     actuator = load_actuator(name)
     assert actuator.kind == kind_of(name) == kind_of(shipped_actuators()[name])
-    assert type(actuator) is KINDS[actuator.kind]
+    assert type(actuator) is models()[actuator.kind].parameters
     assert load_actuator(actuator) is actuator
     assert load_actuator(shipped_actuators()[name]) == actuator
 
 
-def test_a_file_that_names_no_kind_is_rotary():
-    assert "kind" not in tomllib.loads(Actuator.shipped()["servo48"].read_text(encoding="utf-8"))
-    assert kind_of("servo48") == "rotary"
+def test_a_file_that_names_no_kind_or_a_former_one_is_brushless(tmp_path):
+    text = BldcActuator.shipped()["servo48"].read_text(encoding="utf-8")
+    plain = re.sub(r"^kind = .*\n", "", text)
+    for n, head in enumerate(("", 'kind = "rotary"\n', 'kind = "bldc"\n')):
+        path = tmp_path / f"{n}.toml"
+        path.write_text(head + plain, encoding="utf-8")
+        assert kind_of(path) == "bldc"
+        assert load_actuator(path) == load_actuator("servo48")
 
 
 @pytest.mark.parametrize(
     ("wanted", "other", "kind"),
-    [(Actuator, "rm1605", "ball-screw"), (BallScrew, "servo48", "rotary")],
+    [(BldcActuator, "rm1605", "ball-screw"), (BallScrew, "servo48", "bldc")],
 )
 def test_an_actuator_of_another_kind_is_refused_by_its_kind(wanted, other, kind):
-    for given in (other, shipped_actuators()[other], load_actuator(other)):
+    for given in (shipped_actuators()[other], load_actuator(other)):
         text = refusal(lambda given=given: wanted.load(given))
         assert f"of the kind {kind!r} where one of the kind {wanted.kind!r} is needed" in text
+    assert f"Shipped: {wanted.default}" in refusal(lambda: wanted.load(other))
 
 
 def test_an_unknown_kind_names_the_known_ones(tmp_path):
     path = written(tmp_path, '"ball-screw"', '"hydraulic"')
     for load in (load_actuator, kind_of):
-        assert "'hydraulic'; choose one of rotary, ball-screw" in refusal(
+        assert "'hydraulic'; choose one of bldc, ball-screw" in refusal(
             lambda load=load: load(path)
         )
     text = refusal(lambda: load_actuator(written(tmp_path, '"ball-screw"', "[1]")))
@@ -172,8 +269,8 @@ def calibration() -> Calibration:
     """One with numbers of no meaning, all different."""
     random = np.random.default_rng(0)
     actuator = BallScrew.load().changed({"screw.friction_force": 2711.828})
-    set_point, interval = out_and_back(actuator, 0.1, 4.0, 2.0)
-    features = len(Layout.of(phases(set_point, interval, 1.4)).names)
+    command, interval = out_and_back(actuator, 0.1, 4.0, 2.0)
+    features = 63
 
     def population(count: int) -> Population:
         return Population(
@@ -182,15 +279,16 @@ def calibration() -> Calibration:
 
     return Calibration(
         actuator=actuator,
-        set_point=set_point,
+        command=command,
         interval=interval,
         settling_time=1.4,
-        discrepancy=random.normal(size=(3, 2 * set_point.size)),
+        channels=("current", "position_error"),
+        discrepancy=random.normal(size=(3, 2 * command.size)),
         population=population(features),
         reported=population(4),
         thresholds=Thresholds(1.75, 1.25, 5.0, 0.1),
-        coupling=(2.5, 0.25),
-        load_range=(-120.0, 340.0),
+        statistics={"sensor_coupling": (2.5, 0.25)},
+        covariate_range=(-120.0, 340.0),
         signatures=(Signature("lubrication", random.normal(size=(3, features)), "9 motions"),),
         facts={"runs": ["1", "2"], "held_back": ["3"], "sources": ["a.csv"], "undetermined": []},
     )
@@ -204,12 +302,12 @@ def test_a_saved_calibration_comes_back(tmp_path, calibration):
     assert again.actuator.name == calibration.actuator.name
     assert again.thresholds == calibration.thresholds
     assert again.facts == calibration.facts
-    for name in ("interval", "settling_time", "coupling", "load_range"):
+    for name in ("interval", "settling_time", "channels", "statistics", "covariate_range"):
         assert getattr(again, name) == getattr(calibration, name)
     for part in ("population", "reported"):
         for name, values in vars(getattr(calibration, part)).items():
             np.testing.assert_allclose(getattr(getattr(again, part), name), values, rtol=1e-8)
-    for name in ("set_point", "discrepancy"):
+    for name in ("command", "discrepancy"):
         np.testing.assert_allclose(getattr(again, name), getattr(calibration, name), rtol=1e-8)
     (signature,) = again.signatures
     assert (signature.fault, signature.source) == ("lubrication", "9 motions")
@@ -224,8 +322,7 @@ def test_saving_what_was_loaded_changes_nothing(tmp_path, calibration):
     first, second = tmp_path / "first.toml", tmp_path / "second.toml"
     calibration.save(first, {})
     again = Calibration.load(first)
-    sources = {place: source for place, *_, source in again.actuator.parameters()}
-    again.save(second, sources)
+    again.save(second)
     assert first.read_bytes() == second.read_bytes()
 
 
@@ -284,8 +381,11 @@ def _shorter(*keys: str) -> Callable[[dict], None]:
 
 
 DAMAGES = {
-    "no set point": lambda table: table["calibration"].pop("set_point"),
-    "shorter set point": _shorter("calibration", "set_point"),
+    "no command": lambda table: table["calibration"].pop("command"),
+    "shorter command": _shorter("calibration", "command"),
+    "one channel of two": _shorter("calibration", "channels"),
+    "another magnitude": _set("calibration", "magnitudes", 0, "wear"),
+    "another quantity": _set("calibration", "quantities", 0, "wear"),
     "no population": lambda table: table["calibration"].pop("population"),
     "population of two rows": _shorter("calibration", "population", "coefficients"),
     "ragged population": lambda t: t["calibration"]["population"]["coefficients"][1].pop(),
@@ -300,7 +400,11 @@ DAMAGES = {
     "no time": _set("calibration", "interval", 0.0),
     "no threshold": lambda table: table["calibration"]["threshold"].pop("run"),
     "another threshold": _set("calibration", "threshold", "day", 1.0),
-    "half a coupling": _shorter("calibration", "coupling"),
+    "half a statistic": _shorter("calibration", "statistics", "sensor_coupling"),
+    "half a range": _shorter("calibration", "covariate_range"),
+    "no range": lambda table: table["calibration"].pop("covariate_range"),
+    "population without a scale": lambda t: t["calibration"]["population"].pop("scale"),
+    "negative settling time": _set("calibration", "settling_time", -1.0),
     "signature of two rows": lambda table: table["signature"][0]["coefficients"].pop(),
     "signature without a fault": lambda table: table["signature"][0].pop("fault"),
     "format of text": _set("calibration", "format", "one"),
@@ -326,6 +430,8 @@ def test_a_template_is_no_calibration(tmp_path):
         Calibration.load(tmp_path / "none.toml")
 
 
-def test_a_calibration_of_another_kind_is_refused(tmp_path, calibration):
+def test_a_calibration_whose_kind_was_changed_is_refused(tmp_path, calibration):
     text = changed(tmp_path, calibration, _set("kind", "rotary"))
-    assert "of the kind 'rotary' where one of the kind 'ball-screw' is needed" in text
+    assert "is not a name" in text
+    text = changed(tmp_path, calibration, _set("kind", "hydraulic"))
+    assert "there is no kind of actuator 'hydraulic'" in text

@@ -1,11 +1,13 @@
-"""Compiled kernels on disk: reused, never out of date, safe for several processes at once.
+"""Compiled kernels on disk: reused, never out of date, the user's own, safe for several processes.
 
 Processes work on a copy of the package with a cache folder of its own. They run the monitor model,
 as it compiles fastest.
 """
 
 import errno
+import hashlib
 import os
+import pickle
 import shutil
 import subprocess
 import sys
@@ -14,7 +16,8 @@ from pathlib import Path
 import pytest
 
 import ematwin
-from ematwin.kernels.cache import NamedByContent
+from ematwin.numerics.cache import NamedByContent
+from ematwin.numerics.dependencies import Dependencies
 
 RUN = """
 import ematwin
@@ -31,12 +34,13 @@ def copy(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def start(copy: Path, code: str = RUN) -> "subprocess.Popen[str]":
+def start(copy: Path, code: str = RUN, **changed: str) -> "subprocess.Popen[str]":
     environment = {
         **os.environ,
         "PYTHONPATH": str(copy),
         "NUMBA_CACHE_DIR": str(copy / "cache"),
         "NUMBA_DEBUG_CACHE": "1",
+        **changed,
     }
     return subprocess.Popen(
         [sys.executable, "-c", code],
@@ -45,21 +49,30 @@ def start(copy: Path, code: str = RUN) -> "subprocess.Popen[str]":
 
 
 def finish(process: "subprocess.Popen[str]", copy: Path) -> tuple[str, list[str]]:
-    """The answer of a process, and what numba said of the cache."""
+    """The answer of a process, and what was done with the cache: saved or loaded."""
     out, err = process.communicate(timeout=300)
     assert process.returncode == 0, err
     *log, last = out.splitlines()
     place, answer = last.split()
     assert Path(place).is_relative_to(copy)
-    return answer, [line for line in log if line.startswith("[cache]")]
+    return answer, [line.split()[2] for line in log if line.startswith("[cache]")]
 
 
-def run(copy: Path) -> tuple[str, list[str]]:
-    return finish(start(copy), copy)
+def run(copy: Path, code: str = RUN) -> tuple[str, list[str]]:
+    return finish(start(copy, code), copy)
 
 
 def kept(copy: Path) -> list[Path]:
     return sorted((copy / "cache").rglob("*.nbc"))
+
+
+def edit(path: Path, old: str, new: str) -> None:
+    """Replace text of the same length and keep the time of change: only the content tells."""
+    before = path.stat()
+    assert old in path.read_text()
+    path.write_text(path.read_text().replace(old, new, 1))
+    os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
+    assert path.stat().st_size == before.st_size
 
 
 def expected() -> str:
@@ -70,23 +83,139 @@ def expected() -> str:
 
 def test_the_second_process_compiles_nothing_until_a_step_is_edited(copy):
     answer, log = run(copy)
-    assert [line.split()[2] for line in log] == ["saved"]
+    assert log == ["saved"]
     again, log = run(copy)
-    assert [line.split()[2] for line in log] == ["loaded"]
+    assert log == ["loaded"]
     assert answer == again == expected()
 
-    # The edited step stands in another file than its loop; the same length and the same time of
-    # change: only the content tells.
-    step = copy / "ematwin" / "kernels" / "friction.py"
-    before = step.stat()
-    head, found, tail = step.read_text().partition("def loaded_friction(")
-    step.write_text(head + found + tail.replace("return ", "return-", 1))
-    os.utime(step, ns=(before.st_atime_ns, before.st_mtime_ns))
-    assert step.stat().st_size == before.st_size
+    # the edited step stands in another file than its loop
+    friction = copy / "ematwin" / "numerics" / "friction.py"
+    edit(friction, "return t_unloaded + c", "return-t_unloaded + c")
     edited, log = run(copy)
-    assert [line.split()[2] for line in log] == ["saved"]
+    assert log == ["saved"]
     assert edited != answer
     assert len(kept(copy)) == 1  # what is out of date is not kept
+
+
+# A package of somebody else: a loop, a step in a second file, the values and types in a third.
+
+PACKAGE = {
+    "__init__.py": "",
+    "loops.py": """
+from ematwin.numerics.compile import loop
+from theirs import values
+from theirs.steps import advance
+
+@loop
+def distance(c, count):
+    x = 0.0
+    for n in range(count):
+        x = advance(x, c) + values.OFFSET
+    return x
+""",
+    "steps.py": """
+from ematwin.numerics.compile import step
+from theirs.values import GAIN
+
+@step
+def advance(x, c):
+    return x + GAIN * c.speed
+""",
+    "values.py": """
+from typing import NamedTuple
+
+GAIN = 2.0
+OFFSET = 0.5
+
+class Constants(NamedTuple):
+    speed: float
+    drift: float
+""",
+}
+USE = """
+import theirs.loops, theirs.values
+c = theirs.values.Constants(speed=3.0, drift=7.0)
+print(theirs.__file__, theirs.loops.distance(c, 10))
+"""
+
+
+@pytest.fixture
+def package(tmp_path: Path) -> Path:
+    folder = tmp_path / "theirs"
+    folder.mkdir()
+    for name, text in PACKAGE.items():
+        (folder / name).write_text(text)
+    return tmp_path
+
+
+def test_a_package_of_somebody_else_is_compiled_once(package):
+    assert run(package, USE) == ("65.0", ["saved"])
+    assert run(package, USE) == ("65.0", ["loaded"])
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "answer"),
+    [
+        ("steps.py", "x + GAIN", "x - GAIN", "-55.0"),
+        ("values.py", "GAIN = 2.0", "GAIN = 4.0", "125.0"),
+        ("values.py", "OFFSET = 0.5", "OFFSET = 1.5", "75.0"),
+        ("loops.py", "+ values", "- values", "55.0"),
+        # the machine code counts fields by their place, and no name in the loop tells of them
+        ("values.py", "speed: float\n    drift", "drift: float\n    speed", "65.0"),
+    ],
+    ids=["step in another file", "constant of a step", "constant of a module", "loop", "fields"],
+)
+def test_an_edit_anywhere_in_a_package_of_somebody_else_compiles_anew(
+    package, file, old, new, answer
+):
+    run(package, USE)
+    edit(package / "theirs" / file, old, new)
+    assert run(package, USE) == (answer, ["saved"])
+    assert run(package, USE) == (answer, ["loaded"])
+
+
+def test_a_file_that_is_edited_after_its_import_is_not_taken_for_what_runs(package):
+    steps = package / "theirs" / "steps.py"
+    edit_first = f"""
+import theirs.loops
+from pathlib import Path
+path = Path({str(steps)!r})
+path.write_text(path.read_text().replace("x + GAIN", "x - GAIN"))
+"""
+    assert run(package, edit_first + USE) == ("65.0", ["saved"])
+    assert run(package, USE) == ("-55.0", ["saved"])
+
+
+def test_loops_made_around_different_steps_are_kept_side_by_side(package):
+    (package / "theirs" / "more.py").write_text(
+        """
+from ematwin.numerics.compile import loop, step
+
+def looped(advance):
+    @loop
+    def run(x, count):
+        for n in range(count):
+            x = advance(x)
+        return x
+    return run
+
+@step
+def doubled(x):
+    return 2.0 * x
+"""
+    )
+    use = """
+import theirs.more
+from ematwin.numerics.scalar import clip
+from ematwin.numerics.compile import step
+@step
+def halved(x):
+    return clip(0.5 * x, 0.3, 1.0)
+both = [theirs.more.looped(s)(1.0, 3) for s in (theirs.more.doubled, halved)]
+print(theirs.__file__, str(both).replace(" ", ""))
+"""
+    assert run(package, use) == ("[8.0,0.3]", ["saved", "saved"])
+    assert run(package, use) == ("[8.0,0.3]", ["loaded", "loaded"])
 
 
 def test_processes_that_start_at_once_on_an_empty_cache_agree(copy):
@@ -94,60 +223,188 @@ def test_processes_that_start_at_once_on_an_empty_cache_agree(copy):
     answers = {finish(process, copy)[0] for process in processes}
     assert answers == {expected()}
     assert len(kept(copy)) == 1
-    assert list((copy / "cache").rglob("*.tmp.*")) == []
-    answer, log = run(copy)
-    assert answer == expected()
-    assert [line.split()[2] for line in log] == ["loaded"]
+    assert [path for path in (copy / "cache").rglob(".*")] == []
+    assert run(copy) == (expected(), ["loaded"])
 
 
 def test_without_a_writable_folder_it_compiles_each_time(copy):
-    code = "import numba.core.caching as c; c.CacheImpl._locator_classes = []" + RUN
-    answer, log = finish(start(copy, code), copy)
-    assert answer == expected()
-    assert log == []
+    for folder in ("numerics", "models/bldc"):
+        (copy / "ematwin" / folder / "__pycache__").write_text("in the way")
+    process = start(copy, NUMBA_CACHE_DIR="", HOME="/proc/none", XDG_CACHE_HOME="/proc/none")
+    assert finish(process, copy) == (expected(), [])
+
+
+def test_nothing_is_read_to_name_the_files_before_the_first_use(tmp_path):
+    def asked() -> Dependencies:
+        raise AssertionError("too early")
+
+    NamedByContent(tmp_path, "batch.f-1.py311", asked)
+
+
+# One function
+
+
+def cache_of(
+    folder: Path, function: str = "batch.f-1.py311", sources: str = "s1", **settings: bool
+) -> NamedByContent:
+    return NamedByContent(folder, function, lambda: Dependencies(sources, "c1"), **settings)
 
 
 def test_each_key_has_its_own_file_whatever_the_order_of_writing(tmp_path):
-    one, other = (NamedByContent(str(tmp_path), "batch.f-1.py311") for _ in range(2))
+    one, other = cache_of(tmp_path), cache_of(tmp_path)
     one.save(("float64",), "double")
     other.save(("float32",), "single")
     one.save(("float64",), "double")
     assert (other.load(("float64",)), one.load(("float32",))) == ("double", "single")
     assert one.load(("int64",)) is None
-    assert NamedByContent(str(tmp_path), "batch.g-1.py311").load(("float64",)) is None
+    assert cache_of(tmp_path, "batch.g-1.py311").load(("float64",)) is None
 
 
-@pytest.mark.parametrize("damage", [b"", b"half", b"\x80\x04not a pickle"])
+@pytest.mark.parametrize("damage", ["empty", "half", "one bit", "not a pickle"])
 def test_a_damaged_file_counts_as_missing_and_is_replaced(tmp_path, damage):
-    cache = NamedByContent(str(tmp_path), "batch.f-1.py311")
+    cache = cache_of(tmp_path)
     cache.save("key", list(range(1000)))
-    (path,) = tmp_path.iterdir()
-    path.write_bytes(path.read_bytes()[:500] if damage == b"half" else damage)
+    path = cache.path("key")
+    whole = path.read_bytes()
+    path.write_bytes(
+        {
+            "empty": b"",
+            "half": whole[:500],
+            "one bit": whole[:-9] + bytes([whole[-9] ^ 1]) + whole[-8:],
+            "not a pickle": b"\x80\x04not a pickle",
+        }[damage]
+    )
     assert cache.load("key") is None
     cache.save("key", "again")
     assert cache.load("key") == "again"
 
 
 def test_what_other_sources_compiled_to_is_dropped_and_nothing_else(tmp_path):
-    stale = tmp_path / "batch.f-7.py311.0123456789abcdef.5.nbc"
+    cache = cache_of(tmp_path)
+    cache.save("first", "data")
+    stale = cache.folder / "batch.f-7.py311.0123456789abcdef.5.nbc"
     others = [
-        tmp_path / "batch.g-7.py311.0123456789abcdef.5.nbc",
-        tmp_path / "batch.f-7.py312.0123456789abcdef.5.nbc",
-        tmp_path / "notes.txt",
+        cache.folder / "batch.g-7.py311.0123456789abcdef.5.nbc",
+        cache.folder / "batch.f-7.py312.0123456789abcdef.5.nbc",
+        cache.folder / "notes.txt",
+        tmp_path / "batch.f-7.py311.0123456789abcdef.5.nbc",
     ]
     for path in (stale, *others):
         path.write_text("x")
-    NamedByContent(str(tmp_path), "batch.f-1.py311").save("key", "data")
+    cache_of(tmp_path, variants=True).save("key", "data")
+    assert stale.exists()
+    cache.save("key", "data")
     assert not stale.exists()
     assert all(path.exists() for path in others)
+    assert cache.load("first") == "data"
 
 
 def test_a_full_disk_does_not_stop_the_work(tmp_path, monkeypatch):
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    cache = NamedByContent(str(tmp_path), "batch.f-1.py311")
-    monkeypatch.setattr(cache, "_dump", full)
+    cache = cache_of(tmp_path)
+    monkeypatch.setattr(os, "replace", full)
     cache.save("key", "data")
     assert cache.load("key") is None
-    assert list(tmp_path.iterdir()) == []
+    assert list(cache.folder.iterdir()) == []
+
+
+# What lies in the cache is run when it is loaded: only the user's own may be
+
+posix = pytest.mark.skipif(os.name != "posix", reason="there are no POSIX rights")
+STRANGER = 12345
+
+
+class Planted:
+    """A pickle that leaves a mark where it is read."""
+
+    def __init__(self, mark: Path) -> None:
+        self.mark = mark
+
+    def __reduce__(self) -> object:
+        return Path.touch, (self.mark,)
+
+
+@pytest.fixture
+def planted(tmp_path: Path) -> tuple[NamedByContent, Path]:
+    """A cache with a file that, if it is read, leaves a mark; and the path of the mark."""
+    cache, mark = cache_of(tmp_path), tmp_path / "mark"
+    cache.save("key", Planted(mark))
+    return cache, mark
+
+
+def is_refused(cache: NamedByContent, mark: Path) -> bool:
+    """Neither read nor written."""
+    before = cache.path("key").read_bytes()
+    found = cache.load("key")
+    cache.save("key", "mine")
+    return found is None and not mark.exists() and cache.path("key").read_bytes() == before
+
+
+@posix
+def test_files_and_folders_are_for_the_user_alone(planted):
+    cache, mark = planted
+    assert cache.folder.stat().st_mode & 0o777 == 0o700
+    assert cache.path("key").stat().st_mode & 0o777 == 0o600
+    cache.load("key")
+    assert mark.exists()  # the plant works, where it is let
+
+
+@posix
+@pytest.mark.parametrize("mode", [0o770, 0o707, 0o777, 0o1777])
+def test_a_folder_that_others_can_write_is_refused(planted, mode):
+    cache, mark = planted
+    cache.folder.chmod(mode)
+    assert is_refused(cache, mark)
+
+
+@posix
+@pytest.mark.parametrize("mode", [0o660, 0o606, 0o622])
+def test_a_file_that_others_can_write_is_refused(planted, mode):
+    cache, mark = planted
+    cache.path("key").chmod(mode)
+    assert is_refused(cache, mark)
+
+
+@posix
+@pytest.mark.skipif(os.name == "posix" and os.geteuid() != 0, reason="only root gives files away")
+@pytest.mark.parametrize("what", ["folder", "file"])
+def test_what_belongs_to_another_user_is_refused(planted, what):
+    cache, mark = planted
+    os.chown(cache.folder if what == "folder" else cache.path("key"), STRANGER, -1)
+    assert is_refused(cache, mark)
+
+
+@posix
+@pytest.mark.parametrize("what", ["folder", "file"])
+def test_a_link_is_refused(planted, what):
+    cache, mark = planted
+    path = cache.folder if what == "folder" else cache.path("key")
+    path.rename(path.with_name("elsewhere"))
+    path.symlink_to(path.with_name("elsewhere"))
+    assert is_refused(cache, mark)
+    assert path.is_symlink()
+
+
+@posix
+def test_a_process_works_on_in_a_shared_folder_and_keeps_its_own_files_apart(package):
+    shared = package / "cache"
+    shared.mkdir()
+    shared.chmod(0o777)
+    assert run(package, USE) == ("65.0", ["saved"])
+    (path,) = kept(package)
+    assert path.parent.stat().st_mode & 0o777 == 0o700
+    path.parent.chmod(0o777)
+    assert run(package, USE) == ("65.0", [])
+    path.parent.chmod(0o700)
+    assert run(package, USE) == ("65.0", ["loaded"])
+
+
+def test_sound_data_that_is_of_no_use_is_compiled_anew(package):
+    run(package, USE)
+    (path,) = kept(package)
+    data = pickle.dumps(("not", "what", "numba", "keeps"))
+    path.write_bytes(hashlib.sha256(data).digest() + data)
+    assert run(package, USE) == ("65.0", ["loaded", "saved"])
+    assert run(package, USE) == ("65.0", ["loaded"])

@@ -1,4 +1,4 @@
-"""The eight fault components: names, bounds, physical magnitudes, Err%."""
+"""The eight fault parameters: names, bounds, physical magnitudes, Err%."""
 
 import math
 
@@ -8,16 +8,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ematwin.errors import InputError
-from ematwin.faults import (
+from ematwin.models.bldc.faults import (
     FAULTS,
     HEALTHY,
     PAPER_CASES,
     Faults,
-    eccentricity_vector,
     error_percent,
     error_percent_wrapped,
 )
-from ematwin.plant.parameters import Actuator
+from ematwin.models.bldc.parameters import BldcActuator
 from naive import signals as naive_signals
 
 vectors = st.lists(st.floats(0.0, 1.0), min_size=8, max_size=8).map(np.array)
@@ -64,7 +63,7 @@ def test_a_value_outside_zero_to_one_is_refused_with_its_name(name, value):
 
 
 def test_per_cent_are_recognised():
-    with pytest.raises(InputError, match=r"looks like per cent; write 0\.25"):
+    with pytest.raises(InputError, match=r"If this is a percentage, write 0\.25"):
         Faults(friction=25)
 
 
@@ -109,7 +108,7 @@ def test_physical_values_are_those_of_the_paper_and_the_default_actuator(
 
 
 def test_physical_values_follow_the_actuator():
-    doubled = Actuator.load().changed({"transmission.backlash": 0.01})
+    doubled = BldcActuator.load().changed({"transmission.backlash": 0.01})
     rows = {row.name: row for row in Faults(backlash=1.0).physical(doubled)}
     assert rows["backlash"].value == pytest.approx(1.0)
     assert rows["backlash"].healthy == pytest.approx(0.01)
@@ -157,12 +156,3 @@ def test_the_wrapped_error_never_exceeds_that_of_the_paper(found, injected):
     other_end = found.copy()
     other_end[6] = 1.0 if found[6] == 0.0 else found[6]
     assert error_percent_wrapped(other_end, injected) == pytest.approx(wrapped)
-
-
-@given(vectors)
-def test_eccentricity_vector_has_the_length_and_direction_of_its_components(vector):
-    x, y = eccentricity_vector(vector)
-    assert math.hypot(x, y) == pytest.approx(vector[5], abs=1e-12)
-    if vector[5] > 1e-6:
-        turns = math.atan2(y, x) / (2.0 * math.pi) + 0.5
-        assert abs((turns - vector[6] + 0.5) % 1.0 - 0.5) < 1e-9

@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 
 from ematwin.errors import FileError, ParameterError
-from ematwin.plant.constants import kernel_constants
-from ematwin.plant.parameter_set import Section
-from ematwin.plant.parameters import Actuator
+from ematwin.models.bldc.constants import kernel_constants
+from ematwin.models.bldc.parameters import BldcActuator
+from ematwin.models.parameter_set import Section
 
-SHIPPED = Actuator.shipped()["servo48"].read_text(encoding="utf-8")
+SHIPPED = BldcActuator.shipped()["servo48"].read_text(encoding="utf-8")
 
 
 def edited(tmp_path: Path, place: str, **leaf: object) -> Path:
@@ -38,7 +38,7 @@ def _toml(value: object) -> str:
 
 def refusal(path: Path) -> str:
     with pytest.raises(ParameterError) as caught:
-        Actuator.load(path)
+        BldcActuator.load(path)
     text = str(caught.value)
     assert "\n" not in text
     assert text.endswith(".")
@@ -46,7 +46,7 @@ def refusal(path: Path) -> str:
 
 
 def test_shipped_values_are_converted_to_si():
-    actuator = Actuator.load("servo48")
+    actuator = BldcActuator.load("servo48")
     assert actuator.motor.inductance == pytest.approx(0.72e-3)
     assert actuator.motor.inertia == pytest.approx(2.5e-6)
     assert actuator.controller.speed_limit == pytest.approx(8000 * 2 * 3.141592653589793 / 60)
@@ -56,11 +56,11 @@ def test_shipped_values_are_converted_to_si():
 
 
 def test_every_shipped_value_names_unit_meaning_and_source():
-    for name in Actuator.shipped():
-        rows = list(Actuator.load(name).parameters())
+    for name in BldcActuator.shipped():
+        rows = list(BldcActuator.load(name).parameters())
         fields = [
             field
-            for section in Actuator.model_fields.values()
+            for section in BldcActuator.model_fields.values()
             if isinstance(section.annotation, type) and issubclass(section.annotation, Section)
             for field in section.annotation.model_fields
         ]
@@ -73,7 +73,7 @@ def test_every_shipped_value_names_unit_meaning_and_source():
 
 
 def test_the_default_is_the_shipped_set():
-    assert Actuator.load() == Actuator.load("servo48")
+    assert BldcActuator.load() == BldcActuator.load("servo48")
 
 
 @pytest.mark.parametrize("leaf", ["value", "unit", "source"])
@@ -102,7 +102,7 @@ def test_an_empty_source_is_refused(tmp_path):
     ],
 )
 def test_values_may_stand_in_any_unit_of_their_kind(tmp_path, place, value, unit, si):
-    actuator = Actuator.load(edited(tmp_path, place, value=value, unit=unit))
+    actuator = BldcActuator.load(edited(tmp_path, place, value=value, unit=unit))
     section, name = place.split(".")
     assert getattr(getattr(actuator, section), name) == pytest.approx(si, rel=1e-6)
 
@@ -171,7 +171,7 @@ def test_an_absurdly_short_step_is_refused(tmp_path):
 
 
 def test_the_longest_step_is_that_of_the_fastest_mode():
-    actuator = Actuator.load()
+    actuator = BldcActuator.load()
     motor, control = actuator.motor, actuator.controller
     assert actuator.largest_stable_step("monitor") == pytest.approx(
         motor.inertia / (control.speed_gain + motor.viscous_damping)
@@ -206,13 +206,13 @@ def test_a_file_that_is_not_toml_is_refused(tmp_path):
 
 def test_a_missing_file_and_an_unknown_set_are_refused(tmp_path):
     with pytest.raises(FileError, match="Cannot read the actuator file"):
-        Actuator.load(tmp_path / "none.toml")
+        BldcActuator.load(tmp_path / "none.toml")
     with pytest.raises(ParameterError, match=r"There is no actuator 'servo49'. Shipped: servo48"):
-        Actuator.load("servo49")
+        BldcActuator.load("servo49")
 
 
 def test_a_variant_keeps_what_it_does_not_change():
-    actuator = Actuator.load()
+    actuator = BldcActuator.load()
     variant = actuator.changed({"motor.resistance": 2.3})
     assert variant.motor.resistance == 2.3
     assert variant.motor.inductance == actuator.motor.inductance
@@ -224,14 +224,14 @@ def test_a_variant_keeps_what_it_does_not_change():
 
 
 def test_equal_values_have_one_fingerprint_whatever_their_unit(tmp_path):
-    same = Actuator.load(edited(tmp_path, "motor.resistance", value=2130, unit="mohm"))
-    assert same.fingerprint == Actuator.load().fingerprint
-    other = Actuator.load().changed({"motor.resistance": 2.14})
-    assert other.fingerprint != Actuator.load().fingerprint
+    same = BldcActuator.load(edited(tmp_path, "motor.resistance", value=2130, unit="mohm"))
+    assert same.fingerprint == BldcActuator.load().fingerprint
+    other = BldcActuator.load().changed({"motor.resistance": 2.14})
+    assert other.fingerprint != BldcActuator.load().fingerprint
 
 
 def test_kernels_get_phase_values_on_the_motor_shaft():
-    actuator = Actuator.load()
+    actuator = BldcActuator.load()
     c = kernel_constants(actuator)
     assert c.resistance == actuator.motor.resistance / 2
     assert c.inductance == actuator.motor.inductance / 2

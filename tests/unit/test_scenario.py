@@ -10,8 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ematwin.errors import EmatwinError, FileError, ParameterError, RecordError
-from ematwin.plant.parameters import Actuator
-from ematwin.plant.scenario import Chirp, Profile, Ramp, Scenario, Sine, Step, shipped_scenarios
+from ematwin.models.bldc.parameters import BldcActuator
+from ematwin.models.bldc.simulate import check_travel
+from ematwin.models.scenario import Chirp, Profile, Ramp, Scenario, Sine, Step, shipped_scenarios
 
 T = np.linspace(0.0, 2.0, 2001)
 number = st.floats(-1e3, 1e3, allow_subnormal=False)
@@ -101,7 +102,7 @@ def test_shipped_scenarios_stay_within_the_travel_of_the_shipped_actuator():
         scenario = Scenario.load_file(name)
         assert scenario.name == name
         assert scenario.description
-        scenario.check(Actuator.load())
+        check_travel(scenario, BldcActuator.load())
 
 
 def test_values_in_a_file_may_carry_units(tmp_path):
@@ -303,12 +304,12 @@ def test_unreadable_files_are_refused(tmp_path):
 
 
 def test_a_command_in_degrees_is_recognised():
-    actuator = Actuator.load()
+    actuator = BldcActuator.load()
     with pytest.raises(ParameterError, match="looks like degrees"):
-        Scenario(duration=1, command=[Step(value=20.0)]).check(actuator)
+        check_travel(Scenario(duration=1, command=[Step(value=20.0)]), actuator)
     with pytest.raises(ParameterError, match="Shorten the command"):
-        Scenario(duration=1, command=[Step(value=0.6)]).check(actuator)
-    Scenario(duration=1, command=[Step(value=0.5)]).check(actuator)
+        check_travel(Scenario(duration=1, command=[Step(value=0.6)]), actuator)
+    check_travel(Scenario(duration=1, command=[Step(value=0.5)]), actuator)
 
 
 def test_components_made_in_python_are_refused_in_one_sentence_too():

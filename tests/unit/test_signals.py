@@ -8,11 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ematwin.errors import InputError
-from ematwin.signals.envelope import current_envelope, signed_current, trapezoid_shape
-from ematwin.signals.filters import LowPass
-from ematwin.signals.misfit import SlopeWeighting, misfit
-from ematwin.signals.noise import Noise
-from ematwin.signals.record import PHASES, Record
+from ematwin.models.bldc.channels import PHASES
+from ematwin.models.bldc.envelope import current_envelope, signed_current, trapezoid_shape
+from ematwin.numerics.low_pass import LowPass
+from ematwin.numerics.misfit import SlopeWeighting, misfit
+from ematwin.recordings.noise import Noise
+from ematwin.recordings.recording import Recording
 from naive import motor as naive_motor
 from naive import signals as naive_signals
 
@@ -32,7 +33,7 @@ def three_phases(theta_m, amplitude):
         ]
     )
     time = np.arange(theta_m.size) / RATE
-    return Record(
+    return Recording(
         time=time, command=np.zeros(time.size), motor_position=theta_m,
         **dict(zip(PHASES, phases.T, strict=True)),
     )  # fmt: skip
@@ -40,7 +41,9 @@ def three_phases(theta_m, amplitude):
 
 def single(current):
     time = np.arange(len(current)) / RATE
-    return Record(time=time, command=np.zeros(time.size), current=np.asarray(current, dtype=float))
+    return Recording(
+        time=time, command=np.zeros(time.size), current=np.asarray(current, dtype=float)
+    )
 
 
 # Equivalent current

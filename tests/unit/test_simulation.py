@@ -6,11 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import ematwin
-from ematwin import Actuator, Faults, Noise, Record, Scenario, simulate, simulation
+from ematwin import BldcActuator, Faults, Noise, Record, Scenario, simulate
 from ematwin.errors import DivergedError, InputError
-from ematwin.faults import PAPER_CASES
-from ematwin.plant.scenario import Chirp, Step
-from ematwin.signals.envelope import current_envelope, signed_current
+from ematwin.models.bldc import simulate as simulation
+from ematwin.models.bldc.envelope import current_envelope, signed_current
+from ematwin.models.bldc.faults import PAPER_CASES
+from ematwin.models.scenario import Chirp, Step
 
 MODELS = ("reference", "monitor")
 SHORT = Scenario(
@@ -60,7 +61,7 @@ def test_everything_broken_at_once_stays_finite(model):
 @pytest.mark.parametrize("model", MODELS)
 def test_a_simulation_in_slices_equals_the_whole_bit_for_bit(model, monkeypatch):
     whole = simulate(model, SHORT, {"friction": 0.3, "backlash": 0.2})
-    monkeypatch.setattr(simulation, "_SLICE_STEPS", 137)
+    monkeypatch.setattr(simulation, "SLICE_STEPS", 137)
     shares: list[float] = []
     sliced = simulate(model, SHORT, {"friction": 0.3, "backlash": 0.2}, progress=shares.append)
     assert equal(sliced, whole)
@@ -70,7 +71,7 @@ def test_a_simulation_in_slices_equals_the_whole_bit_for_bit(model, monkeypatch)
 
 
 def test_an_interrupt_ends_a_simulation_between_two_slices(monkeypatch):
-    monkeypatch.setattr(simulation, "_SLICE_STEPS", 137)
+    monkeypatch.setattr(simulation, "SLICE_STEPS", 137)
 
     def interrupt(share: float) -> None:
         if share > 0.5:
@@ -205,7 +206,7 @@ def test_provenance_tells_how_to_make_the_record_again():
     assert made["model"] == "monitor"
     assert made["scenario"] == "short"
     assert made["actuator"] == "servo48"
-    assert made["actuator_fingerprint"] == Actuator.load().fingerprint
+    assert made["actuator_fingerprint"] == BldcActuator.load().fingerprint
     assert made["ematwin"] == ematwin.__version__
     again = simulate(
         made["model"], SHORT, made["faults"], made["actuator"],
@@ -234,13 +235,13 @@ def test_a_step_of_the_users_own_is_taken():
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        ({"model": "refrence"}, "There is no model 'refrence'; choose reference or monitor"),
+        ({"model": "refrence"}, "of the kind bldc; choose reference or monitor"),
         ({"sample_rate": 0.0}, "received 0.0"),
         ({"sample_rate": -5.0}, "received -5.0"),
         ({"sample_rate": float("nan")}, "received nan"),
         ({"sample_rate": float("inf")}, "received inf"),
         ({"sample_rate": 1e12}, "6e.10 samples; at most"),
-        ({"sample_rate": 10.0}, "no two samples at 10 Hz"),
+        ({"sample_rate": 10.0}, "fewer than two samples at 10 Hz"),
         ({"step": 1.0}, "received 1 s"),
         ({"step": 0.0}, "received 0 s"),
         ({"step": float("nan")}, "received nan s"),
@@ -250,7 +251,7 @@ def test_a_step_of_the_users_own_is_taken():
         ({"initial_position": 1.0}, "received 1"),
         ({"initial_position": float("nan")}, "received nan"),
         ({"faults": {"fricton": 0.1}}, "Did you mean friction"),
-        ({"faults": {"friction": 25}}, "looks like per cent; write 0.25"),
+        ({"faults": {"friction": 25}}, "If this is a percentage, write 0.25"),
         ({"faults": {"friction": float("nan")}}, "received nan"),
         ({"faults": np.zeros(7)}, r"received shape \(7,\)"),
     ],
@@ -269,7 +270,7 @@ def test_a_scenario_that_would_fill_the_memory_is_refused():
 
 
 def test_a_diverged_simulation_is_an_error_and_no_record(monkeypatch):
-    from ematwin.kernels import batch
+    from ematwin.models.bldc import batch
 
     monkeypatch.setattr(
         batch, "monitor_trace", lambda k, command, *_: np.full((command.size - 1, 5), np.nan)

@@ -16,11 +16,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ematwin.faults import HEALTHY
-from ematwin.plant.constants import kernel_constants
-from ematwin.plant.parameters import Actuator
-from ematwin.plant.scenario import Scenario
-from ematwin.simulation import simulate
+from ematwin.estimation.problem import Problem
+from ematwin.models.bldc.comparison import BldcComparison
+from ematwin.models.bldc.constants import kernel_constants
+from ematwin.models.bldc.faults import HEALTHY
+from ematwin.models.bldc.parameters import BldcActuator
+from ematwin.models.scenario import Scenario
+from ematwin.models.simulating import simulate
 
 REPEATS = 7  # by default
 
@@ -91,15 +93,16 @@ def _figure(
 
 def lanes_against_scalar(repeats: int) -> Figure:
     """Speed-up of the monitor model in lanes, a candidate."""
-    from ematwin.identification.objective import Objective
-    from ematwin.kernels import batch
+    from ematwin.models.bldc import batch
 
-    actuator = Actuator.load()
+    actuator = BldcActuator.load()
     record = simulate("monitor")
-    objective = Objective(record, actuator, threads=1)
+    problem = Problem.of(record, actuator, threads=1)
+    comparison = problem.comparisons[0]
+    assert isinstance(comparison, BldcComparison)
     rng = np.random.default_rng(1)
     k = rng.random((8 * batch.LANES, 8))
-    steps = (len(record) - 1) * objective.substeps
+    steps = (len(record) - 1) * comparison.substeps
     grid = np.linspace(0.0, record.time[-1], steps + 1)
     command, load = Scenario.load_file().histories(grid)
     ratio = actuator.transmission.ratio
@@ -108,16 +111,16 @@ def lanes_against_scalar(repeats: int) -> Figure:
     def one_at_a_time() -> None:
         for vector in k[:16]:
             batch.monitor_trace(
-                vector, command * ratio, load / ratio, np.zeros(5), constants, objective.step, 1,
-                objective.substeps,
+                vector, command * ratio, load / ratio, np.zeros(5), constants, comparison.step, 1,
+                comparison.substeps,
             )  # fmt: skip
 
     ratios = []
-    objective(k)
+    problem.costs(k)
     one_at_a_time()
     for _ in range(repeats):  # in turn, so that a change of the machine's speed meets both
         scalar = _once(one_at_a_time) / 16
-        lanes = _once(lambda: objective(k)) / len(k)
+        lanes = _once(lambda: problem.costs(k)) / len(k)
         ratios.append(scalar / lanes)
     return _figure(
         "monitor model: scalar over lanes, a candidate", ratios, "times", 8.0, at_least=True,
@@ -127,16 +130,15 @@ def lanes_against_scalar(repeats: int) -> Figure:
 
 def ten_thousand_scores(repeats: int) -> Figure:
     """Seconds for 10,000 scorings of the default scenario."""
-    from ematwin.identification.objective import Objective
 
-    objective = Objective(simulate("reference"), Actuator.load())
+    problem = Problem.of(simulate("reference"), "servo48")
     k = np.random.default_rng(2).random((50, 8))
 
     def work() -> None:
         for _ in range(200):
-            objective(k)
+            problem.costs(k)
 
-    objective(k)
+    problem.costs(k)
     return _figure(
         "10,000 scorings of the default scenario",
         [_once(work) for _ in range(max(1, repeats // 2))],
@@ -147,13 +149,11 @@ def ten_thousand_scores(repeats: int) -> Figure:
 _MEMORY_PROBE = """
 import resource
 import numpy as np
-from ematwin.identification.objective import Objective
-from ematwin.plant.parameters import Actuator
-from ematwin.simulation import simulate
-objective = Objective(simulate("reference"), Actuator.load())
+from ematwin import Problem, simulate
+problem = Problem.of(simulate("reference"), "servo48")
 k = np.random.default_rng(3).random((50, 8))
 for _ in range(200):
-    objective(k)
+    problem.costs(k)
 try:  # of this process; ru_maxrss also counts what its parent held when it started this one
     with open("/proc/self/status") as status:
         kilobytes = next(int(line.split()[1]) for line in status if line.startswith("VmHWM"))

@@ -1,57 +1,105 @@
-"""``ematwin actuators`` and ``ematwin scenarios``: what is shipped."""
+"""``ematwin actuators`` and ``ematwin scenarios``: what is shipped, of every kind."""
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from ematwin.cli import complete
 from ematwin.cli.options import print_json
 
 
 def actuators(
     name: Annotated[
-        str | None, typer.Argument(help="Show all parameters of this set or TOML file.")
+        str | None,
+        typer.Argument(
+            help="Show all parameters of this set or TOML file.",
+            autocompletion=complete.actuators,
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Copy its parameters to this file (.toml), as a start for your own."),
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Answer as JSON.")] = False,
 ) -> None:
-    """List the shipped actuator parameter sets, or show one with units and sources."""
-    from ematwin.plant.kinds import load_actuator, shipped_actuators
+    """List the actuators of all kinds, or show one: parameters, channels, faults."""
+    from ematwin.errors import InputError
+    from ematwin.files import check_target
+    from ematwin.models.registry import load_actuator, model_of, shipped_actuators
 
     if name is None:
-        sets = {key: load_actuator(key).description for key in shipped_actuators()}
+        if out is not None:
+            raise InputError("--out needs the name of an actuator; see ematwin actuators.")
+        found = [load_actuator(key) for key in shipped_actuators()]
         if json:
-            print_json(sets)
+            print_json({one.name: one.description for one in found})
         else:
-            for key, description in sets.items():
-                typer.echo(f"{key:<12} {description}")
+            for one in found:
+                typer.echo(f"{one.name:<12} {one.kind:<12} {one.description}")
         return
     actuator = load_actuator(name)
+    model = model_of(actuator)
     rows = list(actuator.parameters())
+    if out is not None:
+        check_target(out, (".toml",))
+        actuator.save(out)
     if json:
         print_json(
             {
                 "name": actuator.name,
+                "kind": model.kind,
                 "description": actuator.description,
                 "parameters": {
                     place: {"value": value, "unit": unit, "meaning": meaning, "source": source}
                     for place, value, unit, meaning, source in rows
                 },
+                "channels": {
+                    one.name: {"unit": one.unit, "meaning": one.meaning} for one in model.channels
+                },
+                "unknowns": {
+                    one.name: {
+                        "role": one.role, "unit": one.unit, "meaning": one.meaning,
+                        "healthy": one.healthy, "lower": one.lower, "upper": one.upper,
+                    }
+                    for one in model.unknowns(actuator)
+                },
+                "out": None if out is None else str(out),
             }
-        )
+        )  # fmt: skip
         return
-    typer.echo(f"{actuator.name}: {actuator.description}\n")
+    typer.echo(f"{actuator.name}: {actuator.description}\nkind {model.kind}: {model.title}\n")
     for place, value, unit, meaning, source in rows:
         typer.echo(f"{place:<34} {value:>10.4g} {unit:<10} {meaning}  [{source}]")
+    typer.echo("\nFaults and other unknowns: healthy value and range")
+    for unknown in model.unknowns(actuator):
+        reach = f"{unknown.lower:.4g} to {unknown.upper:.4g} {unknown.unit}".rstrip()
+        typer.echo(f"{unknown.name:<20} {unknown.healthy:>10.4g}   {reach:<24} {unknown.meaning}")
+    typer.echo("\nChannels of a recording")
+    for channel in model.channels:
+        typer.echo(f"{channel.name:<20} {channel.unit:<8} {channel.meaning}")
+    if out is not None:
+        typer.echo(f"wrote {out}")
 
 
 def scenarios(
     json: Annotated[bool, typer.Option("--json", help="Answer as JSON.")] = False,
 ) -> None:
-    """List the shipped scenarios."""
-    from ematwin.plant.scenario import Scenario, shipped_scenarios
+    """List the shipped scenarios of all kinds."""
+    from ematwin.models.registry import models
 
-    found = [Scenario.load_file(key) for key in shipped_scenarios()]
+    found = [
+        (model.kind, model.load_scenario(key))
+        for model in models().values()
+        for key in model.scenarios()
+    ]
     if json:
-        print_json({s.name: {"duration": s.duration, "description": s.description} for s in found})
+        print_json(
+            {
+                s.name: {"duration": s.duration, "description": s.description, "kind": kind}
+                for kind, s in found
+            }
+        )
         return
-    for s in found:
-        typer.echo(f"{s.name:<10} {s.duration:>5.4g} s  {s.description}")
+    for kind, s in found:
+        typer.echo(f"{s.name:<14} {kind:<12} {s.duration:>5.4g} s  {s.description}")

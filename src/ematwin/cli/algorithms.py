@@ -11,33 +11,13 @@ def algorithms(
     json: Annotated[bool, typer.Option("--json", help="Answer as JSON.")] = False,
 ) -> None:
     """List the search algorithms, their sources, and whether each is installed."""
-    from ematwin.identification.identify import DEFAULT_ALGORITHM
-    from ematwin.optimizers.registry import algorithms as listed
+    from ematwin.estimation.search import methods
+    from ematwin.optimizers.catalogue import EXTRA
 
-    rows = [
-        {
-            "name": DEFAULT_ALGORITHM,
-            "title": "Sobol samples, then Levenberg-Marquardt (default of identify)",
-            "source": "this project, docs/results.md",
-            "origin": "ematwin",
-            "installed": True,
-            "aliases": [],
-        }
-    ]
-    rows += [
-        {
-            "name": one.name,
-            "title": one.title,
-            "source": one.source,
-            "origin": one.origin,
-            "installed": one.installed,
-            "aliases": list(one.aliases),
-        }
-        for one in listed()
-    ]
+    found = methods()
     if json:
-        print_json(rows)
+        print_json([{**vars(one), "aliases": list(one.aliases)} for one in found])
         return
-    for row in rows:
-        state = "" if row["installed"] else '  not installed: pip install "ematwin[bench]"'
-        typer.echo(f"{row['name']:<16} {row['title']}  [{row['source']}]{state}")
+    for one in found:
+        state = "" if one.installed else f'  not installed: pip install "ematwin[{EXTRA}]"'
+        typer.echo(f"{one.name:<16} {one.title}  [{one.source}]{state}")

@@ -8,6 +8,7 @@ import sys
 from typing import Any
 
 import typer
+from typer.core import TyperGroup
 
 from ematwin.cli import (
     actuators,
@@ -22,10 +23,23 @@ from ematwin.cli import (
     simulate,
 )
 
+
+class _Commands(TyperGroup):
+    """The commands, each with its whole first sentence: click cuts it at 45 characters."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write the list of commands for ``--help``."""
+        rows = [(name, (each.help or "").split("\n\n")[0]) for name, each in self.commands.items()]
+        with formatter.section("Commands"):
+            formatter.write_dl(rows)
+
+
 app = typer.Typer(
     name="ematwin",
+    cls=_Commands,
     help="Find the faults of an electromechanical actuator from a recording of how it moved.",
-    add_completion=False,
+    # plain help: rich takes the [mm] of a channel's name for markup and leaves it out
+    rich_markup_mode=None,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
@@ -59,7 +73,7 @@ def _version(asked: bool) -> None:
 def root(
     context: typer.Context,
     version: bool = typer.Option(
-        False, "--version", callback=_version, is_eager=True, help="Print the version and end."
+        False, "--version", callback=_version, is_eager=True, help="Print the version and exit."
     ),
 ) -> None:
     """Find the faults of an electromechanical actuator from a recording of how it moved."""
@@ -69,6 +83,7 @@ def root(
 
 def run() -> int:
     """Run the command that the process was called with; gives its exit code."""
+    from ematwin.cli.wording import for_shell
     from ematwin.errors import EmatwinError
 
     try:
@@ -78,11 +93,11 @@ def run() -> int:
         print(f"Error: {_usage_sentence(error)}", file=sys.stderr)
         return 2
     except EmatwinError as error:
-        print(f"Error: {error}", file=sys.stderr)
+        print(f"Error: {for_shell(str(error))}", file=sys.stderr)
         return 2
     except MemoryError:
         print(
-            "Error: This needs more memory than there is. Shorten the scenario or sample slower.",
+            "Error: Not enough memory. Shorten the scenario or lower the sample rate.",
             file=sys.stderr,
         )
         return 2

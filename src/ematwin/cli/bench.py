@@ -8,10 +8,10 @@ from ematwin.cli.options import print_json
 
 
 def bench(
-    repeats: Annotated[int, typer.Option(min=1, help="How often most figures are measured.")] = 7,
+    repeats: Annotated[int, typer.Option(min=1, help="Repetitions of most measurements.")] = 7,
     json: Annotated[bool, typer.Option("--json", help="Answer as JSON.")] = False,
 ) -> None:
-    """Measure speed and memory of the twin on this machine, against stated aims."""
+    """Measure speed and memory of the twin on this machine against the project's targets."""
     from rich.console import Console
 
     from ematwin.bench.twin import MEASUREMENTS, machine

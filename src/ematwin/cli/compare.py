@@ -7,66 +7,85 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ematwin.cli import complete
 from ematwin.cli.options import print_json
 
 if TYPE_CHECKING:
-    from ematwin.study.compare import Progress, Tally
-    from ematwin.study.engines.base import Engine
+    from ematwin.comparison.study.compare import Progress, Tally
+    from ematwin.comparison.study.engines.base import Engine
 
 
 def compare(
     cases: Annotated[
-        str, typer.Option(help="paper (Table 1), multi (several random faults), or a TOML file.")
-    ] = "paper",
+        str,
+        typer.Option(
+            help="own: the cases of the kind (bldc: Table 1 of the paper, also called paper); "
+            "multi: several random faults at once; or a TOML file."
+        ),
+    ] = "own",
     count: Annotated[
-        int | None, typer.Option(help="Cases of --cases multi; 50 if not given.")
+        int | None, typer.Option(help="Number of cases of --cases multi; 50 if not given.")
     ] = None,
     algorithms: Annotated[
-        str, typer.Option(help="multistart, or names of `ematwin algorithms`, with commas.")
+        str,
+        typer.Option(
+            help="Names from `ematwin algorithms`, separated by commas.",
+            autocompletion=complete.several_algorithms,
+        ),
     ] = "ga,pso,de,gwo,da,woa",
     runs: Annotated[int, typer.Option(help="Repetitions of each case and algorithm.")] = 10,
-    population: Annotated[int, typer.Option(help="Of the population methods.")] = 50,
-    iterations: Annotated[int, typer.Option(help="Population times iterations: budget.")] = 200,
-    seed: Annotated[int, typer.Option(help="Of the study; all other seeds follow from it.")] = 1,
+    population: Annotated[int, typer.Option(help="Size of the population.")] = 50,
+    iterations: Annotated[int, typer.Option(help="The budget is population times this.")] = 200,
+    seed: Annotated[int, typer.Option(help="Seed of the study; all others follow from it.")] = 1,
     noise: Annotated[
-        str | None, typer.Option(help="Current sensor of the records, e.g. white=0.02,bits=12.")
+        str | None, typer.Option(help="Sensor noise of the recordings, e.g. white=0.02,bits=12.")
     ] = None,
     box: Annotated[
-        str, typer.Option(help="plain; or remapped, where healthy lies nowhere special.")
+        str, typer.Option(help="plain; or remapped, where healthy is not in a corner.")
     ] = "plain",
     actuator: Annotated[
-        str, typer.Option(help="A shipped parameter set, or a TOML file.")
+        str,
+        typer.Option(
+            help="A shipped parameter set of any kind, or a TOML file.",
+            autocompletion=complete.actuators,
+        ),
     ] = "servo48",
     scenario: Annotated[
-        str, typer.Option(help="A shipped scenario, or a TOML, CSV or Parquet file.")
-    ] = "default",
+        str | None,
+        typer.Option(
+            help="A scenario of the kind, or a TOML, CSV or Parquet file; the kind's default if "
+            "not given.",
+            autocompletion=complete.scenarios,
+        ),
+    ] = None,
     store: Annotated[
         str, typer.Option(help="SQLite file, or postgresql://user@host/name.")
     ] = "study.db",
     workers: Annotated[
         int | None, typer.Option(min=1, help="Processes on this machine; all cores if not given.")
     ] = None,
-    engine: Annotated[str | None, typer.Option(help="local or dask.")] = None,
+    engine: Annotated[str | None, typer.Option(help="local (default) or dask.")] = None,
     scheduler: Annotated[
-        str | None, typer.Option(help="Of a Dask cluster, e.g. tcp://host:8786.")
+        str | None, typer.Option(help="Address of a Dask scheduler, e.g. tcp://host:8786.")
     ] = None,
     time_limit: Annotated[
-        float | None, typer.Option(help="Seconds after which a run is given up.")
+        float | None, typer.Option(help="Seconds after which a run is stopped.")
     ] = None,
     retry_failed: Annotated[
-        bool, typer.Option("--retry-failed", help="Do failed and timed-out runs again.")
+        bool, typer.Option("--retry-failed", help="Repeat failed and timed-out runs.")
     ] = False,
     json: Annotated[bool, typer.Option("--json", help="Answer as JSON.")] = False,
 ) -> None:
-    """Compare search algorithms over fault cases; go on where an earlier call was stopped."""
-    from ematwin import Actuator, Noise, Scenario
-    from ematwin.study.cases import cases_of
-    from ematwin.study.compare import compare as run
-    from ematwin.study.plan import Plan
-    from ematwin.study.store import Store
+    """Compare search algorithms over fault cases; continue where an earlier call stopped."""
+    from ematwin import Noise, load_actuator
+    from ematwin.comparison.study.cases import cases_of
+    from ematwin.comparison.study.compare import compare as run
+    from ematwin.comparison.study.plan import Plan
+    from ematwin.comparison.study.store import Store
 
+    chosen = load_actuator(actuator)
     plan = Plan(
-        cases=cases_of(cases, count=count, seed=seed),
+        cases=cases_of(cases, chosen, count=count, seed=seed),
         algorithms=tuple(name.strip() for name in algorithms.split(",") if name.strip()),
         runs=runs,
         population=population,
@@ -74,8 +93,8 @@ def compare(
         seed=seed,
         noise=None if noise is None else Noise.parse(noise),
         box=box,
-        actuator=Actuator.load(actuator),
-        scenario=Scenario.load_file(scenario),
+        actuator=chosen,
+        scenario=scenario,
     )
     carrier = _engine(engine, scheduler, workers, time_limit)
     with Store(store) as opened, _shown(not json) as progress:
@@ -96,13 +115,13 @@ def _engine(
         raise InputError(f"--time-limit must be a positive number of s, received {time_limit:g}.")
     name = name or ("local" if scheduler is None else "dask")
     if name == "local":
-        from ematwin.study.engines.local import LocalEngine
+        from ematwin.comparison.study.engines.local import LocalEngine
 
         if scheduler is not None:
             raise InputError("--scheduler belongs to --engine dask; leave one of the two out.")
         return LocalEngine(workers or os.cpu_count() or 1, time_limit)
     if name == "dask":
-        from ematwin.study.engines.dask import DaskEngine
+        from ematwin.comparison.study.engines.dask import DaskEngine
 
         if scheduler is not None and workers is not None:
             raise InputError("A scheduler has its own workers; leave --workers out.")
@@ -147,9 +166,9 @@ def _print(tally: "Tally", where: str) -> None:
     ended = ", ".join(f"{n} {status}" for status, n in sorted(tally.counts.items()))
     typer.echo(f"{tally.planned} runs in {where}: {ended}.")
     typer.echo(
-        f"{tally.finished} of them now, in {tally.seconds:.1f} s; {tally.found} were there before"
+        f"{tally.finished} of them now, in {tally.seconds:.1f} s; {tally.found} were done before"
         + (f", {tally.elsewhere} came from other processes." if tally.elsewhere else ".")
     )
     if tally.counts.get("done", 0) < tally.planned:
-        typer.echo("To do again those that did not end well: the same command and --retry-failed")
+        typer.echo("To repeat failed runs, give the same command with --retry-failed.")
     typer.echo(f"Next: ematwin report {where}")

@@ -19,11 +19,11 @@ def demo(
     json: Annotated[bool, typer.Option("--json", help="Answer as JSON.")] = False,
 ) -> None:
     """Simulate a faulty actuator with sensor noise, find its faults, write a report."""
-    from ematwin import Actuator, Faults, Noise, error_percent, simulate
+    from ematwin import BldcActuator, Faults, Noise, error_percent, simulate
     from ematwin.errors import FileError
-    from ematwin.identification.identify import identify
-    from ematwin.readers.files import write_text
-    from ematwin.readers.records import read, write
+    from ematwin.estimation.identify import identify
+    from ematwin.files import write_text
+    from ematwin.models.reading import read, write
     from ematwin.report.comparison import comparison_page
     from ematwin.report.identification import identification_page
 
@@ -33,7 +33,7 @@ def demo(
         raise FileError(
             f"Cannot make the folder {folder}: {refusal.strerror}. Choose another with --folder."
         ) from None
-    actuator = Actuator.load()
+    actuator = BldcActuator.load()
     injected = Faults.of(FAULTS)
     sensor = Noise(white=0.02, bits=12)
     with progress_bar("Compiling (first run only) and simulating the faulty actuator") as progress:
@@ -41,7 +41,8 @@ def demo(
         healthy = simulate("reference", noise=sensor, seed=seed)
     record_file = folder / "record.parquet"
     write(faulty, record_file)
-    write_text(folder / "simulated.html", comparison_page(faulty, healthy, injected, actuator))
+    page = comparison_page(faulty, healthy, injected.as_dict(), actuator)
+    write_text(folder / "simulated.html", page)
     with search_bar(not json) as progress_of_search:
         record = read(record_file)
         found = identify(record, actuator, seed=seed, progress=progress_of_search)

@@ -5,29 +5,35 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ematwin.cli.motions import choice, load_motions
-from ematwin.cli.options import print_json, print_table
+from ematwin.cli.options import print_json, print_notes, print_table
+from ematwin.cli.recordings import choice, load, remarks
 from ematwin.errors import InputError
 
 if TYPE_CHECKING:
     from ematwin.monitoring.detect import Detection, Verdict
 
 _EACH = ("motion", "run")
+_OF_BALL_SCREWS = {"load_N": None, "sensor_coupling": None}  # keys that each verdict has had
 
 
 def detect(
-    records: Annotated[list[Path], typer.Argument(help="Files with motions to judge.")],
-    actuator: Annotated[Path, typer.Option(help="What `ematwin calibrate` wrote (.toml).")],
+    records: Annotated[list[Path], typer.Argument(help="Files with recordings to judge.")],
+    actuator: Annotated[
+        Path, typer.Option(help="Actuator calibrated by `ematwin calibrate` (.toml).")
+    ],
     each: Annotated[
-        str, typer.Option(help="A row for each run (its motions together) or each motion.")
+        str,
+        typer.Option(
+            help="What to judge: each run (its recordings together) or each motion (recording)."
+        ),
     ] = "run",
     where: Annotated[
         list[str] | None,
-        typer.Option(help="Take only motions with these labels: condition=normal. Repeatable."),
+        typer.Option(help="Use only recordings with this label: condition=normal. Repeatable."),
     ] = None,
     column: Annotated[
         list[str] | None,
-        typer.Option(help='Which channel is what: set_point="Demand [mm]". Repeatable.'),
+        typer.Option(help='Which channel is what, e.g. set_point="Demand [mm]". Repeatable.'),
     ] = None,
     report: Annotated[
         Path | None, typer.Option(help="Write a self-contained page here (.html).")
@@ -38,9 +44,9 @@ def detect(
     json: Annotated[bool, typer.Option("--json", help="Answer as JSON.")] = False,
 ) -> None:
     """Judge recordings against the healthy actuator: value, interval, alarm, name of the fault."""
+    from ematwin.files import check_target, write_text
     from ematwin.monitoring.calibration import Calibration
     from ematwin.monitoring.detect import detect as run
-    from ematwin.readers.files import check_target, write_text
 
     if each not in _EACH:
         raise InputError(f"--each must be motion or run, received {each!r}.")
@@ -49,7 +55,10 @@ def detect(
     if table is not None:
         check_target(table, (".csv", ".parquet"))
     calibration = Calibration.load(actuator)
-    found = run(load_motions(records, column, choice(where or [], "--where")), calibration)
+    wanted = choice(where or [], "--where")
+    recordings = load(records, column, calibration.actuator, *([wanted] if wanted else []))
+    found = run(recordings, calibration)
+    assumed, doubtful = remarks(recordings)
     shown = found.runs if each == "run" else found.motions
     if table is not None:
         _write_table(table, shown)
@@ -61,13 +70,18 @@ def detect(
         print_json(
             {
                 "actuator": calibration.actuator.name,
+                "kind": calibration.actuator.kind,
                 "each": each,
-                "verdicts": [verdict.as_dict() for verdict in shown],
+                "verdicts": [{**_OF_BALL_SCREWS, **verdict.as_dict()} for verdict in shown],
                 "report": None if report is None else str(report),
+                "assumed": assumed,
+                "warnings": doubtful,
             }
         )
         return
     print_verdicts(found, each)
+    print_notes("Assumed", assumed)
+    print_notes("Warning", doubtful)
     for path in (table, report):
         if path is not None:
             typer.echo(f"wrote {path}")
@@ -80,30 +94,33 @@ def print_verdicts(found: "Detection", each: str) -> None:
     from ematwin.monitoring.detect import gathered_notes
 
     shown = found.runs if each == "run" else found.motions
+    reported = [m.name for m in shown[0].magnitudes]
+    covariate = shown[0].covariate
     table = Table()
     table.add_column(each)
-    for heading in ("friction", "backlash", "gain", "roughness", "load", "index", "limit"):
+    for heading in (*reported, *([covariate.name] if covariate else []), "index", "limit"):
         table.add_column(heading, justify="right")
     table.add_column("verdict")
     for verdict in shown:
         cells = [
-            f"{m.value:.2f} ({m.low:.2f} to {m.high:.2f}) {m.unit}" for m in verdict.magnitudes
+            f"{m.value:.2f} ({m.low:.2f} to {m.high:.2f}) {m.unit}".rstrip()
+            for m in verdict.magnitudes
         ]
         table.add_row(
-            verdict.name, *cells, f"{verdict.load:.0f} N", f"{verdict.index:.2f}",
-            f"{verdict.threshold:.2f}", verdict.fault if verdict.alarm else "healthy",
+            verdict.name, *cells, *([str(verdict.covariate)] if covariate else []),
+            f"{verdict.index:.2f}", f"{verdict.threshold:.2f}",
+            verdict.fault if verdict.alarm else "healthy",
             style="bold" if verdict.alarm else None,
         )  # fmt: skip
     print_table(table, 200)
     for kind, verdicts in (("runs", found.runs), ("motions", found.motions)):
         alarms = sum(verdict.alarm for verdict in verdicts)
         typer.echo(f"{alarms} of {len(verdicts)} {kind} raise an alarm")
-    for note in gathered_notes(shown):
-        typer.echo(f"Note: {note}")
+    print_notes("Note", gathered_notes(shown))
 
 
 def _write_table(path: Path, verdicts: "tuple[Verdict, ...]") -> None:
-    from ematwin.readers.tables import write_table
+    from ematwin.recordings.tables import write_table
 
     rows = []
     for verdict in verdicts:
@@ -111,9 +128,11 @@ def _write_table(path: Path, verdicts: "tuple[Verdict, ...]") -> None:
         row |= {"motions": verdict.motions, "index": verdict.index, "limit": verdict.threshold}
         row |= {"alarm": verdict.alarm, "fault": verdict.fault, "named_by": verdict.named_by}
         for m in verdict.magnitudes:
-            key = f"{m.name}_{m.unit}" if m.unit != "x" else m.name
+            key = f"{m.name}_{m.unit}" if m.unit not in ("", "x") else m.name
             row |= {key: m.value, f"{key}_low": m.low, f"{key}_high": m.high}
-        row |= {"load_N": verdict.load, "sensor_coupling": verdict.coupling}
+        if verdict.covariate is not None:
+            row[verdict.covariate.key] = verdict.covariate.value
+        row |= verdict.statistics
         rows.append(row)
     names = list(dict.fromkeys(name for row in rows for name in row))
     write_table(path, {name: [row.get(name) for row in rows] for name in names})

@@ -1,17 +1,21 @@
-"""``ematwin identify``: a recording in, eight fault magnitudes out."""
+"""``ematwin identify``: a recording in, what it says of its actuator out."""
 
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
-from ematwin.cli.options import numbers, print_json, print_table, progress_bar
+from ematwin.cli import complete
+from ematwin.cli.options import numbers, print_json, print_notes, print_table, progress_bar
 
 if TYPE_CHECKING:
-    from ematwin.identification.identify import Identification
+    from ematwin.estimation.identify import Identification
+    from ematwin.models.parameter_set import ParameterSet
+    from ematwin.monitoring.calibration import Calibration
+    from ematwin.recordings.gaps import Policy
 
 
 def identify(
@@ -19,19 +23,32 @@ def identify(
         Path, typer.Argument(help="A recording: Parquet, CSV, MAT, MDF4, TDMS or HDF5.")
     ],
     actuator: Annotated[
-        str, typer.Option(help="A shipped parameter set, or a TOML file.")
+        str,
+        typer.Option(
+            help="A shipped parameter set of any kind, a TOML file, or a calibrated actuator.",
+            autocompletion=complete.actuators,
+        ),
     ] = "servo48",
     algorithm: Annotated[
-        str, typer.Option(help="multistart, or a name of `ematwin algorithms`.")
-    ] = "multistart",
-    budget: Annotated[
-        int | None, typer.Option(help="Simulations: the most for multistart, else exactly.")
+        str | None,
+        typer.Option(
+            help="A name from `ematwin algorithms`; the default method of the kind if not given.",
+            autocompletion=complete.algorithms,
+        ),
     ] = None,
-    population: Annotated[int, typer.Option(help="Of a population method.")] = 50,
-    iterations: Annotated[int, typer.Option(help="Of a population method.")] = 200,
+    budget: Annotated[
+        int | None,
+        typer.Option(help="Simulations: a maximum for multistart, else exact."),
+    ] = None,
+    population: Annotated[int, typer.Option(help="Size, for a population method.")] = 50,
+    iterations: Annotated[int, typer.Option(help="Number, for a population method.")] = 200,
     seed: Annotated[int, typer.Option(help="Seed of the search.")] = 1,
     only: Annotated[
-        str | None, typer.Option(help="Search these faults only, e.g. friction,backlash.")
+        str | None,
+        typer.Option(
+            help="Search only these: faults, e.g. friction,backlash, or parameters by their place, "
+            "e.g. motor.emf_constant."
+        ),
     ] = None,
     hold: Annotated[
         list[str] | None,
@@ -42,7 +59,7 @@ def identify(
         typer.Option(help='Which channel is what, e.g. i_a="Phase A [A]". Repeatable.'),
     ] = None,
     map_file: Annotated[
-        Path | None, typer.Option("--map", help="The same as a TOML file (docs/recordings.md).")
+        Path | None, typer.Option("--map", help="The same in a TOML file (docs/recordings.md).")
     ] = None,
     resample_to: Annotated[
         str | None, typer.Option(help='Bring the record to this rate first, e.g. "20 kHz".')
@@ -51,48 +68,29 @@ def identify(
         str, typer.Option(help="Holes in the record: refuse, longest or mask.")
     ] = "refuse",
     checkpoint: Annotated[
-        Path | None, typer.Option(help="Keep a population method's state here, and go on from it.")
+        Path | None, typer.Option(help="Keep a population method's state here; resume from it.")
     ] = None,
     report: Annotated[
         Path | None, typer.Option(help="Write a self-contained page here (.html).")
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Answer as JSON.")] = False,
 ) -> None:
-    """Find the faults with which the digital twin answers as the recorded actuator did."""
-    from ematwin.errors import InputError
-    from ematwin.identification.identify import identify as run
-    from ematwin.plant.kinds import kind_of
-    from ematwin.plant.parameters import Actuator
-    from ematwin.readers.column_map import ColumnMap
-    from ematwin.readers.files import check_target, write_text
-    from ematwin.readers.records import read
+    """Find the faults with which the digital twin behaves like the recorded actuator."""
+    from ematwin.cli.channels import map_of
+    from ematwin.estimation.identify import identify as run
+    from ematwin.files import check_target, write_text
+    from ematwin.models.reading import read
+    from ematwin.monitoring.detect import detect
 
     if report is not None:
         check_target(report, (".html",))
-    if kind_of(actuator) == "ball-screw":
-        given = (algorithm, budget, population, iterations, seed, gaps)
-        others = (only, hold, map_file, checkpoint, resample_to)
-        if given != ("multistart", None, 50, 200, 1, "refuse") or any(others):
-            raise InputError(
-                f"{actuator} is a ball-screw actuator, whose magnitudes are fitted to each motion; "
-                "of the options only --column, --report and --json apply."
-            )
-        if not actuator.endswith(".toml"):
-            raise InputError(
-                f"{actuator} is a template; its healthy actuator has to be learnt first. Run "
-                f"ematwin calibrate with --actuator {actuator}, and give what it writes."
-            )
-        from ematwin.cli.detect import detect
-
-        detect([record], Path(actuator), "motion", None, column, report, None, json)
-        return
-    chosen = Actuator.load(actuator)
-    columns: Any = None
-    if map_file is not None or column:
-        base = None if map_file is None else ColumnMap.of(map_file)
-        columns = ColumnMap.parse(column or [], base)
-    with progress_bar(f"Reading {record.name}") as progress:
-        recording = read(record, columns, resample_to=resample_to, gaps=gaps, progress=progress)  # type: ignore[arg-type]
+    chosen, calibration = _loaded(actuator)
+    columns = map_of(column, map_file, chosen)
+    with progress_bar(f"Reading {record.name}", not json) as progress:
+        recording = read(
+            record, columns, actuator=chosen, resample_to=resample_to, gaps=cast("Policy", gaps),
+            progress=progress,
+        )  # fmt: skip
     with search_bar(not json) as progress_of_search:
         found = run(
             recording,
@@ -107,16 +105,42 @@ def identify(
             checkpoint=checkpoint,
             progress=progress_of_search,
         )
+    judged = None if calibration is None else detect([recording], calibration)
     if report is not None:
         from ematwin.report.identification import identification_page
 
-        write_text(report, identification_page(found, recording))
+        write_text(report, identification_page(found, recording, judged))
     if json:
-        print_json({**found.as_dict(), "report": None if report is None else str(report)})
+        answer = {**found.as_dict(), "report": None if report is None else str(report)}
+        if judged is not None:
+            verdicts = [verdict.as_dict() for verdict in judged.motions]
+            answer |= {"each": "motion", "verdicts": verdicts}
+        print_json(answer)
         return
     print_findings(found)
+    if judged is not None:
+        from ematwin.cli.detect import print_verdicts
+
+        print_verdicts(judged, "motion")
+    else:
+        typer.echo(
+            f"Not calibrated: values are relative to the parameters of {found.actuator.name}. "
+            "ematwin calibrate learns those of your actuator from healthy recordings."
+        )
     if report is not None:
         typer.echo(f"wrote {report}")
+
+
+def _loaded(name: str) -> "tuple[ParameterSet, Calibration | None]":
+    """The actuator that a name or file means, and its calibration if the file holds one."""
+    from ematwin.models.registry import load_actuator
+    from ematwin.monitoring.calibration import Calibration
+    from ematwin.validation import load_toml
+
+    if name.endswith(".toml") and "calibration" in load_toml(Path(name), "actuator"):
+        calibration = Calibration.load(name)
+        return calibration.actuator, calibration
+    return load_actuator(name), None
 
 
 @contextmanager
@@ -139,7 +163,7 @@ def search_bar(shown: bool) -> Iterator[Callable[[int, float, int], None]]:
         task = bar.add_task("", total=1.0, cost="-")
 
         def update(evaluations: int, cost: float, budget: int) -> None:
-            bar.update(task, completed=evaluations, total=budget, cost=f"{cost:.4g} A s")
+            bar.update(task, completed=evaluations, total=budget, cost=f"{cost:.4g}")
 
         yield update
 
@@ -148,34 +172,31 @@ def print_findings(found: "Identification") -> None:
     """The table for people."""
     from rich.table import Table
 
-    from ematwin.faults import FAULTS, HEALTHY
-
     table = Table(title=f"Faults of {found.actuator.name}", title_justify="left")
     table.add_column("fault")
     for heading in ("k", "standard error", "value", "healthy"):
         table.add_column(heading, justify="right")
     table.add_column("meaning")
-    for row in found.faults.physical(found.actuator):
-        searched = row.name in found.searched
-        error = found.standard_error.get(row.name, math.inf)
-        spread = f"{error:.4f}" if math.isfinite(error) else "undetermined"
-        away = abs(row.normalised - HEALTHY[FAULTS.index(row.name)]) >= 0.02
+    errors = found.standard_error
+    for row in found.physical:
+        error = errors.get(row.name, math.inf)
+        spread = f"{error:.2g}" if math.isfinite(error) else "undetermined"
         table.add_row(
             row.name,
-            f"{row.normalised:.4f}",
-            spread if searched else "held",
+            f"{row.normalised:.4g}",
+            spread if row.name in found.searched else "held",
             f"{row.value:.4g} {row.unit}".rstrip(),
             f"{row.healthy:.4g} {row.unit}".rstrip(),
             row.meaning,
-            style="bold" if away else None,
+            style="bold" if row.name in found.present else None,
         )
     print_table(table, 140)
     typer.echo(
-        f"misfit {100.0 * found.relative_misfit:.2f} % of the current ({found.cost:.4g} A s), "
+        f"misfit {100.0 * found.relative_misfit:.2f} % ({found.cost:.4g}), "
         f"{found.evaluations} simulations in {found.seconds:.2f} s with {found.algorithm}, "
         f"seed {found.seed}; stopped: {found.stopped}"
     )
     if found.stopped == "interrupted":
-        typer.echo("Interrupted: this is the best found until then.")
-    for warning in found.warnings:
-        typer.echo(f"Warning: {warning}")
+        typer.echo("Interrupted: this is the best found so far.")
+    print_notes("Assumed", found.assumed)
+    print_notes("Warning", found.warnings)

@@ -1,12 +1,13 @@
 """Options that several commands share, and how their texts become values."""
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
 import typer
 
+from ematwin.cli.wording import for_shell
 from ematwin.errors import InputError
 
 
@@ -52,19 +53,29 @@ def print_table(table: Any, width: int) -> None:
     """A table of rich: a terminal wraps it to its own width, a file gets all of it."""
     from rich.console import Console
 
-    console = Console()
-    console.print(table) if console.is_terminal else Console(width=width).print(table)
+    # the name of a file or channel is no markup
+    console = Console(markup=False, emoji=False)
+    if not console.is_terminal:
+        console.width = width
+    console.print(table)
+
+
+def print_notes(kind: str, notes: Iterable[str]) -> None:
+    """What there is to say of an answer, each on a line of its own: ``Warning: ...``."""
+    for note in notes:
+        typer.echo(f"{kind}: {for_shell(note)}")
 
 
 @contextmanager
 def progress_bar(title: str, shown: bool = True) -> Iterator[Callable[[float], None]]:
     """A bar on standard error; gives a function that takes the share done."""
     from rich.console import Console
+    from rich.markup import escape
     from rich.progress import Progress
 
     console = Console(stderr=True)
     with Progress(
         console=console, transient=True, disable=not (shown and console.is_terminal)
     ) as bar:
-        task = bar.add_task(title, total=1.0)
+        task = bar.add_task(escape(title), total=1.0)  # the name of a file is no markup
         yield lambda share: bar.update(task, completed=share)

@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ematwin.cli.options import print_json
+from ematwin.cli.options import print_json, print_table
 from ematwin.errors import InputError
 
 if TYPE_CHECKING:
-    from ematwin.analysis.study import StudyAnalysis
+    from ematwin.comparison.analysis.study import StudyAnalysis
 
 
 def report(
@@ -21,30 +21,33 @@ def report(
         typer.Option(help="Write page, CSV, LaTeX tables and SVG figures to this folder."),
     ] = None,
     slim: Annotated[
-        bool, typer.Option("--slim", help="Still figures on the page: 1 MB instead of 5.")
+        bool, typer.Option("--slim", help="Static figures on the page: 1 MB instead of 5.")
     ] = False,
     ioh: Annotated[
         Path | None, typer.Option(help="Export the runs for IOHanalyzer to this new folder.")
     ] = None,
     target: Annotated[
         list[float] | None,
-        typer.Option(help="Err% whose success rate is given. Repeatable; 0.5, 1, 2 and 5."),
+        typer.Option(help="Err% to give success rates for. Repeatable; default 0.5, 1, 2, 5."),
     ] = None,
     threshold: Annotated[
-        float, typer.Option(help="Deviation from healthy that counts as a fault.")
+        float,
+        typer.Option(
+            help="Deviation from healthy that counts as a fault, as a share of the range."
+        ),
     ] = 0.05,
     seed: Annotated[int, typer.Option(help="Seed of the bootstrap.")] = 1,
     json: Annotated[bool, typer.Option("--json", help="Answer with all tables as JSON.")] = False,
 ) -> None:
     """Report a study: errors, times, ranks, tests, convergence and diagnosis, from its store."""
-    from ematwin.analysis.study import analyse
-    from ematwin.analysis.summary import TARGETS
-    from ematwin.study.store import open_store
+    from ematwin.comparison.analysis.study import analyse
+    from ematwin.comparison.analysis.summary import TARGETS
+    from ematwin.comparison.study.store import open_store
 
     if seed < 0:
         raise InputError(f"--seed must not be negative, received {seed}.")
     if out is not None:
-        from ematwin.report.study_folder import check_folder
+        from ematwin.comparison.report.study_folder import check_folder
 
         check_folder(out)
     with open_store(store) as opened:
@@ -56,12 +59,12 @@ def report(
         )
         exported = None
         if ioh is not None:
-            from ematwin.analysis.ioh import export_ioh
+            from ematwin.comparison.analysis.ioh import export_ioh
 
             exported = export_ioh(opened.runs(), ioh, analysis.table.cases)
     files: list[str] = []
     if out is not None:
-        from ematwin.report.study_folder import write_report
+        from ematwin.comparison.report.study_folder import write_report
 
         files = write_report(analysis, out, slim=slim)
     if json:
@@ -82,15 +85,12 @@ def report(
 
 def print_summary(analysis: "StudyAnalysis") -> None:
     """Success rates and conclusions, for people."""
-    from rich.console import Console
     from rich.table import Table
 
-    from ematwin.report.study_tables import diagnosis, success
+    from ematwin.comparison.report.study_tables import diagnosis, success
 
-    console = Console()
-    wide = console if console.is_terminal else Console(width=140)
     for title, source in (
-        ("Share of runs that came to an Err%", success(analysis)),
+        ("Share of runs that reached an Err%", success(analysis)),
         (f"Diagnosis at {analysis.threshold:g}", diagnosis(analysis)),
     ):
         table = Table(title=title, title_justify="left")
@@ -98,6 +98,6 @@ def print_summary(analysis: "StudyAnalysis") -> None:
             table.add_column(heading, justify="right" if n else "left")
         for row in source.rows:
             table.add_row(*row.cells)
-        wide.print(table)
+        print_table(table, 140)
     for sentence in analysis.conclusions:
         typer.echo(f"- {sentence}")

@@ -1,10 +1,11 @@
-"""``ematwin simulate``."""
+"""``ematwin simulate``: an actuator of any kind, a scenario and faults in, a recording out."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from ematwin.cli import complete
 from ematwin.cli.options import numbers, print_json, progress_bar
 
 
@@ -12,16 +13,27 @@ def simulate(
     fault: Annotated[
         list[str] | None,
         typer.Option(
-            help="A fault and its magnitude in [0, 1], e.g. friction=0.25; of a ball screw in its "
-            "own unit, e.g. friction=1.3 times healthy. Repeatable."
+            help="A fault and its magnitude, e.g. friction=0.25: in [0, 1] for the brushless "
+            "actuator, for other kinds in its own unit (`ematwin actuators NAME`). Repeatable."
         ),
     ] = None,
-    model: Annotated[str, typer.Option(help="reference or monitor.")] = "reference",
+    model: Annotated[
+        str | None,
+        typer.Option(help="For the brushless actuator: reference (default) or monitor."),
+    ] = None,
     scenario: Annotated[
-        str, typer.Option(help="A shipped scenario, or a TOML, CSV or Parquet file.")
-    ] = "default",
+        str | None,
+        typer.Option(
+            help="A shipped scenario, or a TOML, CSV or Parquet file; the kind's own if not given.",
+            autocompletion=complete.scenarios,
+        ),
+    ] = None,
     actuator: Annotated[
-        str, typer.Option(help="A shipped parameter set, or a TOML file.")
+        str,
+        typer.Option(
+            help="A shipped parameter set of any kind, or a TOML file.",
+            autocompletion=complete.actuators,
+        ),
     ] = "servo48",
     out: Annotated[
         Path | None, typer.Option(help="Write the record here (.parquet or .csv).")
@@ -34,107 +46,81 @@ def simulate(
     ] = None,
     noise: Annotated[
         str | None,
-        typer.Option(help="Current sensor, e.g. white=0.02,offset=0.05,bits=12,full_scale=25."),
+        typer.Option(help="Sensor noise, e.g. white=0.02,offset=0.05,bits=12,full_scale=25."),
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the noise.")] = 0,
-    sample_rate: Annotated[float, typer.Option(help="Samples per second, Hz.")] = 20_000.0,
+    sample_rate: Annotated[
+        float | None, typer.Option(help="Samples per second, Hz; the kind's own if not given.")
+    ] = None,
     step: Annotated[
         float | None, typer.Option(help="Step of the model, s; the actuator's if not given.")
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Answer as JSON.")] = False,
 ) -> None:
-    """Simulate an actuator with any mix of the eight faults."""
-    import numpy as np
-
-    from ematwin import Actuator, Faults, Noise, Scenario
-    from ematwin import simulate as run
+    """Simulate an actuator with any mix of its faults."""
     from ematwin.errors import InputError
-    from ematwin.plant.kinds import kind_of
-    from ematwin.readers.files import check_target
-    from ematwin.readers.records import WRITTEN, write
-    from ematwin.signals.envelope import current_envelope
+    from ematwin.files import check_target, write_text
+    from ematwin.models.reading import write
+    from ematwin.models.registry import load_actuator, model_of
+    from ematwin.models.simulating import simulate as run
+    from ematwin.models.unknown import table_of
+    from ematwin.recordings.noise import Noise
 
-    if kind_of(actuator) == "ball-screw":
-        given = (model, scenario, plot, noise, sample_rate, step)
-        if given != ("reference", "default", None, None, 20_000.0, None):
-            raise InputError(
-                f"{actuator} is a ball-screw actuator, which goes out and back once; of the "
-                "options only --fault, --out, --seed and --json apply."
-            )
-        from ematwin.cli.simulate_motion import simulate_motion
-
-        simulate_motion(actuator, fault, out, seed, json)
-        return
-    faults = Faults.of(numbers(fault or [], "--fault"))
-    chosen = Actuator.load(actuator)
-    asked = Scenario.load_file(scenario)
+    chosen = load_actuator(actuator)
+    kind = model_of(chosen)
+    values = kind.values_of(chosen, numbers(fault or [], "--fault"))
+    asked = kind.load_scenario(scenario)
     sensor = None if noise is None else Noise.parse(noise)
     if out is not None:
-        check_target(out, WRITTEN)
-        for source in (scenario, actuator):
-            if Path(source).exists() and out.exists() and out.samefile(source):
+        check_target(out, (".parquet", ".csv"))
+        for source in (scenario or "", actuator):
+            if Path(source).is_file() and out.exists() and out.samefile(source):
                 raise InputError(f"--out {out} would overwrite its own input. Give another name.")
     if plot is not None:
         check_target(plot, (".html",))
-    with progress_bar(f"Simulating {asked.duration:g} s") as progress:
-        record = run(
-            model,
-            asked,
-            faults,
-            chosen,
-            noise=sensor,
-            seed=seed,
-            progress=progress,
-            sample_rate=sample_rate,
-            step=step,
-        )
+    options = {"noise": sensor, "seed": seed, "sample_rate": sample_rate, "step": step}
+    with progress_bar(f"Simulating {asked.duration:g} s", not json) as progress:
+        record = run(model, asked, values, chosen, progress=progress, **options)  # type: ignore[arg-type]
     if out is not None:
         write(record, out)
     if plot is not None:
-        from ematwin.readers.files import write_text
         from ematwin.report.comparison import comparison_page
 
-        with progress_bar("Simulating healthy") as progress:
-            healthy = run(
-                model,
-                asked,
-                None,
-                chosen,
-                noise=sensor,
-                seed=seed,
-                progress=progress,
-                sample_rate=sample_rate,
-                step=step,
-            )
-        write_text(plot, comparison_page(record, healthy, faults, chosen))
-    envelope = current_envelope(record)
-    rms = float(np.sqrt(np.mean(envelope**2)))
-    peak = float(envelope.max())
+        with progress_bar("Simulating healthy", not json) as progress:
+            healthy = run(model, asked, None, chosen, progress=progress, **options)  # type: ignore[arg-type]
+        write_text(plot, comparison_page(record, healthy, values, chosen))
+    summary = kind.summary(record, chosen)
+    described = kind.describe(chosen, values)
     if json:
         print_json(
             {
-                "model": model,
+                "model": model or kind.fidelities[0],
+                "kind": kind.kind,
                 "actuator": chosen.name,
                 "scenario": asked.name,
-                "faults": faults.as_dict(),
+                "faults": values,
                 "physical": {
                     row.name: {"value": row.value, "healthy": row.healthy, "unit": row.unit}
-                    for row in faults.physical(chosen)
+                    for row in described
                 },
                 "samples": len(record),
                 "sample_rate": record.sample_rate,
-                "current_rms": rms,
-                "current_peak": peak,
+                **summary,
                 "seed": seed,
                 "out": None if out is None else str(out),
                 "plot": None if plot is None else str(plot),
             }
         )
         return
-    typer.echo(faults.describe(chosen))
+    typer.echo(table_of(described))
+    units = {one.name: one.unit for one in kind.channels}
+    numbers_told = ", ".join(
+        f"{name.replace('_', ' ')} {x:.3g} {units.get(name.rpartition('_')[0], '')}".rstrip()
+        for name, x in summary.items()
+    )
     typer.echo(
-        f"\n{model} model of {chosen.name}, scenario {asked.name}: {len(record)} samples at "
-        f"{record.sample_rate:g} Hz, equivalent current {rms:.3g} A RMS, {peak:.3g} A peak"
+        f"\n{model or kind.fidelities[0]} model of {chosen.name}, scenario {asked.name}: "
+        f"{len(record)} samples at {record.sample_rate:g} Hz, {numbers_told}"
     )
     for path in (out, plot):
         if path is not None:

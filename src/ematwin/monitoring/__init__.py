@@ -1,1 +1,48 @@
-"""Condition monitoring: calibrate a twin on healthy motions, then judge others against them."""
+"""Condition monitoring: calibrate a twin on healthy recordings, then judge others against them.
+
+`ematwin.calibrate` and `ematwin.detect` are the way in; here stand the types of what they give, and
+the index and its threshold for analyses of one's own.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ematwin.monitoring.calibrate import CalibrationReport
+    from ematwin.monitoring.calibration import Calibration, Thresholds
+    from ematwin.monitoring.classification import Signature
+    from ematwin.monitoring.detect import Detection, Magnitude, Verdict
+    from ematwin.monitoring.index import health_index, prediction_bound
+    from ematwin.monitoring.scores import Scores
+
+_HOMES = {
+    "Calibration": "calibration",
+    "CalibrationReport": "calibrate",
+    "Detection": "detect",
+    "Magnitude": "detect",
+    "Scores": "scores",
+    "Signature": "classification",
+    "Thresholds": "calibration",
+    "Verdict": "detect",
+    "health_index": "index",
+    "prediction_bound": "index",
+}
+
+__all__ = [
+    "Calibration",
+    "CalibrationReport",
+    "Detection",
+    "Magnitude",
+    "Scores",
+    "Signature",
+    "Thresholds",
+    "Verdict",
+    "health_index",
+    "prediction_bound",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOMES:
+        return getattr(import_module(f"ematwin.monitoring.{_HOMES[name]}"), name)
+    raise AttributeError(f"module 'ematwin.monitoring' has no attribute {name!r}")

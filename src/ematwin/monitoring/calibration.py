@@ -4,7 +4,7 @@ It is one TOML file: a parameter file of the actuator with the tables ``calibrat
 learnt from which runs) and ``signature`` (known faults) beside it.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -15,32 +15,20 @@ import tomli_w
 
 from ematwin import __version__
 from ematwin.errors import ParameterError
+from ematwin.files import written_whole
+from ematwin.models.base import Model
+from ematwin.models.parameter_set import ParameterSet
+from ematwin.models.registry import actuator_in, model_of
+from ematwin.monitoring.classification import Signature
 from ematwin.monitoring.features import Layout
-from ematwin.monitoring.measure import REPORTED
-from ematwin.monitoring.phases import phases
+from ematwin.monitoring.gather import Given, recordings_of
+from ematwin.monitoring.measure import Bench, Measured, layout_of
 from ematwin.monitoring.population import Population
-from ematwin.plant.ball_screw import BallScrew
-from ematwin.readers.files import written_whole
+from ematwin.monitoring.scores import Scores
 from ematwin.validation import load_toml
 
-FORMAT = 1
+FORMAT = 2
 _DIGITS = 9
-
-
-@dataclass(frozen=True)
-class Signature:
-    """Mean scores of motions with a known fault, over the load.
-
-    Attributes
-    ----------
-    fault : its name
-    coefficients : (3, F) array, as in `Population`
-    source : what it was learnt from
-    """
-
-    fault: str
-    coefficients: np.ndarray
-    source: str
 
 
 @dataclass(frozen=True)
@@ -49,8 +37,8 @@ class Thresholds:
 
     Attributes
     ----------
-    motion : of one motion
-    run : of a run of ``run_size`` motions, from their mean scores
+    motion : of one recording
+    run : of a run of ``run_size`` recordings, from their mean scores
     false_alarm_rate : of either, on a healthy run of another day
     """
 
@@ -60,7 +48,7 @@ class Thresholds:
     false_alarm_rate: float
 
     def of(self, motions: int) -> float:
-        """The threshold for this many motions of a run together.
+        """The threshold for this many recordings of a run together.
 
         The square of the index falls with their number n as B + W/n, since what is between runs
         does not average out.
@@ -79,59 +67,96 @@ class Calibration:
 
     Attributes
     ----------
-    actuator : BallScrew, nominal
-    set_point : (S,) array, m; ``interval`` s
+    actuator : nominal, of any kind
+    command : (S,) array, SI; ``interval`` s
     settling_time : s
-    discrepancy : (3, 2 S) array: what the twin misses of current (A) and position error (m) on
-        healthy motions, over the load
+    channels : names of the C channels that are compared
+    discrepancy : (3, C S) or (1, C S) array: what the twin misses of them on healthy recordings,
+        one channel after another, SI, over the covariate
     population : of the features
-    reported : population of the magnitudes that are reported (`REPORTED`)
+    reported : population of what is reported (`Model.reported`)
     thresholds : of the index
-    coupling : (2,) healthy mean and standard deviation of the sensor coupling, A/m
-    load_range : (2,) least and largest load of the healthy motions, N
+    statistics : healthy mean and standard deviation of what is measured beside the twin, by name
+    covariate_range : least and largest covariate of the healthy recordings, SI; None without one
     signatures : known faults
     facts : runs, files, version
     """
 
-    actuator: BallScrew
-    set_point: np.ndarray
+    actuator: ParameterSet
+    command: np.ndarray
     interval: float
     settling_time: float
+    channels: tuple[str, ...]
     discrepancy: np.ndarray
     population: Population
     reported: Population
     thresholds: Thresholds
-    coupling: tuple[float, float]
-    load_range: tuple[float, float]
+    statistics: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    covariate_range: tuple[float, float] | None = None
     signatures: tuple[Signature, ...] = ()
     facts: dict[str, Any] = field(default_factory=dict)
 
+    @property
+    def model(self) -> Model:
+        """The kind of its actuator."""
+        return model_of(self.actuator)
+
     @cached_property
     def layout(self) -> Layout:
-        """The features of its motions."""
-        return Layout.of(phases(self.set_point, self.interval, self.settling_time))
+        """The features of its recordings."""
+        return layout_of(
+            self.model, self.actuator, self.command, self.interval, self.settling_time,
+            self.channels,
+        )  # fmt: skip
 
-    def save(self, path: str | Path, sources: Mapping[str, str]) -> None:
+    def measure(self, recordings: Given) -> Measured:
+        """Estimates and features of recordings, or of those in files.
+
+        Raises
+        ------
+        RecordError
+            If one of them follows another command, has another rate, or cannot be what it says.
+        """
+        bench = Bench(
+            self.model, self.actuator, recordings_of(recordings, self.actuator), self.command,
+            self.interval, self.settling_time, self.channels,
+        )  # fmt: skip
+        first = bench.fit()
+        return bench.measured(bench.fit(self.discrepancy, self.population.scale, first))
+
+    def scores(self, recordings: "Given | Measured") -> Scores:
+        """How far recordings, or measurements of them, lie from health, feature by feature."""
+        measured = recordings if isinstance(recordings, Measured) else self.measure(recordings)
+        values = self.population.scores(measured.features, measured.covariate)
+        return Scores(values, self.layout.names, self.layout.kinds, measured.groups)
+
+    def save(self, path: str | Path, sources: Mapping[str, str] | None = None) -> None:
         """Write the TOML file, whole or not at all.
 
-        ``sources`` says where the values of parameters come from, by place.
+        ``sources`` says where the values of parameters come from, by place, where that is not known
+        to the actuator.
         """
+        learnt: dict[str, Any] = {
+            "format": FORMAT,
+            "ematwin": __version__,
+            "interval": self.interval,
+            "settling_time": self.settling_time,
+            "channels": list(self.channels),
+            "magnitudes": list(self.layout.magnitudes),
+            "quantities": [one.name for one in self.model.reported(self.actuator)],
+            "threshold": vars(self.thresholds).copy(),
+            "statistics": {name: list(pair) for name, pair in self.statistics.items()},
+            "facts": self.facts,
+            "command": _plain(self.command),
+            "discrepancy": _plain(self.discrepancy),
+            "population": _population_table(self.population),
+            "reported": _population_table(self.reported),
+        }
+        if self.covariate_range is not None:
+            learnt["covariate_range"] = list(self.covariate_range)
         table = {
-            **_actuator_table(self.actuator, sources),
-            "calibration": {
-                "format": FORMAT,
-                "ematwin": __version__,
-                "interval": self.interval,
-                "settling_time": self.settling_time,
-                "coupling": list(self.coupling),
-                "load_range": list(self.load_range),
-                "threshold": vars(self.thresholds).copy(),
-                "facts": self.facts,
-                "set_point": _plain(self.set_point),
-                "discrepancy": _plain(self.discrepancy),
-                "population": _population_table(self.population),
-                "reported": _population_table(self.reported),
-            },
+            **self.actuator.as_table(sources),
+            "calibration": learnt,
             "signature": [
                 {"fault": s.fault, "source": s.source, "coefficients": _plain(s.coefficients)}
                 for s in self.signatures
@@ -165,51 +190,77 @@ class Calibration:
                 f"{FORMAT}). Update ematwin."
             )
         signatures = table.pop("signature", [])
-        actuator = BallScrew.from_dict(table, str(path))
+        actuator = actuator_in(table, path)
         try:
             if not isinstance(written, int):
                 raise ValueError(f"its format is {written!r}")
+            if written == 1:
+                learnt = _from_first_format(learnt)
+            within = learnt.get("covariate_range")
             found = cls(
                 actuator=actuator,
-                set_point=np.array(learnt["set_point"], dtype=float),
+                command=np.array(learnt["command"], dtype=float),
                 interval=float(learnt["interval"]),
                 settling_time=float(learnt["settling_time"]),
+                channels=tuple(learnt["channels"]),
                 discrepancy=np.array(learnt["discrepancy"], dtype=float),
                 population=_population(learnt["population"]),
                 reported=_population(learnt["reported"]),
                 thresholds=Thresholds(**learnt["threshold"]),
-                coupling=(float(learnt["coupling"][0]), float(learnt["coupling"][1])),
-                load_range=(float(learnt["load_range"][0]), float(learnt["load_range"][1])),
+                statistics={
+                    name: (float(pair[0]), float(pair[1]))
+                    for name, pair in learnt["statistics"].items()
+                },
+                covariate_range=None if within is None else (float(within[0]), float(within[1])),
                 signatures=tuple(
                     Signature(s["fault"], np.array(s["coefficients"], dtype=float), s["source"])
                     for s in signatures
                 ),
                 facts=dict(learnt.get("facts", {})),
             )
-            found.check()
-        except (KeyError, TypeError, ValueError, IndexError) as error:
+            found.check(learnt.get("magnitudes"), learnt.get("quantities"))
+        except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
             raise ParameterError(
                 f"{path}: its calibration is damaged ({type(error).__name__}: {error}). Make it "
                 "anew with ematwin calibrate."
             ) from None
         return found
 
-    def check(self) -> None:
-        """Raise `ValueError` unless all parts fit together."""
-        numbers = [self.interval, self.settling_time, *vars(self.thresholds).values()]
+    def check(
+        self, magnitudes: Sequence[str] | None = None, quantities: Sequence[str] | None = None
+    ) -> None:
+        """Raise `ValueError` unless all parts fit together, and to the kind as it is now.
+
+        ``magnitudes`` and ``quantities`` are the names of features and of what is reported with
+        which it was made.
+        """
+        numbers = [self.interval, *vars(self.thresholds).values()]
         if not all(np.isfinite(x) and x > 0.0 for x in numbers):
             raise ValueError(f"{numbers} must be positive")
+        if not (np.isfinite(self.settling_time) and self.settling_time >= 0.0):
+            raise ValueError(f"the settling time is {self.settling_time}")
+        reported = [one.name for one in self.model.reported(self.actuator)]
+        for made, now in ((magnitudes, list(self.layout.magnitudes)), (quantities, reported)):
+            if made is not None and list(made) != now:
+                raise ValueError(f"it knows {', '.join(made)}, the kind {', '.join(now)}")
+        covariate = self.model.covariate
+        if (covariate is None) != (self.covariate_range is None):
+            raise ValueError(f"the range of the covariate is {self.covariate_range}")
+        rows = 1 if covariate is None else 3
         features = len(self.layout.names)
         arrays: dict[str, tuple[np.ndarray, tuple[int, ...]]] = {}
-        arrays["discrepancy"] = (self.discrepancy, (3, 2 * self.set_point.size))
+        samples = len(self.channels) * self.command.size
+        arrays["discrepancy"] = (self.discrepancy, (rows, samples))
         for name, part, count in (
-            ("population", self.population, features), ("reported", self.reported, len(REPORTED)),
+            ("population", self.population, features), ("reported", self.reported, len(reported)),
         ):  # fmt: skip
-            arrays[name] = (part.coefficients, (3, count))
+            if (part.scale is None) != (covariate is None):
+                raise ValueError(f"the scale of {name} is {part.scale}")
+            arrays[name] = (part.coefficients, (rows, count))
             arrays[f"{name} within"] = (part.within, (count,))
             arrays[f"{name} between"] = (part.between, (count,))
         for s in self.signatures:
-            arrays[f"signature {s.fault}"] = (s.coefficients, (3, features))
+            arrays[f"signature {s.fault}"] = (s.coefficients, (rows, features))
         for name, (values, wanted) in arrays.items():
             if values.shape != wanted:
                 raise ValueError(f"{name} has the shape {values.shape}, not {wanted}")
@@ -217,16 +268,20 @@ class Calibration:
                 raise ValueError(f"{name} holds values that are not finite")
 
 
-def _actuator_table(actuator: BallScrew, sources: Mapping[str, str]) -> dict[str, Any]:
-    table: dict[str, Any] = {
-        "kind": actuator.kind, "name": actuator.name, "description": actuator.description,
-    }  # fmt: skip
-    for place, value, unit, _, source in actuator.parameters():
-        section, name = place.split(".")
-        table.setdefault(section, {})[name] = {
-            "value": value, "unit": unit, "source": sources.get(place, source),
-        }  # fmt: skip
-    return table
+def _from_first_format(learnt: Mapping[str, Any]) -> dict[str, Any]:
+    """What version 0.1 wrote, which knew ball screws only, as it is written now."""
+    coupling = learnt["coupling"]
+    return {
+        **learnt,
+        "command": learnt["set_point"],
+        "channels": ["current", "position_error"],
+        "statistics": {"sensor_coupling": (coupling[0], coupling[1])},
+        "covariate_range": learnt["load_range"],
+        **{
+            name: {**learnt[name], "scale": learnt[name]["load_scale"]}
+            for name in ("population", "reported")
+        },
+    }
 
 
 def _plain(values: np.ndarray) -> Any:
@@ -234,8 +289,9 @@ def _plain(values: np.ndarray) -> Any:
 
 
 def _population_table(population: Population) -> dict[str, Any]:
+    scale = {} if population.scale is None else {"scale": population.scale}
     return {
-        "load_scale": population.load_scale,
+        **scale,
         "coefficients": _plain(population.coefficients),
         "within": _plain(population.within),
         "between": _plain(population.between),
@@ -244,7 +300,7 @@ def _population_table(population: Population) -> dict[str, Any]:
 
 def _population(table: Mapping[str, Any]) -> Population:
     return Population(
-        float(table["load_scale"]),
+        float(table["scale"]) if "scale" in table else None,
         np.array(table["coefficients"], dtype=float),
         np.array(table["within"], dtype=float),
         np.array(table["between"], dtype=float),

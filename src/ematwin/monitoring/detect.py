@@ -1,32 +1,42 @@
-"""``detect``: a verdict on motions, one by one and by the run."""
+"""``detect``: a verdict on recordings, one by one and by the run."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from scipy.stats import t as student
 
-from ematwin.monitoring.calibrate import measure, numbered
+from ematwin.estimation.estimate import Estimate
+from ematwin.models.base import Reported
 from ematwin.monitoring.calibration import Calibration
-from ematwin.monitoring.index import health_index
-from ematwin.monitoring.measure import REPORTED, reported_values
-from ematwin.monitoring.naming import UNNAMED, Name, named_by_physics, named_by_signature
-from ematwin.signals.motion import Motion, label_text
+from ematwin.monitoring.classification import (
+    UNNAMED,
+    Name,
+    named_by_physics,
+    named_by_signature,
+)
+from ematwin.monitoring.gather import Given, recordings_of
+from ematwin.monitoring.index import health_index, single_reach
+from ematwin.monitoring.measure import Measured, reported_values, statistics_of
+from ematwin.recordings.recording import Recording, label_text
 
 COVERAGE = 1.96  # standard deviations of an interval: 95 %
 _ENDS = np.array([-1.0, 1.0])
-_REWIRED = 6.0  # healthy standard deviations of the sensor coupling
-_STRANGE = 12.0  # root mean square of scores; seeded faults of a real rig reach 4
+_CHANGED = 6.0  # healthy standard deviations of a statistic
+_LEAST_CHANGE = 0.05  # of its healthy mean: the standard deviation counts as no less
+_STRANGE = 12.0  # root mean square of scores of residuals; seeded faults of a real rig reach 4
 
 
 @dataclass(frozen=True)
 class Magnitude:
-    """A reported magnitude with its interval.
+    """A reported quantity with its interval.
 
     Attributes
     ----------
-    value, low, high : in the unit of `ematwin.monitoring.measure.REPORTED`; the interval is what
-        healthy runs scatter by, around the value
-    healthy : (2,) band in which 95 % of healthy motions of other runs lie
+    value, low, high : in the unit of `ematwin.models.base.Reported`; the interval is what healthy
+        runs scatter by, around the value
+    healthy : (2,) band in which 95 % of healthy recordings of other runs lie
     score : healthy standard deviations from the healthy mean
     """
 
@@ -40,44 +50,77 @@ class Magnitude:
 
 
 @dataclass(frozen=True)
-class Verdict:
-    """What is said of one motion, or of the motions of a run together.
+class Covariate:
+    """The covariate that was estimated with a recording, such as its load.
 
     Attributes
     ----------
-    name : of the motion or run
+    name, unit, value : SI
+    """
+
+    name: str
+    unit: str
+    value: float
+
+    @property
+    def key(self) -> str:
+        """Name with unit, for tables: ``load_N``."""
+        return f"{self.name}_{self.unit}".rstrip("_")
+
+    def __str__(self) -> str:
+        digits = ".0f" if abs(self.value) >= 10.0 else ".3g"
+        return f"{self.value:{digits}} {self.unit}".rstrip()
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What follows from one recording, or from the recordings of a run together.
+
+    Attributes
+    ----------
+    name : of the recording or run
     labels : what the file says of it
-    motions : how many it rests on
-    magnitudes : friction, backlash, gain, roughness
-    load : N, estimated
+    motions : how many recordings it rests on
+    magnitudes : what the kind reports
+    covariate : estimated with it, such as the load; None for a kind without one
     index, threshold : health index and where the alarm begins
     fault : name of the fault, "" without an alarm
     named_by : "physics", "signature" or ""
-    coupling : A/m, of the sensors
+    statistics : what was measured beside the twin, by name, SI
     evidence : the features furthest from health: name to score
     notes : sentences
+    alone : magnitudes that raise the alarm by themselves, where the threshold lies beyond what a
+        single one can bring the index to
     """
 
     name: str
     labels: dict[str, str]
     motions: int
     magnitudes: tuple[Magnitude, ...]
-    load: float
+    covariate: Covariate | None
     index: float
     threshold: float
     fault: str
     named_by: str
-    coupling: float
-    evidence: dict[str, float]
-    notes: tuple[str, ...]
+    statistics: Mapping[str, float] = field(default_factory=dict)
+    evidence: Mapping[str, float] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    alone: tuple[str, ...] = ()
 
     @property
     def alarm(self) -> bool:
-        """Whether the index is above its threshold."""
-        return self.index > self.threshold
+        """Whether the index is above its threshold, or a magnitude is far off by itself."""
+        return self.index > self.threshold or bool(self.alone)
+
+    @property
+    def load(self) -> float | None:
+        """The estimated load, SI, where that is the covariate."""
+        one = self.covariate
+        return one.value if one is not None and one.name == "load" else None
 
     def as_dict(self) -> dict[str, object]:
         """For JSON."""
+        one = self.covariate
         return {
             "name": self.name,
             "labels": self.labels,
@@ -85,6 +128,7 @@ class Verdict:
             "index": self.index,
             "threshold": self.threshold,
             "alarm": self.alarm,
+            **({"alone": list(self.alone)} if self.alone else {}),
             "fault": self.fault or None,
             "named_by": self.named_by or None,
             "magnitudes": {
@@ -94,52 +138,68 @@ class Verdict:
                 }
                 for m in self.magnitudes
             },
-            "load_N": self.load,
-            "sensor_coupling": self.coupling,
-            "evidence": self.evidence,
+            **({} if one is None else {one.key: one.value}),
+            **self.statistics,
+            "evidence": dict(self.evidence),
             "notes": list(self.notes),
         }  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Detection:
-    """Verdicts on motions and on runs."""
+    """Verdicts on recordings and on runs.
+
+    Attributes
+    ----------
+    motions : a verdict on each recording
+    runs : a verdict on the recordings of each run together
+    calibration : Calibration
+    estimates : of each recording, in the order of ``motions``
+    """
 
     motions: tuple[Verdict, ...]
     runs: tuple[Verdict, ...]
     calibration: Calibration
+    estimates: tuple[Estimate, ...] = ()
 
 
-def detect(motions: list[Motion], calibration: Calibration | str | Path) -> Detection:
-    """Judge motions against the healthy population, each alone and each run together.
+def detect(recordings: Given, calibration: Calibration | str | Path) -> Detection:
+    """Judge recordings against the healthy population, each alone and each run together.
+
+    Parameters
+    ----------
+    recordings : or the files that hold them
+    calibration : or its file
 
     Raises
     ------
     RecordError
-        If a motion is of another command, rate or rig.
+        If a recording is of another command, rate or rig.
     """
     if not isinstance(calibration, Calibration):
         calibration = Calibration.load(calibration)
-    features, measured = measure(calibration, motions)
-    load = measured.load
-    scores = calibration.population.scores(features, load)
-    values = reported_values(calibration.layout, features)
-    groups = numbered([motion.together for motion in motions])
-    one_source = len({motion.source for motion in motions}) == 1
-    judge = _Judge(calibration, scores, values, load, measured.coupling)
+    given = recordings_of(recordings, calibration.actuator)
+    return judge(given, calibration.measure(given), calibration)
+
+
+def judge(
+    recordings: Sequence[Recording], measured: Measured, calibration: Calibration
+) -> Detection:
+    """Verdicts from what was measured on recordings."""
+    one_source = len({one.source for one in recordings}) == 1
+    judge = _Judge(calibration, measured)
     single = tuple(
-        judge.verdict(
-            np.array([n]), _name_of(motion.source, motion.labels, one_source), motion.labels
-        )
-        for n, motion in enumerate(motions)
+        judge.verdict(np.array([n]), _name_of(one.source, one.labels, one_source), one.labels)
+        for n, one in enumerate(recordings)
     )
     together = []
-    for g in np.unique(groups):
-        members = np.flatnonzero(groups == g)
-        labels = {k: v for k, v in motions[members[0]].labels.items() if k != "motion"}
-        name = _name_of(motions[members[0]].source, labels, one_source)
+    for g in np.unique(measured.groups):
+        members = np.flatnonzero(measured.groups == g)
+        first = recordings[members[0]]
+        labels = {k: v for k, v in first.labels.items() if k != "motion"}
+        name = _name_of(first.source, labels, one_source)
         together.append(judge.verdict(members, name, labels))
-    return Detection(single, tuple(together), calibration)
+    return Detection(single, tuple(together), calibration, measured.estimates)
 
 
 def _name_of(source: str, labels: dict[str, str], one_source: bool) -> str:
@@ -148,7 +208,7 @@ def _name_of(source: str, labels: dict[str, str], one_source: bool) -> str:
     return said if said and one_source else f"{source} {said}".strip()
 
 
-def gathered_notes(verdicts: tuple[Verdict, ...]) -> list[str]:
+def gathered_notes(verdicts: Sequence[Verdict]) -> list[str]:
     """The notes of many verdicts, alike ones once, each with how many have it."""
     seen: dict[str, list[tuple[str, str]]] = {}
     for verdict in verdicts:
@@ -162,31 +222,32 @@ def gathered_notes(verdicts: tuple[Verdict, ...]) -> list[str]:
 
 
 class _Judge:
-    def __init__(
-        self,
-        calibration: Calibration,
-        scores: np.ndarray,
-        values: np.ndarray,
-        load: np.ndarray,
-        coupling: np.ndarray,
-    ) -> None:
-        self._calibration = calibration
-        self._scores, self._values, self._load = scores, values, load
-        self._coupling = coupling
-        reported = calibration.reported
-        self._healthy = reported.mean(load)
+    def __init__(self, calibration: Calibration, measured: Measured) -> None:
+        self._calibration, self._measured = calibration, measured
+        model, actuator = calibration.model, calibration.actuator
+        self._model = model
+        self._reported = model.reported(actuator)
+        self._lower = {one.name: one.lower - one.slack for one in model.faults(actuator)}
+        self._scores = calibration.scores(measured).values
+        self._values = reported_values(model, actuator, calibration.layout, measured.features)
+        self._healthy = calibration.reported.mean(measured.covariate)
+        self._statistics = statistics_of(measured.estimates)
+        self._unit = ""
+        if model.covariate is not None:
+            self._unit = model.unknown(actuator, model.covariate).unit
 
     def verdict(self, members: np.ndarray, name: str, labels: dict[str, str]) -> Verdict:
-        """The verdict on some motions taken together."""
+        """The verdict on some recordings taken together."""
         calibration = self._calibration
         limit = calibration.thresholds.of(len(members))
         scores = self._scores[members]
         mean = scores.mean(0)
         index = float(health_index(mean[None], calibration.layout.kinds)[0])
         magnitudes = self._magnitudes(members)
+        alone = self._alone(magnitudes, limit)
         named = Name("", "")
-        if index > limit:
-            named = self._name(scores, self._load[members], magnitudes)
+        if index > limit or alone:
+            named = self._name(scores, self._measured.covariate[members], magnitudes)
         order = np.argsort(-np.abs(mean))[:4]
         names = calibration.layout.names
         return Verdict(
@@ -194,26 +255,49 @@ class _Judge:
             labels=labels,
             motions=len(members),
             magnitudes=magnitudes,
-            load=float(self._load[members].mean()),
+            covariate=self._covariate(members),
             index=index,
             threshold=limit,
             fault=named.fault,
             named_by=named.by,
-            coupling=float(self._coupling[members].mean()),
+            statistics={key: float(x[members].mean()) for key, x in self._statistics.items()},
             evidence={names[n]: float(mean[n]) for n in order},
-            notes=tuple(self._notes(members)),
+            notes=tuple(self._notes(members, limit)),
+            alone=alone,
         )
 
+    def _is_blind(self, limit: float) -> bool:
+        """Whether no single magnitude can bring the index above the threshold."""
+        return limit >= single_reach(self._calibration.layout.kinds)
+
+    def _alone(self, magnitudes: tuple[Magnitude, ...], limit: float) -> tuple[str, ...]:
+        """Magnitudes beyond the prediction bound of a new healthy run, each judged by itself.
+
+        Two-sided Student's t with Bonferroni's correction; only where the index is blind to them.
+        """
+        if not self._is_blind(limit):
+            return ()
+        runs = max(2, len(self._calibration.facts.get("runs", [])))
+        rate = self._calibration.thresholds.false_alarm_rate / len(magnitudes)
+        bound = float(student.ppf(1.0 - 0.5 * rate, runs - 1) * np.sqrt(1.0 + 1.0 / runs))
+        return tuple(one.name for one in magnitudes if abs(one.score) > bound)
+
+    def _covariate(self, members: np.ndarray) -> Covariate | None:
+        name = self._model.covariate
+        if name is None:
+            return None
+        return Covariate(name, self._unit, float(self._measured.covariate[members].mean()))
+
     def _name(
-        self, scores: np.ndarray, load: np.ndarray, magnitudes: tuple[Magnitude, ...]
+        self, scores: np.ndarray, covariate: np.ndarray, magnitudes: tuple[Magnitude, ...]
     ) -> Name:
         calibration = self._calibration
         if calibration.signatures:
-            scale = calibration.population.load_scale
-            named = named_by_signature(scores, load, scale, calibration.signatures)
+            scale = calibration.population.scale
+            named = named_by_signature(scores, covariate, scale, calibration.signatures)
             if named.fault != UNNAMED:
                 return named
-        return named_by_physics({m.name: m.score for m in magnitudes})
+        return named_by_physics({m.name: m.score for m in magnitudes}, self._reported)
 
     def _magnitudes(self, members: np.ndarray) -> tuple[Magnitude, ...]:
         reported = self._calibration.reported
@@ -222,44 +306,65 @@ class _Judge:
         value = self._values[members].mean(0)
         healthy = self._healthy[members].mean(0)
         found = []
-        for n, (name, (unit, _)) in enumerate(REPORTED.items()):
+        for n, one in enumerate(self._reported):
             reach = COVERAGE * spread[n]
             ends = np.r_[value[n], value[n] + reach * _ENDS, healthy[n] + reach * _ENDS]
-            if name == "backlash":
-                shown = np.maximum(ends, 0.0) * 1e3
-            else:
-                shown = np.exp(ends - healthy[n])  # times the healthy mean at this load
+            shown = self._shown(one, ends, healthy[n])
             found.append(
                 Magnitude(
-                    name, unit, float(shown[0]), float(shown[1]), float(shown[2]),
+                    one.name, one.unit, float(shown[0]), float(shown[1]), float(shown[2]),
                     (float(shown[3]), float(shown[4])),
                     float((value[n] - healthy[n]) / max(spread[n], 1e-12)),
                 )
             )  # fmt: skip
         return tuple(found)
 
-    def _notes(self, members: np.ndarray) -> list[str]:
+    def _shown(self, one: Reported, values: np.ndarray, healthy: float) -> np.ndarray:
+        """Values in the unit that is reported."""
+        if one.logarithmic:
+            return np.exp(values - healthy)  # times the healthy mean at this covariate
+        return np.maximum(values, self._lower.get(one.name, -np.inf)) * one.scale
+
+    def _notes(self, members: np.ndarray, limit: float) -> list[str]:
         calibration = self._calibration
-        notes = []
-        mean, spread = calibration.coupling
-        coupling = float(self._coupling[members].mean())
-        if abs(coupling - mean) > _REWIRED * max(spread, 0.05 * abs(mean)):
+        estimates = [self._measured.estimates[n] for n in members]
+        notes = list(dict.fromkeys(text for one in estimates for text in one.warnings))
+        for statistic in self._model.statistics:
+            if not {statistic.name} <= self._statistics.keys() & calibration.statistics.keys():
+                continue
+            mean, spread = calibration.statistics[statistic.name]
+            now = float(self._statistics[statistic.name][members].mean())
+            if abs(now - mean) > _CHANGED * max(spread, _LEAST_CHANGE * abs(mean)):
+                notes.append(
+                    f"{statistic.changed} ({now:.3g} {statistic.unit}, healthy {mean:.3g} "
+                    f"{statistic.unit}). {statistic.advice}"
+                )
+        if self._is_blind(limit):
             notes.append(
-                f"The sensors share fast noise otherwise than in the healthy runs ({coupling:.3g} "
-                f"A/m, healthy {mean:.3g}): rewiring and reassembly do that, and so may rough "
-                "running. It is taken out of the current before the verdict."
+                f"The alarm threshold is beyond what a single magnitude can bring the index to "
+                f"({limit:.2f}), because few healthy runs were learnt: magnitudes were also judged "
+                "one by one. Calibrate with more healthy runs."
             )
-        low, high = calibration.load_range
-        slack = 0.15 * max(abs(low), abs(high))
-        load = float(self._load[members].mean())
-        if not low - slack <= load <= high + slack:
+        notes += self._note_on_covariate(members)
+        left = [n for n, kind in enumerate(calibration.layout.kinds) if kind != "model"]
+        unexplained = self._scores[members][:, left].mean(0)
+        if float(np.sqrt(np.mean(unexplained**2))) > _STRANGE:
             notes.append(
-                f"Its load lies outside that of the healthy motions (about {load:.4g} N, where "
-                f"they had {low:.4g} to {high:.4g} N): what is healthy there is extrapolated."
-            )
-        if float(np.sqrt(np.mean(self._scores[members].mean(0) ** 2))) > _STRANGE:
-            notes.append(
-                "It is so unlike the healthy motions that another rig or a wrong unit is likelier "
-                "than a fault; check the channels."
+                "It is so unlike the healthy recordings that another rig or a wrong unit is more "
+                "likely than a fault; check the channels."
             )
         return notes
+
+    def _note_on_covariate(self, members: np.ndarray) -> list[str]:
+        covariate, limits = self._covariate(members), self._calibration.covariate_range
+        if covariate is None or limits is None:
+            return []
+        low, high = limits
+        slack = 0.15 * max(abs(low), abs(high))
+        if low - slack <= covariate.value <= high + slack:
+            return []
+        return [
+            f"Its {covariate.name} lies outside the range of the healthy recordings (about "
+            f"{covariate.value:.4g} {covariate.unit}, where they had {low:.4g} to {high:.4g} "
+            f"{covariate.unit}): what is healthy there is extrapolated."
+        ]

@@ -1,71 +1,82 @@
-"""Features of a motion: the magnitudes of the twin, and statistics of what it leaves unexplained.
+"""Features of a recording: magnitudes of faults, and statistics of what the twin does not explain.
 
-The first kind comes from the model: friction, backlash, gain. The second from statistics: means of
-the residual in each phase, and its power in bands of frequency (roughness) where the phase is
-steady. Each feature says which it is.
+The first kind comes from the model. The second from statistics: means of the residual of each
+channel in each phase, and its power in bands of frequency where the phase is steady. Each feature
+says which it is.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
-from ematwin.monitoring.phases import Phase
+from ematwin.recordings.phases import Phase
 
-MODEL = ("friction", "backlash", "gain")
 _PARTS = 4  # of a transient
-# Edges of the bands as shares of the Nyquist frequency: slow swaying, stick and slip, one turn of
-# the screw and its harmonics, balls and sensor.
+# Edges of the bands as shares of the Nyquist frequency. In a recording of a ball screw at 25 Hz
+# they are slow swaying, stick and slip, one turn of the screw and its harmonics, balls and sensor.
 BANDS = (0.03, 0.16, 0.32, 0.45, 0.72, 1.0)
-CHANNELS = ("current", "error")
 
 
 @dataclass(frozen=True)
 class Layout:
-    """Which features a set of motions has.
+    """Which features the recordings of a command have.
 
     Attributes
     ----------
+    phases : of the command
+    magnitudes : names of the faults whose values are features
+    channels : names of the channels whose residuals give features
     names : of the features
     kinds : "model", "mean" or "band", one for each
     """
 
     phases: tuple[Phase, ...]
+    magnitudes: tuple[str, ...]
+    channels: tuple[str, ...]
     names: tuple[str, ...]
     kinds: tuple[str, ...]
 
     @classmethod
-    def of(cls, phases: list[Phase]) -> "Layout":
-        """The features of motions with these phases."""
-        names, kinds = list(MODEL), ["model"] * len(MODEL)
-        for channel in CHANNELS:
+    def of(
+        cls,
+        phases: Sequence[Phase],
+        magnitudes: Sequence[str],
+        channels: Sequence[str],
+        short: Mapping[str, str] | None = None,
+    ) -> "Layout":
+        """The features of recordings with these phases; ``short`` renames channels in them."""
+        names, kinds = list(magnitudes), ["model"] * len(magnitudes)
+        for channel in channels:
+            said = (short or {}).get(channel, channel)
             for phase in phases:
                 if phase.steady:
-                    names.append(f"{channel} mean, {phase.title}")
+                    names.append(f"{said} mean, {phase.title}")
                     kinds.append("mean")
                     for n in range(len(BANDS) - 1):
-                        names.append(f"{channel} band {n + 1}, {phase.title}")
+                        names.append(f"{said} band {n + 1}, {phase.title}")
                         kinds.append("band")
                 else:
                     for n in range(_PARTS):
-                        names.append(f"{channel} part {n + 1}, {phase.title}")
+                        names.append(f"{said} part {n + 1}, {phase.title}")
                         kinds.append("mean")
-        return cls(tuple(phases), tuple(names), tuple(kinds))
+        return cls(tuple(phases), tuple(magnitudes), tuple(channels), tuple(names), tuple(kinds))
 
     def values(
-        self, magnitudes: np.ndarray, current: np.ndarray, position_error: np.ndarray
+        self, magnitudes: Mapping[str, float], residuals: Mapping[str, np.ndarray]
     ) -> np.ndarray:
-        """Features (F,) of one motion.
+        """Features (F,) of one recording.
 
         Parameters
         ----------
-        magnitudes : (5,) array, as in `ematwin.monitoring.twin.MAGNITUDES`
-        current, position_error : (S,) arrays, residuals, A and m
+        magnitudes : values by name
+        residuals : (S,) arrays by channel
         """
-        found = [float(magnitudes[n]) for n in range(len(MODEL))]
-        for residual in (current, position_error):
+        found = [float(magnitudes[name]) for name in self.magnitudes]
+        for channel in self.channels:
             for phase in self.phases:
-                part = residual[phase.samples]
+                part = residuals[channel][phase.samples]
                 if phase.steady:
                     found.append(float(part.mean()))
                     found += band_levels(part)

@@ -1,11 +1,11 @@
-"""The health index: how far a motion lies from the healthy population, and its threshold.
+"""The health index: how far a recording lies from the healthy population, and its threshold.
 
 The index is a weighted root mean square of scores, in healthy standard deviations: the magnitudes
 of the twin, the means of the residual, and its bands count as three groups, so that a few
 magnitudes are not drowned by many statistics. Each score is limited so that one glitch does not
-decide. The index of a run takes the mean scores of its motions. The threshold comes from healthy
+decide. The index of a run takes the mean scores of its recordings. The threshold comes from healthy
 runs that took no part in the calibration: a one-sided prediction bound for a new run, since runs
-differ by more than motions within a run do.
+differ by more than recordings within a run do.
 """
 
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ import numpy as np
 from scipy.stats import t as student
 
 # Weight of a kind of features, and the most standard deviations that one of them counts. A
-# magnitude of the twin raises an alarm alone from about four on.
+# magnitude of the twin raises an alarm alone from about four on; its limit is that of one in three.
 WEIGHTS = {"model": (0.15, 8.0), "mean": (0.35, 4.0), "band": (0.5, 4.0)}
 
 # Scatter of the logarithm of the index, within a run and between runs: 0.14 and 0.13 on the healthy
@@ -27,19 +27,31 @@ def health_index(scores: np.ndarray, kinds: Sequence[str]) -> np.ndarray:
     """Index (N,) of scores (N, F) of features of these kinds (F)."""
     of = np.array(kinds)
     total, weight = np.zeros(len(scores)), 0.0
-    for kind, (share, limit) in WEIGHTS.items():
+    for kind, (share, _) in WEIGHTS.items():
         own = scores[:, of == kind]
         if own.shape[1]:
+            limit = limit_of(kind, own.shape[1])
             total += share * np.mean(np.clip(own, -limit, limit) ** 2, axis=1)
             weight += share
     found: np.ndarray = np.sqrt(total / weight)
     return found
 
 
-def single_reach() -> float:
-    """The index of a motion with one of three magnitudes at its limit, and all else as usual."""
+def limit_of(kind: str, count: int) -> float:
+    """The most that one score of ``count`` features of a kind counts.
+
+    That of a magnitude grows with their number, so that a single one always reaches as far.
+    """
+    limit = WEIGHTS[kind][1]
+    return limit * float(np.sqrt(count / 3.0)) if kind == "model" else limit
+
+
+def single_reach(kinds: Sequence[str] = tuple(WEIGHTS)) -> float:
+    """The index where one magnitude is at its limit, and all else as usual."""
+    here = set(kinds)
+    weight = sum(share for kind, (share, _) in WEIGHTS.items() if kind in here)
     share, limit = WEIGHTS["model"]
-    return float(np.sqrt(share * limit**2 / 3.0 + 1.0 - share))
+    return float(np.sqrt((share * limit**2 / 3.0 + weight - share) / weight))
 
 
 def prediction_bound(index: np.ndarray, groups: np.ndarray, false_alarm_rate: float) -> float:
@@ -51,7 +63,7 @@ def prediction_bound(index: np.ndarray, groups: np.ndarray, false_alarm_rate: fl
 
     Parameters
     ----------
-    index : (N,) array, of healthy motions
+    index : (N,) array, of healthy recordings
     groups : (N,) array, number of the run (and condition) of each
     false_alarm_rate : in (0, 1)
     """
@@ -63,7 +75,7 @@ def prediction_bound(index: np.ndarray, groups: np.ndarray, false_alarm_rate: fl
     outer = float(((means - means.mean()) ** 2).sum())
     within = _with_prior(inner, y.size - count, TYPICAL[0])
     between = _with_prior(outer, count - 1, TYPICAL[1])
-    if y.size == count:  # single motions: their scatter holds both, and so does the prior
+    if y.size == count:  # single recordings: their scatter holds both, and so does the prior
         within, between = 0.0, _with_prior(outer, count - 1, float(np.hypot(*TYPICAL)))
     reach = student.ppf(1.0 - false_alarm_rate, count - 1 + WORTH)
     return float(np.exp(means.mean() + reach * np.sqrt((within + between) * (1.0 + 1.0 / count))))

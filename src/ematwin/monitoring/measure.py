@@ -1,205 +1,291 @@
-"""What is measured on each motion, before any verdict: magnitudes, residuals, features."""
+"""What is measured on each recording, before any verdict: its estimate, and features.
 
-from dataclasses import dataclass
+Nothing here knows a kind of actuator: the twin is asked through `Problem`, and whatever is
+particular to a kind comes from its `Model`.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ematwin.errors import RecordError
-from ematwin.monitoring.coupling import coupling, decoupled_current
-from ematwin.monitoring.estimate import estimate, first_prior, first_starts
+from ematwin.estimation.covariance import covariance
+from ematwin.estimation.estimate import Estimate
+from ematwin.estimation.local import LocalDescent
+from ematwin.estimation.nominal import searched
+from ematwin.estimation.problem import Problem
+from ematwin.estimation.search import Found, Search, named
+from ematwin.models.base import Model
+from ematwin.models.comparison import Comparison
+from ematwin.models.parameter_set import ParameterSet
 from ematwin.monitoring.features import Layout
-from ematwin.monitoring.nominal import FIRST_WEIGHTS
-from ematwin.monitoring.population import load_basis
-from ematwin.monitoring.twin import twin_traces
-from ematwin.plant.ball_screw import BallScrew
-from ematwin.signals.motion import Motion
+from ematwin.monitoring.population import basis
+from ematwin.recordings.phases import phases
+from ematwin.recordings.recording import Recording
 
-# Magnitudes that are reported: name, unit, meaning.
-REPORTED = {
-    "friction": ("x", "dry friction, as a multiple of the healthy one"),
-    "backlash": ("mm", "play of the nut on the screw"),
-    "gain": ("x", "gain of the position loop, as a multiple of the healthy one"),
-    "roughness": (
-        "x",
-        "roughness while moving, as a multiple of the healthy one: fast swings of current and "
-        "position that the twin does not explain, from one turn of the screw upwards",
-    ),
-}
-_ROUGH_BANDS = (3, 4, 5)  # of `ematwin.monitoring.features.BANDS`, counted from 1
 _SAME_COMMAND = 0.02  # of the travel
 _SAME_RATE = 0.01
+_SEED = 1
 
 
 @dataclass(frozen=True)
 class Measured:
-    """Measurements on N motions.
+    """Measurements on N recordings: all that a verdict rests on.
 
     Attributes
     ----------
-    magnitudes : (N, 5) array, as in `ematwin.monitoring.twin.MAGNITUDES`
-    current, position_error : (N, S) arrays, residuals after the twin, A and m
-    coupling : (N,) array, A/m
+    estimates : one for each recording
+    features : (N, F) array
+    covariate : (N,) array, SI; zeros for a kind that has none
+    groups : (N,) array, number of the run (and condition) of each recording
     """
 
-    magnitudes: np.ndarray
-    current: np.ndarray
-    position_error: np.ndarray
-    coupling: np.ndarray
+    estimates: tuple[Estimate, ...]
+    features: np.ndarray
+    covariate: np.ndarray
+    groups: np.ndarray
 
-    @property
-    def load(self) -> np.ndarray:
-        """(N,) array, N."""
-        return self.magnitudes[:, 3]
+    def errors(self, layout: Layout, members: np.ndarray) -> np.ndarray:
+        """Standard errors (F,) of features, root mean squares over members (N,) of bool.
+
+        Zero for those that are no magnitudes; what is not determined errs by its range.
+        """
+        found = np.zeros(len(layout.names))
+        own = [one for one, member in zip(self.estimates, members, strict=True) if member]
+        for n, name in enumerate(layout.magnitudes):
+            errors = [min(one.standard_errors[name], one.ranges[name]) for one in own]
+            found[n] = np.sqrt(np.mean(np.square(errors)))
+        return found
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The twin fitted to each of N recordings.
+
+    Attributes
+    ----------
+    problems, found : one for each recording
+    residuals : by channel, (N, S) arrays, what the twin leaves unexplained, SI
+    covariate : (N,) array, SI; zeros for a kind that has none
+    """
+
+    problems: tuple[Problem, ...]
+    found: tuple[Found, ...]
+    residuals: dict[str, np.ndarray]
+    covariate: np.ndarray
 
 
 class Bench:
-    """Motions over one command, prepared once and then measured with any actuator.
+    """Recordings over one command beside the twin of one actuator.
 
     Parameters
     ----------
-    motions : all with the set point and the interval given
-    set_point : (S,) array, m; ``interval`` in s
+    model : kind of the actuator
+    actuator : of the twin
+    recordings : all with the command and the interval given
+    command : (S,) array, SI; ``interval`` in s
+    settling_time : s, until a transient has died out
+    channels : that are compared; those of the first recording if not given
+
+    Attributes
+    ----------
     layout : phases and features
+    comparisons : one for each recording
+    warnings : sentences on what is doubtful, for each recording
+    groups : (N,) array, number of the run (and condition) of each recording
     """
 
     def __init__(
-        self, motions: list[Motion], set_point: np.ndarray, interval: float, layout: Layout
-    ) -> None:
-        check_alike(motions, set_point, interval)
-        self.set_point, self.interval, self.layout = set_point, interval, layout
-        calm = np.zeros(set_point.size, dtype=bool)
-        for phase in layout.phases:
-            if phase.steady:
-                calm[phase.samples] = True
-        self.coupling = np.array([coupling(m, calm) if calm.any() else 0.0 for m in motions])
-        self.current = np.stack(
-            [decoupled_current(m, s) for m, s in zip(motions, self.coupling, strict=True)]
-        )
-        self.position_error = np.stack([m.position_error for m in motions])
-
-    def measure(
         self,
-        actuator: BallScrew,
+        model: Model,
+        actuator: ParameterSet,
+        recordings: Sequence[Recording],
+        command: np.ndarray,
+        interval: float,
+        settling_time: float,
+        channels: Sequence[str] | None = None,
+    ) -> None:
+        self.model, self.actuator, self.recordings = model, actuator, tuple(recordings)
+        self.warnings = [check_alike(model, actuator, one, command, interval) for one in recordings]
+        self.comparisons: list[Comparison] = [
+            model.monitored(one, actuator, settling_time) for one in recordings
+        ]
+        self.groups = numbered([one.together for one in recordings])
+        wanted = tuple(self.comparisons[0].measured() if channels is None else channels)
+        for recording, comparison in zip(recordings, self.comparisons, strict=True):
+            for name in wanted:
+                if name not in comparison.measured():
+                    raise RecordError(
+                        f"{recording.name} has no {name}, unlike the others; record it, or "
+                        "calibrate without it."
+                    )
+        self.layout = layout_of(model, actuator, command, interval, settling_time, wanted)
+
+    def fit(
+        self,
         discrepancy: np.ndarray | None = None,
-        load_scale: float = 1.0,
-        starts: np.ndarray | None = None,
-    ) -> Measured:
-        """Magnitudes of every motion and what the twin leaves unexplained.
+        scale: float | None = None,
+        before: Fit | None = None,
+    ) -> Fit:
+        """Fit the twin to every recording.
 
-        ``discrepancy`` (3, 2 S), over the load, is taken off first; it needs the loads, so that
-        ``starts`` (N, 5), magnitudes found without it, must come with it.
+        Parameters
+        ----------
+        discrepancy : (3, C S) or (1, C S) array over the covariate, what the twin misses of the
+            channels one after another; taken off first
+        scale : of the covariate, as in `Population`
+        before : fit without it, from which this one starts; needed with a discrepancy
         """
-        prior = first_prior(actuator)
-        count, samples = self.current.shape
-        missed = np.zeros((count, 2 * samples))
-        if discrepancy is not None and starts is not None:
-            missed = load_basis(starts[:, 3], load_scale) @ discrepancy
-        current = self.current - missed[:, :samples]
-        error = self.position_error - missed[:, samples:]
-        found = np.empty((count, prior.mean.size))
-        for n in range(count):
-            first = (
-                first_starts(actuator, self.position_error[n, 0])
-                if starts is None
-                else starts[n][None]
-            )
-            found[n], _ = estimate(
-                actuator, self.set_point, self.interval, current[n], error[n], FIRST_WEIGHTS,
-                prior, first,
-            )  # fmt: skip
-        i, e = twin_traces(actuator, self.set_point, self.interval, found)
-        if discrepancy is not None:
-            missed = load_basis(found[:, 3], load_scale) @ discrepancy
-        return Measured(
-            found,
-            self.current - i - missed[:, :samples],
-            self.position_error - e - missed[:, samples:],
-            self.coupling,
-        )
+        missed = None
+        if discrepancy is not None and before is not None:
+            missed = basis(before.covariate, scale) @ discrepancy
+        free = searched(self.model, self.actuator)
+        problems, found = [], []
+        for n, (recording, comparison) in enumerate(
+            zip(self.recordings, self.comparisons, strict=True)
+        ):
+            compared = comparison
+            if missed is not None:
+                compared = comparison.with_missed(self._by_channel(missed[n]))
+            problem = Problem([compared], free, starts=self.model.starts(self.actuator, recording))
+            search: Search = named(self.model.default_search)
+            if before is not None:
+                search = LocalDescent(before.found[n].point)
+            end = search.run(problem, budget=None, seed=_SEED, report=lambda *_: None)
+            if end.stopped == "interrupted":
+                raise KeyboardInterrupt
+            problems.append(problem)
+            found.append(end)
+        return self._left(tuple(problems), tuple(found), discrepancy, scale)
 
-    def features(self, measured: Measured) -> np.ndarray:
-        """Features (N, F)."""
-        return np.stack([
-            self.layout.values(m, i, e)
-            for m, i, e in zip(
-                measured.magnitudes, measured.current, measured.position_error, strict=True
-            )
+    def _left(
+        self,
+        problems: tuple[Problem, ...],
+        found: tuple[Found, ...],
+        discrepancy: np.ndarray | None,
+        scale: float | None,
+    ) -> Fit:
+        """What is left where each problem is at the point found."""
+        name = self.model.covariate
+        covariate = np.array([
+            0.0 if name is None else problem.values(one.point)[name]
+            for problem, one in zip(problems, found, strict=True)
         ])  # fmt: skip
+        missed = None if discrepancy is None else basis(covariate, scale) @ discrepancy
+        residuals: dict[str, list[np.ndarray]] = {name: [] for name in self.layout.channels}
+        for n, comparison in enumerate(self.comparisons):
+            candidates = problems[n].candidates(found[n].point[None])
+            measured, answer = comparison.measured(), comparison.responses(candidates, 1)
+            taken = {} if missed is None else self._by_channel(missed[n])
+            for channel, rows in residuals.items():
+                left = measured[channel] - answer[channel][0]
+                rows.append(left - taken[channel] if taken else left)
+        return Fit(problems, found, {k: np.stack(v) for k, v in residuals.items()}, covariate)
+
+    def _by_channel(self, row: np.ndarray) -> dict[str, np.ndarray]:
+        """(C S,) array as (S,) arrays by channel."""
+        parts = np.split(row, len(self.layout.channels))
+        return dict(zip(self.layout.channels, parts, strict=True))
+
+    def measured(self, fit: Fit) -> Measured:
+        """Estimates with their covariance, and features."""
+        from ematwin.estimation.identify import estimate_of
+
+        estimates, features = [], []
+        for n, (recording, problem, found) in enumerate(
+            zip(self.recordings, fit.problems, fit.found, strict=True)
+        ):
+            judged = found.problem or problem
+            estimate = estimate_of(
+                self.model, self.actuator, problem, found.point,
+                covariance(judged, found.point, self.model.model_error),
+                problem.relative_misfit(found.cost), recording,
+                dict(self.comparisons[n].statistics),
+            )  # fmt: skip
+            estimates.append(replace(estimate, warnings=tuple(self.warnings[n])))
+            values = problem.values(found.point)
+            residuals = {name: rows[n] for name, rows in fit.residuals.items()}
+            features.append(self.layout.values(values, residuals))
+        return Measured(tuple(estimates), np.stack(features), fit.covariate, self.groups)
 
 
-def reported_values(layout: Layout, features: np.ndarray) -> np.ndarray:
-    """Values (N, 4) of `REPORTED`: ratios as logarithms, backlash in m, roughness as a level."""
-    names = layout.names
-    moving = {phase.title for phase in layout.phases if phase.steady and phase.moving}
-    rough = [
-        n
-        for n, name in enumerate(names)
-        if any(
-            name == f"{channel} band {band}, {title}"
-            for channel in ("current", "error")
-            for band in _ROUGH_BANDS
-            for title in moving
-        )
-    ]
-    roughness = features[:, rough].mean(1) if rough else np.zeros(len(features))
-    return np.column_stack([
-        np.log(features[:, names.index("friction")]),
-        features[:, names.index("backlash")],
-        np.log(features[:, names.index("gain")]),
-        roughness,
-    ])  # fmt: skip
+def layout_of(
+    model: Model,
+    actuator: ParameterSet,
+    command: np.ndarray,
+    interval: float,
+    settling_time: float,
+    channels: Sequence[str],
+) -> Layout:
+    """The features of recordings over a command."""
+    magnitudes = [one.name for one in model.faults(actuator) if one.direction_of is None]
+    return Layout.of(phases(command, interval, settling_time), magnitudes, channels, model.short)
 
 
-def check_alike(motions: list[Motion], set_point: np.ndarray, interval: float) -> None:
-    """Raise `RecordError` unless all motions follow one command at one rate."""
-    travel = float(np.ptp(set_point))
+def reported_values(
+    model: Model, actuator: ParameterSet, layout: Layout, features: np.ndarray
+) -> np.ndarray:
+    """Values (N, R) of what is reported, SI; logarithms where it is a multiple of healthy."""
+    by_name = dict(zip(layout.names, features.T, strict=True))
+    derived = model.derived(by_name)
+    columns = []
+    for one in model.reported(actuator):
+        values = by_name[one.name] if one.name in layout.magnitudes else derived[one.name]
+        # a derived quantity comes as the logarithm
+        log = one.logarithmic and one.name in layout.magnitudes
+        columns.append(np.log(values) if log else values)
+    return np.column_stack(columns)
+
+
+def numbered(keys: Sequence[tuple[str, ...]]) -> np.ndarray:
+    """Number (N,) of each key, equal for equal keys, in the order of their first appearance."""
+    order = {key: n for n, key in enumerate(dict.fromkeys(keys))}
+    return np.array([order[key] for key in keys])
+
+
+def check_alike(
+    model: Model,
+    actuator: ParameterSet,
+    recording: Recording,
+    command: np.ndarray,
+    interval: float,
+) -> list[str]:
+    """What is doubtful about a recording; `RecordError` unless it follows a command at a rate."""
+    model.check_channels(recording)
+    channel = model.channel(model.command)
+    travel = float(np.ptp(command))
     if travel <= 0.0:
         raise RecordError(
-            f"The set point of {motions[0].name} never moves; a motion is needed that goes out "
-            "and back."
+            f"The {channel.meaning} ({channel.name}) of {recording.name} never moves; a recording "
+            "is needed in which the actuator does."
         )
-    for motion in motions:
-        if abs(motion.interval - interval) > _SAME_RATE * interval:
-            raise RecordError(
-                f"{motion.name} is sampled each {motion.interval:g} s where {interval:g} s is "
-                "needed; resample it, or calibrate for this rate."
-            )
-        if motion.set_point.size != set_point.size:
-            raise RecordError(
-                f"{motion.name} has {motion.set_point.size} samples where {set_point.size} are "
-                "needed: it is another motion, or cut short. Leave it out, or calibrate for it."
-            )
-        off = float(np.abs(motion.set_point - set_point).max())
-        if off > _SAME_COMMAND * travel:
-            raise RecordError(
-                f"{motion.name} follows another command: it is off by up to {off:.4g} m of "
-                f"{travel:.4g} m of travel. Leave it out, calibrate for it, or correct its unit."
-            )
-        _check_signals(motion, set_point)
+    if abs(recording.interval - interval) > _SAME_RATE * interval:
+        raise RecordError(
+            f"{recording.name} is sampled every {recording.interval:g} s where {interval:g} s is "
+            "needed; resample it, or calibrate for this rate."
+        )
+    own = recording.channels[model.command]
+    if own.size != command.size:
+        raise RecordError(
+            f"{recording.name} has {own.size} samples where {command.size} are needed: it is "
+            "another motion, or cut short. Leave it out, or calibrate for it."
+        )
+    off = float(np.abs(own - command).max())
+    if off > _SAME_COMMAND * travel:
+        raise RecordError(
+            f"{recording.name} follows another command: it is off by up to {off:.4g} "
+            f"{channel.unit} of {travel:.4g} {channel.unit} of travel. Leave it out, calibrate for "
+            "it, or correct its unit."
+        )
+    return model.check(recording, actuator)
 
 
-def _check_signals(motion: Motion, set_point: np.ndarray) -> None:
-    mean = float(motion.current.mean())
-    if mean < 0.0:
-        raise RecordError(
-            f"{motion.name}: its current is negative on the average ({mean:.3g} A), where the "
-            "magnitude that the drive takes is needed; change its sign."
-        )
-    if np.ptp(motion.current) == 0.0:
-        raise RecordError(
-            f"{motion.name}: its current never changes from {mean:.3g} A; the channel is dead."
-        )
-    error = motion.position_error
-    if float(np.abs(error).max()) > float(np.ptp(set_point)):
-        raise RecordError(
-            f"{motion.name}: its position error reaches {np.abs(error).max():.4g} m, more than the "
-            "travel; its unit is probably wrong, or a position was taken for an error."
-        )
-    start = np.argmax(np.abs(np.diff(set_point)) > 0.0)
-    first = slice(int(start), int(start) + max(8, error.size // 16))
-    ahead = -float(error[first].mean() * np.sign(set_point[first][-1] - set_point[first][0]))
-    if ahead > 0.3 * float(np.abs(error).max()):
-        raise RecordError(
-            f"{motion.name}: the nut runs ahead of its set point by {ahead:.3g} m when it starts: "
-            "the position error has the wrong sign (set point less position is needed). Change it."
-        )
+def statistics_of(estimates: Sequence[Estimate]) -> Mapping[str, np.ndarray]:
+    """Statistics (N,) of the estimates by name; those that all of them have."""
+    if not estimates:
+        return {}
+    common = [
+        name for name in estimates[0].statistics if all(name in one.statistics for one in estimates)
+    ]
+    return {name: np.array([one.statistics[name] for one in estimates]) for name in common}

@@ -1,8 +1,8 @@
 """The promise that every optimiser keeps: ask for a batch, tell its costs.
 
 An optimiser knows a box, a population, the length of its schedule and a seed; it knows no
-objective, no budget and no clock. Those belong to the loop (:mod:`ematwin.optimizers.minimize`),
-so that one loop serves every method, on one core or on many.
+objective, no budget and no clock. Those belong to the loop (`ematwin.optimizers.minimize`), so that
+one loop serves every method, on one core or on many.
 """
 
 from __future__ import annotations
@@ -25,14 +25,17 @@ class Box:
 
     Parameters
     ----------
-    lower, upper : (d,) array
-        Finite, and ``lower < upper`` in every variable. Any unit: the optimisers work in the
-        user's own coordinates, because several of them are not indifferent to where zero lies.
+    lower, upper : (d,) array, finite, ``lower < upper`` in every variable, any unit
 
     Raises
     ------
     InputError
-        A bound is missing, not finite, or not below its partner.
+        If a bound is missing, not finite, or not below its partner.
+
+    Notes
+    -----
+    Optimisers work in the user's own coordinates, because several of them are not indifferent to
+    where zero lies.
     """
 
     lower: FloatArray
@@ -113,16 +116,14 @@ class Optimizer(ABC):
     Attributes
     ----------
     box : Box
-    population : int
-        Rows of every batch.
-    iterations : int
-        Length of the schedule: the batch number at which a method that narrows its search step
-        by step has narrowed it fully. Asking on is allowed; the schedule then holds its end.
+    population : int, rows of every batch
+    iterations : int, length of the schedule: the batch number at which a method that narrows its
+        search step by step has narrowed it fully; asked on, it holds the end of the schedule
     seed : int
 
     Notes
     -----
-    The promise, which :mod:`ematwin.testing.optimizer_contract` checks:
+    The promise, which `ematwin.testing.optimizer_contract` checks:
 
     - ``ask()`` gives a new (N, d) float64 array inside the box, N the same every time if
       ``constant_batch``. Asked twice without a tell between, it gives the same batch again.
@@ -147,8 +148,7 @@ class Optimizer(ABC):
 
         Returns
         -------
-        (N, d) array
-            Inside the box; the caller may change it.
+        (N, d) array, inside the box; the caller may change it
         """
 
     @abstractmethod
@@ -157,14 +157,13 @@ class Optimizer(ABC):
 
         Parameters
         ----------
-        points : (m, d) array
-            The batch as asked, or its first m rows.
+        points : (m, d) array, the batch as asked, or its first m rows
         costs : (m,) array
 
         Raises
         ------
         InputError
-            There is no batch to answer, or the shapes do not fit it.
+            If there is no batch to answer, or the shapes do not fit it.
         """
 
     def stop(self) -> str | None:
@@ -205,6 +204,15 @@ class PopulationOptimizer(Optimizer):
         self.iteration = 0
         self._rng = np.random.default_rng(self.seed)
         self._pending: FloatArray | None = None
+
+    @property
+    def rng(self) -> np.random.Generator:
+        """Source of all chance; another may take its place, one of known numbers for example."""
+        return self._rng
+
+    @rng.setter
+    def rng(self, generator: np.random.Generator) -> None:
+        self._rng = generator
 
     def ask(self) -> FloatArray:
         """Give the batch that waits for its costs, or move on to the next one."""

@@ -20,14 +20,10 @@ class Algorithm:
     ----------
     name : str
     title : str
-    source : str
-        Paper or library that it is.
-    origin : str
-        ``"ematwin"``, the library that an adapter drives, or the package of an entry point.
-    load : callable
-        Gives the factory; imports no other library.
-    requires : str or None
-        Package to import, None if it comes with ematwin.
+    source : str, the paper or library that it follows
+    origin : str, "ematwin", the library that an adapter drives, or the package of an entry point
+    load : callable, gives the factory; imports no other library
+    requires : str or None, package to import; None if it comes with ematwin
     aliases : tuple of str
     """
 
@@ -50,7 +46,7 @@ class Algorithm:
         Raises
         ------
         MissingExtraError
-            The library it needs is not installed.
+            If the library it needs is not installed.
         """
         if not self.installed:
             raise MissingExtraError(str(self.requires), EXTRA, f"The algorithm {self.name!r}")

@@ -5,40 +5,28 @@ A checkpoint is a pickle, and a pickle can run any code when it is read: read on
 
 from __future__ import annotations
 
-import os
 import pickle
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from ematwin.errors import FileError, InputError
+from ematwin.files import written_whole
 
 _FORMAT = "ematwin search checkpoint 1"
 
 
 def save(path: Path, identity: Mapping[str, Any], state: object) -> None:
-    """Write a checkpoint such that the file is at every moment the old one or the new one.
+    """Write a checkpoint: at every moment, power failures included, the file is whole.
 
     Raises
     ------
     FileError
-        The file cannot be written.
+        If the file cannot be written.
     """
     content = pickle.dumps((_FORMAT, dict(identity), state), protocol=pickle.HIGHEST_PROTOCOL)
-    try:
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix=".part")
-        try:
-            with os.fdopen(handle, "wb") as file:
-                file.write(content)
-                file.flush()
-                os.fsync(file.fileno())
-            Path(name).replace(path)
-        except BaseException:
-            Path(name).unlink(missing_ok=True)
-            raise
-    except OSError as error:
-        raise FileError(f"The checkpoint {path} cannot be written: {error}.") from error
+    with written_whole(path, durable=True, private=True) as draft:
+        draft.write_bytes(content)
 
 
 def load(path: Path, identity: Mapping[str, Any]) -> Any:
@@ -47,9 +35,9 @@ def load(path: Path, identity: Mapping[str, Any]) -> Any:
     Raises
     ------
     FileError
-        The file cannot be read or is not a checkpoint.
+        If the file cannot be read or is not a checkpoint.
     InputError
-        The checkpoint belongs to a search with other settings.
+        If the checkpoint belongs to a search with other settings.
     """
     try:
         content = path.read_bytes()
@@ -64,11 +52,14 @@ def load(path: Path, identity: Mapping[str, Any]) -> Any:
             f"The file {path} is not a checkpoint of ematwin, or is damaged."
         ) from error
     if form != _FORMAT:
-        raise FileError(f"The checkpoint {path} is of another version of ematwin: {form!r}.")
+        raise FileError(
+            f"The checkpoint {path} was written by another version of ematwin: {form!r}."
+        )
     for key, value in identity.items():
         if saved.get(key) != value:
             raise InputError(
-                f"The checkpoint {path} is of another search: its {key} is {saved.get(key)!r}, "
-                f"now {value!r} was asked for. Name another file, or delete this one."
+                f"The checkpoint {path} belongs to another search: its {key} is "
+                f"{saved.get(key)!r}, but {value!r} was asked for. "
+                "Name another file, or delete this one."
             )
     return state

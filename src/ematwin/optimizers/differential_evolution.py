@@ -11,13 +11,13 @@ The strategy is best/1 by default (the base vector is the best of all), F = 0.5,
 takes CR = 0.1 or 0.9: the two values that the paper names as first choices, for functions whose
 variables can be told apart and for those whose cannot.
 
-Departure: the paper keeps one CR for a run; :class:`Either` draws one of the two for each trial.
+Departure: the paper keeps one CR for a run; `Either` draws one of the two for each trial.
 All trials of a generation are made from the generation before it (synchronous), as in the paper.
 
 Departure: the paper has no bounds. A component that leaves the box comes back to a random place
 between that bound and the base vector, as in the authors' later program (Price, Storn and Lampinen
-2005, "bounce-back"), so that bounds attract no more than the costs there deserve. :class:`Clip`
-stops at the bound instead.
+2005, "bounce-back"), so that bounds attract no more than the costs there deserve. `Clip` stops at
+the bound instead.
 """
 
 from __future__ import annotations
@@ -178,17 +178,12 @@ class DifferentialEvolution(PopulationOptimizer):
     Parameters
     ----------
     box : Box
-    population, iterations, seed : int
-        ``iterations`` changes nothing: the method has no schedule.
-    strategy : Strategy
-        ``Best1()`` (default), ``Rand1()``, ``CurrentToBest1()``, ``Best2()``, or any object with
-        the same method.
-    F : float or Dither
-        Weight of the differences.
-    CR : float or Either
-        Share of components taken from the mutant.
-    bounds : BoundRule
-        ``BounceBack()`` (default) or ``Clip()``.
+    population, iterations, seed : int; ``iterations`` changes nothing: the method has no schedule
+    strategy : Strategy, ``Best1()`` (default), ``Rand1()``, ``CurrentToBest1()``, ``Best2()``, or
+        any object with the same method
+    F : float or Dither, weight of the differences, in (0, 2]
+    CR : float or Either, share of components taken from the mutant, in [0, 1]
+    bounds : BoundRule, ``BounceBack()`` (default) or ``Clip()``
     """
 
     minimum_population = 5  # four others are the most that a strategy here takes

@@ -80,16 +80,12 @@ class Binary:
 
     Attributes
     ----------
-    bits : int
-        The box becomes a grid of 2**bits points a variable, both bounds on it.
-    gray : bool
-        In Gray code neighbouring grid points differ in one bit; in plain code up to all do.
-    crossover : BitCrossover
-        ``OnePoint()`` (Holland's), ``TwoPoint()`` or ``Uniform()``.
-    crossed : float
-        Share of pairs that are crossed.
-    flipped : float, optional
-        Share of bits that mutation flips; one bit of each individual on average by default.
+    bits : int, 1 to 52: the box becomes a grid of 2**bits points a variable, both bounds on it
+    gray : bool, Gray code: neighbouring grid points differ in one bit; in plain code, in up to all
+    crossover : BitCrossover, ``OnePoint()`` (Holland's), ``TwoPoint()`` or ``Uniform()``
+    crossed : float, share of pairs that are crossed
+    flipped : float or None, share of bits that mutation flips; None: one bit of each individual on
+        average
     """
 
     bits: int = 16
@@ -132,10 +128,8 @@ class GeneticAlgorithm(PopulationOptimizer):
     Parameters
     ----------
     box : Box
-    population, iterations, seed : int
-        ``iterations`` changes nothing: the method has no schedule.
-    encoding : Encoding
-        ``Real()`` (default) or ``Binary()``.
+    population, iterations, seed : int; ``iterations`` changes nothing: the method has no schedule
+    encoding : Encoding, ``Real()`` (default) or ``Binary()``
     selection : Tournament
     """
 

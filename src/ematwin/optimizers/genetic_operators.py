@@ -48,12 +48,9 @@ class SimulatedBinary:
 
     Attributes
     ----------
-    eta : float
-        Larger keeps children nearer to their parents.
-    probability : float
-        Share of pairs that are crossed.
-    whole : float
-        Share of crossed pairs that are crossed as a whole.
+    eta : float, not negative; larger keeps children nearer to their parents
+    probability : float, share of pairs that are crossed
+    whole : float, share of crossed pairs that are crossed as a whole
     """
 
     eta: float = 1.0
@@ -103,10 +100,9 @@ class Polynomial:
 
     Attributes
     ----------
-    eta : float
-        Larger makes smaller steps.
-    per_variable : float, optional
-        Share of variables mutated; one variable of each individual on average by default.
+    eta : float, larger makes smaller steps
+    per_variable : float or None, share of variables mutated; None: one variable of each individual
+        on average
     """
 
     eta: float = 20.0

@@ -17,14 +17,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ematwin.errors import InputError
+from ematwin.errors import EmatwinError, InputError
 from ematwin.optimizers import checkpoint as checkpoints
 from ematwin.optimizers.base import Box, FloatArray, Optimizer, OptimizerFactory, whole_number
 from ematwin.optimizers.registry import resolve
 from ematwin.optimizers.stopping import Progress, Stop, StoppingCriterion, criteria
 
 Objective = Callable[[FloatArray], ArrayLike]
-"""(N, d) points to (N,) costs. Lower is better; NaN or infinite means "as bad as can be"."""
+"""(N, d) points to (N,) costs; or, with ``vectorized=False``, a (d,) point to its cost.
+
+Lower is better; NaN or infinite means "as bad as can be".
+"""
+
+_Evaluate = Callable[[FloatArray, bool], FloatArray]
+"""Points of a batch, and whether it is the first of the search, to costs."""
 
 POPULATION = 50
 ITERATIONS = 200
@@ -63,16 +69,12 @@ class MinimizeResult:
 
     Attributes
     ----------
-    x : (d,) array
-        Best point.
-    cost : float
-        Its cost.
+    x : (d,) array, best point
+    cost : float, its cost
     evaluations : int
     history : History
-    stopped : str
-        One of :class:`ematwin.optimizers.stopping.Stop`, or a method's own reason.
-    seconds : float
-        Wall time, objective included; over all sittings if resumed.
+    stopped : str, one of `Stop`, or a method's own reason
+    seconds : float, s, wall time, objective included; over all sittings if resumed
     algorithm : str
     seed : int
     """
@@ -121,6 +123,7 @@ def minimize(
     iterations: int = ITERATIONS,
     seed: int = 1,
     *,
+    vectorized: bool = True,
     budget: int | None = None,
     target: float | None = None,
     stagnation: int | None = None,
@@ -133,48 +136,48 @@ def minimize(
 
     Parameters
     ----------
-    objective : callable
-        ``(N, d)`` points to ``(N,)`` costs. NaN and infinity count as worst.
+    objective : callable, (N, d) points to (N,) costs; a (d,) point to its cost if not
+        ``vectorized``; NaN and infinity count as worst
     lower, upper : (d,) array
-    algorithm : str, factory or Optimizer
-        A name of :func:`ematwin.optimizers.registry.algorithms`; or a class or function
+    algorithm : a name of ``ematwin algorithms``; a class or function
         ``(box, *, population, iterations, seed)``, such as
         ``partial(ParticleSwarm, topology=Ring(2))``; or an optimiser not yet asked, whose own
-        population, iterations and seed then hold.
+        population, iterations and seed then hold
     population, iterations, seed : int
-        The budget is their product unless given.
-    budget : int, optional
-        Evaluations to spend, exactly; the last batch is cut short if need be. Methods with a
-        schedule spread it over this budget.
-    target : float, optional
-        Stop once the cost is at most this.
-    stagnation : int, optional
-        Stop once so many evaluations in a row have not lowered the cost.
-    stopping : iterable of StoppingCriterion
-        More criteria, asked after each batch.
-    callback : callable, optional
-        Receives a :class:`Progress` after each batch; returning True stops the search.
-    checkpoint : path, optional
-        File written during the search. If it is there already, the search goes on from it, and
-        gives the same result as one that was never interrupted.
-    checkpoint_every : int
-        Batches between two writings.
+    vectorized : bool, whether the objective takes a whole batch, one row per point
+    budget : int or None, evaluations to spend, exactly: the last batch is cut short if need be, and
+        methods with a schedule spread it over the budget; None: ``population * iterations``
+    target : float or None, stop once the cost is at most this
+    stagnation : int or None, stop once so many evaluations in a row have not lowered the cost
+    stopping : iterable of StoppingCriterion, more criteria, asked after each batch
+    callback : callable or None, receives a `Progress` after each batch; returning True stops the
+        search
+    checkpoint : path or None, file written during the search; if it is there already, the search
+        goes on from it, and gives the same result as one that was never interrupted
+    checkpoint_every : int, batches between two writings
 
     Returns
     -------
-    MinimizeResult
-        Also after Ctrl-C, with the best found until then and ``stopped == "interrupted"``.
+    MinimizeResult, also after Ctrl-C: the best found so far, ``stopped == "interrupted"``
 
     Raises
     ------
     InputError
-        A bound, a number, a name or the objective's answer cannot be used, or no cost was finite.
+        If a bound, a number, a name or the objective's answer cannot be used, or no cost was
+        finite.
     MissingExtraError
-        The algorithm is another library's, which is not installed.
+        If the algorithm is another library's, which is not installed.
     FileError
-        The checkpoint cannot be read or written.
+        If the checkpoint cannot be read or written.
+
+    Notes
+    -----
+    An objective of one point that is called with a batch gives itself away by the shape of its
+    answer, except where a batch has as many points as there are variables: the first batch is then
+    evaluated in two pieces. Each point is still evaluated once, in order.
     """
     box = Box(np.asarray(lower), np.asarray(upper))
+    evaluate = _batchwise(objective) if vectorized else _pointwise(objective)
     if isinstance(algorithm, Optimizer):
         population, iterations, seed = algorithm.population, algorithm.iterations, algorithm.seed
     population = whole_number(population, "population", 1)
@@ -206,13 +209,13 @@ def minimize(
         optimizer, np.full(box.dimension, np.nan)
     )
     try:
-        stopped = _run(search, objective, budget, ends, callback, path, checkpoint_every, identity)
+        stopped = _run(search, evaluate, budget, ends, callback, path, checkpoint_every, identity)
     finally:
         search.optimizer.close()
     if not math.isfinite(search.cost):
         raise InputError(
             f"The objective gave no finite cost in {search.evaluations} evaluations. "
-            "Check its answer at a point known to be sound."
+            "Check its value at a point known to be good."
         )
     evaluations, costs = zip(*search.history, strict=True)
     return MinimizeResult(
@@ -229,7 +232,7 @@ def minimize(
 
 def _run(
     search: _Search,
-    objective: Objective,
+    evaluate: _Evaluate,
     budget: int,
     ends: tuple[StoppingCriterion, ...],
     callback: Callable[[Progress], object] | None,
@@ -243,7 +246,7 @@ def _run(
     while stopped is None:
         started = time.perf_counter()
         try:
-            _batch(search, objective, budget)
+            _batch(search, evaluate, budget)
         except KeyboardInterrupt:
             if search.evaluations == 0:
                 raise
@@ -261,10 +264,10 @@ def _run(
     return stopped
 
 
-def _batch(search: _Search, objective: Objective, budget: int) -> None:
+def _batch(search: _Search, evaluate: _Evaluate, budget: int) -> None:
     """Spend one batch, or what is left of the budget."""
     points = search.optimizer.ask()[: budget - search.evaluations]
-    costs = _costs(objective, points)
+    costs = evaluate(points, search.evaluations == 0)
     ranked = np.where(np.isfinite(costs), costs, np.inf)
     best = int(np.argmin(ranked))
     # The books are closed before the optimiser learns, so that an interrupt during tell() loses
@@ -277,20 +280,77 @@ def _batch(search: _Search, objective: Objective, budget: int) -> None:
     search.optimizer.tell(points, costs)
 
 
-def _costs(objective: Objective, points: FloatArray) -> FloatArray:
-    answer = objective(points.copy())
+def _batchwise(objective: Objective) -> _Evaluate:
+    """Evaluate a whole batch in one call; the first also so that a mistake shows."""
+
+    def evaluate(points: FloatArray, first: bool) -> FloatArray:
+        # An objective of one point takes rows for variables and gives one number a column. Where
+        # there are as many rows as columns this looks right: a piece of the batch does not.
+        count, variables = points.shape
+        pieces = [points[:-1], points[-1:]] if first and count == variables > 1 else [points]
+        return np.concatenate([costs_of(piece, first) for piece in pieces])
+
+    def costs_of(points: FloatArray, first: bool) -> FloatArray:
+        try:
+            answer = _answer(objective, points.copy(), first, _ONE_POINT)
+        except IndexError as error:
+            if not first or len(points) >= points.shape[1]:
+                raise
+            raise InputError(
+                f"The objective failed at {len(points)} points of {points.shape[1]} variables: "
+                f"{error}. {_ONE_POINT}"
+            ) from error
+        if answer.shape != (len(points),):
+            raise InputError(
+                f"The objective must give one cost per point: for points of shape {points.shape} "
+                f"it gave shape {answer.shape}. {_ONE_POINT}"
+            )
+        return answer
+
+    return evaluate
+
+
+def _pointwise(objective: Objective) -> _Evaluate:
+    """Evaluate a batch point by point."""
+
+    def evaluate(points: FloatArray, first: bool) -> FloatArray:
+        return np.array([cost_of(point, first) for point in points])
+
+    def cost_of(point: FloatArray, first: bool) -> float:
+        answer = _answer(objective, point.copy(), first, _WHOLE_BATCH)
+        if answer.size != 1:
+            raise InputError(
+                f"The objective must give one cost: for a point of shape {point.shape} it gave "
+                f"shape {answer.shape}. {_WHOLE_BATCH}"
+            )
+        return float(answer.item())
+
+    return evaluate
+
+
+_ONE_POINT = (
+    "It receives a whole batch, one row per point; for an objective of one point give "
+    "vectorized=False."
+)
+_WHOLE_BATCH = (
+    "It receives one point at a time; for an objective of a whole batch leave out vectorized=False."
+)
+
+
+def _answer(objective: Objective, points: FloatArray, first: bool, advice: str) -> FloatArray:
+    """What the objective gives, as numbers."""
     try:
-        costs = np.asarray(answer, dtype=np.float64)
+        answer = objective(points)
+    except (IndexError, TypeError, ValueError) as error:
+        if first and not isinstance(error, EmatwinError):
+            error.add_note(advice)  # this mistake, perhaps; an error of its own stays what it is
+        raise
+    try:
+        return np.asarray(answer, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise InputError(
-            f"The objective must give numbers, received {type(answer).__name__}."
+            f"The objective must give numbers, received {type(answer).__name__}. {advice}"
         ) from error
-    if costs.shape != (len(points),):
-        raise InputError(
-            f"The objective must give one cost per point: for points of shape {points.shape} it "
-            f"gave shape {costs.shape}. It receives a whole batch, one row a point."
-        )
-    return costs
 
 
 def _reason(search: _Search, budget: int, ends: tuple[StoppingCriterion, ...]) -> str | None:

@@ -10,18 +10,18 @@ r1 and r2 are fresh for every particle and variable.
 Departure: the coefficients. The paper of 1995 has no inertia and both weights 2, with which the
 swarm does not settle and needs a speed limit. The default is Clerc's standard swarm of 2006 (Clerc,
 Particle Swarm Optimization, ISTE 2006): inertia 1 / (2 ln 2), both weights 1/2 + ln 2, with a speed
-limit of a fifth of the box. :data:`CONSTRICTION` and :data:`ORIGINAL_1995` are the older forms.
+limit of a fifth of the box. `CONSTRICTION` and `ORIGINAL_1995` are the older forms.
 Departure: the paper has no bounds. A particle that would leave the box stops at the bound and that
 component of its velocity is set to zero, as in Clerc's standard.
 Departure: who informs whom. In the paper every particle knows the best of all, and the swarm is
 soon in one place, right or wrong. The authors' second paper of that year (Eberhart and Kennedy
 1995, Proc. 6th Int. Symp. Micro Machine and Human Science, 39-43) has a ring beside it, which
 gathers more slowly and misses less. By default the ring grows during the run until it is the whole
-swarm, as :class:`GrowingRing` says; ``topology=Global()`` is the paper's form.
+swarm, as `GrowingRing` says; ``topology=Global()`` is the paper's form.
 Departure: craziness. The paper tells that a random disturbance of some particles, "craziness", was
-in the first programs and was dropped. It is on by default, as :class:`Craziness` says, because
-without it a swarm of 50 stays in a local valley of Rastrigin's function (``docs/optimizers.md``
-has the numbers); ``craziness=None`` is the paper's final form.
+in the first programs and was dropped. It is on by default, as `Craziness` says, because without it
+a swarm of 50 stays in a local valley of Rastrigin's function (``docs/optimizers.md`` has the
+numbers); ``craziness=None`` is the paper's final form.
 """
 
 from __future__ import annotations
@@ -87,8 +87,8 @@ class GrowingRing:
 
     Attributes
     ----------
-    power : float
-        The ring reaches progress ** power of the way to half the swarm on either side.
+    power : float, positive: the ring reaches progress ** power of the way to half the swarm on
+        either side
     """
 
     power: float = 2.0
@@ -113,12 +113,10 @@ class Coefficients:
 
     Attributes
     ----------
-    inertia : float
-        Factor of the old velocity, chi.
-    own, neighbours : float
-        Factors of the pull to the own and to the neighbours' best point, chi phi1 and chi phi2.
-    speed_limit : float
-        Largest speed in spans of the box per iteration; infinite for none.
+    inertia : float, factor of the old velocity, chi
+    own, neighbours : float, factors of the pull to the own and to the neighbours' best point,
+        chi phi1 and chi phi2
+    speed_limit : float, spans of the box per iteration, largest speed; infinite for none
     """
 
     inertia: float
@@ -149,10 +147,8 @@ class Craziness:
 
     Attributes
     ----------
-    share : float
-        Share of the swarm, rounded down; those whose own best point is worst.
-    mutation : Polynomial
-        How that point is disturbed; one variable on average.
+    share : float, share of the swarm, rounded down; those whose own best point is worst
+    mutation : Polynomial, how that point is disturbed; one variable on average
     """
 
     share: float = 0.1
@@ -172,8 +168,8 @@ class ParticleSwarm(PopulationOptimizer):
     ----------
     box : Box
     population, iterations, seed : int
-    topology : Topology
-        ``GrowingRing()`` (default), ``Global()``, ``Ring(k)``, or any object with the same method.
+    topology : Topology, ``GrowingRing()`` (default), ``Global()``, ``Ring(k)``, or any object with
+        the same method
     coefficients : Coefficients
     craziness : Craziness or None
     """

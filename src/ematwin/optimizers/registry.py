@@ -2,7 +2,7 @@
 
 Names are for the command line and for files; programs may pass classes and objects instead.
 A further method is registered by an entry point of the group ``ematwin.optimizers`` that names a
-class of :class:`Optimizer` or a function ``(box, *, population, iterations, seed)``.
+class of `Optimizer` or a function ``(box, *, population, iterations, seed)``.
 """
 
 from __future__ import annotations
@@ -167,7 +167,7 @@ def find(name: str) -> Algorithm:
     Raises
     ------
     InputError
-        There is none; the message suggests the closest names.
+        If there is none; the message suggests the closest names.
     """
     wanted = _normal(name)
     known: dict[str, Algorithm] = {}
@@ -194,9 +194,9 @@ def create(
     Raises
     ------
     InputError
-        The name is unknown or a number cannot be used.
+        If the name is unknown or a number cannot be used.
     MissingExtraError
-        The library that it needs is not installed.
+        If the library that it needs is not installed.
     """
     factory = find(name).factory()
     return factory(box, population=population, iterations=iterations, seed=seed)
@@ -218,7 +218,7 @@ def resolve(
     if isinstance(algorithm, Optimizer):
         if algorithm.box != box:
             raise InputError(
-                "The optimiser was made for another box than the bounds given here. "
+                "The optimiser was made for a different box from the bounds given here. "
                 "Make both from the same bounds."
             )
         return type(algorithm).__name__, algorithm
@@ -230,7 +230,7 @@ def resolve(
     if not isinstance(made, Optimizer):
         raise InputError(
             f"The factory {algorithm!r} must make an ematwin.optimizers.Optimizer, "
-            f"it made {type(made).__name__}."
+            f"but made {type(made).__name__}."
         )
     return type(made).__name__, made
 

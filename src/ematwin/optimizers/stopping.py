@@ -27,16 +27,11 @@ class Progress:
 
     Attributes
     ----------
-    evaluations : int
-        Points evaluated so far.
-    cost : float
-        Least finite cost so far; infinite if there was none.
-    improved_at : int
-        Evaluations after which ``cost`` last fell.
-    seconds : float
-        Wall time in this process, objective included.
-    budget : int
-        Evaluations that the search may spend.
+    evaluations : int, points evaluated so far
+    cost : float, least finite cost so far; infinite if there was none
+    improved_at : int, evaluations after which ``cost`` last fell
+    seconds : float, s, wall time in this process, objective included
+    budget : int, evaluations that the search may spend
     """
 
     evaluations: int

@@ -30,8 +30,7 @@ class Whale(PopulationOptimizer):
     ----------
     box : Box
     population, iterations, seed : int
-    spiral : float
-        The constant b of the logarithmic spiral.
+    spiral : float, the constant b of the logarithmic spiral
     """
 
     def __init__(

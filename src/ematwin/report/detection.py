@@ -2,8 +2,8 @@
 
 from typing import Any
 
+from ematwin.models.base import Reported
 from ematwin.monitoring.detect import Detection, Verdict, gathered_notes
-from ematwin.monitoring.measure import REPORTED
 from ematwin.report.figures import BLUE, GREY, ORANGE, stacked
 from ematwin.report.page import Row, Section, Table, render
 
@@ -13,6 +13,8 @@ _MOST_ROWS = 400  # of the table; the figures show all
 
 def detection_page(found: Detection) -> str:
     """HTML page: trend of index and magnitudes, table of runs, how healthy was learnt."""
+    calibration = found.calibration
+    reported = calibration.model.reported(calibration.actuator)
     alarms = [verdict for verdict in found.runs if verdict.alarm]
     names: dict[str, int] = {}
     for verdict in alarms:
@@ -28,9 +30,9 @@ def detection_page(found: Detection) -> str:
             text="A point for each run, its motions together. The band is where 95 % of healthy "
             "runs lie; bars are the same spread around the value. Above the dashed line the index "
             "raises an alarm.",
-            figure=trend_figure(found.runs),
+            figure=trend_figure(found.runs, reported),
         ),
-        Section("Runs", table=_table(found.runs[:_MOST_ROWS])),
+        Section("Runs", table=verdict_table(found.runs[:_MOST_ROWS])),
         Section("Each motion alone", figure=index_figure(found.motions)),
         Section("How healthy was learnt", facts=_facts(found)),
     ]
@@ -38,10 +40,10 @@ def detection_page(found: Detection) -> str:
     return render(f"{found.calibration.actuator.name}: condition", lead, sections, notes)
 
 
-def trend_figure(verdicts: tuple[Verdict, ...]) -> Any:
-    """Index and magnitudes over the runs."""
-    titles = ["Health index", *(name.capitalize() for name in REPORTED)]
-    units = ["", *("times healthy" if unit == "x" else unit for unit, _ in REPORTED.values())]
+def trend_figure(verdicts: tuple[Verdict, ...], reported: tuple[Reported, ...]) -> Any:
+    """Index and reported quantities over the runs."""
+    titles = ["Health index", *(one.name.replace("_", " ").capitalize() for one in reported)]
+    units = ["", *("times healthy" if one.logarithmic else one.unit for one in reported)]
     figure = stacked(titles, units, "run", 170 + 190 * len(titles))
     x = list(range(1, len(verdicts) + 1))
     texts = [_hover(verdict) for verdict in verdicts]
@@ -50,8 +52,8 @@ def trend_figure(verdicts: tuple[Verdict, ...]) -> Any:
         x=x, y=[v.threshold for v in verdicts], mode="lines", name="alarm limit",
         line={"color": GREY, "dash": "dash", "width": 1.2}, hoverinfo="skip", row=1, col=1,
     )  # fmt: skip
-    for row, name in enumerate(REPORTED, start=2):
-        values = [next(m for m in v.magnitudes if m.name == name) for v in verdicts]
+    for row, one in enumerate(reported, start=2):
+        values = [next(m for m in v.magnitudes if m.name == one.name) for v in verdicts]
         _band(figure, row, x, [m.healthy[0] for m in values], [m.healthy[1] for m in values])
         bars = {
             "type": "data", "symmetric": False, "color": GREY, "thickness": 1,
@@ -114,11 +116,17 @@ def _band(figure: Any, row: int, x: list[int], low: list[float], high: list[floa
 
 def _hover(verdict: Verdict) -> str:
     said = verdict.fault if verdict.alarm else "healthy"
-    return f"{verdict.name}<br>{said}, load {verdict.load:.0f} N"
+    one = verdict.covariate
+    return f"{verdict.name}<br>{said}" + ("" if one is None else f", {one.name} {one}")
 
 
-def _table(verdicts: tuple[Verdict, ...]) -> Table:
-    header = ["run", "verdict", "index / limit", *REPORTED, "load"]
+def verdict_table(verdicts: tuple[Verdict, ...]) -> Table:
+    """A row for each verdict."""
+    first = verdicts[0]
+    header = ["run", "verdict", "index / limit"]
+    header += [f"{m.name}, {m.unit}" if m.unit not in ("", "x") else m.name
+               for m in first.magnitudes]  # fmt: skip
+    header += [] if first.covariate is None else [first.covariate.name]
     rows = []
     for verdict in verdicts:
         by = f" (by {verdict.named_by})" if verdict.named_by else ""
@@ -129,7 +137,8 @@ def _table(verdicts: tuple[Verdict, ...]) -> Table:
         ]
         for m in verdict.magnitudes:
             cells.append(f"{m.value:.2f} ({m.low:.2f}–{m.high:.2f})")
-        cells.append(f"{verdict.load:.0f} N")
+        if verdict.covariate is not None:
+            cells.append(str(verdict.covariate))
         rows.append(Row(cells, marked=verdict.alarm))
     return Table(header, rows)
 
@@ -146,6 +155,6 @@ def _facts(found: Detection) -> dict[str, str]:
         f"day exceeds it with a probability of {100.0 * limits.false_alarm_rate:g} %",
         "not determined": ", ".join(facts.get("undetermined", [])) or "nothing",
         "names": "; ".join(f"{s.fault} from {s.source}" for s in calibration.signatures)
-        or "from physics alone: the magnitude furthest above its healthy spread",
+        or "from physics alone: the quantity furthest outside its healthy spread",
         "intervals": "95 %, from the scatter of healthy motions within and between runs",
     }

@@ -4,121 +4,144 @@ import math
 
 import numpy as np
 
-from ematwin.faults import FAULTS, HEALTHY
-from ematwin.identification.identify import Identification
-from ematwin.identification.objective import Objective
+from ematwin.estimation.identify import Identification
+from ematwin.estimation.significance import SMALLEST
+from ematwin.monitoring.detect import Detection
+from ematwin.recordings.recording import Recording
+from ematwin.report.detection import verdict_table
 from ematwin.report.figures import BLUE, GREY, ORANGE, line, stacked, styled
 from ematwin.report.page import Row, Section, Table, render
-from ematwin.signals.record import Record
 
 _SHOWN_POINTS = 20_000  # of a curve; more make the page slow and show nothing more
 
 
-def identification_page(found: Identification, record: Record) -> str:
-    """HTML page: faults, measured and fitted current, residual, convergence, provenance."""
+def identification_page(
+    found: Identification, record: Recording, judged: Detection | None = None
+) -> str:
+    """HTML page: faults, measured and fitted channels, residuals, convergence, provenance.
+
+    ``judged`` is the verdict against the actuator's healthy population, where there is one.
+    """
     sections = [
         Section("Faults", table=fault_table(found)),
         Section(figure=fault_bars(found)),
         Section(
-            "Measured and fitted current",
-            text="Both are low-passed alike. A residual with a pattern in it is something that the "
-            "twin does not know.",
+            "Measured and fitted",
+            text="Both went through the same filter. A pattern in the residual is something that "
+            "the twin does not model.",
             figure=fit_figure(found, record),
         ),
         Section("Convergence", figure=convergence_figure(found)),
         Section("How it was found", facts=_facts(found, record)),
     ]
+    if judged is not None:
+        table = verdict_table(judged.motions)
+        sections.insert(0, Section("Against the healthy population", table=table))
+    notes = [*(f"Assumed: {sentence}" for sentence in found.assumed), *found.warnings]
     return render(
-        f"{found.actuator.name}: identified faults", lead_sentence(found), sections, found.warnings
+        f"{found.actuator.name}: identified faults", lead_sentence(found), sections, notes
     )
 
 
 def lead_sentence(found: Identification) -> str:
     """The finding in one sentence."""
+    rows = {row.name: row for row in found.physical}
     named = []
-    for row in found.faults.physical(found.actuator):
-        index = FAULTS.index(row.name)
-        size = abs(row.normalised - HEALTHY[index])
-        error = found.standard_error.get(row.name, 0.0)
-        direction = row.name == "eccentricity_phase"
-        if size >= 0.02 and not direction and size > 3.0 * error and row.name in found.searched:
-            value = f"{row.value:.3g} {row.unit}".rstrip()
-            healthy = f"{row.healthy:.3g} {row.unit}".rstrip()
-            named.append(f"{row.name} {value} (healthy {healthy})")
-    what = "; ".join(named) if named else "no fault larger than 0.02 of its range"
-    return f"Found: {what}. The twin explains the current to {100.0 * found.relative_misfit:.2f} %."
+    for name in found.present:
+        row = rows[name]
+        value = f"{row.value:.3g} {row.unit}".rstrip()
+        healthy = f"{row.healthy:.3g} {row.unit}".rstrip()
+        named.append(f"{name} {value} (healthy {healthy})")
+    what = "; ".join(named) if named else f"no fault larger than {SMALLEST:g} of its range"
+    return f"Found: {what}. The twin explains the record to {100.0 * found.relative_misfit:.2f} %."
 
 
 def fault_table(found: Identification) -> Table:
-    """Each component with its standard error, physical value and healthy value."""
+    """Each value with its standard error, physical value and healthy value."""
+    errors = found.standard_error
     rows = []
-    for row in found.faults.physical(found.actuator):
-        searched = row.name in found.searched
-        error = found.standard_error.get(row.name, math.inf)
-        size = abs(row.normalised - HEALTHY[FAULTS.index(row.name)])
-        spread = f"± {error:.4f}" if math.isfinite(error) else "not determined"
+    for row in found.physical:
+        error = errors.get(row.name, math.inf)
+        spread = f"± {error:.2g}" if math.isfinite(error) else "not determined"
         cells = [
             row.name,
-            f"{row.normalised:.4f}",
-            spread if searched else "held",
+            f"{row.normalised:.4g}",
+            spread if row.name in found.searched else "held",
             f"{row.value:.4g} {row.unit}",
             f"{row.healthy:.4g} {row.unit}",
             row.meaning,
         ]
-        rows.append(Row(cells, marked=searched and size >= 0.02 and size > 3.0 * error))
+        rows.append(Row(cells, marked=row.name in found.present))
     header = ["fault", "k", "standard error", "value", "healthy", "meaning"]
     return Table(header, rows, last_is_text=True)
 
 
 def fault_bars(found: Identification):  # type: ignore[no-untyped-def]
-    """Bars of the normalised faults against the healthy values."""
+    """Bars of the values against the healthy ones, each as a share of its range."""
     from plotly.graph_objects import Figure
 
-    values = found.faults.vector
-    errors = [min(found.standard_error.get(name, 0.0), 1.0) for name in FAULTS]
+    unknowns = {one.name: one for one in found.model.unknowns(found.actuator)}
+    names = [name for name in found.values if name in unknowns]
+    errors = found.standard_error
+
+    def share(name: str, value: float) -> float:
+        return (value - unknowns[name].lower) / unknowns[name].width
+
     figure = Figure()
     figure.add_bar(
-        x=list(FAULTS),
-        y=values,
+        x=names,
+        y=[share(name, found.values[name]) for name in names],
         name="identified",
         marker_color=ORANGE,
-        error_y={"type": "data", "array": errors, "color": GREY},
+        error_y={
+            "type": "data",
+            "array": [min(errors.get(n, 0.0) / unknowns[n].width, 1.0) for n in names],
+            "color": GREY,
+        },
     )
     figure.add_scatter(
-        x=list(FAULTS),
-        y=HEALTHY,
+        x=names,
+        y=[share(name, unknowns[name].healthy) for name in names],
         name="healthy",
         mode="markers",
         marker={"symbol": "line-ew", "size": 46, "line": {"width": 3, "color": BLUE}},
     )
-    figure.update_yaxes(range=[-0.02, 1.02], title_text="k")
+    normalised = all(unknowns[n].lower == 0.0 and unknowns[n].upper == 1.0 for n in names)
+    figure.update_yaxes(range=[-0.02, 1.02], title_text="k" if normalised else "share of range")
     return styled(figure, 340)
 
 
-def fit_figure(found: Identification, record: Record):  # type: ignore[no-untyped-def]
-    """Measured and fitted equivalent current, and their difference."""
-    objective = Objective(record, found.actuator)
-    fitted = objective.responses(found.faults.vector[None])[0]
-    healthy = objective.responses(HEALTHY[None])[0]
+def fit_figure(found: Identification, record: Recording):  # type: ignore[no-untyped-def]
+    """Measured and fitted channels, and their differences."""
+    model = found.model
+    comparison = model.compare(record, found.actuator)
+    healthy_values = {**found.values, **_healthy_faults(found)}
+    both = {name: np.array([value, healthy_values[name]]) for name, value in found.values.items()}
+    answers = comparison.responses(both, 2)
+    measured = comparison.measured()
+    captions = comparison.captions()
     thin = slice(None, None, max(1, len(record) // _SHOWN_POINTS))
     t = record.time[thin]
-    kind = "magnitude" if objective.rectify else "signed"
-    figure = stacked(
-        [f"Equivalent current ({kind}, {objective.low_pass.cutoff:g} Hz low-pass)", "Residual"],
-        ["A", "A"],
-        "time, s",
-        height=560,
-    )
-    line(figure, 1, t, healthy[thin], "healthy twin", BLUE, dash="dot")
-    line(figure, 1, t, objective.target[thin], "measured", GREY)
-    line(figure, 1, t, fitted[thin], "fitted", ORANGE)
-    line(figure, 2, t, (objective.target - fitted)[thin], "measured - fitted", GREY)
+    titles = [text for name in measured for text in (captions[name][0], "Residual")]
+    units = [captions[name][1] for name in measured for _ in range(2)]
+    figure = stacked(titles, units, "time, s", height=280 * len(titles))
+    for n, (name, target) in enumerate(measured.items()):
+        fitted, healthy = answers[name]
+        line(figure, 2 * n + 1, t, healthy[thin], "healthy twin", BLUE, dash="dot")
+        line(figure, 2 * n + 1, t, target[thin], "measured", GREY)
+        line(figure, 2 * n + 1, t, fitted[thin], "fitted", ORANGE)
+        line(figure, 2 * n + 2, t, (target - fitted)[thin], "measured - fitted", GREY)
     return figure
+
+
+def _healthy_faults(found: Identification) -> dict[str, float]:
+    """Healthy values of the faults; nuisances stay as they were found."""
+    return {one.name: one.healthy for one in found.model.faults(found.actuator)}
 
 
 def convergence_figure(found: Identification):  # type: ignore[no-untyped-def]
     """Best cost over evaluations."""
-    figure = stacked(["Best misfit so far"], ["A s"], "simulations", height=340)
+    figure = stacked(["Best misfit so far"], ["misfit"], "simulations", height=340)
     evaluations, cost = found.history.T
     finite = np.isfinite(cost)
     line(figure, 1, evaluations[finite], cost[finite], found.algorithm, BLUE, shape="hv")
@@ -126,7 +149,7 @@ def convergence_figure(found: Identification):  # type: ignore[no-untyped-def]
     return figure
 
 
-def _facts(found: Identification, record: Record) -> dict[str, str]:
+def _facts(found: Identification, record: Recording) -> dict[str, str]:
     source = found.provenance
     facts = {
         "record": str(source.get("file") or f"{source.get('source')} {source.get('model', '')}"),
@@ -135,11 +158,11 @@ def _facts(found: Identification, record: Record) -> dict[str, str]:
         "algorithm": f"{found.algorithm}, seed {found.seed}",
         "simulations": f"{found.evaluations} in {found.seconds:.2f} s",
         "stopped": found.stopped,
-        "misfit": f"{found.cost:.4g} A s; {100.0 * found.relative_misfit:.2f} % of the current",
+        "misfit": f"{found.cost:.4g}; {100.0 * found.relative_misfit:.2f} %",
         "standard errors": "widened to cover the twin's own error as it was measured on simulated "
         "records; a lower bound where the real actuator differs more",
     }
-    for name in ("columns", "assumed", "changed"):
+    for name in ("columns", "changed"):
         if source.get(name):
             facts[name] = str(source[name])
     return facts

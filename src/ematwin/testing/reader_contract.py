@@ -13,6 +13,7 @@ and is found by `ematwin.read` through the entry point group ``ematwin.readers``
 
 import hashlib
 from abc import ABC, abstractmethod
+from datetime import datetime
 from pathlib import Path
 from typing import ClassVar
 
@@ -20,9 +21,9 @@ import numpy as np
 import pytest
 
 from ematwin.errors import EmatwinError, FileError
-from ematwin.readers.recording import Recording, open_recording
-from ematwin.readers.records import read
-from ematwin.signals.record import UNITS
+from ematwin.models.bldc.channels import UNITS
+from ematwin.models.reading import read
+from ematwin.recordings.formats.base import RecordedFile, open_file
 
 
 def bench_channels(duration: float = 0.1, sample_rate: float = 20_000.0) -> dict[str, np.ndarray]:
@@ -35,8 +36,7 @@ def bench_channels(duration: float = 0.1, sample_rate: float = 20_000.0) -> dict
 
     Returns
     -------
-    dict of (S,) arrays
-        Time, a sweep as command, and three currents that sum to zero.
+    dict of (S,) arrays, time, a sweep as command, and three currents that sum to zero
     """
     time = np.arange(round(duration * sample_rate)) / sample_rate
     command = 0.005 * np.sin(2.0 * np.pi * (5.0 + 20.0 * time) * time)
@@ -56,9 +56,9 @@ class ReaderContract(ABC):
     def write(self, path: Path, channels: dict[str, np.ndarray], units: dict[str, str]) -> None:
         """Write channels, (S,) float64 arrays of one length, with the library of the format."""
 
-    def open(self, path: Path) -> Recording:
+    def open(self, path: Path) -> RecordedFile:
         """Open a file; for readers that are not installed as an entry point."""
-        return open_recording(path)
+        return open_file(path)
 
     @pytest.fixture
     def channels(self) -> dict[str, np.ndarray]:
@@ -74,18 +74,18 @@ class ReaderContract(ABC):
 
     def test_every_channel_has_one_name(self, path: Path, channels: dict[str, np.ndarray]) -> None:
         """Names are unique; those of the channels are the last parts of them."""
-        with self.open(path) as recording:
-            assert len(set(recording.names)) == len(recording.names)
-            for name in _found(recording, channels):
-                assert name in recording.names
+        with self.open(path) as file:
+            assert len(set(file.names)) == len(file.names)
+            for name in _found(file, channels):
+                assert name in file.names
 
     def test_values_come_back(self, path: Path, channels: dict[str, np.ndarray]) -> None:
         """To the last bit, as float64."""
-        with self.open(path) as recording:
-            names = _found(recording, channels)
-            values = recording.read(names)
+        with self.open(path) as file:
+            names = _found(file, channels)
+            values = file.read(names)
             assert list(values) == names
-            for name, wanted in zip(names, _wanted(recording, channels), strict=True):
+            for name, wanted in zip(names, _wanted(file, channels), strict=True):
                 assert values[name].dtype == np.float64
                 np.testing.assert_array_equal(values[name], wanted)
 
@@ -93,35 +93,35 @@ class ReaderContract(ABC):
         self, path: Path, channels: dict[str, np.ndarray]
     ) -> None:
         """And in the order in which they were asked for."""
-        with self.open(path) as recording:
-            wanted = _found(recording, channels)[:0:-2]
-            assert list(recording.read(wanted)) == wanted
+        with self.open(path) as file:
+            wanted = _found(file, channels)[:0:-2]
+            assert list(file.read(wanted)) == wanted
 
     def test_arrays_belong_to_the_caller(self, path: Path, channels: dict[str, np.ndarray]) -> None:
         """What the caller does to them does not show in the next reading."""
-        with self.open(path) as recording:
-            name = _found(recording, channels)[-1]
-            first = recording.read([name])[name]
+        with self.open(path) as file:
+            name = _found(file, channels)[-1]
+            first = file.read([name])[name]
             before = first.copy()
             first[:] = -1.0
-            np.testing.assert_array_equal(recording.read([name])[name], before)
+            np.testing.assert_array_equal(file.read([name])[name], before)
 
     def test_texts_are_the_values_as_labels(
         self, path: Path, channels: dict[str, np.ndarray]
     ) -> None:
         """One for each sample, in the order of the file, equal where the values are equal."""
-        with self.open(path) as recording:
-            for name in _found(recording, channels):
-                texts = recording.texts(name)
+        with self.open(path) as file:
+            for name in _found(file, channels):
+                texts = file.texts(name)
                 assert all(isinstance(text, str) for text in texts)
                 seen = [float(text.replace(",", ".")) for text in texts]
                 np.testing.assert_allclose(seen, channels[_plain(name)], rtol=1e-5, atol=1e-12)
 
     def test_units_are_those_of_the_file(self, path: Path, channels: dict[str, np.ndarray]) -> None:
         """As text, or None where the file states none."""
-        with self.open(path) as recording:
-            for name in _found(recording, channels):
-                stated = recording.unit(name)
+        with self.open(path) as file:
+            for name in _found(file, channels):
+                stated = file.unit(name)
                 key = _plain(name)
                 assert stated == (UNITS[key] if self.states_units else None)
 
@@ -129,18 +129,26 @@ class ReaderContract(ABC):
         self, path: Path, channels: dict[str, np.ndarray]
     ) -> None:
         """With as many times as samples, where the format knows times."""
-        with self.open(path) as recording:
-            keys = {recording.time_base(name) for name in _found(recording, channels)}
+        with self.open(path) as file:
+            keys = {file.time_base(name) for name in _found(file, channels)}
             assert len(keys) == 1
-            time = recording.base_time(keys.pop())
+            time = file.base_time(keys.pop())
             if time is not None:
                 np.testing.assert_allclose(time, channels["time"], rtol=0.0, atol=1e-9)
+
+    def test_the_start_is_a_moment_or_unknown(self, path: Path) -> None:
+        """And so are the moments at which channels of calendar times begin."""
+        with self.open(path) as file:
+            file.read(file.names)
+            assert file.start is None or isinstance(file.start, datetime)
+            assert all(isinstance(moment, datetime) for moment in file.clocks.values())
+            assert set(file.clocks) <= set(file.names)
 
     def test_progress_rises_to_one(self, path: Path, channels: dict[str, np.ndarray]) -> None:
         """It is a share, never falls, and ends at 1."""
         seen: list[float] = []
-        with self.open(path) as recording:
-            recording.read(_found(recording, channels), seen.append)
+        with self.open(path) as file:
+            file.read(_found(file, channels), seen.append)
         assert seen == sorted(seen)
         assert seen[0] >= 0.0
         assert seen[-1] == pytest.approx(1.0)
@@ -158,15 +166,15 @@ class ReaderContract(ABC):
     ) -> None:
         """Byte for byte, and nothing is put beside it."""
         before = hashlib.sha256(path.read_bytes()).digest()
-        with self.open(path) as recording:
-            recording.read(_found(recording, channels))
+        with self.open(path) as file:
+            file.read(_found(file, channels))
         assert hashlib.sha256(path.read_bytes()).digest() == before
         assert [file.name for file in path.parent.iterdir()] == [path.name]
 
     def test_closing_twice_is_allowed(self, path: Path) -> None:
         """As a context manager closes what was closed before."""
-        with self.open(path) as recording:
-            recording.close()
+        with self.open(path) as file:
+            file.close()
 
     def test_a_missing_file_is_refused(self, tmp_path: Path) -> None:
         """In one sentence that names it."""
@@ -209,21 +217,21 @@ class ReaderContract(ABC):
             return str(error)
 
     def _read_all(self, path: Path) -> list[str]:
-        with self.open(path) as recording:
-            recording.read(recording.names)
-            for key in {recording.time_base(name) for name in recording.names}:
-                recording.base_time(key)
-            return recording.assumed
+        with self.open(path) as file:
+            file.read(file.names)
+            for key in {file.time_base(name) for name in file.names}:
+                file.base_time(key)
+            return file.assumed
 
 
 def _plain(name: str) -> str:
     return name.replace(".", "/").split("/")[-1]
 
 
-def _found(recording: Recording, channels: dict[str, np.ndarray]) -> list[str]:
+def _found(file: RecordedFile, channels: dict[str, np.ndarray]) -> list[str]:
     """Full names of the channels that were written, time left out where it is no channel."""
-    return [name for name in recording.names if _plain(name) in channels]
+    return [name for name in file.names if _plain(name) in channels]
 
 
-def _wanted(recording: Recording, channels: dict[str, np.ndarray]) -> list[np.ndarray]:
-    return [channels[_plain(name)] for name in _found(recording, channels)]
+def _wanted(file: RecordedFile, channels: dict[str, np.ndarray]) -> list[np.ndarray]:
+    return [channels[_plain(name)] for name in _found(file, channels)]

@@ -17,11 +17,12 @@ from pathlib import Path
 import pytest
 from sqlalchemy import text
 
+from ematwin.comparison.study import schema
+from ematwin.comparison.study.database import Database
+from ematwin.comparison.study.plan import Plan
+from ematwin.comparison.study.run import RunResult, RunSpec, StoredRun
+from ematwin.comparison.study.store import Store, open_store
 from ematwin.errors import FileError
-from ematwin.study import schema
-from ematwin.study.plan import Plan
-from ematwin.study.run import RunResult, RunSpec, StoredRun
-from ematwin.study.store import Store, open_store
 
 
 def small_plan(**changes: object) -> Plan:
@@ -123,7 +124,7 @@ class StoreContract(ABC):
         with Store(where, owner="elsewhere 1 x") as other:
             other.claim(ids)
             assert not store.claim(ids)
-            monkeypatch.setattr("ematwin.study.store.time.time", lambda: 9e9)
+            monkeypatch.setattr("ematwin.comparison.study.store.time.time", lambda: 9e9)
             assert store.claim(ids) == set(ids)
 
     def test_a_dead_process_holds_no_claims(
@@ -134,7 +135,7 @@ class StoreContract(ABC):
         ids = [spec.id for spec in specs]
         with Store(where, owner="gone") as other:
             other.claim(ids)
-        monkeypatch.setattr("ematwin.study.store.is_dead", lambda owner: owner == "gone")
+        monkeypatch.setattr("ematwin.comparison.study.store.is_dead", lambda owner: owner == "gone")
         assert store.claim(ids) == set(ids)
 
     def test_another_study_is_refused(self, store: Store, where: str | Path) -> None:
@@ -160,7 +161,7 @@ class StoreContract(ABC):
 
     def test_a_newer_schema_is_refused(self, store: Store, where: str | Path) -> None:
         """What a newer ematwin wrote is not touched."""
-        self._execute(store, "UPDATE ematwin_study SET value = '99' WHERE key = 'schema'")
+        _execute(where, "UPDATE ematwin_study SET value = '99' WHERE key = 'schema'")
         with pytest.raises(FileError, match="has schema 99"):
             open_store(where)
 
@@ -180,17 +181,17 @@ class StoreContract(ABC):
             with Store(where) as again:
                 again.begin(small_plan().settings())
                 assert [run.spec.id for run in again.runs()] == [specs[0].id]
-        self._execute(store, "UPDATE ematwin_runs SET note = 'new'")
+        _execute(where, "UPDATE ematwin_runs SET note = 'new'")
 
     def test_other_tables_are_left_alone(self, store: Store, where: str | Path) -> None:
         """A database of something else is refused."""
         names = [table.name for table in schema.metadata.sorted_tables]
         for name in names:
-            self._execute(store, f"DROP TABLE {name}")
-        self._execute(store, "CREATE TABLE customers (id INTEGER)")
+            _execute(where, f"DROP TABLE {name}")
+        _execute(where, "CREATE TABLE customers (id INTEGER)")
         with pytest.raises(FileError, match=r"not a study store.*customers"):
             Store(where)
-        self._execute(store, "DROP TABLE customers")
+        _execute(where, "DROP TABLE customers")
 
     def test_runs_can_be_saved_while_others_are_read(
         self, store: Store, where: str | Path, specs: list[RunSpec]
@@ -203,6 +204,11 @@ class StoreContract(ABC):
             store.save([some_run(specs[3])])
             assert len(list(reading)) >= 2
 
-    @staticmethod
-    def _execute(store: Store, statement: str) -> None:
-        store._database.write(lambda connection: connection.execute(text(statement)))
+
+def _execute(where: str | Path, statement: str) -> None:
+    """Change the database behind the store's back."""
+    database = Database(where)
+    try:
+        database.write(lambda connection: connection.execute(text(statement)))
+    finally:
+        database.close()

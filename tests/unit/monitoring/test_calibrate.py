@@ -1,17 +1,16 @@
 """Calibration: parameters, population and thresholds from healthy motions."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
+import ematwin
 from ematwin.errors import InputError, RecordError
-from ematwin.monitoring.calibrate import calibrate, sources_of
+from ematwin.estimation.nominal import fit_nominal
+from ematwin.models.ball_screw.model import MODEL
+from ematwin.monitoring.calibrate import calibrate
 from ematwin.monitoring.calibration import Calibration
 from ematwin.monitoring.detect import detect
 from ematwin.monitoring.index import single_reach
-from ematwin.monitoring.measure import REPORTED
-from ematwin.monitoring.nominal import FITTED, MeanMotion, fit_nominal
 from made_up_rig import TRUTH, command, healthy_runs, motion, rig, run, template
 
 SET_POINT, INTERVAL = command()
@@ -29,9 +28,8 @@ def refusal(motions, kind=RecordError, **options) -> str:
 # Nominal parameters
 
 
-def mean_of(**changed) -> MeanMotion:
-    one = motion(**changed)
-    return MeanMotion(one.current, one.position_error)
+def mean_of(**changed):
+    return MODEL.compare(motion(**changed), template())
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +39,7 @@ def fitted():
         mean_of(seed=n, load=load, noise=(2e-3, 2e-5))
         for n, load in enumerate((-400.0, 0.0, 400.0, 800.0))
     ]
-    return fit_nominal(template(), SET_POINT, INTERVAL, means)
+    return fit_nominal(MODEL, template(), means)
 
 
 @pytest.mark.parametrize("place", TRUTH)
@@ -59,24 +57,35 @@ def test_a_template_that_is_off_is_fitted_to_the_rig(fitted, place):
 
 def test_what_is_not_fitted_stays_the_template(fitted):
     actuator, parameters = fitted
-    assert [p.place for p in parameters] == list(FITTED)
+    assert [p.place for p in parameters] == list(MODEL.nominal)
     before = {place: value for place, value, *_ in template().parameters()}
     for place, value, *_ in actuator.parameters():
-        if place not in FITTED:
+        if place not in MODEL.nominal:
             assert value == before[place], place
 
 
 def test_what_motions_do_not_tell_is_said_and_held_by_the_template():
     """Without load nothing can be said of the efficiencies."""
-    actuator, parameters = fit_nominal(template(), SET_POINT, INTERVAL, [mean_of(load=0.0)])
+    actuator, parameters = fit_nominal(MODEL, template(), [mean_of(load=0.0)])
     determined = {p.place: p.determined for p in parameters}
     for place in ("screw.efficiency_opposing", "screw.efficiency_aiding"):
         assert not determined[place]
         (found,) = [p for p in parameters if p.place == place]
-        assert found.value == pytest.approx(found.template, rel=2.0 * (1.0 - 1.0 / 1.3))
+        assert found.value == found.template
+        assert found.standard_error > 0.0
     assert determined["screw.friction_force"]
     assert actuator.screw.efficiency_opposing <= 1.0
     assert actuator.screw.efficiency_aiding <= 1.0
+
+
+def test_a_parameter_that_the_template_holds_at_zero_stays_there():
+    """Its logarithm could not be fitted."""
+    proportional = template().changed({"controller.integral_gain": 0.0})
+    comparisons = [MODEL.compare(motion(seed=n, load=300.0 * n), proportional) for n in range(2)]
+    actuator, parameters = fit_nominal(MODEL, proportional, comparisons)
+    (found,) = [p for p in parameters if p.place == "controller.integral_gain"]
+    assert (found.value, found.determined) == (0.0, False)
+    assert actuator.controller.integral_gain == 0.0
 
 
 # Calibration
@@ -94,7 +103,7 @@ def test_the_calibrated_actuator_is_the_rig(report):
 def test_the_spread_is_that_of_the_healthy_days(report):
     """Friction differs by 2 % from day to day, gain by 1 %, backlash by a fifth."""
     spread = report.run_spread
-    assert set(spread) == set(REPORTED)
+    assert list(spread) == ["friction", "backlash", "gain", "roughness"]
     assert 0.01 < spread["friction"][1] < 0.04
     assert 0.004 < spread["gain"][1] < 0.02
     for name in ("friction", "gain"):
@@ -108,11 +117,11 @@ def test_a_calibration_says_what_it_learnt_from(report):
     assert report.held_back == facts["held_back"] == ["6", "7", "8", "9"]
     assert facts["motions"] == 36
     assert facts["template"] == "rm1605"
-    low, high = report.calibration.load_range
+    low, high = report.calibration.covariate_range
     assert -250.0 < low < 0.0
     assert 200.0 < high < 450.0
-    sources = sources_of(report)
-    assert set(sources) == set(FITTED)
+    sources = report.sources
+    assert set(sources) == set(MODEL.nominal)
     assert "calibrated on healthy runs 1, 2, 3, 4, 5" in sources["screw.friction_force"]
     for p in report.parameters:
         assert ("not determined" in sources[p.place]) == (not p.determined)
@@ -128,11 +137,13 @@ def test_thresholds_are_above_health_and_within_reach_of_a_fault(report):
 
 def test_a_calibration_that_was_saved_is_the_same(report, tmp_path):
     path = tmp_path / "rig.toml"
-    report.calibration.save(path, sources_of(report))
+    report.save(path)
     again = Calibration.load(path)
     assert again.actuator.fingerprint == report.calibration.actuator.fingerprint
     assert again.thresholds == report.calibration.thresholds
     np.testing.assert_allclose(again.discrepancy, report.calibration.discrepancy, rtol=1e-8)
+    sources = {place: source for place, *_, source in again.actuator.parameters()}
+    assert sources["screw.friction_force"] == report.sources["screw.friction_force"]
 
 
 def test_the_order_of_motions_within_runs_and_who_asks_for_progress_change_nothing():
@@ -149,6 +160,41 @@ def test_the_order_of_motions_within_runs_and_who_asks_for_progress_change_nothi
         assert other.value == pytest.approx(one.value, rel=1e-4), one.place
     assert seen == sorted(seen)
     assert seen[-1] == 1.0
+
+
+def test_files_do_for_recordings(tmp_path):
+    """In one table, or a file for each run."""
+    motions = healthy_runs(3, motions=1)
+    ematwin.write(motions, tmp_path / "all.csv")
+    paths = []
+    for number in ("1", "2", "3"):
+        own = [one for one in motions if one.run == number]
+        labels = [{k: v for k, v in one.labels.items() if k != "run"} for one in own]
+        own = [one.changed(labels=said) for one, said in zip(own, labels, strict=True)]
+        paths.append(tmp_path / f"day{number}.parquet")
+        ematwin.write(own, paths[-1])
+    first, table, files = calibrate(motions), calibrate(tmp_path / "all.csv"), calibrate(paths)
+    assert first.learnt == table.learnt == ["1", "2"]
+    assert files.learnt == ["day1.parquet", "day2.parquet"]
+    for other in (table, files):
+        for one, again in zip(first.parameters, other.parameters, strict=True):
+            assert again.value == pytest.approx(one.value, rel=1e-5), one.place
+    found = detect(tmp_path / "all.csv", table.calibration)
+    assert [verdict.name for verdict in found.runs] == [
+        verdict.name.removeprefix("all.csv ") for verdict in detect(motions, first.calibration).runs
+    ]
+    with pytest.raises(InputError, match="No recording was given"):
+        calibrate([])
+    with pytest.raises(InputError, match="received float"):
+        calibrate([1.5])
+
+
+def test_runs_of_single_motions_scatter_by_their_standard_errors():
+    """One motion a load: what differs within a run cannot be seen."""
+    calibration = calibrate(healthy_runs(4, first=7, motions=1)).calibration
+    names = calibration.layout.names
+    for name, (least, most) in {"friction": (2e-3, 2e-2), "gain": (1e-3, 2e-2)}.items():
+        assert least < calibration.population.within[names.index(name)] < most
 
 
 # What cannot be learnt from
@@ -204,16 +250,16 @@ def test_a_faulty_run_among_the_healthy_is_named(fault):
     motions = [*healthy_runs(4), *run(66, **fault), *healthy_runs(1, 5)]
     text = refusal(motions)
     assert text.startswith("Run 66 is unlike the other 5 healthy runs")
-    assert "leave it out (--where)" in text
+    assert "leave it out" in text
 
 
 def test_a_motion_of_another_command_is_refused():
     motions = healthy_runs(3, motions=1)
-    motions[4] = replace(motions[4], set_point=0.5 * SET_POINT)
+    motions[4] = motions[4].changed(set_point=0.5 * SET_POINT)
     text = refusal(motions)
     assert "run 3, motion 1 follows another command" in text
 
 
 def test_a_recording_whose_rate_is_no_multiple_of_the_step_is_refused():
-    motions = [replace(one, time=0.825 * one.time) for one in healthy_runs(3, motions=1)]
-    assert "no whole number of steps" in refusal(motions)
+    motions = [one.changed(time=0.825 * one.time) for one in healthy_runs(3, motions=1)]
+    assert "not a whole number of steps" in refusal(motions)

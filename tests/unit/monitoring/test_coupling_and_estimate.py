@@ -1,25 +1,18 @@
-"""What is measured on one motion: shared noise of the sensors, magnitudes, residuals."""
-
-from dataclasses import replace
+"""What is measured on one motion: shared noise of the sensors, values, residuals."""
 
 import numpy as np
 import pytest
 
 from ematwin.errors import InputError, RecordError
-from ematwin.monitoring.coupling import coupling, decoupled_current
-from ematwin.monitoring.features import Layout
-from ematwin.monitoring.measure import REPORTED, Bench, check_alike, reported_values
-from ematwin.monitoring.phases import phases
-from ematwin.monitoring.simulate import simulate_motion
-from ematwin.monitoring.twin import MAGNITUDES
+from ematwin.models.ball_screw.coupling import coupling, decoupled
+from ematwin.models.ball_screw.model import MODEL
+from ematwin.models.ball_screw.simulate import simulate_motion
+from ematwin.monitoring.measure import Bench, check_alike, reported_values
+from ematwin.recordings.phases import calm
 from made_up_rig import NOISE, command, motion, rig
 
 SET_POINT, INTERVAL = command()
-LAYOUT = Layout.of(phases(SET_POINT, INTERVAL, 1.4))
-CALM = np.zeros(SET_POINT.size, dtype=bool)
-for phase in LAYOUT.phases:
-    if phase.steady:
-        CALM[phase.samples] = True
+CALM = calm(SET_POINT, INTERVAL, 1.4)
 
 
 def coupled(share: float, seed: int = 0):
@@ -28,11 +21,17 @@ def coupled(share: float, seed: int = 0):
     noise = random.normal(0.0, 2e-4, SET_POINT.size)
     clean = motion(noise=(0.0, 0.0))
     own = random.normal(0.0, 0.005, SET_POINT.size)
-    return replace(
-        clean,
-        position_error=clean.position_error + noise,
-        current=clean.current + own + share * noise,
+    return clean.changed(
+        position_error=clean.position_error + noise, current=clean.current + own + share * noise
     )
+
+
+def share_of(one) -> float:
+    return coupling(one.current, one.position_error, CALM)
+
+
+def freed(one) -> np.ndarray:
+    return decoupled(one.current, one.position_error, share_of(one))
 
 
 # Coupling
@@ -40,7 +39,7 @@ def coupled(share: float, seed: int = 0):
 
 @pytest.mark.parametrize("share", [-300.0, -50.0, 0.0, 50.0, 300.0])
 def test_the_share_that_sensors_have_in_common_is_recovered(share):
-    found = [coupling(coupled(share, seed), CALM) for seed in range(20)]
+    found = [share_of(coupled(share, seed)) for seed in range(20)]
     assert np.mean(found) == pytest.approx(share, abs=3.0)
     assert np.std(found) < 8.0
 
@@ -48,30 +47,78 @@ def test_the_share_that_sensors_have_in_common_is_recovered(share):
 def test_wear_is_no_coupling():
     """What the actuator does slowly is not what sensors share at once."""
     for changed in ({}, {"friction": 1.5}, {"backlash": 1e-3}, {"load": 300.0}):
-        assert abs(coupling(motion(noise=(1e-6, 1e-6), **changed), CALM)) < 60.0, changed
+        assert abs(share_of(motion(noise=(1e-6, 1e-6), **changed))) < 60.0, changed
 
 
 def test_the_decoupled_current_does_not_depend_on_the_sign_of_the_share():
     alone = coupled(0.0)
     for share in (-300.0, 300.0):
         one = coupled(share)
-        freed = decoupled_current(one, coupling(one, CALM))
         before = np.diff(one.current - alone.current, 2)
-        after = np.diff(freed - decoupled_current(alone, coupling(alone, CALM)), 2)
+        after = np.diff(freed(one) - freed(alone), 2)
         assert np.std(after[CALM[2:]]) < 0.1 * np.std(before[CALM[2:]])
 
 
 def test_a_silent_position_sensor_shares_nothing():
-    one = replace(motion(), position_error=np.zeros(SET_POINT.size))
-    assert coupling(one, CALM) == 0.0
-    np.testing.assert_array_equal(decoupled_current(one, 0.0), one.current)
+    one = motion().changed(position_error=np.zeros(SET_POINT.size))
+    assert share_of(one) == 0.0
+    np.testing.assert_array_equal(decoupled(one.current, one.position_error, 0.0), one.current)
 
 
-# Magnitudes
+def test_a_comparison_measures_the_coupling_and_takes_it_out():
+    one = coupled(300.0)
+    comparison = MODEL.compare(one, rig(), settling_time=1.4)
+    assert comparison.statistics == {"sensor_coupling": share_of(one)}
+    assert [s.name for s in MODEL.statistics] == ["sensor_coupling"]
+    np.testing.assert_array_equal(comparison.measured()["current"], freed(one))
+    np.testing.assert_array_equal(comparison.measured()["position_error"], one.position_error)
+    assert comparison.recording is one
 
 
-def measured(*motions):
-    return Bench(list(motions), SET_POINT, INTERVAL, LAYOUT).measure(rig())
+def test_a_position_does_for_a_position_error():
+    one = motion(3, friction=1.2)
+    other = one.changed(position=one.set_point - one.position_error, position_error=None)
+    candidates = {"friction": np.array([1.0, 1.3])}
+    first, second = (MODEL.compare(x, rig()).residuals(candidates, 2) for x in (one, other))
+    np.testing.assert_allclose(second, first, atol=1e-9)
+    assert MODEL.starts(rig(), other)[0] == pytest.approx(MODEL.starts(rig(), one)[0])
+    assert MODEL.check(other, rig()) == []
+
+
+def test_the_mean_of_recordings_is_compared_as_one():
+    motions = [motion(n, load=100.0) for n in range(4)]
+    comparisons = [MODEL.compare(one, rig()) for one in motions]
+    mean = comparisons[0].averaged(comparisons[1:])
+    for name, trace in mean.measured().items():
+        np.testing.assert_allclose(trace, np.mean([c.measured()[name] for c in comparisons], 0))
+    residuals = [c.residuals({"load": np.array([100.0])}, 1)[0] for c in comparisons]
+    found = mean.residuals({"load": np.array([100.0])}, 1)[0]
+    np.testing.assert_allclose(found, np.mean(residuals, 0), atol=1e-9)
+    assert mean.recording.position_error[0] == np.mean([m.position_error[0] for m in motions])
+
+
+def test_what_the_twin_misses_is_taken_off_the_recording():
+    comparison = MODEL.compare(motion(1), rig())
+    missed = {"current": np.full(SET_POINT.size, 0.1)}
+    off = comparison.with_missed(missed).residuals({}, 1) - comparison.residuals({}, 1)
+    size = SET_POINT.size
+    np.testing.assert_allclose(off[0, :size], 0.1 / MODEL.noise(rig(), None)["current"])
+    np.testing.assert_array_equal(off[0, size:], 0.0)
+    # the recording itself is as it was
+    assert comparison.with_missed(missed).measured().keys() == comparison.measured().keys()
+
+
+# Values
+
+
+def fitted(*motions):
+    bench = Bench(MODEL, rig(), motions, SET_POINT, INTERVAL, 1.4)
+    return bench, bench.fit()
+
+
+def values(*motions, name: str) -> np.ndarray:
+    bench, fit = fitted(*motions)
+    return np.array([estimate[name] for estimate in bench.measured(fit).estimates])
 
 
 @pytest.mark.parametrize(
@@ -90,55 +137,74 @@ def measured(*motions):
     ],
     ids=str,
 )
-def test_the_magnitudes_of_a_motion_are_recovered_under_noise(changed):
+def test_the_values_of_a_motion_are_recovered_under_noise(changed):
     """Friction and gain to 2 %, backlash to 0.06 mm, load to 40 N (of 3 kN of friction)."""
     true = {"friction": 1.0, "backlash": rig().screw.backlash, "gain": 1.0, "load": 0.0}
     true |= changed
-    found = measured(*(motion(seed, **changed) for seed in range(4))).magnitudes
+    bench, fit = fitted(*(motion(seed, **changed) for seed in range(4)))
     allowed = {"friction": 0.02, "backlash": 6e-5, "gain": 0.02, "load": 40.0}
-    for name, most in allowed.items():
-        seen = found[:, MAGNITUDES.index(name)]
-        assert np.abs(seen - true[name]).max() < most, (name, seen)
+    for estimate in bench.measured(fit).estimates:
+        for name, most in allowed.items():
+            assert abs(estimate[name] - true[name]) < most, name
+            # the standard errors that come with them are neither lost nor wild
+            assert 0.0 < estimate.standard_errors[name] < 3.0 * most, name
 
 
 def test_without_noise_they_are_recovered_to_a_thousandth():
     true = {"friction": 1.3, "load": 250.0, "backlash": 5e-4, "gain": 1.1}
-    (found,) = measured(motion(noise=(0.0, 0.0), **true)).magnitudes
     for name, value in true.items():
-        assert found[MAGNITUDES.index(name)] == pytest.approx(value, rel=3e-3), name
+        (found,) = values(motion(noise=(0.0, 0.0), **true), name=name)
+        assert found == pytest.approx(value, rel=3e-3), name
 
 
 def test_an_actuator_that_starts_off_its_place_is_no_fault():
     one = motion()
-    late = replace(one, position_error=one.position_error + 0.0)
-    late.position_error[0] += 5e-4
-    found = measured(one, late).magnitudes
-    np.testing.assert_allclose(found[1, :3], found[0, :3], rtol=0.05, atol=5e-5)
+    error = one.position_error.copy()
+    error[0] += 5e-4
+    for name in ("friction", "backlash", "gain"):
+        found = values(one, one.changed(position_error=error), name=name)
+        np.testing.assert_allclose(found[1], found[0], rtol=0.05, atol=5e-5)
 
 
 def test_what_the_twin_explains_leaves_noise_only():
-    found = measured(motion(friction=1.3, load=200.0, backlash=5e-4))
-    assert np.std(found.current) == pytest.approx(NOISE[0], rel=0.15)
-    assert np.std(found.position_error) == pytest.approx(NOISE[1], rel=0.15)
+    _, fit = fitted(motion(friction=1.3, load=200.0, backlash=5e-4))
+    assert np.std(fit.residuals["current"]) == pytest.approx(NOISE[0], rel=0.15)
+    assert np.std(fit.residuals["position_error"]) == pytest.approx(NOISE[1], rel=0.15)
 
 
 def test_motions_are_measured_independently_of_each_other():
     motions = [motion(1), motion(2, friction=1.4), motion(3, load=-300.0)]
-    together = measured(*motions)
+    bench, together = fitted(*motions)
+    measured = bench.measured(together)
     for n, one in enumerate(motions):
-        alone = measured(one)
-        np.testing.assert_array_equal(alone.magnitudes[0], together.magnitudes[n])
-        np.testing.assert_array_equal(alone.current[0], together.current[n])
+        own_bench, alone = fitted(one)
+        np.testing.assert_array_equal(alone.found[0].point, together.found[n].point)
+        for name, rows in together.residuals.items():
+            np.testing.assert_array_equal(alone.residuals[name][0], rows[n])
+        estimate = own_bench.measured(alone).estimates[0]
+        np.testing.assert_array_equal(estimate.covariance, measured.estimates[n].covariance)
+
+
+def test_an_estimate_knows_its_motion():
+    one = motion(labels={"run": "7"})
+    bench, fit = fitted(one)
+    (estimate,) = bench.measured(fit).estimates
+    assert estimate.names == ("friction", "backlash", "gain", "load", "initial_error")
+    assert (estimate.kind, estimate.actuator) == ("ball-screw", rig().name)
+    assert (estimate.labels, estimate.source) == ({"run": "7"}, "simulated")
+    assert estimate.statistics == {"sensor_coupling": share_of(one)}
 
 
 def test_reported_values_are_logarithms_of_ratios_and_metres():
-    bench = Bench([motion(), motion(roughness=0.1)], SET_POINT, INTERVAL, LAYOUT)
-    features = bench.features(bench.measure(rig()))
-    values = dict(zip(REPORTED, reported_values(LAYOUT, features).T, strict=True))
-    np.testing.assert_allclose(np.exp(values["friction"]), features[:, 0])
-    np.testing.assert_array_equal(values["backlash"], features[:, 1])
-    np.testing.assert_allclose(np.exp(values["gain"]), features[:, 2])
-    assert values["roughness"][1] - values["roughness"][0] > np.log(1.4)
+    bench, fit = fitted(motion(), motion(roughness=0.1))
+    features = bench.measured(fit).features
+    names = [one.name for one in MODEL.reported(rig())]
+    found = dict(zip(names, reported_values(MODEL, rig(), bench.layout, features).T, strict=True))
+    assert bench.layout.names[:3] == ("friction", "backlash", "gain")
+    np.testing.assert_allclose(np.exp(found["friction"]), features[:, 0])
+    np.testing.assert_array_equal(found["backlash"], features[:, 1])
+    np.testing.assert_allclose(np.exp(found["gain"]), features[:, 2])
+    assert found["roughness"][1] - found["roughness"][0] > np.log(1.4)
 
 
 # Simulated motions
@@ -146,7 +212,7 @@ def test_reported_values_are_logarithms_of_ratios_and_metres():
 
 def test_a_simulated_motion_repeats_with_its_seed():
     for name in ("current", "position_error"):
-        first, again, other = (getattr(motion(seed, roughness=0.1), name) for seed in (7, 7, 8))
+        first, again, other = (motion(seed, roughness=0.1).channels[name] for seed in (7, 7, 8))
         np.testing.assert_array_equal(first, again)
         assert np.std(first - other) > 0.0
 
@@ -154,11 +220,12 @@ def test_a_simulated_motion_repeats_with_its_seed():
 @pytest.mark.parametrize(
     ("changed", "said"),
     [
-        ({"friction": 0.0}, "friction must be at least 0.001, received 0"),
-        ({"backlash": -1e-3}, "backlash must be at least 0, received -0.001"),
-        ({"gain": np.nan}, "gain must be at least 0.001, received nan"),
-        ({"roughness": -0.1}, "roughness"),
-        ({"load": np.inf}, "load must be a finite number, received inf"),
+        ({"friction": 0.0}, r"Fault friction must lie in \[0.05, 6\], received 0"),
+        ({"backlash": -1e-3}, r"Fault backlash must lie in \[0, 0.005\] m, received -0.001"),
+        ({"gain": np.nan}, r"Fault gain must lie in \[0.3, 3\], received nan"),
+        ({"roughness": -0.1}, "Symptom roughness"),
+        ({"load": np.inf}, "Nuisance load must lie in"),
+        ({"wear": 1.0}, "Unknown fault 'wear'"),
     ],
 )
 def test_an_impossible_motion_is_not_simulated(changed, said):
@@ -169,9 +236,9 @@ def test_an_impossible_motion_is_not_simulated(changed, said):
 # Motions that do not belong together
 
 
-def refusal(*motions, set_point=SET_POINT, interval=INTERVAL) -> str:
+def refusal(one, set_point=SET_POINT, interval=INTERVAL) -> str:
     with pytest.raises(RecordError) as caught:
-        check_alike(list(motions), set_point, interval)
+        check_alike(MODEL, rig(), one, set_point, interval)
     text = str(caught.value)
     assert "\n" not in text
     assert text.endswith(".")
@@ -180,37 +247,35 @@ def refusal(*motions, set_point=SET_POINT, interval=INTERVAL) -> str:
 
 GOOD = motion(load=100.0, labels={"run": "7"})
 WRONG = {
-    "another rate": (replace(GOOD, time=1.1 * GOOD.time), "is sampled each 0.044 s where 0.04 s"),
-    "cut short": (
-        replace(
-            GOOD, time=GOOD.time[:-9], set_point=GOOD.set_point[:-9], current=GOOD.current[:-9],
-            position_error=GOOD.position_error[:-9],
-        ),
-        "has 241 samples where 250 are needed",
+    "another rate": (GOOD.changed(time=1.1 * GOOD.time), "is sampled every 0.044 s where 0.04 s"),
+    "cut short": (GOOD.between(0.0, 240 * INTERVAL), "has 241 samples where 250 are needed"),
+    "another command": (
+        GOOD.changed(set_point=0.9 * SET_POINT), "off by up to 0.008 m of 0.08 m of travel"
     ),
-    "another command": (replace(GOOD, set_point=0.9 * SET_POINT), "off by up to 0.008 m of 0.08 m"),
-    "inches": (replace(GOOD, set_point=SET_POINT / 0.0254), "correct its unit"),
-    "negative current": (replace(GOOD, current=-GOOD.current), "change its sign"),
-    "dead current": (replace(GOOD, current=np.full(250, 3.0)), "the channel is dead"),
-    "turned error": (replace(GOOD, position_error=-GOOD.position_error), "has the wrong sign"),
+    "inches": (GOOD.changed(set_point=SET_POINT / 0.0254), "correct its unit"),
+    "negative current": (GOOD.changed(current=-GOOD.current), "change its sign"),
+    "dead current": (GOOD.changed(current=np.full(250, 3.0)), "the channel is dead"),
+    "no current": (GOOD.changed(current=None), "has no current"),
+    "turned error": (GOOD.changed(position_error=-GOOD.position_error), "has the wrong sign"),
     "error in mm": (
-        replace(GOOD, position_error=1e3 * GOOD.position_error), "more than the travel"
+        GOOD.changed(position_error=1e3 * GOOD.position_error), "more than the travel"
     ),
     "position for error": (
-        replace(GOOD, position_error=SET_POINT + 0.01), "a position was taken for an error"
+        GOOD.changed(position_error=SET_POINT + 0.01), "a position was taken for an error"
     ),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize(("wrong", "said"), WRONG.values(), ids=WRONG)
 def test_a_motion_of_another_kind_is_refused_by_its_name(wrong, said):
-    text = refusal(GOOD, wrong)
+    assert check_alike(MODEL, rig(), GOOD, SET_POINT, INTERVAL) == []
+    text = refusal(wrong)
     assert "simulated run 7" in text
     assert said in text
 
 
 def test_a_command_that_never_moves_is_refused():
-    still = replace(GOOD, set_point=np.zeros(250))
+    still = GOOD.changed(set_point=np.zeros(250))
     assert "never moves" in refusal(still, set_point=still.set_point)
 
 
@@ -219,4 +284,5 @@ def test_faults_are_not_taken_for_wrong_units_or_signs():
         motion(friction=2.5), motion(backlash=4e-3), motion(gain=0.5), motion(load=1500.0),
         motion(load=-1500.0), motion(roughness=0.5),
     ]  # fmt: skip
-    check_alike(motions, SET_POINT, INTERVAL)
+    for one in motions:
+        assert check_alike(MODEL, rig(), one, SET_POINT, INTERVAL) == []

@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
-from ematwin.monitoring.features import BANDS, CHANNELS, MODEL, Layout, band_levels
-from ematwin.monitoring.phases import phases
+from ematwin.monitoring.features import BANDS, Layout, band_levels
+from ematwin.recordings.phases import calm, phases
 
 INTERVAL = 0.04
+MODEL = ("friction", "backlash", "gain")
+CHANNELS = ("current", "position_error")
 
 
 def out_and_back(way: int = 100, rest: int = 60, shift: float = 0.0) -> np.ndarray:
@@ -82,12 +84,15 @@ def test_a_ramp_of_limited_acceleration_keeps_its_phases():
 
 
 def layout() -> Layout:
-    return Layout.of(phases(out_and_back(), INTERVAL, 1.4))
+    return Layout.of(
+        phases(out_and_back(), INTERVAL, 1.4), MODEL, CHANNELS, {"position_error": "error"}
+    )
 
 
 def values(current: np.ndarray, error: np.ndarray, layout: Layout) -> dict[str, float]:
-    magnitudes = np.array([1.1, 2e-4, 0.9, 100.0, 0.0])
-    return dict(zip(layout.names, layout.values(magnitudes, current, error), strict=True))
+    magnitudes = {"friction": 1.1, "backlash": 2e-4, "gain": 0.9, "load": 100.0}
+    residuals = {"current": current, "position_error": error}
+    return dict(zip(layout.names, layout.values(magnitudes, residuals), strict=True))
 
 
 def test_features_have_one_name_each_and_a_kind():
@@ -96,6 +101,29 @@ def test_features_have_one_name_each_and_a_kind():
     assert set(found.kinds) == {"model", "mean", "band"}
     # three transients of four parts, three steady phases of a mean and the bands
     assert len(found.names) == len(MODEL) + len(CHANNELS) * 3 * (4 + 1 + len(BANDS) - 1)
+
+
+def test_any_channels_and_any_faults_have_features():
+    """A sine has no steady phases, and so no bands."""
+    sine = np.sin(np.linspace(0.0, 20.0, 400))
+    found = Layout.of(phases(sine, INTERVAL, 0.1), ["wear"], ["voltage", "speed", "torque"])
+    assert found.kinds == ("model",) + ("mean",) * (3 * 8 * 4)
+    assert found.names[:2] == ("wear", "voltage part 1, part 1, transient")
+    seen = found.values(
+        {"wear": 0.2}, {"voltage": np.ones(400), "speed": 2.0 * sine, "torque": np.zeros(400)}
+    )
+    assert seen.shape == (len(found.names),)
+    assert seen[0] == 0.2
+    np.testing.assert_allclose(seen[1:33], 1.0)
+    np.testing.assert_array_equal(seen[-32:], 0.0)
+
+
+def test_what_is_calm_is_what_is_steady():
+    marked = calm(out_and_back(), INTERVAL, 1.4)
+    steady = [p.samples for p in phases(out_and_back(), INTERVAL, 1.4) if p.steady]
+    assert marked.sum() == sum(part.stop - part.start for part in steady)
+    assert all(marked[part].all() for part in steady)
+    assert not calm(np.sin(np.arange(300.0)), INTERVAL, 1.4).any()
 
 
 def test_means_say_where_a_residual_lies():

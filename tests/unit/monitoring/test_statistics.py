@@ -5,10 +5,27 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ematwin.monitoring.calibration import Signature, Thresholds
-from ematwin.monitoring.index import WEIGHTS, health_index, prediction_bound
-from ematwin.monitoring.naming import BY_MAGNITUDE, UNNAMED, named_by_physics, named_by_signature
-from ematwin.monitoring.population import Population, fit_parabola, load_basis
+from ematwin.errors import InputError
+from ematwin.models.ball_screw.model import MODEL
+from ematwin.models.ball_screw.parameters import BallScrew
+from ematwin.monitoring.calibration import Thresholds
+from ematwin.monitoring.classification import (
+    UNNAMED,
+    Signature,
+    named_by_physics,
+    named_by_signature,
+)
+from ematwin.monitoring.index import (
+    WEIGHTS,
+    health_index,
+    limit_of,
+    prediction_bound,
+    single_reach,
+)
+from ematwin.monitoring.population import Population, basis, fit_mean
+from ematwin.monitoring.scores import Scores
+
+REPORTED = MODEL.reported(BallScrew.load())
 
 # Population
 
@@ -27,14 +44,14 @@ def test_a_parabola_over_the_load_is_found():
     random = np.random.default_rng(0)
     load = np.linspace(-300.0, 300.0, 400)
     values = np.column_stack([2.0 + 0.5 * load / 200.0, 1.0 - 0.2 * ((load / 200.0) ** 2 - 1.0)])
-    found = fit_parabola(load, 200.0, values + 0.01 * random.normal(size=values.shape))
+    found = fit_mean(load, 200.0, values + 0.01 * random.normal(size=values.shape))
     np.testing.assert_allclose(found, [[2.0, 1.0], [0.5, 0.0], [0.0, -0.2]], atol=0.05)
 
 
 def test_one_load_leaves_slope_and_curvature_alone():
     """Slope and curvature would be anything; the mean at that load is what was measured."""
-    found = fit_parabola(np.full(20, 150.0), 150.0, np.full((20, 1), 3.0))
-    assert load_basis(np.array([150.0]), 150.0) @ found == pytest.approx(3.0, rel=0.02)
+    found = fit_mean(np.full(20, 150.0), 150.0, np.full((20, 1), 3.0))
+    assert basis(np.array([150.0]), 150.0) @ found == pytest.approx(3.0, rel=0.02)
     assert abs(found[2, 0]) < 1e-9
 
 
@@ -73,6 +90,39 @@ def test_the_order_of_motions_does_not_matter():
         np.testing.assert_allclose(getattr(first, name), getattr(second, name), atol=1e-12)
 
 
+def test_without_a_covariate_the_mean_is_one_and_its_value_is_not_looked_at():
+    random = np.random.default_rng(4)
+    features, groups = random.normal(3.0, 0.2, (300, 2)), np.repeat(np.arange(100), 3)
+    population = Population.of(features, np.full(300, np.nan), groups, None)
+    assert population.coefficients.shape == (1, 2)
+    np.testing.assert_allclose(population.mean(np.zeros(2)), 3.0, atol=0.05)
+    scores = population.scores(features, np.full(300, np.nan))
+    np.testing.assert_allclose(scores.mean(0), 0.0, atol=1e-9)
+
+
+def test_single_recordings_take_their_scatter_from_their_standard_errors():
+    random = np.random.default_rng(5)
+    features = random.normal(0.0, 0.1, (4, 2))
+    errors = np.array([0.3, 0.0])
+    single = Population.of(features, np.zeros(4), np.arange(4), None, errors)
+    np.testing.assert_allclose(single.within, [0.3, 1e-12])
+    # where runs have several, their own scatter is measured
+    twice = Population.of(
+        np.repeat(features, 2, 0) + np.tile([[0.05], [-0.05]], (4, 1)), np.zeros(8),
+        np.repeat(np.arange(4), 2), None, errors,
+    )  # fmt: skip
+    np.testing.assert_allclose(twice.within, 0.05 * np.sqrt(2.0))
+
+
+def test_what_lies_on_a_bound_scatters_by_its_standard_error_at_least():
+    """All healthy shorts are zero: the bound hides that each might as well be 0.01."""
+    features, errors = np.zeros((8, 2)), np.array([0.01, 0.01])
+    groups, cut = np.repeat(np.arange(4), 2), np.array([True, False])
+    population = Population.of(features, np.zeros(8), groups, None, errors, cut)
+    np.testing.assert_allclose(population.within, [0.01, 1e-12])
+    assert population.scores(np.full((1, 2), 0.02), np.zeros(1))[0, 0] == pytest.approx(2.0)
+
+
 # Index
 
 KINDS = ("model",) * 3 + ("mean",) * 20 + ("band",) * 30
@@ -94,7 +144,7 @@ def test_a_magnitude_of_the_twin_counts_as_many_statistics():
 def test_one_glitch_counts_no_more_than_its_limit(place, glitch):
     scores = np.zeros((1, 53))
     scores[0, place] = glitch
-    _, limit = WEIGHTS[KINDS[place]]
+    limit = limit_of(KINDS[place], KINDS.count(KINDS[place]))
     largest = scores.copy()
     largest[0, place] = limit
     assert health_index(scores, KINDS)[0] <= health_index(largest, KINDS)[0]
@@ -103,6 +153,32 @@ def test_one_glitch_counts_no_more_than_its_limit(place, glitch):
 def test_a_layout_without_a_kind_has_an_index_too():
     kinds = ("model",) * 3 + ("mean",) * 8  # a sine: no steady phase, no bands
     assert health_index(np.ones((1, 11)), kinds)[0] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("count", [1, 3, 7, 20])
+def test_a_single_magnitude_reaches_as_far_however_many_there_are(count):
+    assert limit_of("model", 3) == WEIGHTS["model"][1]
+    kinds = ("model",) * count + ("mean",) * 20 + ("band",) * 30
+    scores = np.ones((1, count + 50))
+    scores[0, :count] = 0.0
+    scores[0, 0] = 1e6
+    assert health_index(scores, kinds)[0] == pytest.approx(single_reach(kinds))
+    assert single_reach(kinds) == pytest.approx(np.sqrt(0.15 * 64.0 / 3.0 + 0.85))
+    # without bands the other kinds weigh more
+    assert single_reach(("model", "mean")) == pytest.approx(np.sqrt((0.15 * 64 / 3 + 0.35) / 0.5))
+
+
+def test_scores_have_an_index_and_a_limit_of_some_kinds():
+    random = np.random.default_rng(6)
+    values = random.normal(size=(12, 53))
+    scores = Scores(values, tuple(map(str, range(53))), KINDS, np.repeat(np.arange(4), 3))
+    np.testing.assert_array_equal(scores.index(), health_index(values, KINDS))
+    own = health_index(values[:, :3], KINDS[:3])
+    np.testing.assert_array_equal(scores.index({"model"}), own)
+    assert scores.limit(0.1, {"model"}) == prediction_bound(own, scores.groups, 0.1)
+    assert scores.limit(0.01) > scores.limit(0.1) > 0.0
+    with pytest.raises(InputError, match="There are no features of the kinds spectrum"):
+        scores.index({"spectrum"})
 
 
 # Threshold
@@ -161,11 +237,18 @@ def test_fewer_motions_of_a_run_have_a_higher_threshold():
 # Names
 
 
-@pytest.mark.parametrize(("magnitude", "fault"), BY_MAGNITUDE.items())
+NAMED = {one.name: one.named for one in REPORTED if one.named}
+
+
+def test_wear_of_a_ball_screw_has_three_names():
+    assert NAMED == {"friction": "lubrication", "backlash": "backlash", "roughness": "spalling"}
+
+
+@pytest.mark.parametrize(("magnitude", "fault"), NAMED.items())
 def test_physics_names_the_magnitude_that_rose_furthest(magnitude, fault):
     scores = {"friction": 3.5, "backlash": 3.5, "gain": 0.0, "roughness": 3.5, magnitude: 9.0}
-    assert named_by_physics(scores).fault == fault
-    assert named_by_physics(scores).by == "physics"
+    assert named_by_physics(scores, REPORTED).fault == fault
+    assert named_by_physics(scores, REPORTED).by == "physics"
 
 
 def test_what_wear_does_not_do_stays_unnamed():
@@ -175,8 +258,19 @@ def test_what_wear_does_not_do_stays_unnamed():
         {"friction": 0.0, "backlash": 0.0, "gain": 30.0, "roughness": 0.0},
         {"friction": 2.9, "backlash": 2.9, "gain": 0.0, "roughness": 2.9},
     ):
-        assert named_by_physics(scores).fault == UNNAMED
-        assert named_by_physics(scores).by == ""
+        assert named_by_physics(scores, REPORTED).fault == UNNAMED
+        assert named_by_physics(scores, REPORTED).by == ""
+
+
+def test_a_gain_that_falls_is_named_where_either_sense_is_a_fault():
+    from ematwin.models.bldc.model import MODEL as BLDC
+
+    reported = BLDC.reported(None)
+    scores = {one.name: 0.0 for one in reported} | {"gain": -14.0, "friction": 6.0}
+    assert named_by_physics(scores, reported).fault == "gain"
+    # but less friction than healthy is none
+    scores |= {"gain": 0.0, "friction": -20.0}
+    assert named_by_physics(scores, reported).fault == UNNAMED
 
 
 def signatures() -> tuple[Signature, ...]:
@@ -191,7 +285,7 @@ def test_a_signature_names_what_lies_near_it_at_its_load():
     random = np.random.default_rng(0)
     load = np.array([100.0, 300.0])
     for signature in signatures():
-        scores = load_basis(load, 200.0) @ signature.coefficients + random.normal(size=(2, 10))
+        scores = basis(load, 200.0) @ signature.coefficients + random.normal(size=(2, 10))
         named = named_by_signature(scores, load, 200.0, signatures())
         assert (named.fault, named.by) == (signature.fault, "signature")
 
@@ -201,3 +295,16 @@ def test_what_no_signature_explains_stays_unnamed():
     assert named_by_signature(scores, np.zeros(1), 200.0, signatures()).fault == UNNAMED
     scores[0, 5:] = -4.0  # the other way
     assert named_by_signature(scores, np.zeros(1), 200.0, signatures()).fault == UNNAMED
+
+
+# The package
+
+
+def test_what_analyses_need_is_public():
+    from ematwin import monitoring
+
+    for name in monitoring.__all__:
+        assert getattr(monitoring, name).__doc__
+    assert monitoring.health_index is health_index
+    with pytest.raises(AttributeError, match="has no attribute 'spectrum'"):
+        _ = monitoring.spectrum

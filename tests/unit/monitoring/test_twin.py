@@ -7,21 +7,24 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ematwin.errors import RecordError
-from ematwin.kernels.ball_screw_step import (
+from ematwin.errors import InputError, RecordError
+from ematwin.models.ball_screw.constants import FIXED, kernel_constants
+from ematwin.models.ball_screw.model import MODEL
+from ematwin.models.ball_screw.parameters import BallScrew
+from ematwin.models.ball_screw.simulate import out_and_back
+from ematwin.models.ball_screw.step import (
     LEAST_FRICTION,
     BallScrewState,
     ball_screw_step,
     drive_torque,
     falling_friction,
 )
-from ematwin.monitoring.simulate import out_and_back
-from ematwin.monitoring.twin import MAGNITUDES, steps_of, twin_traces
-from ematwin.plant.ball_screw import BallScrew
+from ematwin.models.ball_screw.twin import MAGNITUDES, steps_of, twin_traces
+from ematwin.recordings.recording import Recording
 from naive import ball_screw as naive
 
 ACTUATOR = BallScrew.load()
-C = ACTUATOR.kernel_constants()
+C = kernel_constants(ACTUATOR)
 SET_POINT, INTERVAL = out_and_back(ACTUATOR, 0.05, 2.5, 1.0)
 HEALTHY = {"friction": 1.0, "backlash": 5e-5, "gain": 1.0, "load": 0.0, "initial_error": 0.0}
 
@@ -72,6 +75,54 @@ def test_candidates_of_a_batch_do_not_see_each_other():
         alone = traces(**changed)
         np.testing.assert_array_equal(together[0][n], alone[0])
         np.testing.assert_array_equal(together[1][n], alone[1])
+
+
+# Parameters that differ from candidate to candidate
+
+INPUTS = Recording(np.arange(SET_POINT.size) * INTERVAL, {"set_point": SET_POINT})
+PLACES = [place for place, *_ in ACTUATOR.parameters() if place not in FIXED]
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_any_parameter_of_a_candidate_is_that_of_an_actuator_of_its_own(place):
+    values = ACTUATOR.value(place) * np.array([0.8, 1.0, 1.1])
+    together = MODEL.respond(
+        ACTUATOR, INPUTS, {place: values, "load": np.array([0.0, 200.0, -300.0])}, 3
+    )
+    for n, load in enumerate((0.0, 200.0, -300.0)):
+        own = ACTUATOR.changed({place: float(values[n])})
+        alone = MODEL.respond(own, INPUTS, {"load": np.array([load])}, 1)
+        for channel, trace in alone.items():
+            np.testing.assert_array_equal(together[channel][n], trace[0])
+
+
+def test_several_parameters_may_differ_together_with_faults():
+    lead, friction = np.array([4e-3, 5e-3]), np.array([1200.0, 3000.0])
+    factor = np.array([1.0, 1.4])
+    candidates = {"screw.lead": lead, "screw.friction_force": friction, "friction": factor}
+    together = MODEL.respond(ACTUATOR, INPUTS, candidates, 2)
+    for n in range(2):
+        own = ACTUATOR.changed(
+            {"screw.lead": float(lead[n]), "screw.friction_force": float(friction[n])}
+        )
+        slow = naive.simulate(own, SET_POINT, INTERVAL, **{**HEALTHY, "friction": factor[n]})
+        np.testing.assert_allclose(together["current"][n], slow[0], rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(together["position_error"][n], slow[1], rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("place", FIXED)
+def test_what_sets_the_grid_of_steps_cannot_differ(place):
+    with pytest.raises(InputError, match=f"{place} cannot be searched"):
+        MODEL.respond(ACTUATOR, INPUTS, {place: np.array([0.01, 0.02])}, 2)
+
+
+def test_a_constant_that_is_no_number_gives_nan_and_spoils_no_other_candidate():
+    values = np.array([0.35, np.nan, 0.35])
+    found = MODEL.respond(ACTUATOR, INPUTS, {"drive.idle_current": values}, 3)
+    healthy = traces()
+    for channel, alone in zip(("current", "position_error"), healthy, strict=True):
+        assert np.isnan(found[channel][1]).all()
+        np.testing.assert_array_equal(found[channel][[0, 2]], [alone, alone])
 
 
 def test_halving_the_step_moves_the_answer_at_first_order():
@@ -203,6 +254,6 @@ def test_a_loop_that_runs_away_ends_in_nan_and_not_in_a_crash():
 def test_an_interval_that_is_no_whole_number_of_steps_is_refused():
     assert steps_of(ACTUATOR, 0.04) == (10, 10)
     assert steps_of(ACTUATOR, 0.1) == (10, 25)
-    with pytest.raises(RecordError, match=r"no whole number of steps of 0\.004 s") as caught:
+    with pytest.raises(RecordError, match=r"not a whole number of steps of 0\.004 s") as caught:
         steps_of(ACTUATOR, 0.0333)
     assert "\n" not in str(caught.value)

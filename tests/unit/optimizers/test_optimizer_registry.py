@@ -1,6 +1,6 @@
 """Names, aliases, entry points, missing libraries, and what importing costs."""
 
-import importlib.metadata
+import importlib.util
 import subprocess
 import sys
 import warnings
@@ -9,7 +9,6 @@ import pytest
 
 from ematwin.errors import InputError, MissingExtraError
 from ematwin.optimizers import Box, Optimizer, Whale, algorithms, create, minimize
-from ematwin.optimizers import registry as registry_module
 from ematwin.optimizers.registry import find
 from ematwin.testing.optimizer_contract import CHECKS, check_optimizer
 
@@ -39,37 +38,32 @@ def test_a_wrong_name_suggests_the_closest():
 
 
 def test_a_missing_library_names_the_command(monkeypatch):
-    monkeypatch.setattr("ematwin.optimizers.catalogue.importlib.util.find_spec", lambda name: None)
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     assert not find("pygmo-de").installed
     assert find("gwo").installed
     with pytest.raises(MissingExtraError, match=r'pip install "ematwin\[bench\]"'):
         create("pygmo-de", BOX)
 
 
-class _Distribution:
-    name = "somebody"
-
-
-def _entry_points(*points):
-    def entry_points(group):
-        assert group == "ematwin.optimizers"
-        return points
-
-    return entry_points
-
-
-def _point(name, value):
-    point = importlib.metadata.EntryPoint(name, value, "ematwin.optimizers")
-    return point._for(_Distribution())
-
-
-def test_an_entry_point_is_listed_run_and_never_takes_over_a_name(monkeypatch):
-    points = (
-        _point("mine", "ematwin.optimizers:Whale"),
-        _point("gwo", "ematwin.optimizers:Whale"),
-        _point("broken", "no_such_module:Nothing"),
+@pytest.fixture
+def somebody(tmp_path, monkeypatch):
+    """An installed package with three algorithms."""
+    info = tmp_path / "somebody-1.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: somebody\nVersion: 1\n")
+    (info / "entry_points.txt").write_text(
+        """
+[ematwin.optimizers]
+mine = ematwin.optimizers:Whale
+gwo = ematwin.optimizers:Whale
+broken = no_such_module:Nothing
+"""
     )
-    monkeypatch.setattr(registry_module.importlib.metadata, "entry_points", _entry_points(*points))
+    monkeypatch.syspath_prepend(str(tmp_path))
+
+
+@pytest.mark.usefixtures("somebody")
+def test_an_entry_point_is_listed_run_and_never_takes_over_a_name():
     assert isinstance(create("mine", BOX), Whale)
     assert find("mine").origin == "somebody"
     assert find("gwo").origin == "ematwin"

@@ -1,5 +1,6 @@
 """One step of each method, on examples small enough to work out by hand."""
 
+import itertools
 import math
 
 import numpy as np
@@ -57,18 +58,24 @@ class Scripted:
         return self._next(size)
 
 
-def start(optimizer, points, costs):
-    """Put an optimiser behind its first batch, with the points given."""
-    optimizer.ask()
-    optimizer._pending = np.array(points, dtype=float)
-    optimizer.tell(optimizer._pending, np.array(costs, dtype=float))
+def start(optimizer, points, costs, *others):
+    """Put an optimiser behind its first batch, which lies at ``points``.
+
+    ``others`` are further points of the box that it draws for its start.
+    """
+    box = optimizer.box
+    drawn = [(np.array(some, dtype=float) - box.lower) / box.span for some in (points, *others)]
+    optimizer.rng = Scripted(*drawn)
+    batch = optimizer.ask()
+    assert batch == pytest.approx(np.array(points, dtype=float), abs=1e-15 * box.span.max())
+    optimizer.tell(batch, np.array(costs, dtype=float))
 
 
 def test_grey_wolves_move_to_the_mean_of_three_leaders():
     wolves = GreyWolf(WIDE, population=3, iterations=10)
     start(wolves, [[4.0, 0.0], [1.0, 1.0], [2.0, 5.0]], [1.0, 2.0, 3.0])
     # a = 2 in the first iteration; r1 = 3/4 makes A = 1, r2 = 1/2 makes C = 1.
-    wolves._rng = Scripted(np.array([0.75, 0.5])[:, None, None, None])
+    wolves.rng = Scripted(np.array([0.75, 0.5])[:, None, None, None])
     # For wolf 1, first variable: 4 - |4-1|, 1 - 0, 2 - |2-1|: mean of 1, 1, 1.
     # Second variable: 0 - |0-1|, 1 - 0, 5 - |5-1|: mean of -1, 1, 1.
     assert wolves.ask()[1] == pytest.approx([1.0, 1.0 / 3.0])
@@ -78,7 +85,7 @@ def test_a_grey_wolf_that_becomes_alpha_does_not_push_the_old_alpha_down():
     wolves = GreyWolf(WIDE, population=4, iterations=10)
     start(wolves, [[1, 1], [2, 2], [3, 3], [4, 4]], [5.0, 9.0, 2.0, 7.0])
     assert wolves.leader_costs.tolist() == [2.0, 7.0, np.inf]
-    assert wolves.leaders.tolist() == [[3, 3], [4, 4], [0, 0]]
+    assert wolves.leaders == pytest.approx(np.array([[3, 3], [4, 4], [0, 0]]))
 
 
 def test_grey_wolf_leaders_equal_those_of_the_wolf_by_wolf_comparison():
@@ -108,7 +115,7 @@ def test_a_whale_encircles_spirals_or_searches():
     # Whale 1: p >= 1/2 and l = -2 * 0.5 + 1 = 0: its gaps (2, 4) times exp(0) cos(0).
     # Whale 2: A = -1.5, C = 2, searches whale 1, which has moved already to (3, 6).
     numbers = np.array([[0.625, 0.5, 0.125], [0.5, 0.5, 1.0], [0.5, 0.5, 0.5], [0.1, 0.9, 0.1]])
-    whales._rng = Scripted(numbers[:, :, None], 1)
+    whales.rng = Scripted(numbers[:, :, None], 1)
     moved = whales.ask()
     assert moved[0] == pytest.approx([1.0, 2.0])
     assert moved[1] == pytest.approx([3.0, 6.0])
@@ -116,48 +123,72 @@ def test_a_whale_encircles_spirals_or_searches():
 
 
 def test_searching_whales_see_those_before_them_where_they_have_gone():
-    rng = np.random.default_rng(2)
-    whales = Whale(WIDE, population=30, iterations=10)
-    whales._whales = rng.normal(size=(30, 2))
-    moved = rng.normal(size=(30, 2))
-    rows = np.arange(1, 30, 2)
-    A, C = rng.normal(size=(2, rows.size, 1))
-    drawn = rng.integers(30, size=(rows.size, 2))
-    expected = moved.copy()
-    for k, i in enumerate(rows):
+    random = np.random.default_rng(2)
+    count, leader = 30, np.array([0.5, -0.5])
+    whales = Whale(VAST, population=count, iterations=10)
+    places = random.normal(size=(count, 2))
+    places[0] = leader
+    start(whales, places, np.arange(float(count)))
+    r1, r2, p = random.random((3, count))
+    r1[1::2], p[1::2] = 0.75 + 0.25 * r1[1::2], 0.1  # |A| >= 1: every other one searches
+    r1[::2], p[::2] = 0.25 + 0.5 * r1[::2], 0.2  # |A| < 1: the others encircle the leader
+    drawn = random.integers(count, size=(count // 2, 2))
+    whales.rng = Scripted(np.array([r1, r2, r1, p])[:, :, None], drawn)
+    A, C = 4.0 * r1 - 2.0, 2.0 * r2  # a = 2 in the first iteration
+    now = places.copy()
+    for i in range(count):
         for j in range(2):
-            other = (expected if drawn[k, j] < i else whales._whales)[drawn[k, j], j]
-            expected[i, j] = other - A[k, 0] * abs(C[k, 0] * other - whales._whales[i, j])
-    whales._rng = Scripted(drawn)
-    whales._search(moved, rows, A, C)
-    assert np.array_equal(moved, expected)
+            other = now[drawn[i // 2, j], j] if i % 2 else leader[j]
+            now[i, j] = other - A[i] * abs(C[i] * other - places[i, j])
+    assert whales.ask() == pytest.approx(now, abs=1e-7)
 
 
-@pytest.mark.parametrize("reach", [0.3, 0.6, 1.5])
-def test_dragonflies_move_one_after_another(reach):
-    rng = np.random.default_rng(7)
-    box = Box([-1.0, 0.0, 2.0], [1.0, 4.0, 3.0])
-    flies = Dragonfly(box, population=12, iterations=10, seed=4)
-    X, V = box.sample(rng, 12), 0.1 * rng.normal(size=(12, 3))
-    X[3, 0] = X[5, 0] = box.lower[0]  # on the same bound: no neighbours
-    drift, weights = 0.1 * rng.normal(size=(12, 3)), rng.random((3, 12, 3))
-    levy = rng.normal(size=(12, 3))
-    fed = (rng.random(12) < 0.5).tolist()
-    flies._flies, flies._steps = X.copy(), V.copy()
-    flies._levy = lambda: levy
-    moved = flies._fly(drift, weights, reach * box.span, fed)
-    x, v = X.tolist(), V.tolist()
-    naive.fly_one_after_another(
-        x, v, drift.tolist(), weights.tolist(), (reach * box.span).tolist(), box.span.tolist(),
-        box.lower.tolist(), box.upper.tolist(), levy.tolist(), fed,
-    )  # fmt: skip
-    assert moved == pytest.approx(np.array(x), abs=1e-12)
-    assert flies._steps == pytest.approx(np.array(v), abs=1e-12)
+class Shared:
+    """The same random numbers for a method of arrays and for one of plain loops."""
+
+    def __init__(self, seed, count, dimension):
+        self.uniform = np.random.default_rng(seed)
+        self.normal = np.random.default_rng(seed + 1).normal(size=(2, count, dimension))
+        self.singles = itertools.cycle(self.normal.transpose(1, 2, 0).ravel().tolist())
+
+    def random(self, size=None):
+        return self.uniform.random(size)
+
+    def standard_normal(self, size):
+        assert size == self.normal.shape
+        return self.normal
+
+    def gauss(self, mean, deviation):
+        return next(self.singles)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_dragonflies_move_one_after_another(seed):
+    """All points of a search are those of the plain loop over dragonflies."""
+    lower, upper = [-1.0, 0.0, 2.0], [1.0, 4.0, 3.0]
+    flies = Dragonfly(Box(lower, upper), population=12, iterations=10)
+    flies.rng = Shared(seed, 12, 3)
+    places, slow = [], []
+    # the best point is in a corner, so that many cannot see it and some rest on a bound
+    cost = np.array([1.0, 0.2, -3.0])
+    for _ in range(10):
+        points = flies.ask()
+        places.append(points)
+        flies.tell(points, points @ cost)
+
+    def plain(x):
+        slow.append(list(x))
+        return float(np.array(x) @ cost)
+
+    naive.dragonfly(plain, lower, upper, 12, 10, Shared(seed, 12, 3))
+    places, slow = np.concatenate(places), np.array(slow)
+    assert np.abs(places - slow).max() < 1e-9
+    assert ((places == lower) | (places == upper)).any(axis=0).all()
 
 
 def test_the_enemy_of_dragonflies_is_strictly_inside_the_box():
     flies = Dragonfly(Box([0.0], [1.0]), population=3, iterations=10)
-    start(flies, [[0.0], [0.5], [0.2]], [9.0, 2.0, 3.0])
+    start(flies, [[0.0], [0.5], [0.2]], [9.0, 2.0, 3.0], [[0.0]])
     assert flies.enemy.tolist() == [0.2]
     assert flies.food.tolist() == [0.5]
 
@@ -176,9 +207,9 @@ def test_a_particle_follows_its_own_and_its_neighbours_best():
         coefficients=Coefficients(inertia=0.5, own=1.0, neighbours=2.0),
         craziness=None,
     )
-    start(swarm, [[1.0, 2.0], [3.0, 8.0]], [1.0, 2.0])
-    swarm._velocity = np.array([[0.0, 0.0], [2.0, -4.0]])
-    swarm._rng = Scripted(np.array([0.5, 0.25])[:, None, None])
+    # the speed of the start is half the way to another point: (0, 0) and (2, -4)
+    start(swarm, [[1.0, 2.0], [3.0, 8.0]], [1.0, 2.0], [[1.0, 2.0], [7.0, 0.0]])
+    swarm.rng = Scripted(np.array([0.5, 0.25])[:, None, None])
     # Own best is where it is; v = 0.5 (2, -4) + 2 x 0.25 ((1, 2) - (3, 8)) = (0, -5).
     assert swarm.ask()[1] == pytest.approx([3.0, 3.0])
 
@@ -191,10 +222,13 @@ def test_a_particle_stops_at_a_bound_and_loses_that_speed():
         coefficients=Coefficients(1.0, 0.0, 0.0),
         craziness=None,
     )
-    start(swarm, [[0.9, 0.5]], [1.0])
-    swarm._velocity = np.array([[0.3, 0.1]])
-    assert swarm.ask()[0] == pytest.approx([1.0, 0.6])
-    assert swarm._velocity[0] == pytest.approx([0.0, 0.1])
+    start(swarm, [[0.6, 0.1]], [1.0], [[1.0, 0.3]])  # a speed of (0.2, 0.1)
+    swarm.rng = Scripted(*[0.0] * 4)
+    for place in ([0.8, 0.2], [1.0, 0.3], [1.0, 0.4]):
+        assert swarm.ask()[0] == pytest.approx(place)
+        swarm.tell(swarm.ask(), np.array([1.0]))
+    swarm.coefficients = Coefficients(-1.0, 0.0, 0.0)  # back, with what speed there is
+    assert swarm.ask()[0] == pytest.approx([1.0, 0.3])
 
 
 @pytest.mark.parametrize(("topology", "beside"), [(Global(), [0, 0]), (Ring(1), [17, 0])])

@@ -33,8 +33,7 @@ class Nevergrad(Optimizer):
     ----------
     box : Box
     population, iterations, seed : int
-    name : str
-        Name in nevergrad's registry.
+    name : str, as in nevergrad's registry
     """
 
     def __init__(

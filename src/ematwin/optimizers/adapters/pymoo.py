@@ -34,8 +34,7 @@ class Pymoo(Optimizer):
     ----------
     box : Box
     population, iterations, seed : int
-    name : str
-        Name of the class; its module has the same name in lower case.
+    name : str, of the class; its module has the same name in lower case
     """
 
     picklable: ClassVar[bool] = False

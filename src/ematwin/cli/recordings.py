@@ -1,0 +1,57 @@
+"""Options of the commands that take recordings: which files, channels and labels."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ematwin.cli.options import pairs
+from ematwin.errors import InputError
+
+if TYPE_CHECKING:
+    from ematwin.recordings.recording import Recording
+
+Choices = dict[str, list[str]]
+
+
+def load(
+    files: list[Path], column: list[str] | None, actuator: Any, *choices: Choices
+) -> "list[Recording]":
+    """Recordings of an actuator in files, each motion of a table, that fit one of the choices.
+
+    ``column`` holds texts such as ``set_point=Demand [mm]``.
+    """
+    from ematwin.cli.channels import map_of
+    from ematwin.models.reading import read
+
+    columns = map_of(column, None, actuator)
+    return read(files, columns, actuator=actuator, split=True, where=choices or None)
+
+
+def remarks(recordings: "Sequence[Recording]") -> tuple[list[str], list[str]]:
+    """What was assumed in reading, and what is doubtful; alike sentences once."""
+    from ematwin.recordings.read import assumptions
+
+    assumed = dict.fromkeys(text for one in recordings for text in assumptions(one))
+    doubtful = dict.fromkeys(
+        text for one in recordings for text in one.provenance.get("warnings", [])
+    )
+    return list(assumed), list(doubtful)
+
+
+def choice(texts: list[str], what: str) -> Choices:
+    """``["run=1,2"]`` as ``{"run": ["1", "2"]}``."""
+    return {
+        name: [value.strip() for value in values.split(",") if value.strip()]
+        for name, values in pairs(texts, what).items()
+    }
+
+
+def known_fault(text: str) -> tuple[str, Choices]:
+    """``"lubrication:condition=dry;run=1,2"`` as fault and choice."""
+    fault, colon, rest = text.partition(":")
+    if not (fault.strip() and colon and rest.strip()):
+        raise InputError(
+            f"--known needs fault:label=value, received {text!r}. Write for example "
+            "--known lubrication:condition=dry."
+        )
+    return fault.strip(), choice([part for part in rest.split(";") if part.strip()], "--known")

@@ -1,0 +1,1 @@
+"""Comparing search methods: studies, their analysis, their report."""

@@ -1,0 +1,195 @@
+"""The whole analysis of a study, from its runs alone."""
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from ematwin.comparison.analysis.claims import Claim, check_claims
+from ematwin.comparison.analysis.conclusions import conclude
+from ematwin.comparison.analysis.convergence import ToTarget, evaluations_to_target
+from ematwin.comparison.analysis.diagnosis import THRESHOLD, Diagnosis, diagnose
+from ematwin.comparison.analysis.paper import PAPER_ALGORITHMS, PAPER_KIND
+from ematwin.comparison.analysis.performance import (
+    PaperLikeness,
+    likeness_to_paper,
+    performance_coefficients,
+)
+from ematwin.comparison.analysis.ranks import RankComparison, compare_ranks, effect_sizes
+from ematwin.comparison.analysis.runs import RunTable, collect
+from ematwin.comparison.analysis.summary import TARGETS, Cell, matrix, summarise
+from ematwin.comparison.study.run import StoredRun
+from ematwin.errors import InputError
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A run that did not end well."""
+
+    id: str
+    case: str
+    algorithm: str
+    run: int
+    status: str
+    message: str
+
+
+@dataclass(frozen=True)
+class StudyAnalysis:
+    """Everything a report says.
+
+    Attributes
+    ----------
+    table : the runs
+    cells : [case][algorithm]
+    coefficients : (C, A) array, PC over all algorithms of the study
+    shared_coefficients : (C, S) array, PC over those of the paper's six that are in the study,
+        which are ``shared``
+    likeness : of ``shared_coefficients`` and the paper's Table 2
+    ranks : tests over the case means of Err%
+    to_target, diagnosis : one an algorithm
+    threshold : of the diagnosis
+    failures : every run that did not end well
+    claims : the paper's, checked; conclusions : plain sentences
+    """
+
+    table: RunTable
+    cells: list[list[Cell]]
+    coefficients: np.ndarray
+    shared: list[str]
+    shared_coefficients: np.ndarray
+    likeness: PaperLikeness
+    ranks: RankComparison
+    a12: np.ndarray
+    to_target: list[ToTarget]
+    diagnosis: list[Diagnosis]
+    threshold: float
+    failures: list[Failure]
+    claims: list[Claim]
+    conclusions: list[str]
+
+    @property
+    def of_paper(self) -> bool:
+        """Whether the actuator is of the paper's kind, so that cases and misfits are comparable."""
+        return self.table.subject.kind == PAPER_KIND
+
+    def as_dict(self) -> dict[str, Any]:
+        """All tables as plain values, None for what could not be computed."""
+        table = self.table
+        return plain({
+            "runs": len(table),
+            "done": int(table.done.sum()),
+            "kind": table.subject.kind,
+            "unknowns": list(table.subject.names),
+            "cases": table.cases,
+            "algorithms": table.algorithms,
+            "settings": table.settings,
+            "provenance": table.provenance,
+            "cells": [
+                {**asdict(cell), "failed": cell.failed} for row in self.cells for cell in row
+            ],
+            "performance_coefficient": _named(self.coefficients, table.cases, table.algorithms),
+            "performance_coefficient_of_papers_algorithms": _named(
+                self.shared_coefficients, table.cases, self.shared
+            ),
+            "likeness_to_paper": asdict(self.likeness),
+            "ranks": {
+                "average": dict(
+                    zip(table.algorithms, self.ranks.average_ranks.tolist(), strict=True)
+                ),
+                "blocks": self.ranks.blocks,
+                "left_out": self.ranks.left_out,
+                "friedman": self.ranks.friedman,
+                "friedman_p": self.ranks.friedman_p,
+                "pairs": [asdict(pair) for pair in self.ranks.pairs],
+                "notes": self.ranks.notes,
+            },
+            "evaluations_to_target": [asdict(curve) for curve in self.to_target],
+            "diagnosis": {
+                "threshold": self.threshold,
+                "algorithms": [asdict(row) for row in self.diagnosis],
+            },
+            "failures": [asdict(failure) for failure in self.failures],
+            "claims": [asdict(claim) for claim in self.claims],
+            "conclusions": self.conclusions,
+        })  # fmt: skip
+
+
+def analyse(
+    runs: Iterable[StoredRun],
+    *,
+    targets: tuple[float, ...] = TARGETS,
+    threshold: float = THRESHOLD,
+    seed: int = 1,
+) -> StudyAnalysis:
+    """Analyse the runs of a study, in any order.
+
+    Parameters
+    ----------
+    targets : Err% whose success rates are given
+    threshold : deviation from healthy, as a share of the range, that counts as a fault
+    seed : of the bootstrap
+
+    Raises
+    ------
+    InputError
+        If there is no run, a target is not positive or the threshold not in (0, 0.5).
+    """
+    if not (targets and all(target > 0.0 and math.isfinite(target) for target in targets)):
+        raise InputError(f"Targets of Err% must be positive, received {targets}.")
+    if not 0.0 < threshold < 0.5:
+        raise InputError(f"The threshold must lie between 0 and 0.5, received {threshold:g}.")
+    table = collect(runs)
+    cells = summarise(table, targets, seed)
+    errors, seconds = matrix(cells, "err"), matrix(cells, "seconds")
+    places = [a for a, name in enumerate(table.algorithms) if name in PAPER_ALGORITHMS]
+    shared = [table.algorithms[a] for a in places]
+    shared_coefficients = performance_coefficients(seconds[:, places], errors[:, places])
+    a12 = effect_sizes(table)
+    ranks = compare_ranks(errors, a12, table.cases, table.algorithms)
+    kind = table.subject.kind
+    claims = check_claims(cells, shared, shared_coefficients) if kind == PAPER_KIND else []
+    diagnosis = diagnose(table, threshold)
+    done = table.done
+    failures = [
+        Failure(
+            table.ids[n],
+            table.cases[table.case[n]],
+            table.algorithms[table.algorithm[n]],
+            int(table.run[n]),
+            table.status[n] if table.status[n] != "done" else "not finite",
+            table.stopped[n],
+        )
+        for n in np.flatnonzero(~done)
+    ]
+    return StudyAnalysis(
+        table, cells, performance_coefficients(seconds, errors), shared, shared_coefficients,
+        likeness_to_paper(shared_coefficients, table.cases, shared, kind), ranks, a12,
+        evaluations_to_target(table), diagnosis, threshold, failures, claims,
+        conclude(table, cells, ranks, diagnosis, threshold),
+    )  # fmt: skip
+
+
+def _named(values: np.ndarray, cases: list[str], algorithms: list[str]) -> dict[str, Any]:
+    return {
+        case: dict(zip(algorithms, row, strict=True))
+        for case, row in zip(cases, values.tolist(), strict=True)
+    }
+
+
+def plain(value: Any) -> Any:
+    """Values for JSON: None for NaN and infinity, text for keys, lists for arrays."""
+    if isinstance(value, Mapping):
+        return {
+            " -> ".join(key) if isinstance(key, tuple) else str(key): plain(item)
+            for key, item in value.items()
+        }
+    if isinstance(value, np.ndarray | np.generic):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

@@ -1,0 +1,197 @@
+"""A Dask cluster: a scheduler given by its address, or one that is started on this machine.
+
+A scheduler starts a run again elsewhere when its worker dies. The workers must have one thread
+each, because a run is one thread and the watchdog ends the whole process.
+"""
+
+import logging
+import queue
+import time
+from typing import Any
+
+from ematwin.comparison.study.engines.base import Engine, EngineError, gave_up
+from ematwin.comparison.study.execute import execute, hard_limit
+from ematwin.comparison.study.run import RunResult, RunSpec
+from ematwin.errors import MissingExtraError
+
+_CONNECT = 10.0  # s
+_WORKERS_COME = 60.0  # s to wait for a first worker, and for another when all are gone
+_LOOK = 2.0  # s between two looks at the workers
+
+
+class DaskEngine(Engine):
+    """Workers of a Dask scheduler.
+
+    Parameters
+    ----------
+    scheduler : address such as tcp://host:8786, or None to start one with ``workers`` here
+    workers : int
+    time_limit : float, s, of a run, or None
+
+    Raises
+    ------
+    MissingExtraError
+        If Dask is not installed.
+    """
+
+    name = "dask"
+
+    def __init__(
+        self, scheduler: str | None, workers: int, time_limit: float | None = None
+    ) -> None:
+        try:
+            import distributed
+        except ImportError:
+            raise MissingExtraError("distributed", "dask", "The engine dask") from None
+        self._distributed = distributed
+        self._address = scheduler
+        self._workers = workers
+        self._limit = time_limit
+        self._cluster: Any = None
+        self._client: Any = None
+        self._slots = 0
+        self._looked = 0.0
+        self._alone_since: float | None = None
+        self._flights: dict[str, tuple[RunSpec, Any, float]] = {}
+        self._events: queue.SimpleQueue[tuple[str, Any]] = queue.SimpleQueue()
+
+    def start(self) -> None:  # noqa: D102
+        # what they would log about lost connections is said once, as a sentence
+        for name in list(logging.root.manager.loggerDict):
+            if name.split(".")[0] in {"distributed", "tornado", "asyncio"}:
+                logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+        if self._address is None:
+            self._cluster = self._distributed.LocalCluster(
+                n_workers=self._workers,
+                threads_per_worker=1,
+                dashboard_address=None,
+                silence_logs=logging.CRITICAL,
+            )
+        try:
+            self._client = self._distributed.Client(
+                self._cluster or self._address, timeout=_CONNECT, set_as_default=False
+            )
+        except (OSError, ValueError, TypeError) as error:
+            self._client = None
+            self.close()
+            raise EngineError(
+                f"The scheduler at {self._address} does not answer ({_short(error)}). Start it "
+                "with: dask scheduler, and check the address."
+            ) from None
+        end = time.monotonic() + _WORKERS_COME
+        while not self._look():
+            if time.monotonic() > end:
+                self.close()
+                raise EngineError(
+                    f"The scheduler at {self._address} has no workers. Start some with: "
+                    f"dask worker {self._address} --nthreads 1"
+                )
+            time.sleep(0.2)
+
+    @property
+    def busy(self) -> int:  # noqa: D102
+        return len(self._flights)
+
+    @property
+    def free(self) -> int:  # noqa: D102
+        return max(0, self._slots - len(self._flights))
+
+    def submit(self, spec: RunSpec) -> None:  # noqa: D102
+        id = spec.id
+        try:
+            # impure: another client of this scheduler may have asked for the same run
+            future = self._client.submit(
+                execute, spec, self._limit, self.name, pure=False, key=None, retries=0
+            )
+        except Exception as error:
+            raise self._lost(error) from None
+        self._flights[id] = (spec, future, time.monotonic())
+        future.add_done_callback(lambda done: self._events.put((id, done)))
+
+    def finished(self, timeout: float) -> list[RunResult]:  # noqa: D102
+        results: list[RunResult] = []
+        try:
+            while True:
+                id, future = self._events.get(timeout=0.0 if results else timeout)
+                if id in self._flights and self._flights[id][1] is future:
+                    results.append(self._land(id))
+        except queue.Empty:
+            pass
+        if not results:
+            self._watch_cluster()
+        return results
+
+    def close(self) -> None:  # noqa: D102
+        for one in (self._client, self._cluster):
+            if one is None:
+                continue
+            try:
+                if one is self._client and self._flights:
+                    one.cancel([flight[1] for flight in self._flights.values()], force=True)
+                one.close(timeout=5)
+            except Exception:
+                logging.getLogger("ematwin").debug("closing the cluster", exc_info=True)
+        self._client = self._cluster = None
+        self._flights.clear()
+
+    def _land(self, id: str) -> RunResult:
+        spec, future, since = self._flights[id]
+        if future.status in {"cancelled", "lost"}:
+            raise self._lost(None)
+        try:
+            result: RunResult = future.result(timeout=_CONNECT)
+        except self._distributed.KilledWorker:
+            overdue = self._limit is not None and time.monotonic() - since >= (
+                hard_limit(self._limit)
+            )
+            result = gave_up(spec, self.name, self._limit, overdue)
+        except (OSError, TimeoutError) as error:
+            raise self._lost(error) from None
+        except Exception as error:
+            result = RunResult(id, "failed", stopped=f"{type(error).__name__}: {error}")
+        del self._flights[id]
+        return result
+
+    def _watch_cluster(self) -> None:
+        if self._client.status not in {"running", "newly-created"}:
+            raise self._lost(None)
+        if time.monotonic() - self._looked > _LOOK:
+            self._look()
+        if self._slots:
+            self._alone_since = None
+        elif self._alone_since is None:
+            self._alone_since = time.monotonic()
+        elif time.monotonic() - self._alone_since > _WORKERS_COME:
+            raise EngineError(
+                f"All workers of the scheduler at {self._address} are gone. Finished runs are "
+                "kept; start workers and give the same command again."
+            )
+
+    def _look(self) -> int:
+        """Count the workers; runs go to as many at once."""
+        try:
+            threads = self._client.nthreads()
+        except Exception as error:
+            raise self._lost(error) from None
+        self._looked = time.monotonic()
+        wide = [address for address, n in threads.items() if n != 1]
+        if wide:
+            self.close()
+            raise EngineError(
+                f"The worker {wide[0]} has {threads[wide[0]]} threads, but a run is one thread. "
+                "Start the workers with: dask worker ... --nthreads 1"
+            )
+        self._slots = len(threads)
+        return self._slots
+
+    def _lost(self, error: BaseException | None) -> EngineError:
+        cause = f" ({_short(error)})" if error is not None else ""
+        return EngineError(
+            f"The scheduler at {self._address} was lost{cause}. Finished runs are kept; start it "
+            "and its workers, and give the same command again."
+        )
+
+
+def _short(error: BaseException) -> str:
+    text = " ".join(str(error).split()) or type(error).__name__
+    return text if len(text) <= 120 else text[:117] + "..."

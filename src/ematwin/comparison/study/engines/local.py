@@ -1,0 +1,193 @@
+"""Processes on this machine, by loky (joblib).
+
+When one process dies, loky gives up all of its pool. The runs that were in flight are then done
+again, one at a time: so a run that kills its process is found out without blaming its neighbours.
+"""
+
+import os
+import queue
+import signal
+import threading
+import time
+from collections import deque
+from concurrent.futures import BrokenExecutor, Future
+from dataclasses import dataclass
+from typing import Any
+
+from ematwin.comparison.study.engines.base import DEATHS, Engine, EngineError, gave_up
+from ematwin.comparison.study.execute import execute, hard_limit, warm_up
+from ematwin.comparison.study.run import RunResult, RunSpec
+
+# one run, one core: no library may share it out again
+_ENVIRONMENT = {
+    name: "1"
+    for name in (
+        "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS",
+        "VECLIB_MAXIMUM_THREADS", "BLIS_NUM_THREADS",
+    )
+}  # fmt: skip
+
+# loky replaces a process that grew by 300 MB since its first call, and warns of a memory leak. The
+# compiler takes more than that, once: the process would lose its records and kernels for nothing.
+_LEAK = 2_000_000_000
+
+
+@dataclass
+class _Flight:
+    spec: RunSpec
+    since: float = 0.0
+    deaths: int = 0  # when it was the only one in flight
+
+
+class LocalEngine(Engine):
+    """Worker processes on this machine.
+
+    Parameters
+    ----------
+    workers : int
+    time_limit : float, s, of a run, or None
+    """
+
+    name = "local"
+
+    def __init__(self, workers: int, time_limit: float | None = None) -> None:
+        self._workers = workers
+        self._limit = time_limit
+        self._pool: Any = None
+        self._generation = 0
+        self._events: queue.SimpleQueue[tuple[int, str, Future[RunResult]]] = queue.SimpleQueue()
+        self._flights: dict[str, _Flight] = {}
+        self._suspects: deque[_Flight] = deque()
+
+    def start(self, attempts: int = DEATHS) -> None:  # noqa: D102
+        from joblib.externals.loky import ProcessPoolExecutor
+
+        self._pool = ProcessPoolExecutor(
+            max_workers=self._workers,
+            timeout=None,
+            initializer=_prepare_worker,
+            initargs=(os.getpid(),),
+            env=_ENVIRONMENT,
+        )
+        try:
+            # a run's clock starts when it is submitted: somebody must be there to take it
+            self._pool.submit(warm_up).result()
+        except (BrokenExecutor, RuntimeError) as error:
+            self._end_pool()
+            if attempts > 1:
+                return self.start(attempts - 1)
+            raise EngineError(
+                f"The worker processes die as soon as they start ({type(error).__name__}). "
+                "Finished runs are kept; see whether there is enough memory."
+            ) from None
+
+    @property
+    def busy(self) -> int:  # noqa: D102
+        return len(self._flights) + len(self._suspects)
+
+    @property
+    def free(self) -> int:  # noqa: D102
+        alone = any(flight.deaths for flight in self._flights.values())
+        return 0 if self._suspects or alone else self._workers - len(self._flights)
+
+    def submit(self, spec: RunSpec) -> None:  # noqa: D102
+        self._launch(_Flight(spec))
+
+    def finished(self, timeout: float) -> list[RunResult]:  # noqa: D102
+        results: list[RunResult] = []
+        try:
+            while True:
+                event = self._events.get(timeout=0.0 if results else timeout)
+                results += self._land(*event)
+        except queue.Empty:
+            return results
+
+    def close(self) -> None:  # noqa: D102
+        self._flights.clear()
+        self._suspects.clear()
+        self._end_pool()
+
+    def _launch(self, flight: _Flight) -> None:
+        flight.since = time.monotonic()
+        id, generation = flight.spec.id, self._generation
+        self._flights[id] = flight
+        try:
+            future = self._pool.submit(execute, flight.spec, self._limit, self.name)
+        except (BrokenExecutor, RuntimeError) as error:  # an idle process had died
+            future = Future()
+            future.set_exception(
+                error if isinstance(error, BrokenExecutor) else BrokenExecutor(str(error))
+            )
+        future.add_done_callback(lambda done: self._events.put((generation, id, done)))
+
+    def _land(self, generation: int, id: str, future: "Future[RunResult]") -> list[RunResult]:
+        if generation != self._generation or id not in self._flights:
+            return []
+        if future.cancelled() or isinstance(future.exception(), BrokenExecutor):
+            cause = "" if future.cancelled() else str(future.exception())
+            # loky names the signals that ended processes; the watchdog exits without one
+            return self._recover(by_signal="SIG" in cause)
+        flight = self._flights.pop(id)
+        error = future.exception()
+        if error is not None:  # the result could not be carried back
+            result = RunResult(id, "failed", stopped=f"{type(error).__name__}: {error}")
+        else:
+            result = future.result()
+        if flight.deaths or self._suspects:
+            self._next_suspect()
+        return [result]
+
+    def _recover(self, by_signal: bool) -> list[RunResult]:
+        """A process died: find out which run was to blame, if any."""
+        flights = list(self._flights.values())
+        self._flights.clear()
+        self._generation += 1
+        self._end_pool()
+        self.start()
+        results = []
+        if len(flights) == 1:
+            flight = flights[0]
+            flight.deaths += 1
+            overdue = (
+                self._limit is not None
+                and not by_signal
+                and time.monotonic() - flight.since >= hard_limit(self._limit)
+            )  # fmt: skip
+            if overdue or flight.deaths >= DEATHS:
+                results.append(gave_up(flight.spec, self.name, self._limit, overdue))
+            else:
+                self._suspects.append(flight)
+        else:
+            self._suspects.extend(flights)
+        self._next_suspect()
+        return results
+
+    def _next_suspect(self) -> None:
+        if self._suspects and not self._flights:
+            self._launch(self._suspects.popleft())
+
+    def _end_pool(self) -> None:
+        if self._pool is not None:
+            # loky's own thread may stumble over the processes that are killed under it
+            hook, threading.excepthook = threading.excepthook, lambda _: None
+            try:
+                self._pool.shutdown(wait=True, kill_workers=True)
+            finally:
+                threading.excepthook = hook
+                self._pool = None
+
+
+def _prepare_worker(parent: int) -> None:
+    """Leave Ctrl-C to the main process, end with it even if it is killed, and compile in peace."""
+    from joblib.externals.loky import process_executor
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    process_executor._MAX_MEMORY_LEAK_SIZE = _LEAK
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(0.5)
+        os._exit(1)
+
+    if os.name == "posix":
+        threading.Thread(target=watch, name="ematwin-parent", daemon=True).start()

@@ -1,0 +1,250 @@
+"""Do one run: `RunSpec` in, `RunResult` out, whatever happens in between.
+
+A plain function of plain values, so that any engine can carry it. It never raises: a run that
+raises, takes too long or finds nothing finite is a result too.
+
+A search is limited in time twice. Between two batches the clock is looked at, which ends a slow
+method in good order. Behind it a watchdog ends the whole process of one that never comes back;
+the engine notices the death and records the run as timed out.
+"""
+
+import faulthandler
+import math
+import os
+import platform
+import socket
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache, lru_cache
+from typing import Any
+
+import numpy as np
+
+from ematwin import __version__
+from ematwin.comparison.study.box import boxed
+from ematwin.comparison.study.history import PackedHistory, pack
+from ematwin.comparison.study.run import RunResult, RunSpec
+from ematwin.comparison.study.subject import Subject
+from ematwin.errors import EmatwinError
+from ematwin.estimation.identify import find
+from ematwin.estimation.problem import Problem
+from ematwin.estimation.search import named
+from ematwin.models.scenario import Scenario
+from ematwin.recordings.noise import Noise
+
+_RECORDS = 16  # kept in a worker; runs that share one are neighbours in a plan
+
+
+class _TimeUpError(Exception):
+    """The search ran past its time limit; caught within this module."""
+
+
+def hard_limit(time_limit: float) -> float:
+    """Seconds after which the watchdog ends a process whose search was to end by itself."""
+    return 1.2 * time_limit + 2.0
+
+
+def execute(spec: RunSpec, time_limit: float | None = None, engine: str = "none") -> RunResult:
+    """Do a run.
+
+    Parameters
+    ----------
+    spec : RunSpec
+    time_limit : float, s, for the search alone, or None
+    engine : name of what carries it, for the provenance
+
+    Returns
+    -------
+    RunResult, also of a run that failed; ``status`` and ``stopped`` then say how
+    """
+    origin = provenance(engine)
+    clock = _Clock(time_limit)
+    try:
+        subject, problem = _prepared(spec)
+        with clock.running(), _watchdog(time_limit):
+            search = named(spec.algorithm, population=spec.population, iterations=spec.iterations)
+            found = find(
+                boxed(problem, spec.box),
+                search,
+                budget=spec.population * spec.iterations,
+                seed=spec.seed,
+                progress=clock.look,
+            )
+    except _TimeUpError:
+        return _ended(
+            spec, "timeout", f"ran past its time limit of {time_limit:g} s", clock, origin
+        )
+    except Exception as error:
+        if clock.evaluations and not clock.any_finite:
+            stopped = f"no finite cost in {clock.evaluations} evaluations"
+            return _ended(spec, "not finite", stopped, clock, origin)
+        kind = "" if isinstance(error, EmatwinError) else f"{type(error).__name__}: "
+        return _ended(spec, "failed", f"{kind}{error}" or kind, clock, origin)
+    pair = subject.values(found.point), subject.values(spec.faults)
+    history = [(int(n), cost) for n, cost in found.history.tolist()]
+    return RunResult(
+        id=spec.id,
+        status="done",
+        faults=tuple(found.point.tolist()),
+        cost=float(found.cost),
+        relative_misfit=problem.relative_misfit(found.cost),
+        err=subject.model.error_percent(*pair, subject.actuator),
+        err_wrapped=subject.model.error_percent_wrapped(*pair, subject.actuator),
+        evaluations=found.evaluations,
+        seconds=clock.seconds,
+        cpu_seconds=clock.cpu_seconds,
+        history=PackedHistory(pack(history)),
+        stopped=str(found.stopped),
+        provenance=origin,
+    )
+
+
+def warm_up() -> None:
+    """Load what every run needs, so that the first one is not slower than the others."""
+    from ematwin.models.registry import models
+    from ematwin.numerics import compile  # noqa: F401  # the compiler: half a second
+
+    models()
+
+
+class _Clock:
+    """Time and evaluations of a search, and its limit.
+
+    Attributes
+    ----------
+    seconds, cpu_seconds : float, NaN before it ran
+    evaluations : int, so far
+    any_finite : bool, some candidate had a finite cost
+    """
+
+    def __init__(self, limit: float | None) -> None:
+        self._limit = limit
+        self._wall = 0.0
+        self.seconds = self.cpu_seconds = math.nan
+        self.evaluations = 0
+        self.any_finite = False
+
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        """Measure the block."""
+        self._wall, cpu = time.perf_counter(), time.process_time()
+        try:
+            yield
+        finally:
+            self.seconds = time.perf_counter() - self._wall
+            self.cpu_seconds = time.process_time() - cpu
+
+    def look(self, evaluations: int, cost: float, budget: int) -> None:
+        """Note where the search stands; end it if its time is up."""
+        self.evaluations = evaluations
+        self.any_finite = self.any_finite or math.isfinite(cost)
+        if self._limit is not None and time.perf_counter() - self._wall > self._limit:
+            raise _TimeUpError
+
+
+def _ended(
+    spec: RunSpec, status: str, stopped: str, clock: _Clock, origin: dict[str, Any]
+) -> RunResult:
+    return RunResult(
+        spec.id,
+        status,
+        evaluations=clock.evaluations,
+        seconds=clock.seconds,
+        cpu_seconds=clock.cpu_seconds,
+        stopped=stopped,
+        provenance=origin,
+    )
+
+
+@contextmanager
+def _watchdog(time_limit: float | None) -> Iterator[None]:
+    """End this process if the block takes much longer than the limit.
+
+    faulthandler's timer runs outside the interpreter, so that neither a held lock nor compiled
+    code keeps it from acting.
+    """
+    if time_limit is None:
+        yield
+        return
+    with open(os.devnull, "w") as sink:
+        faulthandler.dump_traceback_later(hard_limit(time_limit), exit=True, file=sink)
+        try:
+            yield
+        finally:
+            faulthandler.cancel_dump_traceback_later()
+
+
+def _prepared(spec: RunSpec) -> tuple[Subject, Problem]:
+    """What is searched of a run's recording; runs that share a recording share it."""
+    setting = _Setting(spec)
+    # where nothing in a recording is drawn at random, its seed changes nothing
+    seeded = spec.noise is not None or _subject(setting).model.noisy
+    return _kept((spec.faults, spec.record_seed if seeded else 0, spec.model), setting)
+
+
+class _Setting:
+    """What a record needs besides its key; equal where the values are, so that it can be a key."""
+
+    def __init__(self, spec: RunSpec) -> None:
+        self.spec = spec
+        self._text = repr((spec.actuator, spec.scenario, spec.noise))
+
+    def __hash__(self) -> int:
+        return hash(self._text)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Setting) and self._text == other._text
+
+
+@lru_cache(maxsize=_RECORDS)
+def _kept(key: tuple[Any, ...], setting: _Setting) -> tuple[Subject, Problem]:
+    faults, seed, fidelity = key
+    spec = setting.spec
+    subject = _subject(setting)
+    model, actuator = subject.model, subject.actuator
+    recording = model.simulate(
+        actuator,
+        Scenario.model_validate(spec.scenario),
+        subject.values(faults),
+        fidelity=fidelity,
+        noise=None if spec.noise is None else Noise(**spec.noise),
+        seed=seed,
+    )
+    problem = Problem.of(recording, actuator, threads=1)
+    problem.costs(np.array([faults]))  # compiles, or loads what was compiled, outside any clock
+    return subject, problem
+
+
+@lru_cache(maxsize=_RECORDS)
+def _subject(setting: _Setting) -> Subject:
+    return Subject.stored(setting.spec.actuator)
+
+
+@cache
+def provenance(engine: str) -> dict[str, Any]:
+    """Versions, machine and kernel backend of this process."""
+    import numba
+    import scipy
+
+    return {
+        "ematwin": __version__,
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "scipy": scipy.__version__,
+        "numba": numba.__version__,
+        "machine": socket.gethostname(),
+        "processor": _processor(),
+        "system": platform.platform(),
+        "kernel": "numba on CPU, one thread",
+        "engine": engine,
+    }
+
+
+def _processor() -> str:
+    try:
+        with open("/proc/cpuinfo", encoding="utf-8") as text:
+            names = [line.split(":", 1)[1].strip() for line in text if "model name" in line]
+    except OSError:
+        names = []
+    return names[0] if names else platform.processor() or platform.machine()

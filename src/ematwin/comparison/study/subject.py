@@ -1,0 +1,140 @@
+"""Subject: the actuator of a study, and what is searched of it.
+
+Runs carry their actuator as plain values, so that neither a worker nor a report needs its file. Its
+faults and nuisances are searched; vectors hold their values in the order of its unknowns.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from pydantic import ValidationError
+
+from ematwin.errors import InputError, ParameterError
+from ematwin.estimation.problem import unknowns_of
+from ematwin.models.base import Model
+from ematwin.models.parameter_set import ParameterSet
+from ematwin.models.registry import DEFAULT_KIND, load_actuator, model_of
+from ematwin.models.unknown import Unknown
+from ematwin.validation import one_sentence
+
+
+@dataclass(frozen=True)
+class Subject:
+    """An actuator and its searched unknowns.
+
+    Attributes
+    ----------
+    model : of its kind
+    actuator : its parameters
+    unknowns : (d,) tuple, faults and nuisances
+    """
+
+    model: Model
+    actuator: ParameterSet
+    unknowns: tuple[Unknown, ...]
+
+    @classmethod
+    def of(cls, actuator: ParameterSet | str | None = None) -> "Subject":
+        """The subject that an actuator, or the name of one, is; the default one if not given."""
+        chosen = load_actuator(
+            model_of(DEFAULT_KIND).parameters.default if actuator is None else actuator
+        )
+        model = model_of(chosen)
+        return cls(model, chosen, tuple(unknowns_of(model, chosen, None, None)[0]))
+
+    @classmethod
+    def stored(cls, values: Mapping[str, Any]) -> "Subject":
+        """The subject of plain values (`plain`); without ``kind`` they are of the default kind.
+
+        Raises
+        ------
+        InputError
+            If the kind is not installed, or does not know the values.
+        """
+        kind = values.get("kind", DEFAULT_KIND)
+        try:
+            parameters = model_of(kind).parameters
+        except ParameterError as error:
+            raise InputError(
+                f"{error} The study is of an actuator of that kind: install the package that "
+                "brings it."
+            ) from None
+        given = {name: value for name, value in values.items() if name != "kind"}
+        try:
+            return cls.of(parameters.model_validate(given))
+        except ValidationError as error:
+            raise one_sentence(error, f"actuator {values.get('name', '')} of the study") from None
+
+    def plain(self) -> dict[str, Any]:
+        """The actuator as values for JSON; those of the default kind do not name it."""
+        values = self.actuator.model_dump(mode="json")
+        return values if self.kind == DEFAULT_KIND else {"kind": self.kind, **values}
+
+    @property
+    def kind(self) -> str:
+        """Name of the kind of actuator."""
+        return self.model.kind
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """(d,) names of the searched unknowns."""
+        return tuple(one.name for one in self.unknowns)
+
+    @cached_property
+    def healthy(self) -> np.ndarray:
+        """(d,) array."""
+        return np.array([one.healthy for one in self.unknowns])
+
+    @cached_property
+    def lower(self) -> np.ndarray:
+        """(d,) array, bounds."""
+        return np.array([one.lower for one in self.unknowns])
+
+    @cached_property
+    def upper(self) -> np.ndarray:
+        """(d,) array, bounds."""
+        return np.array([one.upper for one in self.unknowns])
+
+    @cached_property
+    def magnitudes(self) -> list[int]:
+        """Places of the faults that are no direction of another: what a diagnosis names."""
+        return [
+            n
+            for n, one in enumerate(self.unknowns)
+            if one.role == "fault" and one.direction_of is None
+        ]
+
+    @cached_property
+    def directions(self) -> list[tuple[int, int]]:
+        """Places of each magnitude that has a direction, and of that direction."""
+        return [
+            (self.names.index(one.direction_of), n)
+            for n, one in enumerate(self.unknowns)
+            if one.direction_of in self.names
+        ]
+
+    def vector(self, given: Any) -> tuple[float, ...]:
+        """(d,) tuple of values given by name; what is not given is healthy.
+
+        Raises
+        ------
+        InputError
+            If a name is unknown or not searched, or a value lies outside its bounds.
+        """
+        values = self.model.values_of(self.actuator, given)
+        for name in dict(given) if isinstance(given, Mapping) else ():
+            if name not in self.names:
+                raise InputError(
+                    f"{name} is derived from what the twin leaves unexplained and is not searched; "
+                    "leave it out of the case."
+                )
+        return tuple(float(values[name]) for name in self.names)
+
+    def values(self, vector: Sequence[float] | np.ndarray) -> dict[str, float]:
+        """All unknowns by name of a vector (d,); what is not searched is healthy."""
+        found = self.model.healthy(self.actuator)
+        found.update(zip(self.names, map(float, vector), strict=True))
+        return found

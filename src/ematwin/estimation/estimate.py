@@ -1,0 +1,171 @@
+"""Estimate: what one or several recordings say of an actuator, as plain values.
+
+Verdicts, monitoring, trends and reports are functions of estimates; they need neither the
+recordings nor the twin. An estimate travels as JSON.
+"""
+
+import json
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from ematwin.errors import FileError, InputError
+from ematwin.files import write_text
+
+FORMAT = 1
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Values of unknowns with their covariance, and where they come from.
+
+    Attributes
+    ----------
+    names : of the d unknowns that were estimated
+    values : (d,) array
+    covariance : (d, d) array; an infinite variance where the recordings do not determine a value
+    units, healthy : by name
+    ranges : by name, upper less lower bound
+    directions : by name of a direction, the name of its magnitude
+    held : values that were held, by name
+    misfit : float, relative: root of the cost over that of a twin that does not answer
+    actuator, kind, fingerprint : name, kind and hash of the parameters of the twin
+    labels : of the recording, as texts
+    source : file or other origin of the recording
+    when : time at which the recording began, ISO 8601, or None
+    statistics : numbers measured on the recording beside the values, by name
+    warnings : sentences on what is doubtful
+    """
+
+    names: tuple[str, ...]
+    values: np.ndarray
+    covariance: np.ndarray
+    units: Mapping[str, str]
+    healthy: Mapping[str, float]
+    ranges: Mapping[str, float]
+    misfit: float
+    actuator: str
+    kind: str
+    fingerprint: str
+    directions: Mapping[str, str] = field(default_factory=dict)
+    held: Mapping[str, float] = field(default_factory=dict)
+    labels: Mapping[str, str] = field(default_factory=dict)
+    source: str = ""
+    when: str | None = None
+    statistics: Mapping[str, float] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        d = len(self.names)
+        if self.values.shape != (d,) or self.covariance.shape != (d, d):
+            raise InputError(
+                f"An estimate of {d} unknowns needs {d} values and a covariance ({d}, {d}); "
+                f"received {self.values.shape} and {self.covariance.shape}."
+            )
+
+    @property
+    def standard_errors(self) -> dict[str, float]:
+        """By name; infinite where undetermined."""
+        errors = np.sqrt(np.diag(self.covariance))
+        return dict(zip(self.names, errors.tolist(), strict=True))
+
+    def __getitem__(self, name: str) -> float:
+        """The value of an unknown, estimated or held."""
+        if name in self.names:
+            return float(self.values[self.names.index(name)])
+        return float(self.held[name])
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain JSON values; what is infinite is null."""
+        return {
+            "format": FORMAT,
+            "names": list(self.names),
+            "values": self.values.tolist(),
+            "covariance": [[x if math.isfinite(x) else None for x in row] for row in
+                           self.covariance.tolist()],
+            "units": dict(self.units),
+            "healthy": dict(self.healthy),
+            "ranges": dict(self.ranges),
+            "directions": dict(self.directions),
+            "held": dict(self.held),
+            "misfit": self.misfit,
+            "actuator": self.actuator,
+            "kind": self.kind,
+            "fingerprint": self.fingerprint,
+            "labels": dict(self.labels),
+            "source": self.source,
+            "when": self.when,
+            "statistics": dict(self.statistics),
+            "warnings": list(self.warnings),
+        }  # fmt: skip
+
+    @classmethod
+    def from_dict(cls, table: Mapping[str, Any]) -> Self:
+        """An estimate from what `as_dict` gave.
+
+        Raises
+        ------
+        InputError
+            If something is missing, or it is of a newer ematwin.
+        """
+        try:
+            written = int(table["format"])
+            if written > FORMAT:
+                raise InputError(
+                    f"The estimate was written by a newer ematwin (format {written}, this one "
+                    f"knows {FORMAT}). Update ematwin."
+                )
+            covariance = [[math.inf if x is None else x for x in r] for r in table["covariance"]]
+            rest = {
+                name: table[name]
+                for name in (
+                    "units", "healthy", "ranges", "directions", "held", "misfit", "actuator",
+                    "kind", "fingerprint", "labels", "source", "when", "statistics",
+                )
+            }  # fmt: skip
+            d = len(table["names"])
+            return cls(
+                tuple(table["names"]),
+                np.array(table["values"], dtype=float).reshape(d),
+                np.array(covariance, dtype=float).reshape(d, d),
+                warnings=tuple(table["warnings"]),
+                **rest,
+            )
+        except (KeyError, TypeError, ValueError) as error:
+            if isinstance(error, InputError):
+                raise
+            raise InputError(
+                f"This is not an estimate of ematwin, or is damaged ({type(error).__name__}: "
+                f"{error}). Make it again with ematwin identify."
+            ) from None
+
+
+def save_estimates(estimates: Iterable[Estimate], path: str | Path) -> None:
+    """Write estimates to a JSON file, whole or not at all."""
+    content = [one.as_dict() for one in estimates]
+    write_text(path, json.dumps(content, indent=1, allow_nan=False))
+
+
+def load_estimates(path: str | Path) -> list[Estimate]:
+    """Read what `save_estimates` wrote.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be read.
+    InputError
+        If it holds no estimates.
+    """
+    try:
+        content = json.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise FileError(f"Cannot read {path}: {error.strerror}.") from None
+    except ValueError as error:
+        raise InputError(f"{path} is not JSON: {error}. Give a file that ematwin wrote.") from None
+    if not isinstance(content, list):
+        content = [content]
+    return [Estimate.from_dict(one) for one in content]

@@ -1,0 +1,53 @@
+"""Ctrl-C during a search: answered at the next batch, even if it was swallowed on the way.
+
+Python raises KeyboardInterrupt wherever the main thread happens to be. Where that is a callback of
+a compiler or a destructor, the exception is printed and lost, and a search would go on to its end.
+Here the signal is also noted, and `InterruptNoted.check` raises again what was lost.
+"""
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import Any
+
+
+class InterruptNoted:
+    """Whether Ctrl-C was pressed since the search began."""
+
+    def __init__(self) -> None:
+        self.pressed = False
+
+    def check(self) -> None:
+        """Raise KeyboardInterrupt if Ctrl-C was pressed and nothing has come of it."""
+        if self.pressed:
+            self.pressed = False
+            raise KeyboardInterrupt
+
+
+@contextmanager
+def noting_interrupts() -> Iterator[InterruptNoted]:
+    """Note SIGINT while the block runs; the handler from before still raises as it would.
+
+    Outside the main thread, which alone receives signals, nothing is changed.
+    """
+    noted = InterruptNoted()
+    if threading.current_thread() is not threading.main_thread():
+        yield noted
+        return
+    before: Any = signal.getsignal(signal.SIGINT)
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        noted.pressed = True
+        if callable(before):
+            before(number, frame)
+
+    if not callable(before):  # ignored, or not ours to know
+        yield noted
+        return
+    signal.signal(signal.SIGINT, handle)
+    try:
+        yield noted
+    finally:
+        signal.signal(signal.SIGINT, before)

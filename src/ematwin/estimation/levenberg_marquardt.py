@@ -1,0 +1,170 @@
+"""Levenberg-Marquardt from several points at once, within bounds, by batches.
+
+Levenberg (1944), Marquardt (1963). Each iteration simulates all columns of all Jacobians in one
+batch (forward differences), then all trial steps in another: a few dampings for each point, of
+which the best is kept. A bound that the step presses against is held for that step (projected
+Newton, Bertsekas 1982).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+Residuals = Callable[[np.ndarray], np.ndarray]
+
+# Trial dampings, as factors of the current one.
+DAMPINGS = np.array([0.1, 1.0, 10.0])
+_LONGEST_DIFFERENCE = 5e-3  # impacts make the misfit rough: shorter differences see only that
+_SHORTEST_DIFFERENCE = 2e-4
+_STALLED = 1e-4  # relative gain of an iteration below which a point is left alone
+_HOPELESS = 1e5  # damping at which no step helps
+
+
+@dataclass
+class LevenbergMarquardt:
+    """Points on their way down.
+
+    Attributes
+    ----------
+    points : (M, d) array
+    residuals : (M, S) array; ``costs`` (M,) are their sums of squares
+    damping, difference : (M,) arrays, damping and length of the forward differences
+    finished : (M,) array of bool, points that no iteration moves any more
+    """
+
+    points: np.ndarray
+    residuals: np.ndarray
+    damping: np.ndarray
+    difference: np.ndarray
+    finished: np.ndarray
+
+    @classmethod
+    def start(
+        cls, points: np.ndarray, residuals: Residuals, damping: float
+    ) -> "LevenbergMarquardt":
+        """A descent from points (M, d); costs M evaluations."""
+        count = len(points)
+        return cls(
+            points.copy(),
+            residuals(points),
+            np.full(count, damping),
+            np.full(count, _LONGEST_DIFFERENCE),
+            np.zeros(count, dtype=bool),
+        )
+
+    @property
+    def costs(self) -> np.ndarray:
+        """(M,) sums of squares."""
+        squares = np.einsum("ms,ms->m", self.residuals, self.residuals)
+        return np.where(np.isfinite(squares), squares, np.inf)
+
+    def best(self, count: int) -> "LevenbergMarquardt":
+        """The ``count`` points of least cost, best first."""
+        order = np.argsort(self.costs, kind="stable")[:count]
+        return LevenbergMarquardt(
+            self.points[order],
+            self.residuals[order],
+            self.damping[order],
+            self.difference[order],
+            self.finished[order],
+        )
+
+    def iteration_price(self) -> int:
+        """Evaluations that the next iteration takes."""
+        moving = int(np.sum(~self.finished))
+        return moving * (self.points.shape[1] + len(DAMPINGS))
+
+    def iterate(
+        self,
+        residuals: Residuals,
+        lower: np.ndarray,
+        upper: np.ndarray,
+        project: Callable[[np.ndarray], np.ndarray],
+    ) -> None:
+        """Move every point that is not finished by one Levenberg-Marquardt step."""
+        moving = np.flatnonzero(~self.finished)
+        if moving.size == 0:
+            return
+        count, d = len(moving), self.points.shape[1]
+        here = self.points[moving]
+        h = self.difference[moving][:, None]
+        signed = np.where(here + h <= upper, h, -h)
+        shifted = here[:, None, :] + signed[:, :, None] * np.eye(d)
+        beside = residuals(shifted.reshape(-1, d)).reshape(count, d, -1)
+        trials = np.empty((count, len(DAMPINGS), d))
+        for m, n in enumerate(moving):
+            jacobian = (beside[m] - self.residuals[n]) / signed[m][:, None]
+            dampings = self.damping[n] * DAMPINGS
+            trials[m] = here[m] + _steps(
+                jacobian, self.residuals[n], here[m], dampings, lower, upper
+            )
+        trials = project(trials.reshape(-1, d)).reshape(trials.shape)
+        tried = residuals(trials.reshape(-1, d)).reshape(count, len(DAMPINGS), -1)
+        for m, n in enumerate(moving):
+            self._choose(int(n), shifted[m], beside[m], trials[m], tried[m])
+
+    def _choose(
+        self,
+        n: int,
+        shifted: np.ndarray,
+        beside: np.ndarray,
+        trials: np.ndarray,
+        tried: np.ndarray,
+    ) -> None:
+        """Take the best point seen in this iteration, and adapt damping and difference."""
+        before = _cost(self.residuals[n][None])[0]
+        stepped, probed = _cost(tried), _cost(beside)
+        t, p = int(np.argmin(stepped)), int(np.argmin(probed))
+        after = min(stepped[t], probed[p])
+        if not after < before:
+            self.damping[n] *= 30.0
+            self.difference[n] = max(0.4 * self.difference[n], 0.5 * _SHORTEST_DIFFERENCE)
+            self.finished[n] = self.damping[n] > _HOPELESS
+            return
+        if probed[p] < stepped[t]:  # a rough stretch: the differences did better than the model
+            self.points[n], self.residuals[n] = shifted[p], beside[p]
+            self.damping[n] *= 4.0
+        else:
+            moved = float(np.abs(trials[t] - self.points[n]).max())
+            self.points[n], self.residuals[n] = trials[t], tried[t]
+            self.damping[n] = max(self.damping[n] * DAMPINGS[t], 1e-7)
+            self.difference[n] = np.clip(0.2 * moved, _SHORTEST_DIFFERENCE, _LONGEST_DIFFERENCE)
+        self.finished[n] = (before - after) < _STALLED * before
+
+
+def _cost(residuals: np.ndarray) -> np.ndarray:
+    squares = np.einsum("ns,ns->n", residuals, residuals)
+    return np.where(np.isfinite(squares), squares, np.inf)
+
+
+def _steps(
+    jacobian: np.ndarray,
+    residual: np.ndarray,
+    point: np.ndarray,
+    dampings: np.ndarray,
+    lower: np.ndarray,
+    upper: np.ndarray,
+) -> np.ndarray:
+    """Levenberg-Marquardt steps (len(dampings), d); ``jacobian`` is (d, S)."""
+    normal = jacobian @ jacobian.T
+    gradient = jacobian @ residual
+    if not (np.isfinite(normal).all() and np.isfinite(gradient).all()):
+        return np.zeros((len(dampings), len(point)))
+    scale = np.maximum(np.diag(normal), 1e-6 * np.diag(normal).max() + 1e-300)
+    steps = np.zeros((len(dampings), len(point)))
+    for row, damping in zip(steps, dampings, strict=True):
+        free = np.ones(len(point), dtype=bool)
+        for _ in range(len(point)):
+            f = np.flatnonzero(free)
+            damped = normal[np.ix_(f, f)] + damping * np.diag(scale[f])
+            row[:] = 0.0
+            row[f] = -np.linalg.solve(damped, gradient[f])
+            pressing = free & (((point <= lower) & (row < 0.0)) | ((point >= upper) & (row > 0.0)))
+            if not pressing.any():
+                break
+            free &= ~pressing
+            if not free.any():
+                row[:] = 0.0
+                break
+    return steps

@@ -1,0 +1,233 @@
+"""Search: how the least cost of a problem is found; one protocol for every method.
+
+A method is an object that is passed: `Multistart`, `LocalDescent`, or `Population` around any
+optimiser. Names are for the command line and for files (`named`, `methods`). Budget, clock and
+Ctrl-C are the same for all: a search ends at its budget, reports as it goes, and gives the best so
+far when it is interrupted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol, cast
+
+import numpy as np
+
+from ematwin.errors import InputError
+from ematwin.estimation.problem import Problem
+from ematwin.optimizers.base import Optimizer
+from ematwin.optimizers.minimize import ITERATIONS, POPULATION, minimize
+
+Report = Callable[[int, float], None]
+"""Called with evaluations and best cost after each batch; may raise to end the search."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a search found.
+
+    Attributes
+    ----------
+    point : (d,) array, values of the free unknowns
+    cost : float, over the whole recordings
+    evaluations : int
+    history : (B, 2) array, evaluations and best cost so far
+    stopped : why it ended
+    method : name
+    seed : int
+    problem : the problem that the point was judged by, where not by the one that was given
+    """
+
+    point: np.ndarray
+    cost: float
+    evaluations: int
+    history: np.ndarray
+    stopped: str
+    method: str
+    seed: int
+    problem: Problem | None = None
+
+
+class Search(Protocol):
+    """A search method.
+
+    Attributes
+    ----------
+    name : str
+    planned : int, evaluations that it takes at most if no budget is given
+    smallest_budget : int
+    """
+
+    @property
+    def name(self) -> str:
+        """As it is called in results."""
+        ...
+
+    @property
+    def planned(self) -> int:
+        """Evaluations at most without a budget."""
+        ...
+
+    @property
+    def smallest_budget(self) -> int:
+        """The least budget that it can work with."""
+        ...
+
+    def run(self, problem: Problem, *, budget: int | None, seed: int, report: Report) -> Found:
+        """Find the point of least cost."""
+        ...
+
+
+@dataclass(frozen=True)
+class Method:
+    """A search method that can be named.
+
+    Attributes
+    ----------
+    name, title, source, origin, installed, aliases : as in `ematwin.optimizers.Algorithm`
+    """
+
+    name: str
+    title: str
+    source: str
+    origin: str
+    installed: bool = True
+    aliases: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Population:
+    """An optimiser that asks and is told, with its one loop.
+
+    Parameters
+    ----------
+    algorithm : name of ``ematwin algorithms``, an optimiser, or a factory of one
+    population, iterations : their product is the budget if none is given
+    checkpoint : file of its state; an interrupted search goes on from it
+    """
+
+    algorithm: str | Optimizer | Any
+    population: int = POPULATION
+    iterations: int = ITERATIONS
+    checkpoint: Path | None = None
+    smallest_budget: int = 1
+
+    @property
+    def name(self) -> str:
+        """Of the algorithm."""
+        if isinstance(self.algorithm, str):
+            return self.algorithm
+        return type(self.algorithm).__name__
+
+    @property
+    def planned(self) -> int:
+        """Population times iterations."""
+        return self.population * self.iterations
+
+    def run(self, problem: Problem, *, budget: int | None, seed: int, report: Report) -> Found:
+        """Minimise the costs within the bounds."""
+        result = minimize(
+            lambda points: problem.costs(problem.from_box(points)),
+            problem.lower,
+            problem.upper,
+            self.algorithm,
+            self.population,
+            self.iterations,
+            seed,
+            budget=budget,
+            checkpoint=self.checkpoint,
+            callback=lambda now: report(now.evaluations, now.cost),
+        )
+        history = np.column_stack([result.history.evaluations, result.history.cost])
+        return Found(
+            problem.from_box(result.x[None])[0], result.cost, result.evaluations, history,
+            result.stopped, result.algorithm, result.seed,
+        )  # fmt: skip
+
+
+def own_methods() -> dict[str, Method]:
+    """The methods that follow slopes, by name."""
+    return {
+        "multistart": Method(
+            "multistart",
+            "Sobol samples, then Levenberg-Marquardt (default for the brushless actuator)",
+            "this project, docs/results.md",
+            "ematwin",
+        ),
+        "levenberg-marquardt": Method(
+            "levenberg-marquardt",
+            "Levenberg-Marquardt from the starts that the kind of actuator suggests",
+            "Levenberg (1944), Marquardt (1963)",
+            "ematwin",
+            aliases=("lm", "descent"),
+        ),
+    }
+
+
+def methods() -> tuple[Method, ...]:
+    """All methods that can be named, the default first."""
+    from ematwin.optimizers.registry import algorithms
+
+    return (
+        *own_methods().values(),
+        *(
+            Method(a.name, a.title, a.source, a.origin, a.installed, tuple(a.aliases))
+            for a in algorithms()
+        ),
+    )
+
+
+def method_name(text: str) -> str:
+    """The name that a name or alias means.
+
+    Raises
+    ------
+    InputError
+        If there is no such method; the message suggests the closest.
+    MissingExtraError
+        If its library is not installed.
+    """
+    wanted = text.strip().lower().replace("_", "-")
+    for name, one in own_methods().items():
+        if wanted in (name, *one.aliases):
+            return name
+    from ematwin.optimizers.registry import find
+
+    found = find(text)
+    found.factory()
+    return found.name
+
+
+def named(
+    algorithm: str | Search | Optimizer | Any,
+    *,
+    population: int = POPULATION,
+    iterations: int = ITERATIONS,
+    checkpoint: str | Path | None = None,
+) -> Search:
+    """The search that a name, a search, an optimiser or a factory of one means.
+
+    Raises
+    ------
+    InputError
+        If there is none of that name, or it keeps no checkpoint.
+    """
+    if hasattr(algorithm, "run") and not isinstance(algorithm, Optimizer):
+        return cast(Search, algorithm)
+    if isinstance(algorithm, str) and (name := method_name(algorithm)) in own_methods():
+        if checkpoint is not None:
+            raise InputError(
+                f"The method {name} takes about a second and keeps no checkpoint; leave it out, "
+                "or choose a population method such as de."
+            )
+        if name == "multistart":
+            from ematwin.estimation.multistart import Multistart
+
+            return Multistart()
+        from ematwin.estimation.local import LocalDescent
+
+        return LocalDescent()
+    path = None if checkpoint is None else Path(checkpoint)
+    return Population(algorithm, population, iterations, path)

@@ -1,0 +1,45 @@
+"""Which faults are present: one rule for reports, commands, studies and monitoring.
+
+A fault is present if its value lies further from healthy than `SMALLEST` of its range and than
+`SIGMAS` standard errors. The first bound keeps out what is too small to matter, the second what may
+be chance. A direction is never a fault of its own.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ematwin.estimation.estimate import Estimate
+
+SMALLEST = 0.02  # of the range of an unknown
+SIGMAS = 3.0  # standard errors
+
+
+def present(estimate: Estimate, smallest: float = SMALLEST) -> tuple[str, ...]:
+    """Names of the faults of an estimate that are present, in its order."""
+    errors = estimate.standard_errors
+    return tuple(
+        name
+        for name in estimate.names
+        if name not in estimate.directions
+        and is_present(
+            estimate[name] - estimate.healthy[name], estimate.ranges[name], errors[name], smallest
+        )
+    )
+
+
+def is_present(
+    deviation: ArrayLike, width: ArrayLike, standard_error: ArrayLike = 0.0,
+    smallest: float = SMALLEST,
+) -> np.ndarray:  # fmt: skip
+    """Whether deviations from healthy are faults; arrays (...) broadcast.
+
+    Parameters
+    ----------
+    deviation : value less healthy value
+    width : range of the unknown
+    standard_error : infinite where the value is not determined; 0 where only the size counts
+    smallest : float, share of the range that counts
+    """
+    size, error = np.abs(deviation), np.asarray(standard_error)
+    large = size >= smallest * np.asarray(width)
+    return np.asarray(large & np.isfinite(error) & (size > SIGMAS * error))

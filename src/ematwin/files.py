@@ -1,0 +1,135 @@
+"""Files and folders: written whole or not at all."""
+
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from ematwin.errors import FileError, InputError
+
+
+@contextmanager
+def written_whole(
+    path: str | Path, *, durable: bool = False, private: bool = False
+) -> Iterator[Path]:
+    """Give a temporary path beside ``path``; it takes its place when the block ends well.
+
+    Parameters
+    ----------
+    path : str or Path
+    durable : bool, wait until the content is on the disk, so that it also survives a power failure
+    private : bool, only the user may read and write the file; otherwise it keeps the rights of the
+        file that it replaces, or gets those of any new file
+
+    Raises
+    ------
+    FileError
+        If the file cannot be written; an older one is left as it was.
+    """
+    target = Path(path)
+    try:
+        handle, name = tempfile.mkstemp(
+            prefix=f".{target.name}.", suffix=target.suffix, dir=target.parent
+        )
+    except OSError as error:
+        raise FileError(
+            f"Cannot write {target}: {error.strerror}. Choose a folder that exists and is yours."
+        ) from None
+    os.close(handle)
+    draft = Path(name)
+    try:
+        yield draft
+        if durable:
+            _flush(draft)
+        if not private:
+            draft.chmod(target.stat().st_mode & 0o777 if target.exists() else 0o666 & ~_umask())
+        os.replace(draft, target)
+    except OSError as error:
+        if isinstance(error, FileError):
+            raise
+        raise FileError(f"Cannot write {target}: {error.strerror or error}.") from None
+    finally:
+        draft.unlink(missing_ok=True)
+
+
+@contextmanager
+def folder_written_whole(folder: str | Path) -> Iterator[Path]:
+    """Give a temporary folder; its files move to ``folder`` when the block ends well.
+
+    A folder that is missing is made; in one that is there, files of the same name are replaced.
+
+    Raises
+    ------
+    FileError
+        If the folder cannot be written. One that was missing stays so; no file is left half-done.
+    """
+    target = Path(folder)
+    parent = target.absolute().parent
+    try:
+        parent.mkdir(parents=True, exist_ok=True)
+        draft = Path(
+            tempfile.mkdtemp(prefix=f".{target.name}.", dir=target if target.exists() else parent)
+        )
+    except OSError as error:
+        raise FileError(
+            f"Cannot write to {target}: {error.strerror}. Choose a folder that is yours."
+        ) from None
+    try:
+        yield draft
+        if target.exists():
+            for path in sorted(draft.iterdir()):
+                os.replace(path, target / path.name)
+        else:
+            draft.chmod(0o777 & ~_umask())
+            draft.rename(target)
+    except OSError as error:
+        if isinstance(error, FileError):
+            raise
+        raise FileError(f"Cannot write to {target}: {error.strerror or error}.") from None
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write a text file, whole or not at all."""
+    with written_whole(path) as draft:
+        draft.write_text(text, encoding="utf-8")
+
+
+def _flush(path: Path) -> None:
+    with path.open("rb+") as file:
+        os.fsync(file.fileno())
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def check_target(path: Path, suffixes: tuple[str, ...]) -> None:
+    """Before long work: the name ends in one of ``suffixes`` and its folder can be written.
+
+    Raises
+    ------
+    InputError
+        If the name has another ending.
+    FileError
+        If the folder is missing or read-only.
+    """
+    if path.suffix.lower() not in suffixes:
+        raise InputError(
+            f"Cannot tell how to write {path}: end its name in {' or '.join(suffixes)}."
+        )
+    if path.is_dir():
+        raise FileError(f"Cannot write {path}: it is a folder. Give the name of a file.")
+    folder = path.parent
+    try:
+        tempfile.TemporaryFile(dir=folder).close()  # rights alone do not tell of read-only mounts
+    except OSError:
+        raise FileError(
+            f"Cannot write {path}: the folder {folder} is missing or read-only. "
+            "Choose a folder that exists and is yours."
+        ) from None

@@ -1,0 +1,1 @@
+"""The ball-screw actuator: stepper motor, screw, sampled position loop."""

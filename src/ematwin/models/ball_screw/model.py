@@ -1,0 +1,190 @@
+"""The ball-screw actuator as a `Model`: its only door to search, reports and commands."""
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ematwin.errors import InputError
+from ematwin.models.ball_screw.channels import CHANNELS, check_spans
+from ematwin.models.ball_screw.constants import FIXED
+from ematwin.models.ball_screw.parameters import BallScrew
+from ematwin.models.ball_screw.unknowns import unknowns
+from ematwin.models.base import Candidates, Model, Progress, Reported, Signal, Statistic, Values
+from ematwin.models.scenario import Scenario
+from ematwin.models.unknown import Unknown
+from ematwin.recordings.channel import Channel
+from ematwin.recordings.noise import Noise
+from ematwin.recordings.recording import Recording
+
+SETTLED = 6.3  # time constants of the position loop until a transient has died out
+_ROUGH_BANDS = (3, 4, 5)  # of the residual's spectrum: one turn of the screw, harmonics, balls
+
+
+class BallScrewModel(Model):
+    """Stepper motor, ball screw, nut and a sampled position loop; docs/ball-screw.md."""
+
+    kind: ClassVar[str] = "ball-screw"
+    title: ClassVar[str] = "stepper motor, ball screw and sampled position loop"
+    parameters: ClassVar[type[BallScrew]] = BallScrew
+    channels: ClassVar[tuple[Channel, ...]] = CHANNELS
+    command: ClassVar[str] = "set_point"
+    needs: ClassVar[tuple[str | tuple[tuple[str, ...], ...], ...]] = (
+        (("position_error",), ("position",)), "current",
+    )  # fmt: skip
+    default_search: ClassVar[str] = "levenberg-marquardt"
+    sample_rate: ClassVar[float] = 25.0
+    # What a recording of current and position error can say something of, and how far (as a
+    # factor, one standard deviation) the template may be off.
+    nominal: ClassVar[Mapping[str, float]] = {
+        "screw.friction_force": 2.0,
+        "screw.fading_speed": 1.5,
+        "screw.efficiency_opposing": 1.3,
+        "screw.efficiency_aiding": 1.1,
+        "drive.idle_current": 2.0,
+        "drive.response_time": 2.0,
+        "controller.position_gain": 1.5,
+        "controller.integral_gain": 1.5,
+    }
+    fixed: ClassVar[tuple[str, ...]] = FIXED
+    covariate: ClassVar[str | None] = "load"
+    noisy: ClassVar[bool] = True
+    statistics: ClassVar[tuple[Statistic, ...]] = (
+        Statistic(
+            "sensor_coupling", "A/m", "The sensors share fast noise differently than in the "
+            "healthy runs", "Rewiring or reassembly can cause this, and so can rough running. The "
+            "noise is removed from the current before the verdict.",
+        ),
+    )  # fmt: skip
+    short: ClassVar[Mapping[str, str]] = {"position_error": "error"}
+
+    def unknowns(self, actuator: Any) -> tuple[Unknown, ...]:
+        """Friction, backlash and gain; load and first error; roughness."""
+        return unknowns(actuator)
+
+    def respond(
+        self, actuator: Any, inputs: Recording, candidates: Candidates, count: int
+    ) -> dict[str, np.ndarray]:
+        """Current, A, and position error, m, (B, S) arrays."""
+        from ematwin.models.ball_screw.twin import candidate_traces
+
+        current, error = candidate_traces(
+            actuator, inputs.set_point, inputs.interval, candidates, count
+        )
+        return {"current": current, "position_error": error}
+
+    def noise(self, actuator: Any, recording: Recording) -> dict[str, float]:
+        """Standard deviations of current (A) and position error (m), those of a usual rig."""
+        return {"current": 0.05, "position_error": 2e-4}
+
+    def compare(
+        self, recording: Recording, actuator: Any, *, threads: int | None = None, **settings: Any
+    ) -> Any:
+        """A recording whose current is freed from what its sensors share."""
+        from ematwin.models.ball_screw.comparison import BallScrewComparison
+
+        self.check_channels(recording)
+        settling_time = settings.get("settling_time") or self.settling_time(actuator)
+        return BallScrewComparison(self, recording, actuator, settling_time=settling_time)
+
+    def starts(self, actuator: Any, recording: Recording) -> list[dict[str, float]]:
+        """One for each direction of the load, from the position error at the first sample."""
+        from ematwin.models.ball_screw.plausibility import position_error
+
+        pull = 0.1 * actuator.screw.friction_force
+        first = float(position_error(recording)[0])
+        return [{"load": load, "initial_error": first} for load in (-pull, pull)]
+
+    def check(self, recording: Recording, actuator: Any) -> list[str]:
+        """Signs, units and dead channels."""
+        from ematwin.models.ball_screw.plausibility import check_signals
+
+        self.check_channels(recording)
+        check_spans(recording)
+        check_signals(recording)
+        return []
+
+    def simulate(
+        self,
+        actuator: Any,
+        scenario: Scenario,
+        values: Values,
+        *,
+        fidelity: str | None = None,
+        sample_rate: float | None = None,
+        step: float | None = None,
+        noise: Noise | None = None,
+        seed: int = 0,
+        initial_position: float = 0.0,
+        progress: Progress | None = None,
+    ) -> Recording:
+        """A motion with faults and the noise of its sensors: `noise`, or that of a usual rig."""
+        from ematwin.models.ball_screw.simulate import simulate
+
+        if step is not None or initial_position:
+            raise InputError(
+                "A ball-screw actuator takes its step from its parameters and starts at its set "
+                "point; leave step and initial_position out, or give initial_error with the faults."
+            )
+        found = simulate(
+            self, actuator, scenario, values, sample_rate=sample_rate, noise=noise, seed=seed
+        )
+        if progress is not None:
+            progress(1.0)
+        return found
+
+    def summary(self, recording: Recording, actuator: Any) -> dict[str, float]:
+        """RMS current, A, and the largest position error, m."""
+        from ematwin.models.ball_screw.plausibility import position_error
+
+        current, error = recording.channels["current"], position_error(recording)
+        return {
+            "current_rms": float(np.sqrt(np.mean(current**2))),
+            "position_error_largest": float(np.abs(error).max()),
+        }
+
+    def signals(self, recording: Recording, actuator: Any) -> list[Signal]:
+        """Current and position error."""
+        from ematwin.models.ball_screw.plausibility import position_error
+
+        return [
+            Signal("Current of the drive", "A", recording.channels["current"]),
+            Signal("Position error", "mm", 1e3 * position_error(recording)),
+        ]
+
+    def reported(self, actuator: Any) -> tuple[Reported, ...]:
+        """Magnitudes as multiples of healthy ones, backlash in mm, and roughness."""
+        return (
+            Reported("friction", "x", "dry friction, as a multiple of the healthy one",
+                     True, named="lubrication", least=0.25),
+            Reported("backlash", "mm", "play of the nut on the screw",
+                     scale=1e3, named="backlash", least=5e-4),
+            Reported("gain", "x", "gain of the position loop, as a multiple of the healthy one",
+                     True, least=0.25),
+            Reported("roughness", "x", "roughness while moving, as a multiple of the healthy one: "
+                     "fast swings of current and position that the twin does not explain, from one "
+                     "turn of the screw upwards", True, named="spalling"),
+        )  # fmt: skip
+
+    def settling_time(self, actuator: Any) -> float:
+        """Seconds until a transient of the position loop has died out."""
+        return float(SETTLED / actuator.controller.position_gain)
+
+    def monitored(self, recording: Recording, actuator: Any, settling_time: float) -> Any:
+        """The coupling of the sensors is measured where the calibration calls the motion steady."""
+        return self.compare(recording, actuator, settling_time=settling_time)
+
+    def derived(self, features: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Roughness: the mean level of the fast bands of both residuals in steady motion."""
+        rough = [
+            values
+            for name, values in features.items()
+            if name.endswith(", steady")
+            and " rest" not in name
+            and any(f" band {band}, " in name for band in _ROUGH_BANDS)
+        ]
+        some = next(iter(features.values()))
+        return {"roughness": np.column_stack(rough).mean(1) if rough else np.zeros_like(some)}
+
+
+MODEL = BallScrewModel()

@@ -1,0 +1,67 @@
+"""Parameters of a linear actuator: stepper motor, ball screw, nut, position loop.
+
+The equations are in docs/ball-screw.md.
+"""
+
+from typing import ClassVar, Self
+
+from pydantic import model_validator
+
+from ematwin.models.parameter_set import ParameterSet, Section, quantity
+
+
+class Screw(Section):
+    """Ball screw, nut and guide."""
+
+    lead: float = quantity("m", "travel of the nut in one turn", gt=0)
+    backlash: float = quantity("m", "healthy play of the nut on the screw, full width", ge=0)
+    friction_force: float = quantity("N", "dry friction, extrapolated to standstill, no load", gt=0)
+    fading_speed: float = quantity(
+        "m/s", "speed of the nut at which the falling friction would vanish", gt=0
+    )
+    efficiency_opposing: float = quantity("", "efficiency against an opposing load", gt=0, le=1)
+    efficiency_aiding: float = quantity("", "efficiency with an aiding load", gt=0, le=1)
+
+
+class ScrewDrive(Section):
+    """Motor and power stage, seen from the supply."""
+
+    supply_voltage: float = quantity("V", "supply, times the efficiency of the drive", gt=0)
+    idle_current: float = quantity("A", "current of the drive at rest", ge=0)
+    response_time: float = quantity("s", "lag of the speed behind its reference", gt=0)
+
+
+class ScrewController(Section):
+    """Sampled position loop."""
+
+    position_gain: float = quantity("1/s", "proportional gain, position to speed", gt=0)
+    integral_gain: float = quantity("1/s^2", "integral gain, position to speed", ge=0)
+    sample_time: float = quantity("s", "time from one update of the speed to the next", gt=0)
+
+
+class ScrewSteps(Section):
+    """Fixed step of the model."""
+
+    twin: float = quantity("s", "step of the model", gt=0)
+
+
+class BallScrew(ParameterSet):
+    """One ball-screw actuator, all values in SI, on the nut unless said otherwise."""
+
+    kind: ClassVar[str] = "ball-screw"
+    default: ClassVar[str] = "rm1605"
+
+    screw: Screw
+    drive: ScrewDrive
+    controller: ScrewController
+    steps: ScrewSteps
+
+    @model_validator(mode="after")
+    def _step_resolves_the_lag(self) -> Self:
+        longest = 0.5 * min(self.drive.response_time, self.controller.sample_time)
+        if not 1e-6 <= self.steps.twin <= longest:
+            raise ValueError(
+                f"steps.twin must lie between 1e-6 and {longest:.3g} s, half of the response time "
+                f"or of the sample time, received {self.steps.twin:.3g} s; change it"
+            )
+        return self

@@ -1,0 +1,250 @@
+"""Loops over time and candidates. The physics is in the steps; here is only bookkeeping.
+
+`reference_trace` and `monitor_trace` give one whole simulation to people. `monitor_scores` gives
+costs and nothing else: candidates run side by side in lanes of a processor's vector unit, one
+array for each state variable, and the current is filtered, sampled and compared as it arises.
+"""
+
+import math
+
+import numpy as np
+
+from ematwin.models.bldc.monitor_step import MonitorState, monitor_step
+from ematwin.models.bldc.reference_step import ReferenceState, phase_constants, reference_step
+from ematwin.models.bldc.state import (
+    HALF_GAP,
+    FaultState,
+    fault_state,
+    lane_constants,
+)
+from ematwin.numerics.compile import loop, wide_vectors
+
+LANES = 32  # candidates side by side: four AVX-512 registers hide the latency of one another
+
+# Columns of the traces.
+REFERENCE_COLUMNS = (
+    "current_a", "current_b", "current_c", "motor_position", "motor_speed", "output_position",
+    "output_speed", "e_electrical", "e_copper", "e_mechanical",
+)  # fmt: skip
+MONITOR_COLUMNS = ("current", "motor_position", "motor_speed", "output_position", "output_speed")
+
+OK = 0
+DIVERGED = 1
+
+
+@loop
+def reference_trace(k, command, load, state, c, dt, substeps, decimation):
+    """Simulate the reference model from a state on.
+
+    Parameters
+    ----------
+    k : (8,) array, fault vector
+    command, load : (G,) arrays, output command (rad) and load (N m) on the motor shaft, on a
+        uniform grid; straight lines between its points
+    state : (11,) array, the fields of `ReferenceState`; holds the last state afterwards, so that
+        a long simulation can go on from there
+    c : Constants
+    dt : float, step, s
+    substeps : int, steps from one grid point to the next
+    decimation : int, grid intervals from one sample to the next
+
+    Returns
+    -------
+    ((G - 1) // decimation, 10) array, columns as in `REFERENCE_COLUMNS`, the samples after the
+        start; a current is the mean over the interval that ends at its sample
+    """
+    fault = fault_state(k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7], c.half_gap)
+    phases = phase_constants(fault, c)
+    now = ReferenceState(
+        state[0], state[1], state[2], state[3], state[4], state[5], state[6], state[7],
+        state[8], state[9], state[10],
+    )  # fmt: skip
+    samples = (command.size - 1) // decimation
+    trace = np.empty((samples, 10))
+    share = 1.0 / (substeps * decimation)
+    for sample in range(samples):
+        sum_a = 0.0
+        sum_b = 0.0
+        sum_c = 0.0
+        for g in range(sample * decimation, (sample + 1) * decimation):
+            d_command = (command[g + 1] - command[g]) / substeps
+            d_load = (load[g + 1] - load[g]) / substeps
+            for j in range(substeps):
+                now, i_a, i_b, i_c = reference_step(
+                    now, command[g] + j * d_command, load[g] + j * d_load, fault, phases, c, dt
+                )
+                sum_a += i_a
+                sum_b += i_b
+                sum_c += i_c
+        trace[sample, 0] = sum_a * share
+        trace[sample, 1] = sum_b * share
+        trace[sample, 2] = sum_c * share
+        trace[sample, 3] = now.theta_m
+        trace[sample, 4] = now.w_m
+        trace[sample, 5] = now.theta_o
+        trace[sample, 6] = now.w_o
+        trace[sample, 7] = now.e_electrical
+        trace[sample, 8] = now.e_copper
+        trace[sample, 9] = now.e_mechanical
+    for n, value in enumerate(now):
+        state[n] = value
+    return trace
+
+
+@loop
+def monitor_trace(k, command, load, state, c, dt, substeps, decimation):
+    """Simulate the monitor model; arguments as in `reference_trace`.
+
+    ``state`` (5,) holds the fields of `MonitorState`.
+
+    Returns
+    -------
+    ((G - 1) // decimation, 5) array, columns as in `MONITOR_COLUMNS`; the current is signed
+    """
+    fault = fault_state(k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7], c.half_gap)
+    now = MonitorState(state[0], state[1], state[2], state[3], state[4])
+    samples = (command.size - 1) // decimation
+    trace = np.empty((samples, 5))
+    share = 1.0 / (substeps * decimation)
+    for sample in range(samples):
+        total = 0.0
+        for g in range(sample * decimation, (sample + 1) * decimation):
+            d_command = (command[g + 1] - command[g]) / substeps
+            d_load = (load[g + 1] - load[g]) / substeps
+            for j in range(substeps):
+                now, i_mean = monitor_step(
+                    now, command[g] + j * d_command, load[g] + j * d_load, fault, c, dt
+                )
+                total += i_mean
+        trace[sample, 0] = total * share
+        trace[sample, 1] = now.theta_m
+        trace[sample, 2] = now.w_m
+        trace[sample, 3] = now.theta_o
+        trace[sample, 4] = now.w_o
+    for n, value in enumerate(now):
+        state[n] = value
+    return trace
+
+
+@loop
+def monitor_scores(
+    k, command, load, state, c, by_candidate, dt, substeps, taps, rectify, target, weight,
+    costs, status, response,
+):  # fmt: skip
+    """Simulate and score a batch of candidates in one pass.
+
+    Parameters
+    ----------
+    k : (B, 8) array, fault vectors; B a multiple of `LANES`
+    command, load : (S,) arrays at the samples of the record, on the motor shaft; straight lines
+        between
+    state : (5,) array, the fields of `MonitorState` at the first sample
+    c : Constants that all candidates share
+    by_candidate : None; or (B, 25) array, the fields of `Constants` of each candidate, in place of
+        ``c``. numba compiles the two cases apart, so that shared constants stay scalars
+    dt : float, step, s
+    substeps : int, steps from one sample to the next
+    taps : (7,) array, low-pass ``b0 b1 b2 a1 a2`` and its state ``z1 z2`` at the start
+    rectify : bool, compare the magnitude of the current
+    target, weight : (S,) arrays, filtered current of the record (A) and weight of each sample
+    costs : (B,) array, filled with sum(weight (target - filtered current)^2)
+    status : (B,) integer array, filled with `OK` or `DIVERGED` (cost infinite)
+    response : (B, K) array, filled with every ceil(S/K)-th sample of the filtered currents, or
+        (0, 0) to keep none
+    """
+    wide_vectors()
+    samples = target.size
+    keep = response.shape[0] > 0
+    stride = (samples + response.shape[1] - 1) // response.shape[1] if keep else 1
+    share = 1.0 / substeps
+    b0, b1, b2, a1, a2 = taps[0], taps[1], taps[2], taps[3], taps[4]
+    friction = np.empty(LANES)
+    half_gap = np.empty(LANES)
+    h_a = np.empty(LANES)
+    h_b = np.empty(LANES)
+    h_c = np.empty(LANES)
+    zeta_cos = np.empty(LANES)
+    zeta_sin = np.empty(LANES)
+    gain = np.empty(LANES)
+    i = np.empty(LANES)
+    w_m = np.empty(LANES)
+    theta_m = np.empty(LANES)
+    w_o = np.empty(LANES)
+    theta_o = np.empty(LANES)
+    total = np.empty(LANES)
+    z1 = np.empty(LANES)
+    z2 = np.empty(LANES)
+    cost = np.empty(LANES)
+    own = np.empty((len(c), LANES))
+    for first in range(0, k.shape[0], LANES):
+        for n in range(LANES):
+            v = k[first + n]
+            half_gap_n = c.half_gap
+            # A NaN anywhere in the vector must show: as a friction it would only hold all at rest.
+            nothing = 0.0 * v.sum()
+            if by_candidate is not None:
+                for m in range(len(c)):
+                    own[m, n] = by_candidate[first + n, m]
+                half_gap_n = own[HALF_GAP, n]
+                nothing += 0.0 * by_candidate[first + n].sum()
+            f = fault_state(v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7], half_gap_n)
+            friction[n] = f.friction
+            half_gap[n] = f.half_gap
+            h_a[n] = f.h_a
+            h_b[n] = f.h_b
+            h_c[n] = f.h_c
+            zeta_cos[n] = f.zeta_cos
+            zeta_sin[n] = f.zeta_sin
+            gain[n] = f.gain
+            theta_m[n] = state[2]
+            w_m[n] = state[1]
+            theta_o[n] = state[4]
+            w_o[n] = state[3]
+            i[n] = state[0]
+            z1[n] = taps[5]
+            z2[n] = taps[6]
+            cost[n] = nothing
+        if keep:
+            response[first : first + LANES, 0] = target[0]
+        for sample in range(1, samples):
+            total[:] = 0.0
+            d_command = (command[sample] - command[sample - 1]) * share
+            d_load = (load[sample] - load[sample - 1]) * share
+            for j in range(substeps):
+                command_now = command[sample - 1] + j * d_command
+                load_now = load[sample - 1] + j * d_load
+                for n in range(LANES):
+                    c_n = c if by_candidate is None else lane_constants(own, n)
+                    now, i_mean = monitor_step(
+                        MonitorState(i[n], w_m[n], theta_m[n], w_o[n], theta_o[n]),
+                        command_now,
+                        load_now,
+                        FaultState(
+                            friction[n], half_gap[n], h_a[n], h_b[n], h_c[n],
+                            zeta_cos[n], zeta_sin[n], gain[n],
+                        ),
+                        c_n,
+                        dt,
+                    )  # fmt: skip
+                    i[n] = now.i
+                    w_m[n] = now.w_m
+                    theta_m[n] = now.theta_m
+                    w_o[n] = now.w_o
+                    theta_o[n] = now.theta_o
+                    total[n] += i_mean
+            for n in range(LANES):
+                x = total[n] * share
+                x = abs(x) if rectify else x
+                y = b0 * x + z1[n]  # direct form II transposed
+                z1[n] = b1 * x - a1 * y + z2[n]
+                z2[n] = b2 * x - a2 * y
+                total[n] = y
+                error = target[sample] - y
+                cost[n] += weight[sample] * error * error
+            if keep and sample % stride == 0:
+                for n in range(LANES):
+                    response[first + n, sample // stride] = total[n]
+        for n in range(LANES):
+            finite = math.isfinite(cost[n])
+            costs[first + n] = cost[n] if finite else math.inf
+            status[first + n] = OK if finite else DIVERGED

@@ -1,0 +1,37 @@
+"""Channels of a recording of a brushless actuator."""
+
+import numpy as np
+
+from ematwin.recordings.channel import TIME, Channel, Derivation
+
+
+def _third(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    return -(first + second)
+
+
+def _phase(letter: str, others: str) -> Channel:
+    """A phase current; in a star winding it is minus the sum of the other two."""
+    sources = tuple(f"current_{other}" for other in others)
+    return Channel(
+        f"current_{letter}", "A", f"current into phase {letter}", (f"i_{letter}", f"i{letter}"),
+        is_mean=True, derived=Derivation(f"-({' + '.join(sources)})", sources, _third),
+    )  # fmt: skip
+
+
+CHANNELS = (
+    Channel("command", "rad", "commanded output position", ("cmd", "setpoint"), "output"),
+    Channel("load", "N*m", "load on the output, against positive motion",
+            ("load_torque", "t_load"), "output"),
+    _phase("a", "bc"),
+    _phase("b", "ac"),
+    _phase("c", "ab"),
+    Channel("current", "A", "equivalent current", ("i", "i_eq"), is_mean=True),
+    Channel("motor_position", "rad", "motor shaft angle", ("theta_m",), "motor"),
+    Channel("motor_speed", "rad/s", "motor shaft speed", ("omega_m",), "motor"),
+    Channel("output_position", "rad", "output angle", ("theta_o",), "output"),
+    Channel("output_speed", "rad/s", "output speed", ("omega_o",), "output"),
+)  # fmt: skip
+PHASES = ("current_a", "current_b", "current_c")
+CURRENTS = (*PHASES, "current")
+UNITS = {channel.name: channel.unit for channel in (TIME, *CHANNELS)}
+COLUMNS = tuple(UNITS)

@@ -1,0 +1,332 @@
+"""How badly candidates explain a recording of a brushless actuator.
+
+A recording is prepared once: its equivalent current is formed and filtered, the weights of the
+misfit follow from it, and command and load are put on the time base of the monitor model. A batch
+of candidates is then simulated and scored without keeping traces.
+"""
+
+import copy
+import math
+import os
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ematwin.errors import RecordError
+from ematwin.models.bldc.constants import constants_by_candidate, kernel_constants
+from ematwin.models.bldc.envelope import current_envelope, signed_current
+from ematwin.models.bldc.parameters import BldcActuator
+from ematwin.models.bldc.unknowns import UNKNOWNS
+from ematwin.models.comparison import Candidates, Comparison
+from ematwin.numerics.low_pass import LowPass
+from ematwin.numerics.misfit import SlopeWeighting
+from ematwin.recordings.recording import Recording
+
+SMOOTH_CUTOFF = 100.0  # Hz: misfits of currents low-passed there are smooth over wide valleys
+_TWIN_ERROR = 0.003  # relative misfit of the twin to healthy records of the reference model
+_SHORTEST = 100  # samples: fewer cannot tell eight parameters apart
+KEPT = 12_000  # samples of a response: more are thinned, as far as the low-pass allows
+_OVERSAMPLING = 8.0  # rate of kept samples over the cutoff, at least
+_BLOCKS = 4  # of lanes in a task at most: an interrupt waits for no more than one task
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A stretch of a recording on the monitor model's time base, and where it starts.
+
+    Attributes
+    ----------
+    command, load : (S,) arrays on the motor shaft, rad and N m
+    target : (S,) array, A, filtered equivalent current
+    weights : (S,) array, s/A
+    state : (5,) array, of the monitor model at the first sample
+    taps : (7,) array, of the low-pass and its state at the first sample
+    kept : samples of a response that are kept at most
+    """
+
+    command: np.ndarray
+    load: np.ndarray
+    target: np.ndarray
+    weights: np.ndarray
+    state: np.ndarray
+    taps: np.ndarray
+    kept: int
+
+
+class BldcComparison(Comparison):
+    """Misfit (paper, eq. 2) of a batch of candidates against a recording.
+
+    Parameters
+    ----------
+    recording : drives the monitor model with its command and load, from its first position and
+        speed
+    actuator : BldcActuator
+    low_pass : filter of both currents
+    weighting : weights of the misfit
+    rectify : compare magnitudes; None compares signed currents where the recording has the rotor
+        angle, else magnitudes
+    threads : threads that share a batch; None takes one for each core
+
+    Attributes
+    ----------
+    current : (S,) array, A, equivalent current of the recording
+    target : (S,) array, A, the same filtered
+    weights : (S,) array, s/A
+    step, substeps : step of the monitor model (s), and how many make a sampling interval
+    rectify : whether magnitudes are compared
+    threads : threads that share a batch
+
+    Raises
+    ------
+    RecordError
+        If the recording is too short or constant.
+    InputError
+        If it is sampled too slowly for the filter.
+    """
+
+    def __init__(
+        self,
+        recording: Recording,
+        actuator: BldcActuator,
+        *,
+        low_pass: LowPass | None = None,
+        weighting: SlopeWeighting | None = None,
+        rectify: bool | None = None,
+        threads: int | None = None,
+    ) -> None:
+        if len(recording) < _SHORTEST:
+            raise RecordError(
+                f"The record has {len(recording)} samples; at least {_SHORTEST} are needed to tell "
+                "faults apart. Record longer or faster."
+            )
+        self.recording, self.actuator = recording, actuator
+        signed = None if rectify else signed_current(recording, actuator.motor.pole_pairs)
+        if rectify is False and signed is None:
+            raise RecordError(
+                "A signed comparison needs phase currents with motor_position, or a signed "
+                "current; compare magnitudes instead."
+            )
+        self.rectify = signed is None
+        self.current = current_envelope(recording) if signed is None else signed
+        if np.ptp(self.current) == 0.0:
+            raise RecordError(
+                f"The current of the record is constant ({self.current[0]:g} A): nothing moved. "
+                "Check the channel, or record a motion."
+            )
+        self.substeps = max(1, math.ceil(recording.interval / actuator.steps.monitor - 1e-9))
+        self.step = recording.interval / self.substeps
+        ratio = actuator.transmission.ratio
+        load = recording.load
+        self.command = recording.command * ratio
+        self.load = (np.zeros(len(recording)) if load is None else load) / ratio
+        self.state = initial_state(
+            recording, actuator, None if self.rectify else float(self.current[0])
+        )
+        self.constants = kernel_constants(actuator)
+        self.threads = threads or os.cpu_count() or 1
+        self._pool: ThreadPoolExecutor | None = None
+        self._filter(low_pass or LowPass(), weighting or SlopeWeighting())
+
+    def with_cutoff(self, cutoff: float) -> "BldcComparison":
+        """The same comparison through another low-pass (Hz); shares what does not change."""
+        other = copy.copy(self)
+        other._filter(LowPass(cutoff), self.weighting)
+        return other
+
+    def with_missed(self, missed: Mapping[str, np.ndarray]) -> "BldcComparison":
+        """The same comparison with what the twin misses of the filtered current (A) taken off."""
+        other = copy.copy(self)
+        other.target = self.target - missed.get("current", 0.0)
+        return other
+
+    def smoothed(self) -> "BldcComparison":
+        """Through a low-pass of `SMOOTH_CUTOFF` at most."""
+        return self.with_cutoff(min(SMOOTH_CUTOFF, self.low_pass.cutoff))
+
+    def restarted(self) -> Comparison | None:
+        """By stretches, each from its recorded positions; None without positions."""
+        from ematwin.models.bldc.multiple_shooting import Restarted, has_states
+
+        return Restarted(self) if has_states(self.recording) else None
+
+    @property
+    def stretch(self) -> Stretch:
+        """The whole recording."""
+        return Stretch(
+            self.command, self.load, self.target, self.weights, self.state, self.taps, KEPT
+        )
+
+    def _filter(self, low_pass: LowPass, weighting: SlopeWeighting) -> None:
+        """Form target, weights and filter for a low-pass."""
+        recording = self.recording
+        self.low_pass, self.weighting = low_pass, weighting
+        self.target = low_pass.apply(self.current, recording.sample_rate)
+        self.weights = weighting.weights(self.target, recording.interval)
+        self.weights[0] = 0.0  # the twin starts there; nothing has been simulated yet
+        for start, stop in recording.provenance.get("masked_s", []):
+            # filled by the reader; the filter remembers it for a while afterwards
+            masked = (recording.time >= start) & (recording.time <= stop + 1.0 / low_pass.cutoff)
+            self.weights[masked] = 0.0
+        self.taps = low_pass.taps(recording.sample_rate, float(self.current[0]))
+        self.scale = float(np.sum(self.weights * self.target**2))
+        # behind the low-pass a recording holds so many independent samples
+        duration = float(recording.time[-1] - recording.time[0])
+        independent = max(1.0, 2.0 * low_pass.cutoff * duration)
+        self.noise = _TWIN_ERROR * math.sqrt(self.scale / independent)
+        self.expected_misfit = _TWIN_ERROR
+
+    def costs(self, candidates: Candidates, count: int) -> np.ndarray:
+        """Costs (B,), A s; infinite where the simulation diverged."""
+        return self.run(self.stretch, self.batch(candidates, count), 0, spread=True)[0]
+
+    def responses(self, candidates: Candidates, count: int) -> dict[str, np.ndarray]:
+        """Filtered equivalent currents, (B, S) array, A."""
+        batch = self.batch(candidates, count)
+        return {"current": self.run(self.stretch, batch, self.target.size, spread=True)[1]}
+
+    def measured(self) -> dict[str, np.ndarray]:
+        """The filtered equivalent current of the recording, (S,) array, A."""
+        return {"current": self.target}
+
+    def captions(self) -> dict[str, tuple[str, str]]:
+        """What the current is, and how it was filtered."""
+        kind = "magnitude" if self.rectify else "signed"
+        title = f"Equivalent current ({kind}, {self.low_pass.cutoff:g} Hz low-pass)"
+        return {"current": (title, "A")}
+
+    def residuals(self, candidates: Candidates, count: int) -> np.ndarray:
+        """Weighted residuals (B, K): the sum of their squares is the cost."""
+        return self.residuals_of(self.stretch, self.batch(candidates, count), spread=True)
+
+    def residuals_of(self, stretch: Stretch, batch: "Batch", *, spread: bool) -> np.ndarray:
+        """Weighted residuals (B, K) over a stretch.
+
+        Of a long one only every so many samples are kept, weighted accordingly: the low-pass
+        leaves nothing in between, and memory stays bounded.
+        """
+        rate = self.recording.sample_rate
+        most = max(1, int(rate / (_OVERSAMPLING * self.low_pass.cutoff)))
+        size = stretch.target.size
+        wished = min(most, -(-size // stretch.kept))
+        kept = -(-size // wished)
+        stride = -(-size // kept)
+        response = self.run(stretch, batch, kept, spread=spread)[1][:, : -(-size // stride)]
+        thin = slice(None, None, stride)
+        response -= stretch.target[thin]
+        response *= np.sqrt(stride * stretch.weights[thin])
+        return response
+
+    def batch(self, candidates: Candidates, count: int) -> "Batch":
+        """Candidates as the kernel takes them."""
+        faults = np.column_stack(
+            [np.broadcast_to(candidates.get(one.name, one.healthy), count) for one in UNKNOWNS]
+        )
+        return Batch(faults, constants_by_candidate(self.actuator, candidates, count))
+
+    def run(
+        self, stretch: Stretch, batch: "Batch", kept: int, *, spread: bool
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Costs (B,) and responses (B, kept) over a stretch; ``spread`` over the threads."""
+        from ematwin.models.bldc.batch import LANES, monitor_scores
+
+        count = len(batch.faults)
+        blocks = -(-count // LANES)
+        lanes = _padded(batch.faults, blocks * LANES)
+        own = None if batch.constants is None else _padded(batch.constants, blocks * LANES)
+        costs = np.empty(len(lanes))
+        status = np.empty(len(lanes), dtype=np.int64)
+        response = np.empty((len(lanes), kept) if kept else (0, 0))
+
+        each = max(1, min(_BLOCKS, blocks // self.threads)) if spread else blocks
+
+        def work(first: int) -> None:
+            part = slice(first * LANES, min(first + each, blocks) * LANES)
+            monitor_scores(
+                lanes[part], stretch.command, stretch.load, stretch.state, self.constants,
+                None if own is None else own[part], self.step, self.substeps, stretch.taps,
+                self.rectify, stretch.target, stretch.weights,
+                costs[part], status[part], response[part],
+            )  # fmt: skip
+
+        self.share(work, range(0, blocks, each), spread=spread)
+        return costs[:count], response[:count]
+
+    def share(self, work: Callable[[Any], None], tasks: Any, *, spread: bool = True) -> None:
+        """Do tasks, on several threads if there are several."""
+        if not spread or self.threads == 1 or len(tasks) == 1:
+            for task in tasks:
+                work(task)
+            return
+        if self._pool is None:
+            self._pool = ThreadPoolExecutor(self.threads, thread_name_prefix="ematwin")
+        list(self._pool.map(work, tasks))
+
+    def __getstate__(self) -> dict[str, object]:
+        return {**self.__dict__, "_pool": None}  # threads stay where they are
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Candidates of a batch: fault vectors (B, 8); constants (B, 25), or None if all share them."""
+
+    faults: np.ndarray
+    constants: np.ndarray | None
+
+
+def _padded(rows: np.ndarray, count: int) -> np.ndarray:
+    """The rows, the last one repeated up to ``count``."""
+    padded = np.empty((count, rows.shape[1]))
+    padded[: len(rows)] = rows
+    padded[len(rows) :] = rows[-1]
+    return padded
+
+
+def with_speeds(recording: Recording) -> Recording:
+    """The recording with speeds from its positions where it has none.
+
+    Slopes over a millisecond: those from one sample to the next are mostly an encoder's steps.
+    """
+    half = max(1, round(0.5e-3 * recording.sample_rate))
+    n = np.arange(len(recording))
+    before, after = np.maximum(n - half, 0), np.minimum(n + half, len(recording) - 1)
+    speeds = {}
+    for side in ("motor", "output"):
+        position = recording.channels.get(f"{side}_position")
+        if position is not None and f"{side}_speed" not in recording.channels:
+            span = recording.time[after] - recording.time[before]
+            speeds[f"{side}_speed"] = (position[after] - position[before]) / span
+    return recording.changed(**speeds) if speeds else recording
+
+
+def initial_state(
+    recording: Recording, actuator: BldcActuator, current: float | None, first: int = 0
+) -> np.ndarray:
+    """State (5,) of the monitor model at a sample.
+
+    Recorded positions and speeds are taken where they are known. Else the motor stands where the
+    output is, the output where the command is, and speeds are the slopes of the positions.
+    """
+    ratio = actuator.transmission.ratio
+    dt = recording.interval
+    output, motor = recording.output_position, recording.motor_position
+    if output is not None:
+        theta_o = float(output[first]) * ratio
+        w_o = float(output[first + 1] - output[first]) * ratio / dt
+    elif motor is not None:
+        theta_o = float(motor[first])
+        w_o = float(motor[first + 1] - motor[first]) / dt
+    else:
+        theta_o = float(recording.command[first]) * ratio
+        w_o = 0.0
+    if recording.output_speed is not None:
+        w_o = float(recording.output_speed[first]) * ratio
+    theta_m, w_m = theta_o, w_o
+    if motor is not None:
+        theta_m = float(motor[first])
+        w_m = float(motor[first + 1] - motor[first]) / dt
+    if recording.motor_speed is not None:
+        w_m = float(recording.motor_speed[first])
+    return np.array([current or 0.0, w_m, theta_m, w_o, theta_o])

@@ -1,0 +1,68 @@
+"""The parameters of an actuator as the kernels take them: reflected to the motor shaft."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ematwin.errors import InputError
+from ematwin.models.bldc.parameters import BldcActuator
+from ematwin.models.bldc.state import Constants
+from ematwin.models.bldc.unknowns import FIXED
+
+
+def kernel_constants(actuator: BldcActuator) -> Constants:
+    """Constants of the equations in docs/models.md, SI, phase values, on the motor shaft.
+
+    Where parameters are arrays (B,), so are the constants that depend on them.
+    """
+    motor, drive, control = actuator.motor, actuator.drive, actuator.controller
+    gear = actuator.transmission
+    return Constants(
+        resistance=motor.resistance / 2.0,
+        inductance=motor.inductance / 2.0,
+        leakage=motor.leakage_share,
+        k_e=motor.emf_constant / 2.0,
+        pole_pairs=float(motor.pole_pairs),
+        v_supply=drive.supply_voltage,
+        v_diode=drive.diode_drop,
+        half_band=drive.hysteresis_band / 2.0,
+        i_max=drive.current_limit,
+        w_max=control.speed_limit,
+        k_position=control.position_gain,
+        k_speed=control.speed_gain,
+        j_m=motor.inertia,
+        j_o=gear.output_inertia,
+        viscous=motor.viscous_damping,
+        t_m=motor.friction_torque,
+        t_o=gear.friction_torque,
+        static_ratio=gear.static_ratio,
+        c_opposing=1.0 / gear.efficiency_opposing - 1.0,
+        c_aiding=1.0 - gear.efficiency_aiding,
+        half_gap=gear.backlash / 2.0,
+        contact_stiffness=gear.contact_stiffness,
+        contact_damping=gear.contact_damping,
+        travel_low=gear.travel_low * gear.ratio,
+        travel_high=gear.travel_high * gear.ratio,
+    )
+
+
+def constants_by_candidate(
+    actuator: BldcActuator, candidates: Mapping[str, Any], count: int
+) -> np.ndarray | None:
+    """(B, 25) array of the constants of B candidates; None where all share the actuator's.
+
+    ``candidates`` name parameters by their place, such as ``motor.resistance``, each with (B,)
+    values; what else it holds is left alone.
+    """
+    places = {name: values for name, values in candidates.items() if "." in name}
+    if not places:
+        return None
+    for place in places:
+        if place in FIXED:
+            raise InputError(
+                f"{place} cannot be searched: it is counted or chosen, not measured. Correct it in "
+                "the parameter file."
+            )
+    varied = kernel_constants(actuator.with_arrays(places))
+    return np.column_stack([np.broadcast_to(value, count) for value in varied])

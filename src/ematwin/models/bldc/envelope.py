@@ -1,0 +1,71 @@
+"""Equivalent current: three phase currents as the one that the monitor model knows.
+
+Two forms. The envelope needs only the currents,
+
+    I_3eq = (|i_a| + |i_b| + |i_c|)/2,
+
+which is max |i_k| whenever they sum to zero. Where the rotor angle is recorded, the currents are
+projected on the EMF shapes f instead,
+
+    I_3eq = (f_a i_a + f_b i_b + f_c i_c)/2,
+
+the current that makes the same torque in a healthy motor. It keeps the sign, it does not rectify
+noise, and commutation leaves no trace in it.
+"""
+
+import math
+
+import numpy as np
+
+from ematwin.errors import RecordError
+from ematwin.models.bldc.channels import PHASES
+from ematwin.models.bldc.parameters import BldcActuator
+from ematwin.numerics.low_pass import LowPass
+from ematwin.recordings.recording import Recording
+
+
+def trapezoid_shape(theta_e: np.ndarray) -> np.ndarray:
+    """EMF shape f at electrical angles (rad): trapezoid with flats of 120 degrees."""
+    turns = theta_e / (2.0 * math.pi) - 0.25
+    return np.clip(3.0 - 12.0 * np.abs(turns - np.round(turns)), -1.0, 1.0)
+
+
+def current_envelope(record: Recording) -> np.ndarray:
+    """(S,) array, A, never negative: envelope of the phases, or magnitude of ``current``.
+
+    Raises
+    ------
+    RecordError
+        If it has neither.
+    """
+    phases = record.phase_currents
+    if phases is not None:
+        return 0.5 * np.abs(phases).sum(axis=1)
+    if record.current is None:
+        raise RecordError(
+            f"{record.name} has no current; give current_a, current_b and current_c, or current."
+        )
+    return np.abs(record.current)
+
+
+def signed_current(record: Recording, pole_pairs: int) -> np.ndarray | None:
+    """(S,) array, A, signed equivalent current; None where the record does not determine it."""
+    phases = [record.channels[name] for name in PHASES if name in record.channels]
+    if record.motor_position is not None and len(phases) == len(PHASES):
+        projected = np.zeros(len(record))
+        for n, phase in enumerate(phases):  # one at a time: long records take memory enough
+            theta_e = pole_pairs * record.motor_position - n * 2.0 * math.pi / 3.0
+            projected += 0.5 * phase * trapezoid_shape(theta_e)
+        return projected
+    if not phases and record.current is not None and (record.current < 0.0).any():
+        return record.current
+    return None
+
+
+def shown_current(recording: Recording, actuator: BldcActuator) -> np.ndarray:
+    """Equivalent current (S,), A: signed if that can be told, low-passed if sampled fast enough."""
+    signed = signed_current(recording, actuator.motor.pole_pairs)
+    current = current_envelope(recording) if signed is None else signed
+    low_pass = LowPass()
+    fast_enough = recording.sample_rate >= 4.0 * low_pass.cutoff
+    return low_pass.apply(current, recording.sample_rate) if fast_enough else current

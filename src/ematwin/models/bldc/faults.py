@@ -1,0 +1,154 @@
+"""The eight normalised fault components: names, order, bounds, healthy values, errors.
+
+ESREL 2020 paper, sections 6 and 7.1.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from difflib import get_close_matches
+
+import numpy as np
+
+from ematwin.errors import InputError
+from ematwin.models.bldc.parameters import BldcActuator
+from ematwin.models.bldc.unknowns import FAULTS, UNKNOWNS, fault
+from ematwin.models.unknown import PhysicalValue, table_of
+
+HEALTHY = np.array([one.healthy for one in UNKNOWNS])
+HEALTHY.flags.writeable = False
+_ECCENTRICITY, _DIRECTION, _GAIN = map(FAULTS.index, ("eccentricity", "eccentricity_phase", "gain"))
+_MAGNITUDES = slice(_DIRECTION)  # friction to eccentricity
+
+# Table 1 of the paper: the ten fault vectors, in its order.
+PAPER_CASES = {
+    "Low F": {"friction": 0.25},
+    "High F": {"friction": 0.75},
+    "Low B": {"backlash": 0.10},
+    "High B": {"backlash": 0.75},
+    "High Na": {"short_a": 0.80},
+    "Low Na": {"short_a": 0.30},
+    "Low Z": {"eccentricity": 0.25},
+    "High Z": {"eccentricity": 0.75},
+    "Low Gain": {"gain": 0.25},
+    "High Gain": {"gain": 0.75},
+}
+
+
+@dataclass(frozen=True)
+class Faults:
+    """A fault vector: eight magnitudes in [0, 1]. What is not given is healthy.
+
+    `print` says what the vector means on the default actuator, `physical` on any.
+
+    Raises
+    ------
+    InputError
+        If a value is not a number in [0, 1].
+    """
+
+    friction: float = 0.0
+    backlash: float = 0.0
+    short_a: float = 0.0
+    short_b: float = 0.0
+    short_c: float = 0.0
+    eccentricity: float = 0.0
+    eccentricity_phase: float = 0.5
+    gain: float = 0.5
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = fault(field.name).check(getattr(self, field.name))
+            object.__setattr__(self, field.name, value)
+
+    @classmethod
+    def of(cls, values: "Faults | Mapping[str, float] | np.ndarray | None") -> "Faults":
+        """Faults from a mapping of names to values, a vector (8,), or None for healthy."""
+        if values is None:
+            return cls()
+        if isinstance(values, Faults):
+            return values
+        if isinstance(values, Mapping):
+            for name in values:
+                check_name(name)
+            return cls(**values)
+        vector = np.asarray(values, dtype=float)
+        if vector.shape != (8,):
+            raise InputError(
+                f"A fault vector has 8 components ({', '.join(FAULTS)}), received shape "
+                f"{vector.shape}."
+            )
+        return cls(*vector.tolist())
+
+    @property
+    def vector(self) -> np.ndarray:
+        """(8,) array in the order of `FAULTS`."""
+        return np.array([getattr(self, name) for name in FAULTS])
+
+    def as_dict(self) -> dict[str, float]:
+        """Names and normalised values."""
+        return {name: getattr(self, name) for name in FAULTS}
+
+    def physical(self, actuator: "BldcActuator | str | None" = None) -> list[PhysicalValue]:
+        """The physical value of each component on an actuator (the default one if None)."""
+        chosen = BldcActuator.load() if actuator is None else BldcActuator.load(actuator)
+        rows = [one.physical_value(chosen, getattr(self, one.name)) for one in UNKNOWNS]
+        if self.eccentricity == 0.0:
+            n = FAULTS.index("eccentricity_phase")
+            meaning = f"{rows[n].meaning} (no meaning without eccentricity)"
+            rows[n] = rows[n]._replace(meaning=meaning)
+        return rows
+
+    def describe(self, actuator: "BldcActuator | str | None" = None) -> str:
+        """A table for people: each component, normalised and physical, against healthy."""
+        return table_of(self.physical(actuator))
+
+    def __str__(self) -> str:
+        return self.describe()
+
+    def __repr__(self) -> str:
+        given = [
+            f"{name}={value:g}"
+            for (name, value), healthy in zip(self.as_dict().items(), HEALTHY, strict=True)
+            if value != healthy
+        ]
+        return f"Faults({', '.join(given)})"
+
+
+def check_name(name: str) -> None:
+    """Raise `InputError` if there is no such fault."""
+    if name not in FAULTS:
+        close = get_close_matches(name, FAULTS, n=1, cutoff=0.5)
+        hint = f"Did you mean {close[0]}? " if close else ""
+        raise InputError(f"Unknown fault {name!r}. {hint}The faults are {', '.join(FAULTS)}.")
+
+
+def error_percent(estimated: np.ndarray, injected: np.ndarray) -> np.ndarray:
+    """Err% of the paper (section 7.1), kept in its exact form.
+
+    100 sqrt( sum_{1..6} (k - k^)^2 + k^_6 (k_7 - k^_7)^2 + (k_8 - k^_8)^2 ), k^ injected. The
+    direction of the eccentricity counts as much as there is eccentricity.
+
+    Parameters
+    ----------
+    estimated, injected : (..., 8) arrays
+
+    Returns
+    -------
+    (...) array, per cent
+    """
+    return _error_percent(np.asarray(estimated), np.asarray(injected), wrapped=False)
+
+
+def error_percent_wrapped(estimated: np.ndarray, injected: np.ndarray) -> np.ndarray:
+    """`error_percent` with the direction taken as an angle: k_7 = 0 and k_7 = 1 are the same."""
+    return _error_percent(np.asarray(estimated), np.asarray(injected), wrapped=True)
+
+
+def _error_percent(k: np.ndarray, k_hat: np.ndarray, *, wrapped: bool) -> np.ndarray:
+    gap = k - k_hat
+    turn = gap[..., _DIRECTION]
+    if wrapped:
+        turn = turn - np.round(turn)
+    total = (gap[..., _MAGNITUDES] ** 2).sum(axis=-1)
+    total = total + k_hat[..., _ECCENTRICITY] * turn**2 + gap[..., _GAIN] ** 2
+    return np.asarray(100.0 * np.sqrt(total))

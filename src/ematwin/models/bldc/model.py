@@ -1,0 +1,208 @@
+"""The brushless actuator as a `Model`: its only door to search, reports and commands."""
+
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ematwin.errors import InputError
+from ematwin.models.base import Candidates, Model, Progress, Reported, Signal, Values
+from ematwin.models.bldc.channels import CHANNELS, PHASES
+from ematwin.models.bldc.faults import (
+    PAPER_CASES,
+    Faults,
+    error_percent,
+    error_percent_wrapped,
+)
+from ematwin.models.bldc.parameters import BldcActuator
+from ematwin.models.bldc.unknowns import FAULTS, FIXED, UNKNOWNS
+from ematwin.models.scenario import Scenario
+from ematwin.models.unknown import PhysicalValue, Unknown
+from ematwin.recordings.channel import Channel
+from ematwin.recordings.noise import Noise
+from ematwin.recordings.recording import Recording
+
+
+class BldcModel(Model):
+    """Six-step brushless motor, gear with backlash, fault parameters of the ESREL 2020 paper."""
+
+    kind: ClassVar[str] = "bldc"
+    former_kinds: ClassVar[tuple[str, ...]] = ("rotary",)
+    title: ClassVar[str] = "brushless motor with six-step drive, gear and backlash"
+    parameters: ClassVar[type[BldcActuator]] = BldcActuator
+    channels: ClassVar[tuple[Channel, ...]] = CHANNELS
+    command: ClassVar[str] = "command"
+    load: ClassVar[str | None] = "load"
+    needs: ClassVar[tuple[tuple[tuple[str, ...], ...], ...]] = ((PHASES, ("current",)),)
+    fidelities: ClassVar[tuple[str, ...]] = ("reference", "monitor")
+    sample_rate: ClassVar[float] = 20_000.0
+    fixed: ClassVar[tuple[str, ...]] = FIXED
+    # Parameters that a healthy recording may determine, and how far a template may be off.
+    nominal: ClassVar[dict[str, float]] = {
+        "motor.emf_constant": 1.1,
+        "motor.inertia": 1.3,
+        "motor.viscous_damping": 2.0,
+        "motor.friction_torque": 1.5,
+        "transmission.output_inertia": 1.5,
+        "transmission.friction_torque": 1.5,
+        "transmission.backlash": 1.5,
+        "controller.position_gain": 1.3,
+        "controller.speed_gain": 1.3,
+    }
+    # from barely worth a look to severe
+    severities: ClassVar[dict[str, tuple[float, float]]] = {
+        "friction": (0.1, 1.0),
+        "backlash": (0.05, 1.0),
+        "gain": (0.2, 1.0),
+    }
+
+    def unknowns(self, actuator: Any) -> tuple[Unknown, ...]:
+        """The eight components of the paper's fault vector."""
+        return UNKNOWNS
+
+    def describe(self, actuator: Any, values: Values) -> list[PhysicalValue]:
+        """What a fault vector means on an actuator."""
+        return self.as_faults(values).physical(actuator)
+
+    def as_faults(self, values: Values) -> Faults:
+        """Values by name as a fault vector."""
+        return Faults.of({name: values[name] for name in FAULTS if name in values})
+
+    def values_of(self, actuator: Any, given: Any) -> dict[str, float]:
+        """Values of all eight from `Faults`, a mapping, a vector (8,), or None for healthy."""
+        return Faults.of(given).as_dict()
+
+    def compare(
+        self, recording: Recording, actuator: Any, *, threads: int | None = None, **settings: Any
+    ) -> Any:
+        """A recording, its equivalent current filtered, scored while candidates are simulated."""
+        from ematwin.models.bldc.comparison import BldcComparison
+
+        self.check_channels(recording)
+        return BldcComparison(recording, actuator, threads=threads, **settings)
+
+    def respond(
+        self, actuator: Any, inputs: Recording, candidates: Candidates, count: int
+    ) -> dict[str, np.ndarray]:
+        """The equivalent current of the monitor model, low-passed, (B, S) array."""
+        responses: dict[str, np.ndarray] = self.compare(inputs, actuator).responses(
+            candidates, count
+        )
+        return responses
+
+    def check_channels(self, recording: Recording) -> None:
+        """Command and currents, whole or not at all."""
+        from ematwin.models.bldc.plausibility import check_phases
+
+        check_phases(recording)
+        super().check_channels(recording)
+
+    def check(self, recording: Recording, actuator: Any) -> list[str]:
+        """Units, limits, rate, length and wiring."""
+        from ematwin.models.bldc.plausibility import check_plausible
+
+        self.check_channels(recording)
+        return check_plausible(recording, actuator)
+
+    def simulate(
+        self,
+        actuator: Any,
+        scenario: Scenario,
+        values: Values,
+        *,
+        fidelity: str | None = None,
+        sample_rate: float | None = None,
+        step: float | None = None,
+        noise: Noise | None = None,
+        seed: int = 0,
+        initial_position: float = 0.0,
+        progress: Progress | None = None,
+    ) -> Recording:
+        """The response of the reference model, or of the monitor model."""
+        from ematwin.models.bldc.simulate import simulate
+
+        chosen = self.fidelities[0] if fidelity is None else fidelity
+        if chosen not in self.fidelities:
+            raise InputError(
+                f"There is no model {chosen!r}; choose {' or '.join(self.fidelities)}."
+            )
+        return simulate(
+            chosen,
+            scenario,
+            self.as_faults(values),
+            actuator,
+            sample_rate=self.sample_rate if sample_rate is None else sample_rate,
+            step=step,
+            noise=noise,
+            seed=seed,
+            initial_position=initial_position,
+            progress=progress,
+        )
+
+    def check_scenario(self, scenario: Scenario, actuator: Any) -> None:
+        """Raise `ParameterError` if the command leaves the travel."""
+        from ematwin.models.bldc.simulate import check_travel
+
+        check_travel(scenario, actuator)
+
+    def summary(self, recording: Recording, actuator: Any) -> dict[str, float]:
+        """RMS and peak of the equivalent current, A."""
+        from ematwin.models.bldc.envelope import current_envelope
+
+        envelope = current_envelope(recording)
+        return {
+            "current_rms": float(np.sqrt(np.mean(envelope**2))),
+            "current_peak": float(envelope.max()),
+        }
+
+    def signals(self, recording: Recording, actuator: Any) -> list[Signal]:
+        """Equivalent current, output position, following error."""
+        from ematwin.models.bldc.envelope import shown_current
+
+        current = shown_current(recording, actuator)
+        found = [Signal("Equivalent current, 500 Hz low-pass", "A", current)]
+        output = recording.output_position
+        if output is not None:
+            command = 1e3 * recording.command
+            found += [
+                Signal("Output position", "mrad", 1e3 * output, command),
+                Signal("Following error", "mrad", command - 1e3 * output),
+            ]
+        return found
+
+    def reported(self, actuator: Any) -> tuple[Reported, ...]:
+        """Each magnitude as it is searched; a direction is no finding of its own."""
+        return tuple(
+            Reported(
+                one.name,
+                "",
+                one.meaning,
+                named=one.name,
+                least=0.2,
+                either=one.lower < one.healthy,
+            )
+            for one in UNKNOWNS
+            if one.direction_of is None
+        )
+
+    def settling_time(self, actuator: Any) -> float:
+        """Six time constants of the position loop."""
+        return 6.0 / float(actuator.controller.position_gain)
+
+    def cases(self, actuator: Any) -> dict[str, dict[str, float]]:
+        """Table 1 of the paper."""
+        return PAPER_CASES
+
+    def error_percent(self, found: Values, injected: Values, actuator: Any) -> float:
+        """Err% of the paper."""
+        return float(error_percent(_vector(found), _vector(injected)))
+
+    def error_percent_wrapped(self, found: Values, injected: Values, actuator: Any) -> float:
+        """Err% with the direction of the eccentricity taken as an angle."""
+        return float(error_percent_wrapped(_vector(found), _vector(injected)))
+
+
+def _vector(values: Values) -> np.ndarray:
+    return np.array([values[name] for name in FAULTS])
+
+
+MODEL = BldcModel()

@@ -1,0 +1,86 @@
+"""One step of the monitor model: one equivalent phase, rigid play, about 10 us.
+
+docs/models.md, "Monitor model". With p and n the conducting phases of the sector,
+
+    R_eq = R_p + R_n,  L_eq = L_p + L_n,  kappa_eq = |kappa_p| + |kappa_n|,
+    L_eq di/dt = u - R_eq i - kappa_eq omega,   T = kappa_eq i,
+
+which is exact for two conducting phases. The voltage drives the current to its reference within
+the step, as far as the supply allows. The current has no ripple here; what the ripple of the real
+one does to stiction is taken into account (`dithered_static`). The published shape functions could
+not be had; these are derived here.
+"""
+
+from typing import NamedTuple
+
+from ematwin.models.bldc.controller import current_reference
+from ematwin.models.bldc.motor import gap_factors, hall_sector, phase_inductance
+from ematwin.numerics.backlash import advance_rigid_play, stop_at_ends
+from ematwin.numerics.compile import step
+from ematwin.numerics.friction import dithered_static, loaded_friction
+from ematwin.numerics.scalar import clip
+
+
+class MonitorState(NamedTuple):
+    """State of the monitor model."""
+
+    i: float  # A, equivalent current, signed
+    w_m: float  # rad/s
+    theta_m: float  # rad
+    w_o: float
+    theta_o: float
+
+
+@step
+def equivalent_phase(theta_m, fault, c):
+    """R_eq (ohm), L_eq (H) and kappa_eq (V s/rad) at a rotor angle.
+
+    Sums over all three phases less the one that is off: on the 120 degree flats |f| = 1, so only
+    the sector enters.
+    """
+    sector = hall_sector(c.pole_pairs * theta_m)
+    off_c = (sector == 0.0) | (sector == 3.0)
+    off_b = (sector == 1.0) | (sector == 4.0)
+    gap_a, gap_b, gap_c = gap_factors(theta_m, fault.zeta_cos, fault.zeta_sin)
+    k_a = fault.h_a * abs(gap_a)
+    k_b = fault.h_b * abs(gap_b)
+    k_c = fault.h_c * abs(gap_c)
+    l_a = phase_inductance(fault.h_a, c.inductance, c.leakage)
+    l_b = phase_inductance(fault.h_b, c.inductance, c.leakage)
+    l_c = phase_inductance(fault.h_c, c.inductance, c.leakage)
+    h_off = fault.h_c if off_c else (fault.h_b if off_b else fault.h_a)
+    k_off = k_c if off_c else (k_b if off_b else k_a)
+    l_off = l_c if off_c else (l_b if off_b else l_a)
+    r_eq = (fault.h_a + fault.h_b + fault.h_c - h_off) * c.resistance
+    return r_eq, l_a + l_b + l_c - l_off, (k_a + k_b + k_c - k_off) * c.k_e
+
+
+@step
+def monitor_step(state, command, load, fault, c, dt):
+    """Advance the monitor model by ``dt``; gives the state and the mean current of the step."""
+    r_eq, l_eq, kappa_eq = equivalent_phase(state.theta_m, fault, c)
+    i_ref = current_reference(
+        command, state.theta_o, state.w_m, c.k_position * fault.gain, c.k_speed, c.w_max,
+        2.0 * c.k_e, c.i_max,
+    )  # fmt: skip
+    drop = r_eq * state.i + kappa_eq * state.w_m
+    # u = clip(drop + l_eq (i_ref - i)/dt, -V, V), i <- i + dt (u - drop)/l_eq, with one division
+    reach = dt / l_eq
+    i = clip(i_ref, state.i - reach * (c.v_supply + drop), state.i + reach * (c.v_supply - drop))
+    i_mean = 0.5 * (state.i + i)
+
+    act_m = kappa_eq * i_mean - c.viscous * state.w_m
+    td_m = fault.friction * c.t_m
+    ts_m = dithered_static(c.static_ratio * td_m, td_m, kappa_eq * c.half_band)
+    direction = state.w_o if state.w_o != 0.0 else state.w_m
+    td_o = fault.friction * loaded_friction(direction, -load, c.t_o, c.c_opposing, c.c_aiding)
+    theta_m, w_m, theta_o, w_o = advance_rigid_play(
+        state.theta_m, state.w_m, state.theta_o, state.w_o, act_m, -load, c.j_m, c.j_o,
+        ts_m, td_m, c.static_ratio * td_o, td_o, fault.half_gap, dt,
+    )  # fmt: skip
+    theta_o, w_o = stop_at_ends(theta_o, w_o, c.travel_low, c.travel_high)
+    # Contact is rigid: the stop also ends the motor's travel, half a gap further on.
+    theta_m, w_m = stop_at_ends(
+        theta_m, w_m, c.travel_low - fault.half_gap, c.travel_high + fault.half_gap
+    )
+    return MonitorState(i, w_m, theta_m, w_o, theta_o), i_mean

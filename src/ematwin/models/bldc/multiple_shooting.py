@@ -1,0 +1,126 @@
+"""A recording compared stretch by stretch, each simulated anew from its recorded state.
+
+Multiple shooting (Bock 1981; Bock and Plitt 1984, Proc. 9th IFAC World Congress, 242-247) with
+states that were measured, so that only the faults are left to find. An error of the twin lasts to
+the end of its stretch. Over the whole recording it may last for good: where the motor is near the
+torque at which it stalls, the twin stalls where the actuator still moved, the misfit jumps from
+vector to vector, and the truth itself fits badly.
+
+What the current tells between two recorded positions is less than what it tells along the way: a
+vector that explains the whole recording is the better answer.
+"""
+
+import numpy as np
+
+from ematwin.models.bldc.comparison import (
+    KEPT,
+    BldcComparison,
+    Stretch,
+    initial_state,
+    with_speeds,
+)
+from ematwin.models.comparison import Candidates, Comparison
+from ematwin.recordings.recording import Recording
+
+LENGTH = 0.005  # s; at 10 to 20 ms some twins still stalled within a stretch
+_MOST = 400  # stretches; of a longer recording as many, evenly spread
+
+
+def has_states(recording: Recording) -> bool:
+    """Whether a recording holds the positions from which its stretches can start."""
+    return {"motor_position", "output_position"} <= set(recording.channels)
+
+
+class Restarted(Comparison):
+    """Misfit of a batch of candidates, as `BldcComparison` gives it, summed over stretches.
+
+    Parameters
+    ----------
+    whole : BldcComparison, of a recording with the positions of motor and output
+    length : float, s
+
+    Attributes
+    ----------
+    length : float, s
+    stretches : tuple of Stretch; the low-pass starts each as the recorded current left it
+    """
+
+    def __init__(self, whole: BldcComparison, length: float = LENGTH) -> None:
+        size, rate = len(whole.recording), whole.recording.sample_rate
+        samples = max(2, round(length * rate))
+        starts = np.arange(0, max(1, size - samples), samples)
+        if len(starts) > _MOST:
+            starts = starts[np.linspace(0, len(starts) - 1, _MOST).astype(int)]
+        self._whole = whole
+        self.recording, self.actuator = whole.recording, whole.actuator
+        self.length = self._length = length
+        self.stretches = _stretches(whole, starts.tolist(), samples)
+        self.noise, self.expected_misfit = whole.noise, whole.expected_misfit
+        self.scale = sum(float(np.sum(s.weights * s.target**2)) for s in self.stretches)
+
+    def smoothed(self) -> "Restarted":
+        """The same comparison through the smoothing low-pass."""
+        return Restarted(self._whole.smoothed(), self._length)
+
+    def costs(self, candidates: Candidates, count: int) -> np.ndarray:
+        """Costs (B,), A s; infinite where a simulation diverged."""
+        batch = self._whole.batch(candidates, count)
+        costs = np.empty((len(self.stretches), count))
+
+        def work(n: int) -> None:
+            costs[n] = self._whole.run(self.stretches[n], batch, 0, spread=False)[0]
+
+        self._whole.share(work, range(len(self.stretches)))
+        return np.asarray(costs.sum(axis=0))
+
+    def responses(self, candidates: Candidates, count: int) -> dict[str, np.ndarray]:
+        """Those of the whole recording."""
+        return self._whole.responses(candidates, count)
+
+    def measured(self) -> dict[str, np.ndarray]:
+        """That of the whole recording."""
+        return self._whole.measured()
+
+    def captions(self) -> dict[str, tuple[str, str]]:
+        """As of the whole recording."""
+        return self._whole.captions()
+
+    def residuals(self, candidates: Candidates, count: int) -> np.ndarray:
+        """Weighted residuals (B, K): the sum of their squares is the cost."""
+        batch = self._whole.batch(candidates, count)
+        parts: list[np.ndarray] = [np.empty(0)] * len(self.stretches)
+
+        def work(n: int) -> None:
+            parts[n] = self._whole.residuals_of(self.stretches[n], batch, spread=False)
+
+        self._whole.share(work, range(len(self.stretches)))
+        return np.concatenate(parts, axis=1)
+
+
+def _stretches(whole: BldcComparison, starts: list[int], samples: int) -> tuple[Stretch, ...]:
+    """Stretches from some samples on; each ends with the sample at which another may start."""
+    from scipy.signal import lfilter
+
+    b, a, z = whole.taps[:3], np.r_[1.0, whole.taps[3:5]], whole.taps[5:]
+    recording = with_speeds(whole.recording)
+    stretches, filtered = [], 0
+    for start in starts:
+        # the filter goes on from the recorded current, so that a stretch has no transient
+        _, z = lfilter(b, a, whole.current[filtered : start + 1], zi=z)
+        filtered = start + 1
+        span = slice(start, start + samples + 1)
+        weights = whole.weights[span].copy()
+        weights[0] = 0.0
+        current = None if whole.rectify else float(whole.current[start])
+        stretches.append(
+            Stretch(
+                whole.command[span],
+                whole.load[span],
+                whole.target[span],
+                weights,
+                initial_state(recording, whole.actuator, current, start),
+                np.concatenate([whole.taps[:5], z]),
+                max(8, KEPT // len(starts)),
+            )
+        )
+    return tuple(stretches)

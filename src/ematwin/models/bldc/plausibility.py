@@ -1,0 +1,170 @@
+"""Whether a record can be what it says: units, limits, rate, length, wiring.
+
+Each finding that makes the record useless is an error with the likely cause; each that merely
+makes it doubtful is a warning. The criteria are stated where they are applied, and kept wide:
+a faulty actuator must pass, a wrong unit must not.
+"""
+
+import numpy as np
+
+from ematwin.errors import RecordError
+from ematwin.models.bldc.agreement import check_agreement, check_overspeed
+from ematwin.models.bldc.channels import CURRENTS, PHASES
+from ematwin.models.bldc.envelope import current_envelope
+from ematwin.models.bldc.parameters import BldcActuator
+from ematwin.models.bldc.wiring import check_order, check_sum
+from ematwin.recordings.recording import Recording
+
+DEFAULT_CUTOFF = 500.0  # Hz, of the low-pass before the misfit
+_RATE = 4.0  # times the cutoff: the least rate at which that low-pass acts as one
+_FEWEST = 100  # samples
+_SHORTEST = 10.0  # periods of the cutoff
+_FASTEST = 5e6  # Hz: no current of a motor is sampled faster
+_OVER_LIMIT = 3.0  # times the current limit
+_AT_REST = 0.01  # of the current limit, peak to peak: noise of a sensor
+_BEYOND = 1.02  # times the travel: end stops give a little
+_DEGREES = (10.0, 180.0)  # times the travel: what degrees taken for radians reach (57.3)
+
+
+def check_plausible(
+    record: Recording, actuator: BldcActuator | None = None, cutoff: float = DEFAULT_CUTOFF
+) -> list[str]:
+    """Sentences on what is doubtful about a record.
+
+    Parameters
+    ----------
+    record : Recording
+    actuator : BldcActuator, for limits, gear and pole pairs; None checks what needs none
+    cutoff : float, Hz, of the low-pass before the misfit
+
+    Raises
+    ------
+    RecordError
+        If the record cannot be identified from, with the reason and the likely cause.
+    """
+    check_phases(record)
+    check_agreement(record, actuator)  # first, as it tells the cause and not the consequence
+    _check_rate(record, cutoff)
+    _check_length(record, cutoff)
+    warnings = _check_motion(record, actuator)
+    if actuator is not None:
+        _check_currents(record, actuator)
+        check_overspeed(record, actuator)
+        _check_travel(record, actuator)
+    warnings += check_sum(record)
+    if actuator is not None:
+        warnings += check_order(record, actuator)
+    return warnings
+
+
+def check_phases(recording: Recording) -> None:
+    """Raise `RecordError` unless a recording has all three phases or the equivalent current."""
+    what = recording.name if recording.source or recording.labels else "The record"
+    phases = [name for name in PHASES if name in recording.channels]
+    if phases and len(phases) < len(PHASES):
+        missing = [name for name in PHASES if name not in phases]
+        raise RecordError(
+            f"{what} has {', '.join(phases)} but not {', '.join(missing)}; all three phases are "
+            "needed, or the channel current in their place."
+        )
+    if not phases and "current" not in recording.channels:
+        raise RecordError(
+            f"{what} has no current; give current_a, current_b and current_c, or current."
+        )
+
+
+def _check_rate(record: Recording, cutoff: float) -> None:
+    rate, least = record.sample_rate, _RATE * cutoff
+    if rate < least:
+        hints = [
+            f'"{unit}" (the rate would be {rate * factor:g} Hz)'
+            for unit, factor in (("ms", 1e3), ("us", 1e6))
+            if least <= rate * factor <= _FASTEST / 10.0
+        ]
+        tail = f" If its time is not in s, give the unit: {' or '.join(hints)}." if hints else ""
+        raise RecordError(
+            f"The record is sampled at {rate:.6g} Hz; the comparison needs at least {least:g} Hz, "
+            f"four times its low-pass of {cutoff:g} Hz. Record faster or lower the cutoff.{tail}"
+        )
+    if rate > _FASTEST:
+        duration = record.time[-1] - record.time[0]
+        raise RecordError(
+            f"The record is sampled at {rate:.4g} Hz and lasts {duration:.3g} s, which no test "
+            "bench does: its time looks like s read as ms or us. Correct the unit of "
+            "time."
+        )
+
+
+def _check_length(record: Recording, cutoff: float) -> None:
+    duration, shortest = float(record.time[-1] - record.time[0]), _SHORTEST / cutoff
+    if duration < shortest or len(record) < _FEWEST:
+        raise RecordError(
+            f"The record is too short: {len(record)} samples in {duration:.4g} s; at least "
+            f"{_FEWEST} samples and {shortest:g} s are needed. Record a whole movement."
+        )
+
+
+def _check_motion(record: Recording, actuator: BldcActuator | None) -> list[str]:
+    envelope = current_envelope(record)
+    limit = actuator.drive.current_limit if actuator is not None else float(envelope.max())
+    moves = any(
+        np.ptp(getattr(record, name)) > 0.0
+        for name in ("command", "load")
+        if getattr(record, name) is not None
+    )
+    idle = float(np.ptp(envelope)) <= _AT_REST * limit
+    if float(envelope.max()) == 0.0:
+        raise RecordError(
+            "The current is zero throughout: the sensor was not connected, or another channel was "
+            "meant. Map the right one."
+        )
+    if idle and not moves:
+        raise RecordError(
+            f"The record is constant: command {record.command[0]:.4g} rad, current "
+            f"{envelope.mean():.4g} A. Nothing moved, so no fault can show; record a movement."
+        )
+    if idle:
+        return [
+            f"The command moves, but the current changes by only {np.ptp(envelope):.3g} A: check "
+            "that the sensor was connected, and its unit."
+        ]
+    return []
+
+
+def _check_currents(record: Recording, actuator: BldcActuator) -> None:
+    limit = actuator.drive.current_limit
+    for name in (name for name in CURRENTS if getattr(record, name) is not None):
+        largest = float(np.abs(getattr(record, name)).max())
+        if largest <= _OVER_LIMIT * limit:
+            continue
+        hint = (
+            'It looks like mA: give unit = "mA" in the map.'
+            if largest * 1e-3 <= _OVER_LIMIT * limit
+            else "Check the unit and the scale of the channel, or the actuator."
+        )
+        raise RecordError(
+            f"{name} reaches {largest:.4g} A; {actuator.name} limits it to {limit:g} A. {hint}"
+        )
+
+
+def _check_travel(record: Recording, actuator: BldcActuator) -> None:
+    gear = actuator.transmission
+    limit = max(-gear.travel_low, gear.travel_high)
+    for name in ("command", "output_position"):
+        values = getattr(record, name)
+        if values is None:
+            continue
+        low, high = float(values.min()), float(values.max())
+        if low >= _BEYOND * gear.travel_low and high <= _BEYOND * gear.travel_high:
+            continue
+        factor = max(abs(low), abs(high)) / limit
+        hint = (
+            'It looks like degrees (give unit = "deg" in the map), or else like an angle of the '
+            'motor side (give side = "motor").'
+            if _DEGREES[0] <= factor <= _DEGREES[1]
+            else "Check its unit, its side of the gear and its offset, or the actuator."
+        )
+        raise RecordError(
+            f"{name} runs from {low:.4g} to {high:.4g} rad, beyond the end stops of "
+            f"{actuator.name} at {gear.travel_low:.4g} and {gear.travel_high:.4g} rad. {hint}"
+        )

@@ -1,0 +1,112 @@
+"""The plain values that every kernel shares: actuator constants and one fault vector.
+
+All in SI and reflected to the motor shaft.
+"""
+
+import math
+from typing import NamedTuple
+
+from ematwin.numerics.compile import step
+
+
+class Constants(NamedTuple):
+    """What both models need of the actuator, in SI on the motor shaft."""
+
+    resistance: float  # ohm, one phase
+    inductance: float  # H, one phase
+    leakage: float  # share of the inductance outside the turns
+    k_e: float  # V s/rad, one phase
+    pole_pairs: float
+    v_supply: float  # V
+    v_diode: float  # V
+    half_band: float  # A
+    i_max: float  # A
+    w_max: float  # rad/s
+    k_position: float  # 1/s
+    k_speed: float  # N m s/rad
+    j_m: float  # kg m^2
+    j_o: float  # kg m^2, reflected
+    viscous: float  # N m s/rad
+    t_m: float  # N m, dynamic friction on the motor side
+    t_o: float  # N m, dynamic friction on the output side, reflected
+    static_ratio: float
+    c_opposing: float  # 1/eta_o - 1
+    c_aiding: float  # 1 - eta_a
+    half_gap: float  # rad, healthy
+    contact_stiffness: float  # N m/rad
+    contact_damping: float  # N m s/rad
+    travel_low: float  # rad
+    travel_high: float  # rad
+
+
+HALF_GAP = Constants._fields.index("half_gap")
+
+
+class FaultState(NamedTuple):
+    """The physical magnitudes of one fault vector, as the equations use them."""
+
+    friction: float  # factor on all dry friction
+    half_gap: float  # rad
+    h_a: float  # share of turns left
+    h_b: float
+    h_c: float
+    zeta_cos: float  # zeta cos(phi)
+    zeta_sin: float  # zeta sin(phi)
+    gain: float  # factor on the position gain
+
+
+@step
+def friction_factor(k):
+    """Factor on all dry friction (paper, section 6)."""
+    return 1.0 + 2.0 * k
+
+
+@step
+def backlash_factor(k):
+    """Factor on the healthy backlash (paper, section 6)."""
+    return 1.0 + 99.0 * k
+
+
+@step
+def turns_left(k):
+    """Share of the turns of a phase that are left (paper, section 6)."""
+    return 1.0 - k
+
+
+@step
+def eccentricity_angle(k):
+    """Direction of the eccentricity, rad (paper, section 6)."""
+    return 2.0 * math.pi * (k - 0.5)
+
+
+@step
+def gain_factor(k):
+    """Factor on the position gain (paper, section 6)."""
+    return 0.5 + k
+
+
+@step
+def fault_state(k1, k2, k3, k4, k5, k6, k7, k8, half_gap):
+    """Physical magnitudes of a normalised fault vector (paper, section 6)."""
+    phi = eccentricity_angle(k7)
+    return FaultState(
+        friction_factor(k1),
+        half_gap * backlash_factor(k2),
+        turns_left(k3),
+        turns_left(k4),
+        turns_left(k5),
+        k6 * math.cos(phi),
+        k6 * math.sin(phi),
+        gain_factor(k8),
+    )
+
+
+@step
+def lane_constants(own, n):
+    """The constants of lane ``n`` from an array (25, lanes), a row for each field."""
+    return Constants(
+        own[0, n], own[1, n], own[2, n], own[3, n], own[4, n], own[5, n], own[6, n], own[7, n],
+        own[8, n], own[9, n], own[10, n], own[11, n], own[12, n], own[13, n], own[14, n],
+        own[15, n], own[16, n], own[17, n], own[18, n], own[19, n], own[20, n], own[21, n],
+        own[22, n], own[23, n], own[24, n],
+    )  # fmt: skip

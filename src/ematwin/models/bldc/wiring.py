@@ -1,0 +1,176 @@
+"""Mistakes of wiring in a record: a phase of the wrong sign, phases swapped, a turned encoder.
+
+The three currents of a star winding sum to zero, whatever the faults. Projected on the EMF
+shapes at the recorded motor angle (`ematwin.models.bldc.envelope.signed_current`) they give the
+whole equivalent current if the order is right, and half of it or less if it is not.
+"""
+
+from dataclasses import dataclass
+from itertools import permutations, product
+
+import numpy as np
+
+from ematwin.errors import RecordError
+from ematwin.models.bldc.channels import PHASES
+from ematwin.models.bldc.envelope import trapezoid_shape
+from ematwin.models.bldc.parameters import BldcActuator
+from ematwin.recordings.recording import Recording
+
+_SUM = 0.2  # of the RMS of the currents: the sum of three good channels is less
+_FLIPPED = 0.5  # a flip explains the sum if it leaves less than this share of it
+_COHERENT = 0.85  # of the mean square current, on the right EMF shapes
+_BETTER = 1.05  # times the share as it is: another order or zero explains the currents
+_DOUBTFUL = 1.03  # likewise, for a warning; faulty actuators reach 1.01
+_NEARLY = 0.995  # an order as good as that beside the best zero of the angle is the simpler cause
+_MOST = 5_000  # samples looked at
+_LAGS = 2.0 * np.pi / 3.0 * np.arange(3)
+
+
+def check_sum(record: Recording) -> list[str]:
+    """Warnings if the phase currents do not sum to zero.
+
+    Raises
+    ------
+    RecordError
+        If turning the sign of one phase makes the sum vanish.
+    """
+    currents = record.phase_currents
+    if currents is None:
+        return []
+    scale = _rms(currents)
+    offset = currents.sum(axis=1).mean()
+    total = _rms(currents.sum(axis=1) - offset)
+    warnings = []
+    if scale > 0.0 and abs(offset) > 0.5 * _SUM * scale:
+        warnings.append(
+            f"The phase currents sum to {offset:.3g} A on average instead of zero: a sensor has "
+            "an offset; give it in the map."
+        )
+    if total <= _SUM * scale:
+        return warnings
+    left = {}
+    for k, name in enumerate(PHASES):
+        flipped = currents.sum(axis=1) - 2.0 * currents[:, k]
+        left[name] = _rms(flipped - flipped.mean())
+    best = min(left, key=left.__getitem__)
+    if left[best] < _FLIPPED * total and left[best] <= _SUM * scale:
+        others = " and ".join(name for name in PHASES if name != best)
+        raise RecordError(
+            f"The phase currents sum to {total:.3g} A (RMS) instead of zero, and to "
+            f"{left[best]:.3g} A with {best} inverted: {best} has the wrong sign (or both "
+            f"{others}). Give sign = -1 in the map."
+        )
+    return [
+        *warnings,
+        f"The phase currents sum to {total:.3g} A (RMS) instead of zero, at {scale:.3g} A (RMS) in "
+        "a phase, and no change of one sign explains it: check the scales of the three channels.",
+    ]
+
+
+def check_order(record: Recording, actuator: BldcActuator) -> list[str]:
+    """A warning if the currents do not fit the motor angle and nothing explains it.
+
+    Raises
+    ------
+    RecordError
+        If another order of the phases, other signs, or another zero of the angle fits far better.
+    """
+    currents = record.phase_currents
+    if currents is None or record.motor_position is None:
+        return []
+    every = max(1, len(record) // _MOST)
+    currents = currents[::every]
+    angle = actuator.motor.pole_pairs * record.motor_position[::every]
+    if np.ptp(angle) < 2.0 * np.pi:  # too little of a turn to tell the phases apart
+        return []
+    whole = float(np.mean((0.5 * np.abs(currents).sum(axis=1)) ** 2))
+    if whole == 0.0:
+        return []
+    work = _Work(record, actuator, every)
+
+    def fit(currents: np.ndarray, angle: np.ndarray) -> _Fit:
+        signed = 0.5 * (currents * trapezoid_shape(angle[:, None] - _LAGS)).sum(axis=1)
+        return _Fit(float(np.mean(signed**2)) / whole, work.sign(signed))
+
+    given = fit(currents, angle)
+    zeros = {
+        (sense, float(zero)): fit(currents, sense * angle + zero)
+        for sense, zero in product((1, -1), np.arange(-np.pi, np.pi, np.pi / 36.0))
+    }
+    # half a turn more is a change of sign: of two equal fits the one that drives is right
+    sense, zero = max(zeros, key=lambda key: (round(zeros[key].share, 3), zeros[key].sign))
+    # the map turns the sign after the offset: angle = sign (number + offset)
+    offset = sense * zero / actuator.motor.pole_pairs
+    turned = "sign = -1 and " if sense < 0 else ""
+    counted = (
+        f"{100 * given.share:.0f} % of the current fits the EMF shapes at the recorded motor "
+        f"angle, and {100 * zeros[sense, zero].share:.0f} % with {turned}offset = {offset:.3g} rad "
+        "for motor_position"
+    )
+    gain = zeros[sense, zero].share / max(given.share, 1e-9)
+    if given.share >= _COHERENT and given.sign >= 0:
+        doubtful = gain > _DOUBTFUL
+        return [f"The motor position may have another zero: {counted}."] * doubtful
+    if given.share >= _COHERENT and gain <= _DOUBTFUL:
+        raise RecordError(
+            "All phase currents have the wrong sign against the motor angle: the motor would "
+            "absorb more work than the load delivers. Give sign = -1 for the three currents, or "
+            "for the motor position."
+        )
+    orders = {order: fit(currents[:, order], angle) for order in permutations(range(3))}
+    order = max(orders, key=lambda key: orders[key].share)
+    best = max(orders[order].share, zeros[sense, zero].share)
+    if best < _COHERENT or best < _BETTER * given.share:
+        return [
+            f"Only {100 * given.share:.0f} % of the current fits the EMF shapes at the recorded "
+            "motor angle, and no other order of phases or zero of the angle explains it: check "
+            "the motor position, its unit and the number of pole pairs."
+        ]
+    if orders[order].share >= _NEARLY * best:
+        # phase_order names the phases that the given channels carry: the inverse of `order`
+        carried = "".join("abc"[order.index(k)] for k in range(3))
+        signs = " and sign = -1 for all three" if orders[order].sign < 0 else ""
+        raise RecordError(
+            f"The phases are swapped: at the recorded motor angle {100 * given.share:.0f} % of the "
+            f"current fits the EMF shapes, and {100 * orders[order].share:.0f} % with phase_order "
+            f'= "{carried}"{signs}. Give that in the map.'
+        )
+    raise RecordError(
+        f"The motor position is not counted from phase a: {counted}. Give that in the map."
+    )
+
+
+@dataclass(frozen=True)
+class _Fit:
+    share: float  # of the mean square current that lies on the EMF shapes
+    sign: int  # -1: the energy balance wants the opposite sign; 0: it cannot tell
+
+
+class _Work:
+    """The energy balance, which tells the sign of the currents.
+
+    Friction and windings only take: the work of the motor exceeds that given to the load. If it
+    does so with the opposite sign and not as given, the sign is wrong; if with both, an aiding
+    load hides it.
+    """
+
+    def __init__(self, record: Recording, actuator: BldcActuator, every: int) -> None:
+        assert record.motor_position is not None
+        self._turned = np.gradient(record.motor_position[::every])
+        self._torque_constant = actuator.motor.emf_constant  # N m/A of the equivalent current
+        self._to_load = 0.0  # J
+        if record.load is not None:
+            output = record.output_position
+            if output is None:
+                output = record.motor_position / actuator.transmission.ratio
+            self._to_load = float(record.load[::every] @ np.gradient(output[::every]))
+
+    def sign(self, signed_current: np.ndarray) -> int:
+        """+1, -1 or 0: whether this current can be right, only its opposite, or either."""
+        motor = self._torque_constant * float(signed_current @ self._turned)
+        as_given, opposite = motor > self._to_load, -motor > self._to_load
+        return int(as_given) - int(opposite)
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))

@@ -1,0 +1,89 @@
+"""Chart: the coordinates in which slopes are followed.
+
+Box methods search the values of the unknowns themselves. A descent searches ``z``: each value as
+a share of its range (or that of its logarithm), and a magnitude with its direction as the two
+components of a vector. A direction has no meaning where its magnitude is zero, and jumps at half a
+turn; both would stop a method that follows slopes.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ematwin.models.unknown import Unknown
+
+_TURN = 2.0 * np.pi
+
+
+class Chart:
+    """Values (N, d) of some unknowns to coordinates ``z`` (N, d) and back.
+
+    Attributes
+    ----------
+    unknowns : tuple of Unknown
+    lower, upper : (d,) arrays, bounds of ``z``
+    """
+
+    def __init__(self, unknowns: Sequence[Unknown]) -> None:
+        self.unknowns = tuple(unknowns)
+        names = [unknown.name for unknown in unknowns]
+        self._pairs = [
+            (names.index(unknown.direction_of), n)
+            for n, unknown in enumerate(unknowns)
+            if unknown.direction_of in names
+        ]
+        lower = np.zeros(len(unknowns))
+        for pair in self._pairs:
+            lower[list(pair)] = -1.0
+        self.lower = lower
+        self.upper = np.ones(len(unknowns))
+        self._logarithmic = np.array([unknown.logarithmic for unknown in unknowns], dtype=bool)
+        low = np.array([unknown.lower for unknown in unknowns])
+        high = np.array([unknown.upper for unknown in unknowns])
+        log = self._logarithmic
+        self._low = np.where(log, np.log(np.where(log, low, 1.0)), low)
+        self._width = np.where(log, np.log(np.where(log, high, 1.0)), high) - self._low
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the coordinates: those of the unknowns, vectors by component."""
+        names = [unknown.name for unknown in self.unknowns]
+        for radius, direction in self._pairs:
+            names[direction] = f"{names[radius]} y"
+            names[radius] = f"{names[radius]} x"
+        return tuple(names)
+
+    def from_unit(self, u: np.ndarray) -> np.ndarray:
+        """Values (N, d) of shares (N, d) of their ranges, or of those of their logarithms."""
+        x = self._low + u * self._width
+        if self._logarithmic.any():
+            x[:, self._logarithmic] = np.exp(x[:, self._logarithmic])
+        return np.asarray(x)
+
+    def from_values(self, values: np.ndarray) -> np.ndarray:
+        """Coordinates ``z`` (N, d) of values (N, d)."""
+        z = np.array(values, dtype=float)
+        if self._logarithmic.any():
+            z[:, self._logarithmic] = np.log(z[:, self._logarithmic])
+        z = (z - self._low) / self._width
+        for radius, direction in self._pairs:
+            phi = _TURN * (z[:, direction] - 0.5)
+            z[:, radius], z[:, direction] = z[:, radius] * np.cos(phi), z[:, radius] * np.sin(phi)
+        return z
+
+    def to_values(self, z: np.ndarray) -> np.ndarray:
+        """Values (N, d) of coordinates ``z`` (N, d)."""
+        x = np.array(z, dtype=float)
+        for radius, direction in self._pairs:
+            along, across = x[:, radius].copy(), x[:, direction].copy()
+            x[:, radius] = np.minimum(np.hypot(along, across), 1.0)
+            x[:, direction] = np.arctan2(across, along) / _TURN + 0.5
+        return self.from_unit(x)
+
+    def project(self, z: np.ndarray) -> np.ndarray:
+        """The nearest points (N, d) that values can have: in the box, magnitudes at most 1."""
+        z = np.clip(z, self.lower, self.upper)
+        for pair in self._pairs:
+            radius = np.hypot(z[:, pair[0]], z[:, pair[1]])
+            z[:, list(pair)] /= np.maximum(radius, 1.0)[:, None]
+        return z

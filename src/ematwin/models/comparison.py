@@ -1,0 +1,169 @@
+"""Comparison: one recording beside the twin, for many candidates at once.
+
+It answers with costs (the sum of squared, weighted residuals), with the residuals themselves, and
+with what else a search can use: a smoother version of itself, and one that starts anew from
+recorded states (multiple shooting). A kind of actuator either gives whole traces and takes
+`TraceComparison`, or scores its candidates while it simulates them.
+"""
+
+import copy
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import Any, Self
+
+import numpy as np
+
+from ematwin.errors import RecordError
+from ematwin.recordings.recording import Recording
+
+Candidates = Mapping[str, np.ndarray]
+
+
+class Comparison(ABC):
+    """A recording prepared for comparing candidates with it.
+
+    Attributes
+    ----------
+    recording : Recording
+    actuator : of the twin
+    scale : float, the cost of a twin that does not answer at all
+    statistics : numbers that were measured on the recording beside the comparison, by name
+    length : float, s, of the stretches that are compared each from its recorded state; None where
+        the recording is compared as a whole
+    noise : float, standard deviation that one independent residual is expected to have: the unit in
+        which a prior counts beside the residuals
+    expected_misfit : float, root of the cost over the scale that the noise alone leaves
+    whitened : whether residuals are in standard deviations of the noise
+    """
+
+    recording: Recording
+    actuator: Any
+    scale: float
+    statistics: Mapping[str, float] = {}
+    length: float | None = None
+    noise: float = 1.0
+    expected_misfit: float = 0.0
+    whitened: bool = False
+
+    @abstractmethod
+    def residuals(self, candidates: Candidates, count: int) -> np.ndarray:
+        """Weighted residuals (B, K) of B = ``count`` candidates; not finite where one diverged."""
+
+    def costs(self, candidates: Candidates, count: int) -> np.ndarray:
+        """Sums of squares (B,) of the residuals; infinite where a candidate diverged."""
+        residuals = self.residuals(candidates, count)
+        costs = np.einsum("bk,bk->b", residuals, residuals)
+        return np.where(np.isfinite(costs), costs, np.inf)
+
+    @abstractmethod
+    def responses(self, candidates: Candidates, count: int) -> dict[str, np.ndarray]:
+        """What the twin answers with on the compared channels, (B, S) arrays by name, SI."""
+
+    @abstractmethod
+    def measured(self) -> dict[str, np.ndarray]:
+        """The recording's side of the same channels, (S,) arrays."""
+
+    @abstractmethod
+    def captions(self) -> dict[str, tuple[str, str]]:
+        """Title and unit of each compared channel, for figures."""
+
+    def smoothed(self) -> "Comparison | None":
+        """The same comparison where its misfit is smooth over wide valleys; None if it has none."""
+        return None
+
+    def restarted(self) -> "Comparison | None":
+        """The same comparison by stretches, each from its recorded state; None without states."""
+        return None
+
+    def with_missed(self, missed: Mapping[str, np.ndarray]) -> "Comparison":
+        """The same comparison with what the twin misses, (S,) arrays, taken off the recording.
+
+        Itself where a kind cannot do that.
+        """
+        return self
+
+    def averaged(self, others: "Sequence[Comparison]") -> "Comparison":
+        """The mean of this recording and others over the same command; itself by default."""
+        return self
+
+
+class TraceComparison(Comparison):
+    """Residuals of whole traces, each channel weighed by its noise.
+
+    Parameters
+    ----------
+    model : gives ``respond`` and ``noise``
+    recording, actuator
+    prepared : by channel, (S,) arrays: the recording's side where it is not as recorded
+    """
+
+    whitened = True
+
+    def __init__(
+        self,
+        model: Any,
+        recording: Recording,
+        actuator: Any,
+        prepared: Mapping[str, np.ndarray] | None = None,
+    ) -> None:
+        self._model = model
+        self.recording, self.actuator = recording, actuator
+        channels = {**recording.channels, **(prepared or {})}
+        self._noise = {
+            name: noise
+            for name, noise in model.noise(actuator, recording).items()
+            if name in channels
+        }
+        if not self._noise:
+            raise RecordError(
+                f"{recording.name} has none of the channels that are compared "
+                f"({', '.join(model.outputs)}); record one of them."
+            )
+        self._measured = {name: channels[name] for name in self._noise}
+        self._target = self._measured
+        self.scale = float(
+            sum(np.sum((trace / self._noise[n]) ** 2) for n, trace in self._target.items())
+        )
+        self.expected_misfit = math.sqrt(len(self._noise) * len(recording) / self.scale)
+
+    def with_missed(self, missed: Mapping[str, np.ndarray]) -> Self:
+        """The same comparison with what the twin misses taken off the recording."""
+        other = copy.copy(self)
+        other._target = {n: trace - missed.get(n, 0.0) for n, trace in self._measured.items()}
+        return other
+
+    def averaged(self, others: Sequence[Comparison]) -> Self:
+        """The mean of this recording and others over the same command."""
+        other = copy.copy(self)
+        traces = [self._measured, *(one.measured() for one in others)]
+        other._measured = {n: np.stack([t[n] for t in traces]).mean(0) for n in self._noise}
+        other._target = other._measured
+        other.recording = self.recording.changed(**other._measured)
+        return other
+
+    def measured(self) -> dict[str, np.ndarray]:
+        """The recording's side, (S,) arrays."""
+        return dict(self._measured)
+
+    def responses(self, candidates: Candidates, count: int) -> dict[str, np.ndarray]:
+        """The twin's side, (B, S) arrays."""
+        answer = self._model.respond(self.actuator, self.recording, candidates, count)
+        return {name: answer[name] for name in self._noise}
+
+    def captions(self) -> dict[str, tuple[str, str]]:
+        """The meaning of each channel."""
+        channels = [self._model.channel(name) for name in self._noise]
+        return {one.name: (one.meaning, one.unit) for one in channels}
+
+    def residuals(self, candidates: Candidates, count: int) -> np.ndarray:
+        """Weighted residuals (B, K), channel after channel."""
+        answer = self._model.respond(self.actuator, self.recording, candidates, count)
+        samples = len(self.recording)
+        found = np.empty((count, len(self._target) * samples))
+        for n, (name, target) in enumerate(self._target.items()):
+            part = found[:, n * samples : (n + 1) * samples]
+            noise = self._noise[name]
+            np.divide(answer[name], noise, out=part)
+            part -= target / noise
+        return found

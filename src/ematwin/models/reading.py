@@ -1,0 +1,223 @@
+"""`read` and `write`: recordings of any kind of actuator, in files of any known format."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Literal, overload
+
+from ematwin.errors import RecordError
+from ematwin.models.base import Model
+from ematwin.models.registry import DEFAULT_KIND, kind_of, model_of, models
+from ematwin.recordings.channel import Channel
+from ematwin.recordings.channel_map import ChannelMap
+from ematwin.recordings.formats.base import Progress, open_file
+from ematwin.recordings.gaps import Policy
+from ematwin.recordings.match import MissingChannelError, match
+from ematwin.recordings.read import Columns, read_file
+from ematwin.recordings.recording import Recording
+from ematwin.recordings.split import Choice
+from ematwin.recordings.tables import write_recording, write_recordings
+
+WRITTEN = (".parquet", ".csv")  # endings that `write` knows
+Paths = list[str] | list[Path] | list[str | Path] | tuple[str | Path, ...]
+
+
+@overload
+def read(
+    path: str | Path,
+    columns: Columns = ...,
+    *,
+    actuator: Any = ...,
+    resample_to: float | str | None = ...,
+    gaps: Policy = ...,
+    split: Literal[False] = ...,
+    where: Choice | Sequence[Choice] | None = ...,
+    progress: Progress | None = ...,
+) -> Recording: ...
+
+
+@overload
+def read(
+    path: Paths,
+    columns: Columns = ...,
+    *,
+    actuator: Any = ...,
+    resample_to: float | str | None = ...,
+    gaps: Policy = ...,
+    split: bool = ...,
+    where: Choice | Sequence[Choice] | None = ...,
+    progress: Progress | None = ...,
+) -> list[Recording]: ...
+
+
+@overload
+def read(
+    path: str | Path | Paths,
+    columns: Columns = ...,
+    *,
+    actuator: Any = ...,
+    resample_to: float | str | None = ...,
+    gaps: Policy = ...,
+    split: Literal[True],
+    where: Choice | Sequence[Choice] | None = ...,
+    progress: Progress | None = ...,
+) -> list[Recording]: ...
+
+
+def read(
+    path: str | Path | Paths,
+    columns: Columns = None,
+    *,
+    actuator: Any = None,
+    resample_to: float | str | None = None,
+    gaps: Policy = "refuse",
+    split: bool = False,
+    where: Choice | Sequence[Choice] | None = None,
+    progress: Progress | None = None,
+) -> Recording | list[Recording]:
+    """Read recordings from files of ematwin or of a test bench.
+
+    Parameters
+    ----------
+    path : a .csv, .parquet, .mat, .mf4, .mdf, .tdms, .h5 or .hdf5 file; or several of them
+    columns : which channel of the file is which: a mapping such as
+        ``{"current_a": "Phase A [A]"}``, a TOML file, or a `ChannelMap`. None finds channels by
+        name or alias (``i_a``, ``t``), with or without a unit (``command_deg``, ``i_a [mA]``)
+    actuator : of which kind the recordings are: an actuator, the name of a shipped one, a TOML
+        file, or a kind. None takes the brushless one; a file that `write` made says itself which
+        channels it has
+    resample_to : float (Hz) or text such as ``"20 kHz"``; None keeps the recorded rate
+    gaps : "refuse"; "longest" takes the longest stretch without holes; "mask" fills holes and
+        lists them in ``provenance["masked_s"]``
+    split : whether a table is cut into motions, where time falls back or a label changes: a
+        column that stays as it is within a motion, such as run or condition
+    where : labels with the values that are wanted, e.g. ``{"condition": ["normal"]}``, or several
+        such choices, of which one has to fit
+    progress : called with the share read, in [0, 1], now and then
+
+    Returns
+    -------
+    Recording, or a list of them if ``split`` is true or several files are given
+        A file that `write` made, read without a map, comes back bit for bit. Of others, the
+        provenance says which channel became what (``columns``), what was assumed (``assumed``, see
+        `assumptions`) and what was done (``changed``), with sentences to show (``warnings``).
+
+    Raises
+    ------
+    InputError
+        If the map or an option cannot be used, or a label that ``where`` names is not in the file.
+    FileError
+        If a file cannot be read.
+    RecordError
+        If a channel is missing or holds what a recording cannot, if nothing fits ``where``, or if
+        the file holds several motions and ``split`` is false.
+    MissingExtraError
+        If the library for a format is not installed.
+    """
+    single = isinstance(path, str | Path)
+    files: list[str | Path] = [path] if isinstance(path, str | Path) else list(path)
+    model = model_of(DEFAULT_KIND) if actuator is None else _model(actuator)
+    channel_map = ChannelMap.of(columns, model.channels) if columns is not None else None
+    found: list[Recording] = []
+    for n, file in enumerate(files):
+        try:
+            found += read_file(
+                file,
+                model.channels,
+                channel_map,
+                needs=model.required,
+                inputs=[name for name in (model.command, model.load) if name is not None],
+                own=actuator is None,
+                resample_to=resample_to,
+                gaps=gaps,
+                split=split,
+                where=where,
+                progress=_share(progress, n, len(files)),
+            )
+        except MissingChannelError as error:
+            kind = _kind_that_fits(file) if columns is None else None
+            if kind is None:
+                raise
+            raise RecordError(
+                f"{error} It has the channels of the kind {kind}: give an actuator of that kind."
+            ) from None
+    if split or not single:
+        return found
+    if len(found) > 1:
+        raise RecordError(
+            f"{files[0]} holds {len(found)} motions that fit the choice. Narrow it to one, or read "
+            "them with split=True, which gives a recording for each."
+        )
+    return found[0]
+
+
+def read_motions(
+    paths: Paths | str | Path,
+    columns: Columns = None,
+    where: Choice | Sequence[Choice] | None = None,
+) -> list[Recording]:
+    """Motions of a ball-screw actuator: ``read(paths, columns, actuator="rm1605", split=True)``."""
+    return read(paths, columns, actuator="rm1605", split=True, where=where)
+
+
+def write(recording: Recording | Sequence[Recording], path: str | Path) -> None:
+    """Write one recording, or several as a table of motions, to a Parquet or CSV file.
+
+    One is read back bit for bit, with labels, start and provenance. A table of several holds a
+    column for each label and for each channel, with its unit in the name, and no provenance; it is
+    read with ``split=True``.
+
+    Raises
+    ------
+    InputError
+        If the name has another ending, or there is nothing to write.
+    RecordError
+        If several recordings have different channels.
+    FileError
+        If the file cannot be written; nothing is left half-written.
+    """
+    if isinstance(recording, Recording):
+        write_recording(recording, path, _channels_of(recording))
+    else:
+        first = recording[:1]
+        write_recordings(recording, path, _channels_of(first[0]) if first else ())
+
+
+def channels_of(actuator: Any = None) -> tuple[Channel, ...]:
+    """The channels of a kind of actuator, as `ChannelMap` wants them; ``actuator`` as in `read`."""
+    return model_of(DEFAULT_KIND).channels if actuator is None else _model(actuator).channels
+
+
+def _model(actuator: Any) -> Model:
+    if not isinstance(actuator, str | Path):
+        return model_of(getattr(actuator, "actuator", actuator))  # a calibration holds one
+    kinds = {name for model in models().values() for name in (model.kind, *model.former_kinds)}
+    return model_of(str(actuator) if str(actuator) in kinds else kind_of(actuator))
+
+
+def _kind_that_fits(path: str | Path) -> str | None:
+    """The first kind for which a file has all channels that are needed."""
+    for kind, model in models().items():
+        with open_file(path) as file:
+            try:
+                match(file, ChannelMap(model.channels), model.required)
+            except RecordError:
+                continue
+            return kind
+    return None
+
+
+def _channels_of(recording: Recording) -> Sequence[Channel]:
+    """Those of the kind that knows most channels of a recording."""
+
+    def known(model: Model) -> int:
+        return sum(channel.name in recording.channels for channel in model.channels)
+
+    best = max(models().values(), key=known)
+    return best.channels if known(best) else ()
+
+
+def _share(progress: Progress | None, done: int, count: int) -> Progress | None:
+    """The progress of one file as a share of that of all."""
+    if progress is None or count == 1:
+        return progress
+    return lambda share: progress((done + share) / count)

@@ -1,0 +1,132 @@
+"""The kinds of actuators that there are, and parameter sets of any kind.
+
+Two come with ematwin; others are found by the entry point group ``ematwin.models``, each of which
+names an instance of `Model` (or a class of one). A kind of another package never replaces one of
+ours.
+"""
+
+import difflib
+from functools import cache
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any
+
+from ematwin.errors import InputError, ParameterError
+from ematwin.models.base import Model
+from ematwin.models.parameter_set import UNNAMED_KIND, ParameterSet, parameter_file
+from ematwin.validation import load_toml
+
+ENTRY_POINTS = "ematwin.models"
+DEFAULT_KIND = UNNAMED_KIND
+
+
+@cache
+def models() -> dict[str, Model]:
+    """All kinds by name, ours first.
+
+    Raises
+    ------
+    InputError
+        If an installed package registers something that is no model.
+    """
+    from ematwin.models.ball_screw.model import MODEL as BALL_SCREW
+    from ematwin.models.bldc.model import MODEL as BLDC
+
+    found: dict[str, Model] = {model.kind: model for model in (BLDC, BALL_SCREW)}
+    for point in entry_points(group=ENTRY_POINTS):
+        try:
+            loaded = point.load()
+            model = loaded() if isinstance(loaded, type) else loaded
+        except Exception as error:
+            raise InputError(
+                f"The kind of actuator {point.name!r} cannot be loaded from {point.value}: "
+                f"{error}. Repair or remove the package that registers it."
+            ) from error
+        if not isinstance(model, Model):
+            raise InputError(
+                f"{point.value} must be a Model of ematwin.models.base, but is a "
+                f"{type(model).__name__}. Repair or remove the package that registers it."
+            )
+        if model.kind not in found:
+            found[model.kind] = model
+    return found
+
+
+def model_of(actuator: Any) -> Model:
+    """The model of an actuator, or of a kind by its name.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such kind.
+    """
+    kind = actuator if isinstance(actuator, str) else type(actuator).kind
+    for model in models().values():
+        if kind == model.kind or kind in model.former_kinds:
+            return model
+    raise ParameterError(
+        f"There is no kind of actuator {kind!r}; choose one of {', '.join(models())}."
+    )
+
+
+def shipped_actuators() -> dict[str, Path]:
+    """Names and files of all parameter sets that come with the kinds."""
+    return {
+        name: path
+        for model in models().values()
+        for name, path in model.parameters.shipped().items()
+    }
+
+
+def load_actuator(name_or_path: "str | Path | ParameterSet | Any") -> ParameterSet:
+    """An actuator: a shipped set by name, or a TOML file, of whatever kind it says it is.
+
+    What holds an actuator (a calibration) gives that.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such set, or a value is missing, impossible or of the wrong unit.
+    FileError
+        If the file cannot be read.
+    """
+    if isinstance(name_or_path, ParameterSet):
+        return name_or_path
+    held = getattr(name_or_path, "actuator", None)
+    if isinstance(held, ParameterSet):
+        return held
+    return actuator_in(_table(name_or_path), name_or_path)
+
+
+def actuator_in(table: dict[str, Any], what: str | Path) -> ParameterSet:
+    """The actuator in the content of a parameter file, of whatever kind it says it is."""
+    return _model(table, what).parameters.from_dict(table, str(what))
+
+
+def kind_of(name_or_path: str | Path) -> str:
+    """The kind of a shipped set or TOML file, without reading its values."""
+    return _model(_table(name_or_path), name_or_path).kind
+
+
+def _table(name_or_path: str | Path) -> dict[str, Any]:
+    shipped = shipped_actuators()
+    if not Path(name_or_path).suffix and str(name_or_path) not in shipped:
+        close = difflib.get_close_matches(str(name_or_path), shipped, n=1)
+        hint = f" Did you mean {close[0]}?" if close else ""
+        raise ParameterError(
+            f"There is no actuator {str(name_or_path)!r}.{hint} Shipped: {', '.join(shipped)}; "
+            "or give the path of a TOML file (ending in .toml)."
+        )
+    return load_toml(parameter_file(name_or_path, shipped), "actuator")
+
+
+def _model(table: dict[str, Any], what: str | Path) -> Model:
+    kind = table.get("kind", UNNAMED_KIND)
+    try:
+        if not isinstance(kind, str):
+            raise ParameterError("")
+        return model_of(kind)
+    except ParameterError:
+        raise ParameterError(
+            f"{what}: there is no kind of actuator {kind!r}; choose one of {', '.join(models())}."
+        ) from None

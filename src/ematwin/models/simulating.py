@@ -1,0 +1,86 @@
+"""`simulate`: an actuator of any kind, a scenario and faults in, a recording out."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ematwin.errors import InputError
+from ematwin.models.parameter_set import ParameterSet
+from ematwin.models.registry import DEFAULT_KIND, load_actuator, model_of
+from ematwin.models.scenario import Scenario
+from ematwin.recordings.noise import Noise
+from ematwin.recordings.recording import Recording
+
+
+def simulate(
+    model: str | None = None,
+    scenario: Scenario | str | Path | None = None,
+    faults: Mapping[str, float] | np.ndarray | Any | None = None,
+    actuator: ParameterSet | str | Path | None = None,
+    *,
+    sample_rate: float | None = None,
+    step: float | None = None,
+    noise: Noise | None = None,
+    seed: int = 0,
+    initial_position: float = 0.0,
+    progress: Callable[[float], None] | None = None,
+) -> Recording:
+    """The response of an actuator with some faults to a scenario.
+
+    Parameters
+    ----------
+    model : of the brushless actuator "reference" (three phases, about 1 us) or "monitor" (one
+        phase, 10 us); other kinds have their twin. None takes the first of the kind
+    scenario : a `Scenario`, the name of a shipped one, or a file; None takes the kind's default
+    faults : a mapping of names to values (for the brushless actuator also `Faults` or a vector
+        (8,)), or None for healthy
+    actuator : of any kind, the name of a shipped one, or a TOML file; None takes the default
+        brushless actuator
+    sample_rate : float, Hz, of the recording; None takes the kind's
+    step : float, s, of the model; None takes the actuator's
+    noise : imperfections of the current measurement, or None
+    seed : int, of the noise
+    initial_position : float, rad on the output, at rest
+    progress : called with the share done, in [0, 1], now and then
+
+    Returns
+    -------
+    Recording, with all channels that the kind knows of, commanded and answered
+
+    Raises
+    ------
+    InputError
+        If an argument cannot be used.
+    DivergedError
+        If the simulation left the finite numbers.
+    """
+    chosen = load_actuator(
+        model_of(DEFAULT_KIND).parameters.default if actuator is None else actuator
+    )
+    kind = model_of(chosen)
+    if model is not None and model not in kind.fidelities:
+        raise InputError(
+            f"There is no model {model!r} of the kind {kind.kind}; choose "
+            f"{' or '.join(kind.fidelities)}."
+        )
+    check_seed(seed)
+    return kind.simulate(
+        chosen,
+        kind.load_scenario(scenario),
+        kind.values_of(chosen, faults),
+        fidelity=model,
+        sample_rate=sample_rate,
+        step=step,
+        noise=noise,
+        seed=seed,
+        initial_position=initial_position,
+        progress=progress,
+    )
+
+
+def check_seed(seed: int) -> None:
+    """Raise `InputError` unless ``seed`` is a whole number of at least 0."""
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise InputError(f"A seed must be a whole number of at least 0, received {seed!r}.")

@@ -1,0 +1,143 @@
+"""Unknown: one number of an actuator that a recording may tell.
+
+A fault, a nominal parameter or a nuisance such as an unrecorded load: each can be searched, held
+at a value, or given a prior. What a table of faults, a column of a result and a bound of a search
+need to know of it stands here and nowhere else.
+"""
+
+from collections.abc import Callable, Container, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple
+
+from ematwin.errors import InputError
+
+Role = Literal["fault", "nominal", "nuisance", "symptom"]
+
+
+class PhysicalValue(NamedTuple):
+    """What a value of an unknown means on an actuator.
+
+    ``normalised`` is the value as it is searched; ``value`` and ``healthy`` are in ``unit``.
+    """
+
+    name: str
+    normalised: float
+    value: float
+    healthy: float
+    unit: str
+    meaning: str
+
+
+def table_of(rows: Sequence[PhysicalValue], marked: Container[str] | None = None) -> str:
+    """A table for people; ``marked`` names what stands out, by default all that is not healthy."""
+    lines = [f"{'fault':<19} {'k':>6}  {'value':>12}  {'healthy':>12}  meaning"]
+    for row in rows:
+        value = f"{row.value:.4g} {row.unit}".rstrip()
+        healthy = f"{row.healthy:.4g} {row.unit}".rstrip()
+        stands_out = row.value != row.healthy if marked is None else row.name in marked
+        lines.append(
+            f"{row.name:<19} {row.normalised:>6.4g}  {value:>12}  {healthy:>12}  "
+            f"{row.meaning}{'  <' if stands_out else ''}"
+        )
+    return "\n".join(lines)
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """One unknown of an actuator.
+
+    Parameters
+    ----------
+    name : str; a nominal parameter has the place of the parameter, e.g. ``motor.resistance``
+    unit : str, SI unit of the value; "" for a ratio or a normalised fault
+    meaning : str
+    healthy : float, the value of a healthy actuator, or the nominal value
+    lower, upper : float, bounds, both included
+    role : "fault"; "nominal"; "nuisance" (differs from recording to recording, and is no fault); or
+        "symptom" (can be simulated, but is read from residuals and not searched)
+    spread : float or None, standard deviation of the prior around ``healthy``; of the logarithm
+        where ``logarithmic``. None: no prior
+    logarithmic : bool, searched by its logarithm
+    direction_of : str or None, name of the magnitude of which this is the direction, in turns from
+        -1/2: the two are searched as the components of a vector
+    valleys : int, ranges of the value in which the misfit may have separate valleys
+    slack : float, how far below the lower bound monitoring looks: healthy means as the average
+        healthy run, and half of the runs are better than that
+    physical_unit : str, of ``physical``; None takes ``unit``
+    physical : callable or None, ``(actuator, value) -> float``: the value in ``physical_unit``;
+        None where the value itself is physical
+
+    Raises
+    ------
+    InputError
+        If the bounds do not hold the healthy value, or a logarithm is not defined on them.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    healthy: float
+    lower: float
+    upper: float
+    role: Role = "fault"
+    spread: float | None = None
+    logarithmic: bool = False
+    direction_of: str | None = None
+    valleys: int = 1
+    slack: float = 0.0
+    physical_unit: str | None = None
+    physical: Callable[[Any, float], float] | None = None
+
+    def __post_init__(self) -> None:
+        if not self.lower < self.upper or not self.lower <= self.healthy <= self.upper:
+            raise InputError(
+                f"Unknown {self.name} must have lower < upper and a healthy value between them, "
+                f"received {self.lower:g}, {self.upper:g} and {self.healthy:g}."
+            )
+        if self.logarithmic and not self.lower > 0.0:
+            raise InputError(
+                f"Unknown {self.name} is searched by its logarithm and needs a positive lower "
+                f"bound, received {self.lower:g}."
+            )
+        if self.spread is not None and not self.spread > 0.0:
+            raise InputError(
+                f"The prior of {self.name} must have a positive spread, received {self.spread:g}."
+            )
+
+    @property
+    def width(self) -> float:
+        """Upper less lower bound."""
+        return self.upper - self.lower
+
+    def check(self, value: Any) -> float:
+        """The value as a float.
+
+        Raises
+        ------
+        InputError
+            If it is not a number within the bounds.
+        """
+        what = f"{self.role.capitalize()} {self.name}"
+        bounds = f"[{self.lower:g}, {self.upper:g}]" + (f" {self.unit}" if self.unit else "")
+        try:
+            number = float(value)
+        except (TypeError, ValueError):
+            raise InputError(f"{what} must be a number in {bounds}, received {value!r}.") from None
+        if not self.lower <= number <= self.upper:  # NaN fails this as well
+            hint = ""
+            # 1.5 is a slip or a factor; 15 or 25 is a percentage
+            if self.unit == "" and (self.lower, self.upper) == (0.0, 1.0) and 2.0 <= number <= 100:
+                hint = f" If this is a percentage, write {number / 100.0:g}."
+            raise InputError(f"{what} must lie in {bounds}, received {number:g}.{hint}")
+        return number
+
+    def physical_value(self, actuator: Any, value: float) -> PhysicalValue:
+        """What a value means on an actuator."""
+        if self.physical is None:
+            now, healthy = value, self.healthy
+        else:
+            now, healthy = self.physical(actuator, value), self.physical(actuator, self.healthy)
+        unit = self.unit if self.physical_unit is None else self.physical_unit
+        return PhysicalValue(
+            self.name, float(value), float(now), float(healthy), unit, self.meaning
+        )

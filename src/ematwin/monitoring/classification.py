@@ -1,0 +1,91 @@
+"""The name of a fault, from what an alarm is made of.
+
+Two ways. From physics alone: the quantity that has left its healthy spread furthest, in the sense
+in which wear moves it. From signatures, where recordings with known faults were given at
+calibration: the nearest mean of scores, if it is nearer than health is by a good part. Signatures
+are statistics of one rig; they carry over to another only as far as that rig is alike.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ematwin.estimation.significance import is_present
+from ematwin.models.base import Reported
+from ematwin.monitoring.population import basis
+
+UNNAMED = "unnamed change"
+_EXPLAINED = 0.15  # of the squared scores, for a name from a signature
+REACH = 15.0  # standard deviations, the most that one feature counts
+
+
+@dataclass(frozen=True)
+class Name:
+    """The name of a fault and where it comes from.
+
+    Attributes
+    ----------
+    fault : e.g. "lubrication", or `UNNAMED`
+    by : "physics", "signature" or ""
+    """
+
+    fault: str
+    by: str
+
+
+@dataclass(frozen=True)
+class Signature:
+    """Mean scores of recordings with a known fault, over the covariate.
+
+    Attributes
+    ----------
+    fault : its name
+    coefficients : (3, F) or (1, F) array, as in `Population`
+    source : what it was learnt from
+    """
+
+    fault: str
+    coefficients: np.ndarray
+    source: str
+
+
+def named_by_physics(scores: Mapping[str, float], reported: Sequence[Reported]) -> Name:
+    """The fault whose quantity has left its healthy spread furthest, as wear moves it.
+
+    Parameters
+    ----------
+    scores : of what is reported, in healthy standard deviations, by name
+    reported : says which fault each quantity names, and in which sense
+    """
+    clear = []
+    for one in reported:
+        score = abs(scores[one.name]) if one.either else scores[one.name]
+        # how small a change may be, the healthy runs themselves say
+        if one.named and score > 0.0 and is_present(score, 0.0, 1.0, smallest=0.0):
+            clear.append((score, one.named))
+    return Name(max(clear)[1], "physics") if clear else Name(UNNAMED, "")
+
+
+def named_by_signature(
+    scores: np.ndarray,
+    covariate: np.ndarray,
+    scale: float | None,
+    signatures: Sequence[Signature],
+) -> Name:
+    """The fault whose signature is nearest to recordings with these scores.
+
+    Parameters
+    ----------
+    scores : (N, F) array, of recordings that are judged together
+    covariate : (N,) array, SI
+    scale : of the covariate, as in `Population`
+    """
+    limited = np.clip(scores, -REACH, REACH)
+    terms = basis(covariate, scale)
+    distances = [float(((limited - terms @ s.coefficients) ** 2).sum()) for s in signatures]
+    nearest = int(np.argmin(distances))
+    healthy = float((limited**2).sum())
+    if distances[nearest] > (1.0 - _EXPLAINED) * healthy:
+        return Name(UNNAMED, "")
+    return Name(signatures[nearest].fault, "signature")

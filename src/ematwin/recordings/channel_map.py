@@ -1,0 +1,306 @@
+"""ChannelMap: which channel of a file is which of a recording, and what its numbers mean.
+
+In a TOML file::
+
+    sample_rate = "20 kHz"          # in place of a time channel
+    phase_order = "acb"
+    gear_ratio = 500
+
+    [columns]
+    command = { channel = "Setpoint", unit = "deg", side = "motor" }
+    current_a = "Phase A [mA]"
+    current_b = { channel = "Phase B", unit = "mA", sign = -1 }
+
+    [csv]
+    delimiter = ";"
+    decimal = ","
+
+A map is made for the channels of one kind of actuator, which give it names, aliases and sides.
+"""
+
+import difflib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PrivateAttr,
+    ValidationError,
+    model_validator,
+)
+
+from ematwin.errors import InputError, ParameterError
+from ematwin.quantities import parse_quantity
+from ematwin.recordings.channel import Channel, channel_called, plain, with_time
+from ematwin.validation import load_toml, one_sentence
+
+PHASES = ("current_a", "current_b", "current_c")
+_IN_ORDER = "abc"
+_OPTIONS = ("sample_rate", "phase_order", "gear_ratio")
+_CSV_OPTIONS = ("delimiter", "decimal", "skip_rows")
+
+
+def _hertz(value: Any) -> Any:
+    if not isinstance(value, str):
+        return value
+    try:
+        return parse_quantity(value, "Hz", "it")
+    except ParameterError as error:
+        raise ValueError(str(error)) from None
+
+
+Hertz = Annotated[float, BeforeValidator(_hertz), Field(gt=0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class MappedChannel(BaseModel):
+    """One channel of a file: value in the unit = sign (scale x number in the file + offset).
+
+    Parameters
+    ----------
+    channel : name in the file
+    unit : of ``scale x number + offset``; None takes what the file or the name states, else SI
+    sign : +1 or -1
+    scale : factor on the number in the file, such as A per V of a current probe
+    offset : in the unit, added after the scale
+    full_scale : in the unit, where the converter saturates at plus and minus; None: unknown
+    side : "motor" or "output", the shaft on which it was measured; None: the recording's own
+    unwrap : whether an angle starts anew at each full turn and is to be counted on
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    channel: Annotated[str, Field(min_length=1)]
+    unit: str | None = None
+    sign: Literal[1, -1] = 1
+    scale: Finite = 1.0
+    offset: Finite = 0.0
+    full_scale: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    side: Literal["motor", "output"] | None = None
+    unwrap: bool = False
+
+    @model_validator(mode="after")
+    def _scale_keeps_something(self) -> Self:
+        if self.scale == 0.0:
+            raise ValueError("scale must not be 0, received 0; every sample would be the offset")
+        return self
+
+
+class CsvOptions(BaseModel):
+    """How a text table is written, where it is not recognised."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    delimiter: Annotated[str, Field(min_length=1, max_length=1)] | None = None
+    decimal: Literal[".", ","] | None = None
+    skip_rows: Annotated[int, Field(ge=0)] | None = None  # lines before the header
+
+
+class ChannelMap(BaseModel):
+    """Channels of a file by channel of the recording, and what holds for the whole file.
+
+    Parameters
+    ----------
+    channels : those of the kind of actuator; time is added
+    columns : mapping of name or alias (``i_a``, ``t``) to `MappedChannel`, name in the file or
+        table
+    sample_rate : float (Hz) or text such as ``"20 kHz"``, in place of a time channel
+    phase_order : the phases that the channels given for a, b, c really carry, such as ``"acb"``;
+        for kinds with three phases only
+    gear_ratio : motor turns for one turn of the output, needed for channels of the other side
+    csv : `CsvOptions`
+
+    Raises
+    ------
+    InputError
+        If a column or option is unknown or impossible.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    columns: dict[str, MappedChannel] = {}
+    sample_rate: Hertz | None = None
+    phase_order: str = _IN_ORDER
+    gear_ratio: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    csv: CsvOptions = CsvOptions()
+    _channels: tuple[Channel, ...] = PrivateAttr(default=())
+
+    def __init__(self, channels: Sequence[Channel], **values: Any) -> None:
+        known = with_time(channels)
+        if isinstance(values.get("columns"), Mapping):
+            values["columns"] = _named(values["columns"], known)
+        try:
+            super().__init__(**values)
+        except ValidationError as error:
+            raise one_sentence(error, "The column map") from None
+        self._channels = known
+        problem = self._problem()
+        if problem is not None:
+            raise ParameterError(f"The column map: {problem}.")
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """The channels that it is for, time first."""
+        return self._channels
+
+    def channel(self, name: str) -> Channel:
+        """One of them by name."""
+        return next(channel for channel in self._channels if channel.name == name)
+
+    def _problem(self) -> str | None:
+        """What does not fit together, or None."""
+        if sorted(self.phase_order) != list(_IN_ORDER):
+            return (
+                "phase_order must name a, b and c once each, "
+                f"received {self.phase_order!r}; write for example acb"
+            )
+        names = {channel.name for channel in self._channels}
+        if self.phase_order != _IN_ORDER and not names.issuperset(PHASES):
+            return "phase_order is for actuators with three phases; remove it"
+        if self.sample_rate is not None and "time" in self.columns:
+            return "time comes from a channel or from sample_rate; give one of the two"
+        for name, entry in self.columns.items():
+            channel = self.channel(name)
+            if entry.unwrap and channel.unit != "rad":
+                return f"{name} is not an angle; remove its unwrap"
+            if entry.side is None:
+                continue
+            if channel.side is None:
+                return f"{name} belongs to no shaft; remove its side"
+            if entry.side != channel.side and self.gear_ratio is None:
+                return (
+                    f"{name} is given on the {entry.side} side, but a recording holds it on the "
+                    f"{channel.side} side; give gear_ratio"
+                )
+        return None
+
+    @classmethod
+    def of(
+        cls,
+        given: "ChannelMap | Mapping[str, Any] | str | Path | None",
+        channels: Sequence[Channel],
+    ) -> "ChannelMap":
+        """A map from a map, a mapping, a TOML file, or None: names as in a recording.
+
+        A flat mapping may hold the options beside the columns:
+        ``{"i_a": "Phase A [A]", "sample_rate": "20 kHz"}``.
+
+        Parameters
+        ----------
+        given : what is known of the file
+        channels : those of the kind of actuator
+
+        Raises
+        ------
+        InputError
+            If a column or option is unknown or impossible.
+        FileError
+            If the file cannot be read.
+        """
+        if given is None:
+            return cls(channels)
+        if isinstance(given, ChannelMap):
+            same = given.channels == with_time(channels)
+            return given if same else cls._from_table(given.as_table(), channels)
+        if isinstance(given, str | Path):
+            path = Path(given)
+            table = load_toml(path, "column map")
+            try:
+                return cls._from_table(table, channels)
+            except InputError as error:
+                raise InputError(f"{path}: {error}") from None
+        if isinstance(given, Mapping):
+            return cls._from_table(given, channels)
+        raise InputError(
+            "columns must be a mapping of columns to channel names, or the path of a TOML file; "
+            f"received {type(given).__name__}."
+        )
+
+    @classmethod
+    def parse(
+        cls,
+        columns: Sequence[str],
+        channels: Sequence[Channel],
+        base: "ChannelMap | None" = None,
+    ) -> "ChannelMap":
+        """A map from texts such as ``'i_a=Phase A [A]'``, put over another map.
+
+        ``sample_rate=20 kHz``, ``phase_order=acb`` and the other options are written alike.
+        """
+        table: dict[str, Any] = {} if base is None else base.as_table()
+        for text in columns:
+            name, mark, value = text.partition("=")
+            if not mark or not name.strip() or not value.strip():
+                raise InputError(
+                    f'A column is written name="channel", such as i_a="Phase A [A]"; '
+                    f"received {text!r}."
+                )
+            key, value = name.strip(), value.strip().strip("\"'")
+            if key in _CSV_OPTIONS:
+                table.setdefault("csv", {})[key] = int(value) if value.isdigit() else value
+            elif key in _OPTIONS:
+                table[key] = value
+            else:
+                key = column_name(key, with_time(channels))
+                table.setdefault("columns", {})[key] = value
+        return cls._from_table(table, channels)
+
+    def as_table(self) -> dict[str, Any]:
+        """The map as plain values, as they would stand in a TOML file."""
+        return self.model_dump(exclude_none=True, exclude_defaults=True)
+
+    @classmethod
+    def _from_table(cls, table: Mapping[str, Any], channels: Sequence[Channel]) -> "ChannelMap":
+        sections = {"columns", "csv", *_OPTIONS}
+        values: dict[str, Any] = {key: table[key] for key in table if key in sections}
+        flat = {key: table[key] for key in table if key not in sections}
+        csv = {key: flat.pop(key) for key in _CSV_OPTIONS if key in flat}
+        if csv:
+            values["csv"] = {**_table(values.get("csv", {}), "csv"), **csv}
+        if flat:
+            values["columns"] = {**_table(values.get("columns", {}), "columns"), **flat}
+        return cls(channels, **values)
+
+
+ColumnMap = ChannelMap  # its name in 0.1
+
+
+def _table(value: Any, name: str) -> dict[str, Any]:
+    if not isinstance(value, Mapping):
+        raise InputError(f"{name} must be a table, received {value!r}; write [{name}] above it.")
+    return dict(value)
+
+
+def column_name(text: str, channels: Sequence[Channel]) -> str:
+    """The name of the channel that a name or alias means.
+
+    Raises
+    ------
+    InputError
+        If there is none; the message names the closest.
+    """
+    channel = channel_called(text, channels)
+    if channel is None:
+        names = [one.name for one in channels]
+        known = [*names, *(alias for one in channels for alias in one.aliases)]
+        near = difflib.get_close_matches(plain(text), known, n=3, cutoff=0.6)
+        hint = f" The closest are {', '.join(near)}." if near else ""
+        raise InputError(
+            f"A recording has no column {text!r}; there are {', '.join(names)}.{hint} "
+            "Correct the name."
+        )
+    return channel.name
+
+
+def _named(columns: Mapping[str, Any], channels: Sequence[Channel]) -> dict[str, Any]:
+    named: dict[str, Any] = {}
+    for key, value in columns.items():
+        name = column_name(str(key), channels)
+        if name in named:
+            raise InputError(f"The column map gives {name} twice; keep one of them.")
+        named[name] = {"channel": value} if isinstance(value, str) else value
+    return named

@@ -1,0 +1,1 @@
+"""Formats of recorded files, one a file."""

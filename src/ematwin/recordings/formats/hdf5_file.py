@@ -1,0 +1,89 @@
+"""HDF5 files, through h5py: datasets by path, columns of a matrix as ``path[k]``."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ematwin.recordings.formats.base import Progress, RecordedFile, as_float, load_library, refusing
+from ematwin.recordings.formats.mat_file import matrix_columns
+
+_UNIT_ATTRIBUTES = ("unit", "units", "Unit", "Units", "unit_string")
+
+
+class Hdf5File(RecordedFile):
+    """An HDF5 file; units are taken from the attribute ``unit`` or ``units`` of a dataset.
+
+    A dataset of named fields gives ``path/field``.
+    """
+
+    kind: ClassVar[str] = "HDF5"
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        h5py = load_library("h5py", "h5py", "Reading HDF5 files")
+        self._file = h5py.File(path, "r")
+        # channel -> dataset, and what selects the channel in it
+        self._channels: dict[str, tuple[str, str | int | None]] = {}
+        self._lengths: dict[str, int] = {}
+        try:
+            self._file.visititems(self._note)
+        except BaseException:
+            self._file.close()
+            raise
+
+    @property
+    def names(self) -> tuple[str, ...]:  # noqa: D102
+        return tuple(self._channels)
+
+    def unit(self, name: str) -> str | None:  # noqa: D102
+        with refusing(self.path, self.kind):
+            attributes = self._file[self._channels[name][0]].attrs
+            key = next((key for key in _UNIT_ATTRIBUTES if key in attributes), None)
+            text = None if key is None else attributes[key]
+        return text.decode(errors="replace") if isinstance(text, bytes) else text and str(text)
+
+    def time_base(self, name: str) -> str:  # noqa: D102
+        return f"{self._lengths[name]} samples"
+
+    def read(  # noqa: D102
+        self, names: Sequence[str], progress: Progress | None = None
+    ) -> dict[str, np.ndarray]:
+        columns: dict[str, np.ndarray] = {}
+        with refusing(self.path, self.kind):
+            for done, name in enumerate(names, start=1):
+                key, part = self._channels[name]
+                dataset = self._file[key]
+                if part is None:
+                    values = dataset[()]
+                elif isinstance(part, str):
+                    values = dataset[part]
+                else:
+                    lies = dataset.shape[0] != self._lengths[name]
+                    values = dataset[part, :] if lies else dataset[:, part]
+                columns[name] = as_float(values, name, self.path)
+                if progress is not None:
+                    progress(done / len(names))
+        return columns
+
+    def close(self) -> None:  # noqa: D102
+        self._file.close()
+
+    def _note(self, key: str | bytes, item: Any) -> None:
+        if isinstance(key, bytes):  # a name that is no text
+            return
+        shape = getattr(item, "shape", None)
+        if not shape:  # a group, a scalar, an empty dataset
+            return
+        if item.dtype.names:
+            for field in item.dtype.names:
+                self._add(f"{key}/{field}", key, field, int(np.prod(shape)))
+        elif item.dtype.kind in "biuf":
+            found = matrix_columns(key, shape)
+            for k, (name, length) in enumerate(found):
+                self._add(name, key, None if len(found) == 1 else k, length)
+
+    def _add(self, name: str, key: str, part: str | int | None, length: int) -> None:
+        self._channels[name] = (key, part)
+        self._lengths[name] = length

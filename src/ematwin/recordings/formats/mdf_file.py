@@ -1,0 +1,168 @@
+"""MDF files (version 3 and 4), through asammdf, channel by channel.
+
+A name that stands in several channel groups is told apart as ``group 2/speed``.
+"""
+
+import gc
+import logging
+import sys
+from collections import Counter
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ematwin.errors import FileError
+from ematwin.recordings.formats.base import (
+    Progress,
+    RecordedFile,
+    as_float,
+    complaints,
+    load_library,
+    refusing,
+    words,
+)
+
+_UNSET = datetime(1980, 1, 1, tzinfo=UTC)  # what asammdf gives where a file says nothing
+_VIRTUAL = {3, 6}  # channel types of version 4 without bytes in the record
+
+
+class MdfFile(RecordedFile):
+    """An MDF file: each channel group has a time base of its own."""
+
+    kind: ClassVar[str] = "MDF"
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        library = load_library("asammdf", "asammdf", "Reading MDF files")
+        self._file = _open(library, path)
+        self.start = _start_of(self._file)
+        places = [
+            (channel.name, group, index)
+            for group, content in enumerate(self._file.groups)
+            for index, channel in enumerate(content.channels)
+            if index != self._file.masters_db.get(group)
+        ]
+        times = Counter(name for name, _, _ in places)
+        self._places: dict[str, tuple[int, int]] = {}
+        for name, group, index in places:
+            full = name if times[name] == 1 else f"group {group}/{name}"
+            self._places.setdefault(full, (group, index))
+
+    @property
+    def names(self) -> tuple[str, ...]:  # noqa: D102
+        return tuple(self._places)
+
+    def unit(self, name: str) -> str | None:  # noqa: D102
+        group, index = self._places[name]
+        with refusing(self.path, self.kind):
+            return self._file.get_channel_unit(group=group, index=index) or None
+
+    def time_base(self, name: str) -> str:  # noqa: D102
+        return f"group {self._places[name][0]}"
+
+    def base_time(self, key: str) -> np.ndarray | None:  # noqa: D102
+        group = int(key.removeprefix("group "))
+        if group not in self._file.masters_db:
+            return None
+        with refusing(self.path, self.kind):
+            return as_float(self._file.get_master(group), f"time of {key}", self.path)
+
+    def read(  # noqa: D102
+        self, names: Sequence[str], progress: Progress | None = None
+    ) -> dict[str, np.ndarray]:
+        columns: dict[str, np.ndarray] = {}
+        with refusing(self.path, self.kind):
+            for done, name in enumerate(names, start=1):
+                columns[name] = self._values(name)
+                if progress is not None:
+                    progress(done / len(names))
+        return columns
+
+    def texts(self, name: str) -> list[str]:  # noqa: D102
+        group, index = self._places[name]
+        with refusing(self.path, self.kind):
+            self._check_place(name, group, index)
+            samples = self._file.get(group=group, index=index, samples_only=True)[0]
+        return words(samples) or super().texts(name)
+
+    def close(self) -> None:  # noqa: D102
+        if self._file is not None:
+            self._file.close()
+            self._file = None
+
+    def _values(self, name: str) -> np.ndarray:
+        group, index = self._places[name]
+        self._check_place(name, group, index)
+        with complaints("asammdf", level=logging.ERROR) as found:
+            samples, invalid = self._file.get(
+                group=group, index=index, samples_only=True, ignore_invalidation_bits=True
+            )
+        if found:
+            raise ValueError(found[0])
+        promised = self._file.groups[group].channel_group.cycles_nr
+        if len(samples) != promised:
+            raise FileError(
+                f"{self.path} promises {promised} samples of {name!r} and holds {len(samples)}. "
+                "It was truncated; copy it again."
+            )
+        values = as_float(samples, name, self.path)
+        if invalid is not None:
+            values[np.asarray(invalid, dtype=bool)] = np.nan
+        return values
+
+    def _check_place(self, name: str, group: int, index: int) -> None:
+        """Refuse a channel that lies outside its records: asammdf would read foreign memory."""
+        channel = self._file.groups[group].channels[index]
+        if getattr(channel, "channel_type", 0) in _VIRTUAL:
+            return
+        if hasattr(channel, "byte_offset"):  # version 4
+            bits = 8 * channel.byte_offset + channel.bit_offset + channel.bit_count
+        else:
+            extra = getattr(channel, "additional_byte_offset", 0)
+            bits = 8 * extra + channel.start_offset + channel.bit_count
+        room = 8 * self._file.groups[group].channel_group.samples_byte_nr
+        if bits > room:
+            raise FileError(
+                f"Cannot read {self.path} as MDF: {name!r} ends at bit {bits} of a record of "
+                f"{room} bits. The file is damaged; copy it again."
+            )
+
+
+def _start_of(file: Any) -> datetime | None:
+    try:
+        start: datetime = file.start_time
+        aware = start if start.tzinfo is not None else start.replace(tzinfo=UTC)
+    except (AttributeError, OverflowError, ValueError, OSError):  # a date that there is not
+        return None
+    return aware if aware > _UNSET else None
+
+
+def _open(library: Any, path: Path) -> Any:
+    """An `asammdf.MDF`; quiet where it cannot be opened.
+
+    The destructor of the half-made object complains on stderr. The object dies with the
+    exception that refers to it, so both are let go while such complaints are switched off.
+    """
+
+    def ignore(_: Any) -> None:
+        return None
+
+    before = sys.unraisablehook
+    sys.unraisablehook = ignore
+    try:
+        try:
+            with complaints("asammdf", level=logging.ERROR) as found:
+                opened = library.MDF(path)
+            if not found:
+                return opened
+            opened.close()
+            reason = found[0]
+        except Exception as error:
+            reason = str(error) or type(error).__name__
+        gc.collect()  # it may be part of a cycle
+    finally:
+        sys.unraisablehook = before
+    raise ValueError(reason)

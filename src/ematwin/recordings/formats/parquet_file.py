@@ -1,0 +1,103 @@
+"""Parquet files, through pyarrow, column by column in batches of rows."""
+
+import json
+from collections.abc import Sequence
+from datetime import UTC
+from pathlib import Path
+from typing import Any, ClassVar, cast
+
+import numpy as np
+
+from ematwin.errors import RecordError
+from ematwin.recordings.formats.base import Progress, RecordedFile, moment, refusing
+from ematwin.recordings.tables import METADATA_KEY
+
+_BATCH = 1 << 16  # rows
+
+
+class ParquetFile(RecordedFile):
+    """A Parquet file; units are taken from the field metadata ``unit`` where there is any."""
+
+    kind: ClassVar[str] = "parquet"
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        import pyarrow.parquet as pq
+
+        self._origins: dict[str, int] = {}  # ns, of columns of clock times
+        self._file = pq.ParquetFile(path)
+        self._schema = self._file.schema_arrow
+        note = (self._schema.metadata or {}).get(METADATA_KEY.encode())
+        self.metadata = json.loads(note) if note else {}
+
+    @property
+    def names(self) -> tuple[str, ...]:  # noqa: D102
+        return tuple(self._schema.names)
+
+    def unit(self, name: str) -> str | None:  # noqa: D102
+        if self.metadata:
+            return cast("str | None", self.metadata.get("units", {}).get(name))
+        notes = self._schema.field(name).metadata or {}
+        found = notes.get(b"unit") or notes.get(b"units")
+        return found.decode() if found else None
+
+    def read(  # noqa: D102
+        self, names: Sequence[str], progress: Progress | None = None
+    ) -> dict[str, np.ndarray]:
+        rows = self._file.metadata.num_rows
+        columns = {name: np.empty(rows) for name in names}
+        with refusing(self.path, self.kind):
+            for position, name in enumerate(columns):
+                start = 0
+                for batch in self._file.iter_batches(_BATCH, columns=[name]):
+                    values = self._numbers(batch.column(0), name)
+                    columns[name][start : start + values.size] = values
+                    start += values.size
+                    if progress is not None:
+                        progress((position + start / rows) / len(columns))
+        if progress is not None:
+            progress(1.0)
+        return columns
+
+    def texts(self, name: str) -> list[str]:  # noqa: D102
+        import pyarrow as pa
+
+        with refusing(self.path, self.kind):
+            column = self._file.read(columns=[name]).column(0)
+            if pa.types.is_floating(column.type):
+                return super().texts(name)
+            return ["" if text is None else text for text in column.cast(pa.string()).to_pylist()]
+
+    def close(self) -> None:  # noqa: D102
+        self._file.close()
+
+    def _numbers(self, chunk: Any, name: str) -> np.ndarray:
+        import pyarrow as pa
+
+        kind = chunk.type
+        if pa.types.is_timestamp(kind) or pa.types.is_time(kind) or pa.types.is_duration(kind):
+            nanoseconds = chunk.cast(
+                pa.timestamp("ns", tz=kind.tz) if pa.types.is_timestamp(kind)
+                else pa.time64("ns") if pa.types.is_time(kind) else pa.duration("ns")
+            )  # fmt: skip
+            integers = nanoseconds.cast(pa.int64()).to_numpy(zero_copy_only=False)
+            self._note_origin(name, kind, int(integers[0]) if integers.size else 0)
+            return (integers - self._origins[name]) * 1e-9
+        try:
+            return np.asarray(chunk.cast(pa.float64()).to_numpy(zero_copy_only=False))
+        except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
+            raise RecordError(
+                f"Column {name} of {self.path} must hold numbers; it holds {kind}. "
+                "Remove text and units from its rows."
+            ) from None
+
+    def _note_origin(self, name: str, kind: Any, nanoseconds: int) -> None:
+        import pyarrow as pa
+
+        if name in self._origins:
+            return
+        self._origins[name] = nanoseconds
+        if pa.types.is_timestamp(kind):  # a time of day has no date
+            began = moment(np.datetime64(nanoseconds, "ns"), None if kind.tz is None else UTC)
+            if began is not None:
+                self.clocks[name] = began

@@ -1,0 +1,117 @@
+"""TDMS files, through npTDMS, lazily: only the wanted channels are read."""
+
+from collections.abc import Sequence
+from datetime import UTC
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ematwin.errors import FileError
+from ematwin.recordings.formats.base import (
+    Progress,
+    RecordedFile,
+    as_float,
+    complaints,
+    load_library,
+    moment,
+    refusing,
+    words,
+)
+
+_LOGGERS = ("nptdms.reader", "nptdms.tdms_segment", "nptdms.base_segment", "nptdms.tdms")
+_OF_TEXT = "nptdms.types"  # complains of names in another encoding, which are read all the same
+
+
+class TdmsFile(RecordedFile):
+    """A TDMS file; channels are named ``group/channel``.
+
+    Time comes from the waveform properties of a channel (``wf_increment``) where it has them.
+    """
+
+    kind: ClassVar[str] = "TDMS"
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        library = load_library("nptdms", "npTDMS", "Reading TDMS files")
+        with complaints(_OF_TEXT), complaints(*_LOGGERS) as found:
+            self._file = library.TdmsFile.open(path)
+        self._channels: dict[str, Any] = {
+            f"{group.name}/{channel.name}": channel
+            for group in self._file.groups()
+            for channel in group.channels()
+        }
+        if found or self._file.file_status.incomplete_final_segment or not self._channels:
+            self._file.close()
+            raise FileError(
+                f"Cannot read {path} as TDMS: "
+                + ("its last segment is incomplete" if self._channels else "it holds no channels")
+                + ". It may be truncated; copy it again or close it in the recording program."
+            )
+        stamps = [start for start in self._starts() if isinstance(start, np.datetime64)]
+        self.start = moment(min(stamps), UTC) if stamps else None  # LabVIEW counts in UTC
+
+    @property
+    def names(self) -> tuple[str, ...]:  # noqa: D102
+        return tuple(self._channels)
+
+    def unit(self, name: str) -> str | None:  # noqa: D102
+        properties = self._channels[name].properties
+        found = properties.get("unit_string") or properties.get("NI_UnitDescription")
+        return str(found) if found else None
+
+    def time_base(self, name: str) -> str:  # noqa: D102
+        channel = self._channels[name]
+        wave = channel.properties
+        if not wave.get("wf_increment"):
+            return f"{len(channel)} samples"
+        return (
+            f"{len(channel)} samples each {wave['wf_increment']!r} s from "
+            f"{wave.get('wf_start_offset', 0.0)!r} s after {wave.get('wf_start_time')}"
+        )
+
+    def base_time(self, key: str) -> np.ndarray | None:  # noqa: D102
+        name = next(name for name in self._channels if self.time_base(name) == key)
+        channel = self._channels[name]
+        step = channel.properties.get("wf_increment")
+        if not step:
+            return None
+        start = float(channel.properties.get("wf_start_offset", 0.0)) + self._delay(channel)
+        return start + float(step) * np.arange(len(channel))
+
+    def read(  # noqa: D102
+        self, names: Sequence[str], progress: Progress | None = None
+    ) -> dict[str, np.ndarray]:
+        columns: dict[str, np.ndarray] = {}
+        with refusing(self.path, self.kind):
+            for done, name in enumerate(names, start=1):
+                values = np.asarray(self._channels[name][:])
+                columns[name] = as_float(values, name, self.path)
+                if values.dtype.kind == "M" and values.size:
+                    began = moment(values[0], UTC)
+                    if began is not None:
+                        self.clocks[name] = began
+                if progress is not None:
+                    progress(done / len(names))
+        return columns
+
+    def texts(self, name: str) -> list[str]:  # noqa: D102
+        with refusing(self.path, self.kind):
+            values = np.asarray(self._channels[name][:])
+        return words(values) or super().texts(name)
+
+    def close(self) -> None:  # noqa: D102
+        self._file.close()
+
+    def _starts(self) -> list[Any]:
+        starts = (channel.properties.get("wf_start_time") for channel in self._channels.values())
+        return [start for start in starts if start is not None]
+
+    def _delay(self, channel: Any) -> float:
+        """Seconds from the earliest start of any channel to the start of this one."""
+        known = self._starts()
+        own = channel.properties.get("wf_start_time")
+        if own is None or not known:
+            return 0.0
+        stamps = np.array([min(known), own], dtype="datetime64[ns]").astype(np.int64)
+        return float(stamps[1] - stamps[0]) * 1e-9

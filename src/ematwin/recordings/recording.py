@@ -1,0 +1,234 @@
+"""Recording: evenly sampled named channels of one actuator, measured or simulated.
+
+One type for every kind of actuator. Which channels it must have is said by the kind
+(`ematwin.models.base.Model.channels`); identification cannot tell a measurement from a simulation,
+except by the provenance that is kept for the report.
+"""
+
+import json
+from collections.abc import Iterator, Mapping
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+
+from ematwin.errors import RecordError
+from ematwin.recordings.channel import NAMED
+
+REGULARITY = 1e-3  # of the sampling interval: more jitter than this needs resampling
+_RESERVED = {"time", "channels", "units", "labels", "start", "source", "provenance"}
+
+
+class Recording:
+    """Evenly sampled named channels in SI.
+
+    A channel that the recording does not have reads as None: ``recording.motor_position``.
+
+    Parameters
+    ----------
+    time : (S,) array, s
+    channels : mapping of names to (S,) arrays, SI
+    units : mapping of channels to their SI units, for files and figures
+    labels : what is known of it, as texts, e.g. ``{"condition": "normal", "run": "1"}``
+    start : the moment at which its time is zero, if known
+    source : the file that it comes from
+    provenance : mapping of JSON values, where it comes from and what was done to it
+    **more : further channels by name; None leaves one out
+
+    Raises
+    ------
+    RecordError
+        If lengths differ, a value is not finite, time is not regular, or the provenance is not
+        JSON.
+    """
+
+    def __init__(
+        self,
+        time: Any,
+        channels: Mapping[str, Any] | None = None,
+        *,
+        units: Mapping[str, str] | None = None,
+        labels: Mapping[str, str] | None = None,
+        start: datetime | None = None,
+        source: str = "",
+        provenance: Mapping[str, Any] | None = None,
+        **more: Any,
+    ) -> None:
+        self.labels: dict[str, str] = dict(labels or {})
+        self.start = start
+        self.source = source
+        self.provenance: dict[str, Any] = dict(provenance or {})
+        self.channels: dict[str, np.ndarray] = {}
+        self.time = _numbers(time, "time")
+        for name, values in {**(channels or {}), **more}.items():
+            if values is None:
+                continue
+            if name in _RESERVED:
+                raise RecordError(f"A channel cannot be called {name!r}; choose another name.")
+            self.channels[name] = _numbers(values, name)
+        self.units = {name: unit for name, unit in (units or {}).items() if name in self.channels}
+        self._check()
+
+    def _check(self) -> None:
+        prefix = f"{self.name}: " if self.labels or self.source else ""
+        try:
+            check_time(self.time)
+        except RecordError as error:
+            raise RecordError(f"{prefix}{error}") from None
+        for name, column in self.channels.items():
+            if column.shape != self.time.shape:
+                raise RecordError(
+                    f"{prefix}Column {name} has shape {column.shape} but time has "
+                    f"{self.time.shape}; all columns must be equally long."
+                )
+            bad = np.flatnonzero(~np.isfinite(column))
+            if bad.size:
+                raise RecordError(
+                    f"{prefix}Column {name} holds {bad.size} NaN or infinite values, the first at "
+                    f"sample {bad[0]} ({self.time[bad[0]]:g} s). Remove that stretch of the record."
+                )
+        _check_provenance(self.provenance)
+
+    def __getattr__(self, name: str) -> Any:
+        """A channel by name; None for one that kinds of actuators know and this one has not."""
+        channels: dict[str, np.ndarray] = self.__dict__.get("channels", {})
+        if name in channels:
+            return channels[name]
+        if name in NAMED:
+            return None
+        raise AttributeError(
+            f"The recording has no channel {name!r}; it has {', '.join(channels) or 'none'}."
+        )
+
+    @property
+    def sample_rate(self) -> float:
+        """Samples per second, Hz."""
+        return float((self.time.size - 1) / (self.time[-1] - self.time[0]))
+
+    @property
+    def interval(self) -> float:
+        """Sampling interval, s."""
+        return float((self.time[-1] - self.time[0]) / (self.time.size - 1))
+
+    @property
+    def name(self) -> str:
+        """File and labels, for messages and tables."""
+        said = label_text(self.labels)
+        return " ".join(part for part in (self.source, said) if part) or "the record"
+
+    @property
+    def run(self) -> str:
+        """The run that it belongs to: its label ``run``, else its file."""
+        return self.labels.get("run", self.source)
+
+    @property
+    def together(self) -> tuple[str, ...]:
+        """What the recordings of one run under one condition share: all labels but ``motion``."""
+        return (self.source, *(v for key, v in self.labels.items() if key != "motion"))
+
+    @property
+    def phase_currents(self) -> np.ndarray | None:
+        """(S, 3) array of the phase currents, A, or None."""
+        phases = [self.channels.get(f"current_{phase}") for phase in "abc"]
+        if any(phase is None for phase in phases):
+            return None
+        return np.column_stack([phase for phase in phases if phase is not None])
+
+    def columns(self) -> Iterator[tuple[str, np.ndarray]]:
+        """Yield name and values of time and of each channel."""
+        yield "time", self.time
+        yield from self.channels.items()
+
+    def changed(self, **values: Any) -> "Recording":
+        """A recording with some channels, labels or other parts replaced; None drops a channel."""
+        parts: dict[str, Any] = {name: getattr(self, name) for name in _RESERVED - {"channels"}}
+        parts |= {name: values.pop(name) for name in list(values) if name in parts}
+        return Recording(channels={**self.channels, **values}, **parts)
+
+    def between(self, start: float, stop: float) -> "Recording":
+        """The part from ``start`` to ``stop``, s, both included."""
+        inside = (self.time >= start) & (self.time <= stop)
+        if inside.sum() < 2:
+            raise RecordError(
+                f"The record has fewer than two samples between {start:g} and {stop:g} s; it runs "
+                f"from {self.time[0]:g} to {self.time[-1]:g} s."
+            )
+        return self.changed(**{name: value[inside] for name, value in self.columns()})
+
+    def to_dataframe(self) -> Any:
+        """A pandas DataFrame with a column for each signal; needs pandas."""
+        try:
+            import pandas as pd
+        except ImportError:
+            raise ImportError("to_dataframe needs pandas. Run: pip install pandas.") from None
+        return pd.DataFrame(dict(self.columns()))
+
+    def __len__(self) -> int:
+        return int(self.time.size)
+
+    def __repr__(self) -> str:
+        names = ", ".join(name for name, _ in self.columns())
+        said = f"{self.name}: " if self.labels or self.source else ""
+        return (
+            f"Recording({said}{len(self)} samples, {self.time[0]:g} to {self.time[-1]:g} s at "
+            f"{self.sample_rate:.6g} Hz: {names})"
+        )
+
+    def __reduce__(self) -> Any:
+        parts = {name: getattr(self, name) for name in _RESERVED - {"time", "channels"}}
+        return _rebuilt, (self.time, self.channels, parts)
+
+
+def _rebuilt(time: np.ndarray, channels: dict[str, np.ndarray], parts: Any) -> Recording:
+    return Recording(time, channels, **parts)
+
+
+def label_text(labels: Mapping[str, str]) -> str:
+    """Labels for messages and tables: ``condition normal, run 1``."""
+    return ", ".join(f"{key} {value}" for key, value in labels.items())
+
+
+def _numbers(values: Any, name: str) -> np.ndarray:
+    try:
+        return np.ascontiguousarray(values, dtype=float)
+    except (TypeError, ValueError):
+        raise RecordError(f"Column {name} must hold numbers; it does not.") from None
+
+
+def _check_provenance(provenance: Mapping[str, Any]) -> None:
+    try:
+        json.dumps(provenance)
+    except (TypeError, ValueError) as error:
+        raise RecordError(
+            f"The provenance must hold JSON values, so that files can keep it: {error}. "
+            "Convert them."
+        ) from None
+
+
+def check_time(time: np.ndarray) -> None:
+    """Raise `RecordError` unless times (S,) increase in equal steps."""
+    if time.ndim != 1 or time.size < 2:
+        raise RecordError(f"A record needs at least two samples in time, received {time.size}.")
+    bad = np.flatnonzero(~np.isfinite(time))
+    if bad.size:
+        raise RecordError(f"time is NaN or infinite at sample {bad[0]}; remove those rows.")
+    steps = np.diff(time)
+    falls = np.flatnonzero(steps <= 0.0)
+    if falls.size:
+        n = int(falls[0]) + 1
+        raise RecordError(
+            f"time must increase: sample {n} ({time[n]:.6g} s) follows {time[n - 1]:.6g} s. "
+            "Sort the record or drop duplicates."
+        )
+    mean = (time[-1] - time[0]) / (time.size - 1)
+    # rounding of the times themselves is no irregularity
+    slack = REGULARITY * mean + 4.0 * np.spacing(np.abs(time).max())
+    if np.abs(steps - mean).max() > slack:
+        usual = float(np.median(steps))
+        odd = np.abs(steps - usual)
+        n = int(np.argmax(odd > 0.9 * odd.max())) + 1  # the first, where several are alike
+        raise RecordError(
+            f"time must be regular: the step to sample {n} ({time[n]:.6g} s) is "
+            f"{steps[n - 1]:.6g} s where {usual:.6g} s is usual. "
+            "Resample the record to a constant rate."
+        )

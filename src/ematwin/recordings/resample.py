@@ -1,0 +1,242 @@
+"""One constant rate for all columns, without aliasing.
+
+Jittered times are interpolated by Akima's cubics (J. ACM 17, 1970), which do not overshoot at the
+steps that commands have; on a sine of 100 samples a turn they are off by 2e-5, where monotone
+cubics (PCHIP) are off by 3e-4. A lower rate is reached through a linear-phase low-pass
+that is down by 80 dB at the new Nyquist frequency, applied without delay.
+
+A current of a brushless actuator is the mean over the interval that ends at its time: it comes half
+an interval late, and half a longer interval once the rate is lowered. Such channels are therefore
+taken that little earlier, so that they are such means before and after.
+"""
+
+from collections.abc import Callable, Collection
+from functools import partial
+
+import numpy as np
+
+from ematwin.errors import InputError, RecordError
+from ematwin.recordings.timing import GAP, is_regular
+
+_PASS = 0.8  # of the new Nyquist frequency: passed whole; above it the filter falls
+_ATTENUATION = 80.0  # dB
+_BLOCK = 1 << 16  # samples interpolated at a time
+_OVERLAP = 128  # samples on either side
+_WHOLE = 1e-6  # a ratio of rates so close to an integer is one
+
+
+def to_constant_rate(
+    time: np.ndarray,
+    columns: dict[str, np.ndarray],
+    rate: float | None,
+    what: object,
+    means: Collection[str] = (),
+) -> tuple[np.ndarray, dict[str, np.ndarray], list[str]]:
+    """Times and columns at a constant rate, and sentences on what was done.
+
+    Parameters
+    ----------
+    time : (S,) array, s, increasing, without gaps
+    columns : dict of (S,) finite arrays; emptied where the rate changes, to spare memory
+    rate : float, Hz, wanted; None keeps the recorded rate
+    what : file, or motion in it, for messages
+    means : columns whose samples are means over the interval that ends at their time
+
+    Raises
+    ------
+    RecordError
+        If the record is too short for the filter.
+    """
+    changed: list[str] = []
+    if not is_regular(time):
+        time, columns = _evened(time, columns, changed)
+    own = (time.size - 1) / (time[-1] - time[0])
+    if rate is None or abs(own / rate - 1.0) < _WHOLE:
+        return time, columns, changed
+    if rate > own:
+        changed.append(
+            f"the rate was raised from {own:.6g} to {rate:.6g} Hz by interpolation, which adds no "
+            "information"
+        )
+        grid = _grid(time, rate)
+        return grid, _each(columns, lambda _, values: _akima(time, values, grid)), changed
+    changed.append(
+        f"the rate was lowered from {own:.6g} to {rate:.6g} Hz behind a low-pass without delay, "
+        f"whole to {_PASS * rate / 2:.6g} Hz and down by {_ATTENUATION:g} dB at {rate / 2:.6g} Hz"
+    )
+    return *_lowered(time, columns, own, rate, what, means), changed
+
+
+def check_rate(rate: float | None) -> None:
+    """Raise `InputError` unless ``rate`` is None or a positive number of Hz."""
+    if rate is not None and not (np.isfinite(rate) and rate > 0.0):
+        raise InputError(f"resample_to must be a positive number of Hz, received {rate}.")
+
+
+def onto(
+    time: np.ndarray, values: np.ndarray, wanted: np.ndarray, rate: float, is_mean: bool
+) -> np.ndarray:
+    """Values of one time base at the times of another; NaN where the first has none.
+
+    A base that is much faster than ``rate`` (Hz, of ``wanted``) passes the low-pass first.
+    """
+    step = float(np.median(np.diff(time)))
+    late = 0.0
+    if 1.0 / step > 1.5 * rate and is_regular(time) and np.isfinite(values).all():
+        values = _filtered(values, _low_pass(1.0 / step, rate))
+        late = 0.5 * (1.0 / rate - step) if is_mean else 0.0
+    finite = np.isfinite(values)
+    if not finite.any():
+        return np.full(wanted.shape, np.nan)
+    moved = np.clip(wanted - late, time[0], time[-1])
+    if finite.all() and time.size > 2:
+        result = _akima(time, values, moved)
+    else:
+        result = np.interp(moved, time, values)  # a NaN spreads to its neighbours and no further
+    starts = np.flatnonzero(np.diff(time) > GAP * step)
+    for n in starts:
+        result[(wanted > time[n]) & (wanted < time[n + 1])] = np.nan
+    return np.asarray(result)
+
+
+def _evened(
+    time: np.ndarray, columns: dict[str, np.ndarray], changed: list[str]
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    steps = np.diff(time)
+    middle = float(np.median(steps))
+    late = int((steps > 1.5 * middle).sum())
+    # the median step is that of the clock where single samples are lost; else the mean is exact
+    count = round((time[-1] - time[0]) / middle) if late else time.size - 1
+    grid = np.linspace(time[0], time[-1], max(count, 1) + 1)
+    spread = float(np.abs(steps - middle).max() / middle)
+    lost = f"; single samples were missing {late} times" if late else ""
+    changed.append(
+        f"uneven times (steps up to {100 * spread:.3g} % off the median{lost}) were brought "
+        f"to a constant {count / (time[-1] - time[0]):.6g} Hz by interpolation"
+    )
+    return grid, _each(columns, lambda _, values: _akima(time, values, grid))
+
+
+def _lowered(
+    time: np.ndarray,
+    columns: dict[str, np.ndarray],
+    own: float,
+    rate: float,
+    what: object,
+    means: Collection[str],
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    ratio = own / rate
+    whole = round(ratio)
+    delay = 0.5 * (ratio - 1.0)  # of a mean, in recorded samples
+    if _taps(own, rate) > time.size:
+        raise RecordError(
+            f"{what} is too short to be brought to {rate:g} Hz: the low-pass needs "
+            f"{_taps(own, rate)} samples, the record has {time.size}. Keep its rate, or record for "
+            "longer."
+        )
+    plain = _low_pass(own, rate)
+    if abs(ratio / whole - 1.0) < _WHOLE:
+        early = _low_pass(own, rate, delay)
+        kept = slice(None, None, whole)
+        return time[kept].copy(), _each(
+            columns,
+            lambda name, values: _filtered(values, early if name in means else plain)[kept].copy(),
+        )
+    grid = _grid(time, rate)
+    moved = np.clip(grid - delay / own, time[0], time[-1])
+    return grid, _each(
+        columns,
+        lambda name, values: _spline(
+            time, _filtered(values, plain), moved if name in means else grid
+        ),
+    )
+
+
+def _each(
+    columns: dict[str, np.ndarray], change: Callable[[str, np.ndarray], np.ndarray]
+) -> dict[str, np.ndarray]:
+    """All columns changed; each is let go once it is."""
+    return {name: change(name, columns.pop(name)) for name in list(columns)}
+
+
+def _grid(time: np.ndarray, rate: float) -> np.ndarray:
+    count = int(np.floor((time[-1] - time[0]) * rate * (1.0 + 1e-12) + 1e-9))
+    if count < 1:
+        raise InputError(
+            f"The record lasts {time[-1] - time[0]:.4g} s, too short for two samples at {rate:g} "
+            "Hz; choose a higher rate."
+        )
+    return np.asarray(time[0] + np.arange(count + 1) / rate)
+
+
+def _taps(own: float, rate: float) -> int:
+    """Odd number of coefficients for the transition from `_PASS` to the new Nyquist frequency."""
+    from scipy.signal import kaiserord
+
+    count, _ = kaiserord(_ATTENUATION, (1.0 - _PASS) * rate / own)
+    return int(count) | 1
+
+
+def _low_pass(own: float, rate: float, delay: float = 0.0) -> np.ndarray:
+    """Kaiser-windowed sinc; ``delay``, in recorded samples, may be a fraction.
+
+    Longer by the delay at both ends, so that the shifted window fits.
+    """
+    from scipy.signal import kaiser_beta
+
+    half = _taps(own, rate) // 2
+    reach = half + int(np.ceil(delay))
+    n = np.arange(-reach, reach + 1) - delay
+    cutoff = 0.5 * (1.0 + _PASS) * rate / own  # middle of the transition, of the old Nyquist
+    window = np.i0(kaiser_beta(_ATTENUATION) * np.sqrt(np.clip(1.0 - (n / (half + 1)) ** 2, 0, 1)))
+    taps = np.where(np.abs(n) <= half + 1, cutoff * np.sinc(cutoff * n) * window, 0.0)
+    return np.asarray(taps / taps.sum())
+
+
+def _filtered(values: np.ndarray, taps: np.ndarray) -> np.ndarray:
+    """Values behind a filter centred on each sample; the ends continue as point reflections."""
+    from scipy.signal import oaconvolve
+
+    reach = min(taps.size // 2, values.size - 1)
+    before = 2.0 * values[0] - values[reach:0:-1]
+    after = 2.0 * values[-1] - values[-2 : -reach - 2 : -1]
+    padded = np.concatenate([before, values, after])
+    result = oaconvolve(padded, taps, mode="same")
+    return np.asarray(result[reach : reach + values.size])
+
+
+def _akima(time: np.ndarray, values: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Akima's cubics through the samples, at increasing times ``wanted`` within theirs."""
+    if time.size < 3:
+        return np.interp(wanted, time, values)
+    from scipy.interpolate import Akima1DInterpolator
+
+    return _in_blocks(partial(Akima1DInterpolator, extrapolate=True), time, values, wanted)
+
+
+def _spline(time: np.ndarray, values: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Quintic: after the low-pass the values are smooth on the scale of their own samples."""
+    from scipy.interpolate import make_interp_spline
+
+    return _in_blocks(partial(make_interp_spline, k=5), time, values, wanted)
+
+
+def _in_blocks(
+    make: Callable[[np.ndarray, np.ndarray], Callable[[np.ndarray], np.ndarray]],
+    time: np.ndarray,
+    values: np.ndarray,
+    wanted: np.ndarray,
+) -> np.ndarray:
+    """An interpolation made piece by piece, since its coefficients are many times the samples.
+
+    The pieces overlap by so much that what lies further off makes no difference to a double.
+    """
+    result = np.empty(wanted.shape)
+    for first in range(0, time.size, _BLOCK):
+        stop = min(first + _BLOCK, time.size)
+        left = np.searchsorted(wanted, time[first]) if first else 0
+        right = np.searchsorted(wanted, time[stop]) if stop < time.size else wanted.size
+        if right > left:
+            near = slice(max(first - _OVERLAP, 0), min(stop + _OVERLAP, time.size))
+            result[left:right] = make(time[near], values[near])(wanted[left:right])
+    return result

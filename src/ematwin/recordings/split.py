@@ -1,0 +1,161 @@
+"""Tables of motions: where one ends and the next begins, and what each is called.
+
+A new motion begins where time falls back or a label changes. Labels are the columns that do not
+change within a motion, such as condition, run and motion.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Protocol, TypeVar
+
+import numpy as np
+
+from ematwin.errors import InputError, RecordError
+from ematwin.recordings.collect import Collected
+from ematwin.recordings.formats.base import RecordedFile
+from ematwin.recordings.recording import label_text
+
+Choice = Mapping[str, Sequence[str]]  # label to the values that are wanted
+_SHORTEST = 20  # samples of a motion
+
+
+class Labelled(Protocol):
+    """What has labels and comes from a file."""
+
+    @property
+    def labels(self) -> dict[str, str]: ...  # noqa: D102
+
+    @property
+    def source(self) -> str: ...  # noqa: D102
+
+
+_Item = TypeVar("_Item", bound=Labelled)
+
+
+@dataclass(frozen=True)
+class Piece:
+    """The rows of a motion in a file, not looked at yet."""
+
+    found: Collected
+    labels: dict[str, str]
+    path: Path
+
+    @property
+    def source(self) -> str:
+        """Name of the file."""
+        return self.path.name
+
+    def check_length(self) -> None:
+        """Raise `RecordError` unless it has the samples of a motion."""
+        samples = min(time.size for time in self.found.times.values())
+        if samples < _SHORTEST:
+            raise RecordError(
+                f"{f'{self.path} {label_text(self.labels)}'.strip()}: a motion of {samples} "
+                f"samples is too short; at least {_SHORTEST} are needed. Remove it, or check the "
+                "column of time."
+            )
+
+
+def pieces(found: Collected, file: RecordedFile) -> list[Piece]:
+    """The motions of a file; one, where its channels have several time bases."""
+    if len(found.times) > 1:
+        return [Piece(found, {}, file.path)]
+    key, time = next(iter(found.times.items()))
+    labels = _labels(file, found, key, time.size)
+    starts = np.r_[True, np.diff(time) < 0.0]
+    for text in labels.values():
+        starts[1:] |= text[1:] != text[:-1]
+    return [
+        Piece(
+            found.part(slice(int(first), int(end))),
+            {name: str(text[first]) for name, text in labels.items()},
+            file.path,
+        )
+        for first, end in pairwise(np.r_[np.flatnonzero(starts), time.size])
+    ]
+
+
+def check_single(found: Collected, file: RecordedFile) -> None:
+    """Raise `RecordError` if a table that is read as one recording holds several motions."""
+    if len(found.times) > 1:
+        return
+    time = next(iter(found.times.values()))
+    falls = np.flatnonzero(np.diff(time) < 0.0) + 1
+    if falls.size and np.diff(np.r_[0, falls, time.size]).min() >= _SHORTEST:
+        raise RecordError(
+            f"{file.path} holds {falls.size + 1} motions: time falls back to {time[falls[0]]:.6g} "
+            f"s at sample {falls[0]}. Read it with split=True, which gives a recording for each."
+        )
+
+
+def fitting(motions: Sequence[_Item], where: Choice) -> list[_Item]:
+    """The motions with these labels.
+
+    Raises
+    ------
+    InputError
+        If a motion has no such label.
+    RecordError
+        If none fits.
+    """
+    chosen = [motion for motion in motions if _fits(motion, where)]
+    if not chosen:
+        wanted = ", ".join(f"{key} = {' or '.join(v)}" for key, v in where.items())
+        raise RecordError(
+            f"None of the {len(motions)} motions has {wanted or 'anything to read'}; there are "
+            f"{labels_of(motions)}. Correct the choice."
+        )
+    return chosen
+
+
+def fitting_any(motions: Sequence[_Item], where: Choice | Sequence[Choice] | None) -> list[_Item]:
+    """The motions that fit one of several choices, in their order; all of them for None.
+
+    Raises as `fitting` does, for each choice.
+    """
+    if where is None:
+        return list(motions)
+    choices = [where] if isinstance(where, Mapping) else where
+    wanted = {id(motion) for choice in choices for motion in fitting(motions, choice)}
+    return [motion for motion in motions if id(motion) in wanted]
+
+
+def labels_of(motions: Sequence[Labelled]) -> str:
+    """The labels of motions with their values, as a text."""
+    values: dict[str, dict[str, None]] = {}
+    for motion in motions:
+        for name, value in motion.labels.items():
+            values.setdefault(name, {})[value] = None
+    return "; ".join(f"{name} {', '.join(list(v)[:20])}" for name, v in values.items()) or "none"
+
+
+def _fits(motion: Labelled, where: Choice) -> bool:
+    for name, values in where.items():
+        if name not in motion.labels:
+            raise InputError(
+                f"{motion.source} has no label {name!r}; it has "
+                f"{', '.join(motion.labels) or 'none'}. Correct the name."
+            )
+        if motion.labels[name] not in values:
+            return False
+    return True
+
+
+def _labels(file: RecordedFile, found: Collected, key: str, rows: int) -> dict[str, np.ndarray]:
+    """The columns of a file that are labels, (S,) arrays of texts."""
+    texts: dict[str, np.ndarray] = {}
+    for name in file.names:
+        if name in found.names or file.time_base(name) != key:
+            continue
+        text = np.array(file.texts(name))
+        if text.size == rows and _is_label(text):
+            texts[name] = text
+    return texts
+
+
+def _is_label(text: np.ndarray) -> bool:
+    """Whether a column stays as it is for many rows: it names a condition, it is no signal."""
+    changes = int(np.sum(text[1:] != text[:-1]))
+    return changes * _SHORTEST <= text.size

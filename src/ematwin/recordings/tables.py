@@ -1,0 +1,156 @@
+"""Writing columns and recordings to CSV and Parquet files, through pyarrow.
+
+Numbers survive the round trip bit for bit. What is known of a recording beside its channels is one
+JSON object: in Parquet it stands in the schema under ``ematwin``, in CSV in a first line
+``# ematwin {...}``. A table of several recordings has none; its columns say labels and units.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ematwin.errors import InputError, RecordError
+from ematwin.files import written_whole
+from ematwin.recordings.channel import TIME, Channel, channel_called, with_time
+from ematwin.recordings.recording import Recording
+
+FORMAT = 1  # of the metadata of a recording; readers refuse what is newer
+METADATA_KEY = "ematwin"
+_CSV_MARK = f"# {METADATA_KEY} "
+_WORDS = {"m": "mm", "A": "a"}  # what stands for a unit in names such as set_point_mm
+
+
+def write_recording(
+    recording: Recording, path: str | Path, channels: Sequence[Channel] = ()
+) -> None:
+    """Write one recording; what is read back is equal, bit for bit.
+
+    Parameters
+    ----------
+    path : its ending says whether Parquet or CSV
+    channels : those of its kind, for the units of channels for which it has none
+
+    Raises
+    ------
+    InputError
+        If the ending is another one.
+    FileError
+        If the file cannot be written; nothing is left half-written.
+    """
+    columns = dict(recording.columns())
+    metadata: dict[str, Any] = {
+        "format": FORMAT,
+        "units": _units([recording], channels),
+        "provenance": recording.provenance,
+        "means": [one.name for one in channels if one.is_mean and one.name in columns],
+    }
+    if recording.labels:
+        metadata["labels"] = recording.labels
+    if recording.start is not None:
+        metadata["start"] = recording.start.isoformat()
+    write_table(path, columns, metadata)
+
+
+def write_recordings(
+    recordings: Sequence[Recording], path: str | Path, channels: Sequence[Channel] = ()
+) -> None:
+    """Write several recordings as one table, as a test bench would: labels, time, channels.
+
+    Units stand in the names of the columns: ``set_point_mm`` where the units of a kind are plain
+    words that cannot be taken for a part of a name (lengths are then in mm), ``load [N*m]`` else.
+
+    Parameters
+    ----------
+    recordings : with the same channels
+    path : its ending says whether Parquet or CSV
+    channels : those of their kind
+
+    Raises
+    ------
+    InputError
+        If there are none, or the ending is another one.
+    RecordError
+        If they have different channels.
+    FileError
+        If the file cannot be written; nothing is left half-written.
+    """
+    if not recordings:
+        raise InputError("There are no recordings to write; give at least one.")
+    names = list(recordings[0].channels)
+    for one in recordings:
+        if set(one.channels) != set(names):
+            raise RecordError(
+                f"{one.name} has the channels {', '.join(one.channels)}, {recordings[0].name} has "
+                f"{', '.join(names)}; a table needs the same in all. Write them one by one."
+            )
+    columns: dict[str, Any] = {
+        name: [one.labels.get(name, "") for one in recordings for _ in one.time]
+        for name in dict.fromkeys(name for one in recordings for name in one.labels)
+    }
+    units = _units(recordings, channels)
+    in_words = _fit_behind_names(units, channels)
+    for name in (TIME.name, *names):
+        parts = [one.time if name == TIME.name else one.channels[name] for one in recordings]
+        if in_words and units.get(name) == "m":
+            parts = [1e3 * values for values in parts]
+        columns[_headed(name, units.get(name, ""), in_words)] = np.concatenate(parts)
+    write_table(path, columns)
+
+
+def _units(recordings: Sequence[Recording], channels: Sequence[Channel]) -> dict[str, str]:
+    """Units of time and channels: those that a recording states, else those of its kind."""
+    known = {one.name: one.unit for one in with_time(channels)}
+    units = {TIME.name: TIME.unit}
+    for recording in recordings:
+        for name in recording.channels:
+            unit = recording.units.get(name, known.get(name))
+            if unit is not None:
+                units.setdefault(name, unit)
+    return units
+
+
+def _fit_behind_names(units: Mapping[str, str], channels: Sequence[Channel]) -> bool:
+    """Whether all units can stand behind an underscore: ``current_a`` may be a phase."""
+    known = {one.name: one.unit for one in channels}
+    return all(
+        unit.isalpha() and channel_called(f"{name}_{unit}", channels) is None
+        for name, unit in {**known, **units}.items()
+    )
+
+
+def _headed(name: str, unit: str, in_words: bool) -> str:
+    if in_words and unit:
+        return f"{name}_{_WORDS.get(unit, unit)}"
+    return f"{name} [{unit}]" if unit else name
+
+
+def write_table(
+    path: str | Path, columns: Mapping[str, Any], metadata: dict[str, Any] | None = None
+) -> None:
+    """Write columns, and metadata if any, as Parquet or CSV, as the name of the file says."""
+    import pyarrow as pa
+
+    path = Path(path)
+    kind = path.suffix.lower()
+    if kind not in {".parquet", ".csv"}:
+        raise InputError(f"Cannot tell how to write {path}: end its name in .parquet or .csv.")
+    table = pa.table(dict(columns))
+    note = None if metadata is None else json.dumps(metadata, sort_keys=True)
+    with written_whole(path) as draft:
+        if kind == ".parquet":
+            import pyarrow.parquet as pq
+
+            if note is not None:
+                known = dict(table.schema.metadata or {})
+                table = table.replace_schema_metadata({**known, METADATA_KEY: note})
+            pq.write_table(table, draft, compression="zstd")
+        else:
+            from pyarrow import csv
+
+            with draft.open("wb") as file:
+                if note is not None:
+                    file.write(f"{_CSV_MARK}{note}\n".encode())
+                csv.write_csv(table, file)

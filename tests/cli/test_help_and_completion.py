@@ -1,0 +1,150 @@
+"""Help texts keep every character; the shell completes commands, options and names."""
+
+import inspect
+import os
+import re
+import subprocess
+import sys
+import typing
+
+import pytest
+import typer
+
+from ematwin.cli.app import app
+
+COMMANDS = [info.name for info in app.registered_commands]
+
+
+def texts(function) -> list[str]:
+    """The sentence of a command and the help of its options, as they were written."""
+    hints = typing.get_type_hints(function, include_extras=True)
+    found = [inspect.getdoc(function).splitlines()[0]]
+    for name in inspect.signature(function).parameters:
+        found += [extra.help for extra in getattr(hints[name], "__metadata__", ()) if extra.help]
+    return found
+
+
+def words(text: str) -> str:
+    """Without the line breaks and columns of a help page, which part words at hyphens too."""
+    return re.sub(r"\s+", "", text)
+
+
+@pytest.mark.parametrize("command", app.registered_commands, ids=COMMANDS)
+def test_help_shows_every_character_of_every_text(ematwin, command):
+    answer = ematwin(command.name, "--help", COLUMNS="200")
+    assert (answer.code, answer.err) == (0, "")
+    shown = words(answer.out)
+    assert [text for text in texts(command.callback) if words(text) not in shown] == []
+
+
+def test_units_in_brackets_survive_in_the_help(ematwin):
+    assert 'set_point="Demand [mm]"' in ematwin("calibrate", "--help", COLUMNS="200").out
+    assert 'i_a="Phase A [A]"' in ematwin("identify", "--help", COLUMNS="200").out
+
+
+def test_the_list_of_commands_has_their_whole_sentences(ematwin):
+    shown = words(ematwin("--help").out)
+    for command in app.registered_commands:
+        assert words(texts(command.callback)[0]) in shown
+    assert "..." not in shown.partition("Commands:")[2]
+
+
+def completed(*line: str) -> list[str]:
+    """What bash is offered for the last word of a command line."""
+    done = subprocess.run(
+        [sys.executable, "-m", "ematwin"],
+        env={
+            **os.environ,
+            "_EMATWIN_COMPLETE": "complete_bash",
+            "COMP_WORDS": " ".join(("ematwin", *line)),
+            "COMP_CWORD": str(len(line)),
+        },
+        capture_output=True, text=True, timeout=60, check=True,
+    )  # fmt: skip
+    assert done.stderr == ""
+    return done.stdout.split()
+
+
+def test_bash_completes_the_names_of_commands():
+    assert completed("") == COMMANDS
+    assert completed("ca") == ["calibrate"]
+    assert completed("zzz") == []
+
+
+def test_bash_completes_options():
+    assert completed("identify", "--res") == ["--resample-to"]
+    assert {"--column", "--json", "--gaps"} <= set(completed("identify", "rec.csv", "--"))
+    assert completed("--ver") == ["--version"]
+
+
+@pytest.mark.parametrize(
+    ("line", "offered"),
+    [
+        (("identify", "--actuator", ""), {"servo48", "rm1605"}),
+        (("simulate", "--actuator", "se"), {"servo48"}),
+        (("calibrate", "--actuator", "rm"), {"rm1605"}),
+        (("compare", "--actuator", "se"), {"servo48"}),
+        (("actuators", "rm"), {"rm1605"}),
+        (("simulate", "--scenario", "ra"), {"ramp"}),
+        (("compare", "--scenario", "ra"), {"ramp"}),
+        (("identify", "--algorithm", "pso-"), {"pso-global", "pso-ring", "pso-plain"}),
+        (("compare", "--algorithms", "ga,pso-r"), {"ga,pso-ring"}),
+    ],
+    ids=lambda value: " ".join(sorted(value) if isinstance(value, set) else value),
+)
+def test_bash_completes_names(line, offered):
+    assert offered <= set(completed(*line))
+    assert all(name.startswith(line[-1]) for name in completed(*line))
+
+
+def test_a_path_is_left_to_the_shell():
+    assert set(completed("identify", "rec")) <= {"rec"}
+
+
+def test_a_broken_package_does_not_disturb_the_prompt(tmp_path, monkeypatch):
+    info = tmp_path / "broken-1.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: broken\nVersion: 1\n")
+    (info / "entry_points.txt").write_text("[ematwin.models]\nbroken = no_such_module:MODEL\n")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    assert completed("simulate", "--actuator", "") == []
+
+
+def test_completion_can_be_switched_on_and_bash_accepts_the_script(tmp_path):
+    script = subprocess.run(
+        [sys.executable, "-c", "from ematwin.cli import main; main()", "--show-completion", "bash"],
+        env={**os.environ, "_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1"},
+        capture_output=True, text=True, timeout=60, check=True,
+    )  # fmt: skip
+    assert "_EMATWIN_COMPLETE=complete_bash" in script.stdout
+    (tmp_path / "script").write_text(script.stdout)
+    subprocess.run(["bash", "-n", tmp_path / "script"], check=True)
+
+
+def test_completing_loads_nothing_heavy():
+    """The prompt waits for it."""
+    code = """
+import sys
+from ematwin.cli import main
+try:
+    main()
+finally:
+    heavy = {"numba", "numpy", "scipy", "pyarrow", "plotly"}
+    print("loaded:", sorted(heavy & set(sys.modules)), file=sys.stderr)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env={
+            **os.environ,
+            "_EMATWIN_COMPLETE": "complete_bash",
+            "COMP_WORDS": "ematwin identify --a",
+            "COMP_CWORD": "2",
+        },
+        capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+    assert done.stdout.splitlines() == ["--actuator", "--algorithm"]
+    assert done.stderr == "loaded: []\n"
+
+
+def test_every_command_has_a_command_of_typer():
+    assert set(typer.main.get_command(app).commands) == set(COMMANDS)

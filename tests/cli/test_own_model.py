@@ -1,0 +1,227 @@
+"""The example package, found by its entry point: every command works for another kind."""
+
+import json
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as parquet
+import pytest
+
+from own_model import EXAMPLE, laid_out
+
+PAGE = EXAMPLE.parents[1] / "docs" / "your-own-model.md"
+
+SENSOR = "white=0.02,bits=12,full_scale=5"
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory) -> Path:
+    """A folder with the package, as an installer leaves it."""
+    return laid_out(tmp_path_factory.mktemp("site-packages"))
+
+
+HEALTHY_DAYS = """
+import numpy as np
+import ematwin
+random = np.random.default_rng(1)
+sensor = ematwin.Noise(white=0.02, bits=12, full_scale=5)
+for n in range(1, 9):
+    spread = {"brushes": 0.015, "magnets": 0.005, "friction": 0.02, "backlash": 0.02}
+    day = {name: random.normal(1.0, sigma) for name, sigma in spread.items()}
+    day["load"] = random.normal(0.0, 0.01)
+    recording = ematwin.simulate(actuator="dcg25", faults=day, noise=sensor, seed=n)
+    ematwin.write(recording, f"healthy{n}.parquet")
+"""
+
+
+@pytest.fixture(scope="module")
+def days(site, tmp_path_factory) -> Path:
+    """Healthy recordings of eight days, no two of them quite alike."""
+    folder = tmp_path_factory.mktemp("days")
+    environment = {**os.environ, "PYTHONPATH": str(site)}
+    subprocess.run([sys.executable, "-c", HEALTHY_DAYS], cwd=folder, env=environment, check=True)
+    return folder
+
+
+@pytest.fixture
+def healthy(days: Path, tmp_path: Path) -> list[str]:
+    """Names of copies of them in the folder of the test."""
+    return [Path(shutil.copy(path, tmp_path)).name for path in sorted(days.iterdir())]
+
+
+@pytest.fixture
+def shell(ematwin, site: Path) -> Callable:
+    """`ematwin` in a process that finds the package; gives its output."""
+
+    def run(*arguments: object, code: int = 0) -> str:
+        answer = ematwin(*arguments, PYTHONPATH=str(site))
+        assert answer.code == code, answer.out + answer.err
+        return answer.err if code else answer.out
+
+    return run
+
+
+@pytest.fixture
+def recorded(shell: Callable) -> Callable:
+    """Simulate into a file, with the sensor and a day's small differences."""
+
+    def write(path: str, seed: int, **faults: float) -> None:
+        given = [f"--fault={name}={value}" for name, value in faults.items()]
+        shell("simulate", "--actuator", "dcg25", *given, "--noise", SENSOR, "--seed", seed,
+              "--out", path)  # fmt: skip
+
+    return write
+
+
+def test_actuators_and_scenarios_list_what_the_package_ships(shell):
+    assert "dcg25" in shell("actuators")
+    told = json.loads(shell("actuators", "dcg25", "--json"))["parameters"]
+    assert told["motor.resistance"]["value"] == 2.32
+    assert told["motor.resistance"]["unit"] == "ohm"
+    assert told["motor.resistance"]["source"]
+    assert told["gear.backlash"]["value"] == pytest.approx(0.01745, abs=1e-5)
+
+
+def test_a_recording_is_simulated_and_its_fault_identified(shell, recorded, tmp_path):
+    recorded("worn.parquet", 1, friction=1.6, backlash=2.0)
+    told = json.loads(shell("identify", "worn.parquet", "--actuator", "dcg25", "--json"))
+    assert told["kind"] == "dc-gearmotor"
+    assert told["faults"]["friction"] == pytest.approx(1.6, rel=0.02)
+    assert told["faults"]["backlash"] == pytest.approx(2.0, rel=0.02)
+    assert told["faults"]["brushes"] == pytest.approx(1.0, rel=0.02)
+    assert set(told["present"]) == {"friction", "backlash"}
+    assert told["physical"]["backlash"]["unit"] == "deg"
+    page = shell("identify", "worn.parquet", "--actuator", "dcg25", "--report", "worn.html")
+    assert "wrote worn.html" in page
+    assert (tmp_path / "worn.html").stat().st_size > 10_000
+
+
+def test_a_bench_file_in_other_units_is_read_through_a_map(shell, recorded, tmp_path):
+    recorded("worn.parquet", 1, magnets=0.9)
+    table = parquet.read_table(tmp_path / "worn.parquet")
+    time, command, voltage, current, position = (
+        table[name].to_numpy() for name in ("time", "command", "voltage", "current", "position")
+    )
+    columns = {
+        "t [s]": time, "Setpoint [deg]": np.degrees(command), "U": voltage,
+        "Motor current [mA]": 1e3 * current, "Angle [deg]": np.degrees(position),
+    }  # fmt: skip
+    rows = zip(*columns.values(), strict=True)
+    lines = [",".join(columns), *(",".join(f"{value:.9g}" for value in row) for row in rows)]
+    (tmp_path / "bench.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    told = json.loads(
+        shell("identify", "bench.csv", "--actuator", "dcg25", "--json",
+              "--column", "position=Angle [deg]")
+    )  # fmt: skip
+    assert told["faults"]["magnets"] == pytest.approx(0.9, rel=0.01)
+    assert any("voltage in V" in sentence for sentence in told["assumed"])
+
+
+def test_a_parameter_is_searched_by_its_place(shell, recorded):
+    recorded("healthy.parquet", 1)
+    told = json.loads(
+        shell("identify", "healthy.parquet", "--actuator", "dcg25", "--only",
+              "motor.inertia,motor.torque_constant", "--json")
+    )  # fmt: skip
+    assert told["faults"]["motor.inertia"] == pytest.approx(1.08e-6, rel=0.05)
+    assert "chosen, not measured" in shell(
+        "identify", "healthy.parquet", "--actuator", "dcg25", "--only", "steps.twin", code=2
+    )
+
+
+def test_its_kernel_is_compiled_once_for_all_processes(shell, recorded, site):
+    recorded("one.parquet", 1)
+    kept = {path: path.stat().st_mtime_ns for path in site.rglob("*.nbc")}
+    assert len(kept) == 1
+    recorded("two.parquet", 2)
+    assert {path: path.stat().st_mtime_ns for path in site.rglob("*.nbc")} == kept
+
+
+def test_calibrate_learns_the_actuator_and_detect_judges_it(shell, recorded, healthy, tmp_path):
+    told = json.loads(
+        shell("calibrate", *healthy, "--actuator", "dcg25", "--out", "arm.toml", "--json")
+    )
+    assert told["actuator"] == "arm"
+    assert (tmp_path / "arm.toml").is_file()
+    recorded("good.parquet", 20, friction=1.008)
+    recorded("dry.parquet", 21, friction=1.5)
+    recorded("loose.parquet", 22, backlash=3.0)
+    judged = json.loads(
+        shell("detect", "good.parquet", "dry.parquet", "loose.parquet", "--actuator", "arm.toml",
+              "--report", "later.html", "--json")
+    )["verdicts"]  # fmt: skip
+    good, dry, loose = judged
+    assert good["index"] < dry["index"]
+    assert dry["alarm"] is loose["alarm"] is True
+    assert [dry["fault"], loose["fault"]] == ["friction", "backlash"]
+    assert dry["magnitudes"]["friction"]["value"] == pytest.approx(1.5, rel=0.05)
+    assert (tmp_path / "later.html").stat().st_size > 10_000
+    found = json.loads(shell("identify", "dry.parquet", "--actuator", "arm.toml", "--json"))
+    assert found["verdicts"][0]["alarm"] is True
+
+
+def test_compare_runs_a_study_of_it_and_report_makes_its_page(shell, tmp_path):
+    told = json.loads(
+        shell("compare", "--actuator", "dcg25", "--algorithms", "multistart,pso", "--runs", 1,
+              "--population", 16, "--iterations", 20, "--store", "study.db", "--json")
+    )  # fmt: skip
+    assert told["counts"] == {"done": 2 * 8}
+    assert "wrote" in shell("report", "study.db", "--out", "study")
+
+
+def test_what_is_missing_is_one_sentence(shell, recorded):
+    recorded("one.parquet", 1)
+    said = shell("identify", "one.parquet", code=2)  # a brushless actuator, if none is named
+    assert said.startswith("Error: ")
+    assert said.count("\n") == 1
+
+
+def test_a_load_that_the_kind_does_not_take_is_refused(shell, tmp_path):
+    (tmp_path / "loaded.toml").write_text(
+        'duration = "1 s"\ncommand = [{ type = "ramp", rate = 1 }]\n'
+        'load = [{ type = "step", value = 1 }]\n',
+        encoding="utf-8",
+    )
+    said = shell("simulate", "--actuator", "dcg25", "--scenario", "loaded.toml", code=2)
+    assert "leave the load out" in said
+
+
+# docs/your-own-model.md
+
+
+def blocks(*languages: str) -> list[str]:
+    text = PAGE.read_text(encoding="utf-8")
+    fence = rf"^```(?:{'|'.join(languages)})\n(.*?)^```"
+    return re.findall(fence, text, flags=re.DOTALL | re.MULTILINE)
+
+
+def test_the_page_shows_the_files_as_they_are():
+    files = [p for p in EXAMPLE.rglob("*") if p.suffix in (".py", ".toml")]
+    texts = [path.read_text(encoding="utf-8") for path in files]
+    shown = blocks("python", "toml")
+    assert len(shown) > 10
+    for block in shown:
+        assert any(block in text for text in texts), f"no file of the example holds:\n{block}"
+
+
+def test_the_commands_of_the_page_run_and_answer_as_shown(shell, healthy, tmp_path):
+    run = 0
+    for block in blocks("console"):
+        for part in re.split(r"^\$ ", block.replace("\\\n", " "), flags=re.MULTILINE)[1:]:
+            command, _, shown = part.partition("\n")
+            program, *arguments = shlex.split(command)
+            if program != "ematwin":
+                continue
+            files = [sorted(tmp_path.glob(a)) if "*" in a else [a] for a in arguments]
+            out = shell(*(name for found in files for name in found))
+            for line in shown.splitlines():
+                assert line == "..." or line in out, line
+            run += 1
+    assert run == 6

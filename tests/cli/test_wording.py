@@ -1,0 +1,112 @@
+"""Sentences of the library become sentences of the shell."""
+
+from pathlib import Path
+
+import pytest
+
+import ematwin as library
+from ematwin.cli.options import print_notes, print_table, progress_bar
+from ematwin.cli.wording import SENTENCES, for_shell
+
+IDENTIFY = {
+    "gaps": "--gaps", "map_file": "--map", "column": "--column", "resample_to": "--resample-to",
+    "seed": "--seed", "hold": "--hold", "json": "--json", "only": "--only",
+}  # fmt: skip
+SIMULATE = {"sample_rate": "--sample-rate", "step": "--step", "seed": "--seed", "model": "--model"}
+CALIBRATE = {"hold_back": "--hold-back", "false_alarms": "--false-alarms", "column": "--column"}
+
+
+@pytest.mark.parametrize(
+    ("options", "text", "said"),
+    [
+        (
+            IDENTIFY,
+            'Take the longest sound stretch with gaps="longest", or mask with gaps="mask".',
+            "Take the longest sound stretch with --gaps longest, or mask with --gaps mask.",
+        ),
+        (IDENTIFY, "gaps must be refuse or mask.", "--gaps must be refuse or mask."),
+        (IDENTIFY, 'with resample_to="20 kHz".', 'with --resample-to "20 kHz".'),
+        (IDENTIFY, "resample_to must be positive.", "--resample-to must be positive."),
+        (IDENTIFY, "seed=3 was used.", "--seed 3 was used."),
+        (
+            IDENTIFY,
+            'It looks like mA: give unit = "mA" in the map.',
+            'It looks like mA: give unit = "mA" in the file of --map.',
+        ),
+        (
+            IDENTIFY,
+            'Map it, such as time="t [ms]", or give sample_rate.',
+            'Map it, such as --column time="t [ms]", or give --column sample_rate="20 kHz".',
+        ),
+        (SIMULATE, "sample_rate must be positive.", "--sample-rate must be positive."),
+        (CALIBRATE, "false_alarm_rate and held_back.", "--false-alarms and --hold-back."),
+        # English words that are also arguments, names of data and other texts stay
+        (IDENTIFY, "The seed must be at least 0.", "The seed must be at least 0."),
+        (IDENTIFY, "Faults that only hold gaps.", "Faults that only hold gaps."),
+        (SIMULATE, "Give unit in the map.", "Give unit in the map."),
+        (SIMULATE, "bad/sample_rate.csv: my_step=3", "bad/sample_rate.csv: my_step=3"),
+        (SIMULATE, "no column 'sample_rate'", "no column 'sample_rate'"),
+        (SIMULATE, "steps.reference = 1e-6 s", "steps.reference = 1e-6 s"),
+        ({}, 'with gaps="longest".', 'with gaps="longest".'),
+    ],
+)
+def test_arguments_become_options(options, text, said):
+    assert for_shell(text, options) == said
+
+
+@pytest.mark.parametrize("sentence", SENTENCES)
+def test_a_sentence_that_is_said_otherwise_is_one_of_the_library(sentence):
+    """As it stands in the source, without the quotes and line breaks between its pieces."""
+    sources = Path(library.__file__).parent.rglob("*.py")
+    pieces = ("".join(path.read_text().split()) for path in sources if path.name != "wording.py")
+    wanted = "".join(sentence.split())
+    assert any(wanted in text.replace('""', "").replace('"f"', "") for text in pieces)
+
+
+def test_options_of_the_running_command_are_found(monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["ematwin", "identify", "rec.csv"])
+    print_notes("Warning", ['It has gaps; give gaps="mask".', "So it is."])
+    assert (
+        capsys.readouterr().out == "Warning: It has gaps; give --gaps mask.\nWarning: So it is.\n"
+    )
+    monkeypatch.setattr("sys.argv", ["pytest"])
+    assert for_shell('gaps="mask"') == 'gaps="mask"'
+
+
+STEP = library.simulate("monitor", "step", {"friction": 0.3}, sample_rate=5000)
+ROWS = list(zip(STEP.time, STEP.command, STEP.current, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("header", "rows", "arguments", "said"),
+    [
+        ("time,command,current", ROWS[:500] + ROWS[900:], [], "with --gaps longest, or fill"),
+        ("command,current", [row[1:] for row in ROWS], [], 'give --column sample_rate="20 kHz".'),
+        ("time,command,current", [(*row[:2], 1e3 * row[2]) for row in ROWS], [], "file of --map."),
+        ("time,command,current", ROWS, ["--resample-to", "-5"], "--resample-to must be"),
+        ("time,command,current", ROWS, ["--gaps", "x"], "--gaps must be"),
+    ],
+    ids=["gaps", "no time", "unit", "rate", "choice"],
+)
+def test_errors_of_a_command_name_its_options(ematwin, tmp_path, header, rows, arguments, said):
+    lines = [header, *(",".join(f"{value:.9g}" for value in row) for row in rows)]
+    (tmp_path / "rec.csv").write_text("\n".join(lines))
+    answer = ematwin("identify", "rec.csv", *arguments)
+    assert answer.code == 2
+    assert said in answer.err
+
+
+def test_names_in_tables_and_bars_are_no_markup(capsys, monkeypatch):
+    from rich.table import Table
+
+    table = Table(title="of [mm]")
+    table.add_column("run [/x]")
+    table.add_row("[bold]demand[/bold] [mm] :warning:")
+    print_table(table, 80)
+    shown = capsys.readouterr().out
+    for text in ("of [mm]", "run [/x]", "[bold]demand[/bold] [mm] :warning:"):
+        assert text in shown
+    monkeypatch.setenv("FORCE_COLOR", "1")  # as in a terminal
+    with progress_bar("Reading rec[/b].csv") as progress:
+        progress(0.5)
+    assert "rec[/b].csv" in capsys.readouterr().err

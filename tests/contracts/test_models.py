@@ -1,0 +1,113 @@
+"""Every kind of actuator keeps the contract of models, and so does the example package."""
+
+import inspect
+import sys
+
+import numpy as np
+import pytest
+
+from ematwin.models.registry import models
+from ematwin.models.simulating import simulate
+from ematwin.recordings.channel import Channel
+from ematwin.testing.model_contract import ModelContract
+from own_model import laid_out
+
+
+class TestBldc(ModelContract):
+    # recordings are simulated with the reference model, and the monitor model is the twin
+    healthy_misfit = 0.005
+    step = "steps.monitor"
+
+    @pytest.fixture
+    def model(self):
+        return models()["bldc"]
+
+
+class TestBallScrew(ModelContract):
+    # what current and position error seem to share is taken out, also where nothing is shared
+    healthy_misfit = 0.005
+    step = "steps.twin"
+
+    @pytest.fixture
+    def model(self):
+        return models()["ball-screw"]
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory):
+    """The model of the example package, laid out as pip would and found by its entry point."""
+    folder = str(laid_out(tmp_path_factory.mktemp("site-packages")))
+    sys.path.insert(0, folder)
+    models.cache_clear()
+    yield models()["dc-gearmotor"]
+    sys.path.remove(folder)
+    models.cache_clear()
+
+
+class TestOwnModel(ModelContract):
+    step = "steps.twin"
+
+    @pytest.fixture
+    def model(self, installed):
+        return installed
+
+
+def test_every_kind_of_ours_is_tested_here():
+    assert {"bldc", "ball-screw"} <= set(models())
+
+
+# The contract says what is wrong with a model that does not keep it.
+
+
+def _without_nan(self, actuator, inputs, candidates, count):
+    safe = {k: np.nan_to_num(v, nan=1.0) for k, v in candidates.items()}
+    return type(self).__mro__[1].respond(self, actuator, inputs, safe, count)
+
+
+def _of_the_mean(self, actuator, inputs, candidates, count):
+    one = {k: np.full(count, v.mean()) for k, v in candidates.items()}
+    return type(self).__mro__[1].respond(self, actuator, inputs, one, count)
+
+
+def _of_one_actuator(self, actuator, inputs, candidates, count):
+    own = {k: v for k, v in candidates.items() if "." not in k}
+    return type(self).__mro__[1].respond(self, actuator, inputs, own, count)
+
+
+def _of_one_candidate(self, actuator, inputs, candidates, count):
+    found = type(self).__mro__[1].respond(self, actuator, inputs, candidates, count)
+    return {name: trace[0] for name, trace in found.items()}
+
+
+def _blind(self, actuator, inputs, candidates, count):
+    return type(self).__mro__[1].respond(self, actuator, inputs, {}, count)
+
+
+BROKEN = [
+    ("a_candidate_that_is_not_a_number_says_so", {"respond": _without_nan}, "to NaN"),
+    ("a_batch_equals_its_candidates_one_by_one", {"respond": _of_the_mean}, "simulated alone"),
+    ("parameters_differ_between_candidates", {"respond": _of_one_actuator}, "with_arrays"),
+    ("every_compared_channel_has_a_row_for_each_candidate", {"respond": _of_one_candidate},
+     r"has shape \(2001,\) where \(3, 2001\) is needed"),
+    ("each_fault_can_be_seen", {"respond": _blind}, "command more motion"),
+    ("the_kind_is_found_by_its_name", {"kind": "dc"}, "name them alike"),
+    ("channels_are_named_once_and_have_units",
+     {"channels": (Channel("command", "mm", "in millimetres"),)}, "not SI"),
+    ("unknowns_have_names_bounds_and_meanings", {"unknowns": lambda self, actuator: ()},
+     "no unknown with the role 'fault'"),
+    ("scenarios_are_shipped_and_followed", {"scenarios": lambda self: {}}, "put a TOML file"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("check", "members", "said"), BROKEN, ids=[row[0] for row in BROKEN])
+def test_the_contract_says_what_is_missing(installed, check, members, said):
+    model = type("Broken", (type(installed),), members)()
+    actuator = installed.parameters.load()
+    healthy = simulate(None, None, None, actuator)
+    given = {"model": model, "actuator": actuator, "healthy": healthy}
+    test = getattr(ModelContract(), f"test_{check}")
+    wanted = inspect.signature(test).parameters
+    if "comparison" in wanted:
+        given["comparison"] = model.compare(healthy, actuator)
+    with pytest.raises(AssertionError, match=said):
+        test(**{name: given[name] for name in wanted})

@@ -1,0 +1,140 @@
+"""A study of an actuator of another kind, from the shell to the report."""
+
+import csv
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from processes import numbers
+from synthetic import done, spec, vector
+
+from ematwin.comparison.analysis.diagnosis import diagnose
+from ematwin.comparison.analysis.ioh import export_ioh
+from ematwin.comparison.analysis.runs import collect
+from ematwin.comparison.analysis.study import analyse
+from ematwin.comparison.report.study_folder import write_report
+from ematwin.comparison.study.run import RunResult, RunSpec, StoredRun
+from ematwin.comparison.study.subject import Subject
+from ematwin.errors import InputError
+from ematwin.models.registry import models
+
+SCREW = Subject.of("rm1605")
+
+
+def screw_run(found: dict[str, float], run: int = 0, **injected: float) -> StoredRun:
+    """A run of the ball-screw actuator that found some values."""
+    of = RunSpec(
+        case="Worn", faults=SCREW.vector(injected), algorithm="de", run=run, seed=run,
+        population=10, iterations=10, noise=None, record_seed=run, actuator=SCREW.plain(),
+        scenario={"name": "out-and-back"}, model="twin",
+    )  # fmt: skip
+    values = SCREW.vector(found)
+    err = SCREW.model.error_percent(SCREW.values(values), SCREW.values(of.faults), SCREW.actuator)
+    result = RunResult(
+        of.id, "done", values, 1.0, 0.1, err, err, 100, 1.0, 1.0, ((100, 1.0),), "budget"
+    )
+    return StoredRun(of, result)
+
+
+@pytest.fixture(scope="module")
+def worn() -> list[StoredRun]:
+    """Three runs: one right, one that missed, one that took backlash for friction."""
+    return [
+        screw_run({"friction": 2.05, "load": 900.0}, 0, friction=2.0),
+        screw_run({}, 1, friction=2.0),
+        screw_run({"backlash": 1e-3}, 2, friction=2.0),
+    ]
+
+
+def test_columns_have_the_names_and_the_size_of_the_kind(worn: list[StoredRun]) -> None:
+    table = collect(worn)
+    assert table.subject.names == ("friction", "backlash", "gain", "load", "initial_error")
+    assert table.injected.shape == table.found.shape == (3, 5)
+    assert table.settings["sensor noise"] == {"of a usual rig": 3}
+
+
+def test_faults_are_diagnosed_by_shares_of_their_ranges(worn: list[StoredRun]) -> None:
+    (found,) = diagnose(collect(worn))
+    assert (found.faults, found.missed, found.exact) == (3, 2, 1)
+    assert found.confusions == {("friction", "backlash"): 1}
+    assert set(found.missed_by_fault) == {"friction", "backlash", "gain"}, "a load is no fault"
+    assert found.directions == found.direction_wrong == 0
+    (strict,) = diagnose(collect(worn), 0.2)  # friction of 2 lies 0.17 of its range off
+    assert strict.faults == 0
+
+
+def test_nothing_is_said_of_the_paper_or_of_what_the_kind_does_not_have(
+    worn: list[StoredRun], tmp_path: Path
+) -> None:
+    # a case that is named as one of the paper's is none of them
+    runs = [StoredRun(replace(one.spec, case="Low F"), one.result) for one in worn]
+    analysis = analyse(runs)
+    assert analysis.claims == []
+    assert analysis.likeness.cells.pairs == 0
+    assert analysis.as_dict()["kind"] == "ball-screw"
+    text = " ".join(analysis.conclusions)
+    assert "eight" not in text
+    assert "Two of the five healthy values lie at the origin" in text
+    names = write_report(analysis, tmp_path / "report", slim=True)
+    page = (tmp_path / "report" / "index.html").read_text()
+    body = re.sub(r"<style.*?</style>", "", page, flags=re.S)
+    for word in ("paper", "eccentricity", "rapped", "irection"):
+        assert word not in body, word
+    assert not {"claims.md", "table_beside_paper.tex"} & set(names)
+    with (tmp_path / "report" / "results.csv").open() as file:
+        row = next(csv.DictReader(file))
+    assert float(row["injected_friction"]) == 2.0
+    assert "found_load" in row
+    assert "found_short_a" not in row
+
+
+def test_the_export_has_the_dimension_of_the_kind(worn: list[StoredRun], tmp_path: Path) -> None:
+    export_ioh(worn, tmp_path / "ioh", ["Worn"])
+    (meta,) = (tmp_path / "ioh").glob("*/*.json")
+    (scenario,) = json.loads(meta.read_text())["scenarios"]
+    assert scenario["dimension"] == 5
+    assert scenario["path"].endswith("_DIM5.dat")
+
+
+def test_runs_of_two_kinds_are_not_reported_together(worn: list[StoredRun]) -> None:
+    with pytest.raises(InputError, match=r"rm1605 and servo48, whose unknowns differ"):
+        collect([*worn, done(spec(), vector())])
+
+
+@pytest.mark.parametrize("kind", list(models()))
+def test_a_small_study_of_each_kind_from_the_shell(kind: str, ematwin, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    actuator = models()[kind].parameters.default
+    subject = Subject.of(actuator)
+    cases = tmp_path / "cases.toml"
+    fault = subject.unknowns[0]
+    value = fault.healthy + 0.4 * (fault.upper - fault.healthy)
+    cases.write_text(f"[cases.Worn]\n{fault.name} = {value}\n[cases.Sound]\n")
+    asked = (
+        "compare", "--actuator", actuator, "--cases", cases,
+        "--algorithms", "de,multistart,descent", "--runs", 1, "--population", 16,
+        "--iterations", 20, "--workers", 1, "--json",
+    )  # fmt: skip
+    stores = {}
+    for box in ("plain", "remapped"):
+        stores[box] = tmp_path / f"{box}.db"
+        answer = ematwin(*asked, "--box", box, "--store", stores[box])
+        assert answer.code == 0, answer.err
+        assert json.loads(answer.out)["counts"] == {"done": 6}
+    again = json.loads(ematwin(*asked, "--store", stores["plain"]).out)
+    assert (again["found"], again["finished"]) == (6, 0)
+    told = json.loads(ematwin("report", stores["plain"], "--json").out)
+    assert told["kind"] == kind
+    assert told["unknowns"] == list(subject.names)
+    assert told["cases"] == ["Sound", "Worn"]
+    plain, moved = (numbers(where) for where in stores.values())
+    assert not plain.keys() & moved.keys()
+    for one in (*plain.values(), *moved.values()):
+        found = np.array(one[2])
+        assert np.all((subject.lower <= found) & (found <= subject.upper))
+    other = ematwin(*asked[:2], "rm1605" if actuator != "rm1605" else "servo48", "--store",
+                    stores["plain"])  # fmt: skip
+    assert other.code == 2
+    assert "holds another study" in other.err

@@ -1,0 +1,91 @@
+"""Estimates travel as JSON; one rule says which faults are present."""
+
+import json
+from dataclasses import replace
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+
+from ematwin import Estimate, identify, simulate
+from ematwin.errors import FileError, InputError
+from ematwin.estimation.estimate import load_estimates, save_estimates
+from ematwin.estimation.significance import is_present, present
+
+
+def some(values=(0.3, 0.01, 0.4), errors=(0.01, 0.001, np.inf)) -> Estimate:  # type: ignore[no-untyped-def]
+    names = ("friction", "backlash", "gain")
+    return Estimate(
+        names,
+        np.array(values),
+        np.diag(np.array(errors) ** 2),
+        units=dict.fromkeys(names, ""),
+        healthy={"friction": 0.0, "backlash": 0.0, "gain": 0.5},
+        ranges=dict.fromkeys(names, 1.0),
+        misfit=0.003,
+        actuator="servo48",
+        kind="bldc",
+        fingerprint="0123",
+        held={"short_a": 0.2},
+        labels={"run": "3"},
+        when="2026-11-21T10:00:00+00:00",
+        statistics={"sensor_coupling": 1.5},
+        warnings=("doubtful",),
+    )
+
+
+def same(one: Estimate, other: Estimate) -> bool:
+    return json.dumps(one.as_dict()) == json.dumps(other.as_dict())
+
+
+def test_an_estimate_comes_back_from_json_as_it_was(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    back = Estimate.from_dict(json.loads(json.dumps(some().as_dict(), allow_nan=False)))
+    assert same(back, some())
+    assert back.standard_errors["gain"] == np.inf
+    assert back["short_a"] == 0.2
+    save_estimates([some(), some((0.0, 0.0, 0.5))], tmp_path / "e.json")
+    assert [same(a, some()) for a in load_estimates(tmp_path / "e.json")] == [True, False]
+
+
+def test_a_fault_is_present_if_it_is_large_and_significant() -> None:
+    assert present(some()) == ("friction",)  # backlash is small, gain not determined
+    assert present(some((0.3, 0.05, 0.4), (0.2, 0.001, 0.01))) == ("backlash", "gain")
+    assert present(replace(some(), directions={"friction": "gain"})) == ()
+    assert is_present(np.array([0.02, 0.019]), 1.0).tolist() == [True, False]
+    assert not is_present(0.3, 1.0, np.inf)
+
+
+def test_an_identification_carries_its_estimate() -> None:
+    record = simulate("monitor", faults={"friction": 0.3}).changed(
+        start=datetime(2026, 11, 21, tzinfo=UTC), labels={"run": "7"}
+    )
+    found = identify(record)
+    estimate = Estimate.from_dict(json.loads(json.dumps(found.as_dict()))["estimate"])
+    assert estimate["friction"] == found.faults.friction
+    assert estimate.when == "2026-11-21T00:00:00+00:00"
+    assert (estimate.actuator, estimate.kind, estimate.labels) == ("servo48", "bldc", {"run": "7"})
+    assert estimate.fingerprint == found.actuator.fingerprint
+    assert np.allclose(estimate.covariance, estimate.covariance.T)
+    assert present(estimate) == found.present == ("friction",)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"format": 99}, "newer ematwin"),
+        ({"format": "x"}, "not an estimate of ematwin"),
+        ({"values": [1.0]}, "not an estimate of ematwin"),
+        ({"covariance": None}, "not an estimate of ematwin"),
+    ],
+)
+def test_what_is_no_estimate_is_refused(change: dict, said: str) -> None:  # type: ignore[type-arg]
+    with pytest.raises(InputError, match=said):
+        Estimate.from_dict({**some().as_dict(), **change})
+
+
+def test_files_that_cannot_be_used_are_refused(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    with pytest.raises(FileError, match="Cannot read"):
+        load_estimates(tmp_path / "none.json")
+    (tmp_path / "text.json").write_text("friction")
+    with pytest.raises(InputError, match="is not JSON"):
+        load_estimates(tmp_path / "text.json")

@@ -1,0 +1,163 @@
+import json
+import math
+import signal
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ematwin
+from ematwin import Faults, Noise, identify, simulate
+from ematwin.errors import InputError, RecordError
+from ematwin.estimation.identify import Identification
+from ematwin.models.bldc.faults import PAPER_CASES, error_percent_wrapped
+
+THREE = Faults(friction=0.3, short_b=0.2, eccentricity=0.4, eccentricity_phase=0.7)
+
+
+@pytest.fixture(scope="module")
+def record() -> ematwin.Record:
+    return simulate("reference", faults=THREE, noise=Noise(white=0.02, bits=12), seed=1)
+
+
+@pytest.fixture(scope="module")
+def found(record: ematwin.Record) -> Identification:
+    return identify(record)
+
+
+def error(found: Identification, injected: Faults) -> float:
+    return float(error_percent_wrapped(found.faults.vector, injected.vector))
+
+
+def test_three_faults_are_found_through_noise(found: Identification) -> None:
+    assert error(found, THREE) < 0.5
+    assert found.stopped == "good fit"
+    assert found.evaluations < 1000
+
+
+def test_same_seed_gives_the_same_answer_bit_for_bit(
+    record: ematwin.Record, found: Identification
+) -> None:
+    again = identify(record, threads=1)
+    assert (again.faults.vector == found.faults.vector).all()
+    assert again.evaluations == found.evaluations
+
+
+@pytest.mark.parametrize("case", PAPER_CASES)
+def test_each_case_of_the_paper_is_found_within_half_a_per_cent(case: str) -> None:
+    injected = Faults(**PAPER_CASES[case])
+    assert error(identify(simulate("reference", faults=injected)), injected) < 0.5
+
+
+def test_population_method_spends_its_budget_exactly(record: ematwin.Record) -> None:
+    seen: list[tuple[int, float, int]] = []
+    found = identify(
+        record, algorithm="de", budget=1_030, seed=3, progress=lambda *now: seen.append(now)
+    )
+    assert found.evaluations == 1_030
+    assert seen[-1][0] == 1_030
+    assert found.history[-1, 1] == found.cost
+    assert (np.diff(found.history[:, 1]) <= 0.0).all()
+
+
+def test_only_the_named_faults_are_searched(record: ematwin.Record) -> None:
+    found = identify(record, only=["friction"], held={**THREE.as_dict(), "friction": 0.0})
+    assert found.searched == ("friction",)
+    assert found.faults.friction == pytest.approx(0.3, abs=0.005)
+    assert found.faults.short_b == 0.2
+    assert list(found.standard_error) == ["friction"]
+
+
+def test_default_method_keeps_within_its_budget(record: ematwin.Record) -> None:
+    for budget in (64, 300, 500):
+        found = identify(record, budget=budget)
+        assert found.evaluations <= budget
+        assert found.stopped == "budget"
+        assert math.isfinite(found.cost)
+
+
+def test_actuator_that_cannot_move_is_reported_as_undetermined() -> None:
+    stuck = simulate("reference", faults={"short_b": 1.0, "short_c": 0.97, "friction": 0.2})
+    found = identify(stuck)
+    assert any("does not determine" in warning for warning in found.warnings)
+    assert not math.isfinite(found.standard_error["friction"])
+
+
+def test_twin_that_does_not_fit_is_doubted_aloud() -> None:
+    other = ematwin.BldcActuator.load().changed({"motor.inertia": 1.5e-5})
+    found = identify(simulate("reference", actuator=other), budget=2000)
+    assert any("explains this record poorly" in warning for warning in found.warnings)
+
+
+def test_answer_is_plain_json(found: Identification) -> None:
+    answer = json.loads(json.dumps(found.as_dict(), allow_nan=False))
+    needed = {"faults", "cost", "evaluations", "seconds", "algorithm", "seed", "stopped"}
+    assert needed <= set(answer)
+    assert answer["physical"]["friction"]["value"] == pytest.approx(0.048, rel=0.01)
+
+
+def test_standard_errors_cover_the_errors(found: Identification) -> None:
+    for name in ("friction", "short_b", "eccentricity", "eccentricity_phase"):
+        miss = abs(getattr(found.faults, name) - getattr(THREE, name))
+        assert miss < 3.0 * found.standard_error[name] + 1e-4
+
+
+@pytest.mark.parametrize("algorithm", ["multistart", "pso"])
+def test_interruption_keeps_the_best_so_far(record: ematwin.Record, algorithm: str) -> None:
+    calls = 0
+
+    def interrupt(evaluations: int, cost: float, budget: int) -> None:
+        nonlocal calls
+        calls += 1
+        if calls == 2:
+            signal.raise_signal(signal.SIGINT)
+
+    assert threading.current_thread() is threading.main_thread()
+    found = identify(record, algorithm=algorithm, progress=interrupt)
+    assert found.stopped == "interrupted"
+    assert 0 < found.evaluations < 10_000
+    assert math.isfinite(found.cost)
+
+
+def test_interrupted_population_run_goes_on_from_its_checkpoint(
+    record: ematwin.Record, tmp_path: Path
+) -> None:
+    whole = identify(record, algorithm="gwo", budget=1500, seed=2)
+    state = tmp_path / "run.state"
+
+    def interrupt(evaluations: int, cost: float, budget: int) -> None:
+        if evaluations == 1000:
+            signal.raise_signal(signal.SIGINT)
+
+    identify(record, algorithm="gwo", budget=1500, seed=2, checkpoint=state, progress=interrupt)
+    rest = identify(record, algorithm="gwo", budget=1500, seed=2, checkpoint=state)
+    assert rest.cost == whole.cost
+    assert (rest.faults.vector == whole.faults.vector).all()
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"budget": 0}, "budget"),
+        ({"budget": 10}, "at least 64"),
+        ({"algorithm": "pzo"}, "pso"),
+        ({"algorithm": "pso", "budget": 0}, "budget"),
+        ({"only": ["fricton"]}, "friction"),
+        ({"held": {"friction": 2.0}}, "0, 1"),
+        ({"checkpoint": "x"}, "no checkpoint"),
+    ],
+)
+def test_options_that_cannot_be_used_are_refused(
+    record: ematwin.Record, options: dict[str, object], said: str
+) -> None:
+    with pytest.raises(InputError, match=said):
+        identify(record, **options)  # type: ignore[arg-type]
+
+
+def test_record_without_motion_is_refused() -> None:
+    still = simulate(
+        "monitor", ematwin.Scenario(duration=0.5, command=[{"type": "step", "value": 0.0}])
+    )
+    with pytest.raises(RecordError):
+        identify(still)

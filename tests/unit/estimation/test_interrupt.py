@@ -1,0 +1,73 @@
+"""Ctrl-C is answered, even where it was swallowed on the way."""
+
+import contextlib
+import signal
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from ematwin import identify, simulate
+from ematwin.estimation.interrupt import noting_interrupts
+
+
+def test_an_interrupt_that_was_swallowed_is_raised_at_the_next_check() -> None:
+    with noting_interrupts() as interrupts:
+        interrupts.check()
+        # as a destructor or the callback of a compiler would
+        with contextlib.suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        with pytest.raises(KeyboardInterrupt):
+            interrupts.check()
+        interrupts.check()
+
+
+def test_the_handler_from_before_comes_back() -> None:
+    before = signal.getsignal(signal.SIGINT)
+    with noting_interrupts():
+        assert signal.getsignal(signal.SIGINT) is not before
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_other_threads_search_without_signals() -> None:
+    errors: list[BaseException] = []
+
+    def work() -> None:
+        try:
+            with noting_interrupts() as interrupts:
+                interrupts.check()
+        except BaseException as error:
+            errors.append(error)
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    assert errors == []
+
+
+@pytest.mark.parametrize("algorithm", ["multistart", "de"])
+def test_the_best_so_far_comes_within_two_seconds_on_a_long_record(algorithm: str) -> None:
+    # ten seconds at 20 kHz, of an actuator that the twin does not fit: the longest search there is
+    record = simulate("monitor", "ramp", {"friction": 0.2}, sample_rate=20_000.0)
+    current = record.current + 5.0 * np.sin(40.0 * record.time)
+    hard = record.changed(current=current)
+    identify(hard, budget=64)  # compiled, or loaded
+    pressed = 0.0
+
+    def press(*_: object) -> None:
+        nonlocal pressed
+        pressed = time.monotonic()
+        signal.raise_signal(signal.SIGINT)
+
+    before = signal.signal(signal.SIGALRM, press)
+    try:
+        signal.setitimer(signal.ITIMER_REAL, 3.0)
+        found = identify(hard, algorithm=algorithm, budget=1_000_000)
+        waited = time.monotonic() - pressed
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+    assert found.stopped == "interrupted"
+    assert np.isfinite(found.cost)
+    assert waited < 2.0

@@ -1,0 +1,117 @@
+"""A problem: points in, costs and residuals out, whatever the actuator."""
+
+import numpy as np
+import pytest
+
+from ematwin import BldcActuator, Faults, Noise, Problem, Recording, identify, simulate
+from ematwin.errors import InputError
+from ematwin.estimation.identify import find
+from ematwin.estimation.problem import unknowns_of
+from ematwin.estimation.search import method_name, methods, named
+from ematwin.models.comparison import Comparison
+from ematwin.models.registry import model_of
+from ematwin.models.unknown import Unknown
+
+FAULTY = Faults(friction=0.3, backlash=0.2)
+
+
+class Line(Comparison):
+    """y = slope t + offset, measured on a recording that was made up."""
+
+    def __init__(self, slope: float, offset: float) -> None:
+        self.t = np.linspace(0.0, 1.0, 50)
+        self.recording = Recording(self.t, {"current": slope * self.t + offset})
+        self.actuator = None
+        self.scale = float((self.recording.current**2).sum())
+
+    def responses(self, candidates, count):  # type: ignore[no-untyped-def]
+        slope = np.broadcast_to(candidates["slope"], count)
+        offset = np.broadcast_to(candidates["offset"], count)
+        return {"current": slope[:, None] * self.t + offset[:, None]}
+
+    def measured(self):  # type: ignore[no-untyped-def]
+        return {"current": self.recording.current}
+
+    def captions(self):  # type: ignore[no-untyped-def]
+        return {"current": ("line", "A")}
+
+    def residuals(self, candidates, count):  # type: ignore[no-untyped-def]
+        return self.responses(candidates, count)["current"] - self.recording.current
+
+
+SLOPE = Unknown("slope", "A/s", "", 0.0, -5.0, 5.0)
+OFFSET = Unknown("offset", "A", "", 0.0, -2.0, 2.0, role="nuisance")
+
+
+@pytest.fixture(scope="module")
+def record() -> Recording:
+    return simulate("monitor", faults=FAULTY)
+
+
+@pytest.mark.parametrize("algorithm", ["multistart", "levenberg-marquardt", "de", "cma"])
+def test_every_method_solves_a_problem_without_any_actuator(algorithm: str) -> None:
+    problem = Problem([Line(2.0, -1.0)], [SLOPE, OFFSET])
+    found = find(problem, named(algorithm), budget=3000, seed=1)
+    assert np.allclose(found.point, [2.0, -1.0], atol=0.02)
+    assert found.evaluations <= 3000
+
+
+def test_recordings_share_an_unknown_and_have_others_of_their_own() -> None:
+    lines = [Line(2.0, -1.0), Line(2.0, 0.5), Line(2.0, 1.5)]
+    problem = Problem(lines, [SLOPE, OFFSET], own=["offset"])
+    assert problem.names == ("slope", "offset@0", "offset@1", "offset@2")
+    found = find(problem, named("lm"))
+    assert np.allclose(found.point, [2.0, -1.0, 0.5, 1.5], atol=1e-4)
+    assert problem.residuals(found.point[None]).shape == (1, 150)
+
+
+def test_costs_are_the_sums_of_squared_residuals_priors_included() -> None:
+    prior = Unknown("slope", "A/s", "", 1.0, 0.1, 5.0, spread=0.2, logarithmic=True)
+    problem = Problem([Line(2.0, 0.0), Line(2.5, 0.0)], [prior, OFFSET])
+    points = np.random.default_rng(1).uniform(problem.lower, problem.upper, (9, 2))
+    squares = (problem.residuals(points) ** 2).sum(axis=1)
+    assert np.allclose(problem.costs(points), squares)
+    assert problem.residuals(points).shape == (9, 101)
+    assert np.allclose(problem.residuals(points)[:, -1], np.log(points[:, 0]) / 0.2)
+
+
+def test_held_values_reach_the_twin(record: Recording) -> None:
+    free = Problem.of(record, "servo48")
+    held = Problem.of(record, "servo48", only=["friction"], held={"backlash": 0.2})
+    assert held.names == ("friction",)
+    assert held.costs(np.array([[0.3]]))[0] == free.costs(FAULTY.vector[None])[0]
+
+
+def test_a_parameter_is_searched_beside_the_faults() -> None:
+    actuator = BldcActuator.load()
+    warm = actuator.changed({"motor.emf_constant": 0.96 * actuator.motor.emf_constant})
+    record = simulate("reference", faults={"friction": 0.2}, actuator=warm, noise=Noise(white=0.02))
+    found = identify(record, actuator, only=["friction", "motor.emf_constant"])
+    ratio = found.values["motor.emf_constant"] / actuator.motor.emf_constant
+    assert ratio == pytest.approx(0.96, abs=0.004)
+    assert found.faults.friction == pytest.approx(0.2, abs=0.02)
+
+
+def test_nuisances_stay_free_whatever_is_searched() -> None:
+    model = model_of("ball-screw")
+    free, held = unknowns_of(model, model.parameters.load(), ["friction"], None)
+    assert {one.name for one in free} == {"friction", "load", "initial_error"}
+    assert {"backlash", "gain"} <= set(held)
+
+
+def test_impossible_choices_are_refused(record: Recording) -> None:
+    for only, said in ((["fricton"], "Did you mean friction"), ([], "at least one")):
+        with pytest.raises(InputError, match=said):
+            Problem.of(record, "servo48", only=only)
+    with pytest.raises(InputError, match="received 2"):
+        Problem.of(record, "servo48", held={"friction": 2.0})
+
+
+def test_methods_are_listed_once_and_found_by_name_or_alias() -> None:
+    names = [one.name for one in methods()]
+    assert names[0] == "multistart"
+    assert len(set(names)) == len(names)
+    assert method_name("Levenberg_Marquardt") == method_name("descent") == "levenberg-marquardt"
+    assert method_name("grey-wolf") == "gwo"
+    with pytest.raises(InputError, match="pso"):
+        method_name("pzo")

@@ -1,0 +1,150 @@
+"""Scores of candidates in lanes: trace, filter and misfit in one, each on its own."""
+
+import math
+
+import numpy as np
+import pytest
+
+from bldc_inputs import SEVERE, history
+from ematwin.models.bldc import batch
+from ematwin.models.bldc.constants import kernel_constants
+from ematwin.models.bldc.faults import HEALTHY, Faults
+from ematwin.models.bldc.parameters import BldcActuator
+from ematwin.numerics.low_pass import LowPass
+from ematwin.numerics.misfit import SlopeWeighting
+from naive import signals as naive_signals
+
+C = kernel_constants(BldcActuator.load())
+RATE, SUBSTEPS, SAMPLES = 20_000.0, 5, 1_201
+
+
+def scoring(k, rectify=True, keep=True, target=None, c=C, by_candidate=None):
+    """Costs, statuses, responses and the target of a batch, with weights of the misfit."""
+    command, load = history(SAMPLES - 1, 1.0 / RATE)
+    t = np.arange(SAMPLES) / RATE
+    target = 2.0 + np.sin(2.0 * math.pi * 80.0 * t) if target is None else target
+    weights = SlopeWeighting(500.0).weights(target, 1.0 / RATE)
+    low_pass = LowPass(500.0)
+    costs = np.empty(len(k))
+    status = np.empty(len(k), dtype=np.int64)
+    response = np.empty((len(k), SAMPLES) if keep else (0, 0))
+    batch.monitor_scores(
+        k, command, load, np.zeros(5), c, by_candidate, 1.0 / (RATE * SUBSTEPS), SUBSTEPS,
+        low_pass.taps(RATE, float(target[0])), rectify, target, weights, costs, status, response,
+    )  # fmt: skip
+    return costs, status, response, target
+
+
+def random_faults(count, seed=1):
+    k = np.random.default_rng(seed).random((count, 8))
+    k[0], k[1], k[2] = HEALTHY, 1.0, 0.0
+    return k
+
+
+@pytest.mark.parametrize("rectify", [True, False])
+def test_scores_are_trace_then_filter_then_misfit(rectify):
+    k = random_faults(batch.LANES)
+    costs, status, response, target = scoring(k, rectify)
+    command, load = history(SAMPLES - 1, 1.0 / RATE)
+    assert (status == batch.OK).all()
+    for n in range(batch.LANES):
+        trace = batch.monitor_trace(
+            k[n], command, load, np.zeros(5), C, 1.0 / (RATE * SUBSTEPS), SUBSTEPS, 1
+        )
+        current = np.abs(trace[:, 0]) if rectify else trace[:, 0]
+        filtered = naive_signals.low_pass([target[0], *current], 500.0, RATE)
+        np.testing.assert_allclose(response[n], filtered, rtol=0.0, atol=1e-7)
+        expected = naive_signals.misfit(target, filtered, 1.0 / RATE, 500.0)
+        assert costs[n] == pytest.approx(expected, rel=1e-7)
+
+
+def test_a_cost_does_not_depend_on_the_place_in_the_batch():
+    k = random_faults(3 * batch.LANES)
+    costs, _, response, _ = scoring(k)
+    order = np.random.default_rng(2).permutation(len(k))
+    moved_costs, _, moved_response, _ = scoring(k[order])
+    np.testing.assert_array_equal(moved_costs, costs[order])
+    np.testing.assert_array_equal(moved_response, response[order])
+
+
+def test_costs_are_the_same_whether_or_not_responses_are_kept():
+    k = random_faults(batch.LANES)
+    np.testing.assert_array_equal(scoring(k, keep=True)[0], scoring(k, keep=False)[0])
+
+
+def test_a_diverged_candidate_is_a_status_and_costs_infinity_and_spoils_no_other():
+    k = random_faults(2 * batch.LANES)
+    clean = scoring(k)[0]
+    sick = k.copy()
+    sick[5, 0], sick[40, 5], sick[41] = np.nan, np.inf, np.nan
+    costs, status, _, _ = scoring(sick)
+    bad = np.isin(np.arange(len(k)), [5, 40, 41])
+    assert (status[bad] == batch.DIVERGED).all()
+    assert np.isposinf(costs[bad]).all()
+    assert (status[~bad] == batch.OK).all()
+    np.testing.assert_array_equal(costs[~bad], clean[~bad])
+
+
+def test_a_candidate_scored_against_its_own_response_costs_nothing():
+    k = np.tile(Faults(**SEVERE).vector, (batch.LANES, 1))
+    _, _, response, target = scoring(k)
+    # the first row starts the filter: take a target that starts where the response does
+    assert response[0, 0] == target[0]
+    costs, _, _, _ = scoring(k, target=response[0].copy())
+    np.testing.assert_allclose(costs, 0.0, atol=1e-20)
+
+
+# Constants by candidate
+
+
+def varied(count, seed=3):
+    """(B, 25) constants of actuators that differ by up to a tenth; pole pairs are counted."""
+    scale = np.random.default_rng(seed).uniform(0.9, 1.1, (count, len(C)))
+    scale[:, C._fields.index("pole_pairs")] = 1.0
+    return scale * np.array(C)
+
+
+@pytest.mark.parametrize("rectify", [True, False])
+def test_the_same_constants_for_each_candidate_are_the_shared_ones(rectify):
+    k = random_faults(2 * batch.LANES)
+    shared, _, responses, _ = scoring(k, rectify)
+    each, status, own_responses, _ = scoring(
+        k, rectify, by_candidate=np.tile(np.array(C), (len(k), 1))
+    )
+    assert (status == batch.OK).all()
+    np.testing.assert_allclose(each, shared, rtol=1e-12)
+    np.testing.assert_allclose(own_responses, responses, rtol=0.0, atol=1e-12)
+
+
+def test_each_candidate_has_constants_of_its_own():
+    """A candidate of a mixed batch costs what it does where all share its constants."""
+    k = random_faults(2 * batch.LANES)
+    constants = varied(len(k))
+    mixed, _, responses, _ = scoring(k, by_candidate=constants)
+    assert not np.isclose(mixed, scoring(k)[0], rtol=1e-6).any()
+    for n in (0, 1, 31, 32, 50, 63):
+        alone, _, response, _ = scoring(k, c=type(C)(*constants[n].tolist()))
+        assert mixed[n] == pytest.approx(alone[n], rel=1e-12)
+        np.testing.assert_allclose(responses[n], response[n], rtol=0.0, atol=1e-12)
+
+
+def test_constants_of_candidates_move_with_them():
+    k, constants = random_faults(2 * batch.LANES), varied(2 * batch.LANES)
+    order = np.random.default_rng(4).permutation(len(k))
+    costs = scoring(k, by_candidate=constants)[0]
+    moved = scoring(k[order], by_candidate=constants[order])[0]
+    np.testing.assert_array_equal(moved, costs[order])
+
+
+@pytest.mark.parametrize("field", C._fields)
+def test_a_constant_that_is_no_number_costs_infinity_and_spoils_no_other(field):
+    """Whichever it is: some have no effect on the monitor model, and would not show."""
+    k = random_faults(batch.LANES)
+    constants = varied(len(k))
+    clean = scoring(k, by_candidate=constants)[0]
+    constants[7, C._fields.index(field)] = np.nan
+    costs, status, _, _ = scoring(k, by_candidate=constants)
+    others = np.arange(len(k)) != 7
+    assert (costs[7], status[7]) == (np.inf, batch.DIVERGED)
+    assert (status[others] == batch.OK).all()
+    np.testing.assert_array_equal(costs[others], clean[others])

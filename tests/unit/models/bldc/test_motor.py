@@ -1,0 +1,66 @@
+"""Back-EMF and phases of the motor against the slow version in ``tests/naive``."""
+
+import math
+
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from ematwin.models.bldc import motor, state
+from ematwin.models.bldc.constants import kernel_constants
+from ematwin.models.bldc.faults import Faults
+from ematwin.models.bldc.monitor_step import equivalent_phase
+from ematwin.models.bldc.parameters import BldcActuator
+from ematwin.models.bldc.reference_step import emf_constants
+from naive import monitor as naive_monitor
+from naive import motor as naive_motor
+
+ACTUATOR = BldcActuator.load()
+C = kernel_constants(ACTUATOR)
+angles = st.floats(-1e4, 1e4)
+shares = st.floats(0.0, 1.0)
+
+
+def fault(**values):
+    return state.fault_state(*Faults(**values).vector, C.half_gap)
+
+
+@given(angles)
+def test_trapezoid_is_that_of_the_naive_version(theta):
+    assert motor.trapezoid(theta) == pytest.approx(naive_motor.trapezoid(theta), abs=1e-9)
+
+
+@given(angles)
+def test_trapezoid_is_a_clipped_triangle_odd_and_a_sixth_turn_periodic(theta):
+    f = motor.trapezoid(theta)
+    triangle = 6.0 / math.pi * math.asin(math.sin(theta))
+    assert f == pytest.approx(max(-1.0, min(1.0, triangle)), abs=1e-7)
+    assert motor.trapezoid(-theta) == pytest.approx(-f, abs=1e-9)
+    assert motor.trapezoid(theta + math.pi) == pytest.approx(-f, abs=1e-9)
+
+
+def test_sectors_are_six_of_sixty_degrees_from_thirty_on():
+    for degrees in range(-720, 1081):
+        expected = ((degrees - 30) % 360) // 60
+        if (degrees - 30) % 60 == 0:
+            continue  # rounding decides on the boundary itself
+        assert motor.hall_sector(math.radians(degrees)) == expected
+        assert naive_motor.sector(math.radians(degrees)) == expected
+
+
+@given(angles, shares, shares, shares, shares, shares)
+def test_emf_constants_are_those_of_the_naive_version(theta, a, b, c, zeta, phase):
+    values = dict(short_a=a, short_b=b, short_c=c, eccentricity=zeta, eccentricity_phase=phase)
+    seen = emf_constants(theta, fault(**values), C)
+    expected = naive_motor.kappa(theta, Faults(**values), ACTUATOR)
+    assert seen == pytest.approx(expected, abs=1e-9)
+
+
+@given(angles, shares, shares, shares, shares, shares)
+def test_equivalent_phase_is_the_two_conducting_phases_in_series(theta, a, b, c, zeta, phase):
+    values = dict(short_a=a, short_b=b, short_c=c, eccentricity=zeta, eccentricity_phase=phase)
+    turns = C.pole_pairs * theta / (math.pi / 3.0) - 0.5
+    assume(abs(turns - round(turns)) > 1e-6)
+    seen = equivalent_phase(theta, fault(**values), C)
+    expected = naive_monitor.equivalent_phase(theta, Faults(**values), ACTUATOR)
+    assert seen == pytest.approx(expected, abs=1e-9)

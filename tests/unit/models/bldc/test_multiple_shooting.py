@@ -1,0 +1,102 @@
+"""A record compared stretch by stretch."""
+
+import numpy as np
+import pytest
+
+import ematwin
+from ematwin import Faults, Problem, identify, simulate
+from ematwin.models.bldc.faults import HEALTHY, error_percent_wrapped
+from ematwin.models.bldc.multiple_shooting import has_states
+from ematwin.recordings.recording import Recording
+
+# The actuator creeps on where the twin, given these very faults, stalls.
+NEAR_STALL = Faults(
+    friction=0.0, backlash=0.23, short_a=0.98, short_b=0.14, short_c=0.94, eccentricity=0.97,
+    eccentricity_phase=0.11, gain=0.21,
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def twin_record() -> Recording:
+    return simulate("monitor", faults=Faults(friction=0.3, short_b=0.2, backlash=0.4))
+
+
+@pytest.fixture(scope="module")
+def actuator() -> ematwin.BldcActuator:
+    return ematwin.BldcActuator.load("servo48")
+
+
+def without(record: Recording, *names: str) -> Recording:
+    return record.changed(**dict.fromkeys(names))
+
+
+def restarted(record: Recording, actuator: ematwin.BldcActuator, **options: int) -> Problem:
+    problem = Problem.of(record, actuator, **options).restarted()
+    assert problem is not None
+    return problem
+
+
+def test_twin_explains_every_stretch_of_its_own_record(
+    twin_record: Recording, actuator: ematwin.BldcActuator
+) -> None:
+    stretches = restarted(twin_record, actuator)
+    true = np.array([[0.3, 0.4, 0.0, 0.2, 0.0, 0.0, 0.5, 0.5]])
+    assert stretches.relative_misfit(stretches.costs(true)[0]) < 0.005
+    assert stretches.relative_misfit(stretches.costs(HEALTHY[None])[0]) > 0.1
+
+
+def test_cost_is_the_sum_of_squared_residuals(
+    twin_record: Recording, actuator: ematwin.BldcActuator
+) -> None:
+    k = np.random.default_rng(5).random((40, 8))
+    for stretches in (s := restarted(twin_record, actuator), s.smoothed()):
+        np.testing.assert_allclose((stretches.residuals(k) ** 2).sum(axis=1), stretches.costs(k))
+
+
+def test_costs_do_not_depend_on_threads(
+    twin_record: Recording, actuator: ematwin.BldcActuator
+) -> None:
+    k = np.random.default_rng(6).random((40, 8))
+    one, two = (restarted(twin_record, actuator, threads=n).costs(k) for n in (1, 2))
+    assert (one == two).all()
+
+
+def test_speeds_may_be_slopes_of_the_positions(
+    twin_record: Recording, actuator: ematwin.BldcActuator
+) -> None:
+    known = restarted(twin_record, actuator)
+    sloped = restarted(without(twin_record, "motor_speed", "output_speed"), actuator)
+    true = np.array([[0.3, 0.4, 0.0, 0.2, 0.0, 0.0, 0.5, 0.5]])
+    assert sloped.relative_misfit(sloped.costs(true)[0]) < 0.05
+    assert sloped.costs(true)[0] > known.costs(true)[0]
+
+
+def test_positions_of_motor_and_output_are_needed(twin_record: Recording) -> None:
+    assert has_states(twin_record)
+    blind = without(twin_record, "output_position", "output_speed")
+    assert not has_states(blind)
+    assert Problem.of(blind, "servo48").restarted() is None
+
+
+def test_faults_are_found_where_the_twin_stalls_and_the_actuator_does_not() -> None:
+    found = identify(simulate("reference", faults=NEAR_STALL), seed=32)
+    assert found.stopped == "good fit of stretches"
+    assert error_percent_wrapped(found.faults.vector, NEAR_STALL.vector) < 1.0
+    assert found.relative_misfit > 1.0  # of the whole record
+    assert found.evaluations < 2500
+    assert "stretches" in found.warnings[-1]
+
+
+def test_record_without_positions_is_searched_as_a_whole() -> None:
+    record = simulate("reference", faults=NEAR_STALL, seed=32)
+    blind = without(record, "motor_position", "motor_speed", "output_position", "output_speed")
+    found = identify(blind, seed=32, budget=2500)
+    assert found.stopped in ("budget", "two searches agree")
+    assert found.evaluations <= 2500
+
+
+@pytest.mark.parametrize("budget", [900, 1000, 1700, 1800])
+def test_budget_holds_in_every_stage(budget: int) -> None:
+    found = identify(simulate("reference", faults=NEAR_STALL), seed=32, budget=budget)
+    assert found.evaluations <= budget
+    assert np.isfinite(found.cost)

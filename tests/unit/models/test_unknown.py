@@ -1,0 +1,95 @@
+"""One table says what is unknown of an actuator; everything else is derived from it."""
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+from ematwin import BldcActuator, Faults
+from ematwin.errors import InputError
+from ematwin.models.bldc.faults import HEALTHY
+from ematwin.models.bldc.unknowns import FAULTS, UNKNOWNS, fault
+from ematwin.models.registry import model_of, models
+from ematwin.models.unknown import Unknown
+
+ACTUATOR = BldcActuator.load()
+
+
+def test_faults_are_the_table_of_unknowns() -> None:
+    assert tuple(one.name for one in fields(Faults)) == FAULTS
+    assert Faults().vector.tolist() == HEALTHY.tolist() == [one.healthy for one in UNKNOWNS]
+
+
+def test_the_laws_are_those_of_the_kernel() -> None:
+    from ematwin.models.bldc.constants import kernel_constants
+    from ematwin.models.bldc.state import fault_state
+
+    k = [0.25, 0.5, 0.1, 0.2, 0.3, 0.4, 0.7, 0.9]
+    half_gap = kernel_constants(ACTUATOR).half_gap
+    state = fault_state.py_func(*k, half_gap)
+    told = {row.name: row.value for row in Faults.of(np.array(k)).physical(ACTUATOR)}
+    torque = ACTUATOR.motor.friction_torque + ACTUATOR.transmission.friction_torque
+    assert told["friction"] == pytest.approx(torque * state.friction)
+    assert told["backlash"] == pytest.approx(2.0 * state.half_gap)
+    assert told["short_b"] == pytest.approx(ACTUATOR.motor.turns_per_phase * (1.0 - state.h_b))
+    assert told["gain"] == pytest.approx(ACTUATOR.controller.position_gain * state.gain)
+    angle = np.arctan2(state.zeta_sin, state.zeta_cos)
+    assert told["eccentricity_phase"] == pytest.approx(np.degrees(angle))
+
+
+@pytest.mark.parametrize("kind", ["bldc", "ball-screw"])
+def test_every_parameter_of_every_kind_is_an_unknown_or_said_to_be_fixed(kind: str) -> None:
+    model = model_of(kind)
+    actuator = model.parameters.load()
+    for place, value, unit, meaning, _ in actuator.parameters():
+        if place in model.fixed:
+            with pytest.raises(InputError, match="cannot be searched"):
+                model.unknown(actuator, place)
+            continue
+        one = model.unknown(actuator, place)
+        assert (one.name, one.unit, one.meaning, one.role) == (place, unit, meaning, "nominal")
+        assert one.lower <= value <= one.upper
+
+
+def test_names_are_unique_and_healthy_values_lie_within_bounds() -> None:
+    for model in models().values():
+        unknowns = model.unknowns(model.parameters.load())
+        assert len({one.name for one in unknowns}) == len(unknowns)
+        for one in unknowns:
+            assert one.lower <= one.healthy <= one.upper
+            assert one.meaning
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        (1.5, r"must lie in \[0, 1\], received 1.5\.$"),
+        (25.0, r"received 25\. If this is a percentage, write 0\.25\.$"),
+        (-0.1, r"received -0\.1\.$"),
+        (float("nan"), "received nan"),
+        ("much", "must be a number in"),
+    ],
+)
+def test_a_value_outside_its_bounds_is_refused(value: object, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        fault("friction").check(value)
+
+
+def test_impossible_unknowns_are_refused() -> None:
+    for values, said in (
+        ((2.0, 0.0, 1.0), "healthy value between"),
+        ((0.5, 1.0, 0.0), "lower < upper"),
+    ):
+        with pytest.raises(InputError, match=said):
+            Unknown("x", "", "", *values)
+    with pytest.raises(InputError, match="positive lower bound"):
+        Unknown("x", "", "", 0.5, 0.0, 1.0, logarithmic=True)
+    with pytest.raises(InputError, match="positive spread"):
+        Unknown("x", "", "", 0.5, 0.0, 1.0, spread=0.0)
+
+
+def test_a_name_that_there_is_not_is_refused_with_the_closest() -> None:
+    model = model_of("bldc")
+    for name, close in (("fricton", "friction"), ("motor.resistence", "motor.resistance")):
+        with pytest.raises(InputError, match=f"Did you mean {close}"):
+            model.unknown(ACTUATOR, name)

@@ -1,0 +1,105 @@
+"""Dry friction against closed forms and the slow version in ``tests/naive``."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numba import njit
+
+from ematwin.models.bldc.constants import kernel_constants
+from ematwin.models.bldc.parameters import BldcActuator
+from ematwin.numerics import friction
+from naive import mechanics
+
+ACTUATOR = BldcActuator.load()
+C = kernel_constants(ACTUATOR)
+INERTIA, DT = 2.5e-6, 1e-5
+
+# Products of speeds below 1e-150 rad/s underflow; no mass moves so slowly.
+speeds = st.floats(1e-6, 500.0) | st.floats(-500.0, -1e-6) | st.just(0.0)
+torques = st.floats(-0.5, 0.5)
+
+
+@given(speeds, torques, st.floats(0.0, 0.2), st.floats(1.0, 3.0))
+def test_friction_is_that_of_the_naive_version(w, act, dynamic, ratio):
+    static = ratio * dynamic
+    assert friction.friction_torque(w, act, static, dynamic) == mechanics.friction_torque(
+        w, act, static, dynamic
+    )
+    assert friction.advance_speed(w, act, INERTIA, static, dynamic, DT) == pytest.approx(
+        mechanics.next_speed(w, act, INERTIA, static, dynamic, DT), rel=1e-12, abs=1e-12
+    )
+
+
+@given(st.floats(-0.0599, 0.0599))
+def test_a_mass_at_rest_sticks_up_to_the_static_torque(act):
+    assert friction.advance_speed(0.0, act, INERTIA, 0.06, 0.03, DT) == 0.0
+
+
+@given(st.floats(0.0601, 1.0), st.sampled_from([-1.0, 1.0]))
+def test_beyond_the_static_torque_a_mass_breaks_loose(act, way):
+    w = friction.advance_speed(0.0, way * act, INERTIA, 0.06, 0.03, DT)
+    assert w == pytest.approx(way * (act - 0.06) * DT / INERTIA, rel=1e-9, abs=1e-12)
+    assert w * way > 0.0
+
+
+@given(speeds, st.floats(-0.03, 0.03))
+def test_a_step_that_would_reverse_ends_at_exactly_zero(w, act):
+    after = friction.advance_speed(w, act, INERTIA, 0.06, 0.03, DT)
+    assert after * w >= 0.0
+    if abs(w) * INERTIA < (0.03 - abs(act)) * DT:
+        assert after == 0.0
+
+
+@given(speeds, torques, st.floats(0.0, 0.2))
+def test_friction_never_adds_energy(w, act, dynamic):
+    """It opposes motion, and a step never ends faster than it would without friction."""
+    after = friction.advance_speed(w, act, INERTIA, 2.0 * dynamic, dynamic, DT)
+    assert friction.friction_torque(w, act, 2.0 * dynamic, dynamic) * w >= 0.0
+    assert abs(after) <= abs(w + DT * act / INERTIA) * (1.0 + 1e-12)
+
+
+def test_coasting_ends_after_the_time_and_way_of_the_closed_form():
+    """J dw/dt = -T: rest after J w0/T, on a way of J w0^2/(2 T)."""
+    w0, dynamic, dt = 50.0, 0.03, 1e-6
+
+    @njit
+    def coast(w):
+        way, steps = 0.0, 0
+        while w != 0.0:
+            w = friction.advance_speed(w, 0.0, INERTIA, 0.06, 0.03, dt)
+            way += dt * w
+            steps += 1
+        return way, steps * dt
+
+    way, time = coast(w0)
+    assert time == pytest.approx(INERTIA * w0 / dynamic, abs=2.0 * dt)
+    assert way == pytest.approx(INERTIA * w0**2 / (2.0 * dynamic), rel=1e-3)
+
+
+@given(st.floats(-100.0, 100.0), torques)
+def test_load_adds_to_friction_by_whether_it_opposes_or_aids(direction, load):
+    seen = friction.loaded_friction(direction, load, C.t_o, C.c_opposing, C.c_aiding)
+    gear = ACTUATOR.transmission
+    assert seen == pytest.approx(
+        mechanics.loaded_dynamic_torque(
+            direction, load, C.t_o, gear.efficiency_opposing, gear.efficiency_aiding
+        )
+    )
+
+
+def test_opposing_load_takes_the_torque_that_its_efficiency_says():
+    """Against a load the drive needs T_load/eta_o; an aiding load gives back eta_a T_load."""
+    gear = ACTUATOR.transmission
+    load = 0.1
+    opposing = friction.loaded_friction(1.0, -load, 0.0, C.c_opposing, C.c_aiding)
+    aiding = friction.loaded_friction(1.0, load, 0.0, C.c_opposing, C.c_aiding)
+    assert load + opposing == pytest.approx(load / gear.efficiency_opposing)
+    assert load - aiding == pytest.approx(load * gear.efficiency_aiding)
+
+
+@given(st.floats(0.0, 0.2), st.floats(1.0, 3.0), st.floats(0.0, 0.2))
+def test_ripple_lowers_the_static_torque_but_never_below_the_dynamic(dynamic, ratio, ripple):
+    static = ratio * dynamic
+    lowered = friction.dithered_static(static, dynamic, ripple)
+    assert lowered == max(dynamic, static - ripple)
+    assert dynamic <= lowered <= static

@@ -1,0 +1,299 @@
+"""Recording: checked at the door; CSV and Parquet give it back bit for bit."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+import ematwin
+from ematwin import Recording
+from ematwin.errors import EmatwinError, FileError, InputError, RecordError
+from ematwin.models.bldc.channels import COLUMNS, PHASES, UNITS
+from ematwin.models.bldc.plausibility import check_phases
+from ematwin.models.registry import model_of
+
+N = 50
+
+
+def columns(**changed):
+    """Columns of a small good record; None leaves one out."""
+    time = np.arange(N) / 1000.0
+    good = {
+        "time": time,
+        "command": 0.01 * np.sin(time),
+        "current_a": np.sin(time),
+        "current_b": np.sin(time - 2.0),
+        "current_c": -np.sin(time) - np.sin(time - 2.0),
+    }
+    return {name: value for name, value in {**good, **changed}.items() if value is not None}
+
+
+def refusal(**changed):
+    with pytest.raises(RecordError) as caught:
+        Recording(**columns(**changed))
+    text = str(caught.value)
+    assert "\n" not in text
+    assert text.endswith(".")
+    return text
+
+
+def phases_refused(**changed):
+    recording = Recording(**columns(**changed))
+    with pytest.raises(RecordError) as caught:
+        check_phases(recording)
+    with pytest.raises(RecordError) as by_the_model:
+        model_of("bldc").check_channels(recording)
+    assert str(by_the_model.value) == str(caught.value)
+    assert str(caught.value).endswith(".")
+    return str(caught.value)
+
+
+def changed_at(name, index, value):
+    column = columns()[name].copy()
+    column[index] = value
+    return {name: column}
+
+
+def test_a_good_record_tells_its_rate_and_columns():
+    record = Recording(**columns())
+    assert record.sample_rate == pytest.approx(1000.0)
+    assert record.interval == pytest.approx(1e-3)
+    assert len(record) == N
+    assert [name for name, _ in record.columns()] == ["time", "command", *PHASES]
+    assert record.phase_currents.shape == (N, 3)
+    assert "50 samples, 0 to 0.049 s at 1000 Hz: time, command, current_a" in repr(record)
+
+
+def test_every_column_has_a_unit_in_si():
+    assert set(UNITS) == set(COLUMNS)
+    assert set(UNITS.values()) == {"s", "rad", "N*m", "A", "rad/s"}
+
+
+def test_unsorted_time_is_refused_with_the_place():
+    time = columns()["time"].copy()
+    time[[20, 21]] = time[[21, 20]]
+    text = refusal(time=time)
+    assert "sample 21 (0.02 s) follows 0.021 s" in text
+    assert "Sort the record" in text
+
+
+def test_repeated_time_is_refused():
+    assert "time must increase: sample 7 " in refusal(**changed_at("time", 7, 0.006))
+
+
+def test_irregular_time_is_refused_with_the_place():
+    text = refusal(**changed_at("time", 30, 0.0305))
+    assert "time must be regular: the step to sample 30 (0.0305 s) is 0.0015 s where 0.001" in text
+    assert "Resample" in text
+
+
+def test_a_gap_in_time_is_refused():
+    time = columns()["time"].copy()
+    time[25:] += 0.01
+    assert "the step to sample 25 (0.035 s) is 0.011 s" in refusal(time=time)
+
+
+@given(offset=st.floats(0, 1e6), rate=st.floats(10, 1e5))
+def test_times_that_are_regular_but_for_their_rounding_pass(offset, rate):
+    time = offset + np.arange(N) / rate
+    if np.diff(time).min() > 0.0:
+        assert len(Recording(**columns(time=time))) == N
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("name", ["time", "command", "current_b"])
+def test_nan_and_infinity_are_refused_with_the_place(name, value):
+    text = refusal(**changed_at(name, 13, value))
+    assert name in text
+    assert "sample 13" in text
+
+
+@pytest.mark.parametrize("name", ["command", "current_a"])
+def test_columns_of_other_lengths_are_refused(name):
+    text = refusal(**{name: np.zeros(N - 1)})
+    assert f"Column {name} has shape (49,) but time has (50,)" in text
+
+
+def test_two_dimensions_are_refused():
+    assert "shape (50, 1)" in refusal(command=np.zeros((N, 1)))
+
+
+@pytest.mark.parametrize("length", [0, 1])
+def test_fewer_than_two_samples_are_refused(length):
+    assert f"received {length}" in refusal(time=np.zeros(length))
+
+
+def test_a_missing_phase_is_named():
+    text = phases_refused(current_b=None)
+    assert "current_a, current_c but not current_b" in text
+    assert "bench.csv run 7 has" in phases_refused(
+        current_b=None, source="bench.csv", labels={"run": "7"}
+    )
+
+
+def test_a_record_without_any_current_is_refused():
+    assert "no current" in phases_refused(current_a=None, current_b=None, current_c=None)
+
+
+def test_the_equivalent_current_stands_in_for_the_phases():
+    record = Recording(
+        **columns(current_a=None, current_b=None, current_c=None, current=np.ones(N))
+    )
+    assert record.phase_currents is None
+
+
+def test_text_is_refused():
+    assert "must hold numbers" in refusal(command=["a"] * N)
+
+
+def test_a_part_of_a_record_keeps_both_ends():
+    part = Recording(**columns()).between(0.01, 0.02)
+    assert part.time[0] == pytest.approx(0.01)
+    assert part.time[-1] == pytest.approx(0.02)
+    with pytest.raises(RecordError, match="fewer than two samples between 1 and 2 s"):
+        Recording(**columns()).between(1.0, 2.0)
+
+
+def test_a_data_frame_has_the_columns_of_the_record():
+    import pandas
+
+    frame = Recording(**columns()).to_dataframe()
+    assert isinstance(frame, pandas.DataFrame)
+    assert list(frame) == ["time", "command", *PHASES]
+
+
+finite = st.floats(allow_nan=False, allow_infinity=False, width=64)
+json_values = st.recursive(
+    st.none() | st.booleans() | st.integers(-(2**53), 2**53) | finite | st.text(max_size=20),
+    lambda inner: (
+        st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=8), inner, max_size=3)
+    ),
+    max_leaves=8,
+)
+
+
+@st.composite
+def records(draw):
+    """Any record: any rate and start, any finite values, any JSON as provenance."""
+    size = draw(st.integers(2, 40))
+    rate = draw(st.sampled_from([1.0, 1000.0, 20_000.0, 12_345.678, 1e5 / 3.0]))
+    values = {"time": draw(st.floats(-100, 100)) + np.arange(size) / rate}
+    column = hnp.arrays(np.float64, size, elements=finite)
+    values["command"] = draw(column)
+    names = draw(st.sampled_from([PHASES, ("current",), (*PHASES, "current")]))
+    others = ("load", "motor_position", "motor_speed", "output_position", "output_speed")
+    chosen = draw(st.lists(st.sampled_from(others), unique=True))
+    for name in (*names, *chosen):
+        values[name] = draw(column)
+    return Recording(**values, provenance=draw(st.dictionaries(st.text(max_size=8), json_values)))
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+@given(record=records())
+def test_any_record_survives_its_file_bit_for_bit(tmp_path_factory, suffix, record):
+    path = tmp_path_factory.mktemp("round") / f"record{suffix}"
+    ematwin.write(record, path)
+    back = ematwin.read(path)
+    assert [name for name, _ in back.columns()] == [name for name, _ in record.columns()]
+    for name, column in record.columns():
+        assert getattr(back, name).tobytes() == column.tobytes(), name
+    if record.provenance:
+        assert json.dumps(back.provenance, sort_keys=True) == json.dumps(
+            record.provenance, sort_keys=True
+        )
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_a_simulated_record_survives_with_units_and_provenance(tmp_path, suffix):
+    record = ematwin.simulate("monitor", faults={"backlash": 0.1}, noise=ematwin.Noise(white=0.1))
+    path = tmp_path / f"record{suffix}"
+    ematwin.write(record, path)
+    back = ematwin.read(path)
+    assert back.provenance == record.provenance
+    assert all(getattr(back, n).tobytes() == v.tobytes() for n, v in record.columns())
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_written_file_says_its_units_to_other_programs(tmp_path):
+    import pyarrow.parquet as pq
+
+    ematwin.write(Recording(**columns()), tmp_path / "record.parquet")
+    note = json.loads(pq.read_schema(tmp_path / "record.parquet").metadata[b"ematwin"])
+    assert note["units"] == {name: UNITS[name] for name in columns()}
+    ematwin.write(Recording(**columns()), tmp_path / "record.csv")
+    first, header = (tmp_path / "record.csv").read_text().splitlines()[:2]
+    assert json.loads(first.removeprefix("# ematwin "))["units"]["current_a"] == "A"
+    assert header.replace('"', "") == "time,command,current_a,current_b,current_c"
+
+
+def test_writing_replaces_a_file_whole_and_keeps_its_permissions(tmp_path):
+    path = tmp_path / "record.csv"
+    path.write_text("old")
+    path.chmod(0o600)
+    ematwin.write(Recording(**columns()), path)
+    assert path.stat().st_mode & 0o777 == 0o600
+    assert len(ematwin.read(path)) == N
+
+
+def test_what_cannot_be_written_leaves_nothing(tmp_path):
+    old = tmp_path / "record.csv"
+    old.write_text("old")
+    with pytest.raises(FileError, match="Cannot write"):
+        ematwin.write(Recording(**columns()), tmp_path / "none" / "record.csv")
+    with pytest.raises(InputError, match="Cannot tell how to write"):
+        ematwin.write(Recording(**columns()), tmp_path / "record.xlsx")
+    assert list(tmp_path.iterdir()) == [old]
+    assert old.read_text() == "old"
+
+
+def test_a_provenance_that_files_cannot_keep_is_refused():
+    with pytest.raises(RecordError, match="provenance must hold JSON values"):
+        Recording(**columns(), provenance={"made by": object()})
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.9, 0.99])
+def test_a_truncated_file_is_refused(tmp_path, suffix, share):
+    path = tmp_path / f"record{suffix}"
+    ematwin.write(ematwin.simulate("monitor", sample_rate=2000), path)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(share * len(whole))])
+    with pytest.raises(EmatwinError) as caught:
+        ematwin.read(path)
+    assert path.name in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@given(cut=st.floats(0.01, 0.999))
+def test_no_truncation_of_a_parquet_file_passes(tmp_path_factory, cut):
+    path = tmp_path_factory.mktemp("cut") / "record.parquet"
+    ematwin.write(Recording(**columns()), path)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(cut * len(whole))])
+    with pytest.raises(FileError, match="may be truncated"):
+        ematwin.read(path)
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_a_file_without_a_needed_column_is_refused(tmp_path, suffix):
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+    from pyarrow import csv
+
+    table = pa.table({name: value for name, value in columns().items() if name != "command"})
+    path = tmp_path / f"record{suffix}"
+    (pq.write_table if suffix == ".parquet" else csv.write_csv)(table, path)
+    with pytest.raises(RecordError, match="no channel for command"):
+        ematwin.read(path)
+
+
+def test_a_file_of_a_newer_ematwin_is_refused(tmp_path):
+    path = tmp_path / "record.csv"
+    ematwin.write(Recording(**columns()), path)
+    path.write_text(path.read_text().replace('"format": 1', '"format": 2'))
+    with pytest.raises(RecordError, match="newer ematwin"):
+        ematwin.read(path)

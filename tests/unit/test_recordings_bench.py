@@ -1,0 +1,339 @@
+"""Whole files of each kind, as benches write them: several rates, holes, names, units, memory."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+import scipy.io
+from asammdf import MDF, Signal
+from nptdms import ChannelObject, TdmsWriter
+
+import ematwin
+from ematwin.errors import EmatwinError, FileError, MissingExtraError, RecordError
+from ematwin.recordings.formats.base import known_suffixes, open_file
+from ematwin.testing.reader_contract import bench_channels
+
+CHANNELS = bench_channels()
+TIME = CHANNELS["time"]
+PHASES = {"i_a": "ia", "i_b": "ib"}
+
+
+def clock_times() -> np.ndarray:
+    microseconds = np.rint(TIME * 1e6).astype("timedelta64[us]")
+    return np.datetime64("2026-11-21T08:00:00", "us") + microseconds
+
+
+def test_mdf_groups_of_several_rates_come_onto_the_times_of_the_currents(tmp_path: Path) -> None:
+    path = tmp_path / "run7.mf4"
+    slow = TIME[::10] + 0.002
+    with MDF(version="4.10") as mdf:
+        mdf.append(
+            [
+                Signal(1e3 * CHANNELS["current_a"], TIME, name="ia", unit="mA"),
+                Signal(CHANNELS["current_b"], TIME, name="ib", unit="A"),
+                Signal(np.zeros(TIME.size), TIME, name="speed", unit="rpm"),
+            ]
+        )
+        mdf.append([Signal(np.degrees(np.sin(40 * slow)), slow, name="Soll", unit="deg")])
+        mdf.append([Signal(30.0 / np.pi * slow, slow, name="speed", unit="1/min")])
+        mdf.save(path)
+    table = {**PHASES, "cmd": "Soll", "omega_m": "group 2/speed"}
+    record = ematwin.read(path, table)
+    assert record.sample_rate == pytest.approx(20_000)
+    assert record.time[0] == pytest.approx(0.002)
+    np.testing.assert_allclose(record.command, np.sin(40 * record.time), atol=1e-5)
+    np.testing.assert_allclose(record.current_a, CHANNELS["current_a"][40:], atol=1e-12)
+    assert record.motor_speed is not None
+    np.testing.assert_allclose(record.motor_speed, record.time, atol=1e-9)
+    changed = record.provenance["changed"]
+    assert any(said.startswith("command, sampled every 0.0005 s") for said in changed)
+    assert record.provenance["format"] == "MDF"
+    with pytest.raises(RecordError, match="2 channels named 'speed'"):
+        ematwin.read(path, {**table, "omega_m": "speed"})
+
+
+def test_mdf_invalid_samples_are_holes(tmp_path: Path) -> None:
+    path = tmp_path / "run.mf4"
+    invalid = np.zeros(TIME.size, dtype=bool)
+    invalid[500:520] = True
+    with MDF(version="4.10") as mdf:
+        mdf.append(
+            [
+                Signal(CHANNELS["current_a"], TIME, name="ia", invalidation_bits=invalid),
+                Signal(CHANNELS["current_b"], TIME, name="ib"),
+                Signal(CHANNELS["command"], TIME, name="cmd"),
+            ]
+        )
+        mdf.save(path)
+    with pytest.raises(RecordError, match="current_a has no values in a stretch of 20 samples"):
+        ematwin.read(path, PHASES)
+
+
+def test_mdf_text_channels_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "run.mf4"
+    with MDF(version="4.10") as mdf:
+        mdf.append(
+            [
+                Signal(np.array([b"on"] * TIME.size), TIME, name="state", encoding="utf-8"),
+                Signal(CHANNELS["current_a"], TIME, name="i"),
+            ]
+        )
+        mdf.save(path)
+    with pytest.raises(RecordError, match=r"'state'.*real numbers"):
+        ematwin.read(path, {"cmd": "state", "i": "i"})
+
+
+def test_mdf_groups_that_share_no_time_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "run.mf4"
+    with MDF(version="4.10") as mdf:
+        mdf.append([Signal(CHANNELS["current_a"], TIME, name="i")])
+        mdf.append([Signal(CHANNELS["command"], TIME + 5.0, name="cmd")])
+        mdf.save(path)
+    with pytest.raises(RecordError, match="share no time"):
+        ematwin.read(path)
+
+
+def test_tdms_without_waveform_takes_a_time_channel(tmp_path: Path) -> None:
+    path = tmp_path / "run.tdms"
+    stamps = clock_times()
+    with TdmsWriter(path) as writer:
+        for part in (slice(0, 900), slice(900, None)):
+            writer.write_segment(
+                [
+                    ChannelObject("bench", "clock", stamps[part]),
+                    ChannelObject("bench", "cmd", CHANNELS["command"][part]),
+                    ChannelObject("bench", "ia", CHANNELS["current_a"][part].astype(np.float32)),
+                    ChannelObject("bench", "ib", CHANNELS["current_b"][part]),
+                ]
+            )
+    record = ematwin.read(path, {**PHASES, "t": "clock"})
+    np.testing.assert_allclose(record.time, TIME, atol=1e-7)  # npTDMS cuts clock times to 1 us
+    np.testing.assert_allclose(record.current_a, CHANNELS["current_a"], atol=1e-6)
+    with pytest.raises(RecordError, match=r"no channel for time.*give sample_rate"):
+        ematwin.read(path, PHASES)
+
+
+def test_tdms_waveforms_of_several_rates_and_starts(tmp_path: Path) -> None:
+    path = tmp_path / "run.tdms"
+    start = np.datetime64("2026-11-21T08:00:00.000000", "us")
+    fast = {"wf_increment": 5e-5, "wf_start_offset": 0.0, "wf_start_time": start}
+    late = start + np.timedelta64(10_000, "us")
+    slow = {"wf_increment": 5e-4, "wf_start_offset": 0.001, "wf_start_time": late}
+    line = np.arange(150) * 5e-4 + 0.011
+    with TdmsWriter(path) as writer:
+        writer.write_segment(
+            [
+                ChannelObject("a", "ia", CHANNELS["current_a"], fast),
+                ChannelObject("a", "ib", CHANNELS["current_b"], fast),
+                ChannelObject("b", "cmd", line, slow),
+            ]
+        )
+    record = ematwin.read(path, PHASES)
+    assert record.time[0] == pytest.approx(0.011)
+    np.testing.assert_allclose(record.command, record.time, atol=1e-9)
+
+
+def test_matlab_matrices_and_structures_in_lists(tmp_path: Path) -> None:
+    path = tmp_path / "sim.mat"
+    phases = np.column_stack([CHANNELS[f"current_{k}"] for k in "abc"])
+    scipy.io.savemat(
+        path,
+        {
+            "out": {"time": TIME, "signals": {"values": phases, "label": "currents"}},
+            "Soll": np.rint(1e5 * CHANNELS["command"]).astype(np.int16),
+        },
+    )
+    table = {f"i_{k}": f"out.signals.values[{n}]" for n, k in enumerate("abc")}
+    record = ematwin.read(path, {**table, "cmd": {"channel": "Soll", "scale": 1e-5}})
+    np.testing.assert_array_equal(record.phase_currents, phases)
+    np.testing.assert_allclose(record.command, CHANNELS["command"], atol=6e-6)
+
+
+def test_hdf5_tables_matrices_and_lying_vectors(tmp_path: Path) -> None:
+    path = tmp_path / "run.hdf5"
+    table = np.zeros(TIME.size, dtype=[("t", "f8"), ("cmd", "f4")])
+    table["t"], table["cmd"] = TIME, CHANNELS["command"]
+    with h5py.File(path, "w") as file:
+        file["table"] = table
+        file["currents"] = np.stack([CHANNELS[f"current_{k}"] for k in "abc"])
+        file["note"] = "text"
+        file["empty"] = h5py.Empty("f8")
+        file["short"] = np.arange(5.0)
+    record = ematwin.read(path, {"i_a": "currents[0]", "i_b": "currents[1]"})
+    np.testing.assert_array_equal(record.current_b, CHANNELS["current_b"])
+    np.testing.assert_array_equal(record.time, TIME)
+    with pytest.raises(RecordError, match=r"load of .* has 5 samples, time has 2000"):
+        ematwin.read(path, {"i_a": "currents[0]", "i_b": "currents[1]", "load": "short"})
+
+
+def test_parquet_clock_times_count_from_the_first(tmp_path: Path) -> None:
+    path = tmp_path / "run.parquet"
+    stamps = clock_times()
+    columns = {"time": stamps, "command": CHANNELS["command"], "current": CHANNELS["current_a"]}
+    pq.write_table(pa.table(columns), path, row_group_size=300)
+    record = ematwin.read(path)
+    np.testing.assert_allclose(record.time, TIME, atol=1e-9)
+
+
+def test_parquet_text_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "run.parquet"
+    pq.write_table(pa.table({"time": [0.0, 1.0], "command": ["a", "b"], "i": [0.0, 1.0]}), path)
+    with pytest.raises(RecordError, match=r"command .* must hold numbers"):
+        ematwin.read(path)
+
+
+def test_a_jittered_record_is_evened_and_lowered_in_one_call(tmp_path: Path) -> None:
+    path = tmp_path / "run.mat"
+    rng = np.random.default_rng(5)
+    time = TIME + rng.uniform(-1e-5, 1e-5, TIME.size)
+    scipy.io.savemat(path, {**CHANNELS, "time": time})
+    record = ematwin.read(path, resample_to="5 kHz")
+    assert record.sample_rate == pytest.approx(5000)
+    changed = record.provenance["changed"]
+    assert "uneven times" in changed[0]
+    assert "the rate was lowered" in changed[1]
+
+
+def test_our_own_file_is_brought_to_another_rate_when_asked(tmp_path: Path) -> None:
+    path = tmp_path / "own.parquet"
+    ematwin.write(ematwin.Recording(**CHANNELS, provenance={"model": "reference"}), path)
+    record = ematwin.read(path, resample_to=5000)
+    assert record.sample_rate == pytest.approx(5000)
+    assert record.provenance["model"] == "reference"
+    assert "lowered" in record.provenance["changed"][0]
+
+
+def test_progress_reaches_the_caller(tmp_path: Path) -> None:
+    path = tmp_path / "run.mat"
+    scipy.io.savemat(path, CHANNELS)
+    seen: list[float] = []
+    ematwin.read(path, progress=seen.append)
+    assert seen == sorted(seen)
+    assert seen[-1] == 1.0
+
+
+@pytest.mark.parametrize(
+    ("suffix", "module", "package"),
+    [
+        (".mat", "pymatreader", "pymatreader"),
+        (".mf4", "asammdf", "asammdf"),
+        (".tdms", "nptdms", "npTDMS"),
+        (".h5", "h5py", "h5py"),
+    ],
+)
+def test_a_missing_library_names_the_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str, module: str, package: str
+) -> None:
+    path = tmp_path / f"run{suffix}"
+    path.write_bytes(b"anything")
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(MissingExtraError, match=rf"{package}.*ematwin\[io\]"):
+        ematwin.read(path)
+
+
+def test_damaged_mdf_files_leave_nothing_on_stderr(tmp_path: Path) -> None:
+    path = tmp_path / "run.mf4"
+    with MDF(version="4.10") as mdf:
+        mdf.append([Signal(CHANNELS["current_a"], TIME, name="i")])
+        mdf.save(path)
+    path.write_bytes(path.read_bytes()[:-2000])
+    code = (
+        "import ematwin, sys\n"
+        "try: ematwin.read(sys.argv[1])\n"
+        "except ematwin.EmatwinError as error: print(error)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(path)], capture_output=True, text=True, check=True
+    )
+    assert done.stderr == ""
+    assert "may be truncated" in done.stdout
+
+
+def test_an_mdf_channel_outside_its_record_is_refused(tmp_path: Path) -> None:
+    """The library would read foreign memory, and crash."""
+    path = tmp_path / "run.mdf"
+    with MDF(version="3.30") as mdf:
+        mdf.append([Signal(CHANNELS[n], TIME, name=n) for n in ("command", "current_a")])
+        mdf.save(path)
+    with MDF(path) as mdf:
+        place = mdf.groups[0].channels[2].address
+    content = bytearray(path.read_bytes())
+    start = content.index(b"\x80\x00\x40\x00", place)  # 16 byte into the record, 64 bits long
+    content[start : start + 2] = b"\xff\xf0"
+    path.write_bytes(bytes(content))
+    with pytest.raises(FileError, match="ends at bit"):
+        ematwin.read(path, {"cmd": "command", "i": "current_a"})
+
+
+def test_absurd_values_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "run.mat"
+    scipy.io.savemat(path, {**CHANNELS, "current_b": np.where(TIME[7] == TIME, 1e200, 0.0)})
+    with pytest.raises(RecordError, match=r"current_b .* reaches 1e\+200 A at sample 7"):
+        ematwin.read(path)
+
+
+def test_reading_loads_no_library_that_it_does_not_need() -> None:
+    code = (
+        "import sys, ematwin; ematwin.read\n"
+        "loaded = {'asammdf', 'nptdms', 'pymatreader', 'h5py', 'pandas', 'pyarrow', 'pint'}\n"
+        "assert not loaded & set(sys.modules), loaded & set(sys.modules)\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_a_plugged_in_reader_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from importlib.metadata import EntryPoint
+
+    from ematwin.recordings.formats import base
+
+    entry = EntryPoint(
+        name="h5x",
+        value="ematwin.recordings.formats.hdf5_file:Hdf5File",
+        group="ematwin.readers",
+    )
+    monkeypatch.setattr(base, "entry_points", lambda group: [entry])
+    path = tmp_path / "run.h5x"
+    with h5py.File(path, "w") as file:
+        file["time"] = TIME
+    with open_file(path) as opened:
+        assert opened.names == ("time",)
+    assert ".h5x" in known_suffixes()
+
+
+PEAK = """
+import sys
+import ematwin
+record = ematwin.read(sys.argv[1], resample_to=float(sys.argv[2]) if sys.argv[2] else None)
+assert len(record) > 190_000
+# of this process alone: ru_maxrss also counts what the parent held when it started this one
+with open("/proc/self/status") as status:
+    print(next(int(line.split()[1]) for line in status if line.startswith("VmHWM")) / 1024)
+"""
+
+
+@pytest.mark.parametrize("rate", ["", "20000"])
+def test_ten_seconds_at_100_khz_stay_well_under_500_mb(tmp_path: Path, rate: str) -> None:
+    path = tmp_path / "long.h5"
+    channels = bench_channels(duration=10.0, sample_rate=100_000.0)
+    with h5py.File(path, "w") as file:
+        for name, values in channels.items():
+            file[name] = values
+        for name in ("motor_position", "motor_speed", "output_position", "output_speed"):
+            file[name] = channels["command"]
+    done = subprocess.run(
+        [sys.executable, "-c", PEAK, str(path), rate], capture_output=True, text=True, check=True
+    )
+    assert float(done.stdout) < 350.0  # MB
+
+
+def test_every_error_of_reading_is_of_ours(tmp_path: Path) -> None:
+    for suffix in known_suffixes():
+        path = tmp_path / f"folder{suffix}"
+        path.mkdir()
+        with pytest.raises(EmatwinError, match="is a folder"):
+            ematwin.read(path)

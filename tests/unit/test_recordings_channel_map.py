@@ -1,0 +1,286 @@
+"""The column map: its three ways in, its refusals, and what it does to numbers."""
+
+import tomllib
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+import ematwin
+from ematwin.errors import FileError, InputError, RecordError
+from ematwin.models.reading import channels_of
+from ematwin.recordings.channel_map import ChannelMap
+from ematwin.recordings.units import is_unit, unit_factor, unit_in_name
+from ematwin.testing.reader_contract import bench_channels
+
+TOML = """
+sample_rate = "20 kHz"
+phase_order = "bca"
+gear_ratio = 500
+
+[columns]
+command = { channel = "Setpoint", unit = "deg", side = "motor" }
+i_a = "Phase A [mA]"
+current_b = { channel = "Phase B", unit = "mA", sign = -1, scale = 2.0, offset = 0.5 }
+
+[csv]
+delimiter = ";"
+"""
+
+
+BLDC = channels_of("bldc")
+
+
+def of(given: object) -> ChannelMap:
+    return ChannelMap.of(given, BLDC)  # type: ignore[arg-type]
+
+
+def parse(texts: list[str], base: ChannelMap | None = None) -> ChannelMap:
+    return ChannelMap.parse(texts, BLDC, base)
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Path:
+    """SI values under names of a bench."""
+    channels = bench_channels()
+    path = tmp_path / "bench.h5"
+    with h5py.File(path, "w") as file:
+        for name, wanted in {
+            "t": "time", "Setpoint": "command", "Phase A": "current_a", "Phase B": "current_b",
+            "Phase C": "current_c",
+        }.items():  # fmt: skip
+            file[f"run/{name}"] = channels[wanted]
+    return path
+
+
+PHASES = {"i_a": "Phase A", "i_b": "Phase B", "i_c": "Phase C"}
+
+
+def test_toml_mapping_and_strings_say_the_same(tmp_path: Path) -> None:
+    file = tmp_path / "map.toml"
+    file.write_text(TOML)
+    from_file = of(file)
+    flat = of(
+        {
+            "cmd": {"channel": "Setpoint", "unit": "deg", "side": "motor"},
+            "i_a": "Phase A [mA]",
+            "ib": {"channel": "Phase B", "unit": "mA", "sign": -1, "scale": 2.0, "offset": 0.5},
+            "sample_rate": 20_000,
+            "phase_order": "bca",
+            "gear_ratio": 500,
+            "delimiter": ";",
+        }
+    )
+    assert from_file == flat
+    assert of(from_file.as_table()) == flat
+    over = parse(["i_a=Phase 1", 'sample_rate="10 kHz"'], from_file)
+    assert over.columns["current_a"].channel == "Phase 1"
+    assert over.sample_rate == 10_000
+    assert over.columns["command"] == flat.columns["command"]
+
+
+def test_strings_may_hold_equal_signs_and_quotes() -> None:
+    assert parse(["t='a=b [ms]'"]).columns["time"].channel == "a=b [ms]"
+
+
+@pytest.mark.parametrize(
+    ("table", "said"),
+    [
+        ({"i_d": "x"}, "no column 'i_d'"),
+        ({"i_a": "x", "current_a": "y"}, "twice"),
+        ({"i_a": {"channel": "x", "sign": 2}}, "sign must be 1 or -1"),
+        ({"i_a": {"channel": "x", "scale": 0}}, "scale"),
+        ({"i_a": {"channel": "x", "factor": 2}}, "factor is not a name"),
+        ({"i_a": 5}, "current_a"),
+        ({"phase_order": "abb"}, "phase_order"),
+        ({"sample_rate": -5}, "sample_rate"),
+        ({"sample_rate": "20 kA"}, "sample_rate"),
+        ({"sample_rate": 5, "t": "x"}, "one of the two"),
+        ({"cmd": {"channel": "x", "side": "motor"}}, "gear_ratio"),
+        ({"i_a": {"channel": "x", "side": "motor"}}, "no shaft"),
+        ({"i_a": {"channel": "x", "unwrap": True}}, "not an angle"),
+        ({"csv": {"decimal": "x"}}, "decimal"),
+        ({"csv": 5}, "csv"),
+        (7, "mapping"),
+    ],
+)
+def test_impossible_maps_are_refused_in_a_sentence(table: object, said: str) -> None:
+    with pytest.raises(InputError, match=said) as caught:
+        of(table)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["i_a", "=x", "i_a=", "nothing=x"])
+def test_impossible_strings_are_refused(text: str) -> None:
+    with pytest.raises(InputError):
+        parse([text])
+
+
+def test_a_map_file_that_is_missing_or_damaged_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="column map"):
+        of(tmp_path / "none.toml")
+    (tmp_path / "bad.toml").write_text("columns = [")
+    with pytest.raises(InputError, match="not valid TOML"):
+        of(tmp_path / "bad.toml")
+    (tmp_path / "odd.toml").write_text("[columns]\nspeed = 'x'")
+    with pytest.raises(InputError, match=r"odd\.toml.*motor_speed"):
+        of(tmp_path / "odd.toml")
+
+
+def test_unit_scale_offset_and_sign_are_applied_in_that_sense(bench: Path) -> None:
+    entry = {"channel": "Phase A", "unit": "mA", "sign": -1, "scale": 2.0, "offset": 100.0}
+    record = ematwin.read(bench, {**PHASES, "i_a": entry, "cmd": "Setpoint [deg]"})
+    channels = bench_channels()
+    np.testing.assert_allclose(record.current_a, -1e-3 * (2.0 * channels["current_a"] + 100.0))
+    np.testing.assert_allclose(record.command, np.radians(channels["command"]))
+    account = record.provenance["columns"]
+    assert account["current_a"]["sign"] == -1
+    assert account["command"]["unit"] == "deg"
+    assert account["command"]["unit_from"] == "map"
+    assert account["current_b"]["unit_from"] == "assumed"
+    assert any("current_b in A" in said for said in record.provenance["assumed"])
+
+
+def test_angles_and_loads_change_the_side_of_the_gear(bench: Path) -> None:
+    names = {"channel": "Setpoint"}
+    table = {
+        **PHASES,
+        "cmd": {**names, "side": "motor"},
+        "load": {**names, "side": "motor"},
+        "theta_m": {**names, "side": "output"},
+        "gear_ratio": 500,
+    }
+    record = ematwin.read(bench, table)
+    command = bench_channels()["command"]
+    np.testing.assert_allclose(record.command, command / 500)
+    assert record.load is not None
+    np.testing.assert_allclose(record.load, command * 500)
+    assert record.motor_position is not None
+    np.testing.assert_allclose(record.motor_position, command * 500)
+
+
+def test_phase_order_names_what_the_given_channels_carry(bench: Path) -> None:
+    record = ematwin.read(bench, {**PHASES, "cmd": "Setpoint", "phase_order": "bca"})
+    channels = bench_channels()
+    np.testing.assert_array_equal(record.current_b, channels["current_a"])
+    np.testing.assert_array_equal(record.current_c, channels["current_b"])
+    np.testing.assert_array_equal(record.current_a, channels["current_c"])
+    assert any("phase order bca" in said for said in record.provenance["changed"])
+
+
+def test_a_third_phase_is_derived_and_said(bench: Path) -> None:
+    record = ematwin.read(bench, {"i_a": "Phase A", "i_c": "Phase C", "cmd": "Setpoint"})
+    np.testing.assert_allclose(record.current_b, bench_channels()["current_b"], atol=1e-12)
+    assert record.provenance["columns"]["current_b"] == {"derived": "-(current_a + current_c)"}
+
+
+def test_time_may_come_from_a_rate(bench: Path) -> None:
+    record = ematwin.read(bench, {**PHASES, "cmd": "Setpoint", "sample_rate": "10 kHz"})
+    assert record.sample_rate == pytest.approx(10_000)
+    assert record.time[0] == 0.0
+
+
+def test_an_unknown_channel_names_the_closest(bench: Path) -> None:
+    with pytest.raises(RecordError, match="no channel 'Phase D'; the closest are 'run/Phase"):
+        ematwin.read(bench, {**PHASES, "i_a": "Phase D"})
+
+
+def test_an_ambiguous_channel_is_refused(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "two.h5", "w") as file:
+        for group in "xy":
+            file[f"{group}/ia"] = np.arange(10.0)
+        file["time"] = file["command"] = file["i_b"] = np.arange(10.0)
+    with pytest.raises(RecordError, match=r"2 channels named 'ia'.*'x/ia', 'y/ia'"):
+        ematwin.read(tmp_path / "two.h5", {"i_a": "ia", "i_b": "i_b"})
+    record = ematwin.read(tmp_path / "two.h5", {"i_a": "x/ia", "i_b": "i_b"})
+    assert len(record) == 10
+
+
+def test_missing_current_and_missing_command_are_refused(bench: Path) -> None:
+    with pytest.raises(RecordError, match=r"no channel for current_a, .* nor for current"):
+        ematwin.read(bench, {"cmd": "Setpoint", "i_a": "Phase A"})
+    with h5py.File(bench, "a") as file:
+        del file["run/Setpoint"]
+    with pytest.raises(RecordError, match="no channel for command"):
+        ematwin.read(bench, PHASES)
+
+
+def test_a_unit_of_another_kind_is_refused(bench: Path) -> None:
+    with pytest.raises(RecordError, match=r"current_a.*received 'V'"):
+        ematwin.read(
+            bench, {**PHASES, "cmd": "Setpoint", "i_a": {"channel": "Phase A", "unit": "V"}}
+        )
+
+
+def test_a_map_against_the_file_is_followed_and_said(bench: Path) -> None:
+    with h5py.File(bench, "a") as file:
+        file["run/Phase A"].attrs["units"] = "A"
+    table = {**PHASES, "cmd": "Setpoint", "i_a": "Phase A [mA]"}
+    record = ematwin.read(bench, table)
+    np.testing.assert_allclose(record.current_a, 1e-3 * bench_channels()["current_a"])
+    assert record.provenance["warnings"] == [
+        "The map gives current_a in mA, the file in A; the map was followed."
+    ]
+
+
+def test_a_scale_without_unit_leads_to_si_whatever_the_file_states(bench: Path) -> None:
+    with h5py.File(bench, "a") as file:
+        file["run/Phase A"].attrs["unit"] = "V"
+    probe = {"channel": "Phase A", "scale": 10.0}
+    record = ematwin.read(bench, {**PHASES, "cmd": "Setpoint", "i_a": probe})
+    np.testing.assert_allclose(record.current_a, 10.0 * bench_channels()["current_a"])
+
+
+def test_a_wrapped_angle_is_counted_on(tmp_path: Path) -> None:
+    channels = bench_channels()
+    angle = 300.0 * channels["time"] + 1.0
+    with h5py.File(tmp_path / "wrapped.h5", "w") as file:
+        for name, values in channels.items():
+            file[name] = values
+        file["theta"] = np.degrees(angle) % 360.0
+    entry = {"channel": "theta", "unit": "deg", "unwrap": True}
+    table = {**{name: name for name in channels}, "theta_m": entry}
+    record = ematwin.read(tmp_path / "wrapped.h5", table)
+    assert record.motor_position is not None
+    np.testing.assert_allclose(record.motor_position, angle, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("unit", "si_unit", "factor"),
+    [
+        ("mA", "A", 1e-3), ("ms", "s", 1e-3), ("µs", "s", 1e-6), ("us", "s", 1e-6),
+        ("deg", "rad", np.pi / 180), ("°", "rad", np.pi / 180), ("rpm", "rad/s", np.pi / 30),
+        ("1/min", "rad/s", np.pi / 30), ("U/min", "rad/s", np.pi / 30),
+        ("°/s", "rad/s", np.pi / 180), ("Nm", "N*m", 1.0), ("mNm", "N*m", 1e-3),
+        ("N m", "N*m", 1.0), ("rev/s", "rad/s", 2 * np.pi), ("turn", "rad", 2 * np.pi),
+    ],
+)  # fmt: skip
+def test_units_of_benches_are_known(unit: str, si_unit: str, factor: float) -> None:
+    assert unit_factor(unit, si_unit, "it") == pytest.approx(factor)
+    assert is_unit(f"[{unit}]")
+
+
+@pytest.mark.parametrize(
+    ("unit", "si_unit"),
+    [("%", "rad"), ("Hz", "rad/s"), ("V", "A"), ("counts", "rad"), ("", "A"), ("deg", "rad/s")],
+)
+def test_what_is_no_angle_is_not_taken_for_one(unit: str, si_unit: str) -> None:
+    with pytest.raises(RecordError, match="must have a unit"):
+        unit_factor(unit, si_unit, "it")
+
+
+def test_units_in_names() -> None:
+    assert unit_in_name("Phase A [mA]", "A") == "mA"
+    assert unit_in_name("speed (rpm)", "rad/s") == "rpm"
+    assert unit_in_name("I_a / mA", "A") == "mA"
+    assert unit_in_name("bench/ia", "A") is None
+    assert unit_in_name("Phase [left]", "A") is None
+
+
+def test_the_map_in_the_documentation_is_one() -> None:
+    text = (Path(__file__).parents[2] / "docs" / "recordings.md").read_text(encoding="utf-8")
+    found = of(tomllib.loads(text.split("```toml\n")[1].split("```")[0]))
+    assert len(found.columns) == 5
+    assert found.sample_rate == 20_000
+    assert found.csv.skip_rows == 3

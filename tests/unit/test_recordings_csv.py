@@ -1,0 +1,223 @@
+"""Text tables as they are met in practice."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ematwin
+from ematwin.errors import FileError, InputError, RecordError
+from ematwin.models.reading import read, write
+from ematwin.recordings.formats.csv_dialect import sniff
+from ematwin.recordings.recording import Recording
+from ematwin.testing.reader_contract import bench_channels
+
+CHANNELS = bench_channels(duration=0.01)
+
+
+def table(delimiter: str = ",", decimal: str = ".", end: str = "\n", tail: str = "") -> str:
+    rows = zip(*(values.tolist() for values in CHANNELS.values()), strict=True)
+    return "".join(
+        delimiter.join(repr(value).replace(".", decimal) for value in row) + tail + end
+        for row in rows
+    )
+
+
+HEADER = ",".join(CHANNELS)
+
+
+def record_of(tmp_path: Path, content: str | bytes, **options: object) -> Recording:
+    path = tmp_path / "bench.csv"
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    record = read(path, options or None)
+    for name, values in CHANNELS.items():
+        np.testing.assert_array_equal(getattr(record, name), values)
+    return record
+
+
+@pytest.mark.parametrize("delimiter", [",", ";", "\t", "|"])
+@pytest.mark.parametrize("decimal", [".", ","])
+def test_delimiters_and_decimal_signs(tmp_path: Path, delimiter: str, decimal: str) -> None:
+    if delimiter == decimal:
+        return
+    record = record_of(tmp_path, HEADER.replace(",", delimiter) + "\n" + table(delimiter, decimal))
+    said = record.provenance["assumed"][0]
+    assert repr(delimiter) in said
+    assert f"decimal sign {decimal!r}" in said
+
+
+def test_leading_zero_rows_do_not_hide_the_decimal_comma(tmp_path: Path) -> None:
+    rows = [f"{k};0;0;0;0\n" for k in range(30_000)]
+    rows += [f"{k};{k / 7:.5f};1,5;-1,5;0\n".replace(".", ",") for k in range(30_000, 60_000)]
+    path = tmp_path / "late.csv"
+    path.write_text(";".join(CHANNELS) + "\n" + "".join(rows))
+    assert sniff(path).decimal == ","
+
+
+@pytest.mark.parametrize(
+    "head",
+    [
+        "\ufeff" + HEADER + "\n",
+        "Bench 3\nDate,2026-11-21\n\n" + HEADER + "\n",
+        "# made by a program\n# run 7\n" + HEADER + "\n",
+        "# " + HEADER + "\n",
+        ",".join(f'"{name}"' for name in CHANNELS) + "\n",
+        ",".join(f" {name} " for name in CHANNELS) + "\n",
+        HEADER + "\ns,rad,A,A,A\n",
+        HEADER + "\n[s],[rad],[A],[A],[A]\n\n",
+        "sep=,\n" + HEADER + "\n",
+    ],
+    ids=[
+        "byte order mark", "preamble", "comments", "commented header", "quoted", "blanks",
+        "units", "bracketed units", "sep line",
+    ],
+)  # fmt: skip
+def test_headers(tmp_path: Path, head: str) -> None:
+    record_of(tmp_path, head + table())
+
+
+def test_units_row_is_applied(tmp_path: Path) -> None:
+    path = tmp_path / "units.csv"
+    path.write_text("t,cmd,i_a,i_b\nms,deg,mA,mA\n0,1,5,-5\n0.1,2,6,-7\n0.2,3,7,-9\n")
+    record = read(path)
+    np.testing.assert_allclose(record.time, [0, 1e-4, 2e-4])
+    np.testing.assert_allclose(record.command, np.radians([1, 2, 3]))
+    np.testing.assert_allclose(record.current_c, [0, 1e-3, 2e-3])
+
+
+def test_line_ends_and_trailing_empty_columns(tmp_path: Path) -> None:
+    record_of(tmp_path, HEADER + ",\r\n" + table(end="\r\n", tail=","))
+    record_of(tmp_path, HEADER + "\r\n" + table(end="\r\n", tail=",,"))
+
+
+@pytest.mark.parametrize("encoding", ["cp1252", "utf-16", "utf-16-be", "utf-8"])
+def test_encodings(tmp_path: Path, encoding: str) -> None:
+    mark = "\ufeff" if encoding == "utf-16-be" else ""
+    record_of(tmp_path, f"{mark}Prüfstand\n{HEADER}\n{table()}".encode(encoding))
+
+
+def test_no_header_numbers_the_columns(tmp_path: Path) -> None:
+    numbered = {name: str(n + 1) for n, name in enumerate(CHANNELS)}
+    record = record_of(tmp_path, table(), **numbered)
+    assert any("no header" in said for said in record.provenance["assumed"])
+
+
+def test_numbers_with_a_plus_sign(tmp_path: Path) -> None:
+    path = tmp_path / "plus.csv"
+    path.write_text("t;cmd;i\n+0,0;+1,5E+0;+2\n+0,1;-1,5;+3\n+0,2;0;-4\n")
+    record = read(path)
+    assert record.command.tolist() == [1.5, -1.5, 0.0]
+    assert record.current is not None
+    assert record.current.tolist() == [2.0, 3.0, -4.0]
+
+
+def test_placeholders_and_empty_fields_are_holes(tmp_path: Path) -> None:
+    path = tmp_path / "holes.csv"
+    rows = [f"{k / 1000:.3f},{k},{'-' if 10 <= k < 15 else k}\n" for k in range(50)]
+    path.write_text("t,cmd,i\n" + "".join(rows))
+    with pytest.raises(RecordError, match="current has no values in a stretch of 5 samples"):
+        read(path)
+    assert read(path, gaps="mask").provenance["masked_s"] == [[0.009, 0.015]]
+    path.write_text("t,cmd,i\n" + "".join(f"{k / 1000:.3f},{k},NaN\n" for k in range(50)))
+    with pytest.raises(RecordError, match="current holds no value at all"):
+        read(path)
+
+
+def test_clock_times_count_from_the_first(tmp_path: Path) -> None:
+    path = tmp_path / "clock.csv"
+    rows = [f"2026-11-21 08:00:59.{900 + k:03d};{k};{k}\n" for k in range(100)]
+    path.write_text("t;cmd;i\n" + "".join(rows))
+    np.testing.assert_allclose(read(path).time, np.arange(100) / 1000.0, atol=1e-12)
+
+
+def test_quoted_decimal_commas(tmp_path: Path) -> None:
+    path = tmp_path / "quoted.csv"
+    path.write_text('t,cmd,i\n0,"1,5","2,5"\n1,"-1,5","2,5"\n2,"0,5","2,5"\n')
+    assert read(path).command.tolist() == [1.5, -1.5, 0.5]
+
+
+def test_given_options_are_not_guessed(tmp_path: Path) -> None:
+    content = "1,2,3\n4,5,6\n" + HEADER + "\n" + table()
+    record = record_of(tmp_path, content, delimiter=",", decimal=".", skip_rows=2)
+    assert any("2 lines" in said for said in record.provenance["assumed"])
+
+
+def test_options_of_csv_are_refused_for_others(tmp_path: Path) -> None:
+    path = tmp_path / "x.parquet"
+    write(record_of(tmp_path, HEADER + "\n" + table()), path)
+    with pytest.raises(InputError, match="only for CSV files"):
+        read(path, {"delimiter": ";"})
+
+
+@pytest.mark.parametrize(
+    ("content", "error", "said"),
+    [
+        ("", FileError, "empty"),
+        (HEADER + "\n", FileError, "no rows"),
+        ("text\nmore text\nand more\n", RecordError, "no rows of numbers"),
+        (HEADER + "\n" + table()[:-30] + "\n", FileError, "truncated"),
+        (HEADER + "\n0,0,0,0,0\n1,x,1,1,1\n" * 1 + "2,2,2,2,2\n3,3,3,3,3\n", FileError, "'x'"),
+        ("time,command,current\n0,on,1\n1,off,2\n", RecordError, "holds text"),
+    ],
+)
+def test_what_cannot_be_read_is_refused(
+    tmp_path: Path, content: str, error: type[Exception], said: str
+) -> None:
+    path = tmp_path / "bad.csv"
+    path.write_text(content)
+    with pytest.raises(error, match=said) as caught:
+        read(path)
+    assert "\n" not in str(caught.value)
+    assert "bad.csv" in str(caught.value)
+
+
+def test_our_own_files_come_back_bit_for_bit(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    record = Recording(**CHANNELS, load=rng.normal(size=200), provenance={"faults": {"gain": 0.5}})
+    for name in ("own.csv", "own.parquet"):
+        write(record, tmp_path / name)
+        again = read(tmp_path / name)
+        assert again.provenance == record.provenance
+        for column, values in record.columns():
+            np.testing.assert_array_equal(getattr(again, column), values)
+
+
+def test_our_own_truncated_files_are_refused(tmp_path: Path) -> None:
+    for name in ("own.csv", "own.parquet"):
+        path = tmp_path / name
+        write(Recording(**CHANNELS), path)
+        whole = path.read_bytes()
+        for share in (0.001, 0.3, 0.7, 0.999):
+            path.write_bytes(whole[: int(share * len(whole))])
+            with pytest.raises((FileError, RecordError)):
+                read(path)
+
+
+def test_a_newer_format_and_another_unit_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "own.csv"
+    write(Recording(**CHANNELS), path)
+    text = path.read_text()
+    path.write_text(text.replace('"format": 1', '"format": 9'))
+    with pytest.raises(RecordError, match="newer ematwin"):
+        read(path)
+    path.write_text(text.replace('"time": "s"', '"time": "ms"'))
+    with pytest.raises(RecordError, match="time in ms"):
+        read(path)
+
+
+def test_a_map_over_our_own_file_keeps_its_origin(tmp_path: Path) -> None:
+    path = tmp_path / "own.parquet"
+    write(Recording(**CHANNELS, provenance={"model": "reference"}), path)
+    record = read(path, {"i_a": "current_a", "i_b": "current_b"})
+    assert record.provenance["origin"] == {"model": "reference"}
+    assert record.provenance["columns"]["current_a"]["unit_from"] == "file"
+
+
+def test_missing_file_folder_and_suffix(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="There is no file"):
+        ematwin.read(tmp_path / "none.csv")
+    (tmp_path / "folder.csv").mkdir()
+    with pytest.raises(FileError, match="is a folder"):
+        ematwin.read(tmp_path / "folder.csv")
+    with pytest.raises(InputError, match="must end in"):
+        ematwin.read(tmp_path / "run.xyz")

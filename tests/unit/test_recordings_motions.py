@@ -1,0 +1,438 @@
+"""Motions in files: where one ends and the next begins, which channel is what, in which unit."""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet as pq
+import pytest
+
+from ematwin.errors import EmatwinError, FileError, InputError, RecordError
+from ematwin.models.ball_screw.channels import check_spans
+from ematwin.models.reading import read, read_motions, write
+from ematwin.recordings.recording import Recording
+
+SAMPLES, INTERVAL = 60, 0.04
+TIME = np.arange(SAMPLES) * INTERVAL
+SET_POINT = np.interp(TIME, [0.0, 1.0, 1.4, 2.4], [0.0, 0.03, 0.03, 0.0])
+
+
+def made(seed: int = 0, **labels: str) -> Recording:
+    random = np.random.default_rng(seed)
+    error = 1e-3 * random.normal(size=SAMPLES)
+    channels = {
+        "set_point": SET_POINT, "position_error": error, "current": 1.0 + random.random(SAMPLES),
+    }  # fmt: skip
+    return Recording(TIME, channels, labels=labels, source="made")
+
+
+MOTIONS = [
+    made(n, condition=condition, run=run, motion=motion)
+    for n, (condition, run, motion) in enumerate(
+        [("normal", "1", "1"), ("normal", "1", "2"), ("normal", "2", "1"), ("dry", "1", "1")]
+    )
+]
+
+
+def table(**changed: Any) -> dict[str, Any]:
+    """Columns of two motions of one run, in SI; None leaves one out."""
+    columns: dict[str, Any] = {
+        "run": ["a"] * 2 * SAMPLES,
+        "time": np.tile(TIME, 2),
+        "set_point": np.tile(SET_POINT, 2),
+        "position_error": np.r_[MOTIONS[0].position_error, MOTIONS[1].position_error],
+        "current": np.r_[MOTIONS[0].current, MOTIONS[1].current],
+    }
+    columns |= changed
+    return {name: values for name, values in columns.items() if values is not None}
+
+
+def saved(path: Path, columns: dict[str, Any]) -> Path:
+    if path.suffix == ".csv":
+        pa.csv.write_csv(pa.table(columns), path)
+    else:
+        pq.write_table(pa.table(columns), path)
+    return path
+
+
+def same(found: Recording, wanted: Recording) -> None:
+    np.testing.assert_allclose(found.time, wanted.time, atol=1e-9)
+    for name in ("set_point", "position_error", "current"):
+        np.testing.assert_allclose(getattr(found, name), getattr(wanted, name), atol=1e-12)
+
+
+def refusal(call: Callable[[], object], kind: type[EmatwinError] = RecordError) -> str:
+    with pytest.raises(kind) as caught:
+        call()
+    text = str(caught.value)
+    assert "\n" not in text
+    assert text.endswith(".")
+    return text
+
+
+def refused(path: Path, **options: Any) -> str:
+    text = refusal(lambda: read_motions(path, **options))
+    assert path.name in text
+    return text
+
+
+# Where motions begin
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_what_was_written_is_read(tmp_path, suffix):
+    path = tmp_path / f"bench{suffix}"
+    write(MOTIONS, path)
+    found = read_motions(path)
+    assert [motion.labels for motion in found] == [motion.labels for motion in MOTIONS]
+    for motion, wanted in zip(found, MOTIONS, strict=True):
+        same(motion, wanted)
+        assert motion.source == path.name
+        assert motion.interval == pytest.approx(INTERVAL)
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_a_motion_begins_where_time_falls_back(tmp_path, suffix):
+    found = read_motions(saved(tmp_path / f"bench{suffix}", table()))
+    assert [motion.labels for motion in found] == [{"run": "a"}] * 2
+    for motion, wanted in zip(found, MOTIONS[:2], strict=True):
+        same(motion, wanted)
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_a_motion_begins_where_a_label_changes_though_time_goes_on(tmp_path, suffix):
+    going_on = np.arange(2 * SAMPLES) * INTERVAL
+    for label in (np.repeat([1, 2], SAMPLES), ["dry"] * SAMPLES + ["wet"] * SAMPLES):
+        found = read_motions(saved(tmp_path / f"bench{suffix}", table(time=going_on, day=label)))
+        assert [motion.time.size for motion in found] == [SAMPLES, SAMPLES]
+        assert [m.labels["day"] for m in found] in (["1", "2"], ["dry", "wet"])
+
+
+def test_a_signal_is_no_label(tmp_path):
+    """A column that changes all the time neither splits a motion nor labels it."""
+    noise = np.random.default_rng(0).normal(size=2 * SAMPLES)
+    for values in (noise, np.round(noise).astype(int), [f"{x:.3f}" for x in noise]):
+        found = read_motions(saved(tmp_path / "bench.parquet", table(temperature=values)))
+        assert [motion.labels for motion in found] == [{"run": "a"}] * 2
+
+
+def test_several_files_are_read_in_their_order(tmp_path):
+    first = saved(tmp_path / "b.parquet", table(run=None))
+    second = saved(tmp_path / "a.csv", table(run=None))
+    found = read_motions([first, str(second)])
+    assert [motion.source for motion in found] == ["b.parquet"] * 2 + ["a.csv"] * 2
+    assert [motion.run for motion in found] == ["b.parquet"] * 2 + ["a.csv"] * 2
+
+
+# Labels
+
+
+@pytest.mark.parametrize(
+    ("values", "text"),
+    [
+        (pa.array([7] * 2 * SAMPLES, pa.int8()), "7"),
+        (pa.array([20261121.0] * 2 * SAMPLES), "20261121"),
+        (pa.array([0.1] * 2 * SAMPLES, pa.float32()), "0.1"),
+        (pa.array([12.5] * 2 * SAMPLES), "12.5"),
+        (pa.array(["dry"] * 2 * SAMPLES).dictionary_encode(), "dry"),
+        (pa.array([True] * 2 * SAMPLES), "true"),
+        (pa.array([None] * 2 * SAMPLES, pa.string()), ""),
+        (pa.array(["größer"] * 2 * SAMPLES), "größer"),
+    ],
+)
+def test_labels_are_texts_and_numbers_of_any_type(tmp_path, values, text):
+    path = saved(tmp_path / "bench.parquet", table(day=values))
+    assert {motion.labels["day"] for motion in read_motions(path)} == {text}
+
+
+def test_days_written_as_large_numbers_stay_apart(tmp_path):
+    days = np.repeat([20261120.0, 20261121.0], SAMPLES)
+    found = read_motions(saved(tmp_path / "bench.parquet", table(day=days)))
+    assert [motion.labels["day"] for motion in found] == ["20261120", "20261121"]
+
+
+def test_labels_of_a_csv_are_taken_as_they_are_written(tmp_path):
+    path = tmp_path / "bench.csv"
+    rows = [
+        f"07, too dry,{t:.2f},{s:.6f},0.001,{1 + s:.6f}"
+        for t, s in zip(TIME, SET_POINT, strict=True)
+    ]
+    path.write_text("\n".join(["day,state,time,set_point,error,current", *rows, ""]))
+    (motion,) = read_motions(path)
+    assert motion.labels == {"day": "07", "state": "too dry"}
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "cp1252", "utf-16"])
+def test_labels_of_a_csv_may_hold_other_letters(tmp_path, encoding):
+    path = tmp_path / "bench.csv"
+    rows = [
+        f"Öl größer;{t:.2f};{s:.6f};0.001;{1 + s:.6f}" for t, s in zip(TIME, SET_POINT, strict=True)
+    ]
+    text = "\n".join(["Zustand;time;set_point;error;current", *rows, ""])
+    path.write_bytes(text.encode(encoding))
+    (motion,) = read_motions(path)
+    assert motion.labels == {"Zustand": "Öl größer"}
+
+
+def test_where_keeps_motions_with_these_labels(tmp_path):
+    path = tmp_path / "bench.csv"
+    write(MOTIONS, path)
+    found = read_motions(path, where={"condition": ["normal"], "run": ["2", "3"]})
+    assert [motion.labels for motion in found] == [MOTIONS[2].labels]
+    assert len(read_motions(path, where={"condition": ["dry", "normal"]})) == 4
+
+
+def test_a_choice_that_nothing_fits_names_what_there_is(tmp_path):
+    path = tmp_path / "bench.csv"
+    write(MOTIONS, path)
+    text = refusal(lambda: read_motions(path, where={"condition": ["wet"]}))
+    assert "None of the 4 motions has condition = wet" in text
+    assert "condition normal, dry" in text
+    text = refusal(lambda: read_motions(path, where={"state": ["dry"]}), InputError)
+    assert "no label 'state'; it has condition, run, motion" in text
+
+
+# Channels and units
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("time_ms", "set_point_mm", "position_error_um", "current_mA"),
+        ("Time [ms]", "Set Point [mm]", "Following Error (um)", "Motor Current [mA]"),
+        ("t_ms", "demand_mm", "error_um", "drive_current_mA"),
+    ],
+    ids=["suffix", "brackets", "short"],
+)
+def test_units_stand_in_names(tmp_path, suffix, names):
+    columns = table()
+    changed = dict(
+        zip(
+            names,
+            [
+                1e3 * columns["time"], 1e3 * columns["set_point"],
+                1e6 * columns["position_error"], 1e3 * columns["current"],
+            ],
+            strict=True,
+        )
+    )  # fmt: skip
+    found = read_motions(saved(tmp_path / f"bench{suffix}", changed))
+    for motion, wanted in zip(found, MOTIONS[:2], strict=True):
+        same(motion, wanted)
+
+
+def test_units_stand_in_the_metadata_of_a_file(tmp_path):
+    columns = table(run=None)
+    units = {"time": "ms", "set_point": "mm", "position_error": "mm", "current": "mA"}
+    schema = pa.schema(
+        [pa.field(name, pa.float64(), metadata={"unit": unit}) for name, unit in units.items()]
+    )
+    scaled = {name: 1e3 * columns[name] for name in units}
+    pq.write_table(pa.table(scaled, schema=schema), tmp_path / "bench.parquet")
+    for motion, wanted in zip(read_motions(tmp_path / "bench.parquet"), MOTIONS[:2], strict=True):
+        same(motion, wanted)
+
+
+def test_units_stand_in_the_row_below_the_header(tmp_path):
+    path = tmp_path / "bench.csv"
+    rows = [
+        f"{1e3 * t:.1f},{1e3 * s:.6f},0.5,{1 + s:.6f}" for t, s in zip(TIME, SET_POINT, strict=True)
+    ]
+    path.write_text("\n".join(["time,set_point,error,current", "ms,mm,mm,A", *rows, ""]))
+    (motion,) = read_motions(path)
+    np.testing.assert_allclose(motion.set_point, SET_POINT, atol=1e-9)
+    np.testing.assert_allclose(motion.position_error, 5e-4)
+
+
+def test_a_unit_of_another_kind_is_refused(tmp_path):
+    columns = table(position_error=None)
+    path = saved(tmp_path / "bench.csv", columns | {"error_kg": columns["set_point"]})
+    assert "unit of the kind m; received 'kg'" in refused(path)
+
+
+def test_a_semicolon_table_with_decimal_commas_is_read(tmp_path):
+    path = tmp_path / "bench.csv"
+    rows = [
+        ";".join(["Öl", *(f"{x:.9f}".replace(".", ",") for x in row)])
+        for row in zip(
+            TIME,
+            1e3 * SET_POINT,
+            1e3 * MOTIONS[0].position_error,
+            MOTIONS[0].current,
+            strict=True,
+        )
+    ]
+    text = "\r\n".join(["Zustand;Time [s];Set point [mm];Error [mm];Current [A]", *rows, ""])
+    path.write_text(text, encoding="utf-8")
+    (motion,) = read_motions(path)
+    assert motion.labels == {"Zustand": "Öl"}
+    np.testing.assert_allclose(motion.current, MOTIONS[0].current, atol=1e-8)
+    np.testing.assert_allclose(motion.position_error, MOTIONS[0].position_error, atol=1e-8)
+
+
+def test_position_stands_for_its_error(tmp_path):
+    columns = table()
+    position = columns["set_point"] - columns.pop("position_error")
+    path = saved(tmp_path / "bench.parquet", columns | {"position_mm": 1e3 * position})
+    for motion, wanted in zip(read_motions(path), MOTIONS[:2], strict=True):
+        same(motion, wanted)
+
+
+def test_the_error_goes_before_the_position(tmp_path):
+    path = saved(tmp_path / "bench.parquet", table(position=np.zeros(2 * SAMPLES)))
+    same(read_motions(path)[0], MOTIONS[0])
+
+
+def test_channels_of_other_names_are_mapped(tmp_path):
+    columns = table(set_point=None, current=None)
+    columns["Soll [mm]"] = 1e3 * table()["set_point"]
+    columns["Strom [mA]"] = 1e3 * table()["current"]
+    path = saved(tmp_path / "bench.csv", columns)
+    assert "no channel for set_point (commanded position of the nut); it has run, time" in (
+        refused(path)
+    )
+    found = read_motions(path, {"set_point": "soll", "current": "Strom [mA]"})
+    same(found[0], MOTIONS[0])
+
+
+@pytest.mark.parametrize("name", ["time", "set_point", "position_error", "current"])
+def test_a_missing_channel_is_named(tmp_path, name):
+    text = refused(saved(tmp_path / "bench.parquet", table(**{name: None})))
+    assert re.search(rf"no channel for {name}( \(|,| nor|;).*it has run", text), text
+    assert f'{name}="' in text
+
+
+def test_several_candidates_ask_which_one(tmp_path):
+    current = table()["current"]
+    columns = table(current=None, current_mA=1e3 * current, drive_current_A=current)
+    path = saved(tmp_path / "bench.parquet", columns)
+    text = refused(path)
+    assert "several channels for current: current_mA, drive_current_A" in text
+    assert 'Map one of them, such as current="current_mA"' in text
+    same(read_motions(path, {"current": "current_mA"})[0], MOTIONS[0])
+
+
+def test_the_plain_name_goes_before_others(tmp_path):
+    columns = table(current_mA=np.ones(2 * SAMPLES), motor_current=np.ones(2 * SAMPLES))
+    same(read_motions(saved(tmp_path / "bench.parquet", columns))[0], MOTIONS[0])
+
+
+def test_an_unknown_column_or_channel_is_refused(tmp_path):
+    path = saved(tmp_path / "bench.parquet", table())
+    text = refusal(lambda: read_motions(path, {"torque": "current"}), InputError)
+    assert "no column 'torque'; there are time, set_point" in text
+    assert "no channel 'amps'" in refused(path, columns={"current": "amps"})
+
+
+# What cannot be right
+
+
+def test_values_that_are_missing_are_refused_with_their_place(tmp_path):
+    columns = table()
+    columns["current"][SAMPLES + 10 : SAMPLES + 13] = np.nan
+    text = refused(saved(tmp_path / "bench.parquet", columns))
+    assert "current has no values in a stretch of 3 samples from 0.4 to 0.48 s" in text
+    assert "run a" in text
+    for name in ("set_point", "position_error", "current"):
+        text = refused(saved(tmp_path / "bench.csv", table(**{name: [None] * 2 * SAMPLES})))
+        assert name in text
+    bad = table()
+    bad["time"][5] = np.nan
+    assert "time is NaN" in refused(saved(tmp_path / "bench.parquet", bad))
+
+
+@pytest.mark.parametrize("name", ["set_point", "position_error", "current"])
+def test_a_channel_without_any_value_is_refused(tmp_path, name):
+    path = saved(tmp_path / "bench.parquet", table(**{name: np.full(2 * SAMPLES, np.nan)}))
+    assert f"column {name} holds no value at all" in refused(path)
+
+
+def test_time_that_repeats_is_refused(tmp_path):
+    columns = table()
+    columns["time"][5] = columns["time"][4]
+    assert "repeats at 1 places: sample 5" in refused(saved(tmp_path / "bench.parquet", columns))
+
+
+def test_a_hole_in_a_motion_is_refused(tmp_path):
+    columns = {name: np.delete(np.asarray(v), np.s_[20:30]) for name, v in table().items()}
+    path = saved(tmp_path / "bench.parquet", columns)
+    assert "a gap of 0.44 s from 0.76 to 1.2 s" in refused(path)
+    first, second = read(path, actuator="rm1605", split=True, gaps="longest")
+    assert first.time.size == 40 - 10
+    assert second.time.size == SAMPLES
+
+
+def test_a_motion_of_few_samples_is_refused(tmp_path):
+    columns = {name: values[: SAMPLES + 19] for name, values in table().items()}
+    text = refused(saved(tmp_path / "bench.parquet", columns))
+    assert "a motion of 19 samples is too short; at least 20" in text
+    columns = {name: values[: SAMPLES + 20] for name, values in table().items()}
+    assert len(read_motions(saved(tmp_path / "bench.parquet", columns))) == 2
+
+
+def test_millimetres_without_a_unit_are_recognised(tmp_path):
+    columns = table(set_point=1e4 * table()["set_point"])
+    motion = read_motions(saved(tmp_path / "bench.parquet", columns))[0]
+    text = refusal(lambda: check_spans(motion))
+    assert "set_point spans 300 m, which no actuator travels; its unit is probably mm" in text
+
+
+def test_milliamperes_without_a_unit_are_recognised(tmp_path):
+    columns = table(current=3e3 * table()["current"])
+    motion = read_motions(saved(tmp_path / "bench.parquet", columns))[0]
+    assert "its unit is probably mA" in refusal(lambda: check_spans(motion))
+
+
+def test_text_in_a_channel_is_refused(tmp_path):
+    for suffix in (".csv", ".parquet"):
+        path = saved(tmp_path / f"bench{suffix}", table(current=["much"] * 2 * SAMPLES))
+        assert "must hold numbers" in refused(path)
+
+
+def test_a_table_without_rows_is_refused(tmp_path):
+    for suffix in (".csv", ".parquet"):
+        columns = {name: np.asarray(values)[:0] for name, values in table().items()}
+        path = saved(tmp_path / f"bench{suffix}", columns)
+        assert path.name in refusal(lambda path=path: read_motions(path), EmatwinError)
+
+
+def test_a_missing_file_and_an_unknown_ending_are_refused(tmp_path):
+    assert "There is no file" in refusal(lambda: read_motions(tmp_path / "none.csv"), FileError)
+    assert "Cannot tell how to read" in refusal(lambda: read_motions("bench.xlsx"), InputError)
+
+
+# The motion itself
+
+
+def test_columns_of_a_motion_are_equally_long_and_finite():
+    motion = made()
+    parts = {name: getattr(motion, name) for name in ("time", "set_point", "position_error")}
+    text = refusal(lambda: Recording(**parts, current=motion.current[:-1]))
+    assert "current has shape (59,) but time has (60,)" in text
+    bad = np.where(np.arange(SAMPLES) == 7, np.inf, motion.current)
+    assert "the first at sample 7 (0.28 s)" in refusal(lambda: Recording(**parts, current=bad))
+
+
+def test_a_motion_says_what_it_is():
+    motion = MOTIONS[1]
+    assert motion.name == "made condition normal, run 1, motion 2"
+    assert motion.run == "1"
+    assert motion.together == MOTIONS[0].together != MOTIONS[3].together
+    said = "60 samples, 0 to 2.36 s at 25 Hz: time, set_point, position_error, current"
+    assert repr(motion) == f"Recording({motion.name}: {said})"
+    assert Recording(TIME, motion.channels).name == "the record"
+
+
+def test_a_motion_that_was_not_chosen_need_not_be_sound(tmp_path):
+    columns = table(run=["1"] * SAMPLES + ["2"] * SAMPLES)
+    columns["current"] = np.where(np.arange(2 * SAMPLES) == 100, np.nan, columns["current"])
+    path = saved(tmp_path / "bench.parquet", columns)
+    (motion,) = read_motions(path, where={"run": ["1"]})
+    assert motion.run == "1"
+    with pytest.raises(RecordError, match="current has no values"):
+        read_motions(path)
