@@ -127,8 +127,10 @@ class Problem:
 
     def costs(self, points: np.ndarray) -> np.ndarray:
         """Sums of squares (B,) of points (B, d), priors included; infinite where one diverged."""
-        total = self._priors_of(points)
-        cost = np.einsum("bk,bk->b", total, total) if self._priors else 0.0
+        cost: Any = 0.0
+        if self._priors:
+            away = self._priors_of(points)
+            cost = np.einsum("bk,bk->b", away, away)
         for n, comparison in enumerate(self.comparisons):
             cost = cost + comparison.costs(self.candidates(points, n), len(points))
         return np.asarray(cost)

@@ -221,9 +221,9 @@ class BldcComparison(Comparison):
 
     def batch(self, candidates: Candidates, count: int) -> "Batch":
         """Candidates as the kernel takes them."""
-        faults = np.column_stack(
-            [np.broadcast_to(candidates.get(one.name, one.healthy), count) for one in UNKNOWNS]
-        )
+        faults = np.empty((count, len(UNKNOWNS)))
+        for n, one in enumerate(UNKNOWNS):
+            faults[:, n] = candidates.get(one.name, one.healthy)
         return Batch(faults, constants_by_candidate(self.actuator, candidates, count))
 
     def run(
