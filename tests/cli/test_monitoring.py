@@ -243,6 +243,19 @@ def test_identify_adds_a_verdict_where_the_actuator_is_calibrated(ematwin, files
     assert (files / "out.html").stat().st_size > 10_000
 
 
+def test_identify_judges_every_motion_of_a_table_against_a_calibrated_actuator(ematwin, files):
+    """As 0.1 did, with the same keys."""
+    answer = ematwin(
+        "identify", "later.parquet", "--actuator", "rig.toml", "--report", "all.html", "--json"
+    )
+    assert answer.code == 0, answer.err
+    told = json.loads(answer.out)
+    assert told.keys() == {"actuator", "each", "verdicts", "report"}
+    assert (told["each"], told["report"], len(told["verdicts"])) == ("motion", "all.html", 4)
+    assert (files / "all.html").stat().st_size > 10_000
+    assert "4 motions" in ematwin("identify", "later.parquet", "--actuator", "rig.toml").out
+
+
 # Another kind
 
 
@@ -336,7 +349,7 @@ CASES = [
     (["detect", "turned.csv", "--actuator", "rig.toml", "--report", "x.html"], "wrong sign"),
     (["detect", "rotary.csv", "--actuator", "rig.toml"], "It has the channels of the kind bldc"),
     # identify
-    (["identify", "later.parquet", "--actuator", "rig.toml"], "later.parquet holds 4 motions"),
+    (["identify", "later.parquet", "--actuator", "rm1605"], "later.parquet holds 4 motions"),
     (["identify", "one.parquet", "--actuator", "cut.toml"], "cut.toml"),
     (["identify", "rotary.csv", "--actuator", "rig.toml"], "It has the channels of the kind bldc"),
 ]  # fmt: skip

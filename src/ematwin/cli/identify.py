@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from ematwin.estimation.identify import Identification
     from ematwin.models.parameter_set import ParameterSet
     from ematwin.monitoring.calibration import Calibration
+    from ematwin.monitoring.detect import Detection
     from ematwin.recordings.gaps import Policy
 
 
@@ -87,10 +88,14 @@ def identify(
     chosen, calibration = _loaded(actuator)
     columns = map_of(column, map_file, chosen)
     with progress_bar(f"Reading {record.name}", not json) as progress:
-        recording = read(
-            record, columns, actuator=chosen, resample_to=resample_to, gaps=cast("Policy", gaps),
-            progress=progress,
+        recordings = read(
+            [record], columns, actuator=chosen, resample_to=resample_to, gaps=cast("Policy", gaps),
+            split=calibration is not None, progress=progress,
         )  # fmt: skip
+    if calibration is not None and len(recordings) > 1:
+        _judge_all(detect(recordings, calibration), report, json)
+        return
+    recording = recordings[0]
     with search_bar(not json) as progress_of_search:
         found = run(
             recording,
@@ -127,6 +132,30 @@ def identify(
             f"Not calibrated: values are relative to the parameters of {found.actuator.name}. "
             "ematwin calibrate learns those of your actuator from healthy recordings."
         )
+    if report is not None:
+        typer.echo(f"wrote {report}")
+
+
+def _judge_all(judged: "Detection", report: Path | None, json: bool) -> None:
+    """A table of many motions: a verdict on each against the healthy population."""
+    if report is not None:
+        from ematwin.files import write_text
+        from ematwin.report.detection import detection_page
+
+        write_text(report, detection_page(judged))
+    if json:
+        print_json(
+            {
+                "actuator": judged.calibration.actuator.name,
+                "each": "motion",
+                "verdicts": [verdict.as_dict() for verdict in judged.motions],
+                "report": None if report is None else str(report),
+            }
+        )
+        return
+    from ematwin.cli.detect import print_verdicts
+
+    print_verdicts(judged, "motion")
     if report is not None:
         typer.echo(f"wrote {report}")
 
