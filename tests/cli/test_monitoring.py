@@ -244,13 +244,15 @@ def test_identify_adds_a_verdict_where_the_actuator_is_calibrated(ematwin, files
 
 
 def test_identify_judges_every_motion_of_a_table_against_a_calibrated_actuator(ematwin, files):
-    """As 0.1 did, with the same keys."""
+    """As 0.1 did, with the keys of `detect`."""
     answer = ematwin(
         "identify", "later.parquet", "--actuator", "rig.toml", "--report", "all.html", "--json"
     )
     assert answer.code == 0, answer.err
     told = json.loads(answer.out)
-    assert told.keys() == {"actuator", "each", "verdicts", "report"}
+    assert told.keys() == {
+        "actuator", "kind", "each", "verdicts", "report", "assumed", "warnings",
+    }  # fmt: skip
     assert (told["each"], told["report"], len(told["verdicts"])) == ("motion", "all.html", 4)
     assert (files / "all.html").stat().st_size > 10_000
     assert "4 motions" in ematwin("identify", "later.parquet", "--actuator", "rig.toml").out

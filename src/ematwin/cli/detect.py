@@ -11,6 +11,7 @@ from ematwin.errors import InputError
 
 if TYPE_CHECKING:
     from ematwin.monitoring.detect import Detection, Verdict
+    from ematwin.recordings.recording import Recording
 
 _EACH = ("motion", "run")
 _OF_BALL_SCREWS = {"load_N": None, "sensor_coupling": None}  # keys that each verdict has had
@@ -44,7 +45,7 @@ def detect(
     json: Annotated[bool, typer.Option("--json", help="Answer as JSON.")] = False,
 ) -> None:
     """Judge recordings against the healthy actuator: value, interval, alarm, name of the fault."""
-    from ematwin.files import check_target, write_text
+    from ematwin.files import check_target
     from ematwin.monitoring.calibration import Calibration
     from ematwin.monitoring.detect import detect as run
 
@@ -57,7 +58,21 @@ def detect(
     calibration = Calibration.load(actuator)
     wanted = choice(where or [], "--where")
     recordings = load(records, column, calibration.actuator, *([wanted] if wanted else []))
-    found = run(recordings, calibration)
+    answer(run(recordings, calibration), recordings, each, table, report, json)
+
+
+def answer(
+    found: "Detection",
+    recordings: "list[Recording]",
+    each: str,
+    table: Path | None,
+    report: Path | None,
+    json: bool,
+) -> None:
+    """Write table and page if they are wanted, and print the verdicts with what was assumed."""
+    from ematwin.files import write_text
+
+    actuator = found.calibration.actuator
     assumed, doubtful = remarks(recordings)
     shown = found.runs if each == "run" else found.motions
     if table is not None:
@@ -69,8 +84,8 @@ def detect(
     if json:
         print_json(
             {
-                "actuator": calibration.actuator.name,
-                "kind": calibration.actuator.kind,
+                "actuator": actuator.name,
+                "kind": actuator.kind,
                 "each": each,
                 "verdicts": [{**_OF_BALL_SCREWS, **verdict.as_dict()} for verdict in shown],
                 "report": None if report is None else str(report),

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from ematwin.estimation.identify import Identification
     from ematwin.models.parameter_set import ParameterSet
     from ematwin.monitoring.calibration import Calibration
-    from ematwin.monitoring.detect import Detection
     from ematwin.recordings.gaps import Policy
 
 
@@ -93,7 +92,9 @@ def identify(
             split=calibration is not None, progress=progress,
         )  # fmt: skip
     if calibration is not None and len(recordings) > 1:
-        _judge_all(detect(recordings, calibration), report, json)
+        from ematwin.cli.detect import answer
+
+        answer(detect(recordings, calibration), recordings, "motion", None, report, json)
         return
     recording = recordings[0]
     with search_bar(not json) as progress_of_search:
@@ -116,11 +117,11 @@ def identify(
 
         write_text(report, identification_page(found, recording, judged))
     if json:
-        answer = {**found.as_dict(), "report": None if report is None else str(report)}
+        told = {**found.as_dict(), "report": None if report is None else str(report)}
         if judged is not None:
             verdicts = [verdict.as_dict() for verdict in judged.motions]
-            answer |= {"each": "motion", "verdicts": verdicts}
-        print_json(answer)
+            told |= {"each": "motion", "verdicts": verdicts}
+        print_json(told)
         return
     print_findings(found)
     if judged is not None:
@@ -132,30 +133,6 @@ def identify(
             f"Not calibrated: values are relative to the parameters of {found.actuator.name}. "
             "ematwin calibrate learns those of your actuator from healthy recordings."
         )
-    if report is not None:
-        typer.echo(f"wrote {report}")
-
-
-def _judge_all(judged: "Detection", report: Path | None, json: bool) -> None:
-    """A table of many motions: a verdict on each against the healthy population."""
-    if report is not None:
-        from ematwin.files import write_text
-        from ematwin.report.detection import detection_page
-
-        write_text(report, detection_page(judged))
-    if json:
-        print_json(
-            {
-                "actuator": judged.calibration.actuator.name,
-                "each": "motion",
-                "verdicts": [verdict.as_dict() for verdict in judged.motions],
-                "report": None if report is None else str(report),
-            }
-        )
-        return
-    from ematwin.cli.detect import print_verdicts
-
-    print_verdicts(judged, "motion")
     if report is not None:
         typer.echo(f"wrote {report}")
 

@@ -60,7 +60,7 @@ def simulate(
     """Simulate an actuator with any mix of its faults."""
     from ematwin.errors import InputError
     from ematwin.files import check_target, write_text
-    from ematwin.models.reading import write
+    from ematwin.models.reading import WRITTEN, write
     from ematwin.models.registry import load_actuator, model_of
     from ematwin.models.simulating import simulate as run
     from ematwin.models.unknown import table_of
@@ -72,7 +72,7 @@ def simulate(
     asked = kind.load_scenario(scenario)
     sensor = None if noise is None else Noise.parse(noise)
     if out is not None:
-        check_target(out, (".parquet", ".csv"))
+        check_target(out, WRITTEN)
         for source in (scenario or "", actuator):
             if Path(source).is_file() and out.exists() and out.samefile(source):
                 raise InputError(f"--out {out} would overwrite its own input. Give another name.")

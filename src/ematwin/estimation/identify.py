@@ -12,13 +12,13 @@ import numpy as np
 from ematwin.estimation.covariance import covariance
 from ematwin.estimation.estimate import Estimate
 from ematwin.estimation.interrupt import noting_interrupts
-from ematwin.estimation.problem import Problem, unknowns_of
+from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found, Search, named
 from ematwin.estimation.significance import present
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.reading import read
-from ematwin.models.registry import DEFAULT_KIND, load_actuator, model_of
+from ematwin.models.registry import load_actuator, model_of
 from ematwin.models.unknown import PhysicalValue, table_of
 from ematwin.optimizers.base import Optimizer
 from ematwin.optimizers.minimize import ITERATIONS, POPULATION
@@ -196,17 +196,11 @@ def identify(
     InputError
         If an argument cannot be used.
     """
-    chosen = load_actuator(
-        model_of(DEFAULT_KIND).parameters.default if actuator is None else actuator
-    )
+    chosen = load_actuator(actuator)
     model = model_of(chosen)
     recording = record if isinstance(record, Recording) else read(record, actuator=chosen)
-    free, fixed = unknowns_of(model, chosen, only, held)
     warnings = [*recording.provenance.get("warnings", []), *model.check(recording, chosen)]
-    comparison = model.compare(recording, chosen, threads=threads)
-    problem = Problem(
-        [comparison], free, held=fixed, start=fixed, starts=model.starts(chosen, recording)
-    )
+    problem = Problem.of(recording, chosen, only=only, held=held, threads=threads)
     search: Search = named(
         model.default_search if algorithm is None else algorithm,
         population=population, iterations=iterations, checkpoint=checkpoint,
@@ -218,8 +212,9 @@ def identify(
     spread = covariance(judged, found.point, model.model_error)
     misfit = problem.relative_misfit(found.cost)
     estimate = estimate_of(
-        model, chosen, problem, found.point, spread, misfit, recording, dict(comparison.statistics)
-    )
+        model, chosen, problem, found.point, spread, misfit, recording,
+        dict(problem.comparisons[0].statistics),
+    )  # fmt: skip
     warnings += _doubts(estimate, found, problem)
     return Identification(
         estimate=estimate,

@@ -64,11 +64,11 @@ class Problem:
         self._shared, self._each = shared, each
         self.unknowns: tuple[Unknown, ...] = (
             *shared,
-            *(_renamed(one, f"{one.name}@{n}") for n in range(count) for one in each),
+            *(replace(one, name=f"{one.name}@{n}") for n in range(count) for one in each),
         )
         self.chart = Chart(self.unknowns)
-        held_by = [one for one in self.unknowns if one.spread is not None]
         self._priors = [n for n, one in enumerate(self.unknowns) if one.spread is not None]
+        held_by = [self.unknowns[n] for n in self._priors]
         self._spread = np.array([one.spread for one in held_by], dtype=float)
         self._logarithmic = np.array([one.logarithmic for one in held_by], dtype=bool)
         self._prior_mean = np.array(
@@ -226,19 +226,13 @@ def unknowns_of(
         # nuisances stay free: a load that was not recorded is unknown whatever is searched
         free = [one for one in own if one.name in names or one.role == "nuisance"]
         free += [one for one in wanted if one.role == "nominal"]
-        symptoms = [one.name for one in wanted if one.role == "symptom"]
-        if symptoms:
+        unsearchable = [one.name for one in wanted if one.role == "symptom"]
+        if unsearchable:
             raise InputError(
-                f"{symptoms[0]} is derived from what the twin leaves unexplained and cannot be "
+                f"{unsearchable[0]} is derived from what the twin leaves unexplained and cannot be "
                 "searched; use ematwin detect."
             )
-    searched = {one.name for one in free}
-    symptoms = [one.name for one in model.unknowns(actuator) if one.role == "symptom"]
-    return free, {
-        **{name: v for name, v in values.items() if name not in searched and name not in symptoms},
-        **{place: v for place, v in places.items() if place not in searched},
-    }
-
-
-def _renamed(unknown: Unknown, name: str) -> Unknown:
-    return replace(unknown, name=name)
+    left_out = {one.name for one in free}
+    left_out |= {one.name for one in model.unknowns(actuator) if one.role == "symptom"}
+    fixed = {**values, **places}
+    return free, {name: value for name, value in fixed.items() if name not in left_out}

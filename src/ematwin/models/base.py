@@ -13,7 +13,7 @@ making of one.
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -21,8 +21,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ematwin.errors import InputError, RecordError
+from ematwin.models.comparison import Candidates as Candidates  # authors have it from here
 from ematwin.models.comparison import Comparison, TraceComparison
-from ematwin.models.parameter_set import ParameterSet
+from ematwin.models.parameter_set import ParameterSet, not_searchable
 from ematwin.models.scenario import Scenario, shipped_scenarios
 from ematwin.models.unknown import PhysicalValue, Unknown
 from ematwin.recordings.channel import Channel
@@ -30,9 +31,6 @@ from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
 
 Values = Mapping[str, float]
-Candidates = Mapping[str, np.ndarray]
-"""Values (B,) by name of the unknown; what is not named is healthy or nominal."""
-
 Progress = Callable[[float], None]
 SEVERITY = (0.1, 0.9)
 _FACTOR = 3.0  # a nominal parameter may be so much smaller or larger than its file says
@@ -221,10 +219,7 @@ class Model(ABC):
             if one.name == name:
                 return one
         if name in self.fixed:
-            raise InputError(
-                f"{name} cannot be searched: it is chosen, not measured. Correct it in the "
-                "parameter file."
-            )
+            raise not_searchable(name)
         for place, value, unit, meaning, _ in actuator.parameters():
             if place == name:
                 return self._nominal(actuator, place, value, unit, meaning)
@@ -514,13 +509,4 @@ def no_unknown(name: str, actuator: Any, model: Model) -> InputError:
         f"Unknown fault {name!r}. {hint}The faults are {', '.join(known)}; parameters are named "
         "by their place, such as "
         f"{places[0]}."
-    )
-
-
-def stacked(
-    candidates: Candidates, unknowns: Iterable[Unknown] | Sequence[Unknown], count: int
-) -> np.ndarray:
-    """Values (B, d) of some unknowns, healthy where a candidate does not name them."""
-    return np.column_stack(
-        [np.broadcast_to(candidates.get(one.name, one.healthy), count) for one in unknowns]
     )

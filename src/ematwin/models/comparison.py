@@ -18,6 +18,7 @@ from ematwin.errors import RecordError
 from ematwin.recordings.recording import Recording
 
 Candidates = Mapping[str, np.ndarray]
+"""Values (B,) by name of the unknown; what is not named is healthy or nominal."""
 
 
 class Comparison(ABC):

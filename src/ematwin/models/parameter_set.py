@@ -8,7 +8,7 @@ import hashlib
 import json
 import math
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -16,7 +16,7 @@ from typing import Any, ClassVar, Self
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
 from pydantic.fields import FieldInfo
 
-from ematwin.errors import ParameterError
+from ematwin.errors import InputError, ParameterError
 from ematwin.files import written_whole
 from ematwin.quantities import to_si
 from ematwin.validation import load_toml, one_sentence
@@ -52,6 +52,13 @@ def parameter_file(name_or_path: str | Path, shipped: Mapping[str, Path]) -> Pat
             "or give the path of a TOML file (ending in .toml)."
         )
     return shipped[str(name_or_path)]
+
+
+def not_searchable(place: str) -> InputError:
+    """The error that a parameter is fixed."""
+    return InputError(
+        f"{place} cannot be searched: it is chosen, not measured. Correct it in the parameter file."
+    )
 
 
 class Section(BaseModel):
@@ -207,6 +214,23 @@ class ParameterSet(BaseModel):
         )
         variant.__dict__.pop("fingerprint", None)  # of the values from before
         return variant
+
+    def varied(self, candidates: Mapping[str, Any], fixed: Collection[str] = ()) -> Self:
+        """The variant that candidates ask for by place, (B,) values each; itself if they name none.
+
+        ``fixed`` are places that cannot differ between candidates; what else candidates hold is
+        left alone.
+
+        Raises
+        ------
+        InputError
+            If a fixed parameter is named.
+        """
+        places = {name: values for name, values in candidates.items() if "." in name}
+        for place in fixed:
+            if place in places:
+                raise not_searchable(place)
+        return self.with_arrays(places) if places else self
 
     def value(self, place: str) -> float:
         """The value at a place such as ``motor.resistance``, SI."""

@@ -78,10 +78,10 @@ def shipped_actuators() -> dict[str, Path]:
     }
 
 
-def load_actuator(name_or_path: "str | Path | ParameterSet | Any") -> ParameterSet:
+def load_actuator(name_or_path: "str | Path | ParameterSet | Any | None" = None) -> ParameterSet:
     """An actuator: a shipped set by name, or a TOML file, of whatever kind it says it is.
 
-    What holds an actuator (a calibration) gives that.
+    What holds an actuator (a calibration) gives that; None gives the default brushless one.
 
     Raises
     ------
@@ -90,6 +90,8 @@ def load_actuator(name_or_path: "str | Path | ParameterSet | Any") -> ParameterS
     FileError
         If the file cannot be read.
     """
+    if name_or_path is None:
+        return model_of(DEFAULT_KIND).parameters.load()
     if isinstance(name_or_path, ParameterSet):
         return name_or_path
     held = getattr(name_or_path, "actuator", None)

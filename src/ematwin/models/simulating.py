@@ -8,7 +8,7 @@ import numpy as np
 
 from ematwin.errors import InputError
 from ematwin.models.parameter_set import ParameterSet
-from ematwin.models.registry import DEFAULT_KIND, load_actuator, model_of
+from ematwin.models.registry import load_actuator, model_of
 from ematwin.models.scenario import Scenario
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
@@ -56,9 +56,7 @@ def simulate(
     DivergedError
         If the simulation left the finite numbers.
     """
-    chosen = load_actuator(
-        model_of(DEFAULT_KIND).parameters.default if actuator is None else actuator
-    )
+    chosen = load_actuator(actuator)
     kind = model_of(chosen)
     if model is not None and model not in kind.fidelities:
         raise InputError(

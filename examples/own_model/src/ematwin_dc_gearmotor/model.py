@@ -71,7 +71,7 @@ class DcGearmotorModel(Model):
         from ematwin_dc_gearmotor.step import Constants, traces  # compiles: only when needed
 
         values = {**self.healthy(actuator), **candidates}
-        varied = actuator.with_arrays({k: v for k, v in values.items() if "." in k})
+        varied = actuator.varied(values)
         motor, gear, drive = varied.motor, varied.gear, varied.drive
         dry = motor.friction_torque + gear.friction_torque / gear.ratio
         friction = dry * values["friction"]

@@ -1,12 +1,10 @@
 """The parameters of an actuator as the kernel takes them: on the motor shaft."""
 
 import math
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from ematwin.errors import InputError
 from ematwin.models.ball_screw.parameters import BallScrew
 
 # These set the grid of steps, which a batch shares: they cannot differ between candidates.
@@ -60,21 +58,3 @@ def constants_table(actuator: BallScrew) -> np.ndarray:
         return np.array([constants], dtype=float)
     count = max(np.size(value) for value in constants)
     return np.column_stack([np.broadcast_to(value, count) for value in constants])
-
-
-def varied(actuator: BallScrew, candidates: Mapping[str, Any]) -> BallScrew:
-    """The actuator with an array (B,) at each place that candidates name, ``section.name``.
-
-    Raises
-    ------
-    InputError
-        If a parameter cannot differ between candidates.
-    """
-    places = {name: values for name, values in candidates.items() if "." in name}
-    for place in FIXED:
-        if place in places:
-            raise InputError(
-                f"{place} cannot be searched: it is a setting, not measured. Correct it in the "
-                "parameter file."
-            )
-    return actuator.with_arrays(places) if places else actuator

@@ -10,7 +10,8 @@ from ematwin.models.ball_screw.channels import CHANNELS, check_spans
 from ematwin.models.ball_screw.constants import FIXED
 from ematwin.models.ball_screw.parameters import BallScrew
 from ematwin.models.ball_screw.unknowns import unknowns
-from ematwin.models.base import Candidates, Model, Progress, Reported, Signal, Statistic, Values
+from ematwin.models.base import Model, Progress, Reported, Signal, Statistic, Values
+from ematwin.models.comparison import Candidates
 from ematwin.models.scenario import Scenario
 from ematwin.models.unknown import Unknown
 from ematwin.recordings.channel import Channel

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ematwin.errors import RecordError
-from ematwin.models.ball_screw.constants import constants_table, varied
+from ematwin.models.ball_screw.constants import FIXED, constants_table
 from ematwin.models.ball_screw.parameters import BallScrew
 
 MAGNITUDES = ("friction", "backlash", "gain", "load", "initial_error")
@@ -46,7 +46,7 @@ def candidate_traces(
 
     What is not named is healthy; the healthy backlash is that of the candidate's own actuator.
     """
-    own = varied(actuator, candidates)
+    own = actuator.varied(candidates, FIXED)
     healthy = {"friction": 1.0, "backlash": own.screw.backlash, "gain": 1.0}
     magnitudes = np.empty((count, len(MAGNITUDES)))
     for n, name in enumerate(MAGNITUDES):

@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.errors import InputError
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.state import Constants
 from ematwin.models.bldc.unknowns import FIXED
@@ -55,14 +54,7 @@ def constants_by_candidate(
     ``candidates`` name parameters by their place, such as ``motor.resistance``, each with (B,)
     values; what else it holds is left alone.
     """
-    places = {name: values for name, values in candidates.items() if "." in name}
-    if not places:
+    own = actuator.varied(candidates, FIXED)
+    if own is actuator:
         return None
-    for place in places:
-        if place in FIXED:
-            raise InputError(
-                f"{place} cannot be searched: it is counted or chosen, not measured. Correct it in "
-                "the parameter file."
-            )
-    varied = kernel_constants(actuator.with_arrays(places))
-    return np.column_stack([np.broadcast_to(value, count) for value in varied])
+    return np.column_stack([np.broadcast_to(value, count) for value in kernel_constants(own)])

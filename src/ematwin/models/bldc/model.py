@@ -5,7 +5,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ematwin.errors import InputError
-from ematwin.models.base import Candidates, Model, Progress, Reported, Signal, Values
+from ematwin.models.base import Model, Progress, Reported, Signal, Values
 from ematwin.models.bldc.channels import CHANNELS, PHASES
 from ematwin.models.bldc.faults import (
     PAPER_CASES,
@@ -15,6 +15,7 @@ from ematwin.models.bldc.faults import (
 )
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.unknowns import FAULTS, FIXED, UNKNOWNS
+from ematwin.models.comparison import Candidates
 from ematwin.models.scenario import Scenario
 from ematwin.models.unknown import PhysicalValue, Unknown
 from ematwin.recordings.channel import Channel
