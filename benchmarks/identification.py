@@ -58,7 +58,7 @@ def near_stall(count: int, seed: int) -> list[Faults]:
 def one_run(case: str, injected: Faults, algorithm: str, seed: int, noise: Noise | None) -> Run:
     """Simulate, identify, compare."""
     record = simulate("reference", faults=injected, noise=noise, seed=seed)
-    found = identify(record, algorithm=algorithm, seed=seed, threads=1)
+    found = identify(record, algorithm=algorithm, seed=seed, threads=1, exact=True)
     errors = [found.standard_error[name] for name in FAULTS]
     return {
         "case": case,

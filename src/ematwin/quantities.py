@@ -12,6 +12,7 @@ _ANGULAR = re.compile(r"rad|deg|°|turn|rpm|rev|arcmin|arcsec|gon|cycle", re.IGN
 _ANGLES = {"rad", "rad/s"}
 _NO_ANGLES = {"", "Hz", "s"}
 _NEWTON_METRE = re.compile(r"\b([kmu\N{MICRO SIGN}]?)Nm\b")  # nautical mile to pint
+LARGEST_SHARE = 2.0  # of a tolerance: up to three times too small or too large
 
 
 @cache
@@ -67,3 +68,35 @@ def parse_quantity(text: str, si_unit: str, what: str) -> float:
     if not math.isfinite(value):
         raise ParameterError(f"{what} must be a finite number, received {text!r}. Correct it.")
     return to_si(value, unit.strip() or si_unit, si_unit, what)
+
+
+def parse_share(given: object, what: str) -> float:
+    """A tolerance such as ``"5 %"`` or ``0.05``, as a share above 0 and at most `LARGEST_SHARE`.
+
+    Raises
+    ------
+    ParameterError
+        If it is anything else, a text without a per cent sign among it.
+    """
+    share: float = math.nan
+    if isinstance(given, str):
+        head, sign, tail = given.strip().partition("%")
+        if sign and not tail:
+            try:
+                share = float(head) / 100.0
+            except ValueError:
+                share = math.nan
+    elif isinstance(given, int | float) and not isinstance(given, bool):
+        share = given
+    if not 0.0 < share <= LARGEST_SHARE:
+        raise ParameterError(
+            f"{what} must be above 0 % and at most {100.0 * LARGEST_SHARE:g} %, such as "
+            f'"5 %" or 0.05, received {given!r}; correct it.'
+        )
+    return float(share)
+
+
+def as_percent(share: float) -> str | float:
+    """A share as people write it, ``"5 %"``; the bare number where that would round it."""
+    text = f"{100.0 * share:.12g} %"
+    return text if parse_share(text, "it") == share else share

@@ -1,12 +1,17 @@
 """From a TOML file to checked values, and from pydantic's findings to one sentence."""
 
+import difflib
 import tomllib
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
 from ematwin.errors import FileError, ParameterError
+
+_LISTED = 12  # problems of a file that one message lists; more would hide the first ones
+_SHOWN = 160  # characters of what was received
 
 
 def load_toml(path: Path, kind: str) -> dict[str, Any]:
@@ -33,19 +38,38 @@ def load_toml(path: Path, kind: str) -> dict[str, Any]:
 
 def one_sentence(error: ValidationError, what: str) -> ParameterError:
     """The first finding of a validation, as a sentence for people."""
-    # a misspelt name comes with the complaint that the right one is missing: the cause first
-    findings = sorted(error.errors(), key=lambda one: one["type"] != "extra_forbidden")
-    finding = findings[0]
-    places = [str(part) for part in finding["loc"]]
-    more = len(findings) - 1
+    found = findings(error, what)
+    more = len(found) - 1
     tail = f" There {'is' if more == 1 else 'are'} {more} more to correct." if more else ""
+    return ParameterError(f"{what}: {found[0][1]}{tail}")
+
+
+def all_at_once(sentences: Sequence[str], what: str) -> ParameterError:
+    """Everything that is wrong with a file, in one message; a single problem as it is."""
+    if len(sentences) == 1:
+        return ParameterError(f"{what}: {sentences[0]}")
+    listed = " ".join(f"({n}) {text}" for n, text in enumerate(sentences[:_LISTED], start=1))
+    more = len(sentences) - _LISTED
+    tail = f" And {more} more." if more > 0 else ""
+    return ParameterError(f"{what} needs {len(sentences)} corrections: {listed}{tail}")
+
+
+def findings(error: ValidationError, what: str) -> list[tuple[str, str]]:
+    """Place and sentence of each finding of a validation; misspelt names first."""
+    # a misspelt name comes with the complaint that the right one is missing: the cause first
+    ordered = sorted(error.errors(), key=lambda one: one["type"] != "extra_forbidden")
+    return [_finding(one, what) for one in ordered]
+
+
+def _finding(finding: Any, what: str) -> tuple[str, str]:
+    places = [str(part) for part in finding["loc"]]
     kind = finding["type"]
     cause = finding.get("ctx", {}).get("error")
     if isinstance(cause, ParameterError):
         places = places[:-1]  # the last one is the kind of the part, which the cause names
     place = ".".join(places)
     if kind == "extra_forbidden":
-        text = f"{place} is not a name that {what} knows; remove it or correct its spelling"
+        text = unknown_name(place, what)
     elif kind == "missing":
         text = f"{place} is missing; add it"
     elif kind == "value_error":
@@ -56,8 +80,33 @@ def one_sentence(error: ValidationError, what: str) -> ParameterError:
         known = finding["ctx"]["expected_tags"]
         text = f"{place} has the type {finding['ctx']['tag']!r}; choose one of {known}"
     elif kind in {"model_type", "model_attributes_type", "dict_type"}:
-        text = f"{place} must be a table, received {finding['input']!r}; correct it"
+        text = f"{place} must be a table, received {shortened(finding['input'])}; correct it"
     else:
         message = finding["msg"].replace("Input should be", "must be")
         text = f"{place} {message}, received {finding['input']!r}; correct it"
-    return ParameterError(f"{what}: {text.rstrip('.')}.{tail}")
+    return place, f"{text.rstrip('.')}."
+
+
+def shortened(received: object) -> str:
+    """What was received, as Python writes it; cut where it is longer than a line or two."""
+    text = repr(received)
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."
+
+
+def unknown_name(place: str, what: str, meant: str = "") -> str:
+    """The sentence on a name that is none; ``meant`` is the one that it probably stands for."""
+    advice = f"correct its spelling to {meant}" if meant else "remove it or correct its spelling"
+    return f"{place} is not a name that {what} knows; {advice}."
+
+
+def misspelt(given: Iterable[str], known: Iterable[str]) -> dict[str, str]:
+    """Unknown names and the known one that each is closest to, among those that are not given."""
+    given, known = list(given), list(known)
+    absent = [name for name in known if name not in given]
+    found = {}
+    for name in given:
+        close = [] if name in known else difflib.get_close_matches(name, absent, n=1)
+        if close:
+            found[name] = close[0]
+            absent.remove(close[0])
+    return found

@@ -2,9 +2,13 @@
 
 import json
 import math
+import re
+import tomllib
+
+import pytest
 
 from ematwin import BldcActuator
-from ematwin.models.registry import shipped_actuators
+from ematwin.models.registry import load_actuator, shipped_actuators
 from ematwin.models.scenario import shipped_scenarios
 
 
@@ -20,9 +24,11 @@ def test_one_set_is_shown_with_the_unit_and_source_of_every_value(ematwin):
     told = json.loads(ematwin("actuators", "servo48", "--json").out)
     rows = {place: row for place, *row in BldcActuator.load("servo48").parameters()}
     assert told["parameters"].keys() == rows.keys()
+    actuator = BldcActuator.load("servo48")
     for place, (value, unit, meaning, source) in rows.items():
         assert told["parameters"][place] == {
-            "value": value, "unit": unit, "meaning": meaning, "source": source
+            "value": value, "unit": unit, "meaning": meaning, "source": source,
+            "tolerance": actuator.tolerance(place), "drift": actuator.drift(place),
         }  # fmt: skip
         (line,) = [line for line in text.splitlines() if line.startswith(f"{place} ")]
         assert meaning in line
@@ -56,12 +62,72 @@ def test_faults_and_channels_of_a_kind_are_shown(ematwin):
     assert "motor shaft angle" in text
 
 
-def test_a_shipped_set_is_copied_to_be_made_ones_own(ematwin, tmp_path):
-    answer = ematwin("actuators", "servo48", "--out", "mine.toml")
+def test_the_tolerance_of_each_parameter_is_shown(ematwin, tmp_path):
+    def shown(name: str) -> dict[str, str]:
+        return dict(re.findall(r"^(\w+\.\w+) .*?±([\d.]+ %)", ematwin("actuators", name).out, re.M))
+
+    usual = shown("servo48")
+    assert usual["motor.resistance"] == "10 %"
+    assert usual["motor.viscous_damping"] == "100 %"
+    assert "motor.pole_pairs" not in usual
+    known = BldcActuator.load("servo48").with_tolerances({"motor.resistance": "2.5 %"})
+    known.save(tmp_path / "known.toml")
+    assert shown("known.toml") == {**usual, "motor.resistance": "2.5 %"}
+
+
+@pytest.mark.parametrize("name", ["servo48", "rm1605"])
+def test_a_template_is_written_to_be_made_ones_own(ematwin, tmp_path, name):
+    answer = ematwin("actuators", name, "--out", "mine.toml")
     assert (answer.code, answer.err) == (0, "")
-    mine = BldcActuator.load(tmp_path / "mine.toml")
-    assert mine.fingerprint == BldcActuator.load("servo48").fingerprint
-    assert list(mine.parameters()) == list(BldcActuator.load("servo48").parameters())
+    assert answer.out.endswith("wrote mine.toml\n")
+    mine, shipped = load_actuator(tmp_path / "mine.toml"), load_actuator(name)
+    assert mine == shipped
+    assert list(mine.parameters()) == list(shipped.parameters())
+    text = (tmp_path / "mine.toml").read_text(encoding="utf-8")
+    for _, _, _, meaning, _ in mine.parameters():
+        assert f"# {meaning}" in text
+    # in the units of the shipped file, which people edit more easily
+    content = tomllib.loads(text)
+    before = tomllib.loads(shipped_actuators()[name].read_text(encoding="utf-8"))
+    assert {**content, "kind": before.get("kind", "bldc")} == {"kind": "bldc", **before}
+
+
+def test_a_template_of_a_file_keeps_its_tolerances_and_may_replace_it(ematwin, tmp_path):
+    known = BldcActuator.load("servo48").with_tolerances({"motor.resistance": "2 %"})
+    known.save(tmp_path / "mine.toml")
+    told = json.loads(ematwin("actuators", "mine.toml", "--out", "mine.toml", "--json").out)
+    assert told["out"] == "mine.toml"
+    assert told["parameters"]["motor.resistance"]["tolerance"] == 0.02
+    text = (tmp_path / "mine.toml").read_text(encoding="utf-8")
+    assert "# resistance, phase to phase; tolerance 2 %; drift 35 %\n" in text
+    assert BldcActuator.load(tmp_path / "mine.toml") == known
+
+
+def test_a_template_that_cannot_be_written_is_refused(ematwin, tmp_path):
     refused = ematwin("actuators", "--out", "mine.toml")
     assert refused.code == 2
     assert "needs the name of an actuator" in refused.err
+    for target, said in (
+        ("mine.txt", "end its name in .toml"), ("none/mine.toml", "is missing or read-only"),
+    ):  # fmt: skip
+        refused = ematwin("actuators", "servo48", "--out", target)
+        assert refused.code == 2
+        assert said in refused.err
+        assert refused.out == ""
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_all_that_is_wrong_with_a_file_is_said_at_once(ematwin, tmp_path):
+    text = shipped_actuators()["servo48"].read_text(encoding="utf-8")
+    for old, new in (
+        ('unit = "ohm"', 'unit = "V"'), ("inertia = {", "inertja = {"),
+        ("ratio = { value = 500", 'ratio = { tolerance = "300 %", value = "many"'),
+    ):  # fmt: skip
+        text = text.replace(old, new, 1)
+    (tmp_path / "bad.toml").write_text(text, encoding="utf-8")
+    refused = ematwin("actuators", "bad.toml")
+    assert refused.code == 2
+    assert "bad.toml needs 4 corrections: (1) motor.inertja is not a name" in refused.err
+    for said in ("motor.resistance must have a unit", "transmission.ratio must be a number",
+                 "transmission.ratio is chosen or counted"):  # fmt: skip
+        assert said in refused.err

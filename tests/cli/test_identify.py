@@ -50,22 +50,24 @@ def test_answer_for_programs_holds_faults_and_how_they_were_found(ematwin, folde
 
 
 def test_table_for_people_names_value_and_healthy_value(ematwin, folder: Path) -> None:
-    answer = ematwin("identify", "rec.parquet", "--only", "friction,backlash")
+    answer = ematwin("identify", "rec.parquet", "--only", "friction,backlash", "--exact")
     assert answer.code == 0, answer.err
-    row = next(line for line in answer.out.splitlines() if "friction" in line)
+    said = r"Friction \+60 % \(0\.048 N m, .* to .*\); Backlash .*: faults\. All else healthy\."
+    assert re.match(said, answer.out)
+    row = next(line for line in answer.out.splitlines() if "│ friction" in line)
     assert "0.04" in row
-    assert "0.03 N m" in row
+    assert "0.03 " in row
     assert "held" in answer.out
     assert "simulations in" in answer.out
 
 
 def test_report_opens_in_a_browser_and_loads_nothing(ematwin, folder: Path) -> None:
-    answer = ematwin("identify", "rec.parquet", "--report", "out.html")
+    answer = ematwin("identify", "rec.parquet", "--report", "out.html", "--exact")
     assert answer.code == 0, answer.err
     page = folder / "out.html"
     document, log = browse(page, folder)
     assert document.count("main-svg") >= 3  # each figure was drawn
-    assert "Found: friction" in document
+    assert "Friction +60 %" in document
     assert "CONSOLE" not in log, [line for line in log.splitlines() if "CONSOLE" in line]
     text = page.read_text(encoding="utf-8")
     assert not re.search(r"<(script|link|img|iframe)[^>]*(src|href)\s*=\s*[\"']?http", text)
@@ -75,8 +77,15 @@ def test_demo_runs_the_whole_path(ematwin, tmp_path: Path) -> None:
     answer = ematwin("demo", "--json")
     assert answer.code == 0, answer.err
     told = json.loads(answer.out)
-    assert told["error_percent"] < 0.5
-    for name in ("record.parquet", "simulated.html", "report.html"):
+    assert told["verdict"]["grade"] == "fault"
+    assert told["verdict"]["faults"] == ["friction", "short_b"]
+    for name in ("friction", "short_a", "short_b", "short_c", "backlash", "gain"):
+        low, high = told["intervals"][name]
+        assert low <= told["injected"][name] <= high, name
+    without = told["uncalibrated"]
+    assert without["verdict"]["faults"] != ["friction", "short_b"]
+    assert without["intervals"]["friction"][1] - without["intervals"]["friction"][0] > 0.1
+    for name in ("today.parquet", "calibrated.toml", "simulated.html", "report.html"):
         assert (tmp_path / "ematwin-demo" / name).stat().st_size > 1000
 
 
@@ -264,7 +273,7 @@ def test_every_kind_answers_without_calibration_and_says_so(
     ematwin("simulate", "--actuator", kind, "--seed", "1", "--out", "rec.csv")
     answer = ematwin("identify", "rec.csv", "--actuator", kind, "--report", "out.html")
     assert answer.code == 0, answer.err
-    assert "Not calibrated: values are relative to the parameters" in answer.out
+    assert f"Not calibrated: {kind} is known as far as its tolerances go" in answer.out
     found = json.loads(ematwin("identify", "rec.csv", "--actuator", kind, "--json").out)
     assert found["kind"] == {"servo48": "bldc", "rm1605": "ball-screw"}[kind]
     assert found["present"] == []

@@ -115,6 +115,17 @@ def test_calibrate_tells_people_the_same_and_learns_known_faults(ematwin, files)
     assert named[:2] == [("no grease", "signature")] * 2
 
 
+def test_later_healthy_runs_are_added_from_the_shell(ematwin, files):
+    ematwin_module.write(healthy_runs(1, first=20), files / "spring.csv")
+    answer = ematwin("calibrate", "spring.csv", "--add", "rig.toml", "--out", "more.toml")
+    assert answer.code == 0, answer.err
+    assert "learnt from runs 1, 2, 3, 4, 5, 6, 7, 20; each judged by the others" in answer.out
+    assert "wrote more.toml" in answer.out
+    answer = ematwin("detect", "later.parquet", "--actuator", "more.toml", "--json")
+    assert answer.code == 0, answer.err
+    assert [v["fault"] for v in json.loads(answer.out)["verdicts"]][:2] == ["lubrication"] * 2
+
+
 def test_what_calibrate_wrote_serves_as_the_next_template(files):
     found = BallScrew.load(files / "rig.toml")
     assert found.name == "rig"
@@ -132,8 +143,12 @@ def test_detect_tells_programs_value_interval_alarm_and_name(ematwin, files):
     assert told["each"] == "run"
     found = {}
     for verdict in told["verdicts"]:
-        assert verdict["alarm"] == (verdict["index"] > verdict["threshold"])
+        over = verdict["index"] > verdict["threshold"]
+        assert verdict["grade"] in ("healthy", "changed", "fault")
+        assert (verdict["grade"] == "healthy") == (not over)  # no fault was taught
         assert verdict["alarm"] == (verdict["fault"] is not None)
+        assert verdict["faults"] == ([verdict["fault"]] if verdict["grade"] == "fault" else [])
+        assert verdict["reason"].endswith(".")
         found.setdefault(verdict["labels"]["condition"], []).append(verdict)
         assert isinstance(verdict["load_N"], float)
         assert isinstance(verdict["sensor_coupling"], float)
@@ -192,6 +207,8 @@ def test_detect_writes_all_verdicts_as_a_table(ematwin, files):
         < float(rows[0]["friction_high"])
     )
     assert {"backlash_mm", "load_N", "sensor_coupling"} <= set(rows[0])
+    assert [row["grade"] for row in rows][:2] == ["fault", "fault"]
+    assert all(row["reason"] for row in rows)
     stored = pq.read_table(files / "verdicts.parquet").to_pylist()
     assert [str(row["index"]) for row in stored] == [row["index"] for row in rows]
 
@@ -309,7 +326,7 @@ CASES = [
      "no label 'state'; it has condition, weight, run"),
     (["calibrate", "bench.csv", "--where", "condition=wet", "--out", "x.toml"],
      "None of the 34 motions has condition = wet"),
-    (["calibrate", "bench.csv", "--where", "run=1,2", "--out", "x.toml"],
+    (["calibrate", "bench.csv", "--where", "run=1,2", "--hold-back", "1", "--out", "x.toml"],
      "at least three healthy runs"),
     (["calibrate", "bench.csv", "--where", "condition", "--out", "x.toml"], "--where needs"),
     (["calibrate", "bench.csv", "--where", "run=1,2,3", "--hold-back", "2", "--out", "x.toml"],
@@ -329,6 +346,12 @@ CASES = [
      "It has the channels of the kind ball-screw"),
     (["calibrate", "bench.csv"], "--out"),
     (["calibrate", "rotary.csv", "--out", "x.toml"], "It has the channels of the kind bldc"),
+    (["calibrate", "bench.csv", "--where", "condition=normal", "--add", "rig.toml",
+      "--out", "x.toml"], "is among the healthy runs already"),
+    (["calibrate", "bench.csv", "--where", "condition=dry", "--add", "rig.toml", "--out", "x.toml"],
+     "is no healthy run by the calibration that it is to join"),
+    (["calibrate", "bench.csv", "--add", "rm1605.toml", "--out", "x.toml"],
+     "no calibration; make one with"),
     # detect
     (["detect", "later.parquet", "--actuator", "rm1605.toml"], "no calibration; make one with"),
     (["detect", "later.parquet", "--actuator", "rm1605"], "rm1605"),

@@ -91,7 +91,7 @@ def test_actuators_and_scenarios_list_what_the_package_ships(shell):
 
 def test_a_recording_is_simulated_and_its_fault_identified(shell, recorded, tmp_path):
     recorded("worn.parquet", 1, friction=1.6, backlash=2.0)
-    told = json.loads(shell("identify", "worn.parquet", "--actuator", "dcg25", "--json"))
+    told = json.loads(shell("identify", "worn.parquet", "--actuator", "dcg25", "--json", "--exact"))
     assert told["kind"] == "dc-gearmotor"
     assert told["faults"]["friction"] == pytest.approx(1.6, rel=0.02)
     assert told["faults"]["backlash"] == pytest.approx(2.0, rel=0.02)

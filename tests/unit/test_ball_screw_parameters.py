@@ -139,6 +139,19 @@ def test_every_nominal_parameter_is_a_parameter():
         assert place in places
 
 
+def test_tolerances_are_two_standard_deviations_of_what_a_template_may_be_off():
+    """Those of the priors of calibration; nothing else has one, and what is exact is fixed."""
+    actuator = BallScrew.load()
+    for place, *_ in actuator.parameters():
+        factor = MODEL.nominal.get(place)
+        usual = None if factor is None else pytest.approx(min(factor**2 - 1.0, 2.0))
+        assert actuator.tolerance(place) == usual, place
+        assert actuator.drift(place) is None
+    for place in MODEL.fixed:
+        with pytest.raises(ParameterError, match="leave its tolerance out"):
+            actuator.with_tolerances({place: 0.1})
+
+
 # Scenarios
 
 
@@ -336,6 +349,14 @@ def test_a_calibration_is_an_actuator_too(tmp_path, calibration):
     assert sources["screw.friction_force"] == "calibrated on runs 1, 2"
     assert sources["screw.lead"] == "RM1605: 16 mm diameter, 5 mm lead"
     assert actuator.fingerprint == calibration.actuator.fingerprint
+
+
+def test_a_calibration_keeps_the_tolerances_of_its_actuator(tmp_path, calibration):
+    path = tmp_path / "mine.toml"
+    known = calibration.actuator.with_tolerances({"screw.lead": "0.5 %"})
+    Calibration(**{**vars(calibration), "actuator": known}).save(path, {})
+    assert Calibration.load(path).actuator.tolerance("screw.lead") == 0.005
+    assert load_actuator(path).tolerance("screw.lead") == 0.005
 
 
 def test_a_calibration_that_cannot_be_written_leaves_the_old_one(tmp_path, calibration):

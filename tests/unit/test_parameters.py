@@ -1,5 +1,6 @@
 """Parameter files: each value with unit and source, in SI inside, impossible ones refused."""
 
+import pickle
 import re
 import tomllib
 from pathlib import Path
@@ -9,7 +10,8 @@ import pytest
 from ematwin.errors import FileError, ParameterError
 from ematwin.models.bldc.constants import kernel_constants
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.models.parameter_set import Section
+from ematwin.models.bldc.unknowns import FIXED
+from ematwin.models.parameter_set import Section, quantity
 
 SHIPPED = BldcActuator.shipped()["servo48"].read_text(encoding="utf-8")
 
@@ -240,3 +242,279 @@ def test_kernels_get_phase_values_on_the_motor_shaft():
     assert c.travel_high == pytest.approx(actuator.transmission.travel_high * 500)
     assert c.c_opposing == pytest.approx(1 / 0.9 - 1)
     assert c.c_aiding == pytest.approx(1 - 0.85)
+
+
+# Tolerances and drift
+
+
+def test_a_tolerance_is_that_of_the_kind_unless_the_file_states_one(tmp_path):
+    assert BldcActuator.load().tolerance("motor.resistance") == 0.1
+    for written in ("5 %", "5%", " 5.0 % ", 0.05):
+        path = edited(tmp_path, "motor.resistance", tolerance=written)
+        actuator = BldcActuator.load(path)
+        assert actuator.tolerance("motor.resistance") == pytest.approx(0.05)
+        assert actuator.tolerance("motor.inductance") == 0.3
+        assert actuator.drift("motor.resistance") == 0.35
+    one_of_none = BldcActuator.load(edited(tmp_path, "drive.diode_drop", tolerance="200 %"))
+    assert one_of_none.tolerance("drive.diode_drop") == 2.0
+    assert one_of_none.drift("drive.diode_drop") is None
+    assert BldcActuator.load().tolerance("drive.diode_drop") is None
+
+
+def test_only_what_can_be_searched_has_a_tolerance_or_drifts():
+    actuator = BldcActuator.load()
+    for place in FIXED:
+        assert actuator.tolerance(place) is None
+        assert actuator.drift(place) is None
+        with pytest.raises(ParameterError, match=rf"{place} is chosen or counted"):
+            actuator.with_tolerances({place: "5 %"})
+
+
+@pytest.mark.parametrize("place", ["motor.resistence", "motor", "moter.resistance", ""])
+def test_the_tolerance_of_no_parameter_is_refused(place):
+    actuator = BldcActuator.load()
+    for ask in (actuator.tolerance, actuator.drift, lambda p: actuator.with_tolerances({p: 0.1})):
+        with pytest.raises(ParameterError, match="is not a parameter of an actuator"):
+            ask(place)
+
+
+@pytest.mark.parametrize(
+    "given",
+    [0, 0.0, -0.05, "0 %", "-5 %", "201 %", 2.01, 5, 10**400, "5 V", "5", "%", "", "much", True,
+     "nan %", float("nan"), float("inf"), "5 % or so"],
+)  # fmt: skip
+def test_an_impossible_tolerance_is_refused(tmp_path, given):
+    text = refusal(edited(tmp_path, "motor.resistance", tolerance=given))
+    assert "The tolerance of motor.resistance must be above 0 % and at most 200 %" in text
+    assert f"received {given!r}; correct it." in text
+    with pytest.raises(ParameterError, match=r"motor\.resistance must be above 0 %"):
+        BldcActuator.load().with_tolerances({"motor.resistance": given})
+
+
+def test_a_variant_with_tolerances_leaves_the_original_alone():
+    actuator = BldcActuator.load()
+    known = actuator.with_tolerances({"motor.resistance": "2 %", "transmission.backlash": 0.2})
+    again = known.with_tolerances({"motor.resistance": 0.03})
+    assert [one.tolerance("motor.resistance") for one in (actuator, known, again)] == [
+        0.1, 0.02, 0.03
+    ]  # fmt: skip
+    assert again.tolerance("transmission.backlash") == 0.2
+    assert known.motor == actuator.motor
+
+
+def test_tolerances_survive_whatever_is_made_of_an_actuator(tmp_path):
+    known = BldcActuator.load().with_tolerances({"motor.resistance": 1 / 3, "motor.inertia": 0.05})
+    known.save(tmp_path / "saved.toml")
+    (tmp_path / "template.toml").write_text(known.template(), encoding="utf-8")
+    made = (
+        known.changed({"motor.resistance": 2.3}),
+        known.model_copy(update={"name": "other"}),
+        known.with_arrays({"motor.resistance": 2.3}),
+        pickle.loads(pickle.dumps(known)),
+        BldcActuator.from_dict(known.as_table()),
+        BldcActuator.load(tmp_path / "saved.toml"),
+        BldcActuator.load(tmp_path / "template.toml"),
+    )
+    for one in made:
+        assert one.tolerance("motor.resistance") == 1 / 3
+        assert one.tolerance("motor.inertia") == 0.05
+        assert one.tolerance("motor.inductance") == 0.3
+    leaves = known.as_table()["motor"]
+    assert leaves["inertia"]["tolerance"] == "5 %"
+    assert "tolerance" not in leaves["inductance"]
+
+
+def test_a_tolerance_is_no_part_of_the_fingerprint():
+    actuator = BldcActuator.load()
+    assert actuator.with_tolerances({"motor.inertia": 0.01}).fingerprint == actuator.fingerprint
+
+
+@pytest.mark.parametrize(
+    ("stated", "said"),
+    [
+        ({"tolerance": 0.0}, "tolerance of the quantity 'mass' must be above 0 %"),
+        ({"drift": 3.0}, "drift of the quantity 'mass' must be above 0 %"),
+        ({"tolerance": 0.1, "exact": True}, "'mass' is exact, received tolerance=0.1"),
+        ({"drift": 0.1, "exact": True}, "'mass' is exact, received tolerance=None"),
+    ],
+)
+def test_a_kind_that_states_an_impossible_tolerance_is_refused(stated, said):
+    with pytest.raises(ParameterError, match=said):
+        quantity("kg", "mass", **stated)
+
+
+# All that is wrong, at once
+
+
+def file_with(tmp_path: Path, *changes: tuple[str, str]) -> Path:
+    """The shipped file with texts replaced, each of them once."""
+    text = SHIPPED
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new, 1)
+    path = tmp_path / "bad.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+WRONG = {
+    "wrong unit": (
+        "resistance = { value = 2.13, unit = \"ohm\"", "resistance = { value = 2.13, unit = \"H\"",
+        "motor.resistance must have a unit of the kind ohm; received 2.13 'H'. Correct the unit.",
+    ),
+    "no source": (
+        'pole_pairs = { value = 2, unit = "", source = "assumed" }',
+        'pole_pairs = { value = 2, unit = "" }',
+        "motor.pole_pairs must be { value = ..., unit = ..., source = ... }, received "
+        "{'value': 2, 'unit': ''}; complete it.",
+    ),
+    "empty source": (
+        'source = "assumed: small low-inertia rotor"', 'source = " "',
+        "motor.inertia must name the source of its value, received ' '; say where it comes from.",
+    ),
+    "bad tolerance": (
+        'supply_voltage = { value = 48, unit = "V",',
+        'supply_voltage = { value = 48, unit = "V", tolerance = "5 V",',
+        "The tolerance of drive.supply_voltage must be above 0 % and at most 200 %, such as "
+        "\"5 %\" or 0.05, received '5 V'; correct it.",
+    ),
+    "no number": (
+        "diode_drop = { value = 0.8", 'diode_drop = { value = "0.8"',
+        "drive.diode_drop must be a number, received '0.8'; correct it.",
+    ),
+    "impossible value": (
+        "current_limit = { value = 22.5", "current_limit = { value = -22.5",
+        "drive.current_limit must be greater than 0, received -22.5; correct it.",
+    ),
+    "missing parameter": (
+        'position_gain = { value = 150, unit = "1/s", source = "design choice: 24 Hz position '
+        'loop" }\n', "", "controller.position_gain is missing; add it.",
+    ),
+    "bare value": (
+        'travel_low = { value = -30, unit = "deg", source = "design choice" }',
+        "travel_low = -30",
+        "transmission.travel_low must be { value = ..., unit = ..., source = ... }, received -30; "
+        "complete it.",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("old", "new", "said"), WRONG.values(), ids=WRONG)
+def test_one_problem_is_one_sentence(tmp_path, old, new, said):
+    path = file_with(tmp_path, (old, new))
+    assert refusal(path) == f"{path}: {said}"
+
+
+def test_all_problems_are_listed_in_the_order_of_the_file(tmp_path):
+    path = file_with(
+        tmp_path, *((old, new) for old, new, _ in reversed(WRONG.values())),
+        ("[steps]", "[steps]\ncolour = 1"), ("ratio = {", "rattio = {"),
+    )  # fmt: skip
+    unknown = (
+        f"transmission.rattio is not a name that {path} knows; correct its spelling to "
+        "transmission.ratio.",
+        f"steps.colour is not a name that {path} knows; remove it or correct its spelling.",
+    )
+    listed = [*unknown, *(said for _, _, said in WRONG.values())]
+    said = " ".join(f"({n}) {text}" for n, text in enumerate(listed, start=1))
+    assert refusal(path) == f"{path} needs 10 corrections: {said}"
+
+
+def test_several_problems_of_one_parameter_are_all_listed(tmp_path):
+    path = edited(
+        tmp_path, "motor.resistance", value=-1, unit="ohm", source="", tolerance=0, colour="red"
+    )
+    text = refusal(path)
+    assert "needs 4 corrections" in text
+    for said in (
+        "motor.resistance.colour is not a name", "must name the source",
+        "The tolerance of motor.resistance", "motor.resistance must be greater than 0, received -1",
+    ):  # fmt: skip
+        assert said in text
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("resistance = {", "resistence = {", ("motor.resistence", "motor.resistance")),
+        ("[controller]", "[controler]", ("controler", "controller")),
+        ('name = "servo48"', 'nmae = "servo48"', ("nmae", "name")),
+        (
+            'resistance = { value = 2.13, unit = "ohm", source',
+            'resistance = { value = 2.13, unit = "ohm", sorce',
+            ("motor.resistance.sorce", "motor.resistance.source"),
+        ),
+    ],
+)
+def test_a_misspelt_name_is_told_with_the_closest_and_what_it_holds_is_still_checked(
+    tmp_path, old, new, said
+):
+    path = file_with(tmp_path, (old, new))
+    wrong, right = said
+    sentence = f"{wrong} is not a name that {path} knows; correct its spelling to {right}."
+    assert refusal(path) == f"{path}: {sentence}"
+    path = file_with(tmp_path, (old, new), ("value = 150", 'value = "150"'))
+    assert refusal(path) == (
+        f"{path} needs 2 corrections: (1) {sentence} (2) controller.position_gain must be a "
+        "number, received '150'; correct it."
+    )
+
+
+def test_a_long_list_is_cut(tmp_path):
+    text = re.sub(r"(?<=unit = )\"[^\"]+\"", '"candela"', SHIPPED)
+    path = tmp_path / "bad.toml"
+    path.write_text(text, encoding="utf-8")
+    count = len(re.findall("candela", text))
+    said = refusal(path)
+    assert f"needs {count} corrections: (1) motor.resistance must have" in said
+    assert "(12) " in said
+    assert "(13) " not in said
+    assert said.endswith(f" And {count - 12} more.")
+
+
+def test_a_file_without_sections_lists_what_is_missing(tmp_path):
+    path = tmp_path / "bad.toml"
+    path.write_text('kind = "bldc"\n[name]\nx = 1\n[drive]\n', encoding="utf-8")
+    said = refusal(path)
+    for place in ("description", "motor", "controller", "transmission", "steps"):
+        assert f" {place} is missing; add it." in said
+    assert "drive.supply_voltage is missing; add it." in said
+    assert "(1) name " in said
+
+
+# Templates
+
+
+@pytest.mark.parametrize("as_written", [True, False])
+def test_a_template_reads_back_as_the_same_actuator(tmp_path, as_written):
+    actuator = BldcActuator.load().model_copy(
+        update={"description": 'with "quotes", \\ and\na line # that is none'}
+    )
+    path = tmp_path / "mine.toml"
+    path.write_text(
+        actuator.template(tomllib.loads(SHIPPED) if as_written else None), encoding="utf-8"
+    )
+    assert BldcActuator.load(path) == actuator
+    unit = tomllib.loads(path.read_text(encoding="utf-8"))["motor"]["inductance"]["unit"]
+    assert unit == ("mH" if as_written else "H")
+
+
+def test_a_template_says_what_each_parameter_means_and_how_far_it_may_be_off():
+    lines = BldcActuator.load().with_tolerances({"motor.inertia": "5 %"}).template().splitlines()
+    entries = [n for n, line in enumerate(lines) if " = { value" in line]
+    rows = list(BldcActuator.load().parameters())
+    assert len(entries) == len(rows)
+    for n, (place, _, _, meaning, _) in zip(entries, rows, strict=True):
+        assert lines[n].startswith(place.split(".")[1])
+        assert lines[n - 1].startswith(f"# {meaning}")
+    comments = {lines[n].split()[0]: lines[n - 1] for n in entries}
+    assert comments["resistance"].endswith("; tolerance 10 %; drift 35 %")
+    assert comments["inertia"].endswith("; tolerance 5 %")
+    assert comments["pole_pairs"] == "# pole pairs"
+
+
+def test_a_value_that_was_changed_is_not_written_as_it_stood_before():
+    changed = BldcActuator.load().changed({"motor.inductance": 1e-3})
+    written = tomllib.loads(changed.template(tomllib.loads(SHIPPED)))["motor"]
+    assert (written["inductance"]["value"], written["inductance"]["unit"]) == (1e-3, "H")
+    assert written["inertia"]["unit"] == "g*cm^2"

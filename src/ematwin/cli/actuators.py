@@ -19,13 +19,14 @@ def actuators(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(help="Copy its parameters to this file (.toml), as a start for your own."),
+        typer.Option(help="Write its parameters to this file (.toml), as a start for your own."),
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Answer as JSON.")] = False,
 ) -> None:
     """List the actuators of all kinds, or show one: parameters, channels, faults."""
     from ematwin.errors import InputError
-    from ematwin.files import check_target
+    from ematwin.files import check_target, write_text
+    from ematwin.models.parameter_set import parameter_table
     from ematwin.models.registry import load_actuator, model_of, shipped_actuators
 
     if name is None:
@@ -43,7 +44,7 @@ def actuators(
     rows = list(actuator.parameters())
     if out is not None:
         check_target(out, (".toml",))
-        actuator.save(out)
+        write_text(out, actuator.template(parameter_table(name, shipped_actuators())))
     if json:
         print_json(
             {
@@ -51,7 +52,10 @@ def actuators(
                 "kind": model.kind,
                 "description": actuator.description,
                 "parameters": {
-                    place: {"value": value, "unit": unit, "meaning": meaning, "source": source}
+                    place: {
+                        "value": value, "unit": unit, "meaning": meaning, "source": source,
+                        "tolerance": actuator.tolerance(place), "drift": actuator.drift(place),
+                    }
                     for place, value, unit, meaning, source in rows
                 },
                 "channels": {
@@ -70,7 +74,13 @@ def actuators(
         return
     typer.echo(f"{actuator.name}: {actuator.description}\nkind {model.kind}: {model.title}\n")
     for place, value, unit, meaning, source in rows:
-        typer.echo(f"{place:<34} {value:>10.4g} {unit:<10} {meaning}  [{source}]")
+        tolerance = actuator.tolerance(place)
+        off = "" if tolerance is None else f"±{100.0 * tolerance:.3g} %"
+        typer.echo(f"{place:<34} {value:>10.4g} {unit:<10} {off:<7} {meaning}  [{source}]")
+    typer.echo(
+        "± tolerance: 95 % of such actuators lie between the value divided by and multiplied with "
+        "1 + tolerance"
+    )
     typer.echo("\nFaults and other unknowns: healthy value and range")
     for unknown in model.unknowns(actuator):
         reach = f"{unknown.lower:.4g} to {unknown.upper:.4g} {unknown.unit}".rstrip()

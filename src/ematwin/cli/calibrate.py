@@ -1,5 +1,6 @@
 """``ematwin calibrate``: healthy recordings in, a calibrated actuator out."""
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,11 +12,15 @@ from ematwin.cli.recordings import choice, known_fault, load, remarks
 
 if TYPE_CHECKING:
     from ematwin.monitoring.calibrate import CalibrationReport
+    from ematwin.monitoring.calibration import Calibration
 
 
 def calibrate(
     records: Annotated[
-        list[Path], typer.Argument(help="Files with healthy recordings, from at least three runs.")
+        list[Path],
+        typer.Argument(
+            help="Files with healthy recordings: one for the twin, three runs for detect as well."
+        ),
     ],
     out: Annotated[Path, typer.Option(help="Where to write the calibrated actuator (.toml).")],
     actuator: Annotated[
@@ -38,12 +43,21 @@ def calibrate(
     ] = None,
     hold_back: Annotated[
         int | None,
-        typer.Option(help="How many of the last runs only set the threshold; 2 of 5 or more."),
+        typer.Option(
+            help="How many of the last runs only set the threshold; else all runs learn and set it."
+        ),
     ] = None,
     false_alarms: Annotated[
         float,
         typer.Option(help="Share of healthy recordings on another day that may raise an alarm."),
     ] = 0.1,
+    add: Annotated[
+        Path | None,
+        typer.Option(
+            help="Calibrated actuator (.toml) whose healthy runs these join, such as runs of a "
+            "later occasion; one run is enough. Actuator and known faults stay as in it."
+        ),
+    ] = None,
     column: Annotated[
         list[str] | None,
         typer.Option(help='Which channel is what, e.g. set_point="Demand [mm]". Repeatable.'),
@@ -54,10 +68,12 @@ def calibrate(
     from ematwin.files import check_target
     from ematwin.models.registry import load_actuator
     from ematwin.monitoring.calibrate import calibrate as run
+    from ematwin.monitoring.calibration import Calibration
     from ematwin.recordings.split import fitting
 
     check_target(out, (".toml",))
-    template = load_actuator(actuator)
+    before = None if add is None else Calibration.load(add)
+    template = load_actuator(actuator) if before is None else before.actuator
     wanted = choice(where or [], "--where")
     taught = [(text, *known_fault(text)) for text in known or []]
     recordings = load(records, column, template, wanted, *(labels for _, _, labels in taught))
@@ -74,6 +90,7 @@ def calibrate(
             known=faults,
             name=out.stem,
             progress=progress,
+            add_to=before,
         )
     report.save(out)
     assumed, doubtful = remarks(recordings)
@@ -90,7 +107,8 @@ def print_calibration(report: "CalibrationReport") -> None:
     """Fitted parameters, spread between runs, and the self-check, for people."""
     from rich.table import Table
 
-    units = {place: unit for place, _, unit, _, _ in report.calibration.actuator.parameters()}
+    actuator = report.actuator
+    units = {place: unit for place, _, unit, _, _ in actuator.parameters()}
     table = Table(title="Parameters", title_justify="left")
     for heading in ("parameter", "value", "standard error", "template", ""):
         table.add_column(heading, justify="left" if heading in {"parameter", ""} else "right")
@@ -103,32 +121,58 @@ def print_calibration(report: "CalibrationReport") -> None:
             f"{p.template:.4g}",
             "" if p.determined else "not determined",
         )
-    print_table(table, 110)
+    if report.parameters:
+        print_table(table, 110)
     missing = [p.place for p in report.parameters if not p.determined]
     if missing:
         typer.echo(
-            f"These recordings do not determine {', '.join(missing)}: they keep the values of the "
-            "template."
+            f"These recordings do not determine {', '.join(missing)}: they stay within the "
+            "tolerances of the template."
         )
-    actuator, model = report.calibration.actuator, report.calibration.model
-    fixed = [place for place in units if place not in model.nominal]
-    typer.echo(f"Not fitted, as in the template: {', '.join(fixed)}.")
-    for one in model.reported(actuator):
+    for group in report.tied:
+        typer.echo(
+            f"Only ratios of {', '.join(group)} are known: the current shows torques over the "
+            "torque constant, and a common factor stays uncertain."
+        )
+    fitted = {p.place for p in report.parameters}
+    fixed = [place for place in units if place not in fitted]
+    if report.parameters:
+        typer.echo(f"Not fitted, as in the template: {', '.join(fixed)}.")
+    baseline = report.baseline
+    if math.isfinite(baseline.misfit):
+        floor = (
+            f" (noise and known errors of the twin: {100.0 * baseline.expected_misfit:.2f} %)"
+            if math.isfinite(baseline.expected_misfit)
+            else ""
+        )
+        typer.echo(
+            f"The twin leaves {100.0 * baseline.misfit:.2f} % of healthy recordings "
+            f"unexplained{floor}."
+        )
+    if report.calibration is not None:
+        _print_population(report, report.calibration)
+    print_notes("Warning", report.notes)
+
+
+def _print_population(report: "CalibrationReport", calibration: "Calibration") -> None:
+    """Spread between runs, thresholds, and known faults."""
+    for one in calibration.model.reported(calibration.actuator):
         within, between = report.run_spread[one.name]
         unit, scale = ("%", 100.0) if one.logarithmic else (one.unit, one.scale)
         typer.echo(
             f"{one.name:<10} scatters by {f'{within * scale:.3g} {unit}'.rstrip()} within a run "
             f"and {f'{between * scale:.3g} {unit}'.rstrip()} between runs"
         )
-    facts = report.calibration.facts
+    facts = calibration.facts
     said = "" if facts["labels"] == "none" else f" with {facts['labels']}"
     typer.echo(f"healthy reference: {facts['motions']} recordings{said}")
-    limits = report.calibration.thresholds
+    limits = calibration.thresholds
+    back = ", ".join(report.held_back)
+    judged = f"held back {back}" if back else "each judged by the others"
     typer.echo(
-        f"learnt from runs {', '.join(report.learnt)}; held back {', '.join(report.held_back)}: "
+        f"learnt from runs {', '.join(report.learnt)}; {judged}: "
         f"{100.0 * report.false_alarms:.0f} % of their recordings above the threshold "
         f"({limits.motion:.2f} for a motion, {limits.run:.2f} for a run of {limits.run_size:.3g})"
     )
-    print_notes("Warning", report.notes)
-    for signature in report.calibration.signatures:
+    for signature in calibration.signatures:
         typer.echo(f"known fault: {signature.fault}, from {signature.source}")

@@ -44,7 +44,11 @@ def detect(
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Answer as JSON.")] = False,
 ) -> None:
-    """Judge recordings against the healthy actuator: value, interval, alarm, name of the fault."""
+    """Judge recordings against the healthy actuator: value, interval, alarm, name of the fault.
+
+    healthy; changed: unlike healthy runs, but like no fault that can be named; fault: named, and an
+    alarm; none: no verdict. A change raises an alarm where it is clearly more than what may drift.
+    """
     from ematwin.files import check_target
     from ematwin.monitoring.calibration import Calibration
     from ematwin.monitoring.detect import detect as run
@@ -106,7 +110,7 @@ def print_verdicts(found: "Detection", each: str) -> None:
     """The table for people, and what there is to say of it."""
     from rich.table import Table
 
-    from ematwin.monitoring.detect import gathered_notes
+    from ematwin.monitoring.detect import counted, gathered_notes, gathered_reasons
 
     shown = found.runs if each == "run" else found.motions
     reported = [m.name for m in shown[0].magnitudes]
@@ -123,14 +127,13 @@ def print_verdicts(found: "Detection", each: str) -> None:
         ]
         table.add_row(
             verdict.name, *cells, *([str(verdict.covariate)] if covariate else []),
-            f"{verdict.index:.2f}", f"{verdict.threshold:.2f}",
-            verdict.fault if verdict.alarm else "healthy",
+            f"{verdict.index:.2f}", f"{verdict.threshold:.2f}", verdict.said,
             style="bold" if verdict.alarm else None,
         )  # fmt: skip
     print_table(table, 200)
     for kind, verdicts in (("runs", found.runs), ("motions", found.motions)):
-        alarms = sum(verdict.alarm for verdict in verdicts)
-        typer.echo(f"{alarms} of {len(verdicts)} {kind} raise an alarm")
+        typer.echo(counted(verdicts, kind))
+    print_notes("Why", gathered_reasons(shown))
     print_notes("Note", gathered_notes(shown))
 
 
@@ -142,6 +145,7 @@ def _write_table(path: Path, verdicts: "tuple[Verdict, ...]") -> None:
         row: dict[str, object] = {"name": verdict.name, **verdict.labels}
         row |= {"motions": verdict.motions, "index": verdict.index, "limit": verdict.threshold}
         row |= {"alarm": verdict.alarm, "fault": verdict.fault, "named_by": verdict.named_by}
+        row |= {"grade": verdict.grade, "reason": verdict.reason}
         for m in verdict.magnitudes:
             key = f"{m.name}_{m.unit}" if m.unit not in ("", "x") else m.name
             row |= {key: m.value, f"{key}_low": m.low, f"{key}_high": m.high}

@@ -1,7 +1,6 @@
 """``ematwin identify``: a recording in, what it says of its actuator out."""
 
-import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, cast
@@ -15,6 +14,7 @@ if TYPE_CHECKING:
     from ematwin.estimation.identify import Identification
     from ematwin.models.parameter_set import ParameterSet
     from ematwin.monitoring.calibration import Calibration
+    from ematwin.monitoring.detect import Detection
     from ematwin.recordings.gaps import Policy
 
 
@@ -67,6 +67,21 @@ def identify(
     gaps: Annotated[
         str, typer.Option(help="Holes in the record: refuse, longest or mask.")
     ] = "refuse",
+    load: Annotated[
+        str | None,
+        typer.Option(
+            help='The constant load of a record that does not hold it, e.g. "10 N*m"; 0 if there '
+            "was none."
+        ),
+    ] = None,
+    exact: Annotated[
+        bool,
+        typer.Option(
+            "--exact",
+            help="The parameters are exactly those of the actuator, as in a simulation: no "
+            "tolerances count.",
+        ),
+    ] = False,
     checkpoint: Annotated[
         Path | None, typer.Option(help="Keep a population method's state here; resume from it.")
     ] = None,
@@ -78,6 +93,7 @@ def identify(
     """Find the faults with which the digital twin behaves like the recorded actuator."""
     from ematwin.cli.channels import map_of
     from ematwin.estimation.identify import identify as run
+    from ematwin.estimation.learn import searches_globally
     from ematwin.files import check_target, write_text
     from ematwin.models.reading import read
     from ematwin.monitoring.detect import detect
@@ -100,7 +116,7 @@ def identify(
     with search_bar(not json) as progress_of_search:
         found = run(
             recording,
-            chosen,
+            actuator if calibration is None else calibration,
             algorithm,
             budget=budget,
             population=population,
@@ -110,8 +126,12 @@ def identify(
             held=numbers(hold or [], "--hold"),
             checkpoint=checkpoint,
             progress=progress_of_search,
+            load=None if load is None else _load(load, chosen),
+            exact=exact,
         )
-    judged = None if calibration is None else detect([recording], calibration)
+    judged = None
+    if calibration is not None:
+        judged = detect([recording], calibration)
     if report is not None:
         from ematwin.report.identification import identification_page
 
@@ -121,20 +141,38 @@ def identify(
         if judged is not None:
             verdicts = [verdict.as_dict() for verdict in judged.motions]
             told |= {"each": "motion", "verdicts": verdicts}
+            if not searches_globally(found.model):
+                told["verdict"] = _of_population(judged)
         print_json(told)
         return
-    print_findings(found)
+    shown = None
+    if judged is not None and not searches_globally(found.model):
+        shown = str(_of_population(judged)["sentence"])
+    print_findings(found, shown)
     if judged is not None:
         from ematwin.cli.detect import print_verdicts
 
+        typer.echo("\nAgainst the healthy runs:")
         print_verdicts(judged, "motion")
-    else:
+    if not found.calibrated:
         typer.echo(
-            f"Not calibrated: values are relative to the parameters of {found.actuator.name}. "
-            "ematwin calibrate learns those of your actuator from healthy recordings."
+            f"Not calibrated: {found.actuator.name} is known as far as its tolerances go. "
+            "ematwin calibrate learns your actuator from healthy recordings."
         )
     if report is not None:
         typer.echo(f"wrote {report}")
+
+
+def _load(text: str, actuator: "ParameterSet") -> float:
+    """A load in SI, from a number with or without its unit."""
+    from ematwin.errors import InputError
+    from ematwin.models.registry import model_of
+    from ematwin.quantities import parse_quantity
+
+    model = model_of(actuator)
+    if model.load is None:
+        raise InputError(f"The kind {model.kind} takes no load; leave --load out.")
+    return parse_quantity(text, model.channel(model.load).unit, "--load")
 
 
 def _loaded(name: str) -> "tuple[ParameterSet, Calibration | None]":
@@ -174,29 +212,44 @@ def search_bar(shown: bool) -> Iterator[Callable[[int, float, int], None]]:
         yield update
 
 
-def print_findings(found: "Identification") -> None:
-    """The table for people."""
+def _of_population(judged: "Detection") -> dict[str, object]:
+    """The verdict of the healthy population, which knows of more than the twin's magnitudes."""
+    one = judged.motions[0]
+    because = f": {one.reason}" if one.reason else ""
+    return {
+        "grade": one.grade,
+        "faults": list(one.faults),
+        "reason": one.reason,
+        "sentence": f"{one.said[:1].upper()}{one.said[1:]}{because}",
+    }
+
+
+def print_findings(found: "Identification", verdict: str | None = None) -> None:
+    """The verdict, its own or a given one, then the table for people."""
     from rich.table import Table
 
+    typer.echo(f"{verdict or found.verdict.sentence}\n")
     table = Table(title=f"Faults of {found.actuator.name}", title_justify="left")
     table.add_column("fault")
-    for heading in ("k", "standard error", "value", "healthy"):
+    for heading in ("k", "95 % of k", "value", "95 % of value", "healthy"):
         table.add_column(heading, justify="right")
     table.add_column("meaning")
-    errors = found.standard_error
     for row in found.physical:
-        error = errors.get(row.name, math.inf)
-        spread = f"{error:.2g}" if math.isfinite(error) else "undetermined"
         table.add_row(
             row.name,
             f"{row.normalised:.4g}",
-            spread if row.name in found.searched else "held",
+            _range(found.intervals.get(row.name)),
             f"{row.value:.4g} {row.unit}".rstrip(),
-            f"{row.healthy:.4g} {row.unit}".rstrip(),
+            _range(found.physical_values.get(row.name, ())[1:]),
+            f"{row.healthy:.4g}",
             row.meaning,
             style="bold" if row.name in found.present else None,
         )
-    print_table(table, 140)
+    print_table(table, 150)
+    for one in found.model.contrasts(found.actuator):
+        if one.name in found.contrasts:
+            value, (low, high) = found.contrasts[one.name]
+            typer.echo(f"{one.meaning}: {value:.3g} ({low:.3g} to {high:.3g})")
     typer.echo(
         f"misfit {100.0 * found.relative_misfit:.2f} % ({found.cost:.4g}), "
         f"{found.evaluations} simulations in {found.seconds:.2f} s with {found.algorithm}, "
@@ -206,3 +259,8 @@ def print_findings(found: "Identification") -> None:
         typer.echo("Interrupted: this is the best found so far.")
     print_notes("Assumed", found.assumed)
     print_notes("Warning", found.warnings)
+
+
+def _range(ends: "Sequence[float] | None") -> str:
+    """ "0.1 to 0.2"; "held" where there is none."""
+    return f"{ends[0]:.3g} to {ends[1]:.3g}" if ends else "held"

@@ -9,25 +9,27 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.estimation.covariance import covariance
+from ematwin.errors import InputError
+from ematwin.estimation.assess import Assessment, Interval, assess, unassessed
+from ematwin.estimation.baseline import Baseline, baseline_of
 from ematwin.estimation.estimate import Estimate
 from ematwin.estimation.interrupt import noting_interrupts
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found, Search, named
-from ematwin.estimation.significance import present
+from ematwin.estimation.verdict import Verdict, judged, most_misfit
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.reading import read
 from ematwin.models.registry import load_actuator, model_of
-from ematwin.models.unknown import PhysicalValue, table_of
+from ematwin.models.unknown import PhysicalValue, Unknown, table_of
 from ematwin.optimizers.base import Optimizer
 from ematwin.optimizers.minimize import ITERATIONS, POPULATION
 from ematwin.recordings.read import assumptions
 from ematwin.recordings.recording import Recording
 
-_POOR_FIT = 0.05  # relative misfit above which the answer is doubted aloud
-_ABOVE_NOISE = 2.0  # times the misfit that noise alone leaves: poor as well
+_ABOVE_NOISE = 2.0  # times the misfit that noise alone leaves is still a fit
 _HOPELESS = 1.0  # relative misfit of a twin that does not answer at all
+_SATURATED = 0.01  # share of the samples of a current
 _VAGUE = 0.05  # standard error, as a share of the range, above which a fault is not determined
 
 Progress = Callable[[int, float, int], None]
@@ -39,13 +41,14 @@ class Identification:
 
     Attributes
     ----------
+    verdict : Verdict: healthy, changed, the faults by name, or none with the reason
     estimate : Estimate, the values with their covariance
     faults : values with which the twin answers as the recording does: `Faults` for the brushless
         actuator, else a dict
-    cost : float, misfit over the whole recording; for the brushless actuator eq. 2 of the paper,
-        A s
+    cost : float, misfit over the whole recording at the end of the search, before parameters and
+        sensors are freed; for the brushless actuator eq. 2 of the paper, A s
     evaluations : int, simulations that the search took
-    seconds : float, wall time of the search
+    seconds : float, wall time of the search and of the intervals
     history : (B, 2) array, evaluations and best cost so far
     algorithm, seed : what searched, and from which seed
     stopped : why it ended
@@ -54,8 +57,16 @@ class Identification:
     assumed : sentences on what was assumed in reading the recording
     actuator : its parameters
     provenance : where the recording comes from
+    intervals : by name, low and high end of what holds the true value in 95 %
+    physical_values : faults in their physical units: value, low and high end by name
+    contrasts : combinations of faults, value and interval by name
+    nuisances : load and sensors that are clearly not as recorded, value and interval by name
+    others : other answers that explain the recording nearly as well, values by name
+    fitted : values of parameters, load and sensors with which the twin answers, by name
+    calibrated : whether the twin was fitted to healthy recordings of the actuator
     """
 
+    verdict: Verdict
     estimate: Estimate
     faults: Any
     cost: float
@@ -70,6 +81,13 @@ class Identification:
     assumed: list[str]
     actuator: ParameterSet
     provenance: dict[str, Any] = field(default_factory=dict)
+    intervals: dict[str, tuple[float, float]] = field(default_factory=dict)
+    physical_values: dict[str, tuple[float, float, float]] = field(default_factory=dict)
+    contrasts: dict[str, tuple[float, tuple[float, float]]] = field(default_factory=dict)
+    nuisances: dict[str, tuple[float, tuple[float, float]]] = field(default_factory=dict)
+    others: tuple[dict[str, float], ...] = ()
+    fitted: dict[str, float] = field(default_factory=dict)
+    calibrated: bool = False
 
     @property
     def model(self) -> Model:
@@ -85,7 +103,7 @@ class Identification:
 
     @property
     def standard_error(self) -> dict[str, float]:
-        """Name to standard error of each searched unknown; see `ematwin.estimation.covariance`."""
+        """Name to standard error of each searched unknown; see `ematwin.estimation.assess`."""
         return self.estimate.standard_errors
 
     @property
@@ -95,14 +113,19 @@ class Identification:
 
     @property
     def present(self) -> tuple[str, ...]:
-        """Names of the faults that are present (`ematwin.estimation.significance`)."""
-        return present(self.estimate)
+        """Names of the faults that the verdict names."""
+        return self.verdict.faults
 
     @property
     def physical(self) -> list[PhysicalValue]:
         """What each value means on the actuator, parameters that were searched included."""
         values, actuator = self.values, self.actuator
-        rows = self.model.describe(actuator, values)
+        rows = [
+            row._replace(value=self.physical_values[row.name][0])
+            if row.name in self.physical_values
+            else row
+            for row in self.model.describe(actuator, values)
+        ]
         known = {row.name for row in rows}
         places = [name for name in values if name not in known and "." in name]
         return rows + [
@@ -113,15 +136,32 @@ class Identification:
     def as_dict(self) -> dict[str, Any]:
         """Plain values, as ``ematwin identify --json`` prints them."""
         return {
+            "verdict": self.verdict.as_dict(),
+            "intervals": {name: list(ends) for name, ends in self.intervals.items()},
+            "calibrated": self.calibrated,
             "faults": self.values,
             "standard_error": {
                 name: value if math.isfinite(value) else None
                 for name, value in self.standard_error.items()
             },
             "physical": {
-                row.name: {"value": row.value, "healthy": row.healthy, "unit": row.unit}
+                row.name: {
+                    "value": row.value,
+                    "healthy": row.healthy,
+                    "unit": row.unit,
+                    **self._physical_ends(row.name),
+                }
                 for row in self.physical
             },
+            "contrasts": {
+                name: {"value": value, "low": low, "high": high}
+                for name, (value, (low, high)) in self.contrasts.items()
+            },
+            "nuisances": {
+                name: {"value": value, "low": low, "high": high}
+                for name, (value, (low, high)) in self.nuisances.items()
+            },
+            "other_answers": list(self.others),
             "present": list(self.present),
             "cost": self.cost,
             "relative_misfit": self.relative_misfit,
@@ -139,8 +179,21 @@ class Identification:
             "provenance": self.provenance,
         }
 
+    def _physical_ends(self, name: str) -> dict[str, float]:
+        if name not in self.physical_values:
+            return {}
+        _, low, high = self.physical_values[name]
+        return {"low": low, "high": high}
+
+    def _repr_html_(self) -> str:
+        """The verdict, and the rest as text, in a notebook."""
+        from html import escape
+
+        rest = str(self).removeprefix(self.verdict.sentence).strip()
+        return f"<p><b>{escape(self.verdict.sentence)}</b></p><pre>{escape(rest)}</pre>"
+
     def __str__(self) -> str:
-        lines = [table_of(self.physical, self.present)]
+        lines = [self.verdict.sentence, "", table_of(self.physical, self.present)]
         lines.append(
             f"misfit {100.0 * self.relative_misfit:.2f} %, {self.evaluations} simulations in "
             f"{self.seconds:.2f} s with {self.algorithm}; stopped: {self.stopped}"
@@ -164,6 +217,8 @@ def identify(
     checkpoint: str | Path | None = None,
     progress: Progress | None = None,
     threads: int | None = None,
+    load: float | None = None,
+    exact: bool = False,
 ) -> Identification:
     """Find the values with which the twin answers as the recorded actuator did.
 
@@ -184,6 +239,9 @@ def identify(
     checkpoint : file of a population method's state; an interrupted run goes on from it
     progress : called with evaluations, best cost and budget now and then
     threads : threads that share a batch; None takes one for each core
+    load : the constant load, SI, of a recording that does not hold it; 0 for none
+    exact : the parameters are exactly those of the actuator, and the sensors are ideal but for
+        noise, as in a simulation; no tolerances count
 
     Returns
     -------
@@ -197,8 +255,10 @@ def identify(
         If an argument cannot be used.
     """
     chosen = load_actuator(actuator)
+    baseline = Baseline.of_simulation() if exact else baseline_of(actuator, chosen)
     model = model_of(chosen)
     recording = record if isinstance(record, Recording) else read(record, actuator=chosen)
+    recording = _loaded(model, recording, load)
     warnings = [*recording.provenance.get("warnings", []), *model.check(recording, chosen)]
     problem = Problem.of(recording, chosen, only=only, held=held, threads=threads)
     search: Search = named(
@@ -207,18 +267,23 @@ def identify(
     )  # fmt: skip
     started = time.perf_counter()
     found = find(problem, search, budget=budget, seed=seed, progress=progress)
+    interrupted = found.stopped == "interrupted"
+    assess_with = unassessed if interrupted else assess
+    assessed = assess_with(model, chosen, problem, found, baseline)
     seconds = time.perf_counter() - started
-    judged = found.problem or problem
-    spread = covariance(judged, found.point, model.model_error)
-    misfit = problem.relative_misfit(found.cost)
+    point = np.array([assessed.values[name] for name in problem.names])
+    cost = found.cost if found.problem is not None else assessed.cost
     estimate = estimate_of(
-        model, chosen, problem, found.point, spread, misfit, recording,
-        dict(problem.comparisons[0].statistics),
+        model, chosen, problem, point, assessed.covariance, problem.relative_misfit(cost),
+        recording, dict(problem.comparisons[0].statistics),
     )  # fmt: skip
-    warnings += _doubts(estimate, found, problem)
+    warnings += _doubts(estimate, found, problem, assessed.sharp_errors)
+    warnings += _remarks(model, chosen, assessed)
+    verdict = _verdict(model, chosen, recording, problem, found, estimate, assessed, baseline)
     return Identification(
+        verdict=verdict,
         estimate=estimate,
-        faults=model.as_faults(problem.values(found.point)),
+        faults=model.as_faults(problem.values(point)),
         cost=found.cost,
         evaluations=found.evaluations,
         seconds=seconds,
@@ -231,7 +296,156 @@ def identify(
         assumed=assumptions(recording),
         actuator=chosen,
         provenance=recording.provenance,
+        intervals=_ends(assessed.intervals, problem.names),
+        physical_values={name: (x, i.low, i.high) for name, (x, i) in assessed.physical.items()},
+        contrasts={name: (x, (i.low, i.high)) for name, (x, i) in assessed.contrasts.items()},
+        nuisances={name: (x, (i.low, i.high)) for name, (x, i) in assessed.nuisances.items()},
+        others=assessed.others,
+        fitted={n: x for n, x in assessed.values.items() if n not in problem.names},
+        calibrated=baseline.calibrated,
     )
+
+
+def _loaded(model: Model, recording: Recording, load: float | None) -> Recording:
+    """The recording with a constant load, where one is given."""
+    if load is None:
+        return recording
+    if model.load is None:
+        raise InputError(f"The kind {model.kind} takes no load; leave it out.")
+    if model.load in recording.channels:
+        raise InputError(
+            f"{recording.name} holds the load already; leave {load:g} out, or drop the channel."
+        )
+    return recording.changed(**{model.load: np.full(len(recording), float(load))})
+
+
+def _ends(
+    intervals: Mapping[str, Interval], names: Iterable[str]
+) -> dict[str, tuple[float, float]]:
+    return {name: (intervals[name].low, intervals[name].high) for name in names}
+
+
+def _verdict(
+    model: Model,
+    actuator: ParameterSet,
+    recording: Recording,
+    problem: Problem,
+    found: Found,
+    estimate: Estimate,
+    assessed: Assessment,
+    baseline: Baseline,
+) -> Verdict:
+    """The verdict on an assessed recording, or why there is none."""
+    said = {
+        one.name: _said(one, actuator, estimate, assessed)
+        for one in problem.unknowns
+        if one.role == "fault" and one.direction_of is None
+    }
+    ambiguities = {
+        name: one.ambiguity
+        for one in model.contrasts(actuator)
+        if one.ambiguity
+        for name in one.weights
+    }
+    return judged(
+        estimate,
+        calibrated=baseline.calibrated,
+        sharp_errors=assessed.sharp_errors,
+        intervals={name: (one.low, one.high) for name, one in assessed.intervals.items()},
+        obstacles=_obstacles(
+            model, actuator, recording, problem, found, estimate, assessed, baseline
+        ),
+        ambiguities=ambiguities,
+        found=said,
+    )
+
+
+def _obstacles(
+    model: Model,
+    actuator: ParameterSet,
+    recording: Recording,
+    problem: Problem,
+    found: Found,
+    estimate: Estimate,
+    assessed: Assessment,
+    baseline: Baseline,
+) -> list[str]:
+    """Sentences, each of which forbids a verdict."""
+    found_ = model.excitation(recording, actuator)
+    if found.stopped == "interrupted":
+        found_.append("The search was interrupted; these values are the best found until then.")
+    counts = recording.provenance.get("saturated_samples", {})
+    for name, count in counts.items():
+        if count > _SATURATED * len(recording):
+            found_.append(
+                f"{name} is saturated in {100.0 * count / len(recording):.0f} % of its samples. "
+                "Record it with a wider range."
+            )
+    missing = model.load is not None and model.load not in recording.channels
+    if missing and model.load not in problem.held and baseline.has_load:
+        found_.append(
+            f"The recording has no {model.load}"
+            + (
+                ", and the healthy ones had. "
+                if baseline.calibrated
+                else "; it was taken as zero. "
+            )
+            + "Record it, or say what it was (load=0 if there was none)."
+        )
+    misfit, limit = estimate.misfit, most_misfit(baseline.misfit)
+    if found.problem is not None:
+        misfit = found.problem.relative_misfit(assessed.cost)
+    if misfit > max(limit, _ABOVE_NOISE * problem.expected_misfit):
+        usual = (
+            f"healthy recordings left {100.0 * baseline.misfit:.2f} %"
+            if math.isfinite(baseline.misfit)
+            else f"a good fit leaves less than {100.0 * limit:.2g} %"
+        )
+        found_.append(
+            f"The twin leaves {100.0 * misfit:.2g} % of this recording unexplained, where {usual}: "
+            "it does something that the twin cannot. Check channels, units and the actuator."
+        )
+    if assessed.strained:
+        worst = max(assessed.strained, key=lambda name: assessed.strained[name])
+        found_.append(
+            f"To explain this recording {worst} would have to be "
+            f"{assessed.strained[worst]:.0f} standard deviations off what is known of it: it is "
+            "of another actuator, or something is wrong with a channel."
+        )
+    if assessed.others:
+        told = "; ".join(
+            ", ".join(f"{name} {value:.2g}" for name, value in one.items())
+            for one in assessed.others
+        )
+        found_.append(f"Another answer explains the recording nearly as well: {told}.")
+    return found_
+
+
+def _said(one: Unknown, actuator: ParameterSet, estimate: Estimate, assessed: Assessment) -> str:
+    """What is said of a fault: "Friction +50 % (0.045 N m, 0.043 to 0.047)"."""
+    row = one.physical_value(actuator, estimate[one.name])
+    value, ends = assessed.physical[one.name]
+    title = one.name.replace("_", " ").capitalize()
+    unit = f" {row.unit.replace('*', ' ')}" if row.unit else ""
+    numbers = f"{value:.3g}{unit}, {ends.low:.3g} to {ends.high:.3g}"
+    if row.healthy > 0.0:
+        change = row.value / row.healthy
+        size = f"{100.0 * (change - 1.0):+.0f} %" if change < 3.0 else f"x{change:.3g}"
+        return f"{title} {size} ({numbers})"
+    return f"{title} {100.0 * (row.normalised - one.healthy) / one.width:.0f} % ({numbers})"
+
+
+def _remarks(model: Model, actuator: ParameterSet, assessed: Assessment) -> list[str]:
+    """What is clearly not as recorded, and was taken into account."""
+    found = []
+    for name, (value, ends) in assessed.nuisances.items():
+        one = model.unknown(actuator, name)
+        unit = f" {one.unit}".rstrip()
+        found.append(
+            f"{one.meaning[:1].upper()}{one.meaning[1:]} is {value:.3g}{unit} ({ends.low:.3g} to "
+            f"{ends.high:.3g}); that was taken into account."
+        )
+    return found
 
 
 def find(
@@ -292,7 +506,9 @@ def estimate_of(
     )
 
 
-def _doubts(estimate: Estimate, found: Found, problem: Problem) -> list[str]:
+def _doubts(
+    estimate: Estimate, found: Found, problem: Problem, sharp_errors: Mapping[str, float]
+) -> list[str]:
     """Sentences on why the answer may be wrong."""
     doubts = []
     misfit = estimate.misfit
@@ -311,16 +527,7 @@ def _doubts(estimate: Estimate, found: Found, problem: Problem) -> list[str]:
             "than no twin at all): these values mean nothing. Check the channels and "
             "their units, and that the actuator's parameters are those of this rig."
         )
-    elif misfit > max(_POOR_FIT, _ABOVE_NOISE * problem.expected_misfit):
-        doubts.append(
-            f"The twin explains this record poorly (misfit {100.0 * misfit:.1f} %): the faults may "
-            "be wrong. Check that the actuator's parameters fit this rig, or search longer."
-        )
-    vague = [
-        name
-        for name, error in estimate.standard_errors.items()
-        if error > _VAGUE * estimate.ranges[name]
-    ]
+    vague = [name for name, error in sharp_errors.items() if error > _VAGUE * estimate.ranges[name]]
     for name, magnitude in estimate.directions.items():
         if name in vague and magnitude in estimate.names and estimate[magnitude] < 0.02:
             vague.remove(name)  # it has no meaning there

@@ -15,8 +15,8 @@ first one did is the answer; any other goes on with the whole record. Where that
 Sobol (1967), with scipy's scrambling; successive halving as in Jamieson and Talwalkar (2016).
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -49,7 +49,7 @@ class SearchState:
     """What a search knows so far: the best point, its cost, the price, the way there.
 
     ``restarted`` is what the best point was judged by where not by the whole record; its cost is
-    of the whole record nevertheless.
+    of the whole record nevertheless. ``others`` are points of other valleys.
     """
 
     best: np.ndarray
@@ -58,6 +58,7 @@ class SearchState:
     history: list[tuple[int, float]]
     stopped: str = "interrupted"
     restarted: Problem | None = None
+    others: list[np.ndarray] = field(default_factory=list)
 
 
 class BudgetSpentError(Exception):
@@ -91,7 +92,7 @@ class Multistart:
             )
         return Found(
             state.best, state.cost, state.evaluations, np.array(state.history, dtype=float),
-            state.stopped, self.name, seed, state.restarted,
+            state.stopped, self.name, seed, state.restarted, tuple(state.others),
         )  # fmt: skip
 
 
@@ -145,6 +146,17 @@ class MultistartDescent:
         except BudgetSpentError:
             self.state.stopped = "budget"
         return self.state
+
+    def searches(self, most: int) -> Iterator[End]:
+        """Whole searches one after another, each from new samples, while the budget lasts."""
+        from scipy.stats.qmc import Sobol
+
+        sobol = Sobol(len(self._problem.names), rng=self._rng)
+        for _ in range(most):
+            try:
+                yield self._one_search(sobol)
+            except BudgetSpentError:
+                return
 
     def _settled(self, ends: list[End]) -> bool:
         """Whether the search may end, and why."""
@@ -224,6 +236,9 @@ class MultistartDescent:
         points = descent.best(POLISH[0][0]).points
         fine = LevenbergMarquardt.start(points, self._residuals, damping=1e-2)
         for count, iterations in POLISH:
+            if count < len(fine.points):
+                left = fine.best(len(fine.points)).points[count:]
+                self.state.others += list(self._chart.to_values(left))
             fine = fine.best(count)
             for _ in range(iterations):
                 self._iterate(fine, self._residuals)

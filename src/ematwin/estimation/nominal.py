@@ -80,13 +80,15 @@ class _Fit:
     ) -> None:
         self._model, self._template, self._comparisons = model, template, comparisons
         self._own = [
-            replace(one, spread=None) for one in model.unknowns(template) if one.role == "nuisance"
+            replace(one, spread=None)
+            for one in model.unknowns(template)
+            if one.role == "nuisance" and not one.marginal
         ]
         # the scale of a nuisance: a share of what its prior lets it be
         self._scale = np.array([
             0.5 * one.spread if one.spread is not None else 0.1 * one.width
             for one in model.unknowns(template)
-            if one.role == "nuisance"
+            if one.role == "nuisance" and not one.marginal
         ])  # fmt: skip
         self._first = np.zeros((len(comparisons), 0))
         if self._own:
@@ -206,5 +208,5 @@ def searched(model: Model, actuator: ParameterSet) -> list[Unknown]:
     return [
         replace(one, lower=one.lower - one.slack) if one.slack else one
         for one in model.unknowns(actuator)
-        if one.role in ("fault", "nuisance")
+        if one.role in ("fault", "nuisance") and not one.marginal
     ]

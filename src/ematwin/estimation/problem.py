@@ -8,7 +8,7 @@ coordinates for methods that follow slopes.
 
 import copy
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,61 @@ from ematwin.models.comparison import Comparison
 from ematwin.models.registry import load_actuator, model_of
 from ematwin.models.unknown import Unknown
 from ematwin.recordings.recording import Recording
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is known of some unknowns together: a normal distribution.
+
+    Parameters
+    ----------
+    names : of P unknowns
+    mean : (P,) array; of logarithms where an unknown is logarithmic
+    covariance : (P, P) array
+    """
+
+    names: tuple[str, ...]
+    mean: np.ndarray
+    covariance: np.ndarray
+
+    def of(self, names: Iterable[str]) -> "Prior":
+        """The marginal distribution of some of them."""
+        wanted = set(names)
+        kept = [n for n, name in enumerate(self.names) if name in wanted]
+        return Prior(
+            tuple(self.names[n] for n in kept), self.mean[kept], self.covariance[np.ix_(kept, kept)]
+        )
+
+    @classmethod
+    def independent(cls, unknowns: Iterable[Unknown]) -> "Prior":
+        """From the spreads of unknowns; those without one are left out."""
+        known = [one for one in unknowns if one.spread is not None]
+        mean = [np.log(one.healthy) if one.logarithmic else one.healthy for one in known]
+        return cls(
+            tuple(one.name for one in known),
+            np.array(mean, dtype=float),
+            np.diag([one.spread**2 for one in known if one.spread is not None]),
+        )
+
+    def given(self, values: Mapping[str, float]) -> "Prior":
+        """The distribution of the others where some are known (as values, or their logarithms)."""
+        known = [n for n, name in enumerate(self.names) if name in values]
+        rest = [n for n in range(len(self.names)) if n not in known]
+        across = self.covariance[np.ix_(rest, known)]
+        gain = across @ np.linalg.inv(self.covariance[np.ix_(known, known)])
+        off = np.array([values[self.names[n]] for n in known]) - self.mean[known]
+        return Prior(
+            tuple(self.names[n] for n in rest),
+            self.mean[rest] + gain @ off,
+            self.covariance[np.ix_(rest, rest)] - gain @ across.T,
+        )
+
+    def and_(self, other: "Prior") -> "Prior":
+        """Both, independent of one another."""
+        size = len(self.names)
+        total = np.zeros((size + len(other.names),) * 2)
+        total[:size, :size], total[size:, size:] = self.covariance, other.covariance
+        return Prior((*self.names, *other.names), np.concatenate([self.mean, other.mean]), total)
 
 
 class Problem:
@@ -34,6 +89,7 @@ class Problem:
         several recordings each becomes one unknown a recording, ``load@2`` that of the third
     start : values, by name, of the first point that a search looks at; healthy if not given
     starts : values, by name, from which a local search may set out; those of ``start`` if not named
+    prior : of free unknowns; by default their spreads, independent of one another
 
     Attributes
     ----------
@@ -41,6 +97,7 @@ class Problem:
     chart : Chart
     start : (d,) array
     starts : (M, d) array
+    noise : float, standard deviation of an independent residual: the unit in which priors count
     """
 
     def __init__(
@@ -52,6 +109,7 @@ class Problem:
         own: Iterable[str] = (),
         start: Mapping[str, float] | None = None,
         starts: Sequence[Mapping[str, float]] = ({},),
+        prior: Prior | None = None,
     ) -> None:
         if not free:
             raise InputError("No unknown is left to search; name at least one, e.g. friction.")
@@ -67,13 +125,14 @@ class Problem:
             *(replace(one, name=f"{one.name}@{n}") for n in range(count) for one in each),
         )
         self.chart = Chart(self.unknowns)
-        self._priors = [n for n, one in enumerate(self.unknowns) if one.spread is not None]
-        held_by = [self.unknowns[n] for n in self._priors]
-        self._spread = np.array([one.spread for one in held_by], dtype=float)
-        self._logarithmic = np.array([one.logarithmic for one in held_by], dtype=bool)
-        self._prior_mean = np.array(
-            [np.log(one.healthy) if one.logarithmic else one.healthy for one in held_by]
-        )
+        self.noise = self.comparisons[0].noise
+        self.prior = known = Prior.independent(self.unknowns) if prior is None else prior
+        names = [one.name for one in self.unknowns]
+        self._priors = [names.index(name) for name in known.names]
+        self._logarithmic = np.array([self.unknowns[n].logarithmic for n in self._priors], bool)
+        self._prior_mean = known.mean
+        # distances in standard deviations: the inverse root of the covariance
+        self._whiten = np.linalg.inv(np.linalg.cholesky(known.covariance)).T
         given = dict(start or {})
         self.start = np.array([given.get(one.name, one.healthy) for one in self.unknowns])
         self.starts = np.array(
@@ -129,7 +188,7 @@ class Problem:
         """Sums of squares (B,) of points (B, d), priors included; infinite where one diverged."""
         cost: Any = 0.0
         if self._priors:
-            away = self._priors_of(points)
+            away = self.prior_distances(points)
             cost = np.einsum("bk,bk->b", away, away)
         for n, comparison in enumerate(self.comparisons):
             cost = cost + comparison.costs(self.candidates(points, n), len(points))
@@ -138,12 +197,25 @@ class Problem:
     def residuals(self, points: np.ndarray) -> np.ndarray:
         """Weighted residuals (B, K) of points (B, d): recordings in their order, then priors."""
         parts = [
-            comparison.residuals(self.candidates(points, n), len(points))
+            self._residuals_of(n, comparison, points)
             for n, comparison in enumerate(self.comparisons)
         ]
         if self._priors:
-            parts.append(self._priors_of(points))
+            parts.append(self.prior_distances(points))
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
+
+    def _residuals_of(self, n: int, comparison: Comparison, points: np.ndarray) -> np.ndarray:
+        """Residuals (B, K) of a recording; points that differ only for others are simulated once.
+
+        The columns of a Jacobian over the unknowns that each recording has for itself do.
+        """
+        if not self._each:
+            return comparison.residuals(self.candidates(points, n), len(points))
+        first = len(self._shared) + n * len(self._each)
+        mine = np.r_[0 : len(self._shared), first : first + len(self._each)]
+        _, chosen, back = np.unique(points[:, mine], axis=0, return_index=True, return_inverse=True)
+        found = comparison.residuals(self.candidates(points[chosen], n), len(chosen))
+        return np.asarray(found[back.ravel()])
 
     def candidates(self, points: np.ndarray, recording: int = 0) -> dict[str, np.ndarray]:
         """Values (B,) by name, as a comparison takes them, of points (B, d)."""
@@ -195,12 +267,39 @@ class Problem:
         other.comparisons = tuple(comparisons)
         return other
 
-    def _priors_of(self, points: np.ndarray) -> np.ndarray:
+    def prior_distances(self, points: np.ndarray) -> np.ndarray:
         """Distances (B, P) from the means of the priors, in the unit of the residuals."""
         away = points[:, self._priors]
         if self._logarithmic.any():
             away[:, self._logarithmic] = np.log(away[:, self._logarithmic])
-        return np.asarray(self.comparisons[0].noise * ((away - self._prior_mean) / self._spread))
+        return np.asarray(self.noise * ((away - self._prior_mean) @ self._whiten))
+
+    @property
+    def prior_rows(self) -> int:
+        """How many of the residuals, the last ones, are priors."""
+        return len(self._priors)
+
+    def holding(self, values: Mapping[str, float]) -> "Problem":
+        """The problem in which some of the free unknowns are held at values; not those ``@``."""
+        free = [one for one in (*self._shared, *self._each) if one.name not in values]
+        logs = {
+            one.name: np.log(values[one.name]) if one.logarithmic else values[one.name]
+            for one in self.unknowns
+            if one.name in values
+        }
+        other = Problem(
+            self.comparisons, free, held={**self.held, **values},
+            own=[one.name for one in self._each],
+            start=dict(zip(self.names, self.start, strict=True)), prior=self.prior.given(logs),
+        )  # fmt: skip
+        other.noise = self.noise
+        return other
+
+    def with_noise(self, noise: float) -> "Problem":
+        """The same problem with another level of noise."""
+        other = copy.copy(self)
+        other.noise = noise
+        return other
 
 
 def unknowns_of(
@@ -215,7 +314,8 @@ def unknowns_of(
         for place, value in places.items():
             model.unknown(actuator, place).check(value)
     values = model.values_of(actuator, given)
-    own = [one for one in model.unknowns(actuator) if one.role in ("fault", "nuisance")]
+    every = [one for one in model.unknowns(actuator) if one.role in ("fault", "nuisance")]
+    own = [one for one in every if not one.marginal]
     if only is None:
         free = own
     else:
@@ -225,7 +325,7 @@ def unknowns_of(
         names = {one.name for one in wanted}
         # nuisances stay free: a load that was not recorded is unknown whatever is searched
         free = [one for one in own if one.name in names or one.role == "nuisance"]
-        free += [one for one in wanted if one.role == "nominal"]
+        free += [one for one in wanted if one.role == "nominal" or one.marginal]
         unsearchable = [one.name for one in wanted if one.role == "symptom"]
         if unsearchable:
             raise InputError(

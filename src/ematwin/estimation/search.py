@@ -38,6 +38,7 @@ class Found:
     method : name
     seed : int
     problem : the problem that the point was judged by, where not by the one that was given
+    others : points (d,) of other valleys that the search went to the bottom of
     """
 
     point: np.ndarray
@@ -48,6 +49,7 @@ class Found:
     method: str
     seed: int
     problem: Problem | None = None
+    others: tuple[np.ndarray, ...] = ()
 
 
 class Search(Protocol):

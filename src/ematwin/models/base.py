@@ -25,7 +25,7 @@ from ematwin.models.comparison import Candidates as Candidates  # authors have i
 from ematwin.models.comparison import Comparison, TraceComparison
 from ematwin.models.parameter_set import ParameterSet, not_searchable
 from ematwin.models.scenario import Scenario, shipped_scenarios
-from ematwin.models.unknown import PhysicalValue, Unknown
+from ematwin.models.unknown import Alias, Contrast, PhysicalValue, Unknown
 from ematwin.recordings.channel import Channel
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
@@ -287,6 +287,21 @@ class Model(ABC):
         """
         self.check_channels(recording)
         return TraceComparison(self, recording, actuator, **settings)
+
+    def aliases(self, actuator: Any, values: Values) -> list[Alias]:
+        """Directions in which the answer does not change, exactly or very nearly.
+
+        Differences of simulations hide such directions behind their roughness.
+        """
+        return []
+
+    def contrasts(self, actuator: Any) -> tuple[Contrast, ...]:
+        """Combinations of faults that are reported beside them."""
+        return ()
+
+    def excitation(self, recording: Recording, actuator: Any) -> list[str]:
+        """Sentences on why a recording moves too little to tell faults; each forbids a verdict."""
+        return []
 
     def starts(self, actuator: Any, recording: Recording) -> list[dict[str, float]]:
         """Values from which a local search may start; what is not named starts healthy."""

@@ -45,6 +45,16 @@ class Chart:
         self._width = np.where(log, np.log(np.where(log, high, 1.0)), high) - self._low
 
     @property
+    def pairs(self) -> tuple[tuple[int, int], ...]:
+        """Places of the magnitudes and directions that are components of a vector."""
+        return tuple(self._pairs)
+
+    @property
+    def widths(self) -> np.ndarray:
+        """(d,) ranges of the unknowns, or of their logarithms."""
+        return self._width
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Names of the coordinates: those of the unknowns, vectors by component."""
         names = [unknown.name for unknown in self.unknowns]

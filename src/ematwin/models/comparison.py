@@ -34,6 +34,7 @@ class Comparison(ABC):
         the recording is compared as a whole
     noise : float, standard deviation that one independent residual is expected to have: the unit in
         which a prior counts beside the residuals
+    independent : float, how many independent residuals there are
     expected_misfit : float, root of the cost over the scale that the noise alone leaves
     whitened : whether residuals are in standard deviations of the noise
     """
@@ -44,6 +45,7 @@ class Comparison(ABC):
     statistics: Mapping[str, float] = {}
     length: float | None = None
     noise: float = 1.0
+    independent: float = 1.0
     expected_misfit: float = 0.0
     whitened: bool = False
 
@@ -126,7 +128,8 @@ class TraceComparison(Comparison):
         self.scale = float(
             sum(np.sum((trace / self._noise[n]) ** 2) for n, trace in self._target.items())
         )
-        self.expected_misfit = math.sqrt(len(self._noise) * len(recording) / self.scale)
+        self.independent = float(len(self._noise) * len(recording))
+        self.expected_misfit = math.sqrt(self.independent / self.scale)
 
     def with_missed(self, missed: Mapping[str, np.ndarray]) -> Self:
         """The same comparison with what the twin misses taken off the recording."""

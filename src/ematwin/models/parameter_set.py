@@ -1,7 +1,8 @@
 """Parameter sets: validated, in SI, each value from a file that gives its unit and source.
 
-A file holds a table for each section and, for each parameter, ``{ value, unit, source }``. Each
-kind of actuator is one subclass of `ParameterSet`; its shipped sets lie beside it.
+A file holds a table for each section and, for each parameter, ``{ value, unit, source }``; where
+more is known than of the kind at large, also a ``tolerance``. Each kind of actuator is one subclass
+of `ParameterSet`; its shipped sets lie beside it.
 """
 
 import hashlib
@@ -11,24 +12,73 @@ import sys
 from collections.abc import Collection, Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
 from pydantic.fields import FieldInfo
 
 from ematwin.errors import InputError, ParameterError
 from ematwin.files import written_whole
-from ematwin.quantities import to_si
-from ematwin.validation import load_toml, one_sentence
+from ematwin.quantities import as_percent, parse_share, to_si
+from ematwin.validation import (
+    all_at_once,
+    findings,
+    load_toml,
+    misspelt,
+    one_sentence,
+    shortened,
+    unknown_name,
+)
 
 UNNAMED_KIND = "bldc"  # the kind of a file that names none
 
 
-def quantity(unit: str, meaning: str, **limits: Any) -> Any:
-    """A field of a section: a finite number with an SI unit."""
+_ON_TEMPLATES = (
+    "Put in the values of your actuator, in any unit of the same kind, and their sources.",
+    "",
+    "Tolerance: how far a value may be off. 95 % of such actuators lie between the value divided",
+    "by and multiplied with 1 + tolerance. The comments say what is usual; where you know better,",
+    'add tolerance = "5 %" to an entry. Without any, a value is taken as exact.',
+    "Drift: how far it changes between recordings of one actuator, with temperature and supply.",
+    "",
+)
+_NEEDED = ("value", "unit", "source")  # of each parameter in a file
+
+
+def quantity(
+    unit: str,
+    meaning: str,
+    *,
+    tolerance: float | None = None,
+    drift: float | None = None,
+    exact: bool = False,
+    **limits: Any,
+) -> Any:
+    """A field of a section: a finite number with an SI unit.
+
+    Parameters
+    ----------
+    unit : SI
+    meaning : for people
+    tolerance : how far a value taken from a data sheet may be off on one unit of the kind, as a
+        share above 0 and at most 2: 95 % of such actuators lie between the value divided by and
+        multiplied with 1 + tolerance. None is taken as exact unless a file says otherwise.
+    drift : likewise, how far it may change later between recordings of one actuator (temperature,
+        supply); None does not change
+    exact : chosen or counted, never measured: no file may give it a tolerance
+    limits : ``gt``, ``ge``, ``lt``, ``le``
+    """
+    for name, share in (("tolerance", tolerance), ("drift", drift)):
+        if share is not None:
+            parse_share(share, f"{name} of the quantity {meaning!r}")
+    if exact and not tolerance is drift is None:
+        raise ParameterError(
+            f"The quantity {meaning!r} is exact, received tolerance={tolerance!r} and "
+            f"drift={drift!r}; leave these out, or exact."
+        )
     return Field(
         description=meaning,
-        json_schema_extra={"unit": unit},
+        json_schema_extra={"unit": unit, "tolerance": tolerance, "drift": drift, "exact": exact},
         allow_inf_nan=False,
         **limits,
     )
@@ -36,9 +86,14 @@ def quantity(unit: str, meaning: str, **limits: Any) -> Any:
 
 def unit_of(field: FieldInfo) -> str:
     """SI unit of a parameter; the empty string for a ratio."""
+    return str(_stated(field)["unit"])
+
+
+def _stated(field: FieldInfo) -> dict[str, Any]:
+    """What `quantity` was told of a parameter beside its meaning and limits."""
     extra = field.json_schema_extra
     assert isinstance(extra, dict)
-    return str(extra["unit"])
+    return extra
 
 
 def parameter_file(name_or_path: str | Path, shipped: Mapping[str, Path]) -> Path:
@@ -54,11 +109,101 @@ def parameter_file(name_or_path: str | Path, shipped: Mapping[str, Path]) -> Pat
     return shipped[str(name_or_path)]
 
 
+def parameter_table(name_or_path: str | Path, shipped: Mapping[str, Path]) -> dict[str, Any]:
+    """The content of a parameter file, or of that of a shipped set, as it is written."""
+    return load_toml(parameter_file(name_or_path, shipped), "actuator")
+
+
+def _toml(value: str | float) -> str:
+    """A value as TOML, on one line."""
+    import tomli_w
+
+    return tomli_w.dumps({"x": value}).removeprefix("x = ").rstrip("\n")
+
+
+def _as_written(leaf: Mapping[str, Any], before: Mapping[str, Any]) -> dict[str, Any]:
+    """Value and unit of an entry as they stood in a file, if they still mean the same."""
+    if not {"value", "unit"} <= before.keys():
+        return {}
+    if to_si(before["value"], before["unit"], leaf["unit"], "it") != leaf["value"]:
+        return {}
+    return {"value": before["value"], "unit": before["unit"]}
+
+
+def _comment(text: str) -> str:
+    return f"# {' '.join(text.split())}".rstrip()
+
+
 def not_searchable(place: str) -> InputError:
     """The error that a parameter is fixed."""
     return InputError(
         f"{place} cannot be searched: it is chosen, not measured. Correct it in the parameter file."
     )
+
+
+class _Entry(NamedTuple):
+    """A parameter as a file gives it; None for what is missing or wrong."""
+
+    value: float | None  # SI
+    source: str | None
+    tolerance: float | None
+    problems: list[str]  # a sentence each
+
+
+def _read_entry(leaf: Any, field: FieldInfo, place: str, what: str) -> _Entry:
+    """Value, source and tolerance of ``{ value, unit, source }``, and all that is wrong with it."""
+    if not isinstance(leaf, dict):
+        return _Entry(None, None, None, [_incomplete(place, leaf)])
+    known = (*_NEEDED, "tolerance")
+    meant = misspelt(leaf, known)
+    problems = [
+        unknown_name(f"{place}.{key}", what, f"{place}.{meant[key]}" if key in meant else "")
+        for key in leaf
+        if key not in known
+    ]
+    given = {meant.get(key, key): one for key, one in leaf.items()}
+    if not given.keys() >= set(_NEEDED):
+        problems.append(_incomplete(place, leaf))
+    value = source = tolerance = None
+    if "value" in given:
+        number = given["value"]
+        if isinstance(number, bool) or not isinstance(number, int | float):
+            problems.append(f"{place} must be a number, received {number!r}; correct it.")
+        elif "unit" in given:
+            try:
+                value = to_si(number, given["unit"], unit_of(field), place)
+            except ParameterError as error:
+                problems.append(str(error))
+    if "source" in given:
+        if isinstance(given["source"], str) and given["source"].strip():
+            source = given["source"]
+        else:
+            problems.append(
+                f"{place} must name the source of its value, received "
+                f"{given['source']!r}; say where it comes from."
+            )
+    if "tolerance" in given:
+        try:
+            tolerance = _tolerance_of(given["tolerance"], field, place)
+        except ParameterError as error:
+            problems.append(str(error))
+    return _Entry(value, source, tolerance, problems)
+
+
+def _incomplete(place: str, leaf: Any) -> str:
+    return (
+        f"{place} must be {{ value = ..., unit = ..., source = ... }}, "
+        f"received {shortened(leaf)}; complete it."
+    )
+
+
+def _tolerance_of(given: Any, field: FieldInfo, place: str) -> float:
+    if _stated(field).get("exact"):
+        raise ParameterError(
+            f"{place} is chosen or counted and thus exact, received the tolerance {given!r}; "
+            "leave its tolerance out."
+        )
+    return parse_share(given, f"The tolerance of {place}")
 
 
 class Section(BaseModel):
@@ -80,11 +225,13 @@ class ParameterSet(BaseModel):
     former_kinds: ClassVar[tuple[str, ...]] = ()  # what older files call it
     default: ClassVar[str]  # the shipped set that is meant where none is named
     # tables of its files that are no parameters: what calibration adds
-    beside: ClassVar[frozenset[str]] = frozenset({"calibration", "signature"})
+    beside: ClassVar[frozenset[str]] = frozenset({"baseline", "calibration", "signature"})
 
     name: str
     description: str
     _sources: dict[str, str] = PrivateAttr(default_factory=dict)
+    # those that the file states; the kind's stand in its class
+    _tolerances: dict[str, float] = PrivateAttr(default_factory=dict)
 
     @classmethod
     def load(cls, name_or_path: "str | Path | ParameterSet | None" = None) -> Self:
@@ -93,7 +240,8 @@ class ParameterSet(BaseModel):
         Raises
         ------
         ParameterError
-            If there is no such set, or a value is missing, impossible or of the wrong unit.
+            If there is no such set, or a value is missing, impossible or of the wrong unit; the
+            message lists all that is to be corrected.
         FileError
             If the file cannot be read.
         """
@@ -103,8 +251,7 @@ class ParameterSet(BaseModel):
             return name_or_path
         if isinstance(name_or_path, ParameterSet):
             raise cls._wrong_kind(name_or_path.name, name_or_path.kind)
-        path = parameter_file(name_or_path, cls.shipped())
-        return cls.from_dict(load_toml(path, "actuator"), str(name_or_path))
+        return cls.from_dict(parameter_table(name_or_path, cls.shipped()), str(name_or_path))
 
     @classmethod
     def from_dict(cls, table: dict[str, Any], what: str = "actuator") -> Self:
@@ -115,42 +262,66 @@ class ParameterSet(BaseModel):
         table = {k: entry for k, entry in table.items() if k != "kind" and k not in cls.beside}
         plain: dict[str, Any] = {}
         sources: dict[str, str] = {}
-        for key, entry in table.items():
-            field = cls.model_fields.get(key)
-            if field is None or not isinstance(entry, dict):
+        tolerances: dict[str, float] = {}
+        problems: list[tuple[str, str]] = []  # place and sentence
+        unread: set[str] = set()  # places whose value is not known, which is no second problem
+        meant = misspelt(table, cls.model_fields)
+        for given, entry in table.items():
+            key = meant.get(given, given)
+            if key != given:
+                problems.append((given, unknown_name(given, what, key)))
+            section = cls._section(key)
+            if section is None or not isinstance(entry, dict):
                 plain[key] = entry
                 continue
-            section: Any = field.annotation
             plain[key] = {}
-            for name, leaf in entry.items():
+            meant_there = misspelt(entry, section.model_fields)
+            for given_name, leaf in entry.items():
+                name = meant_there.get(given_name, given_name)
                 place = f"{key}.{name}"
+                if name != given_name:
+                    wrong = f"{key}.{given_name}"
+                    problems.append((wrong, unknown_name(wrong, what, place)))
                 if name not in section.model_fields:
                     plain[key][name] = leaf
                     continue
-                if not (isinstance(leaf, dict) and {"value", "unit", "source"} == set(leaf)):
-                    raise ParameterError(
-                        f"{what}: {place} must be {{ value = ..., unit = ..., source = ... }}, "
-                        f"received {leaf!r}; complete it."
-                    )
-                if isinstance(leaf["value"], bool) or not isinstance(leaf["value"], int | float):
-                    raise ParameterError(
-                        f"{what}: {place} must be a number, received {leaf['value']!r}; correct it."
-                    )
-                if not (isinstance(leaf["source"], str) and leaf["source"].strip()):
-                    raise ParameterError(
-                        f"{what}: {place} must name the source of its value, received "
-                        f"{leaf['source']!r}; say where it comes from."
-                    )
-                unit = unit_of(section.model_fields[name])
-                si = to_si(leaf["value"], leaf["unit"], unit, f"{what}: {place}")
-                plain[key][name] = si
-                sources[place] = leaf["source"]
+                read = _read_entry(leaf, section.model_fields[name], place, what)
+                problems += [(place, text) for text in read.problems]
+                if read.value is None:
+                    unread.add(place)
+                else:
+                    plain[key][name] = read.value
+                if read.source is not None:
+                    sources[place] = read.source
+                if read.tolerance is not None:
+                    tolerances[place] = read.tolerance
         try:
             actuator = cls.model_validate(plain)
         except ValidationError as error:
-            raise one_sentence(error, what) from None
-        actuator._sources.update(sources)
+            problems += [one for one in findings(error, what) if one[0] not in unread]
+        if problems:
+            raise all_at_once(cls._in_order(problems), what)
+        actuator._sources = sources
+        actuator._tolerances = tolerances
         return actuator
+
+    @classmethod
+    def _section(cls, key: str) -> type[Section] | None:
+        """The class of a section; None if there is none of that name."""
+        field = cls.model_fields.get(key)
+        kind = None if field is None else field.annotation
+        return kind if isinstance(kind, type) and issubclass(kind, Section) else None
+
+    @classmethod
+    def _in_order(cls, problems: list[tuple[str, str]]) -> list[str]:
+        """Sentences in the order of a file: unknown names, parameters, the actuator as a whole."""
+        rank = {"": math.inf}
+        for key in cls.model_fields:
+            section = cls._section(key)
+            names = [] if section is None else section.model_fields
+            for place in (key, *(f"{key}.{name}" for name in names)):
+                rank[place] = len(rank)
+        return [text for _, text in sorted(problems, key=lambda one: rank.get(one[0], 0))]
 
     @classmethod
     def _wrong_kind(cls, what: str, kind: object) -> ParameterError:
@@ -169,18 +340,55 @@ class ParameterSet(BaseModel):
         """A variant with some values replaced, e.g. ``{"motor.resistance": 2.3}``, in SI."""
         table = self.model_dump()
         for place, value in values.items():
+            self._field(place)
             section, _, name = place.partition(".")
-            if section not in table or name not in table[section]:
-                raise ParameterError(
-                    f"{place!r} is not a parameter of an actuator; use section.name such as "
-                    "'motor.resistance'."
-                )
             table[section][name] = value
         try:
             variant = type(self).model_validate(table)
         except ValidationError as error:
             raise one_sentence(error, self.name) from None
         variant._sources.update(self._sources)
+        variant._tolerances.update(self._tolerances)
+        return variant
+
+    def _field(self, place: str) -> FieldInfo:
+        """The declaration of a parameter."""
+        key, _, name = place.partition(".")
+        section = self._section(key)
+        if section is None or name not in section.model_fields:
+            raise ParameterError(
+                f"{place!r} is not a parameter of an actuator; use section.name such as "
+                "'motor.resistance'."
+            )
+        return section.model_fields[name]
+
+    def tolerance(self, place: str) -> float | None:
+        """How far a value may be off, relative: as its file says, else as usual for the kind.
+
+        95 % of such actuators lie between the value divided by and multiplied with 1 + tolerance.
+        None where the value is taken as exact. See `quantity`.
+        """
+        usual = _stated(self._field(place)).get("tolerance")
+        return self._tolerances.get(place, usual)
+
+    def drift(self, place: str) -> float | None:
+        """How far a value may change between recordings of one actuator; None if it does not."""
+        found: float | None = _stated(self._field(place)).get("drift")
+        return found
+
+    def with_tolerances(self, tolerances: Mapping[str, float | str]) -> Self:
+        """A variant with tolerances of its own, e.g. ``{"motor.resistance": "5 %"}`` or 0.05.
+
+        Raises
+        ------
+        ParameterError
+            If a place is no parameter, or a tolerance not above 0 and at most 200 %.
+        """
+        variant = self.model_copy()
+        variant._tolerances = self._tolerances | {
+            place: _tolerance_of(given, self._field(place), place)
+            for place, given in tolerances.items()
+        }
         return variant
 
     def parameters(self) -> Iterator[tuple[str, float, str, str, str]]:
@@ -239,24 +447,27 @@ class ParameterSet(BaseModel):
 
     def limits(self, place: str) -> tuple[float, float]:
         """What a parameter may be at least and at most, SI; infinite where nothing is said."""
-        section, _, name = place.partition(".")
         low, high = -math.inf, math.inf
-        for rule in type(getattr(self, section)).model_fields[name].metadata:
+        for rule in self._field(place).metadata:
             low = max(low, getattr(rule, "ge", low), getattr(rule, "gt", low))
             high = min(high, getattr(rule, "le", high), getattr(rule, "lt", high))
         return float(low), float(high)
 
     def as_table(self, sources: Mapping[str, str] | None = None) -> dict[str, Any]:
-        """What a parameter file of it holds: kind, name, values with units and sources."""
+        """What a parameter file of it holds: kind, name, values with units and sources.
+
+        Of tolerances those that were given for this actuator; those of the kind are not repeated.
+        """
         given = sources or {}
         table: dict[str, Any] = {
             "kind": self.kind, "name": self.name, "description": self.description,
         }  # fmt: skip
         for place, value, unit, _, source in self.parameters():
             section, name = place.split(".")
-            table.setdefault(section, {})[name] = {
-                "value": value, "unit": unit, "source": given.get(place, source),
-            }  # fmt: skip
+            entry = {"value": value, "unit": unit, "source": given.get(place, source)}
+            if place in self._tolerances:
+                entry["tolerance"] = as_percent(self._tolerances[place])
+            table.setdefault(section, {})[name] = entry
         return table
 
     def save(self, path: str | Path, sources: Mapping[str, str] | None = None) -> None:
@@ -265,6 +476,42 @@ class ParameterSet(BaseModel):
 
         with written_whole(path) as draft:
             draft.write_text(tomli_w.dumps(self.as_table(sources)), encoding="utf-8")
+
+    def template(self, written: Mapping[str, Any] | None = None) -> str:
+        """Text of a parameter file with comments, to be edited; it reads back as this actuator.
+
+        Each parameter comes with its meaning and, where there are any, its tolerance and drift.
+        Values are in SI, or as in ``written``, the content of the file that this was loaded from:
+        people edit mH and rpm more easily.
+        """
+        table = self.as_table()
+        before = written or {}
+        meanings = {place: meaning for place, _, _, meaning, _ in self.parameters()}
+        lines = [_comment(line) for line in _ON_TEMPLATES]
+        for key, entry in table.items():
+            section = self._section(key)
+            if section is None:
+                lines.append(f"{key} = {_toml(entry)}")
+                continue
+            lines += ["", f"[{key}]"]
+            summary = (section.__doc__ or "").strip().partition("\n")[0]
+            if summary:
+                lines.append(_comment(summary))
+            for name, leaf in entry.items():
+                place = f"{key}.{name}"
+                leaf |= _as_written(leaf, before.get(key, {}).get(name, {}))
+                inner = ", ".join(f"{part} = {_toml(one)}" for part, one in leaf.items())
+                lines += [
+                    _comment(f"{meanings[place]}{self._reach(place)}"),
+                    f"{name} = {{ {inner} }}",
+                ]
+        return "\n".join(lines) + "\n"
+
+    def _reach(self, place: str) -> str:
+        """Tolerance and drift of a parameter for a comment; nothing where it has neither."""
+        tolerance, drift = self.tolerance(place), self.drift(place)
+        said = "" if tolerance is None else f"; tolerance {100.0 * tolerance:.3g} %"
+        return said if drift is None else f"{said}; drift {100.0 * drift:.3g} %"
 
     @cached_property
     def fingerprint(self) -> str:

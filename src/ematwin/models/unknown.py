@@ -28,6 +28,31 @@ class PhysicalValue(NamedTuple):
     meaning: str
 
 
+class Alias(NamedTuple):
+    """A direction in which the answer of a twin does not change.
+
+    A change of ``pivot`` by one has the effect of the changes ``same`` of others, by name; of
+    logarithms where an unknown is logarithmic. A pivot that is ``held`` stays at the mean of its
+    prior while the others are fitted, and only widens their intervals.
+    """
+
+    pivot: str
+    same: dict[str, float]
+    held: bool = True
+
+
+class Contrast(NamedTuple):
+    """A combination of faults that tells more than each for itself.
+
+    ``weights`` are by name; ``ambiguity`` is a sentence on what else may be its cause, or "".
+    """
+
+    name: str
+    weights: dict[str, float]
+    meaning: str
+    ambiguity: str = ""
+
+
 def table_of(rows: Sequence[PhysicalValue], marked: Container[str] | None = None) -> str:
     """A table for people; ``marked`` names what stands out, by default all that is not healthy."""
     lines = [f"{'fault':<19} {'k':>6}  {'value':>12}  {'healthy':>12}  meaning"]
@@ -58,13 +83,15 @@ class Unknown:
     spread : float or None, standard deviation of the prior around ``healthy``; of the logarithm
         where ``logarithmic``. None: no prior
     logarithmic : bool, searched by its logarithm
+    marginal : bool, held at its healthy value while faults are searched; its prior widens their
+        intervals afterwards
     direction_of : str or None, name of the magnitude of which this is the direction, in turns from
         -1/2: the two are searched as the components of a vector
     valleys : int, ranges of the value in which the misfit may have separate valleys
     slack : float, how far below the lower bound monitoring looks: healthy means as the average
         healthy run, and half of the runs are better than that
     physical_unit : str, of ``physical``; None takes ``unit``
-    physical : callable or None, ``(actuator, value) -> float``: the value in ``physical_unit``;
+    physical : callable or None, ``(actuator, value) -> value in physical_unit``, floats or arrays;
         None where the value itself is physical
 
     Raises
@@ -82,11 +109,12 @@ class Unknown:
     role: Role = "fault"
     spread: float | None = None
     logarithmic: bool = False
+    marginal: bool = False
     direction_of: str | None = None
     valleys: int = 1
     slack: float = 0.0
     physical_unit: str | None = None
-    physical: Callable[[Any, float], float] | None = None
+    physical: Callable[[Any, Any], Any] | None = None
 
     def __post_init__(self) -> None:
         if not self.lower < self.upper or not self.lower <= self.healthy <= self.upper:

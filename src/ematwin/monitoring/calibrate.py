@@ -1,5 +1,10 @@
-"""``calibrate``: from healthy recordings to a twin, its healthy population and its thresholds."""
+"""``calibrate``: from healthy recordings to a twin, its healthy population and its thresholds.
 
+One recording is enough for the twin. The population, by which `detect` judges, takes three runs
+over one command.
+"""
+
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -9,8 +14,12 @@ import numpy as np
 
 from ematwin import __version__
 from ematwin.errors import InputError, RecordError
-from ematwin.estimation.nominal import NominalParameter, fit_nominal
-from ematwin.models.base import Model, Reported
+from ematwin.estimation.baseline import Baseline
+from ematwin.estimation.learn import learn, same_command, searches_globally
+from ematwin.estimation.local import LocalDescent
+from ematwin.estimation.nominal import NominalParameter
+from ematwin.files import written_whole
+from ematwin.models.base import Model
 from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.registry import load_actuator, model_of
@@ -18,18 +27,17 @@ from ematwin.monitoring.calibration import Calibration, Thresholds
 from ematwin.monitoring.classification import REACH, Signature
 from ematwin.monitoring.features import Layout
 from ematwin.monitoring.gather import Given, recordings_of
-from ematwin.monitoring.index import health_index, prediction_bound, single_reach
-from ematwin.monitoring.measure import Bench, Fit, Measured, reported_values, statistics_of
+from ematwin.monitoring.healthy import HealthyRuns, Learning, without_own_share
+from ematwin.monitoring.index import single_reach
+from ematwin.monitoring.measure import Bench, Fit, Measured
 from ematwin.monitoring.population import Population, fit_mean
-from ematwin.monitoring.scores import FALSE_ALARM_RATE, Scores
+from ematwin.monitoring.scores import FALSE_ALARM_RATE
 from ematwin.recordings.recording import Recording
 
 Progress = Callable[[float], None]
 _MOST_MEANS = 24  # mean recordings that the nominal parameters are fitted to
+_MOST_LEARNT = 8  # recordings that the parameters of other kinds are fitted to
 _ROUNDS = 2  # of discrepancy and values in turn
-_OUTLIER = 4.0  # robust standard deviations of the logarithm of a run's index
-_LEAST_SCATTER = 0.15  # of that logarithm: few runs may agree by chance
-_ODD = 8.0  # robust standard deviations of what is reported
 _MOST_LABELS = 20  # values of one label that are listed
 
 
@@ -39,17 +47,23 @@ class CalibrationReport:
 
     Attributes
     ----------
-    calibration : Calibration
-    parameters : fitted ones, with what could not be determined
+    actuator : with the values that were found
+    baseline : how well they are known
+    calibration : with the healthy population; None where there were too few runs over one command
+    parameters : fitted ones, with what could not be determined; none where runs were added
+    tied : groups of parameters of which only ratios or products are known
     run_spread : of each reported quantity, standard deviations within a run and between runs;
         of logarithms for multiples of healthy, else SI
-    learnt, held_back : names of the runs
-    false_alarms : share of the held-back recordings above the threshold
+    learnt, held_back : names of the runs; none is held back where each was judged by the others
+    false_alarms : share of the recordings so judged above the threshold
     notes : sentences on what to be careful of
     """
 
-    calibration: Calibration
+    actuator: ParameterSet
+    baseline: Baseline
+    calibration: Calibration | None
     parameters: list[NominalParameter]
+    tied: list[tuple[str, ...]]
     run_spread: dict[str, tuple[float, float]]
     learnt: list[str]
     held_back: list[str]
@@ -64,28 +78,41 @@ class CalibrationReport:
             p.place: f"calibrated on healthy runs {runs} with ematwin {__version__}, standard "
             f"error {p.standard_error:.3g}"
             if p.determined
-            else f"not determined by the healthy runs; kept at the template's {p.template:.4g}"
+            else f"not determined by the healthy runs; template {p.template:.4g}"
             for p in self.parameters
         }
 
     def save(self, path: str | Path) -> None:
-        """Write the calibration as a TOML file, with the sources of its parameters."""
-        self.calibration.save(path, self.sources)
+        """Write the calibrated actuator as a TOML file, with the sources of its parameters."""
+        if self.calibration is not None:
+            self.calibration.save(path, self.sources)
+            return
+        import tomli_w
+
+        table = {**self.actuator.as_table(self.sources), "baseline": self.baseline.as_table()}
+        with written_whole(path) as draft:
+            draft.write_text(tomli_w.dumps(table), encoding="utf-8")
 
     def as_dict(self) -> dict[str, object]:
         """For JSON."""
-        limits = self.calibration.thresholds
+        of_population: dict[str, object] = {"threshold": None, "signatures": []}
+        if self.calibration is not None:
+            of_population = {
+                "threshold": vars(self.calibration.thresholds).copy(),
+                "signatures": [s.fault for s in self.calibration.signatures],
+            }
         return {
-            "actuator": self.calibration.actuator.name,
-            "kind": self.calibration.actuator.kind,
+            "actuator": self.actuator.name,
+            "kind": self.actuator.kind,
+            "misfit": self.baseline.misfit if math.isfinite(self.baseline.misfit) else None,
+            "tied": [list(group) for group in self.tied],
             "parameters": {p.place: vars(p).copy() for p in self.parameters},
             "spread": {k: {"within": a, "between": b} for k, (a, b) in self.run_spread.items()},
             "learnt": self.learnt,
             "held_back": self.held_back,
             "false_alarms": self.false_alarms,
             "notes": list(self.notes),
-            "threshold": vars(limits).copy(),
-            "signatures": [s.fault for s in self.calibration.signatures],
+            **of_population,
         }
 
 
@@ -98,21 +125,26 @@ def calibrate(
     known: Mapping[str, Given] | None = None,
     name: str | None = None,
     progress: Progress | None = None,
+    add_to: Calibration | str | Path | None = None,
 ) -> CalibrationReport:
     """Learn from healthy recordings how an actuator behaves, and how far healthy runs differ.
 
     Parameters
     ----------
-    recordings : healthy ones, or the files that hold them, of at least three runs, all over one
-        command; nuisances such as a load need not be known
+    recordings : healthy ones, or the files that hold them; one is enough for the twin, three runs
+        over one command also give the population that `detect` needs; nuisances such as a load
+        need not be known
     template : actuator of any kind to start from: parameters, the name of a shipped set, or a file
     held_back : runs, the last ones, that take no part in learning and set the thresholds; by
-        default two of five or more, else one
+        default all runs are learnt from, and each, judged by the others, sets the thresholds
     false_alarm_rate : of a healthy recording, or run, of another day
     known : recordings with a known fault, by a text ``fault`` or ``fault: remark``; each entry
         becomes a signature
     name : of the calibrated actuator
     progress : called with the share done
+    add_to : calibration, or its file, whose healthy runs these join: actuator and discrepancy stay,
+        population and thresholds are learnt from all; ``template`` is not looked at, and one run
+        is enough
 
     Raises
     ------
@@ -121,47 +153,67 @@ def calibrate(
     InputError
         If an option cannot be used.
     """
-    chosen = load_actuator(template)
-    model = model_of(chosen)
     tell = progress or (lambda share: None)
     if not 0.0 < false_alarm_rate < 0.5:
         raise InputError(
             f"The false alarm rate must lie between 0 and 0.5, received {false_alarm_rate:g}."
         )
+    if add_to is not None:
+        if held_back is not None:
+            raise InputError(
+                f"Runs that are added are judged by all others, received held_back={held_back}; "
+                "leave it out."
+            )
+        return _added(recordings, add_to, false_alarm_rate, known or {}, name, tell)
+    chosen = load_actuator(template)
+    model = model_of(chosen)
     healthy = recordings_of(recordings, chosen)
+    for one in healthy:
+        model.check(one, chosen)
     runs = list(dict.fromkeys(one.run for one in healthy))
-    back = _held_back(runs, held_back)
+    wanted = held_back is not None or bool(known)
+    obstacle = _no_population(model, healthy, runs)
+    if obstacle and wanted:
+        raise RecordError(obstacle)
+    back = [] if obstacle else _held_back(runs, held_back)
     learnt_runs = [run for run in runs if run not in back]
     learning = np.array([one.run not in back for one in healthy])
     settling = model.settling_time(chosen)
-    model.check_channels(healthy[0])
     command, interval = healthy[0].channels[model.command], healthy[0].interval
-    first = Bench(model, chosen, healthy, command, interval, settling)
-    groups = first.groups
-    tell(0.1)
-    actuator, parameters = fit_nominal(model, chosen, _means(first, learning))
+    tell(0.05)
+    taught = [one for one, own in zip(healthy, learning, strict=True) if own]
+    first = None
+    means: list[Comparison] = []
+    if not searches_globally(model):
+        first = Bench(model, chosen, healthy, command, interval, settling)
+        means = _means(first, learning)
+    learnt = learn(
+        model, chosen, [model.compare(one, chosen) for one in _evenly(taught, _MOST_LEARNT)],
+        means=means, progress=lambda share: tell(0.05 + 0.45 * share),
+    )  # fmt: skip
+    actuator, parameters, baseline = learnt.actuator, learnt.parameters, learnt.baseline
     if name is not None:
         actuator = actuator.model_copy(update={"name": name})
     tell(0.5)
-    bench = Bench(model, actuator, healthy, command, interval, settling, first.layout.channels)
+    if obstacle:
+        tell(1.0)
+        notes = (*learnt.notes, f"{obstacle} Without that, ematwin detect has no population.")
+        return CalibrationReport(
+            actuator, baseline, None, parameters, learnt.tied, {}, learnt_runs, [], 0.0, notes
+        )
+    channels = None if first is None else first.layout.channels
+    bench = Bench(model, actuator, healthy, command, interval, settling, channels)
     layout = bench.layout
     fit, discrepancy, scale = _with_discrepancy(bench, learning)
     measured = bench.measured(fit)
     tell(0.8)
-    values = reported_values(model, actuator, layout, measured.features)
-    healthy_runs = _Healthy(model, actuator, layout, measured, values, healthy, scale)
-    healthy_runs.check_outliers()
-    population, reported = healthy_runs.populations(learning)
-    scores = Scores(
-        population.scores(measured.features, measured.covariate), layout.names, layout.kinds, groups
-    )
-    thresholds = _thresholds(
-        scores.values[~learning], groups[~learning], layout.kinds, false_alarm_rate
-    )
-    over = scores.index()[~learning] > thresholds.motion
-    has_covariate = model.covariate is not None
-    statistics = statistics_of([e for e, own in zip(measured.estimates, learning, strict=True)
-                                if own])  # fmt: skip
+    of_run = [one.run for one in healthy]
+    kept = HealthyRuns.of(
+        model, actuator, layout, measured,
+        without_own_share(layout, measured, fit, scale, of_run, learning), of_run,
+    )  # fmt: skip
+    learning_runs = Learning(model, actuator, layout, kept, scale)
+    learning_runs.check_outliers()
     calibration = Calibration(
         actuator=actuator,
         command=command,
@@ -169,16 +221,7 @@ def calibrate(
         settling_time=settling,
         channels=layout.channels,
         discrepancy=discrepancy,
-        population=population,
-        reported=reported,
-        thresholds=thresholds,
-        statistics={
-            name: (float(found.mean()), float(found.std(ddof=1)))
-            for name, found in statistics.items()
-        },
-        covariate_range=(float(measured.covariate.min()), float(measured.covariate.max()))
-        if has_covariate
-        else None,
+        **_learnt(learning_runs, ~learning, false_alarm_rate),
         facts={
             "runs": learnt_runs,
             "held_back": back,
@@ -189,22 +232,173 @@ def calibrate(
             "undetermined": [p.place for p in parameters if not p.determined],
         },
     )
+    calibration = replace(calibration, baseline=_with_population(baseline, calibration, measured))
     signatures = tuple(
         signature(calibration, fault, examples) for fault, examples in (known or {}).items()
     )
     tell(1.0)
+    return _report(
+        replace(calibration, signatures=signatures), parameters, learnt.tied, learnt.notes
+    )
+
+
+def _no_population(model: Model, healthy: Sequence[Recording], runs: list[str]) -> str:
+    """Why recordings make no population; "" if they do."""
+    if len(runs) < 3:
+        return (
+            f"A population needs at least three healthy runs, so that two can judge the third; "
+            f"received {len(runs)} ({', '.join(runs)}). Record more, on other days; a run is a "
+            "file, or a value of the column run."
+        )
+    if searches_globally(model):
+        for one in healthy[1:]:
+            if not same_command(one, healthy[0], model.command):
+                return (
+                    f"A population needs recordings over one command; {one.name} follows another "
+                    f"than {healthy[0].name}."
+                )
+    return ""
+
+
+def _evenly(recordings: Sequence[Recording], most: int) -> list[Recording]:
+    """So many of the recordings at most, evenly chosen."""
+    places = np.linspace(0, len(recordings) - 1, min(len(recordings), most))
+    return [recordings[n] for n in np.unique(np.round(places).astype(int))]
+
+
+def _with_population(baseline: Baseline, calibration: Calibration, measured: Measured) -> Baseline:
+    """The baseline with how far healthy runs differ, where the population says more of it."""
+    population, layout = calibration.population, calibration.layout
+    scatter = dict(baseline.scatter)
+    for n, name in enumerate(layout.magnitudes):
+        scatter.setdefault(name, float(np.hypot(population.within[n], population.between[n])))
+    misfit = baseline.misfit
+    if not math.isfinite(misfit):
+        misfit = float(np.median([one.misfit for one in measured.estimates]))
+    runs = max(baseline.recordings, len(calibration.facts["runs"]))
+    return replace(baseline, scatter=scatter, misfit=misfit, recordings=runs)
+
+
+def _learnt(learning: Learning, held_back: np.ndarray, rate: float) -> dict[str, Any]:
+    """What of a `Calibration` follows from its healthy runs.
+
+    ``held_back`` (N,) of bool: recordings that only set the thresholds.
+    """
+    kept = learning.healthy
+    population, reported = learning.populations(~held_back)
+    motion, run, size = learning.limits(*learning.tested(held_back), rate)
+    covariate = kept.covariate
+    return {
+        "population": population,
+        "reported": reported,
+        "thresholds": Thresholds(motion, run, size, rate),
+        "statistics": {
+            name: (float(found[~held_back].mean()), float(found[~held_back].std(ddof=1)))
+            for name, found in kept.statistics.items()
+        },
+        "covariate_range": None
+        if learning.scale is None
+        else (float(covariate.min()), float(covariate.max())),
+        "healthy": kept,
+    }
+
+
+def _report(
+    calibration: Calibration,
+    parameters: list[NominalParameter],
+    tied: list[tuple[str, ...]],
+    notes: list[str],
+) -> CalibrationReport:
+    """What is told of a calibration whose healthy runs are at hand."""
+    back = calibration.facts["held_back"]
+    over = calibration.tested().index() > calibration.thresholds.motion
+    reported = calibration.reported
+    runs = len(calibration.learning.healthy.names)
+    assert calibration.baseline is not None
     return CalibrationReport(
-        replace(calibration, signatures=signatures),
+        calibration.actuator,
+        calibration.baseline,
+        calibration,
         parameters,
+        tied,
         {
             one.name: (float(reported.within[n]), float(reported.between[n]))
-            for n, one in enumerate(model.reported(actuator))
+            for n, one in enumerate(calibration.model.reported(calibration.actuator))
         },
-        learnt_runs,
+        calibration.facts["runs"],
         back,
         float(over.mean()),
-        tuple(_cautions(thresholds, layout, len(runs), len(back))),
+        (*notes, *_cautions(calibration.thresholds, calibration.layout, runs, len(back))),
     )
+
+
+def _added(
+    recordings: Given,
+    add_to: Calibration | str | Path,
+    rate: float,
+    known: Mapping[str, Given],
+    name: str | None,
+    tell: Progress,
+) -> CalibrationReport:
+    """A calibration with more healthy runs, such as those of a later occasion."""
+    from ematwin.monitoring.detect import judge
+
+    before = add_to if isinstance(add_to, Calibration) else Calibration.load(add_to)
+    if before.healthy is None:
+        raise InputError(
+            f"The calibration of {before.actuator.name} does not keep its healthy runs, as those "
+            "of older versions do not; calibrate anew with all healthy recordings."
+        )
+    given = recordings_of(recordings, before.actuator)
+    measured = before.measure(given)
+    tell(0.6)
+    for verdict in judge(given, measured, before).runs:
+        if verdict.grade in ("fault", "none"):
+            raise RecordError(
+                f"{verdict.name} is no healthy run by the calibration that it is to join "
+                f"({verdict.reason.rstrip('.')}). Leave it out, or calibrate anew with it if it is "
+                "healthy all the same."
+            )
+    taken, of_run = set(before.healthy.names), []
+    for one in given:
+        of_run.append(f"{one.run} of {one.source}" if one.run in taken else one.run)
+    if before.healthy.holds(measured.features, before.layout.kinds) or taken & set(of_run):
+        raise RecordError(
+            f"Run {given[0].run} of {given[0].source} is among the healthy runs already; give runs "
+            "that are new."
+        )
+    more = HealthyRuns.of(
+        before.model, before.actuator, before.layout, measured, measured.features, of_run
+    )
+    actuator = before.actuator if name is None else before.actuator.model_copy(
+        update={"name": name}
+    )  # fmt: skip
+    kept = before.healthy.with_more(more)
+    learning = Learning(before.model, actuator, before.layout, kept, before.population.scale)
+    after = replace(
+        before,
+        actuator=actuator,
+        **_learnt(learning, np.zeros(len(kept.runs), dtype=bool), rate),
+        signatures=(),
+        facts={
+            **before.facts,
+            "runs": kept.names,
+            "held_back": [],
+            "motions": len(kept.runs),
+            "labels": f"{before.facts.get('labels', 'none')}; added: {_labels_of(given)}",
+            "sources": sorted({*before.facts.get("sources", []), *(one.source for one in given)}),
+        },
+    )
+    signatures = [_restated(one, before.population, after.population) for one in before.signatures]
+    signatures += [signature(after, fault, examples) for fault, examples in known.items()]
+    tell(1.0)
+    return _report(replace(after, signatures=tuple(signatures)), [], [], [])
+
+
+def _restated(one: Signature, before: Population, after: Population) -> Signature:
+    """A signature in the scores of another population over the same covariate."""
+    raw = one.coefficients * before.spread + before.coefficients
+    return replace(one, coefficients=(raw - after.coefficients) / after.spread)
 
 
 def signature(calibration: Calibration, fault: str, recordings: Given) -> Signature:
@@ -237,23 +431,20 @@ def _means(bench: Bench, learning: np.ndarray) -> list[Comparison]:
 
 
 def _held_back(runs: list[str], wanted: int | None) -> list[str]:
-    if len(runs) < 3:
-        raise RecordError(
-            f"A calibration needs at least three healthy runs, two to learn from and one to set "
-            f"the threshold; received {len(runs)} ({', '.join(runs)}). Record more, on other days; "
-            "a run is a file, or a value of the column run."
-        )
-    count = wanted if wanted is not None else (2 if len(runs) >= 5 else 1)
-    if not 1 <= count <= len(runs) - 2:
+    """The runs that only set the thresholds; none where each is judged by the others."""
+    if wanted is None:
+        return []
+    if not 1 <= wanted <= len(runs) - 2:
         raise InputError(
-            f"Of {len(runs)} runs between 1 and {len(runs) - 2} can be held back, received {count}."
+            f"Of {len(runs)} runs between 1 and {len(runs) - 2} can be held back, received "
+            f"{wanted}."
         )
-    return runs[-count:]
+    return runs[-wanted:]
 
 
 def _with_discrepancy(bench: Bench, learning: np.ndarray) -> tuple[Fit, np.ndarray, float | None]:
     """The last fit, the discrepancy of the twin over the covariate, and the covariate's scale."""
-    fit = bench.fit()
+    fit = bench.fit(search=LocalDescent())  # healthy ones lie in the valley of health
     scale = None
     if bench.model.covariate is not None:
         scale = float(np.sqrt((fit.covariate[learning] ** 2).mean())) or 1.0
@@ -265,128 +456,16 @@ def _with_discrepancy(bench: Bench, learning: np.ndarray) -> tuple[Fit, np.ndarr
     return fit, discrepancy, scale
 
 
-def _thresholds(
-    scores: np.ndarray, groups: np.ndarray, kinds: Sequence[str], rate: float
-) -> Thresholds:
-    runs = np.unique(groups)
-    means = np.stack([scores[groups == g].mean(0) for g in runs])
-    return Thresholds(
-        motion=prediction_bound(health_index(scores, kinds), groups, rate),
-        run=prediction_bound(health_index(means, kinds), runs, rate),
-        run_size=len(scores) / len(runs),
-        false_alarm_rate=rate,
-    )
-
-
 def _cautions(thresholds: Thresholds, layout: Layout, runs: int, back: int) -> list[str]:
     reach = single_reach(layout.kinds)
     if max(thresholds.motion, thresholds.run) < reach:
         return []
+    said = f"{runs - back} runs to learn from and {back} held back" if back else f"{runs} runs"
     return [
         f"The thresholds ({thresholds.motion:.2f} for a motion, {thresholds.run:.2f} for a run) "
-        f"are so high that no single magnitude reaches them (at most {reach:.2f}): {runs - back} "
-        f"runs to learn from and {back} held back say too little about how far healthy runs "
-        "differ. Record more healthy runs, on other days."
+        f"are so high that no single magnitude reaches them (at most {reach:.2f}): {said} say too "
+        "little about how far healthy runs differ. Record more healthy runs, on other days."
     ]
-
-
-@dataclass(frozen=True)
-class _Healthy:
-    """Healthy recordings with what was measured on them."""
-
-    model: Model
-    actuator: ParameterSet
-    layout: Layout
-    measured: Measured
-    values: np.ndarray
-    recordings: list[Recording]
-    scale: float | None
-
-    def populations(self, members: np.ndarray) -> tuple[Population, Population]:
-        """Of the features, and of what is reported, from members (N,) of bool."""
-        magnitudes = self.layout.magnitudes
-        unknowns = {one.name: one for one in self.model.faults(self.actuator)}
-        on_bound = np.array([
-            unknowns[name].healthy in (unknowns[name].lower, unknowns[name].upper)
-            for name in magnitudes
-        ], dtype=bool)  # fmt: skip
-        errors = self.measured.errors(self.layout, members)
-        cut = np.zeros(errors.shape, dtype=bool)
-        cut[: len(magnitudes)] = on_bound
-        population = self._population(self.measured.features, members, errors, cut)
-        reported = self.model.reported(self.actuator)
-        own_errors, own_cut = np.zeros(len(reported)), np.zeros(len(reported), dtype=bool)
-        for n, one in enumerate(reported):
-            if one.name in magnitudes:
-                place = magnitudes.index(one.name)
-                own_errors[n], own_cut[n] = errors[place], cut[place]
-                if one.logarithmic:
-                    own_errors[n] /= float(np.exp(self.values[members, n].mean()))
-        return population, self._population(self.values, members, own_errors, own_cut)
-
-    def _population(
-        self, features: np.ndarray, members: np.ndarray, errors: np.ndarray, cut: np.ndarray
-    ) -> Population:
-        measured = self.measured
-        return Population.of(
-            features[members], measured.covariate[members], measured.groups[members], self.scale,
-            errors, cut,
-        )  # fmt: skip
-
-    def check_outliers(self) -> None:
-        """Refuse a run that is unlike all others: it may be a faulty one among the healthy."""
-        measured, kinds = self.measured, self.layout.kinds
-        groups, covariate = measured.groups, measured.covariate
-        of_run = np.array([one.run for one in self.recordings])
-        runs = list(dict.fromkeys(of_run.tolist()))
-        if len(runs) < 4:
-            return  # of three, nobody can tell which one is the odd one
-        index = []
-        for run in runs:
-            others = of_run != run
-            population, _ = self.populations(others)
-            own = population.scores(measured.features[~others], covariate[~others])
-            means = [own[groups[~others] == g].mean(0) for g in np.unique(groups[~others])]
-            index.append(float(np.log(np.mean(health_index(np.stack(means), kinds)))))
-        level = np.array(index)
-        for n, run in enumerate(runs):
-            rest = np.delete(level, n)
-            away = level[n] - float(np.median(rest))
-            if away > _OUTLIER * max(_robust_spread(rest), _LEAST_SCATTER):
-                raise _odd_one(
-                    run, len(runs), f"it lies {np.exp(away):.1f} times as far from the others as "
-                    "they lie from each other",
-                )  # fmt: skip
-        for k, one in enumerate(self.model.reported(self.actuator)):
-            if not np.isfinite(one.least):
-                continue
-            level = np.array([self.values[of_run == run, k].mean() for run in runs])
-            for n, run in enumerate(runs):
-                rest = np.delete(level, n)
-                away = abs(level[n] - float(np.median(rest)))
-                if away > max(_ODD * _robust_spread(rest), one.least):
-                    raise _odd_one(
-                        run, len(runs), f"its {one.name} differs from theirs by {_shown(one, away)}"
-                    )
-
-
-def _shown(one: Reported, away: float) -> str:
-    """A difference as people read it."""
-    if one.logarithmic:
-        return f"{100.0 * away:.2g} %"
-    return f"{one.scale * away:.2g} {one.unit}".rstrip()
-
-
-def _robust_spread(values: np.ndarray) -> float:
-    """Standard deviation by the median absolute deviation."""
-    return 1.4826 * float(np.median(np.abs(values - np.median(values))))
-
-
-def _odd_one(run: str, count: int, how: str) -> RecordError:
-    return RecordError(
-        f"Run {run} is unlike the other {count - 1} healthy runs: {how}. If it is faulty or of "
-        "another rig, leave it out."
-    )
 
 
 def _labels_of(recordings: Sequence[Recording]) -> str:

@@ -1,7 +1,8 @@
 """Calibration: an actuator with its healthy population, as `calibrate` makes and `detect` takes it.
 
-It is one TOML file: a parameter file of the actuator with the tables ``calibration`` (what was
-learnt from which runs) and ``signature`` (known faults) beside it.
+It is one TOML file: a parameter file of the actuator with the tables ``baseline`` (how well its
+parameters are known), ``calibration`` (what was learnt from which runs) and ``signature`` (known
+faults) beside it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,6 +16,8 @@ import tomli_w
 
 from ematwin import __version__
 from ematwin.errors import ParameterError
+from ematwin.estimation.baseline import Baseline, uncertain
+from ematwin.estimation.problem import Prior
 from ematwin.files import written_whole
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
@@ -22,13 +25,16 @@ from ematwin.models.registry import actuator_in, model_of
 from ematwin.monitoring.classification import Signature
 from ematwin.monitoring.features import Layout
 from ematwin.monitoring.gather import Given, recordings_of
+from ematwin.monitoring.healthy import HealthyRuns, Learning
+from ematwin.monitoring.index import clear_limit
 from ematwin.monitoring.measure import Bench, Measured, layout_of
 from ematwin.monitoring.population import Population
 from ematwin.monitoring.scores import Scores
 from ematwin.validation import load_toml
 
-FORMAT = 2
+FORMAT = 3  # 3 keeps the healthy runs; 2 and 1 do not
 _DIGITS = 9
+_FITTED = 0.01  # of a logarithm: error of a fitted parameter, where older versions kept none
 
 
 @dataclass(frozen=True)
@@ -80,6 +86,9 @@ class Calibration:
     covariate_range : least and largest covariate of the healthy recordings, SI; None without one
     signatures : known faults
     facts : runs, files, version
+    healthy : what was measured on each healthy recording, to which later ones can be added; None
+        in calibrations of versions that did not keep it
+    baseline : how well the parameters are known; None in calibrations of older versions
     """
 
     actuator: ParameterSet
@@ -95,6 +104,8 @@ class Calibration:
     covariate_range: tuple[float, float] | None = None
     signatures: tuple[Signature, ...] = ()
     facts: dict[str, Any] = field(default_factory=dict)
+    healthy: HealthyRuns | None = None
+    baseline: Baseline | None = None
 
     @property
     def model(self) -> Model:
@@ -108,6 +119,26 @@ class Calibration:
             self.model, self.actuator, self.command, self.interval, self.settling_time,
             self.channels,
         )  # fmt: skip
+
+    @property
+    def learning(self) -> Learning:
+        """How population and thresholds follow from the healthy runs.
+
+        Raises
+        ------
+        ValueError
+            If they were not kept.
+        """
+        if self.healthy is None:
+            raise ValueError("its healthy recordings were not kept")
+        return Learning(self.model, self.actuator, self.layout, self.healthy, self.population.scale)
+
+    def clear_limit(self, motions: int) -> float:
+        """The index from which a change without a name raises an alarm, for this many recordings.
+
+        It lies above the threshold by what may drift between occasions.
+        """
+        return clear_limit(self.thresholds.of(motions), self.layout.kinds, len(self.channels))
 
     def measure(self, recordings: Given) -> Measured:
         """Estimates and features of recordings, or of those in files.
@@ -129,6 +160,19 @@ class Calibration:
         measured = recordings if isinstance(recordings, Measured) else self.measure(recordings)
         values = self.population.scores(measured.features, measured.covariate)
         return Scores(values, self.layout.names, self.layout.kinds, measured.groups)
+
+    def tested(self) -> Scores:
+        """Scores of the healthy recordings that set the thresholds, none of which taught them.
+
+        Raises
+        ------
+        ValueError
+            If they were not kept.
+        """
+        learning = self.learning
+        held_back = np.isin(learning.healthy.runs, self.facts.get("held_back", []))
+        values, groups = learning.tested(held_back)
+        return Scores(values, self.layout.names, self.layout.kinds, groups)
 
     def save(self, path: str | Path, sources: Mapping[str, str] | None = None) -> None:
         """Write the TOML file, whole or not at all.
@@ -154,8 +198,11 @@ class Calibration:
         }
         if self.covariate_range is not None:
             learnt["covariate_range"] = list(self.covariate_range)
+        if self.healthy is not None:
+            learnt["healthy"] = self.healthy.as_table(_DIGITS)
         table = {
             **self.actuator.as_table(sources),
+            **({} if self.baseline is None else {"baseline": self.baseline.as_table()}),
             "calibration": learnt,
             "signature": [
                 {"fault": s.fault, "source": s.source, "coefficients": _plain(s.coefficients)}
@@ -190,6 +237,7 @@ class Calibration:
                 f"{FORMAT}). Update ematwin."
             )
         signatures = table.pop("signature", [])
+        known = table.pop("baseline", None)
         actuator = actuator_in(table, path)
         try:
             if not isinstance(written, int):
@@ -217,9 +265,15 @@ class Calibration:
                     for s in signatures
                 ),
                 facts=dict(learnt.get("facts", {})),
+                healthy=HealthyRuns.from_table(learnt["healthy"]) if "healthy" in learnt else None,
+                baseline=_older_baseline(actuator, learnt)
+                if known is None
+                else Baseline.from_table(known, str(path)),
             )
             found.check(learnt.get("magnitudes"), learnt.get("quantities"))
         except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+            if isinstance(error, ParameterError):
+                raise
             raise ParameterError(
                 f"{path}: its calibration is damaged ({type(error).__name__}: {error}). Make it "
                 "anew with ematwin calibrate."
@@ -261,11 +315,36 @@ class Calibration:
             arrays[f"{name} between"] = (part.between, (count,))
         for s in self.signatures:
             arrays[f"signature {s.fault}"] = (s.coefficients, (rows, features))
+        if self.healthy is not None:
+            count = len(self.healthy.runs)
+            arrays["healthy features"] = (self.healthy.features, (count, features))
+            arrays["healthy values"] = (self.healthy.values, (count, len(reported)))
+            shape = (count, len(self.layout.magnitudes))
+            arrays["healthy errors"] = (self.healthy.errors, shape)
         for name, (values, wanted) in arrays.items():
             if values.shape != wanted:
                 raise ValueError(f"{name} has the shape {values.shape}, not {wanted}")
             if not np.isfinite(values).all():
                 raise ValueError(f"{name} holds values that are not finite")
+
+
+def _older_baseline(actuator: ParameterSet, learnt: Mapping[str, Any]) -> Baseline:
+    """How well parameters are known by a calibration that did not say so."""
+    model = model_of(actuator)
+    prior = Prior.independent(uncertain(model, actuator))
+    facts = learnt.get("facts", {})
+    undetermined = set(facts.get("undetermined", []))
+    fitted = [n for n, p in enumerate(prior.names) if p in model.nominal and p not in undetermined]
+    covariance = prior.covariance.copy()
+    covariance[fitted, fitted] = _FITTED**2
+    scatter = np.hypot(
+        np.array(learnt["population"]["within"]), np.array(learnt["population"]["between"])
+    )
+    return Baseline(
+        Prior(prior.names, prior.mean, covariance),
+        scatter=dict(zip(learnt.get("magnitudes", []), scatter.tolist(), strict=False)),
+        recordings=max(1, len(facts.get("runs", []))),
+    )
 
 
 def _from_first_format(learnt: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,7 +1,18 @@
-"""``detect``: a verdict on recordings, one by one and by the run."""
+"""``detect``: a verdict on recordings, one by one and by the run.
+
+A verdict has a grade. ``healthy``: the index is below its threshold, and no known fault explains
+what is left. ``changed``: it is above, but nothing can be named. ``fault``: a fault is named, from
+physics where the index is above its threshold, or from a signature that explains a good part of
+the change. ``none``: no verdict, because the recording is of another rig or far outside of what was
+learnt.
+
+A fault raises an alarm. A change without a name does so only where the index is above what may
+drift between occasions as well, or where a magnitude is far off by itself: healthy runs of one
+occasion cannot show how far occasions differ.
+"""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +37,9 @@ _ENDS = np.array([-1.0, 1.0])
 _CHANGED = 6.0  # healthy standard deviations of a statistic
 _LEAST_CHANGE = 0.05  # of its healthy mean: the standard deviation counts as no less
 _STRANGE = 12.0  # root mean square of scores of residuals; seeded faults of a real rig reach 4
+_SLACK = 0.15  # of the largest healthy covariate: so far outside their range it is noted
+_FAR = 0.5  # of it: so far outside there is no verdict
+_SIGMAS = 3.0  # healthy deviations from which a magnitude counts as raised
 
 
 @dataclass(frozen=True)
@@ -83,14 +97,18 @@ class Verdict:
     motions : how many recordings it rests on
     magnitudes : what the kind reports
     covariate : estimated with it, such as the load; None for a kind without one
-    index, threshold : health index and where the alarm begins
-    fault : name of the fault, "" without an alarm
+    index, threshold : health index, and the bound that healthy runs seldom exceed
+    fault : name of the fault, or `UNNAMED`; "" without an alarm
     named_by : "physics", "signature" or ""
     statistics : what was measured beside the twin, by name, SI
     evidence : the features furthest from health: name to score
     notes : sentences
     alone : magnitudes that raise the alarm by themselves, where the threshold lies beyond what a
         single one can bring the index to
+    grade : "healthy", "changed", "fault" or "none"
+    alarm : whether somebody should look: at a fault, and at a change that is clear
+    reason : a sentence on why this grade
+    clear : the index from which a change without a name raises an alarm
     """
 
     name: str
@@ -106,11 +124,22 @@ class Verdict:
     evidence: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     alone: tuple[str, ...] = ()
+    grade: str = "healthy"
+    alarm: bool = False
+    reason: str = ""
+    clear: float = np.inf
 
     @property
-    def alarm(self) -> bool:
-        """Whether the index is above its threshold, or a magnitude is far off by itself."""
-        return self.index > self.threshold or bool(self.alone)
+    def faults(self) -> tuple[str, ...]:
+        """Names of the faults; none unless the grade is "fault"."""
+        return (self.fault,) if self.grade == "fault" else ()
+
+    @property
+    def said(self) -> str:
+        """Name of the fault or grade, for tables."""
+        if self.grade in ("fault", "none"):
+            return self.fault if self.grade == "fault" else "no verdict"
+        return self.fault or self.grade
 
     @property
     def load(self) -> float | None:
@@ -127,7 +156,11 @@ class Verdict:
             "motions": self.motions,
             "index": self.index,
             "threshold": self.threshold,
+            "clear_threshold": self.clear,
             "alarm": self.alarm,
+            "grade": self.grade,
+            "faults": list(self.faults),
+            "reason": self.reason,
             **({"alone": list(self.alone)} if self.alone else {}),
             "fault": self.fault or None,
             "named_by": self.named_by or None,
@@ -208,6 +241,17 @@ def _name_of(source: str, labels: dict[str, str], one_source: bool) -> str:
     return said if said and one_source else f"{source} {said}".strip()
 
 
+def counted(verdicts: Sequence[Verdict], kind: str) -> str:
+    """How many verdicts raise an alarm, and of how many of the rest something is to be said."""
+    rest = [verdict.grade for verdict in verdicts if not verdict.alarm]
+    said = {
+        "changed by no more than may drift": rest.count("changed"),
+        "without a verdict": rest.count("none"),
+    }
+    more = "".join(f", {count} {text}" for text, count in said.items() if count)
+    return f"{sum(v.alarm for v in verdicts)} of {len(verdicts)} {kind} raise an alarm{more}"
+
+
 def gathered_notes(verdicts: Sequence[Verdict]) -> list[str]:
     """The notes of many verdicts, alike ones once, each with how many have it."""
     seen: dict[str, list[tuple[str, str]]] = {}
@@ -219,6 +263,15 @@ def gathered_notes(verdicts: Sequence[Verdict]) -> list[str]:
         + (f" {len(found)} of {len(verdicts)} are like this." if len(found) > 1 else "")
         for found in seen.values()
     ]
+
+
+def gathered_reasons(verdicts: Sequence[Verdict]) -> list[str]:
+    """Why verdicts are other than healthy, the first of each name or grade."""
+    found: dict[str, str] = {}
+    for verdict in verdicts:
+        if verdict.grade != "healthy":
+            found.setdefault(verdict.said, f"{verdict.said}: {verdict.reason}")
+    return list(found.values())
 
 
 class _Judge:
@@ -240,17 +293,14 @@ class _Judge:
         """The verdict on some recordings taken together."""
         calibration = self._calibration
         limit = calibration.thresholds.of(len(members))
+        clear = calibration.clear_limit(len(members))
         scores = self._scores[members]
         mean = scores.mean(0)
         index = float(health_index(mean[None], calibration.layout.kinds)[0])
         magnitudes = self._magnitudes(members)
-        alone = self._alone(magnitudes, limit)
-        named = Name("", "")
-        if index > limit or alone:
-            named = self._name(scores, self._measured.covariate[members], magnitudes)
         order = np.argsort(-np.abs(mean))[:4]
         names = calibration.layout.names
-        return Verdict(
+        plain = Verdict(
             name=name,
             labels=labels,
             motions=len(members),
@@ -258,12 +308,99 @@ class _Judge:
             covariate=self._covariate(members),
             index=index,
             threshold=limit,
-            fault=named.fault,
-            named_by=named.by,
+            fault="",
+            named_by="",
             statistics={key: float(x[members].mean()) for key, x in self._statistics.items()},
             evidence={names[n]: float(mean[n]) for n in order},
             notes=tuple(self._notes(members, limit)),
-            alone=alone,
+            alone=self._alone(magnitudes, clear),
+            clear=clear,
+        )
+        return self._graded(plain, members)
+
+    def _graded(self, plain: Verdict, members: np.ndarray) -> Verdict:
+        """A verdict with its grade, and the reason for it."""
+        over = plain.index > plain.threshold
+        clear = plain.index > plain.clear or bool(plain.alone)
+        index = f"index {plain.index:.2f}, limit {plain.threshold:.2f}"
+        doubt, strange = self._doubt(members), self._is_strange(members)
+        if doubt:
+            alarm = strange and clear
+            return replace(
+                plain, grade="none", alarm=alarm, fault=UNNAMED if alarm else "", reason=doubt
+            )
+        named = self._name(members, plain)
+        if named.fault != UNNAMED:
+            text, note = self._why(named, plain)
+            return replace(
+                plain, grade="fault", alarm=True, fault=named.fault, named_by=named.by,
+                reason=f"{text} ({index}).", notes=plain.notes + ((note,) if note else ()),
+            )  # fmt: skip
+        if not (over or plain.alone):
+            return replace(plain, reason=f"Within what healthy runs scatter by ({index}).")
+        most = ", ".join(plain.evidence)
+        if clear:
+            reason = f"{' and '.join(plain.alone)} by itself" if plain.alone else "a clear change"
+            return replace(
+                plain, grade="changed", alarm=True, fault=UNNAMED,
+                reason=f"Unlike healthy runs ({reason}; {index}), but like no fault that can be "
+                f"named; most in {most}.",
+            )  # fmt: skip
+        return replace(
+            plain, grade="changed",
+            reason=f"More than healthy runs of the same occasion scatter by ({index}), but no more "
+            f"than may drift from one occasion to the next (up to {plain.clear:.2f}), and like no "
+            f"fault that can be named; most in {most}.",
+        )  # fmt: skip
+
+    def _why(self, named: Name, plain: Verdict) -> tuple[str, str]:
+        """Why a fault is named, and what contradicts it ("" if nothing does)."""
+        by_name = {m.name: m for m in plain.magnitudes}
+        own = [
+            (by_name[one.name], one.either) for one in self._reported if one.named == named.fault
+        ]
+        own.sort(key=lambda pair: -abs(pair[0].score))
+        said = ""
+        if own:
+            m = own[0][0]
+            said = (
+                f"{m.name} {m.value:.3g} {m.unit}".rstrip()
+                + f", healthy {m.healthy[0]:.3g} to {m.healthy[1]:.3g}"
+            )
+        if named.by == "physics":
+            m = own[0][0]
+            return f"{said}: {abs(m.score):.1f} healthy deviations off", ""
+        text = "It resembles the recordings that were taught as this fault"
+        raised = any((abs(m.score) if either else m.score) > _SIGMAS for m, either in own)
+        if not own or raised:
+            return text, ""
+        most = ", ".join(plain.evidence)
+        return f"{text}, although {own[0][0].name} itself is as in healthy ones", (
+            f"It is named {named.fault} because it resembles the recordings that were taught as "
+            f"{named.fault}, not because {own[0][0].name} is raised ({said}): most stands out in "
+            f"{most}."
+        )
+
+    def _is_strange(self, members: np.ndarray) -> bool:
+        """Whether what the twin leaves is so unlike health that no fault explains it."""
+        left = [n for n, kind in enumerate(self._calibration.layout.kinds) if kind != "model"]
+        unexplained = self._scores[members][:, left].mean(0)
+        return float(np.sqrt(np.mean(unexplained**2))) > _STRANGE
+
+    def _doubt(self, members: np.ndarray) -> str:
+        """Why there can be no verdict; "" if there can."""
+        if self._is_strange(members):
+            return (
+                "So unlike the healthy recordings that another rig or a wrong unit is more likely "
+                "than a fault."
+            )
+        covariate = self._covariate(members)
+        if covariate is None or self._outside(covariate) <= _FAR:
+            return ""
+        low, high = self._calibration.covariate_range or (0.0, 0.0)
+        return (
+            f"Its {covariate.name} (about {covariate.value:.4g} {covariate.unit}) lies far outside "
+            f"the range of the healthy recordings ({low:.4g} to {high:.4g} {covariate.unit})."
         )
 
     def _is_blind(self, limit: float) -> bool:
@@ -288,16 +425,32 @@ class _Judge:
             return None
         return Covariate(name, self._unit, float(self._measured.covariate[members].mean()))
 
-    def _name(
-        self, scores: np.ndarray, covariate: np.ndarray, magnitudes: tuple[Magnitude, ...]
-    ) -> Name:
+    def _name(self, members: np.ndarray, plain: Verdict) -> Name:
+        """The fault, if one can be named.
+
+        A signature names whatever the index; physics only where there is a change.
+        """
         calibration = self._calibration
         if calibration.signatures:
-            scale = calibration.population.scale
-            named = named_by_signature(scores, covariate, scale, calibration.signatures)
+            named = named_by_signature(
+                self._scores[members], self._measured.covariate[members],
+                calibration.population.scale, calibration.signatures,
+            )  # fmt: skip
             if named.fault != UNNAMED:
                 return named
-        return named_by_physics({m.name: m.score for m in magnitudes}, self._reported)
+        if plain.index <= plain.threshold and not plain.alone:
+            return Name(UNNAMED, "")
+        reported = calibration.reported
+        spread = np.hypot(reported.within / np.sqrt(len(members)), reported.between)
+        # occasions are taken to differ in the magnitudes of the twin by as much as single healthy
+        # recordings do, in what is read from the unrest of residuals by no more than runs do
+        drift = np.array([
+            reported.spread[n] if one.name in calibration.layout.magnitudes else 0.0
+            for n, one in enumerate(self._reported)
+        ])  # fmt: skip
+        wider = np.hypot(1.0, drift / np.maximum(spread, 1e-12))
+        scores = {m.name: m.score / float(wider[n]) for n, m in enumerate(plain.magnitudes)}
+        return named_by_physics(scores, self._reported)
 
     def _magnitudes(self, members: np.ndarray) -> tuple[Magnitude, ...]:
         reported = self._calibration.reported
@@ -346,9 +499,7 @@ class _Judge:
                 "one by one. Calibrate with more healthy runs."
             )
         notes += self._note_on_covariate(members)
-        left = [n for n, kind in enumerate(calibration.layout.kinds) if kind != "model"]
-        unexplained = self._scores[members][:, left].mean(0)
-        if float(np.sqrt(np.mean(unexplained**2))) > _STRANGE:
+        if self._is_strange(members):
             notes.append(
                 "It is so unlike the healthy recordings that another rig or a wrong unit is more "
                 "likely than a fault; check the channels."
@@ -360,11 +511,16 @@ class _Judge:
         if covariate is None or limits is None:
             return []
         low, high = limits
-        slack = 0.15 * max(abs(low), abs(high))
-        if low - slack <= covariate.value <= high + slack:
+        if self._outside(covariate) <= _SLACK:
             return []
         return [
             f"Its {covariate.name} lies outside the range of the healthy recordings (about "
             f"{covariate.value:.4g} {covariate.unit}, where they had {low:.4g} to {high:.4g} "
             f"{covariate.unit}): what is healthy there is extrapolated."
         ]
+
+    def _outside(self, covariate: Covariate) -> float:
+        """How far a covariate lies outside the healthy range, over its largest size."""
+        low, high = self._calibration.covariate_range or (-np.inf, np.inf)
+        beyond = max(low - covariate.value, covariate.value - high, 0.0)
+        return beyond / max(abs(low), abs(high), 1e-12)

@@ -46,18 +46,6 @@ class Measured:
     covariate: np.ndarray
     groups: np.ndarray
 
-    def errors(self, layout: Layout, members: np.ndarray) -> np.ndarray:
-        """Standard errors (F,) of features, root mean squares over members (N,) of bool.
-
-        Zero for those that are no magnitudes; what is not determined errs by its range.
-        """
-        found = np.zeros(len(layout.names))
-        own = [one for one, member in zip(self.estimates, members, strict=True) if member]
-        for n, name in enumerate(layout.magnitudes):
-            errors = [min(one.standard_errors[name], one.ranges[name]) for one in own]
-            found[n] = np.sqrt(np.mean(np.square(errors)))
-        return found
-
 
 @dataclass(frozen=True)
 class Fit:
@@ -127,6 +115,7 @@ class Bench:
         discrepancy: np.ndarray | None = None,
         scale: float | None = None,
         before: Fit | None = None,
+        search: Search | None = None,
     ) -> Fit:
         """Fit the twin to every recording.
 
@@ -136,6 +125,7 @@ class Bench:
             channels one after another; taken off first
         scale : of the covariate, as in `Population`
         before : fit without it, from which this one starts; needed with a discrepancy
+        search : method; that of the kind by default
         """
         missed = None
         if discrepancy is not None and before is not None:
@@ -149,10 +139,10 @@ class Bench:
             if missed is not None:
                 compared = comparison.with_missed(self._by_channel(missed[n]))
             problem = Problem([compared], free, starts=self.model.starts(self.actuator, recording))
-            search: Search = named(self.model.default_search)
+            chosen = named(self.model.default_search) if search is None else search
             if before is not None:
-                search = LocalDescent(before.found[n].point)
-            end = search.run(problem, budget=None, seed=_SEED, report=lambda *_: None)
+                chosen = LocalDescent(before.found[n].point)
+            end = chosen.run(problem, budget=None, seed=_SEED, report=lambda *_: None)
             if end.stopped == "interrupted":
                 raise KeyboardInterrupt
             problems.append(problem)

@@ -3,8 +3,9 @@
 from typing import Any
 
 from ematwin.models.base import Reported
-from ematwin.monitoring.detect import Detection, Verdict, gathered_notes
-from ematwin.report.figures import BLUE, GREY, ORANGE, stacked
+from ematwin.monitoring.detect import Detection, Verdict, counted, gathered_notes
+from ematwin.monitoring.index import DRIFT
+from ematwin.report.figures import BLUE, GREEN, GREY, ORANGE, stacked
 from ematwin.report.page import Row, Section, Table, render
 
 _NAMED_RUNS = 40  # of the trend; more names would overlap
@@ -21,18 +22,23 @@ def detection_page(found: Detection) -> str:
         names[verdict.fault] = names.get(verdict.fault, 0) + 1
     said = "; ".join(f"{fault} in {count}" for fault, count in names.items())
     lead = (
-        f"{len(alarms)} of {len(found.runs)} runs raise an alarm{': ' + said if said else ''}. "
-        f"{sum(v.alarm for v in found.motions)} of {len(found.motions)} motions do so alone."
+        f"{counted(found.runs, 'runs')}{': ' + said if said else ''}. Judged alone, "
+        f"{counted(found.motions, 'motions')}."
     )
+    reasons = {
+        v.name: f"{v.said}. {v.reason}" for v in found.runs[:_MOST_ROWS] if v.grade != "healthy"
+    }
     sections = [
         Section(
             "Trend",
             text="A point for each run, its motions together. The band is where 95 % of healthy "
-            "runs lie; bars are the same spread around the value. Above the dashed line the index "
-            "raises an alarm.",
+            "runs lie; bars are the same spread around the value. Above the dashed line a run has "
+            "changed; an alarm is a fault that can be named, or an index above the dotted line, "
+            "which no drift between occasions explains.",
             figure=trend_figure(found.runs, reported),
         ),
         Section("Runs", table=verdict_table(found.runs[:_MOST_ROWS])),
+        *([Section("Why", facts=reasons)] if reasons else []),
         Section("Each motion alone", figure=index_figure(found.motions)),
         Section("How healthy was learnt", facts=_facts(found)),
     ]
@@ -48,10 +54,7 @@ def trend_figure(verdicts: tuple[Verdict, ...], reported: tuple[Reported, ...]) 
     x = list(range(1, len(verdicts) + 1))
     texts = [_hover(verdict) for verdict in verdicts]
     _marks(figure, 1, x, [v.index for v in verdicts], verdicts, texts)
-    figure.add_scatter(
-        x=x, y=[v.threshold for v in verdicts], mode="lines", name="alarm limit",
-        line={"color": GREY, "dash": "dash", "width": 1.2}, hoverinfo="skip", row=1, col=1,
-    )  # fmt: skip
+    _limits(figure, x, verdicts)
     for row, one in enumerate(reported, start=2):
         values = [next(m for m in v.magnitudes if m.name == one.name) for v in verdicts]
         _band(figure, row, x, [m.healthy[0] for m in values], [m.healthy[1] for m in values])
@@ -74,12 +77,20 @@ def index_figure(verdicts: tuple[Verdict, ...]) -> Any:
     figure = stacked(["Health index of each motion"], [""], "motion", 340)
     x = list(range(1, len(verdicts) + 1))
     _marks(figure, 1, x, [v.index for v in verdicts], verdicts, [_hover(v) for v in verdicts])
-    figure.add_scatter(
-        x=x, y=[v.threshold for v in verdicts], mode="lines", name="alarm limit",
-        line={"color": GREY, "dash": "dash", "width": 1.2}, hoverinfo="skip",
-    )  # fmt: skip
+    _limits(figure, x, verdicts)
     figure.update_layout(hovermode="closest")
     return figure
+
+
+def _limits(figure: Any, x: list[int], verdicts: tuple[Verdict, ...]) -> None:
+    for name, dash, values in (
+        ("healthy up to here", "dash", [v.threshold for v in verdicts]),
+        ("may drift up to here", "dot", [v.clear for v in verdicts]),
+    ):
+        figure.add_scatter(
+            x=x, y=values, mode="lines", name=name, hoverinfo="skip", row=1, col=1,
+            line={"color": GREY, "dash": dash, "width": 1.2},
+        )  # fmt: skip
 
 
 def _marks(
@@ -91,8 +102,11 @@ def _marks(
     texts: list[str],
     bars: dict[str, Any] | None = None,
 ) -> None:
-    for alarm, color, name in ((False, BLUE, "healthy"), (True, ORANGE, "alarm")):
-        members = [n for n, verdict in enumerate(verdicts) if verdict.alarm == alarm]
+    of = ["alarm" if v.alarm else v.said for v in verdicts]
+    for name, color in (
+        ("healthy", BLUE), ("changed", GREEN), ("no verdict", GREY), ("alarm", ORANGE),
+    ):  # fmt: skip
+        members = [n for n, said in enumerate(of) if said == name]
         if not members:
             continue
         own = bars and {
@@ -115,9 +129,8 @@ def _band(figure: Any, row: int, x: list[int], low: list[float], high: list[floa
 
 
 def _hover(verdict: Verdict) -> str:
-    said = verdict.fault if verdict.alarm else "healthy"
     one = verdict.covariate
-    return f"{verdict.name}<br>{said}" + ("" if one is None else f", {one.name} {one}")
+    return f"{verdict.name}<br>{verdict.said}" + ("" if one is None else f", {one.name} {one}")
 
 
 def verdict_table(verdicts: tuple[Verdict, ...]) -> Table:
@@ -132,7 +145,7 @@ def verdict_table(verdicts: tuple[Verdict, ...]) -> Table:
         by = f" (by {verdict.named_by})" if verdict.named_by else ""
         cells = [
             verdict.name,
-            f"{verdict.fault}{by}" if verdict.alarm else "healthy",
+            f"{verdict.said}{by}",
             f"{verdict.index:.2f} / {verdict.threshold:.2f}",
         ]
         for m in verdict.magnitudes:
@@ -147,12 +160,16 @@ def _facts(found: Detection) -> dict[str, str]:
     calibration = found.calibration
     facts = calibration.facts
     limits = calibration.thresholds
+    held_back = facts.get("held_back", [])
+    back = f"runs {', '.join(held_back)}" if held_back else "each run, judged by the others"
     return {
         "actuator": f"{calibration.actuator.name}: {calibration.actuator.description}",
         "learnt from": f"runs {', '.join(facts.get('runs', []))} of "
         f"{', '.join(facts.get('sources', []))}",
-        "threshold from": f"runs {', '.join(facts.get('held_back', []))}: a healthy run of another "
+        "threshold from": f"{back}: a healthy run of another "
         f"day exceeds it with a probability of {100.0 * limits.false_alarm_rate:g} %",
+        "drift between occasions": "assumed: one magnitude and the level of one channel may move "
+        f"together by {DRIFT:g} healthy deviations before a change without a name is an alarm",
         "not determined": ", ".join(facts.get("undetermined", [])) or "nothing",
         "names": "; ".join(f"{s.fault} from {s.source}" for s in calibration.signatures)
         or "from physics alone: the quantity furthest outside its healthy spread",

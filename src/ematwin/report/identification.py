@@ -1,11 +1,10 @@
 """Page: what a recording says about its actuator."""
 
-import math
+from collections.abc import Sequence
 
 import numpy as np
 
 from ematwin.estimation.identify import Identification
-from ematwin.estimation.significance import SMALLEST
 from ematwin.monitoring.detect import Detection
 from ematwin.recordings.recording import Recording
 from ematwin.report.detection import verdict_table
@@ -25,6 +24,7 @@ def identification_page(
     sections = [
         Section("Faults", table=fault_table(found)),
         Section(figure=fault_bars(found)),
+        *([Section("Parts", table=parts_table(found))] if found.contrasts else []),
         Section(
             "Measured and fitted",
             text="Both went through the same filter. A pattern in the residual is something that "
@@ -39,41 +39,46 @@ def identification_page(
         sections.insert(0, Section("Against the healthy population", table=table))
     notes = [*(f"Assumed: {sentence}" for sentence in found.assumed), *found.warnings]
     return render(
-        f"{found.actuator.name}: identified faults", lead_sentence(found), sections, notes
+        f"{found.actuator.name}: identified faults", found.verdict.sentence, sections, notes
     )
 
 
-def lead_sentence(found: Identification) -> str:
-    """The finding in one sentence."""
-    rows = {row.name: row for row in found.physical}
-    named = []
-    for name in found.present:
-        row = rows[name]
-        value = f"{row.value:.3g} {row.unit}".rstrip()
-        healthy = f"{row.healthy:.3g} {row.unit}".rstrip()
-        named.append(f"{name} {value} (healthy {healthy})")
-    what = "; ".join(named) if named else f"no fault larger than {SMALLEST:g} of its range"
-    return f"Found: {what}. The twin explains the record to {100.0 * found.relative_misfit:.2f} %."
-
-
 def fault_table(found: Identification) -> Table:
-    """Each value with its standard error, physical value and healthy value."""
-    errors = found.standard_error
+    """Each value with its interval, physical value and healthy value."""
     rows = []
     for row in found.physical:
-        error = errors.get(row.name, math.inf)
-        spread = f"± {error:.2g}" if math.isfinite(error) else "not determined"
         cells = [
             row.name,
             f"{row.normalised:.4g}",
-            spread if row.name in found.searched else "held",
+            _range(found.intervals.get(row.name)),
             f"{row.value:.4g} {row.unit}",
-            f"{row.healthy:.4g} {row.unit}",
+            _range(found.physical_values.get(row.name, ())[1:]),
+            f"{row.healthy:.4g}",
             row.meaning,
         ]
         rows.append(Row(cells, marked=row.name in found.present))
-    header = ["fault", "k", "standard error", "value", "healthy", "meaning"]
+    header = ["fault", "k", "95 % of k", "value", "95 % of value", "healthy", "meaning"]
     return Table(header, rows, last_is_text=True)
+
+
+def _range(ends: Sequence[float] | None) -> str:
+    return f"{ends[0]:.3g} to {ends[1]:.3g}" if ends else "held"
+
+
+def parts_table(found: Identification) -> Table:
+    """Combinations of faults, and what of load and sensors is not as recorded."""
+    rows = [
+        Row([one.meaning, f"{value:.3g}", f"{low:.3g} to {high:.3g}", one.ambiguity])
+        for one in found.model.contrasts(found.actuator)
+        if one.name in found.contrasts
+        for value, (low, high) in [found.contrasts[one.name]]
+    ]
+    for name, (value, (low, high)) in found.nuisances.items():
+        one = found.model.unknown(found.actuator, name)
+        size = f"{value:.3g} {one.unit}".rstrip()
+        cells = [one.meaning, size, f"{low:.3g} to {high:.3g}", "not as recorded"]
+        rows.append(Row(cells, marked=True))
+    return Table(["part", "value", "95 %", ""], rows, last_is_text=True)
 
 
 def fault_bars(found: Identification):  # type: ignore[no-untyped-def]
@@ -82,10 +87,15 @@ def fault_bars(found: Identification):  # type: ignore[no-untyped-def]
 
     unknowns = {one.name: one for one in found.model.unknowns(found.actuator)}
     names = [name for name in found.values if name in unknowns]
-    errors = found.standard_error
 
     def share(name: str, value: float) -> float:
         return (value - unknowns[name].lower) / unknowns[name].width
+
+    def reach(name: str, end: int) -> float:
+        if name not in found.intervals:
+            return 0.0
+        gap = abs(found.intervals[name][end] - found.values[name]) / unknowns[name].width
+        return min(gap, 1.0)
 
     figure = Figure()
     figure.add_bar(
@@ -95,7 +105,9 @@ def fault_bars(found: Identification):  # type: ignore[no-untyped-def]
         marker_color=ORANGE,
         error_y={
             "type": "data",
-            "array": [min(errors.get(n, 0.0) / unknowns[n].width, 1.0) for n in names],
+            "symmetric": False,
+            "array": [reach(name, 1) for name in names],
+            "arrayminus": [reach(name, 0) for name in names],
             "color": GREY,
         },
     )
@@ -115,8 +127,9 @@ def fit_figure(found: Identification, record: Recording):  # type: ignore[no-unt
     """Measured and fitted channels, and their differences."""
     model = found.model
     comparison = model.compare(record, found.actuator)
-    healthy_values = {**found.values, **_healthy_faults(found)}
-    both = {name: np.array([value, healthy_values[name]]) for name, value in found.values.items()}
+    values = {**found.fitted, **found.values}
+    healthy_values = {**values, **_healthy_faults(found)}
+    both = {name: np.array([value, healthy_values[name]]) for name, value in values.items()}
     answers = comparison.responses(both, 2)
     measured = comparison.measured()
     captions = comparison.captions()
@@ -159,8 +172,12 @@ def _facts(found: Identification, record: Recording) -> dict[str, str]:
         "simulations": f"{found.evaluations} in {found.seconds:.2f} s",
         "stopped": found.stopped,
         "misfit": f"{found.cost:.4g}; {100.0 * found.relative_misfit:.2f} %",
-        "standard errors": "widened to cover the twin's own error as it was measured on simulated "
-        "records; a lower bound where the real actuator differs more",
+        "intervals": "95 %, over noise, the twin's own error, and parameters, load and sensors as "
+        + (
+            "far as healthy recordings and their drift leave them open"
+            if found.calibrated
+            else "far as the tolerances of the data sheet leave them open"
+        ),
     }
     for name in ("columns", "changed"):
         if source.get(name):

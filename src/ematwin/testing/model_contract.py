@@ -419,7 +419,7 @@ class ModelContract:
             path = tmp_path / f"{one.name}.parquet"
             write(_simulated(model, actuator, {one.name: injected}), path)
             recording = read(path, actuator=actuator)
-            found = identify(recording, actuator)
+            found = identify(recording, actuator, exact=True)
             gap = abs(found.values[one.name] - injected) / one.width
             assert gap <= self.recovered_within, (
                 f"{one.name} = {injected:.3g} is found as {found.values[one.name]:.3g} by "
@@ -433,7 +433,7 @@ class ModelContract:
         self, model: Model, actuator: ParameterSet, healthy: Recording
     ) -> None:
         """With all unknowns free."""
-        found = identify(healthy, actuator)
+        found = identify(healthy, actuator, exact=True)
         assert found.present == (), f"{', '.join(found.present)} in a healthy recording"
 
     def test_recordings_sum_up_and_show(

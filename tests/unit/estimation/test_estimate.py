@@ -59,7 +59,7 @@ def test_an_identification_carries_its_estimate() -> None:
     record = simulate("monitor", faults={"friction": 0.3}).changed(
         start=datetime(2026, 11, 21, tzinfo=UTC), labels={"run": "7"}
     )
-    found = identify(record)
+    found = identify(record, exact=True)
     estimate = Estimate.from_dict(json.loads(json.dumps(found.as_dict()))["estimate"])
     assert estimate["friction"] == found.faults.friction
     assert estimate.when == "2026-11-21T00:00:00+00:00"

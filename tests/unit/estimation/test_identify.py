@@ -87,7 +87,8 @@ def test_actuator_that_cannot_move_is_reported_as_undetermined() -> None:
 def test_twin_that_does_not_fit_is_doubted_aloud() -> None:
     other = ematwin.BldcActuator.load().changed({"motor.inertia": 1.5e-5})
     found = identify(simulate("reference", actuator=other), budget=2000)
-    assert any("explains this record poorly" in warning for warning in found.warnings)
+    assert found.verdict.grade == "none"
+    assert "standard deviations off what is known of it" in found.verdict.reason
 
 
 def test_answer_is_plain_json(found: Identification) -> None:

@@ -1,12 +1,16 @@
 """Calibration: parameters, population and thresholds from healthy motions."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import ematwin
 from ematwin.errors import InputError, RecordError
+from ematwin.estimation.baseline import baseline_of
 from ematwin.estimation.nominal import fit_nominal
 from ematwin.models.ball_screw.model import MODEL
+from ematwin.models.registry import load_actuator
 from ematwin.monitoring.calibrate import calibrate
 from ematwin.monitoring.calibration import Calibration
 from ematwin.monitoring.detect import detect
@@ -174,8 +178,8 @@ def test_files_do_for_recordings(tmp_path):
         paths.append(tmp_path / f"day{number}.parquet")
         ematwin.write(own, paths[-1])
     first, table, files = calibrate(motions), calibrate(tmp_path / "all.csv"), calibrate(paths)
-    assert first.learnt == table.learnt == ["1", "2"]
-    assert files.learnt == ["day1.parquet", "day2.parquet"]
+    assert first.learnt == table.learnt == ["1", "2", "3"]
+    assert files.learnt == ["day1.parquet", "day2.parquet", "day3.parquet"]
     for other in (table, files):
         for one, again in zip(first.parameters, other.parameters, strict=True):
             assert again.value == pytest.approx(one.value, rel=1e-5), one.place
@@ -197,13 +201,114 @@ def test_runs_of_single_motions_scatter_by_their_standard_errors():
         assert least < calibration.population.within[names.index(name)] < most
 
 
+# All runs teach and test
+
+
+def test_all_runs_teach_and_each_is_judged_by_the_others():
+    report = calibrate(healthy_runs(4))
+    assert report.learnt == ["1", "2", "3", "4"]
+    assert report.held_back == []
+    calibration = report.calibration
+    tested = calibration.tested()
+    assert tested.values.shape == (16, len(calibration.layout.names))
+    assert report.false_alarms == np.mean(tested.index() > calibration.thresholds.motion)
+    # judged by the others, a run lies further out than judged with itself among them
+    own = calibration.population.scores(calibration.healthy.features, calibration.healthy.covariate)
+    assert (tested.values**2).mean() > 1.2 * (own**2).mean()
+
+
+def test_left_out_bands_are_those_of_a_run_that_comes_later():
+    """A share of a run's own noise in the discrepancy would make its bands look quieter."""
+    motions = healthy_runs(3, motions=1)
+    calibration = calibrate(motions).calibration
+    bands = [n for n, kind in enumerate(calibration.layout.kinds) if kind == "band"]
+    later = calibration.measure(healthy_runs(20, first=201, motions=1)).features[:, bands].mean()
+    with_own = calibration.measure(motions).features[:, bands].mean()
+    without = calibration.healthy.features[:, bands].mean()
+    assert with_own < later - 0.1
+    assert abs(without - later) < 0.6 * abs(with_own - later)
+
+
+# Adding later runs
+
+
+def test_later_runs_join_the_healthy_ones(tmp_path):
+    first = calibrate(healthy_runs(4), known={"dry": run(60, friction=1.3)}, name="rig")
+    first.save(tmp_path / "rig.toml")
+    later = healthy_runs(2, first=11)
+    second = calibrate(later, add_to=tmp_path / "rig.toml")
+    assert second.learnt == ["1", "2", "3", "4", "11", "12"]
+    assert second.parameters == []
+    before, after = first.calibration, second.calibration
+    assert after.actuator.name == "rig"
+    assert after.actuator.fingerprint == before.actuator.fingerprint
+    assert after.facts["motions"] == len(after.healthy.runs) == 24
+    np.testing.assert_allclose(after.discrepancy, before.discrepancy, rtol=1e-6)
+    # it is saved and added to like any other
+    second.save(tmp_path / "more.toml")
+    third = calibrate(healthy_runs(1, first=21), add_to=Calibration.load(tmp_path / "more.toml"))
+    assert third.learnt[-1] == "21"
+    # the population is that of all runs, however they came
+    both = after.learning.populations(np.ones(24, dtype=bool))[0]
+    np.testing.assert_allclose(after.population.between, both.between)
+    # known faults are named as before, in the scores of the new population
+    dry = run(61, friction=1.3)
+    for calibration in (before, after):
+        assert {(v.fault, v.named_by) for v in detect(dry, calibration).runs} == {
+            ("dry", "signature")
+        }
+
+
+def test_runs_of_a_drifted_occasion_are_healthy_once_they_were_added():
+    first = calibrate(healthy_runs(5)).calibration
+
+    def drifting(number):
+        return [m.changed(current=0.97 * m.current - 0.01) for m in run(number)]
+
+    later = [m for number in (31, 32, 33) for m in drifting(number)]
+    second = calibrate(later, add_to=first).calibration
+    others = [m for number in range(34, 42) for m in drifting(number)]
+    before, after = (detect(others, one).runs for one in (first, second))
+    assert np.mean([v.index / v.threshold for v in after]) < 0.8 * np.mean([
+        v.index / v.threshold for v in before
+    ])  # fmt: skip
+    assert np.mean([v.grade == "healthy" for v in after]) >= 0.8
+
+
+def test_what_cannot_be_added_is_refused(tmp_path):
+    motions = healthy_runs(3, motions=1)
+    first = calibrate(motions).calibration
+    assert "is among the healthy runs already" in refusal(motions[:2], add_to=first)
+    text = refusal(run(66, friction=1.5), add_to=first)
+    assert "is no healthy run by the calibration that it is to join (friction 1." in text
+    text = refusal(healthy_runs(1, 7), InputError, add_to=first, held_back=1)
+    assert "received held_back=1" in text
+    old = Path(__file__).parents[2] / "data" / "0.1" / "calibrated.toml"
+    text = refusal(healthy_runs(1, 7), InputError, add_to=old)
+    assert "does not keep its healthy runs" in text
+
+
+def test_runs_of_the_same_name_from_another_file_are_told_apart():
+    first = calibrate(healthy_runs(3, motions=1)).calibration
+    again = [m.changed(source="spring.csv") for m in run(41, motions=1)]
+    again = [m.changed(labels={**m.labels, "run": "1"}) for m in again]
+    report = calibrate(again, add_to=first)
+    assert report.learnt == ["1", "2", "3", "1 of spring.csv"]
+
+
 # What cannot be learnt from
 
 
-def test_fewer_than_three_runs_are_refused():
-    text = refusal(healthy_runs(2, motions=1))
+def test_fewer_than_three_runs_make_a_twin_but_no_population(tmp_path):
+    text = refusal(healthy_runs(2, motions=1), held_back=1)
     assert "at least three healthy runs" in text
     assert "received 2 (1, 2)" in text
+    report = calibrate(healthy_runs(2, motions=1))
+    assert report.calibration is None
+    assert "at least three healthy runs" in report.notes[-1]
+    report.save(tmp_path / "twin.toml")
+    assert load_actuator(tmp_path / "twin.toml").fingerprint == report.actuator.fingerprint
+    assert baseline_of(str(tmp_path / "twin.toml"), report.actuator).calibrated
 
 
 @pytest.mark.parametrize("count", [0, 2, 5])

@@ -16,7 +16,9 @@ from ematwin.monitoring.classification import (
     named_by_signature,
 )
 from ematwin.monitoring.index import (
+    DRIFT,
     WEIGHTS,
+    clear_limit,
     health_index,
     limit_of,
     prediction_bound,
@@ -232,6 +234,22 @@ def test_fewer_motions_of_a_run_have_a_higher_threshold():
     assert noise.of(2) == pytest.approx(np.sqrt(0.5))
     alike = Thresholds(motion=1.0, run=1.0, run_size=4.0, false_alarm_rate=0.1)
     assert alike.of(2) == 1.0
+
+
+def test_drift_of_one_magnitude_and_one_level_stays_below_the_clear_limit():
+    """Added to scores at the threshold; two magnitudes, or both channels, would be too much."""
+    scores = np.full((1, 53), 1.2)
+    limit = clear_limit(1.2, KINDS, channels=2)
+    random = np.random.default_rng(7)
+    moved = np.zeros((1, 53))
+    moved[0, 0] = DRIFT
+    moved[0, 3:13] = DRIFT  # the level of one of two channels
+    alike = [
+        health_index(scores * random.choice([-1.0, 1.0], 53) + moved, KINDS)[0] for _ in range(200)
+    ]
+    assert np.mean(np.square(alike)) == pytest.approx(limit**2, rel=0.02)
+    assert clear_limit(1.2, KINDS, channels=1) > limit > 1.2
+    assert clear_limit(1.2, ("model",) * 3, channels=1) > 1.2  # nothing but magnitudes
 
 
 # Names

@@ -9,11 +9,11 @@ from ematwin.errors import InputError
 from ematwin.models.ball_screw.channels import CHANNELS, check_spans
 from ematwin.models.ball_screw.constants import FIXED
 from ematwin.models.ball_screw.parameters import BallScrew
-from ematwin.models.ball_screw.unknowns import unknowns
+from ematwin.models.ball_screw.unknowns import aliases, unknowns
 from ematwin.models.base import Model, Progress, Reported, Signal, Statistic, Values
 from ematwin.models.comparison import Candidates
 from ematwin.models.scenario import Scenario
-from ematwin.models.unknown import Unknown
+from ematwin.models.unknown import Alias, Unknown
 from ematwin.recordings.channel import Channel
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
@@ -62,6 +62,10 @@ class BallScrewModel(Model):
     def unknowns(self, actuator: Any) -> tuple[Unknown, ...]:
         """Friction, backlash and gain; load and first error; roughness."""
         return unknowns(actuator)
+
+    def aliases(self, actuator: Any, values: Values) -> list[Alias]:
+        """Friction and gain against the parameters that they multiply."""
+        return aliases(values)
 
     def respond(
         self, actuator: Any, inputs: Recording, candidates: Candidates, count: int

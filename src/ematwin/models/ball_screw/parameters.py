@@ -1,6 +1,12 @@
 """Parameters of a linear actuator: stepper motor, ball screw, nut, position loop.
 
 The equations are in docs/ball-screw.md.
+
+Tolerances (`quantity`) are two standard deviations of the factors by which a template may be off,
+those of ``BallScrewModel.nominal``: factor**2 - 1, at most 2. They are judgement: data sheets of
+screws and stepper drives say little of friction, lags and gains. No drift is stated: what changes
+between runs shows in the scatter of healthy ones, which calibration needs anyway. Lead and supply
+have no tolerance since all forces scale with them.
 """
 
 from typing import ClassVar, Self
@@ -15,34 +21,48 @@ class Screw(Section):
 
     lead: float = quantity("m", "travel of the nut in one turn", gt=0)
     backlash: float = quantity("m", "healthy play of the nut on the screw, full width", ge=0)
-    friction_force: float = quantity("N", "dry friction, extrapolated to standstill, no load", gt=0)
-    fading_speed: float = quantity(
-        "m/s", "speed of the nut at which the falling friction would vanish", gt=0
+    friction_force: float = quantity(
+        "N", "dry friction, extrapolated to standstill, no load", tolerance=2.0, gt=0
     )
-    efficiency_opposing: float = quantity("", "efficiency against an opposing load", gt=0, le=1)
-    efficiency_aiding: float = quantity("", "efficiency with an aiding load", gt=0, le=1)
+    fading_speed: float = quantity(
+        "m/s", "speed of the nut at which the falling friction would vanish", tolerance=1.25, gt=0
+    )
+    efficiency_opposing: float = quantity(
+        "", "efficiency against an opposing load", tolerance=0.69, gt=0, le=1
+    )
+    efficiency_aiding: float = quantity(
+        "", "efficiency with an aiding load", tolerance=0.21, gt=0, le=1
+    )
 
 
 class ScrewDrive(Section):
     """Motor and power stage, seen from the supply."""
 
     supply_voltage: float = quantity("V", "supply, times the efficiency of the drive", gt=0)
-    idle_current: float = quantity("A", "current of the drive at rest", ge=0)
-    response_time: float = quantity("s", "lag of the speed behind its reference", gt=0)
+    idle_current: float = quantity("A", "current of the drive at rest", tolerance=2.0, ge=0)
+    response_time: float = quantity(
+        "s", "lag of the speed behind its reference", tolerance=2.0, gt=0
+    )
 
 
 class ScrewController(Section):
     """Sampled position loop."""
 
-    position_gain: float = quantity("1/s", "proportional gain, position to speed", gt=0)
-    integral_gain: float = quantity("1/s^2", "integral gain, position to speed", ge=0)
-    sample_time: float = quantity("s", "time from one update of the speed to the next", gt=0)
+    position_gain: float = quantity(
+        "1/s", "proportional gain, position to speed", tolerance=1.25, gt=0
+    )
+    integral_gain: float = quantity(
+        "1/s^2", "integral gain, position to speed", tolerance=1.25, ge=0
+    )
+    sample_time: float = quantity(
+        "s", "time from one update of the speed to the next", exact=True, gt=0
+    )
 
 
 class ScrewSteps(Section):
     """Fixed step of the model."""
 
-    twin: float = quantity("s", "step of the model", gt=0)
+    twin: float = quantity("s", "step of the model", exact=True, gt=0)
 
 
 class BallScrew(ParameterSet):

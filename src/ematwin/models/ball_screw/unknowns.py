@@ -3,8 +3,10 @@
 Priors are wide enough to let a motion speak where it says anything.
 """
 
+from collections.abc import Mapping
+
 from ematwin.models.ball_screw.parameters import BallScrew
-from ematwin.models.unknown import Unknown
+from ematwin.models.unknown import Alias, Unknown
 
 MOST_BACKLASH = 5e-3  # m
 _MOST_LOAD = 2.0  # of the friction at standstill
@@ -30,3 +32,14 @@ def unknowns(actuator: BallScrew) -> tuple[Unknown, ...]:
         Unknown("roughness", "", "share of the moving current that swings with the turn of the "
                 "screw, from surface damage", 0.0, 0.0, 2.0, "symptom"),
     )  # fmt: skip
+
+
+def aliases(values: Mapping[str, float]) -> list[Alias]:
+    """Friction and gain are multiples of what the parameters say."""
+    return [
+        Alias("screw.friction_force", {"friction": values.get("friction", 1.0)}),
+        Alias(
+            "controller.position_gain",
+            {"gain": values.get("gain", 1.0), "controller.integral_gain": -1.0},
+        ),
+    ]

@@ -13,11 +13,12 @@ from ematwin.models.bldc.monitor_step import MonitorState, monitor_step
 from ematwin.models.bldc.reference_step import ReferenceState, phase_constants, reference_step
 from ematwin.models.bldc.state import (
     HALF_GAP,
+    LOAD_DELAY,
     FaultState,
     fault_state,
     lane_constants,
 )
-from ematwin.numerics.compile import loop, wide_vectors
+from ematwin.numerics.compile import loop, step, wide_vectors
 
 LANES = 32  # candidates side by side: four AVX-512 registers hide the latency of one another
 
@@ -30,6 +31,15 @@ MONITOR_COLUMNS = ("current", "motor_position", "motor_speed", "output_position"
 
 OK = 0
 DIVERGED = 1
+
+
+@step
+def sample_at(values, place):
+    """The value at a place between samples, on a straight line; the ends beyond them."""
+    last = values.size - 1
+    inside = min(max(place, 0.0), float(last))
+    n = min(int(inside), last - 1)
+    return values[n] + (inside - n) * (values[n + 1] - values[n])
 
 
 @loop
@@ -112,9 +122,8 @@ def monitor_trace(k, command, load, state, c, dt, substeps, decimation):
             d_command = (command[g + 1] - command[g]) / substeps
             d_load = (load[g + 1] - load[g]) / substeps
             for j in range(substeps):
-                now, i_mean = monitor_step(
-                    now, command[g] + j * d_command, load[g] + j * d_load, fault, c, dt
-                )
+                load_now = c.load_gain * (load[g] + j * d_load) + c.load_offset
+                now, i_mean = monitor_step(now, command[g] + j * d_command, load_now, fault, c, dt)
                 total += i_mean
         trace[sample, 0] = total * share
         trace[sample, 1] = now.theta_m
@@ -140,7 +149,7 @@ def monitor_scores(
         between
     state : (5,) array, the fields of `MonitorState` at the first sample
     c : Constants that all candidates share
-    by_candidate : None; or (B, 25) array, the fields of `Constants` of each candidate, in place of
+    by_candidate : None; or (B, 28) array, the fields of `Constants` of each candidate, in place of
         ``c``. numba compiles the two cases apart, so that shared constants stay scalars
     dt : float, step, s
     substeps : int, steps from one sample to the next
@@ -176,6 +185,10 @@ def monitor_scores(
     z2 = np.empty(LANES)
     cost = np.empty(LANES)
     own = np.empty((len(c), LANES))
+    late_load = np.empty(LANES)  # the load of each lane, which may be late
+    late_end = np.empty(LANES)
+    d_late = np.empty(LANES)
+    rate = 1.0 / (dt * substeps)
     for first in range(0, k.shape[0], LANES):
         for n in range(LANES):
             v = k[first + n]
@@ -186,6 +199,9 @@ def monitor_scores(
                 for m in range(len(c)):
                     own[m, n] = by_candidate[first + n, m]
                 half_gap_n = own[HALF_GAP, n]
+                if not math.isfinite(own[LOAD_DELAY, n]):
+                    own[LOAD_DELAY, n] = 0.0  # no place in an array; the cost shows it
+                late_end[n] = sample_at(load, -own[LOAD_DELAY, n] * rate)
                 nothing += 0.0 * by_candidate[first + n].sum()
             f = fault_state(v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7], half_gap_n)
             friction[n] = f.friction
@@ -210,15 +226,24 @@ def monitor_scores(
             total[:] = 0.0
             d_command = (command[sample] - command[sample - 1]) * share
             d_load = (load[sample] - load[sample - 1]) * share
+            if by_candidate is not None:
+                for n in range(LANES):
+                    late_load[n] = late_end[n]
+                    late_end[n] = sample_at(load, sample - own[LOAD_DELAY, n] * rate)
+                    d_late[n] = (late_end[n] - late_load[n]) * share
             for j in range(substeps):
                 command_now = command[sample - 1] + j * d_command
                 load_now = load[sample - 1] + j * d_load
                 for n in range(LANES):
-                    c_n = c if by_candidate is None else lane_constants(own, n)
+                    if by_candidate is None:
+                        c_n = c
+                    else:
+                        c_n = lane_constants(own, n)
+                        load_now = late_load[n] + j * d_late[n]
                     now, i_mean = monitor_step(
                         MonitorState(i[n], w_m[n], theta_m[n], w_o[n], theta_o[n]),
                         command_now,
-                        load_now,
+                        c_n.load_gain * load_now + c_n.load_offset,
                         FaultState(
                             friction[n], half_gap[n], h_a[n], h_b[n], h_c[n],
                             zeta_cos[n], zeta_sin[n], gain[n],

@@ -19,7 +19,7 @@ from ematwin.errors import RecordError
 from ematwin.models.bldc.constants import constants_by_candidate, kernel_constants
 from ematwin.models.bldc.envelope import current_envelope, signed_current
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.models.bldc.unknowns import UNKNOWNS
+from ematwin.models.bldc.unknowns import SENSOR, UNKNOWNS
 from ematwin.models.comparison import Candidates, Comparison
 from ematwin.numerics.low_pass import LowPass
 from ematwin.numerics.misfit import SlopeWeighting
@@ -174,18 +174,21 @@ class BldcComparison(Comparison):
         self.scale = float(np.sum(self.weights * self.target**2))
         # behind the low-pass a recording holds so many independent samples
         duration = float(recording.time[-1] - recording.time[0])
-        independent = max(1.0, 2.0 * low_pass.cutoff * duration)
-        self.noise = _TWIN_ERROR * math.sqrt(self.scale / independent)
+        self.independent = max(1.0, 2.0 * low_pass.cutoff * duration)
+        self.noise = _TWIN_ERROR * math.sqrt(self.scale / self.independent)
         self.expected_misfit = _TWIN_ERROR
 
     def costs(self, candidates: Candidates, count: int) -> np.ndarray:
         """Costs (B,), A s; infinite where the simulation diverged."""
+        if not candidates.keys().isdisjoint(SENSOR):
+            return super().costs(candidates, count)
         return self.run(self.stretch, self.batch(candidates, count), 0, spread=True)[0]
 
     def responses(self, candidates: Candidates, count: int) -> dict[str, np.ndarray]:
         """Filtered equivalent currents, (B, S) array, A."""
         batch = self.batch(candidates, count)
-        return {"current": self.run(self.stretch, batch, self.target.size, spread=True)[1]}
+        response = self.run(self.stretch, batch, self.target.size, spread=True)[1]
+        return {"current": self._sensed(response, batch, self.recording.interval)}
 
     def measured(self) -> dict[str, np.ndarray]:
         """The filtered equivalent current of the recording, (S,) array, A."""
@@ -213,7 +216,10 @@ class BldcComparison(Comparison):
         wished = min(most, -(-size // stretch.kept))
         kept = -(-size // wished)
         stride = -(-size // kept)
-        response = self.run(stretch, batch, kept, spread=spread)[1][:, : -(-size // stride)]
+        costs, response = self.run(stretch, batch, kept, spread=spread)
+        response = response[:, : -(-size // stride)]
+        response[~np.isfinite(costs)] = np.nan  # a friction that is no number holds all at rest
+        response = self._sensed(response, batch, stride * self.recording.interval)
         thin = slice(None, None, stride)
         response -= stretch.target[thin]
         response *= np.sqrt(stride * stretch.weights[thin])
@@ -224,7 +230,19 @@ class BldcComparison(Comparison):
         faults = np.empty((count, len(UNKNOWNS)))
         for n, one in enumerate(UNKNOWNS):
             faults[:, n] = candidates.get(one.name, one.healthy)
-        return Batch(faults, constants_by_candidate(self.actuator, candidates, count))
+        sensor = {name: candidates[name] for name in SENSOR if name in candidates}
+        return Batch(faults, constants_by_candidate(self.actuator, candidates, count), sensor)
+
+    def _sensed(self, response: np.ndarray, batch: "Batch", interval: float) -> np.ndarray:
+        """Responses (B, K) as the sensors of the candidates show them."""
+        sensor = batch.sensor
+        if "skew" in sensor:
+            response = advanced(response, sensor["skew"] / interval)
+        if "current_gain" in sensor:
+            response = response * sensor["current_gain"][:, None]
+        if "current_offset" in sensor:
+            response = response + sensor["current_offset"][:, None]
+        return response
 
     def run(
         self, stretch: Stretch, batch: "Batch", kept: int, *, spread: bool
@@ -270,10 +288,39 @@ class BldcComparison(Comparison):
 
 @dataclass(frozen=True)
 class Batch:
-    """Candidates of a batch: fault vectors (B, 8); constants (B, 25), or None if all share them."""
+    """Candidates of a batch: fault vectors (B, 8); constants (B, 28), or None if all share them.
+
+    ``sensor`` holds what the sensors make of the answers, by name, (B,) arrays.
+    """
 
     faults: np.ndarray
     constants: np.ndarray | None
+    sensor: Candidates
+
+
+def advanced(rows: np.ndarray, shift: np.ndarray) -> np.ndarray:
+    """Rows (B, K) as they are ``shift`` (B,) samples later, by cubic convolution.
+
+    Keys (1981). The ends repeat the first and the last sample.
+    """
+    last = rows.shape[1] - 1
+    known = np.isfinite(shift)
+    if not known.all():
+        rows, shift = np.where(known[:, None], rows, np.nan), np.where(known, shift, 0.0)
+    whole = np.floor(shift).astype(int)
+    t = (shift - whole)[:, None]
+    place = np.arange(rows.shape[1]) + whole[:, None]
+
+    def at(offset: int) -> np.ndarray:
+        return np.take_along_axis(rows, np.clip(place + offset, 0, last), axis=1)
+
+    before, here, after, beyond = at(-1), at(0), at(1), at(2)
+    return np.asarray(
+        here
+        + 0.5 * t * (after - before
+                     + t * (2.0 * before - 5.0 * here + 4.0 * after - beyond
+                            + t * (3.0 * (here - after) + beyond - before)))
+    )  # fmt: skip
 
 
 def _padded(rows: np.ndarray, count: int) -> np.ndarray:

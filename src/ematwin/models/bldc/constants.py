@@ -7,13 +7,19 @@ import numpy as np
 
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.state import Constants
-from ematwin.models.bldc.unknowns import FIXED
+from ematwin.models.bldc.unknowns import FIXED, LOAD
 
 
-def kernel_constants(actuator: BldcActuator) -> Constants:
+def kernel_constants(
+    actuator: BldcActuator,
+    load_gain: Any = 1.0,
+    load_offset: Any = 0.0,
+    load_delay: Any = 0.0,
+) -> Constants:
     """Constants of the equations in docs/models.md, SI, phase values, on the motor shaft.
 
-    Where parameters are arrays (B,), so are the constants that depend on them.
+    Where parameters are arrays (B,), so are the constants that depend on them. ``load_gain``,
+    ``load_offset`` (N m on the output) and ``load_delay`` (s) correct the recorded load.
     """
     motor, drive, control = actuator.motor, actuator.drive, actuator.controller
     gear = actuator.transmission
@@ -43,18 +49,26 @@ def kernel_constants(actuator: BldcActuator) -> Constants:
         contact_damping=gear.contact_damping,
         travel_low=gear.travel_low * gear.ratio,
         travel_high=gear.travel_high * gear.ratio,
+        load_gain=load_gain,
+        load_offset=load_offset / gear.ratio,
+        load_delay=load_delay,
     )
 
 
 def constants_by_candidate(
     actuator: BldcActuator, candidates: Mapping[str, Any], count: int
 ) -> np.ndarray | None:
-    """(B, 25) array of the constants of B candidates; None where all share the actuator's.
+    """(B, 28) array of the constants of B candidates; None where all share the actuator's.
 
-    ``candidates`` name parameters by their place, such as ``motor.resistance``, each with (B,)
-    values; what else it holds is left alone.
+    ``candidates`` name parameters by their place, such as ``motor.resistance``, or the corrections
+    of the load, each with (B,) values; what else it holds is left alone.
     """
     own = actuator.varied(candidates, FIXED)
-    if own is actuator:
+    load = {name: candidates[name] for name in LOAD if name in candidates}
+    if "skew" in candidates:
+        # a command that came late makes all of the twin late, and its load must be as late
+        load["load_delay"] = candidates["skew"]
+    if own is actuator and not load:
         return None
-    return np.column_stack([np.broadcast_to(value, count) for value in kernel_constants(own)])
+    constants = kernel_constants(own, **load)
+    return np.column_stack([np.broadcast_to(value, count) for value in constants])

@@ -14,10 +14,10 @@ from ematwin.models.bldc.faults import (
     error_percent_wrapped,
 )
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.models.bldc.unknowns import FAULTS, FIXED, UNKNOWNS
+from ematwin.models.bldc.unknowns import CONTRASTS, FAULTS, FIXED, UNKNOWNS, aliases, nuisances
 from ematwin.models.comparison import Candidates
 from ematwin.models.scenario import Scenario
-from ematwin.models.unknown import PhysicalValue, Unknown
+from ematwin.models.unknown import Alias, Contrast, PhysicalValue, Unknown
 from ematwin.recordings.channel import Channel
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
@@ -57,8 +57,22 @@ class BldcModel(Model):
     }
 
     def unknowns(self, actuator: Any) -> tuple[Unknown, ...]:
-        """The eight components of the paper's fault vector."""
-        return UNKNOWNS
+        """The eight components of the paper's fault vector; load and sensors."""
+        return (*UNKNOWNS, *nuisances(actuator))
+
+    def aliases(self, actuator: Any, values: Values) -> list[Alias]:
+        """Scale of all torques, and each fault against what it is a multiple of."""
+        return aliases(actuator, values)
+
+    def contrasts(self, actuator: Any) -> tuple[Contrast, ...]:
+        """What the phases have lost alike, and each beyond that."""
+        return CONTRASTS
+
+    def excitation(self, recording: Recording, actuator: Any) -> list[str]:
+        """Whether every phase conducts, and the gap is crossed."""
+        from ematwin.models.bldc.plausibility import too_little_motion
+
+        return too_little_motion(recording, actuator)
 
     def describe(self, actuator: Any, values: Values) -> list[PhysicalValue]:
         """What a fault vector means on an actuator."""

@@ -56,6 +56,7 @@ class Restarted(Comparison):
         self.length = self._length = length
         self.stretches = _stretches(whole, starts.tolist(), samples)
         self.noise, self.expected_misfit = whole.noise, whole.expected_misfit
+        self.independent = whole.independent
         self.scale = sum(float(np.sum(s.weights * s.target**2)) for s in self.stretches)
 
     def smoothed(self) -> "Restarted":

@@ -21,6 +21,7 @@ _FEWEST = 100  # samples
 _SHORTEST = 10.0  # periods of the cutoff
 _FASTEST = 5e6  # Hz: no current of a motor is sampled faster
 _OVER_LIMIT = 3.0  # times the current limit
+_GAPS = 5.0  # times the healthy gap that a motion should cross
 _AT_REST = 0.01  # of the current limit, peak to peak: noise of a sensor
 _BEYOND = 1.02  # times the travel: end stops give a little
 _DEGREES = (10.0, 180.0)  # times the travel: what degrees taken for radians reach (57.3)
@@ -129,6 +130,30 @@ def _check_motion(record: Recording, actuator: BldcActuator | None) -> list[str]
             "that the sensor was connected, and its unit."
         ]
     return []
+
+
+def too_little_motion(record: Recording, actuator: BldcActuator) -> list[str]:
+    """Sentences on why a motion cannot tell faults: six sectors make a turn of the field."""
+    gear = actuator.transmission
+    if record.motor_position is not None:
+        travel = float(np.ptp(record.motor_position))
+    else:
+        output = record.command if record.output_position is None else record.output_position
+        travel = float(np.ptp(output)) * gear.ratio
+    turn = 2.0 * np.pi / actuator.motor.pole_pairs
+    found = []
+    if travel < turn:
+        found.append(
+            f"The motor turns by {np.degrees(travel):.3g} degrees, less than the "
+            f"{np.degrees(turn):.3g} of one electrical turn: not every phase takes part. Record a "
+            f"motion of at least {1e3 * turn / gear.ratio:.3g} mrad of the output."
+        )
+    if travel < _GAPS * gear.backlash:
+        found.append(
+            f"The motion is {travel / max(gear.backlash, 1e-12):.2g} times the healthy gap: it "
+            "hardly crosses it."
+        )
+    return found
 
 
 def _check_currents(record: Recording, actuator: BldcActuator) -> None:

@@ -59,7 +59,7 @@ def simulate(
         grid.time[kept],
         {
             "command": command[kept],
-            "load": load[kept] if scenario.load else None,
+            "load": load[kept],
             **columns,
         },
         units=UNITS,

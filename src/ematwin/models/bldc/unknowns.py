@@ -5,46 +5,46 @@ physical ones are those that the kernel calls (`ematwin.models.bldc.state`).
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cache
 from typing import Any
 
-from ematwin.models.unknown import Unknown
+from ematwin.models.unknown import Alias, Contrast, Unknown
 
 
-def _law(name: str, k: float) -> float:
+def _law(name: str, k: Any) -> Any:
     from ematwin.models.bldc import state  # compiles nothing, but needs numba
 
-    return float(getattr(state, name).py_func(k))
+    return getattr(state, name).py_func(k)
 
 
-def _friction(actuator: Any, k: float) -> float:
+def _friction(actuator: Any, k: Any) -> Any:
     torque = actuator.motor.friction_torque + actuator.transmission.friction_torque
-    return float(torque * _law("friction_factor", k))
+    return torque * _law("friction_factor", k)
 
 
-def _backlash(actuator: Any, k: float) -> float:
-    return float(actuator.transmission.backlash * _law("backlash_factor", k))
+def _backlash(actuator: Any, k: Any) -> Any:
+    return actuator.transmission.backlash * _law("backlash_factor", k)
 
 
-def _turns(actuator: Any, k: float) -> float:
+def _turns(actuator: Any, k: Any) -> Any:
     turns = actuator.motor.turns_per_phase
-    return float(turns - turns * _law("turns_left", k))
+    return turns - turns * _law("turns_left", k)
 
 
-def _degrees(actuator: Any, k: float) -> float:
-    return math.degrees(_law("eccentricity_angle", k))
+def _degrees(actuator: Any, k: Any) -> Any:
+    return _law("eccentricity_angle", k) * (180.0 / math.pi)
 
 
-def _gain(actuator: Any, k: float) -> float:
-    return float(actuator.controller.position_gain * _law("gain_factor", k))
+def _gain(actuator: Any, k: Any) -> Any:
+    return actuator.controller.position_gain * _law("gain_factor", k)
 
 
 def _fault(
     name: str,
     meaning: str,
     unit: str,
-    physical: Callable[[Any, float], float] | None,
+    physical: Callable[[Any, Any], Any] | None,
     healthy: float = 0.0,
     **more: Any,
 ) -> Unknown:
@@ -69,6 +69,99 @@ UNKNOWNS = (
 )  # fmt: skip
 
 FAULTS = tuple(one.name for one in UNKNOWNS)
+LOAD = ("load_gain", "load_offset")  # corrections of the recorded load
+SENSOR = ("skew", "current_gain", "current_offset")  # of what a sensor makes of the answer
+
+_LOAD_OFFSET = 0.05  # of the dry friction, seen on the output
+_CURRENT_OFFSET = 0.005  # of the current limit: Hall sensors state 0.5 to 1 % of their range
+
+
+def nuisances(actuator: Any) -> tuple[Unknown, ...]:
+    """What differs from recording to recording and is no fault; all by one standard deviation.
+
+    Load cells and Hall current sensors are usually stated to 1 % of their range and drift by as
+    much with temperature; loads that were computed and not measured are worth 5 %. Loggers that do
+    not share a clock are some samples apart.
+    """
+    torque = actuator.motor.friction_torque + actuator.transmission.friction_torque
+    load = _LOAD_OFFSET * max(torque, 1e-6) * actuator.transmission.ratio
+    current = _CURRENT_OFFSET * actuator.drive.current_limit
+
+    def nuisance(
+        name: str, unit: str, meaning: str, healthy: float, reach: float, spread: float
+    ) -> Unknown:
+        return Unknown(
+            name, unit, meaning, healthy, healthy - reach, healthy + reach, "nuisance",
+            spread=spread, marginal=True,
+        )  # fmt: skip
+
+    return (
+        nuisance("skew", "s", "how late the command was recorded", 0.0, 1e-3, 2e-4),
+        nuisance("load_gain", "", "actual over recorded load", 1.0, 0.5, 0.06),
+        nuisance("load_offset", "N*m", "load beside the recorded one", 0.0, 40.0 * load, load),
+        nuisance("current_gain", "", "gain of the current sensor", 1.0, 0.1, 0.01),
+        nuisance("current_offset", "A", "offset of the current sensor", 0.0, 20 * current, current),
+    )
+
+
+_EFFICIENCIES = ("transmission.efficiency_opposing", "transmission.efficiency_aiding")
+_TORQUES = (
+    "motor.inertia", "motor.viscous_damping", "motor.friction_torque", "controller.speed_gain",
+    "transmission.friction_torque",
+)  # fmt: skip
+
+
+def aliases(actuator: Any, values: Mapping[str, float]) -> list[Alias]:
+    """Directions in which the equivalent current does not change.
+
+    Every fault is a multiple of something nominal. Where the supply does not limit the current,
+    it shows torques only over the torque constant, as the sensor's gain does: turns missing from
+    all phases are a smaller torque constant, and a larger one scales all torques and inertias.
+    """
+    k = {name: values.get(name, fault(name).healthy) for name in FAULTS}
+    opposing, aiding = (values.get(place, actuator.value(place)) for place in _EFFICIENCIES)
+    load = -values.get("load_gain", 1.0)
+    fewer_turns = {name: -(1.0 - k[name]) for name in _SHORTS}
+    # of the load's torque L and its friction: L (1 + worn c_o) against it, L (1 - worn c_a) with it
+    worn = 1.0 + 2.0 * k["friction"]
+    share = worn / (opposing * (1.0 + worn * (1.0 / opposing - 1.0)))
+    same = share * (1.0 - worn * (1.0 - aiding)) / (worn * aiding)
+    return [
+        Alias("motor.emf_constant", {**fewer_turns, "controller.speed_gain": -1.0}),
+        Alias("current_gain", {
+            **{name: -change for name, change in fewer_turns.items()}, "controller.speed_gain": 1.0,
+        }),
+        Alias(_EFFICIENCIES[0], {_EFFICIENCIES[1]: same, "load_gain": share * load}, held=False),
+        # the fault multiplies the friction under load as well
+        Alias("transmission.friction_torque", {
+            "friction": worn / 2.0, "motor.friction_torque": -1.0,
+            _EFFICIENCIES[0]: 1.0 - opposing, _EFFICIENCIES[1]: (1.0 - aiding) / aiding,
+        }),
+        Alias("transmission.backlash", {"backlash": (1.0 + 99.0 * k["backlash"]) / 99.0}),
+        Alias("controller.position_gain", {"gain": 0.5 + k["gain"]}),
+        Alias("transmission.output_inertia", {
+            "motor.emf_constant": -1.0, **dict.fromkeys(_TORQUES, -1.0),
+            "load_gain": load,
+        }, held=False),
+    ]  # fmt: skip
+
+
+_SHORTS = ("short_a", "short_b", "short_c")
+CONTRASTS = (
+    Contrast(
+        "short_common", dict.fromkeys(_SHORTS, 1.0 / 3.0), "turns missing from all phases alike",
+        "Turns missing from all phases alike cannot be told from warm magnets or from the gain of "
+        "a current sensor.",
+    ),
+    *(
+        Contrast(
+            f"{name}_beyond_common",
+            {one: (2.0 if one == name else -1.0) / 3.0 for one in _SHORTS},
+            f"shorted turns in phase {name[-1]} beyond the mean of the phases",
+        )
+        for name in _SHORTS
+    ),
+)  # fmt: skip
 
 
 # Known exactly, or of no effect on the monitor model: these cannot differ between candidates.

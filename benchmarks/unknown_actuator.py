@@ -1,0 +1,384 @@
+"""How far answers can be trusted on an actuator that nobody knows exactly: docs/trust.md.
+
+    python benchmarks/unknown_actuator.py calibrated --actuators 40 --faulty 5
+    python benchmarks/unknown_actuator.py sheet --actuators 20 --faulty 5
+    python benchmarks/unknown_actuator.py drift --actuators 12 --faulty 5
+    python benchmarks/unknown_actuator.py uncalibrated --actuators 40 --faulty 3
+    python benchmarks/unknown_actuator.py structure --actuators 12 --faulty 6
+    python benchmarks/unknown_actuator.py special
+
+Recordings have 2 % white noise and 12 bits. ``calibrated``: all parameters of the actuator are a
+few per cent off the template, which learns from three healthy recordings. ``sheet``: only what a
+data sheet states is right, ten values are off by up to a third. ``drift``: after calibration the
+torque constant falls by 3 %, the resistance rises by 30 %, the supply falls by 5 %, the load is off
+by 10 % and the command is 200 us late, one of them or all. ``uncalibrated``: the template is
+trusted as far as its tolerances go. ``structure``: recordings of a simulator that shares no code
+with the twin and has what the twin lacks (tests/naive/another_actuator.py). ``special``: motions
+and recordings from which nothing can be told.
+
+Each prints a Markdown table; ``--json FILE`` writes the runs.
+"""
+
+import argparse
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from joblib import Parallel, delayed
+
+from ematwin import Noise, identify, simulate
+from ematwin.models.bldc.faults import HEALTHY, error_percent_wrapped
+from ematwin.models.bldc.parameters import BldcActuator
+from ematwin.models.bldc.unknowns import FAULTS
+from ematwin.models.registry import load_actuator, model_of
+from ematwin.recordings.recording import Recording
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
+
+SHEET = load_actuator("servo48")
+NOISE = Noise(white=0.02, bits=12)
+HEALTHY_RECORDINGS = 3
+
+# Standard deviations, of logarithms, with which the actuators of ``calibrated`` are off the sheet.
+OFF = {
+    "motor.resistance": 0.05, "motor.inductance": 0.1, "motor.emf_constant": 0.03,
+    "motor.inertia": 0.06, "motor.viscous_damping": 0.2, "motor.friction_torque": 0.1,
+    "transmission.friction_torque": 0.1, "transmission.output_inertia": 0.12,
+    "transmission.backlash": 0.15, "controller.position_gain": 0.04,
+    "controller.speed_gain": 0.04, "transmission.static_ratio": 0.08,
+    "drive.supply_voltage": 0.02,
+}  # fmt: skip
+# What no data sheet states: off by up to a third.
+SILENT = (
+    "motor.viscous_damping", "motor.friction_torque", "transmission.friction_torque",
+    "transmission.output_inertia", "transmission.backlash", "controller.position_gain",
+    "controller.speed_gain", "transmission.static_ratio",
+)  # fmt: skip
+EFFICIENCIES = ("transmission.efficiency_opposing", "transmission.efficiency_aiding")
+DRIFTS: dict[str, dict[str, float]] = {
+    "torque constant": {"motor.emf_constant": 0.97},
+    "resistance": {"motor.resistance": 1.3},
+    "supply": {"drive.supply_voltage": 0.95},
+    "load": {"load": 1.1},
+    "skew": {"skew": 200e-6},
+}
+CASES: tuple[dict[str, float], ...] = (
+    {},
+    {"friction": 0.25, "short_b": 0.15},
+    {"eccentricity": 0.4, "eccentricity_phase": 0.3, "backlash": 0.3},
+)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One judged recording."""
+
+    group: str
+    injected: dict[str, float]
+    values: dict[str, float]
+    intervals: dict[str, tuple[float, float]]
+    grade: str
+    faults: tuple[str, ...]
+    reason: str
+    error: float
+    physical_error: float
+    misfit: float
+
+
+def actuator_off(seed: int) -> BldcActuator:
+    """An actuator whose parameters are a few per cent off the data sheet."""
+    rng = np.random.default_rng([1, seed])
+    values = {
+        place: SHEET.value(place) * float(np.exp(spread * np.clip(rng.standard_normal(), -2, 2)))
+        for place, spread in OFF.items()
+    }
+    for place in EFFICIENCIES:
+        values[place] = min(0.99, SHEET.value(place) * (1.0 + 0.02 * rng.uniform(-1, 1)))
+    return SHEET.changed(values)
+
+
+def actuator_of_sheet(seed: int) -> BldcActuator:
+    """An actuator of which the data sheet states what it states rightly, and nothing else."""
+    rng = np.random.default_rng([2, seed])
+    values = {p: SHEET.value(p) * float(1.0 + rng.uniform(-1 / 3, 1 / 3)) for p in SILENT}
+    for place in EFFICIENCIES:
+        values[place] = 1.0 - (1.0 - SHEET.value(place)) * float(1.0 + rng.uniform(-1 / 3, 1 / 3))
+    return SHEET.changed(values)
+
+
+def injected_faults(rng: np.random.Generator) -> dict[str, float]:
+    """None to three faults, none so small that it would not matter."""
+    names = [name for name in FAULTS if name != "eccentricity_phase"]
+    found: dict[str, float] = {}
+    for name in rng.choice(names, rng.integers(0, 4), replace=False).tolist():
+        if name == "gain":
+            found[name] = float(0.5 + rng.choice([-1.0, 1.0]) * rng.uniform(0.05, 0.3))
+        else:
+            found[name] = float(rng.uniform(0.03, 0.6))
+        if name == "eccentricity":
+            found["eccentricity_phase"] = float(rng.random())
+    return found
+
+
+def cases(count: int, seed: int) -> list[dict[str, float]]:
+    """Three given vectors, then random ones."""
+    rng = np.random.default_rng([3, seed])
+    return [dict(CASES[n]) if n < len(CASES) else injected_faults(rng) for n in range(count)]
+
+
+def recorded(
+    actuator: BldcActuator, faults: Mapping[str, float], seed: int, drift: Mapping[str, float]
+) -> Recording:
+    """A recording of the reference model; ``drift`` as in `DRIFTS`."""
+    changed = {place: actuator.value(place) * x for place, x in drift.items() if "." in place}
+    found = simulate(
+        "reference", faults=faults, actuator=actuator.changed(changed) if changed else actuator,
+        noise=NOISE, seed=seed,
+    )  # fmt: skip
+    more = {}
+    if "load" in drift:  # the sensor shows less than there is
+        more["load"] = found.channels["load"] / drift["load"]
+    if "skew" in drift:
+        t = found.time
+        more["command"] = np.interp(t - drift["skew"], t, found.channels["command"])
+    return found.changed(**more) if more else found
+
+
+def judged(
+    group: str, record: Recording, known: Any, true: BldcActuator, faults: Mapping[str, float]
+) -> Outcome:
+    """Identify a recording and set the answer beside the truth."""
+    found = identify(record, known, threads=1)
+    injected = {**dict(zip(FAULTS, HEALTHY.tolist(), strict=True)), **faults}
+    values = {name: found.values[name] for name in FAULTS}
+    physical = {row.name: row.value for row in found.physical}
+    torque = true.motor.friction_torque + true.transmission.friction_torque
+    in_units = {
+        **values,
+        "friction": (physical["friction"] / torque - 1.0) / 2.0,
+        "backlash": (physical["backlash"] / true.transmission.backlash - 1.0) / 99.0,
+        "gain": physical["gain"] / true.controller.position_gain - 0.5,
+    }
+    truth = np.array([injected[name] for name in FAULTS])
+    error, physical_error = (
+        float(error_percent_wrapped(np.array([v[name] for name in FAULTS]), truth))
+        for v in (values, in_units)
+    )
+    return Outcome(
+        group, injected, values, {n: found.intervals[n] for n in FAULTS}, found.verdict.grade,
+        found.verdict.faults, found.verdict.reason, error, physical_error, found.relative_misfit,
+    )  # fmt: skip
+
+
+def learnt(recordings: Sequence[Recording], template: BldcActuator) -> Any:
+    """What healthy recordings say of an actuator."""
+    from ematwin.estimation.learn import learn
+
+    model = model_of(template)
+    return learn(model, template, [model.compare(r, template, threads=1) for r in recordings])
+
+
+def of_actuator(mode: str, seed: int, faulty: int) -> list[Outcome]:
+    """All judged recordings of one actuator."""
+    true = actuator_of_sheet(seed) if mode == "sheet" else actuator_off(seed)
+    known: Any = SHEET
+    if mode != "uncalibrated":
+        healthy = [recorded(true, {}, 10 + n, {}) for n in range(HEALTHY_RECORDINGS)]
+        known = learnt(healthy, SHEET)
+    found = []
+    for n, faults in enumerate(cases(faulty, seed)):
+        group, drift = mode, {}
+        if mode == "drift":
+            names = [*DRIFTS, "all"]
+            group = names[(seed + n) % len(names)]
+            drift = (
+                {k: v for one in DRIFTS.values() for k, v in one.items()}
+                if group == "all"
+                else DRIFTS[group]
+            )
+        record = recorded(true, faults, 100 + n, drift)
+        found.append(judged(group, record, known, true, faults))
+    return found
+
+
+def of_structure(seed: int, faulty: int) -> list[Outcome]:
+    """The same with the other simulator."""
+    from naive import another_actuator as other
+
+    true = actuator_of_sheet(seed)
+    structure = other.Structure.random(np.random.default_rng([4, seed]))
+    group = ("with PI current loop", "PI loop without delay", "ideal current loop")[seed % 3]
+    if group == "PI loop without delay":
+        interval = min(structure.control_interval, 1e-4)
+        structure = replace(structure, current_delay=0, control_interval=interval)
+    if group == "ideal current loop":
+        structure = replace(structure, current_interval=0.0, control_interval=0.0)
+    gain, parameters = "controller.speed_gain", other.parameters_of(true)
+    template = SHEET
+    if group != "PI loop without delay":
+        parameters = other.tuned(parameters, structure)
+        own = other.tuned(other.parameters_of(SHEET), structure)[gain]
+        template = SHEET.changed({gain: own})
+    scenario = model_of(SHEET).load_scenario(None)
+    time = np.arange(10_001) / 20_000.0
+    command, load = scenario.histories(time)
+
+    def record(faults: Mapping[str, float], number: int) -> Recording:
+        return other.simulate(parameters, time, command, load, dict(faults), structure, seed=number)
+
+    known = learnt([record({}, 10 + n) for n in range(HEALTHY_RECORDINGS)], template)
+    return [
+        judged(group, record(faults, 100 + n), known, true, faults)
+        for n, faults in enumerate(cases(faulty, seed))
+    ]
+
+
+def special(seed: int = 1) -> list[Outcome]:
+    """Recordings from which nothing, or not everything, can be told; calibrated on usual ones."""
+    from ematwin.models.scenario import Scenario
+
+    true = actuator_off(seed)
+    healthy = [recorded(true, {}, 10 + n, {}) for n in range(HEALTHY_RECORDINGS)]
+    known = learnt(healthy, SHEET)
+    faults = {"friction": 0.25, "short_b": 0.15}
+    usual = recorded(true, faults, 100, {})
+
+    def chirp(amplitude: float) -> Recording:
+        parts = [{"type": "chirp", "amplitude": amplitude, "f_start": 5.0, "f_end": 25.0}]
+        scenario = Scenario(duration=0.5, command=parts)
+        return simulate("reference", scenario, faults, true, noise=NOISE, seed=100)
+
+    channels = {k: v for k, v in usual.channels.items() if k != "load"}
+    no_load = Recording(usual.time, channels, units=usual.units)
+    in_degrees = usual.changed(command=np.degrees(usual.channels["command"]))
+    clipped = usual.changed(
+        **{
+            k: np.clip(usual.channels[k], -2.0, 2.0)
+            for k in ("current_a", "current_b", "current_c")
+        }
+    )
+    coarse = simulate(
+        "reference", faults=faults, actuator=true, noise=Noise(white=0.02, bits=10), seed=100
+    )
+    recordings = {
+        "motion of 20 urad": chirp(20e-6),
+        "motion of 200 urad": chirp(200e-6),
+        "no load column": no_load,
+        "degrees for radians": in_degrees,
+        "saturated currents": clipped,
+        "ten bits": coarse,
+    }
+    from ematwin.errors import EmatwinError
+
+    found = []
+    for name, record in recordings.items():
+        try:
+            found.append(judged(name, record, known, true, faults))
+        except EmatwinError as refusal:
+            print(f"{name}: refused: {refusal}")
+    return found
+
+
+def inside(one: Outcome, name: str) -> bool:
+    """Whether an interval holds the truth; of a direction only where there is a magnitude."""
+    low, high = one.intervals[name]
+    return low - 1e-9 <= one.injected[name] <= high + 1e-9
+
+
+def outside_by(one: Outcome, name: str) -> float:
+    """How far the truth lies outside the interval, in half widths of it."""
+    low, high = one.intervals[name]
+    gap = max(low - one.injected[name], one.injected[name] - high, 0.0)
+    return gap / max(0.5 * (high - low), 1e-12)
+
+
+COMPARED = tuple(name for name in FAULTS if name != "eccentricity_phase")
+
+
+def silently_wrong(one: Outcome) -> bool:
+    """Off by 0.01, outside an interval by half its half width, and nothing said."""
+    if one.grade == "none":
+        return False
+    return any(
+        abs(one.values[name] - one.injected[name]) > 0.01 and outside_by(one, name) > 0.5
+        for name in COMPARED
+    )
+
+
+def injected_names(one: Outcome) -> set[str]:
+    """Names of the injected faults."""
+    healthy = dict(zip(FAULTS, HEALTHY.tolist(), strict=True))
+    return {name for name in COMPARED if abs(one.injected[name] - healthy[name]) >= 0.02}
+
+
+def row(title: str, runs: Sequence[Outcome]) -> str:
+    """A line of the table."""
+    verdicts = [one for one in runs if one.grade != "none"]
+    held = [inside(one, name) for one in verdicts or runs for name in COMPARED]
+    healthy = [one for one in runs if not injected_names(one)]
+    faulty = [one for one in verdicts if injected_names(one)]
+    named = [injected_names(one) <= set(one.faults) for one in faulty]
+    extra = [bool(set(one.faults) - injected_names(one)) for one in runs]
+    errors = [one.error for one in runs]
+    physical = [one.physical_error for one in runs]
+
+    def share(values: Sequence[bool]) -> str:
+        return f"{100.0 * sum(values) / len(values):.1f}" if values else "-"
+
+    return (
+        f"| {title} | {len(runs)} | {np.median(errors):.2f} / {np.quantile(errors, 0.9):.2f} | "
+        f"{np.median(physical):.2f} / {np.quantile(physical, 0.9):.2f} | {share(held)} | "
+        f"{share([silently_wrong(one) for one in runs])} | "
+        f"{share([one.grade == 'fault' for one in healthy])} of {len(healthy)} | {share(named)} | "
+        f"{share(extra)} | {share([one.grade == 'none' for one in runs])} |"
+    )
+
+
+COLUMNS = (
+    "recordings", "Err%, median / P90", "in N m, rad, 1/s", "intervals that hold, %",
+    "silently wrong, %", "healthy called faulty, %", "all faults named, %",
+    "a wrong one named, %", "no verdict, %",
+)  # fmt: skip
+HEADER = f"| | {' | '.join(COLUMNS)} |\n|---|{'--:|' * len(COLUMNS)}"
+
+
+def main() -> None:
+    """Run one part of the benchmark."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    modes = ("calibrated", "sheet", "drift", "uncalibrated", "structure", "special")
+    parser.add_argument("mode", choices=modes)
+    parser.add_argument("--actuators", type=int, default=10)
+    parser.add_argument("--faulty", type=int, default=5, help="recordings of each actuator")
+    parser.add_argument("--first", type=int, default=0, help="seed of the first actuator")
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--json", type=Path, help="write the runs here")
+    given = parser.parse_args()
+    seeds = range(given.first, given.first + given.actuators)
+    if given.mode == "special":
+        parts = [special(given.first + 1)]
+    elif given.mode == "structure":
+        parts = Parallel(given.workers)(delayed(of_structure)(s, given.faulty) for s in seeds)
+    else:
+        parts = Parallel(given.workers)(
+            delayed(of_actuator)(given.mode, s, given.faulty) for s in seeds
+        )
+    runs = [one for part in parts for one in part]
+    if given.json is not None:
+        given.json.write_text(json.dumps([vars(one) for one in runs], indent=1), encoding="utf-8")
+    print(HEADER)
+    groups = dict.fromkeys(one.group for one in runs)
+    if len(groups) > 1:
+        for group in groups:
+            print(row(group, [one for one in runs if one.group == group]))
+    if given.mode != "special":
+        print(row(given.mode, runs))
+    for one in runs if given.mode == "special" else ():
+        print(f"\n{one.group}: {one.grade} {', '.join(one.faults)}. {one.reason}")
+
+
+if __name__ == "__main__":
+    main()

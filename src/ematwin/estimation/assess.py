@@ -1,0 +1,410 @@
+"""From the end of a search to values with honest intervals.
+
+A search holds all parameters at the values of the file. Here they are freed, each as far as it is
+known, with the sensors and the load, and all descend together from where the search ended; then
+the curvature, the aliases and the drifts give the intervals. Before these are believed, other
+valleys that the search found are compared, and the misfit is looked at along each fault.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ematwin.estimation.baseline import Baseline, marginal, with_nuisances
+from ematwin.estimation.intervals import Draws, draws
+from ematwin.estimation.laplace import Laplace, inverse, laplace
+from ematwin.estimation.learn import searches_globally
+from ematwin.estimation.problem import Problem
+from ematwin.estimation.search import Found
+from ematwin.models.base import Model
+from ematwin.models.chart import Chart
+from ematwin.models.parameter_set import ParameterSet
+from ematwin.models.unknown import Unknown
+
+_PROFILE = 2.0  # standard errors at which the misfit along a fault is looked at
+_FLATTEST = 5.0  # times that an interval is widened at most
+_APART = 0.05  # share of a range by which another answer differs
+_NEARLY = 9.0  # rise of the squared distance up to which another answer is nearly as good
+_WORTH_A_LOOK = 4.0  # ratio of costs up to which another valley is gone into
+_ANYTHING = 0.25  # standard deviation as a share of a range; 0.29 where all is equally likely
+_BEYOND_BELIEF = 4.0  # standard deviations of a prior; 2.1 at most on actuators within tolerances
+_SETTLED = 1.3  # times the misfit of healthy recordings: parameters need no looking for
+_RIVALS = 2  # other valleys that are gone into
+_EVIDENT = 3.0  # standard errors
+_WIDE = 12.0  # sharp standard errors: an interval that others than noise make
+
+
+@dataclass(frozen=True)
+class Interval:
+    """Where a value lies, 95 %."""
+
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Assessment:
+    """Values with intervals.
+
+    Attributes
+    ----------
+    values : by name, all that was free
+    covariance : (d, d) array, of the values of the problem that was searched
+    sharp_errors : standard errors by fault, as if all parameters were known exactly
+    intervals : by name, in the unit of the unknown
+    physical : by name of a fault, value and interval in its physical unit
+    contrasts : by name, value and interval
+    nuisances : by name, value and interval of load and sensors where they stand out
+    cost : float, of the data
+    strained : parameters, load and sensors that would have to be further off than can be believed,
+        by name, in standard deviations of what was known of them
+    others : values by name of other answers that explain the recording nearly as well
+    evaluations : int
+    """
+
+    values: dict[str, float]
+    covariance: np.ndarray
+    sharp_errors: dict[str, float]
+    intervals: dict[str, Interval]
+    physical: dict[str, tuple[float, Interval]]
+    contrasts: dict[str, tuple[float, Interval]]
+    nuisances: dict[str, tuple[float, Interval]]
+    strained: dict[str, float]
+    cost: float
+    others: tuple[dict[str, float], ...]
+    evaluations: int
+
+
+def assess(
+    model: Model, actuator: ParameterSet, problem: Problem, found: Found, baseline: Baseline
+) -> Assessment:
+    """Values with intervals, from where a search ended.
+
+    Parameters
+    ----------
+    model, actuator : of the twin
+    problem : that was searched
+    found : the end of the search
+    baseline : what is known of the actuator
+    """
+    full = _with_all(model, actuator, found.problem or problem, problem, baseline)
+    local = {} if searches_globally(model) else dict.fromkeys(baseline.prior.names)
+
+    settled = _SETTLED * baseline.misfit if math.isfinite(baseline.misfit) else 0.0
+    if baseline.exact:
+        settled = math.inf
+
+    def peak_from(point: np.ndarray) -> Laplace:
+        known = dict(zip(problem.names, point.tolist(), strict=True))
+        start = np.array([known.get(one.name, one.healthy) for one in full.unknowns])
+        return laplace(
+            full,
+            start,
+            aliases=lambda values: model.aliases(actuator, values),
+            held=[name for name in full.names if name in local],
+            least_noise=full.comparisons[0].noise,
+            settled=settled,
+        )
+
+    peak = peak_from(found.point)
+    rivals = [peak_from(point) for point in _worth_a_look(full, found, problem)]
+    spent = sum(one.evaluations for one in (peak, *rivals))
+    noise = min(one.problem.noise for one in (peak, *rivals))
+    rivals.sort(key=lambda one: _height(one, noise))
+    if rivals and _height(rivals[0], noise) < _height(peak, noise):
+        rivals.append(peak)
+        peak = rivals.pop(0)
+    own = len(problem.names)
+    covariance = _with_scatter(peak, baseline, model.model_error)
+    covariance = _profiled(peak, covariance, own, model.model_error)
+    drawn = draws(full.chart, peak.z, covariance)
+    sharp = _sharp(peak, own, model.model_error)
+    values = full.values(peak.point)
+    free = {one.name: one for one in full.unknowns}
+    intervals = {name: _interval(drawn, one) for name, one in free.items()}
+    for name, error in zip(problem.names, sharp.tolist(), strict=True):
+        intervals[name] = _with_corner(intervals[name], error, free[name])
+    return Assessment(
+        values=values,
+        covariance=_covariance_of(drawn, problem),
+        sharp_errors=dict(zip(problem.names, sharp.tolist(), strict=True)),
+        intervals=intervals,
+        physical=_physical(problem, actuator, values, drawn, intervals),
+        contrasts=_contrasts(model, actuator, values, drawn),
+        nuisances=_evident(full, peak, intervals, own),
+        strained=_strained(peak),
+        cost=peak.cost,
+        others=_other_answers(problem, peak, rivals, model.model_error),
+        evaluations=spent,
+    )
+
+
+def unassessed(
+    model: Model, actuator: ParameterSet, problem: Problem, found: Found, baseline: Baseline
+) -> Assessment:
+    """What is said of a search that was interrupted: its values, and that nothing is sure."""
+    values = problem.values(found.point)
+    faults = [one for one in problem.unknowns if one.role == "fault"]
+    whole = {one.name: Interval(one.lower, one.upper) for one in problem.unknowns}
+    return Assessment(
+        values=values,
+        covariance=np.diag(np.full(len(problem.names), np.inf)),
+        sharp_errors=dict.fromkeys(problem.names, math.inf),
+        intervals=whole,
+        physical={
+            one.name: (
+                one.physical_value(actuator, values[one.name]).value,
+                Interval(
+                    one.physical_value(actuator, one.lower).value,
+                    one.physical_value(actuator, one.upper).value,
+                ),
+            )
+            for one in faults
+        },
+        contrasts={},
+        nuisances={},
+        strained={},
+        cost=found.cost,
+        others=(),
+        evaluations=0,
+    )
+
+
+def _with_all(
+    model: Model, actuator: ParameterSet, judged: Problem, problem: Problem, baseline: Baseline
+) -> Problem:
+    """The problem with parameters, load and sensors free as far as they are known."""
+    if baseline.exact:
+        return judged
+    taken = {*problem.names, *problem.held}
+    prior = baseline.drifted(actuator)
+    prior = prior.of(name for name in prior.names if name not in taken)
+    places = [replace(model.unknown(actuator, place), spread=None) for place in prior.names]
+    more = [one for one in marginal(model.unknowns(actuator)) if one.name not in taken]
+    own = [one for one in problem.unknowns if one.spread is not None]
+    prior = with_nuisances(with_nuisances(prior, own), more)
+    full = Problem(
+        judged.comparisons, [*problem.unknowns, *places, *more], held=problem.held, prior=prior
+    )
+    return full.with_noise(judged.noise)
+
+
+def _worth_a_look(full: Problem, found: Found, problem: Problem) -> list[np.ndarray]:
+    """Ends of other valleys that are not far worse and lie apart."""
+    if not found.others:
+        return []
+    judged = found.problem or problem
+    points = np.stack([found.point, *found.others])
+    costs = judged.costs(points)
+    near = 1 + np.argsort(costs[1:], kind="stable")[:_RIVALS]
+    points, costs = points[np.r_[0, near]], costs[np.r_[0, near]]
+    apart = np.abs(judged.chart.from_values(points) - judged.chart.from_values(points[:1]))
+    return [
+        point
+        for point, cost, away in zip(points[1:], costs[1:], apart[1:].max(axis=1), strict=True)
+        if away > _APART and cost < _WORTH_A_LOOK * costs[0]
+    ]
+
+
+def _height(peak: Laplace, noise: float) -> float:
+    """How far a peak lies from the recording and from the priors, squared standard deviations."""
+    distances = peak.problem.prior_distances(peak.point[None])[0] / peak.problem.noise
+    return peak.cost / noise**2 + float(distances @ distances)
+
+
+def _with_scatter(peak: Laplace, baseline: Baseline, model_error: float) -> np.ndarray:
+    """The covariance with what the twin misses, and what healthy recordings differed by."""
+    covariance = peak.widened(model_error)
+    widths = peak.problem.chart.widths
+    for n, name in enumerate(peak.problem.names):
+        if name in baseline.scatter:
+            covariance[n, n] += (baseline.scatter[name] / widths[n]) ** 2 * (
+                1.0 + 1.0 / max(1, baseline.recordings)
+            )
+    return covariance
+
+
+def _profiled(peak: Laplace, covariance: np.ndarray, own: int, model_error: float) -> np.ndarray:
+    """The covariance widened along faults where the misfit rises less than its curvature says."""
+    problem, chart = peak.problem, peak.problem.chart
+    errors = np.sqrt(np.diag(covariance))
+    ways = _PROFILE * covariance[:, :own] / errors[:own]
+    points = np.concatenate([peak.z + ways.T, peak.z - ways.T])
+    inside = np.abs(chart.project(points) - points).max(axis=1) < 1e-9
+    residuals = problem.residuals(chart.to_values(np.vstack([peak.z[None], points])))
+    data = residuals[:, : residuals.shape[1] - problem.prior_rows]
+    priors = residuals[:, data.shape[1] :]
+    heights = (
+        np.einsum("bk,bk->b", data, data) / model_error**2 + np.einsum("bk,bk->b", priors, priors)
+    ) / problem.noise**2
+    rise = heights[1:] - heights[0]
+    wider = np.ones(len(errors))
+    for n in range(own):
+        seen = [rise[m] for m in (n, own + n) if inside[m] and np.isfinite(rise[m])]
+        if seen:
+            least = max(min(seen), (_PROFILE / _FLATTEST) ** 2)
+            wider[n] = max(1.0, _PROFILE / math.sqrt(least))
+    return covariance * np.outer(wider, wider)
+
+
+def _sharp(peak: Laplace, own: int, model_error: float) -> np.ndarray:
+    """Standard errors (own,) in values, as if parameters, load and sensors were known."""
+    kept = slice(own)
+    chart = Chart(peak.problem.chart.unknowns[:own])
+    covariance = inverse(peak.data[kept, kept] / model_error**2 + peak.priors[kept, kept])
+    errors = np.sqrt(np.diag(covariance)) * chart.widths
+    for radius, direction in chart.pairs:
+        # across the vector an error turns it; along it, it changes the magnitude
+        size = float(np.hypot(peak.z[radius], peak.z[direction]))
+        across = max(errors[radius], errors[direction])
+        errors[radius] = across
+        errors[direction] = across / (2.0 * np.pi * size) if size > 2.0 * across else np.inf
+    return np.asarray(errors)
+
+
+def _covariance_of(drawn: Draws, problem: Problem) -> np.ndarray:
+    """(d, d) of the searched unknowns.
+
+    Infinite for a direction that has no meaning, and for a value that may be anything.
+    """
+    count = len(problem.names)
+    values = drawn.values[:, :count].copy()
+    lost = []
+    for n, one in enumerate(problem.unknowns):
+        if one.direction_of is None:
+            continue
+        turn = np.exp(2j * np.pi * values[:, n])
+        values[:, n] = np.angle(turn / np.exp(1j * np.angle(turn.mean()))) / (2.0 * np.pi)
+        if abs(turn.mean()) < 0.3:
+            lost.append(n)
+    found = np.atleast_2d(np.cov(values.T))
+    widths = problem.upper - problem.lower
+    for n, one in enumerate(problem.unknowns):
+        if one.role == "fault" and math.sqrt(found[n, n]) > _ANYTHING * widths[n]:
+            lost.append(n)
+    for n in lost:
+        found[n, :] = found[:, n] = 0.0
+        found[n, n] = np.inf
+    return found
+
+
+def _interval(drawn: Draws, one: Unknown) -> Interval:
+    return Interval(*drawn.interval(one.name, one.lower, one.upper))
+
+
+def _with_corner(interval: Interval, sharp_error: float, one: Unknown) -> Interval:
+    """The interval with a margin for noise where bounds of other unknowns end it.
+
+    What cannot be told from the faults of other phases ends where those are healthy, and there the
+    truth often is: in a corner, which draws within the bounds do not straddle.
+    """
+    if one.direction_of is not None or interval.high - interval.low < _WIDE * sharp_error:
+        return interval
+    return Interval(
+        max(one.lower, interval.low - 1.96 * sharp_error),
+        min(one.upper, interval.high + 1.96 * sharp_error),
+    )
+
+
+def _physical(
+    problem: Problem,
+    actuator: ParameterSet,
+    values: Mapping[str, float],
+    drawn: Draws,
+    intervals: Mapping[str, Interval],
+) -> dict[str, tuple[float, Interval]]:
+    """Faults in physical units: of products, where a fault is a multiple of a parameter."""
+    places = {name: drawn.of(name) for name in drawn.names if "." in name}
+    best = actuator.with_arrays({name: values[name] for name in places})
+    varied = actuator.with_arrays(places)
+    found = {}
+    for one in problem.unknowns:
+        if one.role != "fault":
+            continue
+        ends = intervals[one.name]
+        if one.physical is None:
+            found[one.name] = (values[one.name], ends)
+            continue
+        value = float(one.physical(best, values[one.name]))
+        if one.direction_of is not None or not _depends_on_parameters(one, varied):
+            low, high = (float(one.physical(best, end)) for end in (ends.low, ends.high))
+        else:
+            spread = np.asarray(one.physical(varied, drawn.of(one.name)), dtype=float)
+            low, high = Draws((one.name,), spread[:, None], {}).interval(
+                one.name, float(spread.min()), float(spread.max())
+            )
+        found[one.name] = (value, Interval(low, high))
+    return found
+
+
+def _depends_on_parameters(one: Unknown, varied: ParameterSet) -> bool:
+    """Whether the physical value changes with parameters (N,); no where a kind takes no arrays."""
+    assert one.physical is not None
+    try:
+        values = np.asarray(one.physical(varied, one.healthy), dtype=float)
+    except TypeError:
+        return False
+    return bool(np.ptp(values) > 0.0)
+
+
+def _contrasts(
+    model: Model, actuator: ParameterSet, values: Mapping[str, float], drawn: Draws
+) -> dict[str, tuple[float, Interval]]:
+    found = {}
+    for one in model.contrasts(actuator):
+        if not set(one.weights) <= set(drawn.names):
+            continue
+        weights = one.weights.items()
+        value = float(sum(weight * values[name] for name, weight in weights))
+        spread = np.sum([weight * drawn.of(name) for name, weight in weights], axis=0)
+        low, high = np.quantile(spread, [0.025, 0.975])
+        # the best point may lie in a corner that draws within the bounds do not straddle
+        found[one.name] = (value, Interval(min(float(low), value), max(float(high), value)))
+    return found
+
+
+def _evident(
+    full: Problem, peak: Laplace, intervals: Mapping[str, Interval], own: int
+) -> dict[str, tuple[float, Interval]]:
+    """Load and sensors that are clearly not as recorded."""
+    point = peak.point
+    found = {}
+    for n, one in enumerate(full.unknowns):
+        if n < own or one.role != "nuisance":
+            continue
+        reach = 0.5 * (intervals[one.name].high - intervals[one.name].low) / 1.96
+        away = abs(point[n] - one.healthy)
+        if one.spread is not None and away > max(_EVIDENT * reach, 0.5 * one.spread):
+            found[one.name] = (float(point[n]), intervals[one.name])
+    return found
+
+
+def _strained(peak: Laplace) -> dict[str, float]:
+    """What lies beyond belief, and how far."""
+    problem, point = peak.problem, peak.point
+    prior, found = problem.prior, {}
+    spread = np.sqrt(np.diag(prior.covariance))
+    for name, mean, error in zip(prior.names, prior.mean, spread, strict=True):
+        n = problem.names.index(name)
+        here = math.log(point[n]) if problem.unknowns[n].logarithmic else point[n]
+        away = abs(here - mean) / error
+        if away > _BEYOND_BELIEF and problem.unknowns[n].role != "fault":
+            found[name] = float(away)
+    return found
+
+
+def _other_answers(
+    problem: Problem, peak: Laplace, rivals: list[Laplace], model_error: float
+) -> tuple[dict[str, float], ...]:
+    """Rivals that explain the recording nearly as well and say something else."""
+    own = len(problem.names)
+    found = []
+    for one in rivals:
+        noise = peak.problem.noise * model_error
+        rise = _height(one, noise) - _height(peak, noise)
+        away = np.abs(one.z[:own] - peak.z[:own]).max()
+        if rise < _NEARLY and away > _APART:
+            found.append(dict(zip(problem.names, one.point[:own].tolist(), strict=True)))
+    return tuple(found)

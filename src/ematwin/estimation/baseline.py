@@ -1,0 +1,187 @@
+"""Baseline: what is known of an actuator before a recording is judged.
+
+The values of its parameters with their joint uncertainty, how well the twin explains it while it is
+healthy, and what may have drifted since. Without calibration the uncertainty is that of a data
+sheet: the tolerances of the parameter file, or those that the kind states.
+"""
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ematwin.errors import ParameterError
+from ematwin.estimation.problem import Prior
+from ematwin.models.base import Model
+from ematwin.models.parameter_set import ParameterSet
+from ematwin.models.registry import model_of
+from ematwin.models.unknown import Unknown
+from ematwin.validation import load_toml
+
+FORMAT = 1
+
+_TWO_SIGMA = 2.0  # a tolerance holds 95 %
+_WIDEST = 3.0  # standard deviations of the prior that a search looks at
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """What is known of an actuator.
+
+    Attributes
+    ----------
+    prior : of its parameters (logarithms), and of nuisances where healthy recordings tell them
+    misfit : float, relative: what healthy recordings left; NaN if there were none
+    expected_misfit : float, what noise and the twin's known error alone leave
+    scatter : by fault, standard deviation between healthy recordings
+    recordings : how many healthy ones
+    has_load : whether they held the load
+    exact : whether parameters, load and sensors are exactly as given, as those of a simulation are
+    """
+
+    prior: Prior
+    misfit: float = math.nan
+    expected_misfit: float = math.nan
+    scatter: Mapping[str, float] = field(default_factory=dict)
+    recordings: int = 0
+    has_load: bool = True
+    exact: bool = False
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether it rests on recordings of this actuator, or nothing is left to learn."""
+        return self.recordings > 0 or self.exact
+
+    @classmethod
+    def of_simulation(cls) -> "Baseline":
+        """That of an actuator of which everything is known."""
+        return cls(Prior.independent([]), exact=True)
+
+    @classmethod
+    def of_template(cls, model: Model, actuator: ParameterSet) -> "Baseline":
+        """That of an actuator of which only the parameter file is known."""
+        return cls(Prior.independent(uncertain(model, actuator)))
+
+    def drifted(self, actuator: ParameterSet) -> Prior:
+        """The prior of a later recording: parameters may have drifted since."""
+        covariance = self.prior.covariance.copy()
+        for n, name in enumerate(self.prior.names):
+            drift = actuator.drift(name) if "." in name else None
+            if drift is not None and self.calibrated:
+                covariance[n, n] += (math.log1p(drift) / _TWO_SIGMA) ** 2
+        return Prior(self.prior.names, self.prior.mean, covariance)
+
+    def as_table(self) -> dict[str, Any]:
+        """Plain values, for a TOML file."""
+        numbers = {"misfit": self.misfit, "expected_misfit": self.expected_misfit}
+        return {
+            "format": FORMAT,
+            "names": list(self.prior.names),
+            "mean": self.prior.mean.tolist(),
+            "covariance": self.prior.covariance.tolist(),
+            "scatter": dict(self.scatter),
+            "recordings": self.recordings,
+            "has_load": self.has_load,
+            **{name: value for name, value in numbers.items() if math.isfinite(value)},
+        }
+
+    @classmethod
+    def from_table(cls, table: Any, what: str) -> "Baseline":
+        """From what `as_table` gave.
+
+        Raises
+        ------
+        ParameterError
+            If it is damaged or of a newer ematwin.
+        """
+        try:
+            written = table["format"]
+            if not isinstance(written, int):
+                raise ValueError(f"its format is {written!r}")
+            if written > FORMAT:
+                raise ParameterError(
+                    f"The baseline of {what} was written by a newer ematwin (format {written}, "
+                    f"this one knows {FORMAT}). Update ematwin."
+                )
+            names = tuple(str(name) for name in table["names"])
+            mean = np.array(table["mean"], dtype=float)
+            covariance = np.array(table["covariance"], dtype=float)
+            if mean.shape != (len(names),) or covariance.shape != (len(names), len(names)):
+                raise ValueError(f"{len(names)} names, {mean.shape} and {covariance.shape}")
+            if not (np.isfinite(mean).all() and np.isfinite(covariance).all()):
+                raise ValueError("values that are not finite")
+            if not np.allclose(covariance, covariance.T):
+                raise ValueError("a covariance that is not symmetric")
+            np.linalg.cholesky(covariance)
+            return cls(
+                Prior(names, mean, covariance),
+                float(table.get("misfit", math.nan)),
+                float(table.get("expected_misfit", math.nan)),
+                {str(name): float(value) for name, value in table["scatter"].items()},
+                int(table["recordings"]),
+                bool(table["has_load"]),
+            )
+        except (KeyError, TypeError, ValueError, AttributeError, np.linalg.LinAlgError) as error:
+            if isinstance(error, ParameterError):
+                raise
+            raise ParameterError(
+                f"The baseline of {what} is damaged ({type(error).__name__}: {error}). Make it "
+                "anew with ematwin calibrate."
+            ) from None
+
+
+def baseline_of(given: Any, actuator: ParameterSet) -> Baseline:
+    """The baseline of what `ematwin.identify` takes as an actuator.
+
+    That of a calibration or of its file; the tolerances of any other parameter set.
+    """
+    held = getattr(given, "baseline", None)
+    if isinstance(held, Baseline):
+        return held
+    if isinstance(given, str | Path) and str(given).endswith(".toml"):
+        table = load_toml(Path(given), "actuator").get("baseline")
+        if table is not None:
+            return Baseline.from_table(table, str(given))
+    return Baseline.of_template(model_of(actuator), actuator)
+
+
+def uncertain(model: Model, actuator: ParameterSet) -> list[Unknown]:
+    """Parameters that may be off, as unknowns with the spread of their tolerances.
+
+    A kind that states no tolerance of a parameter may say how far a template may be off
+    (`Model.nominal`).
+    """
+    found = []
+    for place, value, *_ in actuator.parameters():
+        tolerance = actuator.tolerance(place)
+        if tolerance is not None:
+            spread = math.log1p(tolerance) / _TWO_SIGMA
+        elif place in model.nominal:
+            spread = math.log(model.nominal[place])
+        else:
+            continue
+        if place not in model.fixed and value > 0.0:
+            found.append(replace(model.unknown(actuator, place), spread=spread))
+    return found
+
+
+def searched_range(one: Unknown) -> Unknown:
+    """The unknown with bounds that its prior makes likely."""
+    assert one.spread is not None
+    reach = math.exp(_WIDEST * one.spread)
+    return replace(
+        one, lower=max(one.lower, one.healthy / reach), upper=min(one.upper, one.healthy * reach)
+    )
+
+
+def marginal(unknowns: Iterable[Unknown]) -> list[Unknown]:
+    """Nuisances that widen intervals and are not searched."""
+    return [one for one in unknowns if one.marginal]
+
+
+def with_nuisances(prior: Prior, unknowns: Iterable[Unknown]) -> Prior:
+    """The prior with the nuisances that it does not hold yet."""
+    return prior.and_(Prior.independent(o for o in unknowns if o.name not in prior.names))

@@ -1,0 +1,93 @@
+"""Intervals: the ranges that hold the true values, from a peak, its width and the bounds.
+
+Draws from the normal distribution around the best point, kept where they lie within the bounds:
+turns can be missing, not added, so that three phases which seem to lack turns alike tell a limit
+for each. An interval is the shortest one with its share of the draws; where that begins at a bound,
+the bound belongs to it.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ematwin.models.chart import Chart
+
+LEVEL = 0.95
+_DRAWS, _ROUNDS, _ENOUGH, _FEWEST = 20_000, 20, 4000, 200
+_NEAR = 0.15  # of an interval: so close to a bound it begins there
+_SEED = 20_201
+
+
+@dataclass(frozen=True)
+class Draws:
+    """Values that are as likely as the recording and all that was known before make them.
+
+    Attributes
+    ----------
+    names : of d unknowns
+    values : (N, d) array, within their bounds
+    directions : name of a direction -> name of its magnitude
+    """
+
+    names: tuple[str, ...]
+    values: np.ndarray
+    directions: Mapping[str, str]
+
+    def of(self, name: str) -> np.ndarray:
+        """(N,) values of an unknown."""
+        return np.asarray(self.values[:, self.names.index(name)])
+
+    def interval(self, name: str, lower: float, upper: float) -> tuple[float, float]:
+        """The shortest interval that holds 95 % of the draws; bounds as given are snapped to.
+
+        Of a direction: around its mean, and from -1/2 turn to +1/2 where it has no meaning.
+        """
+        x = self.of(name)
+        if name in self.directions:
+            turn = np.exp(2j * np.pi * x)
+            mean = float(np.angle(turn.mean()) / (2.0 * np.pi))
+            away = (x - mean + 0.5) % 1.0 - 0.5
+            reach = float(np.quantile(np.abs(away), LEVEL))
+            if reach > 0.25:  # all round: there is no magnitude to speak of
+                return lower, upper
+            middle = mean % 1.0
+            return middle - reach, middle + reach
+        x = np.sort(x)
+        count = max(2, int(np.ceil(LEVEL * len(x))))
+        width = x[count - 1 :] - x[: len(x) - count + 1]
+        first = int(np.argmin(width))
+        low, high = float(x[first]), float(x[first + count - 1])
+        near = max(1e-3 * (upper - lower), _NEAR * (high - low))
+        return (lower if low - lower < near else low), (upper if upper - high < near else high)
+
+
+def draws(chart: Chart, z: np.ndarray, covariance: np.ndarray) -> Draws:
+    """Draws of the unknowns of a chart.
+
+    Parameters
+    ----------
+    chart : of d unknowns
+    z : (d,) array, best point in its coordinates
+    covariance : (d, d) array
+    """
+    rng = np.random.default_rng(_SEED)
+    size = np.sqrt(np.maximum(np.diag(covariance), 1e-18))
+    values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
+    root = (size[:, None] * vectors) * np.sqrt(np.maximum(values, 0.0))
+    # parameters and nuisances have bounds so wide that they cut nothing off
+    hard = np.array([one.role == "fault" for one in chart.unknowns])
+    found: list[np.ndarray] = []
+    total = 0
+    for _ in range(_ROUNDS):
+        tried = z + rng.standard_normal((_DRAWS, len(z))) @ root.T
+        inside = (np.abs(chart.project(tried) - tried)[:, hard] < 1e-9).all(axis=1)
+        found.append(tried[inside])
+        total += int(inside.sum())
+        if total >= _ENOUGH:
+            break
+    if total < _FEWEST:  # a corner that draws hardly hit: each unknown for itself
+        found = [chart.project(tried)]
+    names = tuple(one.name for one in chart.unknowns)
+    directions = {one.name: one.direction_of for one in chart.unknowns if one.direction_of}
+    return Draws(names, chart.to_values(np.concatenate(found)), directions)

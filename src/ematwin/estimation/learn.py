@@ -1,0 +1,374 @@
+"""What healthy recordings say of an actuator whose parameters nobody knows exactly.
+
+All parameters that a data sheet leaves uncertain are searched together, from all over the range
+that their tolerances allow: descents from the template end in wrong valleys whose misfit looks
+fine. Searches are repeated until two end equally deep. Then all recordings are fitted together,
+each with its own sensors and load, and the curvature there says what is known and what is not.
+
+What no recording tells keeps the value of the template and the width of its tolerance. Of some
+parameters only ratios or products come out; that is enough for faults, which are judged against
+healthy, and is said where physical values are shown.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ematwin.errors import RecordError
+from ematwin.estimation.baseline import (
+    Baseline,
+    marginal,
+    searched_range,
+    uncertain,
+)
+from ematwin.estimation.laplace import Laplace, laplace
+from ematwin.estimation.local import LocalDescent
+from ematwin.estimation.multistart import MultistartDescent
+from ematwin.estimation.nominal import NominalParameter, fit_nominal
+from ematwin.estimation.problem import Prior, Problem
+from ematwin.models.base import Model
+from ematwin.models.comparison import Comparison
+from ematwin.models.parameter_set import ParameterSet
+from ematwin.models.unknown import Unknown
+from ematwin.recordings.recording import Recording
+
+Progress = Callable[[float], None]
+
+_SEARCHES = 4  # at most
+_EQUALLY_DEEP = 1.1  # ratio of misfits
+_BUDGET = 20_000  # an upper limit: a search takes 1,300
+_GOOD = 1.3  # times the expected misfit: as deep as can be
+_TRIED = 2  # ends of searches from which all recordings are fitted together
+_TOGETHER = 3.0  # times the misfit of one recording alone that several leave together
+_UNALIKE = 0.015  # relative misfit that days which differ a little may leave together
+_WITHOUT = 0.5  # times the misfit with it that recordings leave without an odd one
+_DETERMINED = 0.5  # of the width that a parameter had before
+_TIED = 0.9  # correlation of two parameters of which only ratio or product is known
+_COMMANDS = 2  # different ones that the search looks at
+_SAME_COMMAND = 0.02  # of the travel
+_LOAD_GAIN = 0.01  # while calibrating the load is taken as a load cell states it
+_LEAST_ODD = 0.05  # share of a range by which a healthy recording may differ from the others
+_ODD = 6.0  # robust standard deviations
+_BEYOND = 5.0  # standard deviations of its prior at which a template contradicts its recordings
+
+
+@dataclass(frozen=True)
+class Learnt:
+    """An actuator as healthy recordings show it.
+
+    Attributes
+    ----------
+    actuator : template with the values that were found
+    baseline : what is known of it
+    parameters : fitted ones, with what is determined
+    tied : groups of places of which only ratios or products are known
+    notes : sentences on what is doubtful
+    """
+
+    actuator: ParameterSet
+    baseline: Baseline
+    parameters: list[NominalParameter]
+    tied: list[tuple[str, ...]]
+    notes: list[str]
+
+
+def learn(
+    model: Model,
+    template: ParameterSet,
+    comparisons: Sequence[Comparison],
+    *,
+    means: Sequence[Comparison] | None = None,
+    progress: Progress = lambda share: None,
+) -> Learnt:
+    """Fit an actuator to healthy recordings.
+
+    Parameters
+    ----------
+    model : its kind
+    template : parameters to start from, with their tolerances
+    comparisons : healthy recordings beside the twin of the template
+    means : of recordings that belong together, which a kind with one valley is fitted to instead
+    progress : called with the share done
+
+    Raises
+    ------
+    RecordError
+        If one recording is unlike the others, or they contradict the template.
+    """
+    if not searches_globally(model):
+        actuator, parameters = fit_nominal(model, template, means or comparisons)
+        return Learnt(actuator, _local_baseline(model, actuator, parameters), parameters, [], [])
+    nominals = uncertain(model, template)
+    if not nominals:
+        baseline = Baseline.of_template(model, template)
+        return Learnt(template, replace(baseline, recordings=len(comparisons)), [], [], [])
+    floor = expected_misfit(comparisons, model.command)
+    fit = _Fit(model, template, nominals, floor)
+    problem, peak, alone = fit.run(comparisons, progress)
+    misfit = problem.relative_misfit(peak.cost)
+    if misfit > max(_TOGETHER * alone, _UNALIKE) and len(comparisons) > 1:
+        _refuse_odd(fit, comparisons, misfit)
+    progress(0.8)
+    places = [one.name for one in nominals]
+    _check_template(problem, peak, nominals)
+    values = dict(zip(problem.names, peak.point.tolist(), strict=True))
+    actuator = template.changed({place: values[place] for place in places})
+    prior = _prior(problem, peak, places, model.model_error)
+    scatter = _scatter(model, actuator, comparisons)
+    progress(1.0)
+    baseline = Baseline(
+        prior=prior,
+        misfit=misfit,
+        expected_misfit=floor,
+        scatter=scatter,
+        recordings=len(comparisons),
+        has_load=model.load is None or all(model.load in c.recording.channels for c in comparisons),
+    )
+    return Learnt(
+        actuator, baseline, _parameters(template, nominals, prior), _tied(prior),
+        _notes(misfit, floor),
+    )  # fmt: skip
+
+
+def searches_globally(model: Model) -> bool:
+    """Whether the misfit of a kind has more than one valley, as its default search says."""
+    return model.default_search != LocalDescent().name
+
+
+def expected_misfit(comparisons: Sequence[Comparison], command: str) -> float:
+    """The relative misfit that noise and the twin's known error leave; noise from repeats."""
+    known = comparisons[0].expected_misfit
+    shares = []
+    for n, one in enumerate(comparisons):
+        for other in comparisons[n + 1 :]:
+            if one.whitened or not same_command(one.recording, other.recording, command):
+                continue
+            mine, theirs = one.measured(), other.measured()
+            gap = sum(float(np.sum((mine[k] - theirs[k]) ** 2)) for k in mine)
+            size = sum(float(np.sum(mine[k] ** 2)) for k in mine)
+            shares.append(0.5 * gap / size)
+    # the two that are most alike: one may be faulty
+    noise = min(shares, default=0.0)
+    return max(known, float(np.sqrt(noise)))
+
+
+def same_command(a: Recording, b: Recording, command: str) -> bool:
+    """Whether two recordings follow the same command at the same rate."""
+    if len(a) != len(b) or abs(a.interval - b.interval) > 1e-3 * a.interval:
+        return False
+    mine, theirs = a.channels[command], b.channels[command]
+    return bool(np.abs(mine - theirs).max() <= _SAME_COMMAND * max(float(np.ptp(mine)), 1e-300))
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """Search and joint fit of some recordings."""
+
+    model: Model
+    template: ParameterSet
+    nominals: Sequence[Unknown]
+    floor: float
+
+    def run(
+        self, comparisons: Sequence[Comparison], tell: Progress = lambda share: None
+    ) -> tuple[Problem, Laplace, float]:
+        """The joint problem, its peak, and the relative misfit of those that were searched."""
+        nuisances = marginal(self.model.unknowns(self.template))
+        own = [
+            replace(one, spread=_LOAD_GAIN) if one.name == "load_gain" else one for one in nuisances
+        ]
+        problem = Problem(comparisons, [*self.nominals, *own], own=[one.name for one in own])
+        searched, ends = self._ends(comparisons, [o for o in own if o.name == "skew"], tell)
+        best: Laplace | None = None
+        for n, (_, z) in enumerate(ends[:_TRIED]):
+            point = searched.chart.to_values(z[None])[0]
+            start = dict(zip(searched.names, point.tolist(), strict=True))
+            first = [
+                start.get(name.partition("@")[0], value)
+                for name, value in zip(problem.names, problem.start, strict=True)
+            ]
+            peak = laplace(
+                problem,
+                np.array(first),
+                aliases=lambda values: self.model.aliases(self.template, values),
+            )
+            tell(0.6 + 0.2 * (n + 1) / _TRIED)
+            if best is None or peak.cost < best.cost:
+                best = peak
+            if problem.relative_misfit(best.cost) < _GOOD * self.floor:
+                break
+        assert best is not None
+        return problem, best, searched.relative_misfit(ends[0][0])
+
+    def _ends(
+        self, comparisons: Sequence[Comparison], clocks: Sequence[Unknown], tell: Progress
+    ) -> tuple[Problem, list[tuple[float, np.ndarray]]]:
+        """Ends of searches all over the ranges, the deepest first."""
+        command = self.model.command
+        chosen: list[Comparison] = []
+        for one in comparisons:
+            known = (same_command(one.recording, c.recording, command) for c in chosen)
+            if len(chosen) < _COMMANDS and not any(known):
+                chosen.append(one)
+        problem = Problem(chosen, [*(searched_range(one) for one in self.nominals), *clocks])
+        search = MultistartDescent(problem, budget=_BUDGET, seed=1)
+        ends: list[tuple[float, np.ndarray]] = []
+        for n, end in enumerate(search.searches(_SEARCHES)):
+            ends.append(end)
+            tell(0.6 * (n + 1) / _SEARCHES)
+            ends.sort(key=lambda one: one[0])
+            agree = len(ends) > 1 and ends[1][0] < _EQUALLY_DEEP**2 * ends[0][0]
+            # a floor is known where a recording was repeated
+            low = problem.relative_misfit(ends[0][0]) < _GOOD * self.floor
+            if agree and (low or len(comparisons) == 1):
+                break
+        return problem, ends
+
+
+def _refuse_odd(fit: _Fit, comparisons: Sequence[Comparison], misfit: float) -> None:
+    """Refuse a recording without which the others agree; return if there is none."""
+    left = []
+    for n in range(len(comparisons)):
+        others = [one for k, one in enumerate(comparisons) if k != n]
+        problem, peak, _ = fit.run(others)
+        left.append(problem.relative_misfit(peak.cost))
+    best = int(np.argmin(left))
+    if left[best] > _WITHOUT * misfit:
+        return  # no better without any of them: the twin lacks something
+    if len(comparisons) == 2:
+        raise RecordError(
+            f"The two recordings contradict each other: together the twin leaves "
+            f"{100.0 * misfit:.1f} % of them unexplained, alone {100.0 * left[best]:.1f} %. One of "
+            "them is faulty or of another actuator; leave it out, or give a third."
+        )
+    raise RecordError(
+        f"{_name(comparisons, best)} is unlike the other healthy recordings: with it the "
+        f"twin leaves {100.0 * misfit:.1f} % unexplained, without it {100.0 * left[best]:.1f} %. "
+        "If it is faulty or of another actuator, leave it out."
+    )
+
+
+def _name(comparisons: Sequence[Comparison], n: int) -> str:
+    """The file or labels of a recording, else its place."""
+    recording = comparisons[n].recording
+    if recording.source or recording.labels:
+        return recording.name
+    return f"Recording {n + 1} of {len(comparisons)}"
+
+
+def _prior(problem: Problem, peak: Laplace, places: Sequence[str], model_error: float) -> Prior:
+    """What is known of the parameters afterwards, by logarithms.
+
+    The curvature takes what is left for noise; what the twin misses pulls the same way throughout,
+    so the data count ``model_error**2`` times less.
+    """
+    chosen = [problem.names.index(place) for place in places]
+    widths = problem.chart.widths[chosen]
+    covariance = peak.widened(model_error)[np.ix_(chosen, chosen)]
+    return Prior(tuple(places), np.log(peak.point[chosen]), covariance * np.outer(widths, widths))
+
+
+def _check_template(problem: Problem, peak: Laplace, nominals: Sequence[Unknown]) -> None:
+    """Refuse recordings that the tolerances of a template exclude."""
+    for n, one in enumerate(nominals):
+        assert one.spread is not None
+        away = np.log(peak.point[n] / one.healthy) / one.spread
+        if abs(away) > _BEYOND:
+            raise RecordError(
+                f"The recordings put {one.name} at {peak.point[n]:.4g} {one.unit}, where the "
+                f"template allows {one.healthy:.4g} within {100.0 * np.expm1(2 * one.spread):.0f} "
+                "%. Check that they are of this actuator, or correct the value or widen its "
+                "tolerance."
+            )
+
+
+def _scatter(
+    model: Model, actuator: ParameterSet, comparisons: Sequence[Comparison]
+) -> dict[str, float]:
+    """How far the faults of healthy recordings differ; refuses one that is unlike the others."""
+    faults = [one for one in model.faults(actuator) if one.direction_of is None]
+    free = [replace(one, lower=one.lower - one.slack) if one.slack else one for one in faults]
+    found = []
+    for one in comparisons:
+        beside = model.compare(one.recording, actuator)
+        problem = Problem([beside], free)
+        end = LocalDescent().run(problem, budget=None, seed=1, report=lambda *_: None)
+        found.append(end.point)
+    values = np.array(found)
+    width = np.array([one.width for one in free])
+    if len(values) < 2:
+        return {}
+    away = np.abs(values - np.median(values, axis=0)) / width
+    usual = np.maximum(1.4826 * np.median(away, axis=0), _LEAST_ODD / _ODD)
+    n, k = (int(x) for x in np.unravel_index(np.argmax(away / usual), away.shape))
+    if away[n, k] > _ODD * usual[k]:
+        name = _name(comparisons, n)
+        raise RecordError(
+            f"{name} is unlike the other healthy recordings: its {free[k].name} differs from "
+            f"theirs by {values[n, k] - np.median(values[:, k]):+.2g}. If it is faulty or of "
+            "another actuator, leave it out."
+            if len(values) > 2
+            else f"The two recordings contradict each other: {free[k].name} differs by "
+            f"{abs(values[0, k] - values[1, k]):.2g} between them. One of them is faulty or of "
+            "another actuator; leave it out, or give a third."
+        )
+    spread = values.std(axis=0, ddof=1)
+    return {one.name: float(x) for one, x in zip(free, spread, strict=True)}
+
+
+def _parameters(
+    template: ParameterSet, nominals: Sequence[Unknown], prior: Prior
+) -> list[NominalParameter]:
+    errors = np.sqrt(np.diag(prior.covariance))
+    found = []
+    for one, mean, error in zip(nominals, prior.mean, errors, strict=True):
+        value = float(np.exp(mean))
+        assert one.spread is not None
+        found.append(
+            NominalParameter(
+                one.name, value, template.value(one.name), float(error * value),
+                bool(error < _DETERMINED * one.spread),
+            )
+        )  # fmt: skip
+    return found
+
+
+def _tied(prior: Prior) -> list[tuple[str, ...]]:
+    """Groups of parameters that move together."""
+    errors = np.sqrt(np.diag(prior.covariance))
+    together = np.abs(prior.covariance / np.outer(errors, errors)) > _TIED
+    left, groups = set(range(len(errors))), []
+    while left:
+        group, grown = set(), {min(left)}
+        while grown:
+            group |= grown
+            near = {int(k) for n in grown for k in np.flatnonzero(together[n])}
+            grown = near - group
+        left -= group
+        if len(group) > 1:
+            groups.append(tuple(prior.names[n] for n in sorted(group)))
+    return groups
+
+
+def _notes(misfit: float, floor: float) -> list[str]:
+    if misfit < 2.0 * floor:
+        return []
+    return [
+        f"The twin leaves {100.0 * misfit:.1f} % of the healthy recordings unexplained, where "
+        f"noise and its known errors would leave {100.0 * floor:.1f} %: this actuator has "
+        "something that the twin has not. Intervals are wider for it."
+    ]
+
+
+def _local_baseline(
+    model: Model, actuator: ParameterSet, parameters: Sequence[NominalParameter]
+) -> Baseline:
+    """Of a kind that is fitted by one descent: errors of the fit, tolerances for the rest."""
+    prior = Prior.independent(uncertain(model, actuator))
+    covariance = prior.covariance.copy()
+    for one in parameters:
+        if one.determined and one.place in prior.names:
+            n = prior.names.index(one.place)
+            covariance[n, n] = (one.standard_error / one.value) ** 2
+    return Baseline(Prior(prior.names, prior.mean, covariance), recordings=1)

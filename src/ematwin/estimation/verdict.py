@@ -1,0 +1,146 @@
+"""Verdict: healthy, changed, a fault by name, or none, with the reason.
+
+A fault is named if it lies beyond what noise, what the twin misses, and all that nobody knows
+exactly may account for (`ematwin.estimation.significance`). A change beyond noise that a drift of
+the actuator's parameters accounts for as well is a change without a name; against a data sheet,
+whose tolerances are wider, it is no ground for any verdict. A recording that the twin does not
+explain as well as healthy ones, or that moves too little, gives none either.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from ematwin.estimation.estimate import Estimate
+from ematwin.estimation.significance import SMALLEST, is_present, present
+
+Grade = Literal["healthy", "changed", "fault", "none"]
+
+EXPLAINED = 0.015  # relative misfit up to which a fit is good, whatever healthy recordings left
+_WORSE = 2.0  # times the misfit of healthy recordings
+_WORST = 0.1  # relative misfit beyond which no twin is a ground for a verdict
+_UNCALIBRATED = 0.03  # relative misfit allowed where no healthy recording says what is usual
+TELLING = 0.15  # share of its range that an unseen fault may have where a verdict says healthy
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a recording is worth.
+
+    Attributes
+    ----------
+    grade : "healthy", "changed" (not named), "fault", or "none"
+    faults : names of the faults that are named
+    reason : why there is no verdict, or what the change may be; "" if there is nothing to say
+    sentence : all of it, for people
+    """
+
+    grade: Grade
+    faults: tuple[str, ...]
+    reason: str
+    sentence: str
+
+    def __str__(self) -> str:
+        return self.sentence
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {
+            "grade": self.grade,
+            "faults": list(self.faults),
+            "reason": self.reason,
+            "sentence": self.sentence,
+        }
+
+
+def most_misfit(healthy: float) -> float:
+    """The relative misfit up to which a fit is a ground for a verdict.
+
+    ``healthy`` is that of healthy recordings, NaN where there are none.
+    """
+    if healthy != healthy:
+        return _UNCALIBRATED
+    return min(max(EXPLAINED, _WORSE * healthy), max(_WORST, 1.2 * healthy))
+
+
+def judged(
+    estimate: Estimate,
+    *,
+    calibrated: bool,
+    sharp_errors: Mapping[str, float],
+    intervals: Mapping[str, tuple[float, float]],
+    obstacles: Sequence[str],
+    ambiguities: Mapping[str, str],
+    found: Mapping[str, str],
+) -> Verdict:
+    """The verdict on an estimate.
+
+    Parameters
+    ----------
+    estimate : values with a covariance that includes all that is uncertain
+    calibrated : whether its twin was fitted to healthy recordings of the actuator
+    sharp_errors : standard errors by fault, as if all parameters were known exactly
+    intervals : 95 %, by fault
+    obstacles : sentences, each of which forbids a verdict
+    ambiguities : by fault, what else may be the cause where only a drift would excuse it
+    found : by fault, what is said of it, such as "Friction +50 % (0.045 N m, ...)"
+    """
+    magnitudes = [name for name in estimate.names if name in found]
+    named = tuple(name for name in present(estimate) if name in found)
+    moved = [
+        name
+        for name in magnitudes
+        if is_present(
+            estimate[name] - estimate.healthy[name], estimate.ranges[name], sharp_errors[name]
+        )
+    ]
+    if obstacles:
+        reason = " ".join(obstacles)
+        return Verdict("none", (), reason, f"No verdict: {reason}")
+    unexplained = [name for name in moved if name not in named]
+    said = ", ".join(found[name] for name in unexplained)
+    causes = list(dict.fromkeys(ambiguities[n] for n in unexplained if n in ambiguities))
+    because = f" {' '.join(causes)}" if causes else ""
+    if named:
+        lead = "; ".join(found[name] for name in named)
+        word = "fault" if len(named) == 1 else "faults"
+        rest = "All else healthy."
+        reason = ""
+        if unexplained:
+            excuse = "drift" if calibrated else "the tolerances of the data sheet"
+            reason = f"Beside it {said}, which {excuse} may cause.{because}"
+            rest = reason
+        return Verdict("fault", named, reason, f"{lead}: {word}. {rest}")
+    if moved:
+        if calibrated:
+            reason = f"{said}, no more than drift since the calibration can cause.{because}"
+            return Verdict("changed", (), reason, f"Changed: {reason}")
+        reason = (
+            f"{said} would explain the recording, and so would the tolerances of the data sheet."
+            f"{because} Calibrate with healthy recordings of this actuator."
+        )
+        return Verdict("none", (), reason, f"No verdict: {reason}")
+    unseen = [
+        name
+        for name in magnitudes
+        if max(abs(end - estimate.healthy[name]) for end in intervals[name])
+        > TELLING * estimate.ranges[name]
+    ]
+    if unseen:
+        reason = (
+            f"Nothing has changed beyond doubt, but {_listed(unseen)} could be present unseen"
+            + (". " if calibrated else " within the tolerances of the data sheet. ")
+            + (
+                "Use a command that moves the actuator more."
+                if calibrated
+                else "Calibrate with healthy recordings of this actuator."
+            )
+        )
+        return Verdict("none", (), reason, f"No verdict: {reason}")
+    return Verdict(
+        "healthy", (), "", f"Healthy: no fault larger than {100 * SMALLEST:g} % of its range shows."
+    )
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names[:-1]) + (" and " if len(names) > 1 else "") + names[-1]

@@ -1,0 +1,230 @@
+"""Values with intervals, on an actuator so simple that the answers can be worked out by hand.
+
+It answers with ``size (1 + wear)`` on one basis, so that a worn small one is a healthy large one;
+with ``(gap - 0.5)**2`` on another, so that two gaps explain a recording alike; and with a slope of
+its sensor on a third. The bases are orthogonal.
+"""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ematwin import Recording
+from ematwin.estimation.assess import Assessment, assess
+from ematwin.estimation.baseline import Baseline
+from ematwin.estimation.problem import Prior, Problem
+from ematwin.estimation.search import Found
+from ematwin.models.comparison import Comparison
+from ematwin.models.unknown import Alias, Contrast, Unknown
+
+NOISE, SAMPLES = 0.01, 200
+SPREAD = 0.05  # of the logarithm of the size
+MODEL_ERROR = 1.5
+TWO_SIDED = 1.96
+SIZE, WEAR, GAP, SLOPE = 1.1, 0.3, 0.2, 0.5  # of the recording
+
+_T = 2.0 * np.pi * np.arange(SAMPLES) / SAMPLES
+BASES = np.sqrt(2.0) * np.array([np.sin(_T), np.sin(2.0 * _T), np.sin(3.0 * _T)])  # RMS of 1
+WORSE = 0.005 * np.sqrt(2.0) * np.sin(4.0 * _T)  # what one of two gaps does not explain
+
+
+class Answer(Comparison):
+    """A recording of the made-up actuator; ``worse`` makes gaps above a half explain it less."""
+
+    def __init__(self, worse: float = 0.0) -> None:
+        self.worse = worse
+        noise = NOISE * np.random.default_rng(2).standard_normal(SAMPLES)
+        y = self._y(SIZE, WEAR, GAP, SLOPE) + noise
+        self.recording = Recording(1e-3 * np.arange(SAMPLES), {"y": y})
+        self.actuator, self.noise, self.independent = None, NOISE, float(SAMPLES)
+        self.scale = float((y**2).sum())
+
+    def _y(self, size, wear, gap, slope):
+        parts = np.stack([size * (1.0 + wear), 10.0 * (gap - 0.5) ** 2, slope], axis=-1)
+        return parts @ BASES + self.worse * np.multiply.outer(np.asarray(gap) > 0.5, WORSE)
+
+    def responses(self, candidates, count):
+        default = {"part.size": SIZE, "wear": 0.0, "gap": 0.0, "slope": 0.0}
+        values = [
+            np.broadcast_to(candidates.get(name, value), count) for name, value in default.items()
+        ]
+        return {"y": self._y(*values)}
+
+    def measured(self):
+        return {"y": self.recording.y}
+
+    def captions(self):
+        return {"y": ("y", "")}
+
+    def residuals(self, candidates, count):
+        return self.responses(candidates, count)["y"] - self.recording.y
+
+
+class Actuator:
+    """What an assessment asks of a parameter set."""
+
+    def __init__(self, size: float = SIZE, drift: float | None = None) -> None:
+        self.size, self._drift = size, drift
+
+    def with_arrays(self, values):
+        return Actuator(values.get("part.size", self.size))
+
+    def drift(self, place):
+        return self._drift
+
+
+class Kind:
+    """What an assessment asks of a kind."""
+
+    default_search, model_error = "multistart", MODEL_ERROR
+
+    def unknowns(self, actuator):
+        return (
+            Unknown("wear", "", "", 0.0, 0.0, 2.0, physical_unit="m",
+                    physical=lambda actuator, k: actuator.size * (1.0 + k)),
+            Unknown("gap", "", "", 0.0, 0.0, 1.0),
+            Unknown("slope", "", "", 0.0, -2.0, 2.0, "nuisance", spread=0.4, marginal=True),
+        )  # fmt: skip
+
+    def unknown(self, actuator, name):
+        if name == "part.size":
+            return Unknown(name, "m", "", actuator.size, 0.2, 5.0, "nominal", logarithmic=True)
+        return next(one for one in self.unknowns(actuator) if one.name == name)
+
+    def aliases(self, actuator, values):
+        return [Alias("part.size", {"wear": 1.0 + values["wear"]})]
+
+    def contrasts(self, actuator):
+        return (
+            Contrast("both", {"wear": 0.5, "gap": 0.5}, "mean of both"),
+            Contrast("elsewhere", {"wear": 1.0, "unheard of": 1.0}, "of another kind"),
+        )
+
+
+KNOWN = Baseline(
+    Prior(("part.size",), np.array([math.log(SIZE)]), np.array([[SPREAD**2]])), recordings=3
+)
+
+
+def assessed(
+    baseline: Baseline = KNOWN,
+    actuator: Actuator | None = None,
+    *,
+    point: tuple[float, float] = (0.4, 0.25),
+    others: tuple[tuple[float, float], ...] = (),
+    worse: float = 0.0,
+) -> Assessment:
+    kind, actuator = Kind(), actuator or Actuator()
+    faults = [one for one in kind.unknowns(actuator) if not one.marginal]
+    problem = Problem([Answer(worse)], faults)
+    start = np.array(point)
+    found = Found(
+        start, float(problem.costs(start[None])[0]), 10, np.zeros((1, 2)), "enough", "none", 1,
+        others=tuple(np.array(one) for one in others),
+    )  # fmt: skip
+    return assess(kind, actuator, problem, found, baseline)  # type: ignore[arg-type]
+
+
+def half_width(interval) -> float:
+    return 0.5 * (interval.high - interval.low)
+
+
+# What follows from one basis alone: the size that is worn, less the noise.
+SHARP = MODEL_ERROR * NOISE / math.sqrt(SAMPLES)
+
+
+@pytest.fixture(scope="module")
+def calibrated() -> Assessment:
+    return assessed()
+
+
+def test_values_are_those_of_the_recording_with_all_that_is_free(calibrated) -> None:
+    values = calibrated.values
+    assert set(values) == {"wear", "gap", "slope", "part.size"}
+    assert values["wear"] == pytest.approx(WEAR, abs=5e-3)
+    assert values["gap"] == pytest.approx(GAP, abs=2e-3)
+    assert values["slope"] == pytest.approx(SLOPE, abs=5e-3)
+    assert calibrated.cost == pytest.approx(SAMPLES * NOISE**2, rel=0.3)
+    assert calibrated.evaluations > 0
+
+
+def test_an_interval_holds_what_the_uncertain_parameter_leaves_open(calibrated) -> None:
+    interval = calibrated.intervals["wear"]
+    # wear and size give the same answer: their product is known, the size as far as it was before
+    expected = TWO_SIDED * (1.0 + WEAR) * SPREAD
+    assert half_width(interval) == pytest.approx(expected, rel=0.05)
+    assert interval.low < WEAR < interval.high
+    variance = ((1.0 + WEAR) * SPREAD) ** 2
+    assert calibrated.covariance[0, 0] == pytest.approx(variance, rel=0.05)
+
+
+def test_a_product_is_known_in_its_physical_unit_where_its_factors_are_not(calibrated) -> None:
+    value, interval = calibrated.physical["wear"]
+    assert value == pytest.approx(SIZE * (1.0 + WEAR), abs=3.0 * SHARP)
+    assert interval.low < SIZE * (1.0 + WEAR) < interval.high
+    apart = TWO_SIDED * SIZE * (1.0 + WEAR) * SPREAD
+    assert half_width(interval) < 0.1 * apart
+
+
+def test_what_noise_alone_leaves_open_is_sharp(calibrated) -> None:
+    assert calibrated.sharp_errors["wear"] == pytest.approx(SHARP / SIZE, rel=0.15)
+    slope = 20.0 * (0.5 - GAP)
+    assert calibrated.sharp_errors["gap"] == pytest.approx(SHARP / slope, rel=0.15)
+    error = half_width(calibrated.intervals["gap"]) / TWO_SIDED
+    assert error == pytest.approx(calibrated.sharp_errors["gap"], rel=0.15)
+    _, same = calibrated.physical["gap"]  # it has no other unit
+    assert same == calibrated.intervals["gap"]
+
+
+def test_differences_between_healthy_recordings_widen_their_fault() -> None:
+    scatter = 0.1
+    found = assessed(replace(KNOWN, scatter={"wear": scatter}))
+    # of one more recording beside the mean of three
+    variance = ((1.0 + WEAR) * SPREAD) ** 2 + scatter**2 * (1.0 + 1.0 / 3.0)
+    assert half_width(found.intervals["wear"]) == pytest.approx(
+        TWO_SIDED * math.sqrt(variance), rel=0.05
+    )
+
+
+def test_drift_since_the_calibration_widens_what_it_moves() -> None:
+    found = assessed(actuator=Actuator(drift=0.1))
+    variance = (1.0 + WEAR) ** 2 * (SPREAD**2 + (0.5 * math.log(1.1)) ** 2)
+    assert half_width(found.intervals["wear"]) == pytest.approx(
+        TWO_SIDED * math.sqrt(variance), rel=0.05
+    )
+
+
+def test_a_contrast_has_an_interval_of_its_own(calibrated) -> None:
+    assert set(calibrated.contrasts) == {"both"}
+    value, interval = calibrated.contrasts["both"]
+    assert value == pytest.approx(0.5 * (WEAR + GAP), abs=5e-3)
+    assert half_width(interval) == pytest.approx(0.5 * TWO_SIDED * (1.0 + WEAR) * SPREAD, rel=0.05)
+
+
+def test_a_sensor_that_is_clearly_off_is_told(calibrated) -> None:
+    value, interval = calibrated.nuisances["slope"]
+    assert value == pytest.approx(SLOPE, abs=5e-3)
+    assert interval.low < SLOPE < interval.high
+    assert "part.size" not in calibrated.nuisances  # a parameter is no sensor
+
+
+def test_another_answer_that_explains_the_recording_as_well_is_told(calibrated) -> None:
+    assert calibrated.others == ()
+    found = assessed(others=((0.4, 1.0 - GAP), (0.4, 0.26)))
+    assert len(found.others) == 1
+    assert {round(found.values["gap"], 1), round(found.others[0]["gap"], 1)} == {0.2, 0.8}
+    assert set(found.others[0]) == {"wear", "gap"}
+
+
+def test_the_better_of_two_valleys_is_the_answer_wherever_the_search_ended() -> None:
+    found = assessed(point=(0.4, 1.0 - GAP), others=((0.4, GAP),), worse=2.0)
+    assert found.values["gap"] == pytest.approx(GAP, abs=2e-3)
+    assert found.others == ()  # the other one is far worse
+
+
+def test_a_valley_that_is_far_worse_is_not_gone_into() -> None:
+    beside = assessed(others=((1.9, 0.9),))
+    assert beside.others == ()
+    assert beside.evaluations == assessed().evaluations

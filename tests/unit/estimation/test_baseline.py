@@ -1,0 +1,184 @@
+"""What is known of an actuator, in files and out of them, and what may have drifted since."""
+
+import math
+import tomllib
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import tomli_w
+
+from ematwin import BldcActuator
+from ematwin.errors import ParameterError
+from ematwin.estimation.baseline import (
+    Baseline,
+    baseline_of,
+    marginal,
+    searched_range,
+    uncertain,
+    with_nuisances,
+)
+from ematwin.estimation.problem import Prior
+from ematwin.models.registry import model_of
+
+ACTUATOR = BldcActuator.load()
+MODEL = model_of(ACTUATOR)
+NAMES = ("motor.resistance", "motor.inertia", "load_gain")
+KNOWN = Baseline(
+    Prior(
+        NAMES,
+        np.array([math.log(1.2), math.log(2e-5), 1.0 / 3.0]),
+        np.array([[4e-4, 1e-4, 0.0], [1e-4, 9e-4, -1e-5], [0.0, -1e-5, 1e-3]]),
+    ),
+    misfit=0.004,
+    expected_misfit=1.0 / 300.0,
+    scatter={"friction": 0.002, "gain": 1e-3},
+    recordings=3,
+    has_load=False,
+)
+
+
+def through_toml(baseline: Baseline) -> Baseline:
+    table = tomllib.loads(tomli_w.dumps({"baseline": baseline.as_table()}))
+    return Baseline.from_table(table["baseline"], "mine.toml")
+
+
+def same(one: Baseline, other: Baseline) -> bool:
+    numbers = [(one.misfit, other.misfit), (one.expected_misfit, other.expected_misfit)]
+    return (
+        one.prior.names == other.prior.names
+        and (one.prior.mean == other.prior.mean).all()
+        and (one.prior.covariance == other.prior.covariance).all()
+        and all(a == b or (math.isnan(a) and math.isnan(b)) for a, b in numbers)
+        and dict(one.scatter) == dict(other.scatter)
+        and (one.recordings, one.has_load) == (other.recordings, other.has_load)
+    )
+
+
+# Files
+
+
+def test_a_baseline_returns_from_a_file_as_it_was() -> None:
+    assert same(through_toml(KNOWN), KNOWN)
+    sheet = Baseline.of_template(MODEL, ACTUATOR)  # its misfits are not known
+    assert same(through_toml(sheet), sheet)
+    assert math.isnan(through_toml(sheet).misfit)
+
+
+def broken(**changes: object) -> dict[str, object]:
+    return KNOWN.as_table() | changes
+
+
+@pytest.mark.parametrize(
+    "table",
+    [
+        {k: v for k, v in broken().items() if k != "covariance"},
+        {k: v for k, v in broken().items() if k != "format"},
+        broken(mean=[0.1, 0.2]),
+        broken(mean="about one"),
+        broken(covariance=[[1.0, 0.0], [0.0, 1.0]]),
+        broken(covariance=[[1.0], [0.0, 1.0], []]),
+        broken(mean=[0.1, math.nan, 0.2]),
+        broken(names=3),
+        broken(scatter=[0.1]),
+        broken(scatter={"friction": "small"}),
+        broken(recordings="three"),
+        "a baseline",
+        None,
+    ],
+)
+def test_a_damaged_baseline_is_refused(table: object) -> None:
+    with pytest.raises(ParameterError) as refusal:
+        Baseline.from_table(table, "mine.toml")
+    said = str(refusal.value)
+    assert said.startswith("The baseline of mine.toml is damaged (")
+    assert said.endswith("Make it anew with ematwin calibrate.")
+    assert "\n" not in said
+
+
+def test_a_baseline_of_a_newer_ematwin_is_refused() -> None:
+    with pytest.raises(ParameterError) as refusal:
+        Baseline.from_table(broken(format=99), "mine.toml")
+    assert str(refusal.value) == (
+        "The baseline of mine.toml was written by a newer ematwin (format 99, this one knows 1). "
+        "Update ematwin."
+    )
+
+
+def test_the_baseline_is_that_of_a_calibration_or_a_file_or_the_tolerances(tmp_path) -> None:
+    sheet = Baseline.of_template(MODEL, ACTUATOR)
+    assert same(baseline_of(ACTUATOR, ACTUATOR), sheet)
+    assert same(baseline_of(None, ACTUATOR), sheet)
+    assert same(baseline_of("servo48", ACTUATOR), sheet)
+    assert baseline_of(SimpleNamespace(actuator=ACTUATOR, baseline=KNOWN), ACTUATOR) is KNOWN
+    older = SimpleNamespace(actuator=ACTUATOR, baseline=None)  # a calibration without one
+    assert same(baseline_of(older, ACTUATOR), sheet)
+    file = tmp_path / "mine.toml"
+    ACTUATOR.save(file)
+    assert same(baseline_of(file, ACTUATOR), sheet)
+    with file.open("ab") as end:
+        tomli_w.dump({"baseline": KNOWN.as_table()}, end)
+    assert same(baseline_of(file, ACTUATOR), KNOWN)
+    assert same(baseline_of(str(file), ACTUATOR), KNOWN)
+
+
+def test_a_damaged_file_is_named(tmp_path) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text(tomli_w.dumps({"baseline": broken(mean=[])}), encoding="utf-8")
+    with pytest.raises(ParameterError, match=r"mine\.toml is damaged"):
+        baseline_of(file, ACTUATOR)
+
+
+# Tolerances and drifts
+
+
+def test_a_tolerance_is_two_standard_deviations_of_the_logarithm() -> None:
+    known = ACTUATOR.with_tolerances({"motor.resistance": "20 %"})
+    prior = Baseline.of_template(MODEL, known).prior
+    n = prior.names.index("motor.resistance")
+    assert prior.mean[n] == pytest.approx(math.log(known.motor.resistance))
+    assert math.exp(2.0 * math.sqrt(prior.covariance[n, n])) == pytest.approx(1.2)
+    assert np.count_nonzero(prior.covariance) == len(prior.names)
+
+
+def test_what_is_exact_or_zero_is_not_uncertain() -> None:
+    frictionless = ACTUATOR.changed({"motor.friction_torque": 0.0})
+    names = {one.name for one in uncertain(MODEL, frictionless)}
+    assert "motor.friction_torque" not in names
+    assert "motor.pole_pairs" not in names
+    assert "drive.diode_drop" not in names  # no tolerance is stated
+    assert {"motor.resistance", "controller.position_gain"} <= names
+
+
+def test_a_search_looks_at_three_standard_deviations() -> None:
+    one = next(x for x in uncertain(MODEL, ACTUATOR) if x.name == "motor.resistance")
+    wide = searched_range(one)
+    assert wide.upper / one.healthy == pytest.approx(1.1**1.5)
+    assert one.healthy / wide.lower == pytest.approx(1.1**1.5)
+    share = next(x for x in uncertain(MODEL, ACTUATOR) if x.name.endswith("efficiency_aiding"))
+    assert searched_range(share.__class__(**{**vars(share), "spread": 5.0})).upper == share.upper
+
+
+def test_drift_widens_what_is_calibrated_and_nothing_else() -> None:
+    drift = ACTUATOR.drift("motor.resistance")
+    assert drift is not None
+    assert ACTUATOR.drift("motor.inertia") is None
+    found = KNOWN.drifted(ACTUATOR)
+    widened = found.covariance - KNOWN.prior.covariance
+    expected = np.diag([(0.5 * math.log1p(drift)) ** 2, 0.0, 0.0])
+    assert np.allclose(widened, expected, atol=1e-15)
+    assert (found.mean == KNOWN.prior.mean).all()
+    sheet = Baseline.of_template(MODEL, ACTUATOR)  # its tolerances hold any drift
+    assert not sheet.calibrated
+    assert (sheet.drifted(ACTUATOR).covariance == sheet.prior.covariance).all()
+
+
+def test_nuisances_that_a_baseline_knows_keep_what_it_knows() -> None:
+    nuisances = marginal(MODEL.unknowns(ACTUATOR))
+    assert {"skew", "load_gain", "current_gain"} <= {one.name for one in nuisances}
+    found = with_nuisances(KNOWN.prior, nuisances)
+    assert set(found.names) == {*NAMES, *(one.name for one in nuisances)}
+    assert found.mean[found.names.index("load_gain")] == 1.0 / 3.0
+    n = found.names.index("skew")
+    spread = next(one.spread for one in nuisances if one.name == "skew")
+    assert found.covariance[n, n] == spread**2

@@ -1,0 +1,149 @@
+"""An actuator from its healthy recordings, and what can be said of it afterwards."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from ematwin import BldcActuator, Noise, Recording, identify, simulate
+from ematwin.errors import RecordError
+from ematwin.estimation.learn import expected_misfit, learn, same_command, searches_globally
+from ematwin.models.registry import model_of
+from ematwin.models.scenario import Scenario
+
+TEMPLATE = BldcActuator.load()
+MODEL = model_of(TEMPLATE)
+OFF = {
+    "motor.emf_constant": 0.97,
+    "motor.inertia": 1.06,
+    "motor.friction_torque": 1.12,
+    "transmission.backlash": 1.2,
+    "controller.position_gain": 0.95,
+}
+ACTUATOR = TEMPLATE.changed({place: TEMPLATE.value(place) * x for place, x in OFF.items()})
+# half of the default one: enough for what is proved here, and half the time
+SCENARIO = Scenario(
+    duration=0.25,
+    command=[{"type": "chirp", "amplitude": 0.005, "f_start": 5.0, "f_end": 25.0}],
+    load=[{"type": "step", "value": 10.0, "time": 0.125}],
+)
+
+
+def recorded(seed: int, faults=None, actuator: BldcActuator = ACTUATOR) -> Recording:
+    found = simulate(
+        "reference", SCENARIO, faults, actuator, noise=Noise(white=0.02, bits=12), seed=seed
+    )
+    return found.changed(source=f"run{seed}.csv")
+
+
+def learnt_from(recordings):
+    return learn(MODEL, TEMPLATE, [MODEL.compare(one, TEMPLATE, threads=1) for one in recordings])
+
+
+@pytest.fixture(scope="module")
+def healthy() -> list[Recording]:
+    return [recorded(seed) for seed in range(3)]
+
+
+@pytest.fixture(scope="module")
+def learnt(healthy):
+    return learnt_from(healthy)
+
+
+def ratios(actuator: BldcActuator) -> dict[str, float]:
+    """What a current shows of an actuator: torques only over the torque constant."""
+    motor, gear = actuator.motor, actuator.transmission
+    return {
+        "inertia": motor.inertia / motor.emf_constant,
+        "output inertia": gear.output_inertia / motor.emf_constant,
+        "friction": (motor.friction_torque + gear.friction_torque) / motor.emf_constant,
+        "backlash": gear.backlash,
+        "position gain": actuator.controller.position_gain,
+    }
+
+
+def test_healthy_recordings_tell_an_actuator_that_is_not_as_its_data_sheet(learnt) -> None:
+    found, true, stated = ratios(learnt.actuator), ratios(ACTUATOR), ratios(TEMPLATE)
+    for name, value in true.items():
+        assert found[name] == pytest.approx(value, rel=0.02), name
+    assert abs(stated["backlash"] / true["backlash"] - 1.0) > 0.1  # the template does not
+    assert learnt.baseline.recordings == 3
+    assert learnt.baseline.has_load
+    assert learnt.baseline.misfit < 1.5 * learnt.baseline.expected_misfit
+    assert not learnt.notes
+    told = {one.place for one in learnt.parameters if one.determined}
+    assert {"controller.position_gain", "transmission.backlash"} <= told
+    assert "drive.current_limit" not in told  # no recording came near it
+
+
+def test_faults_of_a_learnt_actuator_are_named_and_nothing_else(learnt) -> None:
+    faults = {"friction": 0.25, "short_b": 0.15}
+    found = identify(recorded(100, faults), learnt, threads=1)
+    assert found.calibrated
+    assert found.verdict.grade == "fault"
+    assert set(found.verdict.faults) == set(faults)
+    for name in ("friction", "backlash", "short_a", "short_b", "short_c", "eccentricity", "gain"):
+        low, high = found.intervals[name]
+        assert low <= faults.get(name, 0.5 if name == "gain" else 0.0) <= high, name
+    assert found.intervals["friction"][1] - found.intervals["friction"][0] < 0.02
+
+
+def test_a_torque_constant_that_drifted_on_a_healthy_actuator_is_no_fault(learnt) -> None:
+    place = "motor.emf_constant"
+    warm = ACTUATOR.changed({place: 0.97 * ACTUATOR.value(place)})
+    found = identify(recorded(101, actuator=warm), learnt, threads=1)
+    assert found.verdict.grade in ("healthy", "changed")
+    assert found.verdict.faults == ()
+    # of phases that lack turns alike the mean has an interval that reaches healthy
+    low, high = found.contrasts["short_common"][1]
+    assert low < 0.01
+    assert high > 0.03
+
+
+def test_a_faulty_recording_among_healthy_ones_is_refused_by_name(healthy) -> None:
+    with pytest.raises(RecordError, match=r"run5\.csv is unlike the other"):
+        learnt_from([*healthy, recorded(5, {"short_b": 0.3})])
+
+
+# What needs no search
+
+
+def test_a_kind_searches_globally_unless_its_default_search_is_local() -> None:
+    assert searches_globally(MODEL)
+    assert not searches_globally(model_of("ball-screw"))
+
+
+def driven(command: np.ndarray, interval: float = 5e-5) -> Recording:
+    return Recording(interval * np.arange(command.size), {"command": command})
+
+
+def test_commands_are_the_same_within_two_per_cent_of_the_travel() -> None:
+    command = np.linspace(-1.0, 1.0, 500)
+    one = driven(command)
+    assert same_command(one, driven(command + 0.03), "command")
+    assert not same_command(one, driven(command + 0.05), "command")
+    assert not same_command(one, driven(command[1:]), "command")
+    assert not same_command(one, driven(command, 1e-4), "command")
+
+
+def test_noise_is_what_recordings_of_one_command_differ_by() -> None:
+    rng = np.random.default_rng(3)
+    command = np.sin(np.linspace(0.0, 20.0, 4000))
+    noise = 0.02 * np.sqrt(np.mean(command**2))
+    traces = [command + noise * rng.standard_normal(4000) for _ in range(3)]
+
+    def beside(y: np.ndarray, command: np.ndarray, whitened: bool = False) -> SimpleNamespace:
+        return SimpleNamespace(
+            recording=driven(command),
+            measured=lambda: {"y": y},
+            expected_misfit=0.003,
+            whitened=whitened,
+        )
+
+    repeated = expected_misfit([beside(y, command) for y in traces], "command")
+    assert repeated == pytest.approx(np.hypot(0.003, 0.02), rel=0.05)
+    different = [beside(y, (n + 1) * command) for n, y in enumerate(traces)]
+    assert expected_misfit(different, "command") == pytest.approx(0.003)
+    # these know their noise
+    known = [beside(y, command, whitened=True) for y in traces]
+    assert expected_misfit(known, "command") == pytest.approx(0.003)
