@@ -232,7 +232,8 @@ def calibrate(
             "undetermined": [p.place for p in parameters if not p.determined],
         },
     )
-    calibration = replace(calibration, baseline=_with_population(baseline, calibration, measured))
+    baseline = _with_population(baseline, calibration, measured)
+    calibration = replace(calibration, learnt_baseline=baseline)
     signatures = tuple(
         signature(calibration, fault, examples) for fault, examples in (known or {}).items()
     )
@@ -314,7 +315,6 @@ def _report(
     over = calibration.tested().index() > calibration.thresholds.motion
     reported = calibration.reported
     runs = len(calibration.learning.healthy.names)
-    assert calibration.baseline is not None
     return CalibrationReport(
         calibration.actuator,
         calibration.baseline,

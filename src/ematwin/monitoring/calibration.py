@@ -88,7 +88,7 @@ class Calibration:
     facts : runs, files, version
     healthy : what was measured on each healthy recording, to which later ones can be added; None
         in calibrations of versions that did not keep it
-    baseline : how well the parameters are known; None in calibrations of older versions
+    learnt_baseline : how well the parameters are known; None in calibrations of older versions
     """
 
     actuator: ParameterSet
@@ -105,7 +105,12 @@ class Calibration:
     signatures: tuple[Signature, ...] = ()
     facts: dict[str, Any] = field(default_factory=dict)
     healthy: HealthyRuns | None = None
-    baseline: Baseline | None = None
+    learnt_baseline: Baseline | None = None
+
+    @property
+    def baseline(self) -> Baseline:
+        """How well the parameters are known."""
+        return self.learnt_baseline or _older_baseline(self)
 
     @property
     def model(self) -> Model:
@@ -200,9 +205,10 @@ class Calibration:
             learnt["covariate_range"] = list(self.covariate_range)
         if self.healthy is not None:
             learnt["healthy"] = self.healthy.as_table(_DIGITS)
+        own = self.learnt_baseline
         table = {
             **self.actuator.as_table(sources),
-            **({} if self.baseline is None else {"baseline": self.baseline.as_table()}),
+            **({} if own is None else {"baseline": own.as_table()}),
             "calibration": learnt,
             "signature": [
                 {"fault": s.fault, "source": s.source, "coefficients": _plain(s.coefficients)}
@@ -266,9 +272,7 @@ class Calibration:
                 ),
                 facts=dict(learnt.get("facts", {})),
                 healthy=HealthyRuns.from_table(learnt["healthy"]) if "healthy" in learnt else None,
-                baseline=_older_baseline(actuator, learnt)
-                if known is None
-                else Baseline.from_table(known, str(path)),
+                learnt_baseline=None if known is None else Baseline.from_table(known, str(path)),
             )
             found.check(learnt.get("magnitudes"), learnt.get("quantities"))
         except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
@@ -328,21 +332,18 @@ class Calibration:
                 raise ValueError(f"{name} holds values that are not finite")
 
 
-def _older_baseline(actuator: ParameterSet, learnt: Mapping[str, Any]) -> Baseline:
+def _older_baseline(calibration: Calibration) -> Baseline:
     """How well parameters are known by a calibration that did not say so."""
-    model = model_of(actuator)
-    prior = Prior.independent(uncertain(model, actuator))
-    facts = learnt.get("facts", {})
+    model, facts = calibration.model, calibration.facts
+    prior = Prior.independent(uncertain(model, calibration.actuator))
     undetermined = set(facts.get("undetermined", []))
     fitted = [n for n, p in enumerate(prior.names) if p in model.nominal and p not in undetermined]
     covariance = prior.covariance.copy()
     covariance[fitted, fitted] = _FITTED**2
-    scatter = np.hypot(
-        np.array(learnt["population"]["within"]), np.array(learnt["population"]["between"])
-    )
+    spread = calibration.population.spread.tolist()
     return Baseline(
         Prior(prior.names, prior.mean, covariance),
-        scatter=dict(zip(learnt.get("magnitudes", []), scatter.tolist(), strict=False)),
+        scatter=dict(zip(calibration.layout.magnitudes, spread, strict=False)),
         recordings=max(1, len(facts.get("runs", []))),
     )
 
