@@ -237,13 +237,10 @@ def of_structure(seed: int, faulty: int) -> list[Outcome]:
     ]
 
 
-def special(seed: int = 1) -> list[Outcome]:
+def special(true: BldcActuator, known: Any) -> list[Outcome]:
     """Recordings from which nothing, or not everything, can be told; calibrated on usual ones."""
     from ematwin.models.scenario import Scenario
 
-    true = actuator_off(seed)
-    healthy = [recorded(true, {}, 10 + n, {}) for n in range(HEALTHY_RECORDINGS)]
-    known = learnt(healthy, SHEET)
     faults = {"friction": 0.25, "short_b": 0.15}
     usual = recorded(true, faults, 100, {})
 
@@ -359,7 +356,9 @@ def main() -> None:
     given = parser.parse_args()
     seeds = range(given.first, given.first + given.actuators)
     if given.mode == "special":
-        parts = [special(given.first + 1)]
+        true = actuator_off(given.first)
+        healthy = [recorded(true, {}, 10 + n, {}) for n in range(HEALTHY_RECORDINGS)]
+        parts = [special(true, learnt(healthy, SHEET))]
     elif given.mode == "structure":
         parts = Parallel(given.workers)(delayed(of_structure)(s, given.faulty) for s in seeds)
     else:

@@ -1,0 +1,60 @@
+"""The small size of benchmarks/unknown_actuator.py: right, or no verdict (docs/trust.md)."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
+
+import unknown_actuator as bench
+
+
+@pytest.fixture(scope="module")
+def known() -> object:
+    """What three healthy recordings say of an actuator that is off its data sheet."""
+    true = bench.actuator_off(7)
+    return bench.learnt([bench.recorded(true, {}, 10 + n, {}) for n in range(3)], bench.SHEET)
+
+
+@pytest.mark.parametrize("case", range(len(bench.CASES)))
+def test_on_a_calibrated_actuator_faults_are_named_and_intervals_hold(known, case: int) -> None:
+    true, faults = bench.actuator_off(7), bench.CASES[case]
+    one = bench.judged("", bench.recorded(true, faults, 100 + case, {}), known, true, faults)
+    assert one.grade == ("fault" if faults else "healthy")
+    assert set(one.faults) == bench.injected_names(one)
+    assert one.error < 1.5
+    assert not bench.silently_wrong(one)
+
+
+def test_drift_of_all_kinds_at_once_makes_no_fault(known) -> None:
+    true = bench.actuator_off(7)
+    drift = {name: x for part in bench.DRIFTS.values() for name, x in part.items()}
+    one = bench.judged("", bench.recorded(true, {}, 100, drift), known, true, {})
+    assert one.grade in ("healthy", "changed")
+    assert not bench.silently_wrong(one)
+
+
+def test_without_calibration_a_healthy_actuator_is_not_called_faulty() -> None:
+    true = bench.actuator_off(7)
+    one = bench.judged("", bench.recorded(true, {}, 100, {}), bench.SHEET, true, {})
+    assert one.grade != "fault"
+    assert all(bench.inside(one, name) for name in bench.COMPARED)
+
+
+def test_on_another_structure_it_is_right_or_gives_no_verdict() -> None:
+    for one in bench.of_structure(2, 2):
+        assert not bench.silently_wrong(one)
+        assert set(one.faults) <= bench.injected_names(one)
+
+
+def test_what_cannot_be_told_from_gets_no_verdict(
+    known, capsys: pytest.CaptureFixture[str]
+) -> None:
+    judged = {one.group: one for one in bench.special(bench.actuator_off(7), known)}
+    assert "command looks like degrees" in capsys.readouterr().out
+    for name in ("motion of 20 urad", "motion of 200 urad", "no load column", "saturated currents"):
+        assert judged[name].grade == "none", name
+        assert judged[name].reason
+    assert judged["ten bits"].grade == "fault"
+    assert set(judged["ten bits"].faults) == {"friction", "short_b"}
