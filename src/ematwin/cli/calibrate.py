@@ -131,8 +131,8 @@ def print_calibration(report: "CalibrationReport") -> None:
         )
     for group in report.tied:
         typer.echo(
-            f"Only ratios of {', '.join(group)} are known: the current shows torques over the "
-            "torque constant, and a common factor stays uncertain."
+            f"Only ratios or products of {', '.join(group)} are known; a common factor stays "
+            "uncertain."
         )
     fitted = {p.place for p in report.parameters}
     fixed = [place for place in units if place not in fitted]

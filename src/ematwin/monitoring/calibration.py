@@ -234,7 +234,8 @@ class Calibration:
         learnt = table.pop("calibration", None)
         if not isinstance(learnt, dict):
             raise ParameterError(
-                f"{path} holds an actuator but no calibration; make one with ematwin calibrate."
+                f"{path} holds an actuator but no calibration; make one with ematwin calibrate "
+                "from three healthy runs over one command."
             )
         written = learnt.get("format", FORMAT)
         if isinstance(written, int) and written > FORMAT:
