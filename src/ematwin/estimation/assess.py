@@ -31,7 +31,6 @@ _WORTH_A_LOOK = 4.0  # ratio of costs up to which another valley is gone into
 _ANYTHING = 0.25  # standard deviation as a share of a range; 0.29 where all is equally likely
 _BEYOND_BELIEF = 4.0  # standard deviations of a prior; 2.1 at most on actuators within tolerances
 _SETTLED = 1.3  # times the misfit of healthy recordings: parameters need no looking for
-_HOPELESS = 0.3  # relative misfit of no use, in whatever valley
 _RIVALS = 2  # other valleys that are gone into
 _EVIDENT = 3.0  # standard errors
 _WIDE = 12.0  # sharp standard errors: an interval that others than noise make
@@ -194,8 +193,7 @@ def _with_all(
 
 def _worth_a_look(full: Problem, found: Found, problem: Problem) -> list[np.ndarray]:
     """Ends of other valleys that are not far worse and lie apart."""
-    hopeless = found.problem is None and problem.relative_misfit(found.cost) > _HOPELESS
-    if hopeless or not found.others:
+    if not found.others:
         return []
     judged = found.problem or problem
     points = np.stack([found.point, *found.others])
