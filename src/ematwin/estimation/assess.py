@@ -90,8 +90,7 @@ def assess(
     baseline : what is known of the actuator
     """
     full = _with_all(model, actuator, found.problem or problem, problem, baseline)
-    local = {} if searches_globally(model) else dict.fromkeys(baseline.prior.names)
-
+    still = set() if searches_globally(model) else set(baseline.prior.names) & set(full.names)
     settled = _SETTLED * baseline.misfit if math.isfinite(baseline.misfit) else 0.0
     if baseline.exact:
         settled = math.inf
@@ -103,7 +102,7 @@ def assess(
             full,
             start,
             aliases=lambda values: model.aliases(actuator, values),
-            held=[name for name in full.names if name in local],
+            held=still,
             least_noise=full.comparisons[0].noise,
             settled=settled,
         )
@@ -120,16 +119,19 @@ def assess(
     covariance = _with_scatter(peak, baseline, model.model_error)
     covariance = _profiled(peak, covariance, own, model.model_error)
     drawn = draws(full.chart, peak.z, covariance)
-    sharp = _sharp(peak, own, model.model_error)
+    errors = _sharp(peak, own, model.model_error).tolist()
+    sharp_errors = dict(zip(problem.names, errors, strict=True))
     values = full.values(peak.point)
     free = {one.name: one for one in full.unknowns}
-    intervals = {name: _interval(drawn, one) for name, one in free.items()}
-    for name, error in zip(problem.names, sharp.tolist(), strict=True):
+    intervals = {
+        name: Interval(*drawn.interval(name, one.lower, one.upper)) for name, one in free.items()
+    }
+    for name, error in sharp_errors.items():
         intervals[name] = _with_corner(intervals[name], error, free[name])
     return Assessment(
         values=values,
         covariance=_covariance_of(drawn, problem),
-        sharp_errors=dict(zip(problem.names, sharp.tolist(), strict=True)),
+        sharp_errors=sharp_errors,
         intervals=intervals,
         physical=_physical(problem, actuator, values, drawn, intervals),
         contrasts=_contrasts(model, actuator, values, drawn),
@@ -288,10 +290,6 @@ def _covariance_of(drawn: Draws, problem: Problem) -> np.ndarray:
         found[n, :] = found[:, n] = 0.0
         found[n, n] = np.inf
     return found
-
-
-def _interval(drawn: Draws, one: Unknown) -> Interval:
-    return Interval(*drawn.interval(one.name, one.lower, one.upper))
 
 
 def _with_corner(interval: Interval, sharp_error: float, one: Unknown) -> Interval:

@@ -279,7 +279,11 @@ def identify(
     )  # fmt: skip
     warnings += _doubts(estimate, found, problem, assessed.sharp_errors)
     warnings += _remarks(model, chosen, assessed)
-    verdict = _verdict(model, chosen, recording, problem, found, estimate, assessed, baseline)
+    obstacles = [
+        *model.excitation(recording, chosen),
+        *_obstacles(model.load, recording, problem, found, estimate.misfit, assessed, baseline),
+    ]
+    verdict = _verdict(model, chosen, problem, estimate, assessed, baseline, obstacles)
     return Identification(
         verdict=verdict,
         estimate=estimate,
@@ -328,12 +332,11 @@ def _ends(
 def _verdict(
     model: Model,
     actuator: ParameterSet,
-    recording: Recording,
     problem: Problem,
-    found: Found,
     estimate: Estimate,
     assessed: Assessment,
     baseline: Baseline,
+    obstacles: list[str],
 ) -> Verdict:
     """The verdict on an assessed recording, or why there is none."""
     said = {
@@ -352,39 +355,36 @@ def _verdict(
         calibrated=baseline.calibrated,
         sharp_errors=assessed.sharp_errors,
         intervals={name: (one.low, one.high) for name, one in assessed.intervals.items()},
-        obstacles=_obstacles(
-            model, actuator, recording, problem, found, estimate, assessed, baseline
-        ),
+        obstacles=obstacles,
         ambiguities=ambiguities,
         found=said,
     )
 
 
 def _obstacles(
-    model: Model,
-    actuator: ParameterSet,
+    load: str | None,
     recording: Recording,
     problem: Problem,
     found: Found,
-    estimate: Estimate,
+    misfit: float,
     assessed: Assessment,
     baseline: Baseline,
 ) -> list[str]:
-    """Sentences, each of which forbids a verdict."""
-    found_ = model.excitation(recording, actuator)
+    """Sentences, each of which forbids a verdict; ``load`` names the kind's channel of it."""
+    told = []
     if found.stopped == "interrupted":
-        found_.append("The search was interrupted; these values are the best found until then.")
+        told.append("The search was interrupted; these values are the best found until then.")
     counts = recording.provenance.get("saturated_samples", {})
     for name, count in counts.items():
         if count > _SATURATED * len(recording):
-            found_.append(
+            told.append(
                 f"{name} is saturated in {100.0 * count / len(recording):.0f} % of its samples. "
                 "Record it with a wider range."
             )
-    missing = model.load is not None and model.load not in recording.channels
-    if missing and model.load not in problem.held and baseline.has_load:
-        found_.append(
-            f"The recording has no {model.load}"
+    missing = load is not None and load not in recording.channels
+    if missing and load not in problem.held and baseline.has_load:
+        told.append(
+            f"The recording has no {load}"
             + (
                 ", and the healthy ones had. "
                 if baseline.calibrated
@@ -392,7 +392,7 @@ def _obstacles(
             )
             + "Record it, or say what it was (load=0 if there was none)."
         )
-    misfit, limit = estimate.misfit, most_misfit(baseline.misfit)
+    limit = most_misfit(baseline.misfit)
     if found.problem is not None:
         misfit = found.problem.relative_misfit(assessed.cost)
     if misfit > max(limit, _ABOVE_NOISE * problem.expected_misfit):
@@ -401,24 +401,24 @@ def _obstacles(
             if math.isfinite(baseline.misfit)
             else f"a good fit leaves less than {100.0 * limit:.2g} %"
         )
-        found_.append(
+        told.append(
             f"The twin leaves {100.0 * misfit:.2g} % of this recording unexplained, where {usual}: "
             "it does something that the twin cannot. Check channels, units and the actuator."
         )
     if assessed.strained:
         worst = max(assessed.strained, key=lambda name: assessed.strained[name])
-        found_.append(
+        told.append(
             f"To explain this recording {worst} would have to be "
             f"{assessed.strained[worst]:.0f} standard deviations off what is known of it: it is "
             "of another actuator, or something is wrong with a channel."
         )
     if assessed.others:
-        told = "; ".join(
+        rivals = "; ".join(
             ", ".join(f"{name} {value:.2g}" for name, value in one.items())
             for one in assessed.others
         )
-        found_.append(f"Another answer explains the recording nearly as well: {told}.")
-    return found_
+        told.append(f"Another answer explains the recording nearly as well: {rivals}.")
+    return told
 
 
 def _said(one: Unknown, actuator: ParameterSet, estimate: Estimate, assessed: Assessment) -> str:

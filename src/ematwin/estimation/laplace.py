@@ -4,8 +4,8 @@ From a point that a search found, all unknowns of a problem descend together, th
 included; the curvature at the end is the inverse covariance. Two things keep it honest.
 
 The noise is not white: what the twin misses is alike from sample to sample. Its size comes from the
-residuals themselves and from what healthy recordings left, and `tempering` counts samples that are
-alike once.
+residuals themselves, counted once for each independent sample; `Laplace.widened` allows for what
+the twin misses in the same way throughout.
 
 Impacts make residuals rough, and differences over short steps see that roughness where a change
 of parameters has no effect: unknowns that cannot be told apart would seem to be. Steps of one

@@ -5,7 +5,7 @@ that their tolerances allow: descents from the template end in wrong valleys who
 fine. Searches are repeated until two end equally deep. Then all recordings are fitted together,
 each with its own sensors and load, and the curvature there says what is known and what is not.
 
-What no recording tells keeps the value of the template and the width of its tolerance. Of some
+What no recording tells stays near the template, within the width of its tolerance. Of some
 parameters only ratios or products come out; that is enough for faults, which are judged against
 healthy, and is said where physical values are shown.
 """
