@@ -4,6 +4,7 @@
     python benchmarks/unknown_actuator.py sheet --actuators 20 --faulty 5
     python benchmarks/unknown_actuator.py drift --actuators 12 --faulty 5
     python benchmarks/unknown_actuator.py uncalibrated --actuators 40 --faulty 3
+    python benchmarks/unknown_actuator.py evidence --actuators 8 --faulty 6
     python benchmarks/unknown_actuator.py structure --actuators 12 --faulty 6
     python benchmarks/unknown_actuator.py special
 
@@ -12,7 +13,9 @@ few per cent off the template, which learns from three healthy recordings. ``she
 data sheet states is right, ten values are off by up to a third. ``drift``: after calibration the
 torque constant falls by 3 %, the resistance rises by 30 %, the supply falls by 5 %, the load is off
 by 10 % and the command is 200 us late, one of them or all. ``uncalibrated``: the template is
-trusted as far as its tolerances go. ``structure``: recordings of a simulator that shares no code
+trusted as far as its tolerances go. ``evidence``: calibrated and judged with phase voltages, with
+the supply's current, and with neither; the sensors of the phases drift by 2 % in every other
+recording. ``structure``: recordings of a simulator that shares no code
 with the twin and has what the twin lacks (tests/naive/another_actuator.py). ``special``: motions
 and recordings from which nothing can be told.
 
@@ -31,6 +34,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from ematwin import Noise, identify, simulate
+from ematwin.models.bldc.channels import PHASES, VOLTAGES
 from ematwin.models.bldc.faults import HEALTHY, error_percent_wrapped
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.unknowns import FAULTS
@@ -41,6 +45,11 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
 
 SHEET = load_actuator("servo48")
 NOISE = Noise(white=0.02, bits=12)
+VOLTAGE_NOISE, VOLTAGE_STEP = 0.5, 0.03  # V: 1 % of the supply, 12 bits of +-60 V
+VOLTAGE_GAIN = (
+    0.005  # standard deviation of what a rig's voltages, or its supply's current, are off
+)
+CURRENT_DRIFT = 0.02  # by which the sensors of the phases change in every other recording
 HEALTHY_RECORDINGS = 3
 
 # Standard deviations, of logarithms, with which the actuators of ``calibrated`` are off the sheet.
@@ -131,15 +140,27 @@ def cases(count: int, seed: int) -> list[dict[str, float]]:
 
 
 def recorded(
-    actuator: BldcActuator, faults: Mapping[str, float], seed: int, drift: Mapping[str, float]
+    actuator: BldcActuator,
+    faults: Mapping[str, float],
+    seed: int,
+    drift: Mapping[str, float],
+    also: Sequence[str] = (),
 ) -> Recording:
-    """A recording of the reference model; ``drift`` as in `DRIFTS`."""
+    """A recording of the reference model; ``drift`` as in `DRIFTS`, further channels ``also``."""
     changed = {place: actuator.value(place) * x for place, x in drift.items() if "." in place}
     found = simulate(
         "reference", faults=faults, actuator=actuator.changed(changed) if changed else actuator,
-        noise=NOISE, seed=seed,
+        noise=NOISE, seed=seed, also=also,
     )  # fmt: skip
     more = {}
+    rng = np.random.default_rng([5, seed])
+    for name in set(also) & set(VOLTAGES):
+        volts = found.channels[name] + VOLTAGE_NOISE * rng.standard_normal(len(found))
+        more[name] = np.round(volts / VOLTAGE_STEP) * VOLTAGE_STEP
+    if "volts" in drift:
+        more |= {n: drift["volts"] * more.get(n, found.channels[n]) for n in also}
+    if "amperes" in drift:
+        more |= {name: drift["amperes"] * found.channels[name] for name in PHASES}
     if "load" in drift:  # the sensor shows less than there is
         more["load"] = found.channels["load"] / drift["load"]
     if "skew" in drift:
@@ -202,6 +223,26 @@ def of_actuator(mode: str, seed: int, faulty: int) -> list[Outcome]:
             )
         record = recorded(true, faults, 100 + n, drift)
         found.append(judged(group, record, known, true, faults))
+    return found
+
+
+EVIDENCE = {"phase voltages": VOLTAGES, "supply's current": ("bus_current",), "currents alone": ()}
+
+
+def of_evidence(seed: int, faulty: int) -> list[Outcome]:
+    """The same recordings with and without voltages; every other with a sensor that drifted."""
+    true = actuator_off(seed)
+    rng = np.random.default_rng([6, seed])
+    rig = {"volts": 1.0 + VOLTAGE_GAIN * rng.standard_normal()}
+    drifts = [1.0 + CURRENT_DRIFT * rng.choice([-1.0, 1.0]) * (n % 2) for n in range(faulty)]
+    found = []
+    for title, also in EVIDENCE.items():
+        healthy = [recorded(true, {}, 10 + n, rig, also) for n in range(HEALTHY_RECORDINGS)]
+        known = learnt(healthy, SHEET)
+        for n, faults in enumerate(cases(faulty, seed)):
+            record = recorded(true, faults, 100 + n, {**rig, "amperes": drifts[n]}, also)
+            group = f"{title}, sensor drifted" if n % 2 else title
+            found.append(judged(group, record, known, true, faults))
     return found
 
 
@@ -346,7 +387,7 @@ HEADER = f"| | {' | '.join(COLUMNS)} |\n|---|{'--:|' * len(COLUMNS)}"
 def main() -> None:
     """Run one part of the benchmark."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    modes = ("calibrated", "sheet", "drift", "uncalibrated", "structure", "special")
+    modes = ("calibrated", "sheet", "drift", "uncalibrated", "evidence", "structure", "special")
     parser.add_argument("mode", choices=modes)
     parser.add_argument("--actuators", type=int, default=10)
     parser.add_argument("--faulty", type=int, default=5, help="recordings of each actuator")
@@ -359,8 +400,9 @@ def main() -> None:
         true = actuator_off(given.first)
         healthy = [recorded(true, {}, 10 + n, {}) for n in range(HEALTHY_RECORDINGS)]
         parts = [special(true, learnt(healthy, SHEET))]
-    elif given.mode == "structure":
-        parts = Parallel(given.workers)(delayed(of_structure)(s, given.faulty) for s in seeds)
+    elif given.mode in ("structure", "evidence"):
+        of = of_structure if given.mode == "structure" else of_evidence
+        parts = Parallel(given.workers)(delayed(of)(s, given.faulty) for s in seeds)
     else:
         parts = Parallel(given.workers)(
             delayed(of_actuator)(given.mode, s, given.faulty) for s in seeds
@@ -373,7 +415,7 @@ def main() -> None:
     if len(groups) > 1:
         for group in groups:
             print(row(group, [one for one in runs if one.group == group]))
-    if given.mode != "special":
+    if given.mode not in ("special", "evidence"):
         print(row(given.mode, runs))
     for one in runs if given.mode == "special" else ():
         print(f"\n{one.group}: {one.grade} {', '.join(one.faults)}. {one.reason}")

@@ -20,15 +20,15 @@ def simulate(actuator, faults, command, load, dt):
 
     Returns
     -------
-    dict of arrays: mean_current of each step; current, motor, motor_speed, output, output_speed
-    after it
+    dict of arrays: mean_current (A) and power (W, electrical) of each step; current, motor,
+    motor_speed, output, output_speed after it
     """
     drive, gear = actuator.drive, actuator.transmission
     worn = 1 + 2 * faults.friction
     half_gap = gear.backlash / 2 * (1 + 99 * faults.backlash)
     low, high = gear.travel_low * gear.ratio, gear.travel_high * gear.ratio
     current = x_m = w_m = x_o = w_o = 0.0
-    names = ("mean_current", "current", "motor", "motor_speed", "output", "output_speed")
+    names = ("mean_current", "current", "motor", "motor_speed", "output", "output_speed", "power")
     rows = []
     for command_now, load_now in zip(command, load, strict=True):
         resistance, inductance, kappa = equivalent_phase(x_m, faults, actuator)
@@ -39,6 +39,9 @@ def simulate(actuator, faults, command, load, dt):
         voltage = max(-drive.supply_voltage, min(drive.supply_voltage, voltage))
         after = current + dt * (voltage - drop) / inductance
         mean = (current + after) / 2
+        # heat, mechanical power and what the inductance stores
+        stored = inductance / 2 * (after**2 - current**2) / dt
+        power = resistance * mean**2 + kappa * w_m * mean + stored
         current = after
 
         dynamic_m = worn * actuator.motor.friction_torque
@@ -59,5 +62,5 @@ def simulate(actuator, faults, command, load, dt):
         x_m, w_m, x_o, w_o = mechanics.two_masses_rigid_contact(rotor, output, half_gap, dt)
         x_o, w_o = mechanics.end_stop(x_o, w_o, low, high)
         x_m, w_m = mechanics.end_stop(x_m, w_m, low - half_gap, high + half_gap)
-        rows.append((mean, current, x_m, w_m, x_o, w_o))
+        rows.append((mean, current, x_m, w_m, x_o, w_o, power))
     return dict(zip(names, np.array(rows).T, strict=True))

@@ -53,8 +53,8 @@ def simulate(actuator, faults, command, load, dt):
 
     Returns
     -------
-    dict of arrays: mean_currents (S, 3) of each step; motor, motor_speed, output, output_speed
-    after it
+    dict of arrays: mean_currents and mean_voltages (S, 3) and bus_current of each step; motor,
+    motor_speed, output, output_speed after it
     """
     drive, gear = actuator.drive, actuator.transmission
     h = motor.turns_left(faults)
@@ -67,7 +67,16 @@ def simulate(actuator, faults, command, load, dt):
     x_m = w_m = x_o = w_o = 0.0
     sign = 1
     trace = {
-        name: [] for name in ("mean_currents", "motor", "motor_speed", "output", "output_speed")
+        name: []
+        for name in (
+            "mean_currents",
+            "mean_voltages",
+            "bus_current",
+            "motor",
+            "motor_speed",
+            "output",
+            "output_speed",
+        )
     }
     for command_now, load_now in zip(command, load, strict=True):
         kappa = motor.kappa(x_m, faults, actuator)
@@ -83,10 +92,10 @@ def simulate(actuator, faults, command, load, dt):
         gates = motor.gates(sector, sign)
 
         emf = [k * w_m for k in kappa]
-        charge, remaining = np.zeros(3), dt
+        charge, flux, drawn, remaining = np.zeros(3), np.zeros(3), 0.0, dt
         while remaining > 0:
             voltages = leg_voltages(gates, currents, emf, resistances, inductances, drive)
-            slope, _ = slopes(voltages, currents, emf, resistances, inductances)
+            slope, star = slopes(voltages, currents, emf, resistances, inductances)
             # the step goes to its end, or until the diode of an off leg blocks
             blocked = [
                 k for k in range(3)
@@ -96,6 +105,11 @@ def simulate(actuator, faults, command, load, dt):
             after = currents + part * slope
             after[blocked] = 0.0
             charge += part * (currents + after) / 2
+            # an open terminal shows the star point and the EMF of its phase
+            seen_volts = [star + e if v is None else v for v, e in zip(voltages, emf, strict=True)]
+            flux += part * np.array(seen_volts)
+            upper = [v is not None and v >= drive.supply_voltage for v in voltages]
+            drawn += part * sum((currents + after)[upper]) / 2
             currents = after
             remaining = remaining - part if blocked else 0
         mean = charge / dt
@@ -120,6 +134,8 @@ def simulate(actuator, faults, command, load, dt):
         x_m += dt * w_m
         x_o, w_o = mechanics.end_stop(x_o + dt * w_o, w_o, low, high)
         trace["mean_currents"].append(mean)
+        trace["mean_voltages"].append(flux / dt)
+        trace["bus_current"].append(drawn / dt)
         trace["motor"].append(x_m)
         trace["motor_speed"].append(w_m)
         trace["output"].append(x_o)

@@ -47,7 +47,7 @@ def run_bridge(k, speed, c, dt, steps):
         i_ref = MOTORING if n < steps // 2 else BRAKING
         sign = hysteresis(pair_current(sector, i_a, i_b, i_c), i_ref, c.half_band, sign)
         g_a, g_b, g_c = gate_signals(sector, sign)
-        i_a, i_b, i_c, _, _, _, _, _ = advance_bridge(
+        i_a, i_b, i_c, _, _, _, _, _, _ = advance_bridge(
             i_a, i_b, i_c, kappa_a * speed, kappa_b * speed, kappa_c * speed,
             g_a, g_b, g_c, phases, c, dt,
         )  # fmt: skip

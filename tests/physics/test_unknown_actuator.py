@@ -8,6 +8,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
 import unknown_actuator as bench
+from ematwin.recordings.recording import Recording
 
 
 @pytest.fixture(scope="module")
@@ -58,3 +59,25 @@ def test_what_cannot_be_told_from_gets_no_verdict(
         assert judged[name].reason
     assert judged["ten bits"].grade == "fault"
     assert set(judged["ten bits"].faults) == {"friction", "short_b"}
+
+
+def test_phase_voltages_tell_the_scale_of_torques_and_the_gain_of_a_current_sensor() -> None:
+    """What currents alone leave open: the scale that all torques share, and 2 % of a sensor."""
+    true = bench.actuator_off(3)
+    healthy = [bench.recorded(true, {}, 10 + n, {}, bench.VOLTAGES) for n in range(2)]
+    known = bench.learnt(healthy, bench.SHEET)
+    inertia = known.actuator.value("motor.inertia") / true.value("motor.inertia")
+    assert abs(inertia - 1.0) < 0.01  # 2 % off without voltages
+    faults, drift = bench.CASES[1], {"amperes": 1.02}
+    record = bench.recorded(true, faults, 100, drift, bench.VOLTAGES)
+    one = bench.judged("", record, known, true, faults)
+    assert set(one.faults) == {"friction", "short_b"}
+    assert not bench.silently_wrong(one)
+    currents = {name: x for name, x in record.channels.items() if "voltage" not in name}
+    alone = Recording(record.time, currents, units=record.units)
+    blind = bench.judged("", alone, known, true, faults)
+    # the resistance may have risen as well, so half of it may remain
+    assert one.physical_error < 0.75 * blind.physical_error
+    for name in ("short_a", "short_c"):
+        assert one.values[name] < 0.7 * blind.values[name]
+    assert not bench.silently_wrong(blind)

@@ -15,9 +15,8 @@ from ematwin.comparison.study.plan import Plan
 from ematwin.comparison.study.run import RunSpec
 from ematwin.comparison.study.subject import Subject
 from ematwin.errors import InputError, ParameterError
-from ematwin.estimation.identify import find
 from ematwin.estimation.problem import Problem
-from ematwin.estimation.search import named
+from ematwin.estimation.search import find, named
 from ematwin.models.bldc.faults import HEALTHY, PAPER_CASES
 from ematwin.models.comparison import Comparison
 from ematwin.models.scenario import Profile, Scenario

@@ -70,7 +70,7 @@ def test_a_good_record_tells_its_rate_and_columns():
 
 def test_every_column_has_a_unit_in_si():
     assert set(UNITS) == set(COLUMNS)
-    assert set(UNITS.values()) == {"s", "rad", "N*m", "A", "rad/s"}
+    assert set(UNITS.values()) == {"s", "rad", "N*m", "A", "rad/s", "V"}
 
 
 def test_unsorted_time_is_refused_with_the_place():

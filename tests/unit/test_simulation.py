@@ -273,7 +273,7 @@ def test_a_diverged_simulation_is_an_error_and_no_record(monkeypatch):
     from ematwin.models.bldc import batch
 
     monkeypatch.setattr(
-        batch, "monitor_trace", lambda k, command, *_: np.full((command.size - 1, 5), np.nan)
+        batch, "monitor_trace", lambda k, command, *_: np.full((command.size - 1, 6), np.nan)
     )
     with pytest.raises(DivergedError, match="diverged at a step of 1e-05 s"):
         simulate("monitor", SHORT, sample_rate=100_000)

@@ -55,6 +55,12 @@ def simulate(
     step: Annotated[
         float | None, typer.Option(help="Step of the model, s; the actuator's if not given.")
     ] = None,
+    also: Annotated[
+        str | None,
+        typer.Option(
+            help="Further channels, with commas, e.g. voltage_a,voltage_b,voltage_c or bus_current."
+        ),
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Answer as JSON.")] = False,
 ) -> None:
     """Simulate an actuator with any mix of its faults."""
@@ -78,7 +84,10 @@ def simulate(
                 raise InputError(f"--out {out} would overwrite its own input. Give another name.")
     if plot is not None:
         check_target(plot, (".html",))
-    options = {"noise": sensor, "seed": seed, "sample_rate": sample_rate, "step": step}
+    more = [] if also is None else [name.strip() for name in also.split(",") if name.strip()]
+    options = {
+        "noise": sensor, "seed": seed, "sample_rate": sample_rate, "step": step, "also": more,
+    }  # fmt: skip
     with progress_bar(f"Simulating {asked.duration:g} s", not json) as progress:
         record = run(model, asked, values, chosen, progress=progress, **options)  # type: ignore[arg-type]
     if out is not None:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ematwin.estimation.baseline import Baseline, marginal, with_nuisances
+from ematwin.estimation.baseline import Baseline, effective, with_nuisances
 from ematwin.estimation.intervals import Draws, draws
 from ematwin.estimation.laplace import Laplace, inverse, laplace
 from ematwin.estimation.learn import searches_globally
@@ -61,6 +61,7 @@ class Assessment:
     strained : parameters, load and sensors that would have to be further off than can be believed,
         by name, in standard deviations of what was known of them
     others : values by name of other answers that explain the recording nearly as well
+    trust : how far the evidence of further channels counted (`Problem.trust`); 1 if there was none
     evaluations : int
     """
 
@@ -75,6 +76,7 @@ class Assessment:
     cost: float
     others: tuple[dict[str, float], ...]
     evaluations: int
+    trust: float = 1.0
 
 
 def assess(
@@ -140,6 +142,7 @@ def assess(
         cost=peak.cost,
         others=_other_answers(problem, peak, rivals, model.model_error),
         evaluations=spent,
+        trust=peak.problem.trust,
     )
 
 
@@ -184,12 +187,13 @@ def _with_all(
     prior = baseline.drifted(actuator)
     prior = prior.of(name for name in prior.names if name not in taken)
     places = [replace(model.unknown(actuator, place), spread=None) for place in prior.names]
-    more = [one for one in marginal(model.unknowns(actuator)) if one.name not in taken]
+    comparisons = [one.with_evidence() for one in judged.comparisons]
+    more = [
+        one for one in effective(model.unknowns(actuator), comparisons) if one.name not in taken
+    ]
     own = [one for one in problem.unknowns if one.spread is not None]
     prior = with_nuisances(with_nuisances(prior, own), more)
-    full = Problem(
-        judged.comparisons, [*problem.unknowns, *places, *more], held=problem.held, prior=prior
-    )
+    full = Problem(comparisons, [*problem.unknowns, *places, *more], held=problem.held, prior=prior)
     return full.with_noise(judged.noise)
 
 
@@ -213,7 +217,8 @@ def _worth_a_look(full: Problem, found: Found, problem: Problem) -> list[np.ndar
 def _height(peak: Laplace, noise: float) -> float:
     """How far a peak lies from the recording and from the priors, squared standard deviations."""
     distances = peak.problem.prior_distances(peak.point[None])[0] / peak.problem.noise
-    return peak.cost / noise**2 + float(distances @ distances)
+    data = (peak.cost + peak.evidence) / noise**2
+    return data + float(distances @ distances)
 
 
 def _with_scatter(peak: Laplace, baseline: Baseline, model_error: float) -> np.ndarray:
@@ -235,12 +240,9 @@ def _profiled(peak: Laplace, covariance: np.ndarray, own: int, model_error: floa
     ways = _PROFILE * covariance[:, :own] / errors[:own]
     points = np.concatenate([peak.z + ways.T, peak.z - ways.T])
     inside = np.abs(chart.project(points) - points).max(axis=1) < 1e-9
-    residuals = problem.residuals(chart.to_values(np.vstack([peak.z[None], points])))
-    data = residuals[:, : residuals.shape[1] - problem.prior_rows]
-    priors = residuals[:, data.shape[1] :]
-    heights = (
-        np.einsum("bk,bk->b", data, data) / model_error**2 + np.einsum("bk,bk->b", priors, priors)
-    ) / problem.noise**2
+    parts = problem.split(problem.residuals(chart.to_values(np.vstack([peak.z[None], points]))))
+    data, evidence, priors = (np.einsum("bk,bk->b", part, part) for part in parts)
+    heights = ((data + evidence) / model_error**2 + priors) / problem.noise**2
     rise = heights[1:] - heights[0]
     wider = np.ones(len(errors))
     for n in range(own):

@@ -16,6 +16,7 @@ import numpy as np
 from ematwin.errors import ParameterError
 from ematwin.estimation.problem import Prior
 from ematwin.models.base import Model
+from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.registry import model_of
 from ematwin.models.unknown import Unknown
@@ -177,9 +178,10 @@ def searched_range(one: Unknown) -> Unknown:
     )
 
 
-def marginal(unknowns: Iterable[Unknown]) -> list[Unknown]:
-    """Nuisances that widen intervals and are not searched."""
-    return [one for one in unknowns if one.marginal]
+def effective(unknowns: Iterable[Unknown], comparisons: Iterable[Comparison]) -> list[Unknown]:
+    """Nuisances that widen intervals and are not searched, if they matter to a comparison."""
+    without = frozenset.intersection(*(one.ignores for one in comparisons))
+    return [one for one in unknowns if one.marginal and one.name not in without]
 
 
 def with_nuisances(prior: Prior, unknowns: Iterable[Unknown]) -> Prior:

@@ -17,17 +17,22 @@ priors alone decide.
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from ematwin.estimation.levenberg_marquardt import LevenbergMarquardt
 from ematwin.estimation.problem import Problem
+from ematwin.models.chart import Chart
 from ematwin.models.unknown import Alias
 
 _STAGES, _LEAST_STAGES, _ITERATIONS = 8, 1, 5
 _ROUNDS = 3  # over aliases that share unknowns
+_JOINT = 2  # steps of everything together, where evidence decides what data do not see
+_ROUGH = 1.02  # ratio of costs that is mere roughness
 _GAIN = 0.95  # ratio of costs over a stage above which there is no more to gain
 _SHORTEST, _LONGEST = 1e-3, 2e-2  # steps of the last Jacobian, shares of a range
+_STEP = 5e-3  # along directions that data do not see, share of a range
 
 Aliases = Callable[[Mapping[str, float]], Sequence[Alias]]
 
@@ -41,8 +46,9 @@ class Laplace:
     problem : Problem, with the noise that was found
     z : (d,) array, the best point within the bounds
     mean, covariance : (d,) and (d, d) arrays, of the normal distribution without bounds
-    data, priors : (d, d) arrays, what each of the two adds to the inverse of the covariance
-    cost : float, of the data alone
+    data, priors : (d, d) arrays, what recordings and priors add to the inverse of the covariance
+    cost : float, of the data that a search sees
+    evidence : float, sum of squares of the evidence of further channels
     evaluations : int
     """
 
@@ -53,6 +59,7 @@ class Laplace:
     data: np.ndarray
     priors: np.ndarray
     cost: float
+    evidence: float
     evaluations: int
 
     @property
@@ -94,22 +101,84 @@ def laplace(
         return problem.residuals(chart.to_values(z))
 
     z = chart.project(chart.from_values(point[None]))[0]
-    problem = problem.with_noise(max(noise_of(problem, residuals(z[None])[0]), least_noise))
+    problem = problem.weighed(residuals(z[None])[0], least_noise)
+    slopes = _slopes(problem, residuals, z, aliases)
+    tells = frozenset().union(*(one.tells for one in problem.comparisons))
     known = _known_directions(problem, point, aliases)
+    still = {problem.names[n] for n, _, is_held in known if is_held} - tells | set(held)
+    for _ in range(_JOINT if problem.has_evidence else 0):
+        # what evidence alone tells, the descent has left where it was
+        first = chart.to_values((z + _bounded_step(slopes, z, chart, still))[None])[0]
+        point, more = _descended(problem, first, aliases, held, least_noise, np.inf)
+        spent += more
+        tried = chart.project(chart.from_values(point[None]))[0]
+        if not _is_better(problem, residuals(np.vstack([z, tried]))):
+            break
+        z = tried
+        slopes = _slopes(problem, residuals, z, aliases)
+    mean = z - slopes.covariance @ (slopes.jacobian @ slopes.here) / problem.noise**2
+    left = problem.split(slopes.here)
+    cost, evidence = (float(part @ part) for part in left[:2])
+    return Laplace(
+        problem, z, mean, slopes.covariance, slopes.data, slopes.priors, cost, evidence, spent
+    )
+
+
+class _Slopes(NamedTuple):
+    """Residuals (K,) at a point, their Jacobian (d, K), and the information (d, d) in it."""
+
+    here: np.ndarray
+    jacobian: np.ndarray
+    data: np.ndarray
+    priors: np.ndarray
+    covariance: np.ndarray
+
+
+def _slopes(
+    problem: Problem,
+    residuals: Callable[[np.ndarray], np.ndarray],
+    z: np.ndarray,
+    aliases: Aliases | None,
+) -> _Slopes:
+    """Differences over steps as long as the peak is wide; known directions by what is known."""
+    chart = problem.chart
+    known = _known_directions(problem, chart.to_values(z[None])[0], aliases)
+    shown = [_shown(problem, residuals, z, pivot, same) for pivot, same, _ in known]
     steps = np.full(len(z), _SHORTEST)
     for _ in range(2):
         here, jacobian = central(residuals, z, steps, chart.lower, chart.upper)
-        data = jacobian[:, : here.size - problem.prior_rows]
-        for pivot, same, _ in known:
-            data[pivot] = same @ data
-        of_data = data @ data.T / problem.noise**2
-        rest = jacobian[:, here.size - problem.prior_rows :]
-        of_priors = rest @ rest.T / problem.noise**2
-        covariance = inverse(of_data + of_priors)
+        parts = problem.split(jacobian)
+        for (pivot, same, _), change in zip(known, shown, strict=True):
+            parts.data[pivot] = same @ parts.data
+            parts.evidence[pivot] = same @ parts.evidence + change
+        data = (parts.data @ parts.data.T + parts.evidence @ parts.evidence.T) / problem.noise**2
+        priors = parts.priors @ parts.priors.T / problem.noise**2
+        covariance = inverse(data + priors)
         steps = np.clip(np.sqrt(np.diag(covariance)), _SHORTEST, _LONGEST)
-    mean = z - covariance @ (jacobian @ here) / problem.noise**2
-    left = here[: here.size - problem.prior_rows]
-    return Laplace(problem, z, mean, covariance, of_data, of_priors, float(left @ left), spent)
+    return _Slopes(here, jacobian, data, priors, covariance)
+
+
+def _is_better(problem: Problem, pair: np.ndarray) -> bool:
+    """Whether the second of two points lies nearer to evidence and priors, and fits as well.
+
+    ``pair`` holds their residuals (2, K). What the data say of two points so near is rough.
+    """
+    before, after = zip(*((part**2).sum(axis=1) for part in problem.split(pair)), strict=True)
+    return bool(after[0] < _ROUGH * before[0] and sum(after[1:]) < sum(before[1:]))
+
+
+def _bounded_step(
+    slopes: _Slopes, z: np.ndarray, chart: Chart, still: Collection[str]
+) -> np.ndarray:
+    """The step (d,) to the least squares of the linearised residuals within the bounds."""
+    from scipy.optimize import lsq_linear
+
+    free = [n for n, one in enumerate(chart.unknowns) if one.name not in still]
+    low = np.minimum(chart.lower - z, -1e-12)[free]
+    high = np.maximum(chart.upper - z, 1e-12)[free]
+    step = np.zeros(len(z))
+    step[free] = lsq_linear(slopes.jacobian[free].T, -slopes.here, (low, high), method="bvls").x
+    return np.asarray(chart.project((z + step)[None])[0] - z)
 
 
 def _descended(
@@ -130,15 +199,17 @@ def _descended(
     z = chart.project(chart.from_values(start[[problem.names.index(n) for n in small.names]][None]))
     # each stage looks with long differences again: rough stretches stop a single descent
     first = z
-    near = bool(small.relative_misfit(float(small.costs(chart.to_values(z))[0])) < settled)
+    data = small.split(small.residuals(chart.to_values(z))[0]).data
+    near = small.relative_misfit(float(data @ data)) < settled
     for stage in range(_LEAST_STAGES if near else 0, _STAGES):
         # wide valleys first
         seen = small.smoothed() if stage == 0 else small
         left = seen.residuals(chart.to_values(z))[0]
-        noise = max(noise_of(seen, left), least_noise)
+        weighed = seen.weighed(left, least_noise)
+        noise = weighed.noise
+        if weighed.has_evidence:
+            left = weighed.residuals(chart.to_values(z))[0]
         cost = float(left @ left) / noise**2 if stage else np.inf
-
-        weighed = seen.with_noise(noise)
 
         def residuals(points: np.ndarray, weighed: Problem = weighed) -> np.ndarray:
             nonlocal spent
@@ -193,9 +264,7 @@ def _along(
     chart = problem.chart
     z = chart.from_values(point[None])
     for pivot, same, _ in known * _ROUNDS:
-        blind = -same
-        blind[pivot] += 1.0
-        blind *= 1e-4 / np.abs(blind).max()
+        blind = 1e-4 * _blind(pivot, same)
         near = problem.prior_distances(chart.to_values(np.vstack([z, z + blind])))
         slope = near[1] - near[0]
         if slope @ slope > 0.0:
@@ -203,12 +272,29 @@ def _along(
     return np.asarray(chart.to_values(z)[0])
 
 
-def noise_of(problem: Problem, residual: np.ndarray) -> float:
-    """Standard deviation of an independent residual, from those that are left."""
-    data = residual[: residual.size - problem.prior_rows]
-    scale = sum(one.scale for one in problem.comparisons)
-    independent = sum(one.independent for one in problem.comparisons)
-    return float(np.sqrt((data @ data) / independent)) or 1e-9 * float(np.sqrt(scale))
+def _blind(pivot: int, same: np.ndarray) -> np.ndarray:
+    """A direction (d,) that data do not see, its largest component one."""
+    blind = -same
+    blind[pivot] += 1.0
+    return np.asarray(blind / np.abs(blind).max())
+
+
+def _shown(
+    problem: Problem,
+    residuals: Callable[[np.ndarray], np.ndarray],
+    z: np.ndarray,
+    pivot: int,
+    same: np.ndarray,
+) -> np.ndarray | float:
+    """How evidence (K,) changes along a direction that data do not see, for one of the pivot.
+
+    Currents and motion stay along it, so that differences are not rough, as they are otherwise.
+    """
+    if not problem.has_evidence:
+        return 0.0
+    blind = _blind(pivot, same) * _STEP
+    up, down = problem.split(residuals(np.vstack([z + blind, z - blind]))).evidence
+    return np.asarray((up - down) / (2.0 * blind[pivot]))
 
 
 def central(residuals, z, steps, lower, upper):  # type: ignore[no-untyped-def]

@@ -18,7 +18,7 @@ import numpy as np
 from ematwin.errors import RecordError
 from ematwin.estimation.baseline import (
     Baseline,
-    marginal,
+    effective,
     searched_range,
     uncertain,
 )
@@ -174,11 +174,12 @@ class _Fit:
         self, comparisons: Sequence[Comparison], tell: Progress = lambda share: None
     ) -> tuple[Problem, Laplace, float]:
         """The joint problem, its peak, and the relative misfit of those that were searched."""
-        nuisances = marginal(self.model.unknowns(self.template))
+        beside = [one.with_evidence() for one in comparisons]
+        nuisances = effective(self.model.unknowns(self.template), beside)
         own = [
             replace(one, spread=_LOAD_GAIN) if one.name == "load_gain" else one for one in nuisances
         ]
-        problem = Problem(comparisons, [*self.nominals, *own], own=[one.name for one in own])
+        problem = Problem(beside, [*self.nominals, *own], own=[one.name for one in own])
         searched, ends = self._ends(comparisons, [o for o in own if o.name == "skew"], tell)
         best: Laplace | None = None
         for n, (_, z) in enumerate(ends[:_TRIED]):

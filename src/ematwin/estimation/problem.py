@@ -9,7 +9,7 @@ coordinates for methods that follow slopes.
 import copy
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -77,6 +77,18 @@ class Prior:
         return Prior((*self.names, *other.names), np.concatenate([self.mean, other.mean]), total)
 
 
+class Residuals(NamedTuple):
+    """Residuals (..., K) by where they come from.
+
+    ``data`` are those that a search sees, ``evidence`` those of further channels
+    (`Comparison.with_evidence`), ``priors`` the distances from what was known before.
+    """
+
+    data: np.ndarray
+    evidence: np.ndarray
+    priors: np.ndarray
+
+
 class Problem:
     """What is searched: free unknowns over one or several recordings.
 
@@ -98,6 +110,8 @@ class Problem:
     start : (d,) array
     starts : (M, d) array
     noise : float, standard deviation of an independent residual: the unit in which priors count
+    trust : float, how far evidence counts: one over its noise in the unit of that expected, 1 at
+        most
     """
 
     def __init__(
@@ -126,6 +140,7 @@ class Problem:
         )
         self.chart = Chart(self.unknowns)
         self.noise = self.comparisons[0].noise
+        self.trust = 1.0
         self.prior = known = Prior.independent(self.unknowns) if prior is None else prior
         names = [one.name for one in self.unknowns]
         self._priors = [names.index(name) for name in known.names]
@@ -186,6 +201,10 @@ class Problem:
 
     def costs(self, points: np.ndarray) -> np.ndarray:
         """Sums of squares (B,) of points (B, d), priors included; infinite where one diverged."""
+        if self.has_evidence:
+            residuals = self.residuals(points)
+            squares = np.einsum("bk,bk->b", residuals, residuals)
+            return np.where(np.isfinite(squares), squares, np.inf)
         cost: Any = 0.0
         if self._priors:
             away = self.prior_distances(points)
@@ -195,11 +214,17 @@ class Problem:
         return np.asarray(cost)
 
     def residuals(self, points: np.ndarray) -> np.ndarray:
-        """Weighted residuals (B, K) of points (B, d): recordings in their order, then priors."""
+        """Weighted residuals (B, K) of points (B, d), as `split` takes them apart."""
         parts = [
             self._residuals_of(n, comparison, points)
             for n, comparison in enumerate(self.comparisons)
         ]
+        if self.has_evidence:
+            counts = [one.evidence for one in self.comparisons]
+            ends = [part.shape[1] - count for part, count in zip(parts, counts, strict=True)]
+            evidence = [part[:, end:] for part, end in zip(parts, ends, strict=True)]
+            parts = [part[:, :end] for part, end in zip(parts, ends, strict=True)]
+            parts += [self.noise * self.trust * part for part in evidence]
         if self._priors:
             parts.append(self.prior_distances(points))
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
@@ -275,9 +300,17 @@ class Problem:
         return np.asarray(self.noise * ((away - self._prior_mean) @ self._whiten))
 
     @property
-    def prior_rows(self) -> int:
-        """How many of the residuals, the last ones, are priors."""
-        return len(self._priors)
+    def has_evidence(self) -> bool:
+        """Whether further channels count beside those that a search sees."""
+        return any(one.evidence for one in self.comparisons)
+
+    def split(self, residuals: np.ndarray) -> Residuals:
+        """Residuals (..., K) by where they come from; recordings in their order."""
+        priors = residuals.shape[-1] - len(self._priors)
+        data = priors - sum(one.evidence for one in self.comparisons)
+        return Residuals(
+            residuals[..., :data], residuals[..., data:priors], residuals[..., priors:]
+        )
 
     def holding(self, values: Mapping[str, float]) -> "Problem":
         """The problem in which some of the free unknowns are held at values; not those ``@``."""
@@ -292,7 +325,7 @@ class Problem:
             own=[one.name for one in self._each],
             start=dict(zip(self.names, self.start, strict=True)), prior=self.prior.given(logs),
         )  # fmt: skip
-        other.noise = self.noise
+        other.noise, other.trust = self.noise, self.trust
         return other
 
     def with_noise(self, noise: float) -> "Problem":
@@ -300,6 +333,26 @@ class Problem:
         other = copy.copy(self)
         other.noise = noise
         return other
+
+    def weighed(self, residuals: np.ndarray, least_noise: float = 0.0) -> "Problem":
+        """The same problem with the noise that residuals (K,) at a good point show.
+
+        Evidence counts by the noise of its own, where that is more than was expected.
+        """
+        left = self.split(residuals)
+        other = self.with_noise(max(self.noise_of(left.data), least_noise))
+        if self.has_evidence:
+            count = sum(one.independent for one in self.comparisons if one.evidence)
+            unit = self.noise * self.trust
+            found = float(np.sqrt(left.evidence @ left.evidence / count)) / unit
+            other.trust = 1.0 / max(1.0, found)
+        return other
+
+    def noise_of(self, data: np.ndarray) -> float:
+        """Standard deviation of an independent residual, from those that are left, (K,)."""
+        scale = sum(one.scale for one in self.comparisons)
+        independent = sum(one.independent for one in self.comparisons)
+        return float(np.sqrt((data @ data) / independent)) or 1e-9 * float(np.sqrt(scale))
 
 
 def unknowns_of(

@@ -16,10 +16,12 @@ from typing import Any, Protocol, cast
 import numpy as np
 
 from ematwin.errors import InputError
+from ematwin.estimation.interrupt import noting_interrupts
 from ematwin.estimation.problem import Problem
 from ematwin.optimizers.base import Optimizer
 from ematwin.optimizers.minimize import ITERATIONS, POPULATION, minimize
 
+Progress = Callable[[int, float, int], None]
 Report = Callable[[int, float], None]
 """Called with evaluations and best cost after each batch; may raise to end the search."""
 
@@ -233,3 +235,29 @@ def named(
         return LocalDescent()
     path = None if checkpoint is None else Path(checkpoint)
     return Population(algorithm, population, iterations, path)
+
+
+def find(
+    problem: Problem,
+    search: Search,
+    *,
+    budget: int | None = None,
+    seed: int = 1,
+    progress: Progress | None = None,
+) -> Found:
+    """Run a search on a problem: the one way, for `identify` and for studies alike.
+
+    ``progress`` is called with evaluations, best cost and budget after each batch; it may raise to
+    end the search.
+    """
+    total = search.planned if budget is None else budget
+    with noting_interrupts() as interrupts:
+
+        def report(evaluations: int, cost: float) -> None:
+            interrupts.check()
+            if progress is not None:
+                progress(evaluations, cost, total)
+
+        found = search.run(problem, budget=budget, seed=seed, report=report)
+        interrupts.pressed = False
+    return found

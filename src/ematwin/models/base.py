@@ -117,6 +117,7 @@ class Model(ABC):
         a recording; the default is that measured for the brushless actuator
     fidelities : names of its models for `simulate`, the default first
     sample_rate : Hz, of what `simulate` gives where nothing else is said
+    on_request : channels that `simulate` gives only where they are asked for (``also``)
     nominal : places of the parameters that healthy recordings may determine, each with how far
         (as a factor, one standard deviation) a template may be off
     fixed : places of parameters that cannot be searched, because a batch shares them: the step
@@ -140,6 +141,7 @@ class Model(ABC):
     model_error: ClassVar[float] = 2.5
     fidelities: ClassVar[tuple[str, ...]] = ("twin",)
     sample_rate: ClassVar[float] = 1000.0
+    on_request: ClassVar[tuple[str, ...]] = ()
     nominal: ClassVar[Mapping[str, float]] = {}
     fixed: ClassVar[tuple[str, ...]] = ()
     covariate: ClassVar[str | None] = None

@@ -37,6 +37,10 @@ class Comparison(ABC):
     independent : float, how many independent residuals there are
     expected_misfit : float, root of the cost over the scale that the noise alone leaves
     whitened : whether residuals are in standard deviations of the noise
+    evidence : how many of the residuals, the last ones, are of further channels that count where
+        intervals are formed (`with_evidence`); in their standard deviations
+    tells : names of pivots of aliases (`Model.aliases`) that this evidence tells from the others
+    ignores : names of nuisances of the kind that have no effect on what is compared
     """
 
     recording: Recording
@@ -48,6 +52,9 @@ class Comparison(ABC):
     independent: float = 1.0
     expected_misfit: float = 0.0
     whitened: bool = False
+    evidence: int = 0
+    tells: frozenset[str] = frozenset()
+    ignores: frozenset[str] = frozenset()
 
     @abstractmethod
     def residuals(self, candidates: Candidates, count: int) -> np.ndarray:
@@ -70,6 +77,14 @@ class Comparison(ABC):
     @abstractmethod
     def captions(self) -> dict[str, tuple[str, str]]:
         """Title and unit of each compared channel, for figures."""
+
+    def with_evidence(self) -> "Comparison":
+        """The same comparison with what further channels of the recording tell; itself by default.
+
+        Channels such as voltages need nuisances of their own, which a search does not have: they
+        join where all that is unknown is free.
+        """
+        return self
 
     def smoothed(self) -> "Comparison | None":
         """The same comparison where its misfit is smooth over wide valleys; None if it has none."""

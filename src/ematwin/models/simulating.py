@@ -1,6 +1,6 @@
 """`simulate`: an actuator of any kind, a scenario and faults in, a recording out."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,7 @@ def simulate(
     noise: Noise | None = None,
     seed: int = 0,
     initial_position: float = 0.0,
+    also: Iterable[str] = (),
     progress: Callable[[float], None] | None = None,
 ) -> Recording:
     """The response of an actuator with some faults to a scenario.
@@ -43,11 +44,13 @@ def simulate(
     noise : imperfections of the current measurement, or None
     seed : int, of the noise
     initial_position : float, rad on the output, at rest
+    also : channels that are only given on request, such as voltage_a; those of a kind stand in
+        `Model.on_request`
     progress : called with the share done, in [0, 1], now and then
 
     Returns
     -------
-    Recording, with all channels that the kind knows of, commanded and answered
+    Recording, with command, answer and what ``also`` asks for
 
     Raises
     ------
@@ -64,6 +67,13 @@ def simulate(
             f"{' or '.join(kind.fidelities)}."
         )
     check_seed(seed)
+    more = tuple(dict.fromkeys([also] if isinstance(also, str) else also))
+    unknown = [name for name in more if name not in kind.on_request]
+    if unknown:
+        raise InputError(
+            f"A simulation of the kind {kind.kind} cannot also give {unknown[0]}; "
+            f"it can give {', '.join(kind.on_request) or 'nothing more'}."
+        )
     return kind.simulate(
         chosen,
         kind.load_scenario(scenario),
@@ -75,6 +85,7 @@ def simulate(
         seed=seed,
         initial_position=initial_position,
         progress=progress,
+        **({"also": more} if more else {}),
     )
 
 

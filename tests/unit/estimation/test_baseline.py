@@ -13,7 +13,7 @@ from ematwin.errors import ParameterError
 from ematwin.estimation.baseline import (
     Baseline,
     baseline_of,
-    marginal,
+    effective,
     searched_range,
     uncertain,
     with_nuisances,
@@ -174,8 +174,13 @@ def test_drift_widens_what_is_calibrated_and_nothing_else() -> None:
 
 
 def test_nuisances_that_a_baseline_knows_keep_what_it_knows() -> None:
-    nuisances = marginal(MODEL.unknowns(ACTUATOR))
+    currents = SimpleNamespace(ignores=frozenset({"power_gain", "power_offset", "voltage_drop"}))
+    phases = SimpleNamespace(ignores=frozenset({"voltage_drop"}))
+    nuisances = effective(MODEL.unknowns(ACTUATOR), [currents])
     assert {"skew", "load_gain", "current_gain"} <= {one.name for one in nuisances}
+    assert "power_gain" not in {one.name for one in nuisances}
+    both = {one.name for one in effective(MODEL.unknowns(ACTUATOR), [currents, phases])}
+    assert both - {one.name for one in nuisances} == {"power_gain", "power_offset"}
     found = with_nuisances(KNOWN.prior, nuisances)
     assert set(found.names) == {*NAMES, *(one.name for one in nuisances)}
     assert found.mean[found.names.index("load_gain")] == 1.0 / 3.0

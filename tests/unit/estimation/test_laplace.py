@@ -115,7 +115,7 @@ def test_widened_is_the_covariance_with_so_much_more_noise(regressed) -> None:
 def test_the_noise_is_what_is_left_for_each_independent_residual(regressed) -> None:
     problem, *_ = regressed
     peak = laplace(problem, problem.start)
-    left = problem.residuals(peak.point[None])[0, : -problem.prior_rows]
+    left = problem.split(problem.residuals(peak.point[None])[0]).data
     assert peak.cost == pytest.approx(left @ left, rel=1e-9)
     assert peak.problem.noise == pytest.approx(np.sqrt(peak.cost / 60), rel=1e-9)
 

@@ -62,10 +62,10 @@ def mahalanobis(away: np.ndarray, covariance: np.ndarray) -> np.ndarray:
 def test_prior_rows_are_the_mahalanobis_distance_in_units_of_the_noise() -> None:
     problem = Problem([Line(1.0)], [SLOPE, MASS, OFFSET], prior=PRIOR)
     points = points_of(problem, 20)
-    rows = problem.residuals(points)[:, -problem.prior_rows :]
+    rows = problem.split(problem.residuals(points)).priors
     expected = mahalanobis(coordinates(points) - MEAN, COVARIANCE)
     assert np.allclose((rows**2).sum(axis=1), problem.noise**2 * expected)
-    data = (problem.residuals(points)[:, : -problem.prior_rows] ** 2).sum(axis=1)
+    data = (problem.split(problem.residuals(points)).data ** 2).sum(axis=1)
     assert np.allclose(problem.costs(points), data + problem.noise**2 * expected)
 
 
@@ -171,4 +171,4 @@ def test_points_that_differ_for_another_recording_are_simulated_once_and_answer_
         ])
         for p in points
     ]  # fmt: skip
-    assert np.allclose(found[:, : -problem.prior_rows], slow, rtol=0.0, atol=1e-14)
+    assert np.allclose(problem.split(found).data, slow, rtol=0.0, atol=1e-14)

@@ -5,9 +5,8 @@ import pytest
 
 from ematwin import BldcActuator, Faults, Noise, Problem, Recording, identify, simulate
 from ematwin.errors import InputError
-from ematwin.estimation.identify import find
 from ematwin.estimation.problem import unknowns_of
-from ematwin.estimation.search import method_name, methods, named
+from ematwin.estimation.search import find, method_name, methods, named
 from ematwin.models.comparison import Comparison
 from ematwin.models.registry import model_of
 from ematwin.models.unknown import Unknown

@@ -9,7 +9,7 @@ from ematwin.models.bldc import comparison as comparing
 from ematwin.models.bldc.batch import LANES, monitor_trace, sample_at
 from ematwin.models.bldc.comparison import BldcComparison, advanced
 from ematwin.models.bldc.constants import constants_by_candidate, kernel_constants
-from ematwin.models.bldc.unknowns import CONTRASTS, FAULTS, LOAD, SENSOR, aliases, nuisances
+from ematwin.models.bldc.unknowns import CONTRASTS, FAULTS, LOAD, POWER, SENSOR, aliases, nuisances
 from ematwin.models.registry import model_of
 from ematwin.models.scenario import Scenario
 from ematwin.numerics.low_pass import LowPass
@@ -175,7 +175,7 @@ def test_gain_and_offset_of_the_current_are_put_on_the_answer(record) -> None:
     assert np.allclose(found, 0.97 * response(record) + 0.05, rtol=0.0, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", [*LOAD, *SENSOR])
+@pytest.mark.parametrize("name", [*LOAD, *(name for name in SENSOR if name not in POWER)])
 def test_costs_and_residuals_show_every_nuisance(record, name) -> None:
     spread = next(one.spread for one in nuisances(ACTUATOR) if one.name == name)
     subject = BldcComparison(record, ACTUATOR, threads=1)

@@ -27,9 +27,8 @@ from ematwin.comparison.study.history import PackedHistory, pack
 from ematwin.comparison.study.run import RunResult, RunSpec
 from ematwin.comparison.study.subject import Subject
 from ematwin.errors import EmatwinError
-from ematwin.estimation.identify import find
 from ematwin.estimation.problem import Problem
-from ematwin.estimation.search import named
+from ematwin.estimation.search import find, named
 from ematwin.models.scenario import Scenario
 from ematwin.recordings.noise import Noise
 

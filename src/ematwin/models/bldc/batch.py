@@ -26,8 +26,11 @@ LANES = 32  # candidates side by side: four AVX-512 registers hide the latency o
 REFERENCE_COLUMNS = (
     "current_a", "current_b", "current_c", "motor_position", "motor_speed", "output_position",
     "output_speed", "e_electrical", "e_copper", "e_mechanical",
+    "voltage_a", "voltage_b", "voltage_c", "bus_current",
 )  # fmt: skip
-MONITOR_COLUMNS = ("current", "motor_position", "motor_speed", "output_position", "output_speed")
+MONITOR_COLUMNS = (
+    "current", "motor_position", "motor_speed", "output_position", "output_speed", "power",
+)  # fmt: skip
 
 OK = 0
 DIVERGED = 1
@@ -60,8 +63,8 @@ def reference_trace(k, command, load, state, c, dt, substeps, decimation):
 
     Returns
     -------
-    ((G - 1) // decimation, 10) array, columns as in `REFERENCE_COLUMNS`, the samples after the
-        start; a current is the mean over the interval that ends at its sample
+    ((G - 1) // decimation, 14) array, columns as in `REFERENCE_COLUMNS`, the samples after the
+        start; a current or voltage is the mean over the interval that ends at its sample
     """
     fault = fault_state(k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7], c.half_gap)
     phases = phase_constants(fault, c)
@@ -70,22 +73,30 @@ def reference_trace(k, command, load, state, c, dt, substeps, decimation):
         state[8], state[9], state[10],
     )  # fmt: skip
     samples = (command.size - 1) // decimation
-    trace = np.empty((samples, 10))
+    trace = np.empty((samples, 14))
     share = 1.0 / (substeps * decimation)
     for sample in range(samples):
         sum_a = 0.0
         sum_b = 0.0
         sum_c = 0.0
+        sum_va = 0.0
+        sum_vb = 0.0
+        sum_vc = 0.0
+        sum_bus = 0.0
         for g in range(sample * decimation, (sample + 1) * decimation):
             d_command = (command[g + 1] - command[g]) / substeps
             d_load = (load[g + 1] - load[g]) / substeps
             for j in range(substeps):
-                now, i_a, i_b, i_c = reference_step(
+                now, i_a, i_b, i_c, supply = reference_step(
                     now, command[g] + j * d_command, load[g] + j * d_load, fault, phases, c, dt
                 )
                 sum_a += i_a
                 sum_b += i_b
                 sum_c += i_c
+                sum_va += supply.v_a
+                sum_vb += supply.v_b
+                sum_vc += supply.v_c
+                sum_bus += supply.i_bus
         trace[sample, 0] = sum_a * share
         trace[sample, 1] = sum_b * share
         trace[sample, 2] = sum_c * share
@@ -96,6 +107,10 @@ def reference_trace(k, command, load, state, c, dt, substeps, decimation):
         trace[sample, 7] = now.e_electrical
         trace[sample, 8] = now.e_copper
         trace[sample, 9] = now.e_mechanical
+        trace[sample, 10] = sum_va * share
+        trace[sample, 11] = sum_vb * share
+        trace[sample, 12] = sum_vc * share
+        trace[sample, 13] = sum_bus * share
     for n, value in enumerate(now):
         state[n] = value
     return trace
@@ -109,27 +124,33 @@ def monitor_trace(k, command, load, state, c, dt, substeps, decimation):
 
     Returns
     -------
-    ((G - 1) // decimation, 5) array, columns as in `MONITOR_COLUMNS`; the current is signed
+    ((G - 1) // decimation, 6) array, columns as in `MONITOR_COLUMNS`; the current is signed, the
+        power is electrical, into the motor
     """
     fault = fault_state(k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7], c.half_gap)
     now = MonitorState(state[0], state[1], state[2], state[3], state[4])
     samples = (command.size - 1) // decimation
-    trace = np.empty((samples, 5))
+    trace = np.empty((samples, 6))
     share = 1.0 / (substeps * decimation)
     for sample in range(samples):
         total = 0.0
+        energy = 0.0
         for g in range(sample * decimation, (sample + 1) * decimation):
             d_command = (command[g + 1] - command[g]) / substeps
             d_load = (load[g + 1] - load[g]) / substeps
             for j in range(substeps):
                 load_now = c.load_gain * (load[g] + j * d_load) + c.load_offset
-                now, i_mean = monitor_step(now, command[g] + j * d_command, load_now, fault, c, dt)
+                now, i_mean, p_mean = monitor_step(
+                    now, command[g] + j * d_command, load_now, fault, c, dt
+                )
                 total += i_mean
+                energy += p_mean
         trace[sample, 0] = total * share
         trace[sample, 1] = now.theta_m
         trace[sample, 2] = now.w_m
         trace[sample, 3] = now.theta_o
         trace[sample, 4] = now.w_o
+        trace[sample, 5] = energy * share
     for n, value in enumerate(now):
         state[n] = value
     return trace
@@ -138,7 +159,7 @@ def monitor_trace(k, command, load, state, c, dt, substeps, decimation):
 @loop
 def monitor_scores(
     k, command, load, state, c, by_candidate, dt, substeps, taps, rectify, target, weight,
-    costs, status, response,
+    costs, status, response, power,
 ):  # fmt: skip
     """Simulate and score a batch of candidates in one pass.
 
@@ -160,6 +181,8 @@ def monitor_scores(
     status : (B,) integer array, filled with `OK` or `DIVERGED` (cost infinite)
     response : (B, K) array, filled with every ceil(S/K)-th sample of the filtered currents, or
         (0, 0) to keep none
+    power : None; or a pair: (2,) array, state of the low-pass of the electrical power at the
+        start, and (B, K) array, filled with as many samples of the power, W
     """
     wide_vectors()
     samples = target.size
@@ -181,6 +204,9 @@ def monitor_scores(
     w_o = np.empty(LANES)
     theta_o = np.empty(LANES)
     total = np.empty(LANES)
+    energy = np.empty(LANES)
+    y1 = np.empty(LANES)
+    y2 = np.empty(LANES)
     z1 = np.empty(LANES)
     z2 = np.empty(LANES)
     cost = np.empty(LANES)
@@ -220,10 +246,17 @@ def monitor_scores(
             z1[n] = taps[5]
             z2[n] = taps[6]
             cost[n] = nothing
+            if power is not None:
+                y1[n] = power[0][0]
+                y2[n] = power[0][1]
         if keep:
             response[first : first + LANES, 0] = target[0]
+            if power is not None:
+                power[1][first : first + LANES, 0] = 0.0  # the start counts nothing
         for sample in range(1, samples):
             total[:] = 0.0
+            if power is not None:
+                energy[:] = 0.0
             d_command = (command[sample] - command[sample - 1]) * share
             d_load = (load[sample] - load[sample - 1]) * share
             if by_candidate is not None:
@@ -240,7 +273,7 @@ def monitor_scores(
                     else:
                         c_n = lane_constants(own, n)
                         load_now = late_load[n] + j * d_late[n]
-                    now, i_mean = monitor_step(
+                    now, i_mean, p_mean = monitor_step(
                         MonitorState(i[n], w_m[n], theta_m[n], w_o[n], theta_o[n]),
                         command_now,
                         c_n.load_gain * load_now + c_n.load_offset,
@@ -257,6 +290,8 @@ def monitor_scores(
                     w_o[n] = now.w_o
                     theta_o[n] = now.theta_o
                     total[n] += i_mean
+                    if power is not None:
+                        energy[n] += p_mean
             for n in range(LANES):
                 x = total[n] * share
                 x = abs(x) if rectify else x
@@ -266,9 +301,19 @@ def monitor_scores(
                 total[n] = y
                 error = target[sample] - y
                 cost[n] += weight[sample] * error * error
+            if power is not None:
+                for n in range(LANES):
+                    x = energy[n] * share
+                    y = b0 * x + y1[n]
+                    y1[n] = b1 * x - a1 * y + y2[n]
+                    y2[n] = b2 * x - a2 * y
+                    energy[n] = y
             if keep and sample % stride == 0:
                 for n in range(LANES):
                     response[first + n, sample // stride] = total[n]
+                if power is not None:
+                    for n in range(LANES):
+                        power[1][first + n, sample // stride] = energy[n]
         for n in range(LANES):
             finite = math.isfinite(cost[n])
             costs[first + n] = cost[n] if finite else math.inf

@@ -18,6 +18,14 @@ def _phase(letter: str, others: str) -> Channel:
     )  # fmt: skip
 
 
+def _voltage(letter: str) -> Channel:
+    """A terminal of the motor, as a mean over the sampling interval."""
+    return Channel(
+        f"voltage_{letter}", "V", f"voltage at terminal {letter}, all against one point",
+        (f"v_{letter}", f"u_{letter}"), is_mean=True,
+    )  # fmt: skip
+
+
 CHANNELS = (
     Channel("command", "rad", "commanded output position", ("cmd", "setpoint"), "output"),
     Channel("load", "N*m", "load on the output, against positive motion",
@@ -30,8 +38,13 @@ CHANNELS = (
     Channel("motor_speed", "rad/s", "motor shaft speed", ("omega_m",), "motor"),
     Channel("output_position", "rad", "output angle", ("theta_o",), "output"),
     Channel("output_speed", "rad/s", "output speed", ("omega_o",), "output"),
+    *(_voltage(letter) for letter in "abc"),
+    Channel("bus_current", "A", "current out of the supply", ("i_bus", "i_dc"), is_mean=True),
+    Channel("bus_voltage", "V", "voltage of the supply", ("v_bus", "v_dc", "u_dc"), is_mean=True),
 )  # fmt: skip
 PHASES = ("current_a", "current_b", "current_c")
 CURRENTS = (*PHASES, "current")
+VOLTAGES = ("voltage_a", "voltage_b", "voltage_c")
+ON_REQUEST = (*VOLTAGES, "bus_current", "bus_voltage")  # of a simulation
 UNITS = {channel.name: channel.unit for channel in (TIME, *CHANNELS)}
 COLUMNS = tuple(UNITS)

@@ -19,7 +19,9 @@ from ematwin.errors import RecordError
 from ematwin.models.bldc.constants import constants_by_candidate, kernel_constants
 from ematwin.models.bldc.envelope import current_envelope, signed_current
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.models.bldc.unknowns import SENSOR, UNKNOWNS
+from ematwin.models.bldc.power import Power, recorded_power
+from ematwin.models.bldc.state import V_SUPPLY
+from ematwin.models.bldc.unknowns import POWER, SENSOR, UNKNOWNS
 from ematwin.models.comparison import Candidates, Comparison
 from ematwin.numerics.low_pass import LowPass
 from ematwin.numerics.misfit import SlopeWeighting
@@ -34,6 +36,22 @@ _BLOCKS = 4  # of lanes in a task at most: an interrupt waits for no more than o
 
 
 @dataclass(frozen=True)
+class PowerStretch:
+    """Recorded power over a stretch.
+
+    Attributes
+    ----------
+    target : (S,) array, W, filtered
+    weights : (S,) array, 1/W^2
+    state : (2,) array, of the low-pass at the first sample
+    """
+
+    target: np.ndarray
+    weights: np.ndarray
+    state: np.ndarray
+
+
+@dataclass(frozen=True)
 class Stretch:
     """A stretch of a recording on the monitor model's time base, and where it starts.
 
@@ -45,6 +63,7 @@ class Stretch:
     state : (5,) array, of the monitor model at the first sample
     taps : (7,) array, of the low-pass and its state at the first sample
     kept : samples of a response that are kept at most
+    power : where it counts
     """
 
     command: np.ndarray
@@ -54,6 +73,7 @@ class Stretch:
     state: np.ndarray
     taps: np.ndarray
     kept: int
+    power: PowerStretch | None = None
 
 
 class BldcComparison(Comparison):
@@ -78,6 +98,7 @@ class BldcComparison(Comparison):
     step, substeps : step of the monitor model (s), and how many make a sampling interval
     rectify : whether magnitudes are compared
     threads : threads that share a batch
+    power : the electrical power, where it counts as evidence
 
     Raises
     ------
@@ -86,6 +107,9 @@ class BldcComparison(Comparison):
     InputError
         If it is sampled too slowly for the filter.
     """
+
+    power: Power | None = None
+    ignores = frozenset(POWER)
 
     def __init__(
         self,
@@ -142,6 +166,18 @@ class BldcComparison(Comparison):
         other.target = self.target - missed.get("current", 0.0)
         return other
 
+    def with_evidence(self) -> "BldcComparison":
+        """With the electrical power, where voltages or the current of the supply tell it."""
+        power = recorded_power(self.recording, self.actuator)
+        if power is None:
+            return self
+        other = copy.copy(self)
+        other.power = power
+        other.ignores = frozenset({"voltage_drop"} if power.by_phases else ())
+        other.tells = frozenset({"current_gain"} if power.by_phases else ())
+        other.evidence = other.kept_of(other.stretch)
+        return other
+
     def smoothed(self) -> "BldcComparison":
         """Through a low-pass of `SMOOTH_CUTOFF` at most."""
         return self.with_cutoff(min(SMOOTH_CUTOFF, self.low_pass.cutoff))
@@ -156,8 +192,20 @@ class BldcComparison(Comparison):
     def stretch(self) -> Stretch:
         """The whole recording."""
         return Stretch(
-            self.command, self.load, self.target, self.weights, self.state, self.taps, KEPT
-        )
+            self.command, self.load, self.target, self.weights, self.state, self.taps, KEPT,
+            self._power_stretch(),
+        )  # fmt: skip
+
+    def _power_stretch(self) -> PowerStretch | None:
+        """The power of the whole recording: its squared residuals add up to `independent`."""
+        if self.power is None:
+            return None
+        rate = self.recording.sample_rate
+        filtered = self.low_pass.apply(self.power.watts, rate)
+        error = self.power.error(filtered, self.low_pass, rate)
+        counting = self.weights > 0.0
+        weights = counting * self.independent / (counting.sum() * error**2)
+        return PowerStretch(filtered, weights, self.low_pass.taps(rate, float(filtered[0]))[5:])
 
     def _filter(self, low_pass: LowPass, weighting: SlopeWeighting) -> None:
         """Form target, weights and filter for a low-pass."""
@@ -202,28 +250,38 @@ class BldcComparison(Comparison):
 
     def residuals(self, candidates: Candidates, count: int) -> np.ndarray:
         """Weighted residuals (B, K): the sum of their squares is the cost."""
-        return self.residuals_of(self.stretch, self.batch(candidates, count), spread=True)
+        parts = self.residuals_of(self.stretch, self.batch(candidates, count), spread=True)
+        return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
 
-    def residuals_of(self, stretch: Stretch, batch: "Batch", *, spread: bool) -> np.ndarray:
-        """Weighted residuals (B, K) over a stretch.
+    def residuals_of(self, stretch: Stretch, batch: "Batch", *, spread: bool) -> list[np.ndarray]:
+        """Weighted residuals (B, K) over a stretch: of the current and, as evidence, the power.
 
         Of a long one only every so many samples are kept, weighted accordingly: the low-pass
         leaves nothing in between, and memory stays bounded.
         """
-        rate = self.recording.sample_rate
-        most = max(1, int(rate / (_OVERSAMPLING * self.low_pass.cutoff)))
+        count = self.kept_of(stretch)
+        stride = -(-stretch.target.size // count)
+        interval, thin = stride * self.recording.interval, slice(None, None, stride)
+        costs, response, watts = self.run(stretch, batch, count, spread=spread)
+        response[~np.isfinite(costs)] = np.nan  # a friction that is no number holds all at rest
+        found = []
+        if stretch.power is not None:
+            watts = self._sensed_power(watts, response, batch, interval)
+            watts -= stretch.power.target[thin]
+            found.append(watts * np.sqrt(stride * stretch.power.weights[thin]))
+        response = self._sensed(response, batch, interval)
+        response -= stretch.target[thin]
+        response *= np.sqrt(stride * stretch.weights[thin])
+        return [response, *found]
+
+    def kept_of(self, stretch: Stretch) -> int:
+        """How many samples of a response over a stretch are kept."""
+        most = max(1, int(self.recording.sample_rate / (_OVERSAMPLING * self.low_pass.cutoff)))
         size = stretch.target.size
         wished = min(most, -(-size // stretch.kept))
         kept = -(-size // wished)
         stride = -(-size // kept)
-        costs, response = self.run(stretch, batch, kept, spread=spread)
-        response = response[:, : -(-size // stride)]
-        response[~np.isfinite(costs)] = np.nan  # a friction that is no number holds all at rest
-        response = self._sensed(response, batch, stride * self.recording.interval)
-        thin = slice(None, None, stride)
-        response -= stretch.target[thin]
-        response *= np.sqrt(stride * stretch.weights[thin])
-        return response
+        return -(-size // stride)
 
     def batch(self, candidates: Candidates, count: int) -> "Batch":
         """Candidates as the kernel takes them."""
@@ -244,10 +302,31 @@ class BldcComparison(Comparison):
             response = response + sensor["current_offset"][:, None]
         return response
 
+    def _sensed_power(
+        self, watts: np.ndarray, response: np.ndarray, batch: "Batch", interval: float
+    ) -> np.ndarray:
+        """Power (B, K) as it would be recorded beside currents (B, K)."""
+        assert self.power is not None
+        sensor = batch.sensor
+        if "voltage_drop" in sensor:
+            watts = watts + sensor["voltage_drop"][:, None] * np.abs(response)
+        if "skew" in sensor:
+            watts = advanced(watts, sensor["skew"] / interval)
+        gain = np.ones(len(watts)) * sensor.get("power_gain", 1.0)
+        if self.power.by_phases:
+            gain *= sensor.get("current_gain", 1.0)
+        elif self.power.nominal_supply is not None and batch.constants is not None:
+            gain *= self.power.nominal_supply / batch.constants[:, V_SUPPLY]
+        offset = np.zeros(len(watts)) + sensor.get("power_offset", 0.0)
+        return np.asarray(gain[:, None] * watts + offset[:, None])
+
     def run(
         self, stretch: Stretch, batch: "Batch", kept: int, *, spread: bool
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Costs (B,) and responses (B, kept) over a stretch; ``spread`` over the threads."""
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Costs (B,), responses (B, kept) and, if it counts, power (B, kept), W, over a stretch.
+
+        ``spread`` over the threads.
+        """
         from ematwin.models.bldc.batch import LANES, monitor_scores
 
         count = len(batch.faults)
@@ -257,6 +336,8 @@ class BldcComparison(Comparison):
         costs = np.empty(len(lanes))
         status = np.empty(len(lanes), dtype=np.int64)
         response = np.empty((len(lanes), kept) if kept else (0, 0))
+        power = stretch.power if kept else None
+        watts = np.empty((0, 0) if power is None else (len(lanes), kept))
 
         each = max(1, min(_BLOCKS, blocks // self.threads)) if spread else blocks
 
@@ -267,10 +348,11 @@ class BldcComparison(Comparison):
                 None if own is None else own[part], self.step, self.substeps, stretch.taps,
                 self.rectify, stretch.target, stretch.weights,
                 costs[part], status[part], response[part],
+                None if power is None else (power.state, watts[part]),
             )  # fmt: skip
 
         self.share(work, range(0, blocks, each), spread=spread)
-        return costs[:count], response[:count]
+        return costs[:count], response[:count], watts[:count]
 
     def share(self, work: Callable[[Any], None], tasks: Any, *, spread: bool = True) -> None:
         """Do tasks, on several threads if there are several."""

@@ -1,12 +1,13 @@
 """The brushless actuator as a `Model`: its only door to search, reports and commands."""
 
+from collections.abc import Collection
 from typing import Any, ClassVar
 
 import numpy as np
 
 from ematwin.errors import InputError
 from ematwin.models.base import Model, Progress, Reported, Signal, Values
-from ematwin.models.bldc.channels import CHANNELS, PHASES
+from ematwin.models.bldc.channels import CHANNELS, ON_REQUEST, PHASES
 from ematwin.models.bldc.faults import (
     PAPER_CASES,
     Faults,
@@ -36,6 +37,7 @@ class BldcModel(Model):
     needs: ClassVar[tuple[tuple[tuple[str, ...], ...], ...]] = ((PHASES, ("current",)),)
     fidelities: ClassVar[tuple[str, ...]] = ("reference", "monitor")
     sample_rate: ClassVar[float] = 20_000.0
+    on_request: ClassVar[tuple[str, ...]] = ON_REQUEST
     fixed: ClassVar[tuple[str, ...]] = FIXED
     # Parameters that a healthy recording may determine, and how far a template may be off.
     nominal: ClassVar[dict[str, float]] = {
@@ -130,6 +132,7 @@ class BldcModel(Model):
         noise: Noise | None = None,
         seed: int = 0,
         initial_position: float = 0.0,
+        also: Collection[str] = (),
         progress: Progress | None = None,
     ) -> Recording:
         """The response of the reference model, or of the monitor model."""
@@ -150,6 +153,7 @@ class BldcModel(Model):
             noise=noise,
             seed=seed,
             initial_position=initial_position,
+            also=also,
             progress=progress,
         )
 

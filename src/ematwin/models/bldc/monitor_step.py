@@ -57,7 +57,10 @@ def equivalent_phase(theta_m, fault, c):
 
 @step
 def monitor_step(state, command, load, fault, c, dt):
-    """Advance the monitor model by ``dt``; gives the state and the mean current of the step."""
+    """Advance the monitor model by ``dt``.
+
+    Gives the state, and the mean current and the mean electrical power of the step.
+    """
     r_eq, l_eq, kappa_eq = equivalent_phase(state.theta_m, fault, c)
     i_ref = current_reference(
         command, state.theta_o, state.w_m, c.k_position * fault.gain, c.k_speed, c.w_max,
@@ -68,6 +71,7 @@ def monitor_step(state, command, load, fault, c, dt):
     reach = dt / l_eq
     i = clip(i_ref, state.i - reach * (c.v_supply + drop), state.i + reach * (c.v_supply - drop))
     i_mean = 0.5 * (state.i + i)
+    p_mean = i_mean * (r_eq * i_mean + kappa_eq * state.w_m + (i - state.i) / reach)
 
     act_m = kappa_eq * i_mean - c.viscous * state.w_m
     td_m = fault.friction * c.t_m
@@ -83,4 +87,4 @@ def monitor_step(state, command, load, fault, c, dt):
     theta_m, w_m = stop_at_ends(
         theta_m, w_m, c.travel_low - fault.half_gap, c.travel_high + fault.half_gap
     )
-    return MonitorState(i, w_m, theta_m, w_o, theta_o), i_mean
+    return MonitorState(i, w_m, theta_m, w_o, theta_o), i_mean, p_mean

@@ -15,6 +15,7 @@ import numpy as np
 from ematwin.models.bldc.comparison import (
     KEPT,
     BldcComparison,
+    PowerStretch,
     Stretch,
     initial_state,
     with_speeds,
@@ -57,7 +58,13 @@ class Restarted(Comparison):
         self.stretches = _stretches(whole, starts.tolist(), samples)
         self.noise, self.expected_misfit = whole.noise, whole.expected_misfit
         self.independent = whole.independent
+        self.ignores, self.tells = whole.ignores, whole.tells
+        self.evidence = sum(whole.kept_of(s) for s in self.stretches if s.power is not None)
         self.scale = sum(float(np.sum(s.weights * s.target**2)) for s in self.stretches)
+
+    def with_evidence(self) -> "Restarted":
+        """With the electrical power, where it was recorded."""
+        return Restarted(self._whole.with_evidence(), self._length)
 
     def smoothed(self) -> "Restarted":
         """The same comparison through the smoothing low-pass."""
@@ -89,13 +96,14 @@ class Restarted(Comparison):
     def residuals(self, candidates: Candidates, count: int) -> np.ndarray:
         """Weighted residuals (B, K): the sum of their squares is the cost."""
         batch = self._whole.batch(candidates, count)
-        parts: list[np.ndarray] = [np.empty(0)] * len(self.stretches)
+        parts: list[list[np.ndarray]] = [[]] * len(self.stretches)
 
         def work(n: int) -> None:
             parts[n] = self._whole.residuals_of(self.stretches[n], batch, spread=False)
 
         self._whole.share(work, range(len(self.stretches)))
-        return np.concatenate(parts, axis=1)
+        in_order = [part for kind in zip(*parts, strict=True) for part in kind]
+        return np.concatenate(in_order, axis=1)
 
 
 def _stretches(whole: BldcComparison, starts: list[int], samples: int) -> tuple[Stretch, ...]:
@@ -104,24 +112,34 @@ def _stretches(whole: BldcComparison, starts: list[int], samples: int) -> tuple[
 
     b, a, z = whole.taps[:3], np.r_[1.0, whole.taps[3:5]], whole.taps[5:]
     recording = with_speeds(whole.recording)
+    power = whole.stretch.power
+    y = None if power is None else power.state
     stretches, filtered = [], 0
     for start in starts:
         # the filter goes on from the recorded current, so that a stretch has no transient
         _, z = lfilter(b, a, whole.current[filtered : start + 1], zi=z)
-        filtered = start + 1
         span = slice(start, start + samples + 1)
-        weights = whole.weights[span].copy()
-        weights[0] = 0.0
+        own_power = None
+        if power is not None and whole.power is not None:
+            _, y = lfilter(b, a, whole.power.watts[filtered : start + 1], zi=y)
+            own_power = PowerStretch(power.target[span], _but_first(power.weights[span]), y)
+        filtered = start + 1
         current = None if whole.rectify else float(whole.current[start])
         stretches.append(
             Stretch(
                 whole.command[span],
                 whole.load[span],
                 whole.target[span],
-                weights,
+                _but_first(whole.weights[span]),
                 initial_state(recording, whole.actuator, current, start),
                 np.concatenate([whole.taps[:5], z]),
                 max(8, KEPT // len(starts)),
+                own_power,
             )
         )
     return tuple(stretches)
+
+
+def _but_first(weights: np.ndarray) -> np.ndarray:
+    """Weights of a stretch; at its start nothing has been simulated yet."""
+    return np.concatenate([[0.0], weights[1:]])

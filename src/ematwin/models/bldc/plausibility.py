@@ -5,11 +5,13 @@ makes it doubtful is a warning. The criteria are stated where they are applied, 
 a faulty actuator must pass, a wrong unit must not.
 """
 
+from itertools import combinations
+
 import numpy as np
 
 from ematwin.errors import RecordError
 from ematwin.models.bldc.agreement import check_agreement, check_overspeed
-from ematwin.models.bldc.channels import CURRENTS, PHASES
+from ematwin.models.bldc.channels import CURRENTS, PHASES, VOLTAGES
 from ematwin.models.bldc.envelope import current_envelope
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.wiring import check_order, check_sum
@@ -21,6 +23,7 @@ _FEWEST = 100  # samples
 _SHORTEST = 10.0  # periods of the cutoff
 _FASTEST = 5e6  # Hz: no current of a motor is sampled faster
 _OVER_LIMIT = 3.0  # times the current limit
+_OVER_SUPPLY = 3.0  # times the supply
 _GAPS = 5.0  # times the healthy gap that a motion should cross
 _AT_REST = 0.01  # of the current limit, peak to peak: noise of a sensor
 _BEYOND = 1.02  # times the travel: end stops give a little
@@ -50,6 +53,7 @@ def check_plausible(
     warnings = _check_motion(record, actuator)
     if actuator is not None:
         _check_currents(record, actuator)
+        warnings += _check_voltages(record, actuator)
         check_overspeed(record, actuator)
         _check_travel(record, actuator)
     warnings += check_sum(record)
@@ -158,8 +162,8 @@ def too_little_motion(record: Recording, actuator: BldcActuator) -> list[str]:
 
 def _check_currents(record: Recording, actuator: BldcActuator) -> None:
     limit = actuator.drive.current_limit
-    for name in (name for name in CURRENTS if getattr(record, name) is not None):
-        largest = float(np.abs(getattr(record, name)).max())
+    for name in (name for name in (*CURRENTS, "bus_current") if name in record.channels):
+        largest = float(np.abs(record.channels[name]).max())
         if largest <= _OVER_LIMIT * limit:
             continue
         hint = (
@@ -170,6 +174,33 @@ def _check_currents(record: Recording, actuator: BldcActuator) -> None:
         raise RecordError(
             f"{name} reaches {largest:.4g} A; {actuator.name} limits it to {limit:g} A. {hint}"
         )
+
+
+def _check_voltages(record: Recording, actuator: BldcActuator) -> list[str]:
+    """Sentences on voltages that cannot be used; refuses impossible ones."""
+    supply = actuator.drive.supply_voltage
+    known = [name for name in VOLTAGES if name in record.channels]
+    values = [record.channels[name] for name in known]
+    sizes = {f"{a} to {b}": np.abs(x - y).max()
+             for (a, x), (b, y) in combinations(zip(known, values, strict=True), 2)}  # fmt: skip
+    if "bus_voltage" in record.channels:
+        sizes["bus_voltage"] = np.abs(record.channels["bus_voltage"]).max()
+    for name, largest in sizes.items():
+        if largest > _OVER_SUPPLY * supply:
+            raise RecordError(
+                f"{name} reaches {largest:.4g} V; the supply of {actuator.name} has {supply:g} V. "
+                + ('It looks like mV: give unit = "mV" in the map.' if largest > 100.0 * supply
+                   else "Check its unit and scale, or the actuator.")
+            )  # fmt: skip
+    if 0 < len(known) < len(VOLTAGES):
+        missing = [name for name in VOLTAGES if name not in known]
+        return [
+            f"{', '.join(missing)} is missing, so the voltages are not used. Of two voltages "
+            "against the third terminal, the third is zero."
+        ]
+    if known and not set(PHASES) <= record.channels.keys():
+        return ["Voltages are not used without the currents of all three phases."]
+    return []
 
 
 def _check_travel(record: Recording, actuator: BldcActuator) -> None:

@@ -63,11 +63,21 @@ def emf_constants(theta_m, fault, c):
     )
 
 
+class Supply(NamedTuple):
+    """What the bridge applies and draws over a step, as means."""
+
+    v_a: float  # V, terminals of the motor above the lower rail
+    v_b: float
+    v_c: float
+    i_bus: float  # A, out of the supply
+
+
 @step
 def _conduct(i_a, i_b, i_c, e_a, e_b, e_c, g_a, g_b, g_c, phases, c, dt):
     """Advance the phases until ``dt`` or until the diode of an off leg blocks.
 
-    Gives the share of ``dt`` done, the currents then, and the energies taken in and lost.
+    Gives the share of ``dt`` done, the currents then, the energies taken in and lost, and the
+    `Supply` meanwhile.
     """
     r_a, r_b, r_c, y_a, y_b, y_c = phases
     v_a, v_b, v_c, v_n, on_a, on_b, on_c = terminal_voltages(
@@ -89,13 +99,19 @@ def _conduct(i_a, i_b, i_c, e_a, e_b, e_c, g_a, g_b, g_c, phases, c, dt):
     m_c = 0.5 * (i_c + n_c)
     taken = share * dt * (v_a * m_a + v_b * m_b + v_c * m_c)
     lost = share * dt * (r_a * m_a * m_a + r_b * m_b * m_b + r_c * m_c * m_c)
-    return share, n_a, n_b, n_c, taken, lost
+    # through the upper switches, and back through the upper diodes
+    i_bus = (
+        (m_a if v_a >= c.v_supply else 0.0)
+        + (m_b if v_b >= c.v_supply else 0.0)
+        + (m_c if v_c >= c.v_supply else 0.0)
+    )
+    return share, n_a, n_b, n_c, taken, lost, Supply(v_a, v_b, v_c, i_bus)
 
 
 @step
 def advance_bridge(i_a, i_b, i_c, e_a, e_b, e_c, g_a, g_b, g_c, phases, c, dt):
-    """Phase currents after ``dt``, their means, and the energies taken in and lost meanwhile."""
-    share, n_a, n_b, n_c, taken, lost = _conduct(
+    """Phase currents after ``dt``; their means, the energies taken in and lost, the `Supply`."""
+    share, n_a, n_b, n_c, taken, lost, supply = _conduct(
         i_a, i_b, i_c, e_a, e_b, e_c, g_a, g_b, g_c, phases, c, dt
     )
     m_a = 0.5 * (i_a + n_a)
@@ -103,7 +119,7 @@ def advance_bridge(i_a, i_b, i_c, e_a, e_b, e_c, g_a, g_b, g_c, phases, c, dt):
     m_c = 0.5 * (i_c + n_c)
     if share < 1.0:  # the rest of the step, with the off leg at zero
         rest = 1.0 - share
-        _, p_a, p_b, p_c, more_taken, more_lost = _conduct(
+        _, p_a, p_b, p_c, more_taken, more_lost, then = _conduct(
             n_a, n_b, n_c, e_a, e_b, e_c, g_a, g_b, g_c, phases, c, rest * dt
         )
         m_a = share * m_a + rest * 0.5 * (n_a + p_a)
@@ -112,14 +128,20 @@ def advance_bridge(i_a, i_b, i_c, e_a, e_b, e_c, g_a, g_b, g_c, phases, c, dt):
         n_a, n_b, n_c = p_a, p_b, p_c
         taken += more_taken
         lost += more_lost
-    return n_a, n_b, n_c, m_a, m_b, m_c, taken, lost
+        supply = Supply(
+            share * supply.v_a + rest * then.v_a,
+            share * supply.v_b + rest * then.v_b,
+            share * supply.v_c + rest * then.v_c,
+            share * supply.i_bus + rest * then.i_bus,
+        )
+    return n_a, n_b, n_c, m_a, m_b, m_c, taken, lost, supply
 
 
 @step
 def reference_step(state, command, load, fault, phases, c, dt):
     """Advance the reference model by ``dt`` under a command (rad) and a load (N m).
 
-    Gives the state and the mean current of each phase within the step.
+    Gives the state, the mean current of each phase within the step, and the `Supply`.
     """
     kappa_a, kappa_b, kappa_c = emf_constants(state.theta_m, fault, c)
     sector = hall_sector(c.pole_pairs * state.theta_m)
@@ -132,7 +154,7 @@ def reference_step(state, command, load, fault, phases, c, dt):
     pair_sign = hysteresis(i_seen, i_ref, c.half_band, state.pair_sign)
     g_a, g_b, g_c = gate_signals(sector, pair_sign)
 
-    i_a, i_b, i_c, m_a, m_b, m_c, taken, lost = advance_bridge(
+    i_a, i_b, i_c, m_a, m_b, m_c, taken, lost, supply = advance_bridge(
         state.i_a, state.i_b, state.i_c,
         kappa_a * state.w_m, kappa_b * state.w_m, kappa_c * state.w_m,
         g_a, g_b, g_c, phases, c, dt,
@@ -158,4 +180,4 @@ def reference_step(state, command, load, fault, phases, c, dt):
         state.e_copper + lost,
         state.e_mechanical + dt * torque * state.w_m,
     )  # fmt: skip
-    return after, m_a, m_b, m_c
+    return after, m_a, m_b, m_c, supply

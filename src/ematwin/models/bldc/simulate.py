@@ -1,13 +1,13 @@
 """Simulate a brushless actuator: model, scenario and faults in, a `Recording` out."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 
 import numpy as np
 
 from ematwin import __version__
 from ematwin.errors import DivergedError, InputError, ParameterError
-from ematwin.models.bldc.channels import UNITS
+from ematwin.models.bldc.channels import ON_REQUEST, UNITS
 from ematwin.models.bldc.faults import Faults
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.scenario import Scenario
@@ -32,13 +32,21 @@ def simulate(
     noise: Noise | None = None,
     seed: int = 0,
     initial_position: float = 0.0,
+    also: Collection[str] = (),
     progress: Callable[[float], None] | None = None,
 ) -> Recording:
     """The response of an actuator with some faults to a scenario.
 
     Arguments and errors as in `ematwin.simulate`. The reference model gives phase currents, the
     monitor model the signed equivalent current; both give positions and speeds of motor and output.
+    Terminal voltages and the current of the supply, which the reference model has, are given on
+    request.
     """
+    if also and model != "reference":
+        raise InputError(
+            f"The {model} model has no {', '.join(also)}; take the reference model, or leave that "
+            "out."
+        )
     _check_start(initial_position, actuator)
     check_travel(scenario, actuator)
     grid = time_grid(actuator, model, scenario.duration, sample_rate, step)
@@ -48,6 +56,11 @@ def simulate(
         model, faults, command * ratio, load / ratio, initial_position * ratio, actuator, grid,
         progress,
     )  # fmt: skip
+    if model == "reference":
+        columns["bus_voltage"] = np.full_like(columns["bus_current"], actuator.drive.supply_voltage)
+    for name in ON_REQUEST:
+        if name not in also:
+            columns.pop(name, None)
     columns["output_position"] /= ratio
     columns["output_speed"] /= ratio
     if not all(np.isfinite(column).all() for column in columns.values()):
@@ -129,7 +142,7 @@ def _run(
         if progress is not None:
             progress(right / end)
     trace = np.concatenate(pieces)
-    return {name: trace[:, n].copy() for n, name in enumerate(names) if not name.startswith("e_")}
+    return {name: trace[:, n].copy() for n, name in enumerate(names) if name in UNITS}
 
 
 class TimeGrid:

@@ -44,6 +44,7 @@ class Constants(NamedTuple):
 
 HALF_GAP = Constants._fields.index("half_gap")
 LOAD_DELAY = Constants._fields.index("load_delay")
+V_SUPPLY = Constants._fields.index("v_supply")
 
 
 class FaultState(NamedTuple):

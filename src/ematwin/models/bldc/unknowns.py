@@ -70,9 +70,11 @@ UNKNOWNS = (
 
 FAULTS = tuple(one.name for one in UNKNOWNS)
 LOAD = ("load_gain", "load_offset")  # corrections of the recorded load
-SENSOR = ("skew", "current_gain", "current_offset")  # of what a sensor makes of the answer
+POWER = ("power_gain", "power_offset", "voltage_drop")  # of the recorded power
+SENSOR = ("skew", "current_gain", "current_offset", *POWER)  # what sensors make of the answer
 
 _LOAD_OFFSET = 0.05  # of the dry friction, seen on the output
+_POWER_OFFSET = 0.001  # of the largest power that the drive can take
 _CURRENT_OFFSET = 0.005  # of the current limit: Hall sensors state 0.5 to 1 % of their range
 
 
@@ -81,11 +83,14 @@ def nuisances(actuator: Any) -> tuple[Unknown, ...]:
 
     Load cells and Hall current sensors are usually stated to 1 % of their range and drift by as
     much with temperature; loads that were computed and not measured are worth 5 %. Loggers that do
-    not share a clock are some samples apart.
+    not share a clock are some samples apart. Voltages, by dividers, and a
+    supply's current, by a shunt, are known to 1 % with 95 %. A drive takes some power for itself,
+    and its switches drop a volt or two.
     """
     torque = actuator.motor.friction_torque + actuator.transmission.friction_torque
     load = _LOAD_OFFSET * max(torque, 1e-6) * actuator.transmission.ratio
     current = _CURRENT_OFFSET * actuator.drive.current_limit
+    power = _POWER_OFFSET * actuator.drive.current_limit * actuator.drive.supply_voltage
 
     def nuisance(
         name: str, unit: str, meaning: str, healthy: float, reach: float, spread: float
@@ -101,6 +106,9 @@ def nuisances(actuator: Any) -> tuple[Unknown, ...]:
         nuisance("load_offset", "N*m", "load beside the recorded one", 0.0, 40.0 * load, load),
         nuisance("current_gain", "", "gain of the current sensor", 1.0, 0.1, 0.01),
         nuisance("current_offset", "A", "offset of the current sensor", 0.0, 20 * current, current),
+        nuisance("power_gain", "", "recorded over actual electrical power", 1.0, 0.2, 0.005),
+        nuisance("power_offset", "W", "power beside that of the motor", 0.0, 20 * power, power),
+        nuisance("voltage_drop", "V", "voltage lost in the drive", 0.0, 10.0, 1.0),
     )
 
 
@@ -150,8 +158,8 @@ _SHORTS = ("short_a", "short_b", "short_c")
 CONTRASTS = (
     Contrast(
         "short_common", dict.fromkeys(_SHORTS, 1.0 / 3.0), "turns missing from all phases alike",
-        "Turns missing from all phases alike cannot be told from warm magnets or from the gain of "
-        "a current sensor.",
+        "Turns missing from all phases alike cannot be told from warm magnets nor, unless phase "
+        "voltages are recorded, from the gain of a current sensor.",
     ),
     *(
         Contrast(

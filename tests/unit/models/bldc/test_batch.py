@@ -18,7 +18,7 @@ C = kernel_constants(BldcActuator.load())
 RATE, SUBSTEPS, SAMPLES = 20_000.0, 5, 1_201
 
 
-def scoring(k, rectify=True, keep=True, target=None, c=C, by_candidate=None):
+def scoring(k, rectify=True, keep=True, target=None, c=C, by_candidate=None, power=None):
     """Costs, statuses, responses and the target of a batch, with weights of the misfit."""
     command, load = history(SAMPLES - 1, 1.0 / RATE)
     t = np.arange(SAMPLES) / RATE
@@ -31,6 +31,7 @@ def scoring(k, rectify=True, keep=True, target=None, c=C, by_candidate=None):
     batch.monitor_scores(
         k, command, load, np.zeros(5), c, by_candidate, 1.0 / (RATE * SUBSTEPS), SUBSTEPS,
         low_pass.taps(RATE, float(target[0])), rectify, target, weights, costs, status, response,
+        power,
     )  # fmt: skip
     return costs, status, response, target
 
@@ -56,6 +57,23 @@ def test_scores_are_trace_then_filter_then_misfit(rectify):
         np.testing.assert_allclose(response[n], filtered, rtol=0.0, atol=1e-7)
         expected = naive_signals.misfit(target, filtered, 1.0 / RATE, 500.0)
         assert costs[n] == pytest.approx(expected, rel=1e-7)
+
+
+def test_power_is_that_of_the_trace_filtered_like_the_current():
+    k = random_faults(batch.LANES)
+    watts = np.empty((batch.LANES, SAMPLES))
+    start = LowPass(500.0).taps(RATE, 3.0)[5:]  # W, as if it had been so much before
+    costs, _, response, _ = scoring(k, power=(start, watts))
+    plain_costs, _, plain_response, _ = scoring(k)
+    np.testing.assert_array_equal(costs, plain_costs)
+    np.testing.assert_array_equal(response, plain_response)
+    command, load = history(SAMPLES - 1, 1.0 / RATE)
+    for n in range(batch.LANES):
+        trace = batch.monitor_trace(
+            k[n], command, load, np.zeros(5), C, 1.0 / (RATE * SUBSTEPS), SUBSTEPS, 1
+        )
+        filtered = naive_signals.low_pass([3.0, *trace[:, 5]], 500.0, RATE)
+        np.testing.assert_allclose(watts[n, 1:], filtered[1:], rtol=1e-9, atol=1e-6)
 
 
 def test_a_cost_does_not_depend_on_the_place_in_the_batch():

@@ -102,7 +102,7 @@ def test_current_of_an_off_leg_runs_out_and_stays_zero():
         i_a, i_b, i_c = 5.0, -5.0, 0.0
         r, y = c.resistance, 1.0 / c.inductance
         for n in range(400):  # a has gone off; c is driven high, b low
-            i_a, i_b, i_c, _, _, _, _, _ = advance_bridge(
+            i_a, i_b, i_c, _, _, _, _, _, _ = advance_bridge(
                 i_a, i_b, i_c, 0.0, 0.0, 0.0, 0.0, -1.0, 1.0, (r, r, r, y, y, y), c, 1e-6
             )
             trace[n] = i_a, i_b, i_c

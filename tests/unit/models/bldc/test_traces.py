@@ -25,6 +25,8 @@ def test_reference_model_is_that_of_the_naive_loop(values):
     slow = naive_reference.simulate(ACTUATOR, faults, command[:-1], load[:-1], dt)
     assert np.ptp(slow["motor"]) > 2.0  # more than one electrical sector
     np.testing.assert_allclose(trace[:, :3], slow["mean_currents"], rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(trace[:, 10:13], slow["mean_voltages"], rtol=0.0, atol=1e-8)
+    np.testing.assert_allclose(trace[:, 13], slow["bus_current"], rtol=0.0, atol=1e-9)
     for column, name in enumerate(("motor", "motor_speed", "output", "output_speed"), start=3):
         np.testing.assert_allclose(trace[:, column], slow[name], rtol=0.0, atol=1e-9)
 
@@ -36,9 +38,9 @@ def test_monitor_model_is_that_of_the_naive_loop(values):
     trace = batch.monitor_trace(faults.vector, command, load, np.zeros(5), C, dt, 1, 1)
     slow = naive_monitor.simulate(ACTUATOR, faults, command[:-1], load[:-1], dt)
     assert np.ptp(slow["motor"]) > 2.0
-    names = ("mean_current", "motor", "motor_speed", "output", "output_speed")
+    names = ("mean_current", "motor", "motor_speed", "output", "output_speed", "power")
     for column, name in enumerate(names):
-        np.testing.assert_allclose(trace[:, column], slow[name], rtol=0.0, atol=1e-9)
+        np.testing.assert_allclose(trace[:, column], slow[name], rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])

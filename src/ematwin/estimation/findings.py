@@ -1,0 +1,182 @@
+"""What is said of an assessed recording: the verdict, or why there is none, and what is doubtful.
+
+`ematwin.estimation.verdict` decides; here is what it decides on, in sentences for people.
+"""
+
+import math
+from collections.abc import Mapping
+
+from ematwin.estimation.assess import Assessment
+from ematwin.estimation.baseline import Baseline
+from ematwin.estimation.estimate import Estimate
+from ematwin.estimation.problem import Problem
+from ematwin.estimation.search import Found
+from ematwin.estimation.verdict import Verdict, judged, most_misfit
+from ematwin.models.base import Model
+from ematwin.models.parameter_set import ParameterSet
+from ematwin.models.unknown import Unknown
+from ematwin.recordings.recording import Recording
+
+_ABOVE_NOISE = 2.0  # times the misfit that noise alone leaves is still a fit
+_DISTRUSTED = 0.33  # share of its weight with which evidence counts
+_HOPELESS = 1.0  # relative misfit of a twin that does not answer at all
+_SATURATED = 0.01  # share of the samples of a current
+_VAGUE = 0.05  # standard error, as a share of the range, above which a fault is not determined
+
+
+def verdict_on(
+    model: Model,
+    actuator: ParameterSet,
+    problem: Problem,
+    estimate: Estimate,
+    assessed: Assessment,
+    baseline: Baseline,
+    obstacles: list[str],
+) -> Verdict:
+    """The verdict on an assessed recording, or why there is none."""
+    said = {
+        one.name: _said(one, actuator, estimate, assessed)
+        for one in problem.unknowns
+        if one.role == "fault" and one.direction_of is None
+    }
+    ambiguities = {
+        name: one.ambiguity
+        for one in model.contrasts(actuator)
+        if one.ambiguity
+        for name in one.weights
+    }
+    return judged(
+        estimate,
+        calibrated=baseline.calibrated,
+        sharp_errors=assessed.sharp_errors,
+        intervals={name: (one.low, one.high) for name, one in assessed.intervals.items()},
+        obstacles=obstacles,
+        ambiguities=ambiguities,
+        found=said,
+    )
+
+
+def obstacles_to(
+    load: str | None,
+    recording: Recording,
+    problem: Problem,
+    found: Found,
+    misfit: float,
+    assessed: Assessment,
+    baseline: Baseline,
+) -> list[str]:
+    """Sentences, each of which forbids a verdict; ``load`` names the kind's channel of it."""
+    told = []
+    if found.stopped == "interrupted":
+        told.append("The search was interrupted; these values are the best found until then.")
+    counts = recording.provenance.get("saturated_samples", {})
+    for name, count in counts.items():
+        if count > _SATURATED * len(recording):
+            told.append(
+                f"{name} is saturated in {100.0 * count / len(recording):.0f} % of its samples. "
+                "Record it with a wider range."
+            )
+    missing = load is not None and load not in recording.channels
+    if missing and load not in problem.held and baseline.has_load:
+        told.append(
+            f"The recording has no {load}"
+            + (
+                ", and the healthy ones had. "
+                if baseline.calibrated
+                else "; it was taken as zero. "
+            )
+            + "Record it, or say what it was (load=0 if there was none)."
+        )
+    limit = most_misfit(baseline.misfit)
+    if found.problem is not None:
+        misfit = found.problem.relative_misfit(assessed.cost)
+    if misfit > max(limit, _ABOVE_NOISE * problem.expected_misfit):
+        usual = (
+            f"healthy recordings left {100.0 * baseline.misfit:.2f} %"
+            if math.isfinite(baseline.misfit)
+            else f"a good fit leaves less than {100.0 * limit:.2g} %"
+        )
+        told.append(
+            f"The twin leaves {100.0 * misfit:.2g} % of this recording unexplained, where {usual}: "
+            "it does something that the twin cannot. Check channels, units and the actuator."
+        )
+    if assessed.strained:
+        worst = max(assessed.strained, key=lambda name: assessed.strained[name])
+        told.append(
+            f"To explain this recording {worst} would have to be "
+            f"{assessed.strained[worst]:.0f} standard deviations off what is known of it: it is "
+            "of another actuator, or something is wrong with a channel."
+        )
+    if assessed.others:
+        rivals = "; ".join(
+            ", ".join(f"{name} {value:.2g}" for name, value in one.items())
+            for one in assessed.others
+        )
+        told.append(f"Another answer explains the recording nearly as well: {rivals}.")
+    return told
+
+
+def _said(one: Unknown, actuator: ParameterSet, estimate: Estimate, assessed: Assessment) -> str:
+    """What is said of a fault: "Friction +50 % (0.045 N m, 0.043 to 0.047)"."""
+    row = one.physical_value(actuator, estimate[one.name])
+    value, ends = assessed.physical[one.name]
+    title = one.name.replace("_", " ").capitalize()
+    unit = f" {row.unit.replace('*', ' ')}" if row.unit else ""
+    numbers = f"{value:.3g}{unit}, {ends.low:.3g} to {ends.high:.3g}"
+    if row.healthy > 0.0:
+        change = row.value / row.healthy
+        size = f"{100.0 * (change - 1.0):+.0f} %" if change < 3.0 else f"x{change:.3g}"
+        return f"{title} {size} ({numbers})"
+    return f"{title} {100.0 * (row.normalised - one.healthy) / one.width:.0f} % ({numbers})"
+
+
+def remarks_on(model: Model, actuator: ParameterSet, assessed: Assessment) -> list[str]:
+    """What is clearly not as recorded, and was taken into account."""
+    found = []
+    for name, (value, ends) in assessed.nuisances.items():
+        one = model.unknown(actuator, name)
+        unit = f" {one.unit}".rstrip()
+        found.append(
+            f"{one.meaning[:1].upper()}{one.meaning[1:]} is {value:.3g}{unit} ({ends.low:.3g} to "
+            f"{ends.high:.3g}); that was taken into account."
+        )
+    if assessed.trust < _DISTRUSTED:
+        found.append(
+            "The recorded voltages or the current of the supply differ from the twin "
+            f"{1.0 / assessed.trust:.0f} times as much as they should, and count accordingly less. "
+            "Check their units, their signs and the order of the phases."
+        )
+    return found
+
+
+def doubts_of(
+    estimate: Estimate, found: Found, problem: Problem, sharp_errors: Mapping[str, float]
+) -> list[str]:
+    """Sentences on why the answer may be wrong."""
+    doubts = []
+    misfit = estimate.misfit
+    if found.problem is not None:
+        stretch_cost = float(found.problem.costs(found.point[None])[0])
+        length = found.problem.comparisons[0].length or math.nan
+        doubts.append(
+            f"Over the whole record the twin departs from the actuator (misfit "
+            f"{100.0 * misfit:.1f} %), as happens near stall. The faults are those that best "
+            f"explain stretches of {1e3 * length:g} ms, each from its recorded positions "
+            f"(misfit {100.0 * found.problem.relative_misfit(stretch_cost):.2f} %)."
+        )
+    elif misfit > _HOPELESS:
+        doubts.append(
+            f"The twin does not explain this record at all (misfit {100.0 * misfit:.0f} %, worse "
+            "than no twin at all): these values mean nothing. Check the channels and "
+            "their units, and that the actuator's parameters are those of this rig."
+        )
+    vague = [name for name, error in sharp_errors.items() if error > _VAGUE * estimate.ranges[name]]
+    for name, magnitude in estimate.directions.items():
+        if name in vague and magnitude in estimate.names and estimate[magnitude] < 0.02:
+            vague.remove(name)  # it has no meaning there
+    if vague:
+        doubts.append(
+            f"This record does not determine {', '.join(vague)}: other values would explain it "
+            "nearly as well. Use a command that moves the actuator more."
+        )
+    return doubts

@@ -1,0 +1,143 @@
+"""Evidence of further channels: what counts only where intervals are formed."""
+
+import numpy as np
+import pytest
+
+from ematwin import Recording
+from ematwin.estimation.laplace import laplace
+from ematwin.estimation.problem import Prior, Problem
+from ematwin.models.comparison import Comparison
+from ematwin.models.unknown import Alias, Unknown
+
+SAMPLES = 60
+RNG = np.random.default_rng(3)
+BASIS = RNG.standard_normal((2, SAMPLES))
+TORQUES, WATTS = BASIS
+TRUE = {"constant": 1.1, "short": 0.3, "load": 0.4}
+
+
+class TwoSensors(Comparison):
+    """A current that only knows constant x (1 - short), and a power that knows the constant."""
+
+    noise = 0.02
+
+    def __init__(self, noise: float = 0.02, watts_noise: float = 0.05, evidence: bool = False):
+        rng = np.random.default_rng(5)
+        current, watts = self.answer(TRUE["constant"], TRUE["short"], TRUE["load"])
+        self.current = current + noise * rng.standard_normal(SAMPLES)
+        self.watts = watts + watts_noise * rng.standard_normal(SAMPLES)
+        self.recording = Recording(1e-3 * np.arange(SAMPLES), {"current": self.current})
+        self.actuator = None
+        self.scale, self.independent = float((self.current**2).sum()), float(SAMPLES)
+        self.evidence = SAMPLES if evidence else 0
+        self.tells = frozenset({"constant"} if evidence else ())
+
+    @staticmethod
+    def answer(constant, short, load):
+        return constant * (1.0 - short) * TORQUES + load * WATTS, constant * WATTS
+
+    def with_evidence(self):
+        other = TwoSensors(evidence=True)
+        other.current, other.watts = self.current, self.watts
+        return other
+
+    def measured(self):
+        return {"current": self.current}
+
+    def responses(self, candidates, count):
+        return {"current": np.array([self.answer(*row)[0] for row in self._rows(candidates)])}
+
+    def captions(self):
+        return {"current": ("current", "A")}
+
+    @staticmethod
+    def _rows(candidates):
+        return zip(*(candidates[name] for name in TRUE), strict=True)
+
+    def residuals(self, candidates, count):
+        rows = [self.answer(*row) for row in self._rows(candidates)]
+        found = np.array([current - self.current for current, _ in rows])
+        if not self.evidence:
+            return found
+        watts = np.array([watts - self.watts for _, watts in rows]) / 0.05
+        return np.concatenate([found, watts], axis=1)
+
+
+UNKNOWNS = [
+    Unknown("constant", "", "", 1.0, 0.5, 2.0, role="nominal", logarithmic=True),
+    Unknown("short", "", "", 0.0, 0.0, 1.0),
+    Unknown("load", "", "", 0.0, -2.0, 2.0),
+]
+PRIOR = Prior(("constant",), np.zeros(1), np.array([[0.2**2]]))
+
+
+def aliases(values):
+    return [Alias("constant", {"short": -(1.0 - values["short"])})]
+
+
+def point_of(problem: Problem) -> np.ndarray:
+    return np.array([TRUE[name] for name in problem.names])
+
+
+def test_residuals_are_data_then_evidence_then_priors() -> None:
+    plain = TwoSensors()
+    problem = Problem([plain, plain.with_evidence()], UNKNOWNS, prior=PRIOR)
+    points = np.vstack([point_of(problem), point_of(problem) * 1.05])
+    found = problem.split(problem.residuals(points))
+    assert found.data.shape == (2, 2 * SAMPLES)
+    assert found.evidence.shape == (2, SAMPLES)
+    assert found.priors.shape == (2, 1)
+    values = dict(zip(problem.names, points.T, strict=True))
+    seen = plain.with_evidence().residuals(values, 2)
+    np.testing.assert_array_equal(found.data[:, SAMPLES:], seen[:, :SAMPLES])
+    # in the unit of the data: one standard deviation of each counts alike
+    np.testing.assert_allclose(found.evidence, problem.noise * seen[:, SAMPLES:])
+    squares = (problem.residuals(points) ** 2).sum(axis=1)
+    np.testing.assert_allclose(problem.costs(points), squares)
+
+
+@pytest.mark.parametrize(("watts_noise", "low", "high"), [(0.02, 1.0, 1.0), (0.5, 0.07, 0.14)])
+def test_evidence_that_is_worse_than_expected_counts_less(watts_noise, low, high) -> None:
+    problem = Problem([TwoSensors(0.06, watts_noise).with_evidence()], UNKNOWNS, prior=PRIOR)
+    left = problem.residuals(point_of(problem)[None])[0]
+    weighed = problem.weighed(left)
+    assert 0.04 < weighed.noise < 0.08  # that of the current, three times what was expected
+    assert low <= weighed.trust <= high
+    again = weighed.split(weighed.residuals(point_of(problem)[None])[0])
+    rms = np.sqrt(np.mean(again.evidence**2)) / weighed.noise
+    assert rms == pytest.approx(1.0 if high < 1.0 else 0.4, rel=0.3)
+    held = weighed.holding({"load": 0.4})
+    assert (held.noise, held.trust) == (weighed.noise, weighed.trust)
+
+
+def test_only_evidence_tells_the_two_of_an_alias_apart() -> None:
+    start = np.array([1.0, 0.0, 0.0])
+    blind = laplace(Problem([TwoSensors()], UNKNOWNS, prior=PRIOR), start, aliases=aliases)
+    seen = laplace(
+        Problem([TwoSensors().with_evidence()], UNKNOWNS, prior=PRIOR), start, aliases=aliases
+    )
+    # without: the constant where the prior has it, and the short as far off as that makes it
+    assert blind.point[0] == pytest.approx(1.0)
+    assert blind.point[1] == pytest.approx(1.0 - 1.1 * 0.7, abs=0.02)
+    assert np.sqrt(blind.covariance[1, 1]) > 0.1
+    assert seen.point == pytest.approx([1.1, 0.3, 0.4], abs=0.02)
+    errors = np.sqrt(np.diag(seen.covariance)) * seen.problem.chart.widths
+    assert errors[1] < 0.01
+    truth = seen.problem.chart.from_values(np.array([[1.1, 0.3, 0.4]]))[0]
+    away = (seen.z - truth) / np.sqrt(np.diag(seen.covariance))
+    assert np.abs(away).max() < 3.0
+
+
+def test_the_width_is_that_of_the_linear_problem() -> None:
+    """Against the inverse of the information, formed here."""
+    problem = Problem([TwoSensors().with_evidence()], UNKNOWNS, prior=PRIOR)
+    peak = laplace(problem, np.array([1.0, 0.0, 0.0]), aliases=aliases)
+    constant, short, _ = peak.point
+    # by the logarithm of the constant, the short, the load
+    current = np.array([constant * (1.0 - short) * TORQUES, -constant * TORQUES, WATTS])
+    watts = np.array([constant * WATTS, 0.0 * WATTS, 0.0 * WATTS]) / 0.05 * peak.problem.trust
+    information = current @ current.T / peak.problem.noise**2 + watts @ watts.T
+    information[0, 0] += 1.0 / 0.2**2
+    widths = peak.problem.chart.widths
+    expected = np.linalg.inv(information) / np.outer(widths, widths)
+    np.testing.assert_allclose(peak.covariance, expected, rtol=0.03, atol=1e-8)
