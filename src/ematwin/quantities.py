@@ -12,6 +12,15 @@ _ANGULAR = re.compile(r"rad|deg|°|turn|rpm|rev|arcmin|arcsec|gon|cycle", re.IGN
 _ANGLES = {"rad", "rad/s"}
 _NO_ANGLES = {"", "Hz", "s"}
 _NEWTON_METRE = re.compile(r"\b([kmu\N{MICRO SIGN}]?)Nm\b")  # nautical mile to pint
+# Factors of usual units, as pint has them: importing it takes longer than reading a file.
+_USUAL = {
+    ("ms", "s"): 1e-3, ("us", "s"): 1e-6, ("mm", "m"): 1e-3, ("um", "m"): 1e-6,
+    ("mm/s", "m/s"): 1e-3, ("mA", "A"): 1e-3, ("mV", "V"): 1e-3, ("kN", "N"): 1e3,
+    ("mN*m", "N*m"): 1e-3, ("mohm", "ohm"): 1e-3, ("mH", "H"): 1e-3, ("uH", "H"): 1e-6,
+    ("deg", "rad"): math.pi / 180.0, ("mrad", "rad"): 1e-3, ("deg/s", "rad/s"): math.pi / 180.0,
+    ("rpm", "rad/s"): math.pi / 30.0, ("kHz", "Hz"): 1e3,
+    ("g*cm^2", "kg*m^2"): 1.0000000000000001e-07, ("kg*cm^2", "kg*m^2"): 1e-4,
+}  # fmt: skip
 LARGEST_SHARE = 2.0  # of a tolerance: up to three times too small or too large
 
 
@@ -32,6 +41,8 @@ def to_si(value: float, unit: str, si_unit: str, what: str) -> float:
     """
     if unit == si_unit:
         return value
+    if isinstance(unit, str) and (unit, si_unit) in _USUAL:
+        return float(value * _USUAL[unit, si_unit])
     kind = "unit '', a ratio" if si_unit == "" else f"unit of the kind {si_unit}"
     try:
         if not isinstance(unit, str) or _is_mistaken(unit, si_unit):

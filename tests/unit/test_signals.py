@@ -133,7 +133,7 @@ def test_gain_is_half_the_power_at_the_cutoff_and_falls_by_forty_decibels_a_deca
 @pytest.mark.parametrize(("cutoff", "rate"), [(500.0, 1999.0), (0.0, RATE), (-1.0, RATE)])
 def test_a_rate_that_the_filter_cannot_work_at_is_refused(cutoff, rate):
     with pytest.raises(InputError, match="Sample faster or lower the cutoff"):
-        LowPass(cutoff).coefficients(rate)
+        LowPass(cutoff).taps(rate, 0.0)
 
 
 # Misfit

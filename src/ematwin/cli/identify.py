@@ -96,7 +96,6 @@ def identify(
     from ematwin.estimation.learn import searches_globally
     from ematwin.files import check_target, write_text
     from ematwin.models.reading import read
-    from ematwin.monitoring.detect import detect
 
     if report is not None:
         check_target(report, (".html",))
@@ -109,6 +108,7 @@ def identify(
         )  # fmt: skip
     if calibration is not None and len(recordings) > 1:
         from ematwin.cli.detect import answer
+        from ematwin.monitoring.detect import detect
 
         answer(detect(recordings, calibration), recordings, "motion", None, report, json)
         return
@@ -131,6 +131,8 @@ def identify(
         )
     judged = None
     if calibration is not None:
+        from ematwin.monitoring.detect import detect
+
         judged = detect([recording], calibration)
     if report is not None:
         from ematwin.report.identification import identification_page

@@ -12,7 +12,8 @@ multiple shooting (`Problem.restarted`). An end that explains the stretches far 
 first one did is the answer; any other goes on with the whole record. Where that does not settle it,
  all is done again from new samples, until two ends agree or the budget is spent.
 
-Sobol (1967), with scipy's scrambling; successive halving as in Jamieson and Talwalkar (2016).
+Sobol (1967), scrambled (`ematwin.numerics.sobol`); successive halving as in Jamieson and
+Talwalkar (2016).
 """
 
 from collections.abc import Callable, Iterator
@@ -24,6 +25,7 @@ from ematwin.errors import InputError, RecordError
 from ematwin.estimation.levenberg_marquardt import LevenbergMarquardt
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found, Report
+from ematwin.numerics.sobol import Sobol
 
 SAMPLES = 256
 THINNING = ((10, 2), (5, 2), (3, 3))  # descents and their iterations, smooth misfit
@@ -134,8 +136,6 @@ class MultistartDescent:
 
     def run(self) -> SearchState:
         """Search until the fit is good, two ends agree, or the budget is spent."""
-        from scipy.stats.qmc import Sobol
-
         sobol = Sobol(len(self._problem.names), rng=self._rng)
         ends: list[End] = []
         try:
@@ -149,8 +149,6 @@ class MultistartDescent:
 
     def searches(self, most: int) -> Iterator[End]:
         """Whole searches one after another, each from new samples, while the budget lasts."""
-        from scipy.stats.qmc import Sobol
-
         sobol = Sobol(len(self._problem.names), rng=self._rng)
         for _ in range(most):
             try:

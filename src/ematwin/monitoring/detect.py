@@ -16,7 +16,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import t as student
 
 from ematwin.estimation.estimate import Estimate
 from ematwin.models.base import Reported
@@ -28,7 +27,7 @@ from ematwin.monitoring.classification import (
     named_by_signature,
 )
 from ematwin.monitoring.gather import Given, recordings_of
-from ematwin.monitoring.index import health_index, single_reach
+from ematwin.monitoring.index import health_index, single_reach, student_quantile
 from ematwin.monitoring.measure import Measured, reported_values, statistics_of
 from ematwin.recordings.recording import Recording, label_text
 
@@ -416,7 +415,7 @@ class _Judge:
             return ()
         runs = max(2, len(self._calibration.facts.get("runs", [])))
         rate = self._calibration.thresholds.false_alarm_rate / len(magnitudes)
-        bound = float(student.ppf(1.0 - 0.5 * rate, runs - 1) * np.sqrt(1.0 + 1.0 / runs))
+        bound = student_quantile(1.0 - 0.5 * rate, runs - 1) * float(np.sqrt(1.0 + 1.0 / runs))
         return tuple(one.name for one in magnitudes if abs(one.score) > bound)
 
     def _covariate(self, members: np.ndarray) -> Covariate | None:

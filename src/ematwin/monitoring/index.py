@@ -14,7 +14,6 @@ assumption (`DRIFT`).
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats import t as student
 
 # Weight of a kind of features, and the most standard deviations that one of them counts. A
 # magnitude of the twin raises an alarm alone from about four on; its limit is that of one in three.
@@ -102,10 +101,17 @@ def prediction_bound(index: np.ndarray, groups: np.ndarray, false_alarm_rate: fl
     between = _with_prior(outer, count - 1, TYPICAL[1])
     if y.size == count:  # single recordings: their scatter holds both, and so does the prior
         within, between = 0.0, _with_prior(outer, count - 1, float(np.hypot(*TYPICAL)))
-    reach = student.ppf(1.0 - false_alarm_rate, count - 1 + WORTH)
+    reach = student_quantile(1.0 - false_alarm_rate, count - 1 + WORTH)
     return float(np.exp(means.mean() + reach * np.sqrt((within + between) * (1.0 + 1.0 / count))))
 
 
 def _with_prior(squares: float, freedom: int, typical: float) -> float:
     """Variance from a sum of squares and what is typical."""
     return (squares + WORTH * typical**2) / (freedom + WORTH)
+
+
+def student_quantile(probability: float, freedom: float) -> float:
+    """Quantile of Student's t."""
+    from scipy.special import stdtrit  # scipy.stats takes longer to import than a motion to judge
+
+    return float(stdtrit(freedom, probability))

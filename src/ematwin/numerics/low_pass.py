@@ -1,5 +1,6 @@
 """The low-pass filter that both sides of a comparison pass."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,10 @@ from ematwin.errors import InputError
 class LowPass:
     """Second-order Butterworth low-pass, causal.
 
+    In closed form (bilinear transform with the cutoff prewarped; e.g. Oppenheim and Schafer 2010,
+    Discrete-Time Signal Processing, section 7.3), as importing a package for it takes longer than
+    a search.
+
     Parameters
     ----------
     cutoff : float, Hz
@@ -18,36 +23,36 @@ class LowPass:
 
     cutoff: float = 500.0
 
-    def coefficients(self, sample_rate: float) -> tuple[np.ndarray, np.ndarray]:
-        """Numerator and denominator, each (3,), of the digital filter at a sample rate (Hz).
+    def taps(self, sample_rate: float, start: float) -> np.ndarray:
+        """``b0 b1 b2 a1 a2 z1 z2``: the filter and its state after resting at ``start``.
 
         Raises
         ------
         InputError
-            If the rate is below four times the cutoff, where the filter would not act as one.
+            If the rate (Hz) is below four times the cutoff, where the filter would not act as one.
         """
-        from scipy.signal import butter
-
         if not (self.cutoff > 0.0 and sample_rate >= 4.0 * self.cutoff):
             raise InputError(
                 f"A low-pass of {self.cutoff:g} Hz needs a sample rate of at least "
                 f"{4.0 * self.cutoff:g} Hz; the record has {sample_rate:g} Hz. "
                 "Sample faster or lower the cutoff."
             )
-        b, a = butter(2, self.cutoff, fs=sample_rate)
-        return b, a
-
-    def taps(self, sample_rate: float, start: float) -> np.ndarray:
-        """``b0 b1 b2 a1 a2 z1 z2``: the filter and its state after resting at ``start``."""
-        from scipy.signal import lfilter_zi
-
-        b, a = self.coefficients(sample_rate)
-        return np.concatenate([b, a[1:], lfilter_zi(b, a) * start])
+        k = math.tan(math.pi * self.cutoff / sample_rate)
+        scale = 1.0 / (1.0 + math.sqrt(2.0) * k + k * k)
+        b0 = k * k * scale
+        a1, a2 = 2.0 * (k * k - 1.0) * scale, (1.0 - math.sqrt(2.0) * k + k * k) * scale
+        return np.array([b0, 2.0 * b0, b0, a1, a2, (1.0 - b0) * start, (b0 - a2) * start])
 
     def apply(self, signal: np.ndarray, sample_rate: float) -> np.ndarray:
         """The filtered signal (S,), as if it had rested at its first value before."""
-        from scipy.signal import lfilter
+        return filtered(self.taps(sample_rate, float(signal[0])), signal)[0]
 
-        taps = self.taps(sample_rate, float(signal[0]))
-        filtered, _ = lfilter(taps[:3], np.r_[1.0, taps[3:5]], signal, zi=taps[5:])
-        return np.asarray(filtered)
+
+def filtered(taps: np.ndarray, signal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A signal (S,) through a filter as `LowPass.taps` gives it, and its state (2,) afterwards."""
+    from ematwin.numerics.filtering import second_order
+
+    found = np.array(signal, dtype=float)
+    state = np.array(taps[5:], dtype=float)
+    second_order(taps, state, found)
+    return found, state

@@ -15,6 +15,7 @@ import numpy as np
 from ematwin.errors import InputError, RecordError
 from ematwin.files import written_whole
 from ematwin.recordings.channel import TIME, Channel, channel_called, with_time
+from ematwin.recordings.formats.arrow import from_numpy
 from ematwin.recordings.recording import Recording
 
 FORMAT = 1  # of the metadata of a recording; readers refuse what is newer
@@ -137,7 +138,7 @@ def write_table(
     kind = path.suffix.lower()
     if kind not in {".parquet", ".csv"}:
         raise InputError(f"Cannot tell how to write {path}: end its name in .parquet or .csv.")
-    table = pa.table(dict(columns))
+    table = pa.table({name: from_numpy(values) for name, values in columns.items()})
     note = None if metadata is None else json.dumps(metadata, sort_keys=True)
     with written_whole(path) as draft:
         if kind == ".parquet":

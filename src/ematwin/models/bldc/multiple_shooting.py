@@ -21,6 +21,7 @@ from ematwin.models.bldc.comparison import (
     with_speeds,
 )
 from ematwin.models.comparison import Candidates, Comparison
+from ematwin.numerics.low_pass import filtered
 from ematwin.recordings.recording import Recording
 
 LENGTH = 0.005  # s; at 10 to 20 ms some twins still stalled within a stretch
@@ -108,22 +109,20 @@ class Restarted(Comparison):
 
 def _stretches(whole: BldcComparison, starts: list[int], samples: int) -> tuple[Stretch, ...]:
     """Stretches from some samples on; each ends with the sample at which another may start."""
-    from scipy.signal import lfilter
-
-    b, a, z = whole.taps[:3], np.r_[1.0, whole.taps[3:5]], whole.taps[5:]
+    taps, z = whole.taps[:5], whole.taps[5:]
     recording = with_speeds(whole.recording)
     power = whole.stretch.power
     y = None if power is None else power.state
-    stretches, filtered = [], 0
+    stretches, done = [], 0
     for start in starts:
         # the filter goes on from the recorded current, so that a stretch has no transient
-        _, z = lfilter(b, a, whole.current[filtered : start + 1], zi=z)
+        _, z = filtered(np.r_[taps, z], whole.current[done : start + 1])
         span = slice(start, start + samples + 1)
         own_power = None
         if power is not None and whole.power is not None:
-            _, y = lfilter(b, a, whole.power.watts[filtered : start + 1], zi=y)
+            _, y = filtered(np.r_[taps, y], whole.power.watts[done : start + 1])
             own_power = PowerStretch(power.target[span], _but_first(power.weights[span]), y)
-        filtered = start + 1
+        done = start + 1
         current = None if whole.rectify else float(whole.current[start])
         stretches.append(
             Stretch(
@@ -132,7 +131,7 @@ def _stretches(whole: BldcComparison, starts: list[int], samples: int) -> tuple[
                 whole.target[span],
                 _but_first(whole.weights[span]),
                 initial_state(recording, whole.actuator, current, start),
-                np.concatenate([whole.taps[:5], z]),
+                np.concatenate([taps, z]),
                 max(8, KEPT // len(starts)),
                 own_power,
             )

@@ -13,6 +13,7 @@ from typing import Any, ClassVar, cast
 import numpy as np
 
 from ematwin.errors import FileError, RecordError
+from ematwin.recordings.formats.arrow import as_floats, as_integers
 from ematwin.recordings.formats.base import Progress, RecordedFile, moment, refusing
 from ematwin.recordings.formats.csv_dialect import PLACEHOLDERS, sniff
 
@@ -132,18 +133,19 @@ class CsvFile(RecordedFile):
     def _numbers(self, column: Any, origins: dict[int, int], place: int) -> np.ndarray:
         """One column of a block; clock times as seconds since ``origins[place]``, in ns."""
         import pyarrow as pa
-        import pyarrow.compute as pc
 
         if pa.types.is_timestamp(column.type):
-            nanoseconds = column.cast(pa.int64()).to_numpy(zero_copy_only=False)
+            nanoseconds = as_integers(column.cast(pa.int64()))
             return (nanoseconds - origins.setdefault(place, int(nanoseconds[0]))) * 1e-9
 
         if pa.types.is_string(column.type):  # numbers such as +1.5, which pyarrow does not parse
+            import pyarrow.compute as pc
+
             column = pc.utf8_ltrim(pc.utf8_trim_whitespace(column), characters="+")
             if self._dialect.decimal == ",":
                 column = pc.replace_substring(column, ",", ".")
             column = column.cast(pa.float64())
-        return np.asarray(column.to_numpy(zero_copy_only=False))
+        return as_floats(column)
 
 
 class _Columns:

@@ -9,6 +9,7 @@ from typing import Any, ClassVar, cast
 import numpy as np
 
 from ematwin.errors import RecordError
+from ematwin.recordings.formats.arrow import as_floats, as_integers
 from ematwin.recordings.formats.base import Progress, RecordedFile, moment, refusing
 from ematwin.recordings.tables import METADATA_KEY
 
@@ -80,11 +81,11 @@ class ParquetFile(RecordedFile):
                 pa.timestamp("ns", tz=kind.tz) if pa.types.is_timestamp(kind)
                 else pa.time64("ns") if pa.types.is_time(kind) else pa.duration("ns")
             )  # fmt: skip
-            integers = nanoseconds.cast(pa.int64()).to_numpy(zero_copy_only=False)
+            integers = as_integers(nanoseconds.cast(pa.int64()))
             self._note_origin(name, kind, int(integers[0]) if integers.size else 0)
             return (integers - self._origins[name]) * 1e-9
         try:
-            return np.asarray(chunk.cast(pa.float64()).to_numpy(zero_copy_only=False))
+            return as_floats(chunk.cast(pa.float64()))
         except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
             raise RecordError(
                 f"Column {name} of {self.path} must hold numbers; it holds {kind}. "

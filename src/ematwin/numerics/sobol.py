@@ -1,0 +1,103 @@
+"""Sobol points, scrambled: an even cover of a box.
+
+Sobol (1967), with the direction numbers of Joe and Kuo (2008, SIAM J. Sci. Comput. 30,
+2635-2654), scrambled by random lower triangular matrices and a shift (Matousek 1998, J. Complexity
+14, 527-556). The points are those of ``scipy.stats.qmc.Sobol``, whose import takes longer than a
+search.
+"""
+
+from typing import Any
+
+import numpy as np
+
+_BITS = 30
+
+
+class Sobol:
+    """Points of a sequence.
+
+    Parameters
+    ----------
+    dimensions : int
+    rng : numpy Generator, of which a child draws the scrambling
+    """
+
+    def __init__(self, dimensions: int, rng: np.random.Generator) -> None:
+        self._others: Any = None
+        if dimensions > len(_DIRECTIONS):
+            from scipy.stats import qmc
+
+            self._others = qmc.Sobol(dimensions, rng=rng)
+            return
+        (rng,) = rng.spawn(1)
+        powers = 2 ** np.arange(_BITS, dtype=np.uint32)
+        shift = rng.integers(2, size=(dimensions, _BITS), dtype=np.uint32) @ powers
+        lower = np.tril(rng.integers(2, size=(dimensions, _BITS, _BITS), dtype=np.uint32))
+        lower[:, np.arange(_BITS), np.arange(_BITS)] = 1
+        plain = np.array([_columns(*each) for each in _DIRECTIONS[:dimensions]], dtype=np.uint32)
+        bits = (plain[:, :, None] >> np.arange(_BITS - 1, -1, -1, dtype=np.uint32)) & 1
+        mixed = np.einsum("dpk,djk->djp", lower, bits) % 2  # the highest bit first
+        self._directions = (mixed * powers[::-1]).sum(axis=2, dtype=np.uint32)
+        self._next = shift.astype(np.uint32)
+        self._drawn = 0
+
+    def random(self, count: int) -> np.ndarray:
+        """The next points (``count``, d), in [0, 1)."""
+        if self._others is not None:
+            return np.asarray(self._others.random(count))
+        found = np.empty((count, self._next.size))
+        for n in range(count):
+            found[n] = self._next
+            self._drawn += 1
+            lowest = (self._drawn & -self._drawn).bit_length() - 1  # Gray code
+            self._next ^= self._directions[:, lowest]
+        return found / 2.0**_BITS
+
+
+def _columns(polynomial: int, first: tuple[int, ...]) -> list[int]:
+    """Direction numbers of a dimension, as integers of `_BITS` bits."""
+    if polynomial == 1:
+        found = [1] * _BITS
+    else:
+        degree = polynomial.bit_length() - 1
+        found = list(first)
+        for j in range(degree, _BITS):
+            new = found[j - degree]
+            for k in range(degree):
+                if (polynomial >> (degree - 1 - k)) & 1:
+                    new ^= found[j - k - 1] << (k + 1)
+            found.append(new)
+    return [number << (_BITS - 1 - n) for n, number in enumerate(found)]
+
+
+# Primitive polynomial of each dimension, as bits, and its first direction numbers.
+_DIRECTIONS = (
+    (1, (1,)), (3, (1,)), (7, (1, 3)), (11, (1, 3, 1)), (13, (1, 1, 1)), (19, (1, 1, 3, 3)),
+    (25, (1, 3, 5, 13)), (37, (1, 1, 5, 5, 17)), (41, (1, 1, 5, 5, 5)), (47, (1, 1, 7, 11, 19)),
+    (55, (1, 1, 5, 1, 1)), (59, (1, 1, 1, 3, 11)), (61, (1, 3, 5, 5, 31)),
+    (67, (1, 3, 3, 9, 7, 49)), (91, (1, 1, 1, 15, 21, 21)), (97, (1, 3, 1, 13, 27, 49)),
+    (103, (1, 1, 1, 15, 7, 5)), (109, (1, 3, 1, 15, 13, 25)), (115, (1, 1, 5, 5, 19, 61)),
+    (131, (1, 3, 7, 11, 23, 15, 103)), (137, (1, 3, 7, 13, 13, 15, 69)),
+    (143, (1, 1, 3, 13, 7, 35, 63)), (145, (1, 3, 5, 9, 1, 25, 53)),
+    (157, (1, 3, 1, 13, 9, 35, 107)), (167, (1, 3, 1, 5, 27, 61, 31)),
+    (171, (1, 1, 5, 11, 19, 41, 61)), (185, (1, 3, 5, 3, 3, 13, 69)),
+    (191, (1, 1, 7, 13, 1, 19, 1)), (193, (1, 3, 7, 5, 13, 19, 59)),
+    (203, (1, 1, 3, 9, 25, 29, 41)), (211, (1, 3, 5, 13, 23, 1, 55)),
+    (213, (1, 3, 7, 3, 13, 59, 17)), (229, (1, 3, 1, 3, 5, 53, 69)),
+    (239, (1, 1, 5, 5, 23, 33, 13)), (241, (1, 1, 7, 7, 1, 61, 123)),
+    (247, (1, 1, 7, 9, 13, 61, 49)), (253, (1, 3, 3, 5, 3, 55, 33)),
+    (285, (1, 3, 1, 15, 31, 13, 49, 245)), (299, (1, 3, 5, 15, 31, 59, 63, 97)),
+    (301, (1, 3, 1, 11, 11, 11, 77, 249)), (333, (1, 3, 1, 11, 27, 43, 71, 9)),
+    (351, (1, 1, 7, 15, 21, 11, 81, 45)), (355, (1, 3, 7, 3, 25, 31, 65, 79)),
+    (357, (1, 3, 1, 1, 19, 11, 3, 205)), (361, (1, 1, 5, 9, 19, 21, 29, 157)),
+    (369, (1, 3, 7, 11, 1, 33, 89, 185)), (391, (1, 3, 3, 3, 15, 9, 79, 71)),
+    (397, (1, 3, 7, 11, 15, 39, 119, 27)), (425, (1, 1, 3, 1, 11, 31, 97, 225)),
+    (451, (1, 1, 1, 3, 23, 43, 57, 177)), (463, (1, 3, 7, 7, 17, 17, 37, 71)),
+    (487, (1, 3, 1, 5, 27, 63, 123, 213)), (501, (1, 1, 3, 5, 11, 43, 53, 133)),
+    (529, (1, 3, 5, 5, 29, 17, 47, 173, 479)), (539, (1, 3, 3, 11, 3, 1, 109, 9, 69)),
+    (545, (1, 1, 1, 5, 17, 39, 23, 5, 343)), (557, (1, 3, 1, 5, 25, 15, 31, 103, 499)),
+    (563, (1, 1, 1, 11, 11, 17, 63, 105, 183)), (601, (1, 1, 5, 11, 9, 29, 97, 231, 363)),
+    (607, (1, 1, 5, 15, 19, 45, 41, 7, 383)), (617, (1, 3, 7, 7, 31, 19, 83, 137, 221)),
+    (623, (1, 1, 1, 3, 23, 15, 111, 223, 83)), (631, (1, 1, 5, 13, 31, 15, 55, 25, 161)),
+    (637, (1, 1, 3, 13, 25, 47, 39, 87, 257)),
+)  # fmt: skip

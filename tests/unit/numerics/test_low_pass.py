@@ -1,0 +1,33 @@
+"""The low-pass against scipy's filter of the same name."""
+
+import numpy as np
+import pytest
+from scipy.signal import butter, lfilter, lfilter_zi
+
+from ematwin.numerics.low_pass import LowPass, filtered
+
+
+@pytest.mark.parametrize("rate", [2_000.0, 20_000.0])
+@pytest.mark.parametrize("cutoff", [50.0, 100.0, 500.0])
+def test_taps_and_signals_are_those_of_scipy(rate: float, cutoff: float) -> None:
+    b, a = butter(2, cutoff, fs=rate)
+    taps = LowPass(cutoff).taps(rate, 3.0)
+    np.testing.assert_allclose(taps[:3], b, rtol=1e-9)
+    np.testing.assert_allclose(taps[3:5], a[1:], rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(taps[5:], 3.0 * lfilter_zi(b, a), rtol=1e-9)
+    signal = np.random.default_rng(1).standard_normal(500)
+    signal[0] = 3.0
+    expected, state = lfilter(taps[:3], np.r_[1.0, taps[3:5]], signal, zi=taps[5:])
+    found, after = filtered(taps, signal)
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(after, state, rtol=0.0, atol=1e-12)
+    np.testing.assert_array_equal(LowPass(cutoff).apply(signal, rate), found)
+
+
+def test_a_signal_in_parts_is_filtered_as_a_whole() -> None:
+    signal = np.random.default_rng(2).standard_normal(300)
+    taps = LowPass(200.0).taps(5e3, 0.0)
+    whole, _ = filtered(taps, signal)
+    first, state = filtered(taps, signal[:120])
+    second, _ = filtered(np.r_[taps[:5], state], signal[120:])
+    np.testing.assert_array_equal(np.r_[first, second], whole)
