@@ -106,9 +106,10 @@ def identify(
             [record], columns, actuator=chosen, resample_to=resample_to, gaps=cast("Policy", gaps),
             split=calibration is not None, progress=progress,
         )  # fmt: skip
+    if calibration is not None:
+        from ematwin.monitoring.detect import detect
     if calibration is not None and len(recordings) > 1:
         from ematwin.cli.detect import answer
-        from ematwin.monitoring.detect import detect
 
         answer(detect(recordings, calibration), recordings, "motion", None, report, json)
         return
@@ -131,8 +132,6 @@ def identify(
         )
     judged = None
     if calibration is not None:
-        from ematwin.monitoring.detect import detect
-
         judged = detect([recording], calibration)
     if report is not None:
         from ematwin.report.identification import identification_page

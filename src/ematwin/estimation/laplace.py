@@ -105,7 +105,7 @@ def laplace(
     slopes = _slopes(problem, residuals, z, aliases)
     tells = frozenset().union(*(one.tells for one in problem.comparisons))
     known = _known_directions(problem, point, aliases)
-    still = {problem.names[n] for n, _, is_held in known if is_held} - tells | set(held)
+    still = _pivots_held(problem, known) - tells | set(held)
     for _ in range(_JOINT if problem.has_evidence else 0):
         # what evidence alone tells, the descent has left where it was
         first = chart.to_values((z + _bounded_step(slopes, z, chart, still))[None])[0]
@@ -191,7 +191,7 @@ def _descended(
 ) -> tuple[np.ndarray, int]:
     """The best point (d,) with the pivots of aliases held where they are, and what it took."""
     known = _known_directions(problem, start, aliases)
-    still = {problem.names[n] for n, _, is_held in known if is_held} | set(held)
+    still = _pivots_held(problem, known) | set(held)
     values = dict(zip(problem.names, start.tolist(), strict=True))
     fixed = {name: value for name, value in values.items() if name in still}
     small = problem.holding(fixed) if fixed else problem
@@ -255,6 +255,11 @@ def _known_directions(
         if complete:
             found.append((pivot, same / widths * widths[pivot], one.held))
     return found
+
+
+def _pivots_held(problem: Problem, known: list[tuple[int, np.ndarray, bool]]) -> set[str]:
+    """Names of the pivots that stay while the others are fitted."""
+    return {problem.names[n] for n, _, is_held in known if is_held}
 
 
 def _along(

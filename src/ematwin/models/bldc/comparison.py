@@ -109,6 +109,7 @@ class BldcComparison(Comparison):
     """
 
     power: Power | None = None
+    _power_stretch: PowerStretch | None = None
     ignores = frozenset(POWER)
 
     def __init__(
@@ -175,7 +176,7 @@ class BldcComparison(Comparison):
         other.power = power
         other.ignores = frozenset({"voltage_drop"} if power.by_phases else ())
         other.tells = frozenset({"current_gain"} if power.by_phases else ())
-        other.evidence = other.kept_of(other.stretch)
+        other._filter_power()
         return other
 
     def smoothed(self) -> "BldcComparison":
@@ -193,19 +194,21 @@ class BldcComparison(Comparison):
         """The whole recording."""
         return Stretch(
             self.command, self.load, self.target, self.weights, self.state, self.taps, KEPT,
-            self._power_stretch(),
+            self._power_stretch,
         )  # fmt: skip
 
-    def _power_stretch(self) -> PowerStretch | None:
-        """The power of the whole recording: its squared residuals add up to `independent`."""
+    def _filter_power(self) -> None:
+        """Form the power to compare, if it counts: its squares add up to `independent`."""
         if self.power is None:
-            return None
+            return
         rate = self.recording.sample_rate
         filtered = self.low_pass.apply(self.power.watts, rate)
         error = self.power.error(filtered, self.low_pass, rate)
         counting = self.weights > 0.0
         weights = counting * self.independent / (counting.sum() * error**2)
-        return PowerStretch(filtered, weights, self.low_pass.taps(rate, float(filtered[0]))[5:])
+        state = self.low_pass.taps(rate, float(filtered[0]))[5:]
+        self._power_stretch = PowerStretch(filtered, weights, state)
+        self.evidence = self.kept_of(self.stretch)
 
     def _filter(self, low_pass: LowPass, weighting: SlopeWeighting) -> None:
         """Form target, weights and filter for a low-pass."""
@@ -225,6 +228,7 @@ class BldcComparison(Comparison):
         self.independent = max(1.0, 2.0 * low_pass.cutoff * duration)
         self.noise = _TWIN_ERROR * math.sqrt(self.scale / self.independent)
         self.expected_misfit = _TWIN_ERROR
+        self._filter_power()
 
     def costs(self, candidates: Candidates, count: int) -> np.ndarray:
         """Costs (B,), A s; infinite where the simulation diverged."""
