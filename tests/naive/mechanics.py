@@ -26,6 +26,34 @@ def next_speed(speed, active_torque, inertia, static_torque, dynamic_torque, dt)
     return after
 
 
+def next_speed_through_rest(speed, body, dt, from_rest=None):
+    """Like `next_speed`, where a step may be long: a mass that stops or breaks loose within it.
+
+    A mass that would reverse comes to rest, and what is left of the step decides whether it goes
+    on the other way. A mass at rest that breaks loose has done so when its torque, growing evenly
+    from the middle of the last step to the middle of this one, passed the static torque. ``body``
+    is as in `two_masses_rigid_contact`; ``from_rest``, if it is not the same, what moves on from
+    rest. Gives the speed, and the share of the step until rest, or None.
+    """
+    act, inertia, dynamic = body["act"], body["j"], body["td"]
+    later = body if from_rest is None else from_rest
+
+    def started(duration):
+        if abs(later["act"]) <= later["ts"]:
+            return 0.0
+        return duration * (later["act"] - later["td"] * sign(later["act"])) / later["j"]
+
+    if speed == 0:
+        grown = (later["act"] - later["before"]) * sign(later["act"])
+        since = (abs(later["act"]) - later["ts"]) / grown if grown > 0 else 0.5
+        return started(dt * max(0.5, min(1.5, 0.5 + since))), None
+    after = speed + (act - dynamic * sign(speed)) / inertia * dt
+    if sign(speed) * sign(after) != -1:
+        return after, None
+    until_rest = speed / (speed - after)
+    return started(dt * (1 - until_rest)), until_rest
+
+
 def loaded_dynamic_torque(direction, load_torque, unloaded, efficiency_opposing, efficiency_aiding):
     """T + (1/eta_o - 1)|T_load| against an opposing load, T + (1 - eta_a)|T_load| with an aiding.
 
@@ -60,24 +88,41 @@ def contact_torque(motor, motor_speed, output, output_speed, half_gap, stiffness
 def two_masses_rigid_contact(motor, output, half_gap, dt):
     """Two masses with play, for one step; each is a dict of what is known of it.
 
-    A mass is ``{"x": position, "w": speed, "act": torque, "j": inertia, "ts": , "td": }``.
-    Gives positions and speeds ``x_m, w_m, x_o, w_o``.
+    A mass is ``{"x": position, "w": speed, "act": torque, "before": torque of the last step,
+    "j": inertia, "ts": , "td": }``; positions move with the mean of the speeds before and after.
+    Gives positions and speeds ``x_m, w_m, x_o, w_o``, and what the motor gained but by an impact.
     """
+    bodies = (motor, output)
     speeds = [
-        next_speed(body["w"], body["act"], body["j"], body["ts"], body["td"], dt)
-        for body in (motor, output)
+        next_speed(body["w"], body["act"], body["j"], body["ts"], body["td"], dt) for body in bodies
     ]
-    positions = [body["x"] + dt * w for body, w in zip((motor, output), speeds, strict=True)]
+    positions = [
+        body["x"] + dt * (body["w"] + w) / 2 for body, w in zip(bodies, speeds, strict=True)
+    ]
     overlap = abs(positions[0] - positions[1]) - half_gap
     if overlap <= 0:
-        return positions[0], speeds[0], positions[1], speeds[1]
-    # They are one body now, with the momentum and all torques of both.
-    total = {name: motor[name] + output[name] for name in ("act", "j", "ts", "td")}
-    common = (motor["j"] * motor["w"] + output["j"] * output["w"]) / total["j"]
-    after = next_speed(common, total["act"], total["j"], total["ts"], total["td"], dt)
-    x_m = motor["x"] + dt * after
+        # the motor once more, with what happens to it within the step
+        w_m, _ = next_speed_through_rest(motor["w"], motor, dt)
+        x_m = motor["x"] + dt * (motor["w"] + w_m) / 2
+        return x_m, w_m, play(x_m, positions[1], half_gap), speeds[1], w_m - motor["w"]
+    # They meet when the gap, closing evenly, is closed.
     side = 1 if positions[0] > positions[1] else -1
-    return x_m, after, x_m - side * half_gap, after
+    left_of_gap = max(0.0, half_gap - side * (motor["x"] - output["x"]))
+    met = left_of_gap / (left_of_gap + overlap)
+    w_m, w_o = (body["w"] + met * (w - body["w"]) for body, w in zip(bodies, speeds, strict=True))
+    x_met = motor["x"] + met * dt * (motor["w"] + w_m) / 2
+    # From then on they are one body, with the momentum and all torques of both.
+    total = {name: motor[name] + output[name] for name in ("act", "before", "j", "ts", "td")}
+    common = (motor["j"] * w_m + output["j"] * w_o) / total["j"]
+    left = (1 - met) * dt
+    pushing = side * common > 0
+    # once at rest, a motor that turns back from the face it pushed leaves the output behind
+    after, until_rest = next_speed_through_rest(common, total, left, motor if pushing else total)
+    x_m = x_met + left * (common + after) / 2
+    if pushing and until_rest is not None:
+        x_o = x_met - side * half_gap + left * until_rest * common / 2
+        return x_m, after, play(x_m, x_o, half_gap), 0.0, after - common
+    return x_m, after, x_m - side * half_gap, after, after - common
 
 
 def end_stop(position, speed, low, high):

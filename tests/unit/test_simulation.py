@@ -65,7 +65,7 @@ def test_a_simulation_in_slices_equals_the_whole_bit_for_bit(model, monkeypatch)
     shares: list[float] = []
     sliced = simulate(model, SHORT, {"friction": 0.3, "backlash": 0.2}, progress=shares.append)
     assert equal(sliced, whole)
-    assert len(shares) > 30
+    assert len(shares) > 10
     assert shares == sorted(shares)
     assert shares[-1] == 1.0
 
@@ -167,7 +167,9 @@ def test_a_record_has_the_rate_that_was_asked_for(model, rate):
 @pytest.mark.parametrize("model", MODELS)
 def test_a_slower_record_has_the_same_states_and_the_mean_of_the_currents(model):
     # 100 kHz and 20 kHz run on one grid of inputs, so that only the sampling differs
-    fine, slow = simulate(model, SHORT, sample_rate=100_000), simulate(model, SHORT)
+    step = 1e-6 if model == "reference" else 1e-5
+    fine = simulate(model, SHORT, sample_rate=100_000, step=step)
+    slow = simulate(model, SHORT, step=step)
     for name in ("motor_position", "motor_speed", "output_position", "command", "load"):
         assert getattr(slow, name) == pytest.approx(getattr(fine, name)[::5], rel=1e-9, abs=1e-12)
     for name in ("current_a", "current_b", "current_c") if model == "reference" else ("current",):

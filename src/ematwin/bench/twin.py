@@ -111,7 +111,7 @@ def lanes_against_scalar(repeats: int) -> Figure:
     def one_at_a_time() -> None:
         for vector in k[:16]:
             batch.monitor_trace(
-                vector, command * ratio, load / ratio, np.zeros(5), constants, comparison.step, 1,
+                vector, command * ratio, load / ratio, np.zeros(6), constants, comparison.step, 1,
                 comparison.substeps,
             )  # fmt: skip
 

@@ -10,7 +10,7 @@
 """
 
 from ematwin.numerics.compile import step
-from ematwin.numerics.friction import advance_speed
+from ematwin.numerics.friction import advance_speed, advance_through_rest
 from ematwin.numerics.scalar import clip
 
 
@@ -35,29 +35,53 @@ def contact_torque(theta_m, w_m, theta_o, w_o, half_gap, stiffness, damping):
 
 @step
 def advance_rigid_play(
-    theta_m, w_m, theta_o, w_o, act_m, act_o, j_m, j_o, ts_m, td_m, ts_o, td_o, half_gap, dt
-):
-    """Advance two masses with rigid contact by ``dt``; gives ``theta_m, w_m, theta_o, w_o``.
+    theta_m, w_m, theta_o, w_o, act_m, before_m, act_o, j_m, j_o, ts_m, td_m, ts_o, td_o, half_gap,
+    dt,
+):  # fmt: skip
+    """Advance two masses with rigid contact by ``dt``.
 
-    Both masses first move freely. Where that would close the gap beyond its width they meet:
-    they take one speed, which keeps their momentum (inelastic impact, and rolling on together),
-    and share all torques and both frictions.
+    ``act_m`` and ``act_o`` act in the middle of the step, ``before_m`` acted on the motor in the
+    step before. Gives ``theta_m, w_m, theta_o, w_o``, and the change of the motor's speed without
+    that of an impact.
+
+    Both masses first move freely. Where that would close the gap beyond its width they meet: from
+    then on they have one speed, which keeps their momentum (inelastic impact, and rolling on
+    together), and share all torques and both frictions. Where they come to rest together and the
+    motor turns back from the face that it pushed, it goes on alone and static friction holds the
+    output. Positions move with the mean of the speeds before and after. An output that flies freely
+    hardly ever reverses; it is not followed through rest.
     """
     free_m = advance_speed(w_m, act_m, j_m, ts_m, td_m, dt)
     free_o = advance_speed(w_o, act_o, j_o, ts_o, td_o, dt)
-    j = j_m + j_o
-    w_mean = (j_m * w_m + j_o * w_o) / j
-    joint = advance_speed(w_mean, act_m + act_o, j, ts_m + ts_o, td_m + td_o, dt)
-    twist = (theta_m + dt * free_m) - (theta_o + dt * free_o)
+    half = 0.5 * dt
+    theta_o_free = theta_o + half * (w_o + free_o)
+    before = clip(theta_m - theta_o, -half_gap, half_gap)
+    twist = theta_m + half * (w_m + free_m) - theta_o_free
     apart = abs(twist) <= half_gap
-    w_m_next = free_m if apart else joint
-    w_o_next = free_o if apart else joint
-    theta_m_next = theta_m + dt * w_m_next
-    theta_o_next = theta_o + dt * w_o_next
     # In contact the output lies on the face that it was pushed to: no drift of the gap.
     face = half_gap if twist > 0.0 else -half_gap
-    theta_o_next = theta_o_next if apart else theta_m_next - face
-    return theta_m_next, w_m_next, theta_o_next, w_o_next
+    met = 0.0 if apart else (face - before) / (twist - before)  # share of the step
+    left = dt - met * dt
+    w_met = w_m + met * (free_m - w_m)
+    w = w_m if apart else w_met + j_o / (j_m + j_o) * (w_o + met * (free_o - w_o) - w_met)
+    theta_met = theta_m + met * half * (w_m + w_met)
+    joint = 0.0 if apart else 1.0
+    leaves = twist * w > 0.0
+    after = 0.0 if leaves else joint
+    # sums and not selects: LLVM would make one division of two reciprocals of constants
+    slower = 1.0 / (j_m + j_o) - 1.0 / j_m
+    w_next, share = advance_through_rest(
+        w, act_m + joint * act_o, 1.0 / j_m + joint * slower, td_m + joint * td_o,
+        act_m + after * act_o, before_m + after * act_o, 1.0 / j_m + after * slower,
+        ts_m + after * ts_o, td_m + after * td_o, left,
+    )  # fmt: skip
+    theta_m_next = theta_met + 0.5 * left * (w + w_next)
+    parts = leaves & (share < 1.0)
+    w_o_next = 0.0 if parts else w_next
+    theta_o_next = theta_met - face + 0.5 * left * share * w if parts else theta_m_next - face
+    theta_o_next = theta_o_free if apart else theta_o_next
+    theta_o_next = clip(theta_o_next, theta_m_next - half_gap, theta_m_next + half_gap)
+    return theta_m_next, w_next, theta_o_next, free_o if apart else w_o_next, w_next - w
 
 
 @step

@@ -28,6 +28,37 @@ def advance_speed(w, act, inertia, t_static, t_dynamic, dt):
 
 
 @step
+def advance_through_rest(
+    w, act, mobility, t_dynamic, act_rest, before_rest, mobility_rest, static_rest, dynamic_rest, dt
+):
+    """Speed after a step of a mass with dry friction, with what a step that is not short needs.
+
+    Where the speed reverses, the mass goes on from rest for what is left of the step; where it
+    breaks loose, the time since it did is taken from how fast its torque grew. Ending such steps at
+    zero, as `advance_speed` does, is an error of first order (derived here; docs/models.md,
+    "Steps").
+
+    ``act`` is the torque in the middle of the step, ``mobility`` the inverse of the inertia. Those
+    named ``_rest`` hold from rest on, where less may move than before; ``before_rest`` is that
+    torque in the middle of the step before. Gives the speed, and the share of the step until the
+    mass came to rest, 1 if it did not.
+    """
+    rest = w == 0.0
+    w_run = w + dt * mobility * (act - math.copysign(t_dynamic, w))
+    turns = w * w_run < 0.0
+    pushed = math.copysign(1.0, act_rest)
+    size = pushed * act_rest
+    grown = pushed * (act_rest - before_rest)
+    part = size - static_rest if rest else w
+    share = part / (grown if rest else w - w_run)
+    share = 0.5 if rest & (grown <= 0.0) else share  # something else gave way: at the start
+    time = clip(0.5 + share, 0.5, 1.5) if rest else 1.0 - share
+    loose = time * dt * mobility_rest * (act_rest - pushed * dynamic_rest)
+    started = loose if size > static_rest else 0.0
+    return started if rest | turns else w_run, share if turns else 1.0
+
+
+@step
 def loaded_friction(direction, load, t_unloaded, c_opposing, c_aiding):
     """Dynamic friction torque with a load, N m, before the friction fault.
 

@@ -47,20 +47,38 @@ def test_play_draws_the_closed_hysteresis_loop_of_a_cosine():
 
 
 @settings(max_examples=400)
-@given(positions, speeds, positions, speeds, torques, torques, st.floats(0.0, 0.5), shares)
-def test_rigid_contact_is_that_of_the_naive_version(x_m, w_m, x_o, w_o, act_m, act_o, gap, td):
+@given(positions, speeds, positions, speeds, torques, torques, torques, st.floats(0.0, 0.5), shares)
+def test_rigid_contact_is_that_of_the_naive_version(
+    x_m, w_m, x_o, w_o, act_m, before, act_o, gap, td
+):
     td_m, td_o = 0.03 * td, 0.02
     seen = backlash.advance_rigid_play(
-        x_m, w_m, x_o, w_o, act_m, act_o, 2.5e-6, 1e-6, 2.0 * td_m, td_m, 2.0 * td_o, td_o, gap, DT
-    )
-    twist = (x_m - x_o) + DT * (
-        friction.advance_speed(w_m, act_m, 2.5e-6, 2.0 * td_m, td_m, DT)
-        - friction.advance_speed(w_o, act_o, 1e-6, 2.0 * td_o, td_o, DT)
-    )
+        x_m, w_m, x_o, w_o, act_m, before, act_o, 2.5e-6, 1e-6,
+        2.0 * td_m, td_m, 2.0 * td_o, td_o, gap, DT,
+    )  # fmt: skip
+    free_m = friction.advance_speed(w_m, act_m, 2.5e-6, 2.0 * td_m, td_m, DT)
+    free_o = friction.advance_speed(w_o, act_o, 1e-6, 2.0 * td_o, td_o, DT)
+    twist = (x_m - x_o) + 0.5 * DT * (w_m + free_m - w_o - free_o)
     assume(abs(abs(twist) - gap) > 1e-12)  # rounding decides there
     expected = mechanics.two_masses_rigid_contact(
-        {"x": x_m, "w": w_m, "act": act_m, "j": 2.5e-6, "ts": 2.0 * td_m, "td": td_m},
-        {"x": x_o, "w": w_o, "act": act_o, "j": 1e-6, "ts": 2.0 * td_o, "td": td_o},
+        {
+            "x": x_m,
+            "w": w_m,
+            "act": act_m,
+            "before": before,
+            "j": 2.5e-6,
+            "ts": 2.0 * td_m,
+            "td": td_m,
+        },
+        {
+            "x": x_o,
+            "w": w_o,
+            "act": act_o,
+            "before": act_o,
+            "j": 1e-6,
+            "ts": 2.0 * td_o,
+            "td": td_o,
+        },
         gap,
         DT,
     )
@@ -71,21 +89,25 @@ def test_rigid_contact_is_that_of_the_naive_version(x_m, w_m, x_o, w_o, act_m, a
 @given(st.floats(-0.3, 0.3), speeds, speeds, st.floats(0.01, 0.3))
 def test_the_gap_never_opens_beyond_its_width(x_m, w_m, w_o, half_gap):
     assume(abs(x_m) <= half_gap)
-    x_m, _, x_o, _ = backlash.advance_rigid_play(
-        x_m, w_m, 0.0, w_o, 0.0, 0.0, 2.5e-6, 1e-6, 0.0, 0.0, 0.0, 0.0, half_gap, DT
+    x_m, _, x_o, _, _ = backlash.advance_rigid_play(
+        x_m, w_m, 0.0, w_o, 0.0, 0.0, 0.0, 2.5e-6, 1e-6, 0.0, 0.0, 0.0, 0.0, half_gap, DT
     )
     assert abs(x_m - x_o) <= half_gap + 1e-12
 
 
-@given(speeds, speeds)
-def test_an_impact_keeps_momentum_and_is_inelastic(w_m, w_o):
+@given(speeds, speeds, st.floats(0.0, 0.99))
+def test_an_impact_keeps_momentum_and_is_inelastic(w_m, w_o, share):
     assume(w_m - w_o > 1e-3)
     j_m, j_o, half_gap = 2.5e-6, 1e-6, 0.0025
-    # the motor lies on the leading face and is faster: they meet in this step
-    _, after_m, _, after_o = backlash.advance_rigid_play(
-        half_gap, w_m, 0.0, w_o, 0.0, 0.0, j_m, j_o, 0.0, 0.0, 0.0, 0.0, half_gap, DT
+    # the motor is faster and next to the leading face: they meet within this step
+    near = half_gap - share * DT * (w_m - w_o)
+    x_m, after_m, x_o, after_o, _ = backlash.advance_rigid_play(
+        near, w_m, 0.0, w_o, 0.0, 0.0, 0.0, j_m, j_o, 0.0, 0.0, 0.0, 0.0, half_gap, DT
     )
     assert after_m == after_o
+    # each has moved with its own speed until they met, and with the common one since
+    assert x_m == pytest.approx(near + DT * (share * w_m + (1.0 - share) * after_m), abs=1e-11)
+    assert x_m - x_o == pytest.approx(half_gap, abs=1e-12)
     assert (j_m + j_o) * after_m == pytest.approx(j_m * w_m + j_o * w_o, rel=1e-9, abs=1e-15)
     before = 0.5 * (j_m * w_m**2 + j_o * w_o**2)
     lost = 0.5 * j_m * j_o / (j_m + j_o) * (w_m - w_o) ** 2  # all energy of relative motion
@@ -95,14 +117,14 @@ def test_an_impact_keeps_momentum_and_is_inelastic(w_m, w_o):
 def test_rigid_contact_with_a_light_output_held_by_friction_is_the_play_operator():
     dt, half_gap = 1e-5, 0.1
 
-    @njit
+    @njit(error_model="numpy")
     def drag(motor_angles, motor_speeds):
         x_o, w_o, y = 0.0, 0.0, 0.0
         worst = 0.0
         for n in range(motor_angles.size - 1):
             # a motor of great inertia: nothing changes its course
-            x_m, _, x_o, w_o = backlash.advance_rigid_play(
-                motor_angles[n], motor_speeds[n], x_o, w_o, 0.0, 0.0, 1e6, 1e-6,
+            x_m, _, x_o, w_o, _ = backlash.advance_rigid_play(
+                motor_angles[n], motor_speeds[n], x_o, w_o, 0.0, 0.0, 0.0, 1e6, 1e-6,
                 0.0, 0.0, 0.02, 0.01, half_gap, dt,
             )  # fmt: skip
             y = backlash.play(x_m, y, half_gap)

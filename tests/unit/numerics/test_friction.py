@@ -1,7 +1,8 @@
 """Dry friction against closed forms and the slow version in ``tests/naive``."""
 
+import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numba import njit
 
@@ -103,3 +104,60 @@ def test_ripple_lowers_the_static_torque_but_never_below_the_dynamic(dynamic, ra
     lowered = friction.dithered_static(static, dynamic, ripple)
     assert lowered == max(dynamic, static - ripple)
     assert dynamic <= lowered <= static
+
+
+# Through rest
+
+
+def through_rest(w, act, before, static, dynamic, dt=DT):
+    mobility = 1.0 / INERTIA
+    found, _ = friction.advance_through_rest(
+        w, act, mobility, dynamic, act, before, mobility, static, dynamic, dt
+    )
+    return found
+
+
+@settings(max_examples=400)
+@given(speeds, torques, torques, st.floats(0.0, 1.0))
+def test_a_step_through_rest_is_that_of_the_naive_version(w, act, before, share):
+    dynamic = 0.03 * share
+    assume(act != before)
+    body = {"act": act, "before": before, "j": INERTIA, "ts": 2.0 * dynamic, "td": dynamic}
+    expected, _ = mechanics.next_speed_through_rest(w, body, DT)
+    assert through_rest(w, act, before, 2.0 * dynamic, dynamic) == pytest.approx(
+        expected, rel=1e-9, abs=1e-9
+    )
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_a_mass_that_reverses_loses_no_part_of_its_step(way):
+    """Exactly where it would be after small steps: uniform deceleration, then the other way."""
+    act, static, dynamic, w = -0.2 * way, 0.06, 0.03, 0.4 * way
+    small = w
+    for _ in range(1000):
+        small = through_rest(small, act, act, static, dynamic, DT / 1000.0)
+    whole = through_rest(w, act, act, static, dynamic)
+    assert whole * way < 0.0
+    assert whole == pytest.approx(small, rel=1e-9)
+    # the plain step throws away what is left after the stop
+    assert friction.advance_speed(w, act, INERTIA, static, dynamic, DT) == 0.0
+
+
+def test_a_mass_that_breaks_loose_within_a_step_moves_as_in_small_steps():
+    """A torque that grows evenly; for any place of the instant within the step."""
+    static, dynamic, slope = 0.06, 0.03, 400.0  # N m, N m, N m/s
+    for start in np.linspace(0.045, 0.0585, 7):
+
+        def torque(t, start=start):
+            return start + slope * t
+
+        def speed(steps, torque=torque):
+            dt = 5.0 * DT / steps
+            w = 0.0
+            for n in range(steps):
+                middle = (n + 0.5) * dt
+                w = through_rest(w, torque(middle), torque(middle - dt), static, dynamic, dt)
+            return w
+
+        exact = speed(50_000)
+        assert speed(5) == pytest.approx(exact, rel=0.03, abs=1e-3)

@@ -120,7 +120,7 @@ def reference_trace(k, command, load, state, c, dt, substeps, decimation):
 def monitor_trace(k, command, load, state, c, dt, substeps, decimation):
     """Simulate the monitor model; arguments as in `reference_trace`.
 
-    ``state`` (5,) holds the fields of `MonitorState`.
+    ``state`` (6,) holds the fields of `MonitorState`.
 
     Returns
     -------
@@ -128,7 +128,7 @@ def monitor_trace(k, command, load, state, c, dt, substeps, decimation):
         power is electrical, into the motor
     """
     fault = fault_state(k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7], c.half_gap)
-    now = MonitorState(state[0], state[1], state[2], state[3], state[4])
+    now = MonitorState(state[0], state[1], state[2], state[3], state[4], state[5])
     samples = (command.size - 1) // decimation
     trace = np.empty((samples, 6))
     share = 1.0 / (substeps * decimation)
@@ -139,11 +139,11 @@ def monitor_trace(k, command, load, state, c, dt, substeps, decimation):
             d_command = (command[g + 1] - command[g]) / substeps
             d_load = (load[g + 1] - load[g]) / substeps
             for j in range(substeps):
-                load_now = c.load_gain * (load[g] + j * d_load) + c.load_offset
-                now, i_mean, p_mean = monitor_step(
-                    now, command[g] + j * d_command, load_now, fault, c, dt
+                load_now = c.load_gain * (load[g] + (j + 0.5) * d_load) + c.load_offset
+                now, p_mean = monitor_step(
+                    now, command[g] + (j + 0.5) * d_command, load_now, fault, c, dt
                 )
-                total += i_mean
+                total += now.i
                 energy += p_mean
         trace[sample, 0] = total * share
         trace[sample, 1] = now.theta_m
@@ -168,7 +168,7 @@ def monitor_scores(
     k : (B, 8) array, fault vectors; B a multiple of `LANES`
     command, load : (S,) arrays at the samples of the record, on the motor shaft; straight lines
         between
-    state : (5,) array, the fields of `MonitorState` at the first sample
+    state : (6,) array, the fields of `MonitorState` at the first sample
     c : Constants that all candidates share
     by_candidate : None; or (B, 28) array, the fields of `Constants` of each candidate, in place of
         ``c``. numba compiles the two cases apart, so that shared constants stay scalars
@@ -203,6 +203,7 @@ def monitor_scores(
     theta_m = np.empty(LANES)
     w_o = np.empty(LANES)
     theta_o = np.empty(LANES)
+    dw_m = np.empty(LANES)
     total = np.empty(LANES)
     energy = np.empty(LANES)
     y1 = np.empty(LANES)
@@ -243,6 +244,7 @@ def monitor_scores(
             theta_o[n] = state[4]
             w_o[n] = state[3]
             i[n] = state[0]
+            dw_m[n] = state[5]
             z1[n] = taps[5]
             z2[n] = taps[6]
             cost[n] = nothing
@@ -265,16 +267,16 @@ def monitor_scores(
                     late_end[n] = sample_at(load, sample - own[LOAD_DELAY, n] * rate)
                     d_late[n] = (late_end[n] - late_load[n]) * share
             for j in range(substeps):
-                command_now = command[sample - 1] + j * d_command
-                load_now = load[sample - 1] + j * d_load
+                command_now = command[sample - 1] + (j + 0.5) * d_command
+                load_now = load[sample - 1] + (j + 0.5) * d_load
                 for n in range(LANES):
                     if by_candidate is None:
                         c_n = c
                     else:
                         c_n = lane_constants(own, n)
-                        load_now = late_load[n] + j * d_late[n]
-                    now, i_mean, p_mean = monitor_step(
-                        MonitorState(i[n], w_m[n], theta_m[n], w_o[n], theta_o[n]),
+                        load_now = late_load[n] + (j + 0.5) * d_late[n]
+                    now, p_mean = monitor_step(
+                        MonitorState(i[n], w_m[n], theta_m[n], w_o[n], theta_o[n], dw_m[n]),
                         command_now,
                         c_n.load_gain * load_now + c_n.load_offset,
                         FaultState(
@@ -289,7 +291,8 @@ def monitor_scores(
                     theta_m[n] = now.theta_m
                     w_o[n] = now.w_o
                     theta_o[n] = now.theta_o
-                    total[n] += i_mean
+                    dw_m[n] = now.dw_m
+                    total[n] += now.i
                     if power is not None:
                         energy[n] += p_mean
             for n in range(LANES):

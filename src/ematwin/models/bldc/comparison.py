@@ -32,6 +32,7 @@ _TWIN_ERROR = 0.003  # relative misfit of the twin to healthy records of the ref
 _SHORTEST = 100  # samples: fewer cannot tell eight parameters apart
 KEPT = 12_000  # samples of a response: more are thinned, as far as the low-pass allows
 _OVERSAMPLING = 8.0  # rate of kept samples over the cutoff, at least
+_COARSE = 2.0  # times the step, where only the valley is looked for
 _BLOCKS = 4  # of lanes in a task at most: an interrupt waits for no more than one task
 
 
@@ -60,7 +61,7 @@ class Stretch:
     command, load : (S,) arrays on the motor shaft, rad and N m
     target : (S,) array, A, filtered equivalent current
     weights : (S,) array, s/A
-    state : (5,) array, of the monitor model at the first sample
+    state : (6,) array, of the monitor model at the first sample
     taps : (7,) array, of the low-pass and its state at the first sample
     kept : samples of a response that are kept at most
     power : where it counts
@@ -180,8 +181,14 @@ class BldcComparison(Comparison):
         return other
 
     def smoothed(self) -> "BldcComparison":
-        """Through a low-pass of `SMOOTH_CUTOFF` at most."""
-        return self.with_cutoff(min(SMOOTH_CUTOFF, self.low_pass.cutoff))
+        """Through a low-pass of `SMOOTH_CUTOFF` at most, and with longer steps."""
+        other = self.with_cutoff(min(SMOOTH_CUTOFF, self.low_pass.cutoff))
+        coarse = min(
+            _COARSE * self.actuator.steps.monitor, self.actuator.largest_stable_step("monitor")
+        )
+        other.substeps = max(1, math.ceil(self.recording.interval / coarse - 1e-9))
+        other.step = self.recording.interval / other.substeps
+        return other
 
     def restarted(self) -> Comparison | None:
         """By stretches, each from its recorded positions; None without positions."""
@@ -437,7 +444,7 @@ def with_speeds(recording: Recording) -> Recording:
 def initial_state(
     recording: Recording, actuator: BldcActuator, current: float | None, first: int = 0
 ) -> np.ndarray:
-    """State (5,) of the monitor model at a sample.
+    """State (6,) of the monitor model at a sample.
 
     Recorded positions and speeds are taken where they are known. Else the motor stands where the
     output is, the output where the command is, and speeds are the slopes of the positions.
@@ -462,4 +469,4 @@ def initial_state(
         w_m = float(motor[first + 1] - motor[first]) / dt
     if recording.motor_speed is not None:
         w_m = float(recording.motor_speed[first])
-    return np.array([current or 0.0, w_m, theta_m, w_o, theta_o])
+    return np.array([current or 0.0, w_m, theta_m, w_o, theta_o, 0.0])

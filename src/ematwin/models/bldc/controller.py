@@ -10,12 +10,18 @@ from ematwin.numerics.scalar import clip
 
 
 @step
+def current_demand(command, theta_o, w_m, k_position, k_speed, w_max, k_torque):
+    """Current that the speed loop asks for, A, before its limit; as in `current_reference`."""
+    w_ref = clip(k_position * (command - theta_o), -w_max, w_max)
+    return k_speed * (w_ref - w_m) / k_torque
+
+
+@step
 def current_reference(command, theta_o, w_m, k_position, k_speed, w_max, k_torque, i_max):
     """Current reference of the drive, A.
 
     ``command`` and ``theta_o`` are output positions on the motor shaft, rad; ``k_torque`` is the
     healthy torque constant by which the drive turns its torque demand into a current.
     """
-    w_ref = clip(k_position * (command - theta_o), -w_max, w_max)
-    i_ref = k_speed * (w_ref - w_m) / k_torque
-    return clip(i_ref, -i_max, i_max)
+    demand = current_demand(command, theta_o, w_m, k_position, k_speed, w_max, k_torque)
+    return clip(demand, -i_max, i_max)

@@ -1,4 +1,4 @@
-"""One step of the monitor model: one equivalent phase, rigid play, about 10 us.
+"""One step of the monitor model: one equivalent phase, rigid play, about 25 us.
 
 docs/models.md, "Monitor model". With p and n the conducting phases of the sector,
 
@@ -9,26 +9,32 @@ which is exact for two conducting phases. The voltage drives the current to its 
 the step, as far as the supply allows. The current has no ripple here; what the ripple of the real
 one does to stiction is taken into account (`dithered_static`). The published shape functions could
 not be had; these are derived here.
+
+All of a step happens in its middle: inputs, angles, and the current, which follows the speed that
+the rotor will have there (implicit midpoint; docs/models.md, "Steps").
 """
 
 from typing import NamedTuple
 
-from ematwin.models.bldc.controller import current_reference
+from ematwin.models.bldc.controller import current_demand
 from ematwin.models.bldc.motor import gap_factors, hall_sector, phase_inductance
 from ematwin.numerics.backlash import advance_rigid_play, stop_at_ends
 from ematwin.numerics.compile import step
 from ematwin.numerics.friction import dithered_static, loaded_friction
 from ematwin.numerics.scalar import clip
 
+_TOUCHING = 1e-9  # rad, on the motor shaft
+
 
 class MonitorState(NamedTuple):
     """State of the monitor model."""
 
-    i: float  # A, equivalent current, signed
+    i: float  # A, equivalent current, signed, in the middle of the last step
     w_m: float  # rad/s
     theta_m: float  # rad
     w_o: float
     theta_o: float
+    dw_m: float  # rad/s, change of w_m in the last step, without impacts
 
 
 @step
@@ -57,29 +63,42 @@ def equivalent_phase(theta_m, fault, c):
 
 @step
 def monitor_step(state, command, load, fault, c, dt):
-    """Advance the monitor model by ``dt``.
+    """Advance the monitor model by ``dt``; ``command`` and ``load`` are those of its middle.
 
-    Gives the state, and the mean current and the mean electrical power of the step.
+    Gives the state, and the mean electrical power of the step.
     """
-    r_eq, l_eq, kappa_eq = equivalent_phase(state.theta_m, fault, c)
-    i_ref = current_reference(
-        command, state.theta_o, state.w_m, c.k_position * fault.gain, c.k_speed, c.w_max,
-        2.0 * c.k_e, c.i_max,
+    half = 0.5 * dt
+    r_eq, l_eq, kappa_eq = equivalent_phase(state.theta_m + half * state.w_m, fault, c)
+    # The speed in the middle is w + (dw + dt kappa (i_mean - i)/J)/2, if other torques stay: the
+    # speed loop answers its own torque within the step.
+    apart = abs(abs(state.theta_m - state.theta_o) - fault.half_gap) > _TOUCHING
+    moves = 0.0 if state.w_m == 0.0 else 1.0
+    joint = 0.0 if apart else 1.0
+    slope_m = c.k_speed * half / (2.0 * c.k_e * c.j_m)
+    slope_joint = c.k_speed * half / (2.0 * c.k_e * (c.j_m + c.j_o))
+    stiffness = moves * kappa_eq * (slope_m + joint * (slope_joint - slope_m))
+    w_mid = state.w_m + 0.5 * state.dw_m
+    demand = current_demand(
+        command, state.theta_o + half * state.w_o, w_mid, c.k_position * fault.gain, c.k_speed,
+        c.w_max, 2.0 * c.k_e,
     )  # fmt: skip
+    # one division for both
+    inverse = 1.0 / ((1.0 + stiffness) * l_eq)
+    reach = dt * (1.0 + stiffness) * inverse  # dt / l_eq
+    i_ref = clip((demand + stiffness * state.i) * l_eq * inverse, -c.i_max, c.i_max)
     drop = r_eq * state.i + kappa_eq * state.w_m
-    # u = clip(drop + l_eq (i_ref - i)/dt, -V, V), i <- i + dt (u - drop)/l_eq, with one division
-    reach = dt / l_eq
+    # u = clip(drop + l_eq (i_ref - i)/dt, -V, V), i <- i + dt (u - drop)/l_eq
     i = clip(i_ref, state.i - reach * (c.v_supply + drop), state.i + reach * (c.v_supply - drop))
-    i_mean = 0.5 * (state.i + i)
-    p_mean = i_mean * (r_eq * i_mean + kappa_eq * state.w_m + (i - state.i) / reach)
+    p_mean = i * (r_eq * i + kappa_eq * w_mid + (i - state.i) / reach)
 
-    act_m = kappa_eq * i_mean - c.viscous * state.w_m
+    act_m = kappa_eq * i - c.viscous * w_mid
+    before_m = kappa_eq * state.i - c.viscous * state.w_m
     td_m = fault.friction * c.t_m
     ts_m = dithered_static(c.static_ratio * td_m, td_m, kappa_eq * c.half_band)
     direction = state.w_o if state.w_o != 0.0 else state.w_m
     td_o = fault.friction * loaded_friction(direction, -load, c.t_o, c.c_opposing, c.c_aiding)
-    theta_m, w_m, theta_o, w_o = advance_rigid_play(
-        state.theta_m, state.w_m, state.theta_o, state.w_o, act_m, -load, c.j_m, c.j_o,
+    theta_m, w_m, theta_o, w_o, dw_m = advance_rigid_play(
+        state.theta_m, state.w_m, state.theta_o, state.w_o, act_m, before_m, -load, c.j_m, c.j_o,
         ts_m, td_m, c.static_ratio * td_o, td_o, fault.half_gap, dt,
     )  # fmt: skip
     theta_o, w_o = stop_at_ends(theta_o, w_o, c.travel_low, c.travel_high)
@@ -87,4 +106,4 @@ def monitor_step(state, command, load, fault, c, dt):
     theta_m, w_m = stop_at_ends(
         theta_m, w_m, c.travel_low - fault.half_gap, c.travel_high + fault.half_gap
     )
-    return MonitorState(i, w_m, theta_m, w_o, theta_o), i_mean, p_mean
+    return MonitorState(i, w_m, theta_m, w_o, theta_o, dw_m), p_mean

@@ -163,8 +163,10 @@ class BldcActuator(ParameterSet):
     def largest_stable_step(self, model: str) -> float:
         """Longest step of a model for which its fastest mode neither grows nor rings, s."""
         j_m, j_o = self.motor.inertia, self.transmission.output_inertia
-        # semi-implicit Euler holds dt/tau < 1 for first-order modes without ringing
-        limits = [j_m / (self.controller.speed_gain + self.motor.viscous_damping)]
+        # semi-implicit Euler holds dt/tau < 1 for first-order modes without ringing, and the
+        # implicit midpoint rule of the monitor model 2
+        speed_loop = j_m / (self.controller.speed_gain + self.motor.viscous_damping)
+        limits = [speed_loop if model == "reference" else 2.0 * speed_loop]
         if model == "reference":
             compliance = 1.0 / j_m + 1.0 / j_o
             limits.append(1.0 / math.sqrt(self.transmission.contact_stiffness * compliance))

@@ -17,6 +17,7 @@ from ematwin.recordings.recording import Recording
 DEFAULT_SAMPLE_RATE = 20_000.0  # Hz
 _MOST_SAMPLES = 10_000_000  # of a record: some 1 GB
 _MOST_POINTS = 50_000_000  # of the inputs: some 2 GB
+_INPUT_INTERVAL = 1e-5  # s, at most, where steps are shorter
 SLICE_STEPS = 1_000_000  # steps between two reports of progress: about 0.1 s
 _STATE_OF = {"motor_position": "theta_m", "output_position": "theta_o"}  # not zero at rest
 
@@ -116,7 +117,7 @@ def _run(
         rest = ReferenceState(0.0, 0.0, 0.0, 0.0, start, 0.0, start, 1.0, 0.0, 0.0, 0.0)
     else:
         run, names = batch.monitor_trace, batch.MONITOR_COLUMNS
-        rest = MonitorState(0.0, 0.0, start, 0.0, start)
+        rest = MonitorState(0.0, 0.0, start, 0.0, start, 0.0)
     state = np.array(rest)
     constants = kernel_constants(actuator)
     first = [getattr(rest, _STATE_OF.get(name, ""), 0.0) for name in names]
@@ -196,7 +197,7 @@ def time_grid(
     except InputError as error:
         text = str(error)
         raise InputError(text[0].upper() + text[1:] + ".") from None
-    return TimeGrid(chosen, max(actuator.steps.monitor, chosen), duration, sample_rate)
+    return TimeGrid(chosen, max(_INPUT_INTERVAL, chosen), duration, sample_rate)
 
 
 def _check_start(position: float, actuator: BldcActuator) -> None:
