@@ -17,6 +17,7 @@ class TestBldc(ModelContract):
     # recordings are simulated with the reference model, and the monitor model is the twin
     healthy_misfit = 0.005
     step = "steps.monitor"
+    thinned = 0.01
 
     @pytest.fixture
     def model(self):

@@ -108,7 +108,7 @@ def two_masses_rigid_contact(motor, output, half_gap, dt):
     # They meet when the gap, closing evenly, is closed.
     side = 1 if positions[0] > positions[1] else -1
     left_of_gap = max(0.0, half_gap - side * (motor["x"] - output["x"]))
-    met = left_of_gap / (left_of_gap + overlap)
+    met = left_of_gap / (left_of_gap + overlap) if left_of_gap >= 1e-12 else 0.0
     w_m, w_o = (body["w"] + met * (w - body["w"]) for body, w in zip(bodies, speeds, strict=True))
     x_met = motor["x"] + met * dt * (motor["w"] + w_m) / 2
     # From then on they are one body, with the momentum and all torques of both.

@@ -19,6 +19,26 @@ import ematwin
 from ematwin.numerics.cache import NamedByContent
 from ematwin.numerics.dependencies import Dependencies
 
+COMMAND = """
+import os, pty, subprocess, sys, threading
+ours, theirs = pty.openpty()
+seen = b""
+
+def read():
+    global seen
+    while not seen.endswith(b"end"):
+        seen += os.read(ours, 10_000)
+
+reader = threading.Thread(target=read)
+reader.start()
+command = ["simulate", "--scenario", "step", "--model", "monitor", "--out", "a.csv"]
+command = [sys.executable, "-m", "ematwin", *command]
+subprocess.run(command, stderr=theirs, stdout=subprocess.DEVNULL, check=True)
+os.write(theirs, b"end")
+reader.join()
+print(seen.decode())
+"""
+
 RUN = """
 import ematwin
 record = ematwin.simulate("monitor", "step", {"friction": 0.5}, sample_rate=1000)
@@ -146,6 +166,13 @@ def package(tmp_path: Path) -> Path:
     for name, text in PACKAGE.items():
         (folder / name).write_text(text)
     return tmp_path
+
+
+def test_a_terminal_is_told_that_loops_are_compiled(copy):
+    first, second = (start(copy, COMMAND).communicate(timeout=300)[0] for _ in range(2))
+    assert first.count("Compiling the twin (first run only") == 1
+    assert "Compiling" not in second
+    assert "end" in second
 
 
 def test_a_package_of_somebody_else_is_compiled_once(package):
@@ -406,5 +433,6 @@ def test_sound_data_that_is_of_no_use_is_compiled_anew(package):
     (path,) = kept(package)
     data = pickle.dumps(("not", "what", "numba", "keeps"))
     path.write_bytes(hashlib.sha256(data).digest() + data)
-    assert run(package, USE) == ("65.0", ["loaded", "saved"])
+    # once as it is, once with all that numba has, then anew
+    assert run(package, USE) == ("65.0", ["loaded", "loaded", "saved"])
     assert run(package, USE) == ("65.0", ["loaded"])

@@ -85,7 +85,10 @@ def run() -> int:
     """Run the command that the process was called with; gives its exit code."""
     from ematwin.cli.wording import for_shell
     from ematwin.errors import EmatwinError
+    from ematwin.numerics import notice
 
+    if sys.stderr.isatty():
+        notice.listener = _say_compiling
     try:
         answer = app(prog_name="ematwin", standalone_mode=False)
         sys.stdout.flush()
@@ -108,6 +111,10 @@ def run() -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     return answer if isinstance(answer, int) else 0
+
+
+def _say_compiling() -> None:
+    print("Compiling the twin (first run only, up to half a minute) ...", file=sys.stderr)
 
 
 def _usage_sentence(error: Any) -> str:

@@ -179,10 +179,11 @@ def _load(text: str, actuator: "ParameterSet") -> float:
 def _loaded(name: str) -> "tuple[ParameterSet, Calibration | None]":
     """The actuator that a name or file means, and its calibration if the file holds one."""
     from ematwin.models.registry import load_actuator
-    from ematwin.monitoring.calibration import Calibration
     from ematwin.validation import load_toml
 
     if name.endswith(".toml") and "calibration" in load_toml(Path(name), "actuator"):
+        from ematwin.monitoring.calibration import Calibration
+
         calibration = Calibration.load(name)
         return calibration.actuator, calibration
     return load_actuator(name), None

@@ -13,6 +13,8 @@ from ematwin.numerics.compile import step
 from ematwin.numerics.friction import advance_speed, advance_through_rest
 from ematwin.numerics.scalar import clip
 
+_CLOSED = 1e-12  # rad, on the motor shaft
+
 
 @step
 def play(theta_m, theta_o, half_gap):
@@ -60,7 +62,8 @@ def advance_rigid_play(
     apart = abs(twist) <= half_gap
     # In contact the output lies on the face that it was pushed to: no drift of the gap.
     face = half_gap if twist > 0.0 else -half_gap
-    met = 0.0 if apart else (face - before) / (twist - before)  # share of the step
+    # the share of the step until they meet; a gap of mere rounding is none
+    met = 0.0 if apart | (abs(face - before) < _CLOSED) else (face - before) / (twist - before)
     left = dt - met * dt
     w_met = w_m + met * (free_m - w_m)
     w = w_m if apart else w_met + j_o / (j_m + j_o) * (w_o + met * (free_o - w_o) - w_met)

@@ -29,10 +29,12 @@ from typing import Any
 
 from numba.core import types
 from numba.core.caching import FunctionCache, _cache_log
+from numba.core.runtime.nrt import rtsys
 from numba.core.serialize import dumps
 
 from ematwin.files import written_whole
 from ematwin.numerics.dependencies import Dependencies, dependencies
+from ematwin.numerics.notice import compiling
 
 _DIGEST = hashlib.sha256().digest_size
 _POSIX = os.name == "posix"
@@ -139,10 +141,19 @@ class _Cache(FunctionCache):
         )
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """What was compiled, without all that numba loads for compiling: half of its start."""
+        found = None
         try:
-            return super().load_overload(sig, target_context)
+            rtsys.initialize(target_context)  # memory of arrays that loops make
+            found = self._load_overload(sig, target_context)
         except Exception:
-            return None  # sound data that this process cannot use: compile again
+            target_context.refresh()
+            with suppress(Exception):  # sound data that this process cannot use: compile again
+                found = self._load_overload(sig, target_context)
+        if found is None:
+            compiling()
+            target_context.refresh()
+        return found
 
     def save_overload(self, sig: Any, data: Any) -> None:
         with suppress(OSError):

@@ -12,8 +12,10 @@ meaning: it is how a diverged candidate is told.
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
+import llvmlite.binding
 import numba
 from numba.core import types
 from numba.core.typing.templates import Signature
@@ -26,11 +28,33 @@ _RELAXED = {"contract", "nsz", "arcp"}
 step = numba.njit(inline="always", error_model="numpy", fastmath=_RELAXED)
 
 
-def loop(function: Callable[..., Any]) -> Any:
-    """Compile ``function`` on its first call; keep the result on disk for the next process."""
+def loop(function: Callable[..., Any] | None = None, *, interleave: int = 0) -> Any:
+    """Compile ``function`` on its first call; keep the result on disk for the next process.
+
+    ``interleave`` is the number of vectors that its lanes are computed in at the same time, so that
+    the latency of one is hidden by the others; 0 leaves it to LLVM, which takes one where a step is
+    long.
+    """
+    if function is None:
+        return partial(loop, interleave=interleave)
     compiled = numba.njit(nogil=True, error_model="numpy", fastmath=_RELAXED)(function)
+    if interleave and hasattr(compiled, "_compiler"):  # not where NUMBA_DISABLE_JIT is set
+        compiled._compiler.compile = _interleaved(compiled._compiler.compile, interleave)
     keep(compiled)
     return compiled
+
+
+def _interleaved(compile_it: Callable[..., Any], count: int) -> Callable[..., Any]:
+    """LLVM takes this as an option of the process; numba compiles one function at a time."""
+
+    def compile_with_option(*arguments: Any) -> Any:
+        llvmlite.binding.set_option("ematwin", f"-force-vector-interleave={count}")
+        try:
+            return compile_it(*arguments)
+        finally:
+            llvmlite.binding.set_option("ematwin", "-force-vector-interleave=0")
+
+    return compile_with_option
 
 
 @intrinsic

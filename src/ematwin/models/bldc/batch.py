@@ -20,7 +20,7 @@ from ematwin.models.bldc.state import (
 )
 from ematwin.numerics.compile import loop, step, wide_vectors
 
-LANES = 32  # candidates side by side: four AVX-512 registers hide the latency of one another
+LANES = 16  # candidates side by side: two AVX-512 registers hide the latency of one another
 
 # Columns of the traces.
 REFERENCE_COLUMNS = (
@@ -156,7 +156,7 @@ def monitor_trace(k, command, load, state, c, dt, substeps, decimation):
     return trace
 
 
-@loop
+@loop(interleave=2)
 def monitor_scores(
     k, command, load, state, c, by_candidate, dt, substeps, taps, rectify, target, weight,
     costs, status, response, power,
@@ -221,15 +221,17 @@ def monitor_scores(
             v = k[first + n]
             half_gap_n = c.half_gap
             # A NaN anywhere in the vector must show: as a friction it would only hold all at rest.
-            nothing = 0.0 * v.sum()
+            nothing = 0.0
+            for m in range(v.size):
+                nothing += 0.0 * v[m]
             if by_candidate is not None:
                 for m in range(len(c)):
                     own[m, n] = by_candidate[first + n, m]
+                    nothing += 0.0 * own[m, n]
                 half_gap_n = own[HALF_GAP, n]
                 if not math.isfinite(own[LOAD_DELAY, n]):
                     own[LOAD_DELAY, n] = 0.0  # no place in an array; the cost shows it
                 late_end[n] = sample_at(load, -own[LOAD_DELAY, n] * rate)
-                nothing += 0.0 * by_candidate[first + n].sum()
             f = fault_state(v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7], half_gap_n)
             friction[n] = f.friction
             half_gap[n] = f.half_gap

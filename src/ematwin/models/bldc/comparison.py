@@ -30,10 +30,11 @@ from ematwin.recordings.recording import Recording
 SMOOTH_CUTOFF = 100.0  # Hz: misfits of currents low-passed there are smooth over wide valleys
 _TWIN_ERROR = 0.003  # relative misfit of the twin to healthy records of the reference model
 _SHORTEST = 100  # samples: fewer cannot tell eight parameters apart
-KEPT = 12_000  # samples of a response: more are thinned, as far as the low-pass allows
+KEPT = 5_000  # samples of a response: more are thinned, as far as the low-pass allows
 _OVERSAMPLING = 8.0  # rate of kept samples over the cutoff, at least
+_AT_A_TIME = 8_000_000  # samples of answers that are held whole
 _COARSE = 2.0  # times the step, where only the valley is looked for
-_BLOCKS = 4  # of lanes in a task at most: an interrupt waits for no more than one task
+_BLOCKS = 8  # of lanes in a task at most: an interrupt waits for no more than one task
 
 
 @dataclass(frozen=True)
@@ -239,9 +240,19 @@ class BldcComparison(Comparison):
 
     def costs(self, candidates: Candidates, count: int) -> np.ndarray:
         """Costs (B,), A s; infinite where the simulation diverged."""
-        if not candidates.keys().isdisjoint(SENSOR):
-            return super().costs(candidates, count)
-        return self.run(self.stretch, self.batch(candidates, count), 0, spread=True)[0]
+        batch = self.batch(candidates, count)
+        if not batch.sensor:
+            return self.run(self.stretch, batch, 0, spread=True)[0]
+        # what a sensor shows is known of whole answers only: as many at a time as memory allows
+        many = max(1, _AT_A_TIME // self.target.size)
+        parts = [batch.part(slice(n, n + many)) for n in range(0, count, many)]
+        return np.concatenate([self._costs_as_sensed(part) for part in parts])
+
+    def _costs_as_sensed(self, batch: "Batch") -> np.ndarray:
+        costs, response, _ = self.run(self.stretch, batch, self.target.size, spread=True)
+        gap = self._sensed(response, batch, self.recording.interval) - self.target
+        found = np.einsum("s,bs,bs->b", self.weights, gap, gap)
+        return np.where(np.isfinite(costs) & np.isfinite(found), found, np.inf)
 
     def responses(self, candidates: Candidates, count: int) -> dict[str, np.ndarray]:
         """Filtered equivalent currents, (B, S) array, A."""
@@ -389,6 +400,12 @@ class Batch:
     faults: np.ndarray
     constants: np.ndarray | None
     sensor: Candidates
+
+    def part(self, rows: slice) -> "Batch":
+        """Some of the candidates."""
+        constants = None if self.constants is None else self.constants[rows]
+        sensor = {name: values[rows] for name, values in self.sensor.items()}
+        return Batch(self.faults[rows], constants, sensor)
 
 
 def advanced(rows: np.ndarray, shift: np.ndarray) -> np.ndarray:

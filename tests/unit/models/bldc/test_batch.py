@@ -94,9 +94,10 @@ def test_a_diverged_candidate_is_a_status_and_costs_infinity_and_spoils_no_other
     k = random_faults(2 * batch.LANES)
     clean = scoring(k)[0]
     sick = k.copy()
-    sick[5, 0], sick[40, 5], sick[41] = np.nan, np.inf, np.nan
+    next_block = batch.LANES + 8
+    sick[5, 0], sick[next_block, 5], sick[next_block + 1] = np.nan, np.inf, np.nan
     costs, status, _, _ = scoring(sick)
-    bad = np.isin(np.arange(len(k)), [5, 40, 41])
+    bad = np.isin(np.arange(len(k)), [5, next_block, next_block + 1])
     assert (status[bad] == batch.DIVERGED).all()
     assert np.isposinf(costs[bad]).all()
     assert (status[~bad] == batch.OK).all()
@@ -140,7 +141,7 @@ def test_each_candidate_has_constants_of_its_own():
     constants = varied(len(k))
     mixed, _, responses, _ = scoring(k, by_candidate=constants)
     assert not np.isclose(mixed, scoring(k)[0], rtol=1e-6).any()
-    for n in (0, 1, 31, 32, 50, 63):
+    for n in (0, 1, batch.LANES - 1, batch.LANES, len(k) - 1):
         alone, _, response, _ = scoring(k, c=type(C)(*constants[n].tolist()))
         assert mixed[n] == pytest.approx(alone[n], rel=1e-12)
         np.testing.assert_allclose(responses[n], response[n], rtol=0.0, atol=1e-12)

@@ -44,7 +44,10 @@ def test_twin_explains_its_own_record(twin_record: Recording) -> None:
     assert objective.relative_misfit(costs[1]) > 0.1
 
 
-def test_cost_is_the_sum_of_squared_residuals(twin_record: Recording) -> None:
+def test_cost_is_the_sum_of_squared_residuals(
+    twin_record: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("ematwin.models.bldc.comparison.KEPT", len(twin_record))
     objective = Misfit(twin_record, ACTUATOR)
     k = np.random.default_rng(5).random((7, 8))
     squares = (objective.residuals_at(k) ** 2).sum(axis=1)
