@@ -2,10 +2,12 @@
 
     python benchmarks/roofline.py [--figure roofline.svg] [--json]
 
-Operations are counted in the machine code of the loop over the lanes, as compiled here; peak is what
-a loop of nothing but fused multiply-adds reaches on the same core, memory bandwidth that of a copy
-of arrays that no cache holds. One thread. The figure needs matplotlib (extra ``study``).
+Operations are counted in the machine code of the loop over the lanes, as compiled here; peak is
+what a loop of nothing but fused multiply-adds reaches on the same core, memory bandwidth that of a
+copy of arrays that no cache holds. One thread. The figure needs matplotlib (extra ``study``).
 """
+
+# ruff: noqa: E402
 
 import argparse
 import json
@@ -29,24 +31,38 @@ from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.unknowns import UNKNOWNS
 from ematwin.numerics.compile import loop, wide_vectors
 
-_CHAINS = 128  # of multiply-adds: enough for the latency of any register file
+_CHAIN = 12  # multiply-adds between a load and a store
+_VALUES = 512  # in the fastest cache
 _CLASSES = {
     "multiply-add": r"vfn?m(add|sub)\d+pd",
     "add, multiply": r"v(add|sub|mul)pd",
     "divide": r"v(div|sqrt)pd",
-    "compare, select, round": r"v(cmp\w*|min|max|blendv?m?|and|andn|or|xor|rndscale|round)pd|vpternlogq",
+    "compare, select, round": r"v(cmp\w*|min|max|blendv?m?|andn?|x?or|rndscale|round)pd|vpternlogq",
     "move": r"vmov[ua]pd|vbroadcastsd",
 }
 _FLOPS = {"multiply-add": 2, "add, multiply": 1, "divide": 1}
 
 
-@loop
+@loop(interleave=4)
 def multiply_adds(values, factor, summand, count):
-    """``values`` times ``factor`` plus ``summand``, so many times."""
+    """``values`` times ``factor`` plus ``summand``, `_CHAIN` times in a row, so many times."""
     wide_vectors()
     for _ in range(count):
         for n in range(values.size):
-            values[n] = values[n] * factor + summand
+            x = values[n]
+            x = x * factor + summand
+            x = x * factor + summand
+            x = x * factor + summand
+            x = x * factor + summand
+            x = x * factor + summand
+            x = x * factor + summand
+            x = x * factor + summand
+            x = x * factor + summand
+            x = x * factor + summand
+            x = x * factor + summand
+            x = x * factor + summand
+            x = x * factor + summand
+            values[n] = x
 
 
 @loop
@@ -69,7 +85,7 @@ def fastest(work: Callable[[], object], repeats: int = 9) -> float:
 
 
 def lane_loop(code: str) -> tuple[Counter[str], int]:
-    """Instructions of the loop over the lanes by class, and how many lanes one pass takes."""
+    """Instructions of the loop over the lanes by class, and how many vectors one pass takes."""
     blocks = re.split(r"(?m)^\.?L[\w.$]*:", code)
     widest = max(blocks, key=lambda block: len(re.findall(r"\tv\w+pd\t", block)))
     found: Counter[str] = Counter()
@@ -78,13 +94,10 @@ def lane_loop(code: str) -> tuple[Counter[str], int]:
             if re.fullmatch(pattern, name):
                 found[title] += 1
                 break
-    width = 8 if "zmm" in widest else 4
-    # each vector needs one rounding of its Hall sector: what is there once is there once a vector
-    stores = len(re.findall(r"(?m)^\tvmov[ua]pd\t%[yz]mm\d+, \d*\(", widest))
-    return found, width * max(1, round(stores / _STATES))
+    return found, max(1, found["divide"] // _DIVISIONS)
 
 
-_STATES = 7  # of a lane that a step writes: i, w_m, theta_m, w_o, theta_o, dw_m, total
+_DIVISIONS = 3  # of a step: the current's reference, the instant of an impact and that of rest
 
 
 def measure() -> dict[str, float]:
@@ -97,21 +110,20 @@ def measure() -> dict[str, float]:
     seconds = fastest(lambda: comparison.costs(candidates, count))
     steps = count * comparison.substeps * (len(record) - 1)
     code = batch.monitor_scores.inspect_asm(batch.monitor_scores.signatures[0])
-    found, lanes = lane_loop(code)
-    flops = sum(_FLOPS.get(title, 0) * number for title, number in found.items()) / lanes * 8
-    values = np.ones(_CHAINS)
-    adds = 200_000
-    peak = 2.0 * _CHAINS * adds / fastest(lambda: multiply_adds(values, 0.5, 0.5, adds))
+    found, vectors = lane_loop(code)
+    each = sum(_FLOPS.get(title, 0) * number for title, number in found.items()) / vectors
+    values, rounds = np.ones(_VALUES), 10_000
+    adds = _CHAIN * _VALUES * rounds
+    peak = 2.0 * adds / fastest(lambda: multiply_adds(values, 0.5, 0.5, rounds))
     large = np.ones(16_000_000)
     target = np.empty_like(large)
     bandwidth = 2.0 * large.nbytes / fastest(lambda: copy(large, target), 3)
-    each = flops / 8
     traffic = 4 * 8.0 / (batch.LANES * comparison.substeps)  # inputs and target, by each block
     return {
         **{f"instructions, {title}": float(number) for title, number in found.items()},
-        "lanes of a pass": float(lanes),
+        "vectors of a pass": float(vectors),
         "ns a candidate-step": 1e9 * seconds / steps,
-        "flop a candidate-step": each,
+        "flop a candidate-step": float(each),
         "Gflop/s": each * steps / seconds / 1e9,
         "peak Gflop/s": peak / 1e9,
         "share of peak": each * steps / seconds / peak,

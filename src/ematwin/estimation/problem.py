@@ -21,6 +21,8 @@ from ematwin.models.registry import load_actuator, model_of
 from ematwin.models.unknown import Unknown
 from ematwin.recordings.recording import Recording
 
+_ROUNDING = 1e-12
+
 
 @dataclass(frozen=True)
 class Prior:
@@ -199,8 +201,11 @@ class Problem:
         """(d,) healthy values."""
         return np.array([one.healthy for one in self.unknowns])
 
-    def costs(self, points: np.ndarray) -> np.ndarray:
-        """Sums of squares (B,) of points (B, d), priors included; infinite where one diverged."""
+    def costs(self, points: np.ndarray, limits: np.ndarray | None = None) -> np.ndarray:
+        """Sums of squares (B,) of points (B, d), priors included; infinite where one diverged.
+
+        Costs above ``limits`` (B,) may be given as infinite.
+        """
         if self.has_evidence:
             residuals = self.residuals(points)
             squares = np.einsum("bk,bk->b", residuals, residuals)
@@ -210,7 +215,15 @@ class Problem:
             away = self.prior_distances(points)
             cost = np.einsum("bk,bk->b", away, away)
         for n, comparison in enumerate(self.comparisons):
-            cost = cost + comparison.costs(self.candidates(points, n), len(points))
+            candidates = self.candidates(points, n)
+            if limits is None:
+                part = comparison.costs(candidates, len(points))
+            else:
+                # what the others leave of the limit, and a little more: their sum is rounded
+                with np.errstate(invalid="ignore"):  # infinite cost, infinite limit
+                    rest = limits * (1.0 + _ROUNDING) - cost
+                part = comparison.costs_within(candidates, len(points), rest)
+            cost = cost + part
         return np.asarray(cost)
 
     def residuals(self, points: np.ndarray) -> np.ndarray:

@@ -133,7 +133,7 @@ class Population:
     def run(self, problem: Problem, *, budget: int | None, seed: int, report: Report) -> Found:
         """Minimise the costs within the bounds."""
         result = minimize(
-            lambda points: problem.costs(problem.from_box(points)),
+            _Costs(problem),
             problem.lower,
             problem.upper,
             self.algorithm,
@@ -149,6 +149,19 @@ class Population:
             problem.from_box(result.x[None])[0], result.cost, result.evaluations, history,
             result.stopped, result.algorithm, result.seed,
         )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Costs:
+    """The costs of a problem over its box, as `minimize` asks for them."""
+
+    problem: Problem
+
+    def __call__(self, points: np.ndarray) -> np.ndarray:
+        return self.problem.costs(self.problem.from_box(points))
+
+    def costs_within(self, points: np.ndarray, limits: np.ndarray) -> np.ndarray:
+        return self.problem.costs(self.problem.from_box(points), limits)
 
 
 def own_methods() -> dict[str, Method]:

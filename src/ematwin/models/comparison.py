@@ -66,6 +66,14 @@ class Comparison(ABC):
         costs = np.einsum("bk,bk->b", residuals, residuals)
         return np.where(np.isfinite(costs), costs, np.inf)
 
+    def costs_within(self, candidates: Candidates, count: int, limits: np.ndarray) -> np.ndarray:
+        """The costs (B,), where those above a limit (B,) may be given as infinite.
+
+        A comparison that adds its cost up while it simulates can stop such a candidate early. By
+        default nothing is stopped.
+        """
+        return self.costs(candidates, count)
+
     @abstractmethod
     def responses(self, candidates: Candidates, count: int) -> dict[str, np.ndarray]:
         """What the twin answers with on the compared channels, (B, S) arrays by name, SI."""

@@ -9,7 +9,7 @@ from ematwin.optimizers.differential_evolution import DifferentialEvolution
 from ematwin.optimizers.dragonfly import Dragonfly
 from ematwin.optimizers.genetic_algorithm import GeneticAlgorithm
 from ematwin.optimizers.grey_wolf import GreyWolf
-from ematwin.optimizers.minimize import History, MinimizeResult, minimize
+from ematwin.optimizers.minimize import History, LimitedObjective, MinimizeResult, minimize
 from ematwin.optimizers.particle_swarm import ParticleSwarm
 from ematwin.optimizers.random_search import RandomSearch
 from ematwin.optimizers.registry import algorithms, create
@@ -24,6 +24,7 @@ __all__ = [
     "GeneticAlgorithm",
     "GreyWolf",
     "History",
+    "LimitedObjective",
     "MinimizeResult",
     "Optimizer",
     "OptimizerFactory",

@@ -166,6 +166,19 @@ class Optimizer(ABC):
             If there is no batch to answer, or the shapes do not fit it.
         """
 
+    def limits(self) -> FloatArray | None:
+        """Give the costs above which points of the batch last asked for count as worst.
+
+        The loop may then stop evaluating such a point and tell an infinite cost. A method gives
+        limits only if that changes nothing of what it does afterwards, bit for bit.
+
+        Returns
+        -------
+        (N,) array, one limit for each point, infinite where every cost counts; None (default) if
+        the method uses all costs
+        """
+        return None
+
     def stop(self) -> str | None:
         """Give a reason to stop that only the method itself can know, else None.
 

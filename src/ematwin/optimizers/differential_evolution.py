@@ -226,6 +226,10 @@ class DifferentialEvolution(PopulationOptimizer):
         self.parents = np.where(accepted[:, None], points, self.parents)
         self.costs = np.where(accepted, costs, self.costs)
 
+    def limits(self) -> FloatArray:
+        """A trial that is worse than its parent is forgotten."""
+        return self.costs.copy()
+
     def _move(self) -> FloatArray:
         rng, parents = self._rng, self.parents
         best = int(np.argmin(self.costs))

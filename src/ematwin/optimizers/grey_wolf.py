@@ -59,6 +59,10 @@ class GreyWolf(PopulationOptimizer):
                 self.leaders[rank] = points[best]
             eligible &= costs > running
 
+    def limits(self) -> FloatArray:
+        """A wolf that is worse than all three leaders leads nobody."""
+        return np.full(self.population, self.leader_costs.max())
+
     def _move(self) -> FloatArray:
         # The batch just told is number iteration - 1, counted from zero as in the program.
         step = min(self.iteration - 1, self.iterations)

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,8 +29,22 @@ Objective = Callable[[FloatArray], ArrayLike]
 Lower is better; NaN or infinite means "as bad as can be".
 """
 
-_Evaluate = Callable[[FloatArray, bool], FloatArray]
-"""Points of a batch, and whether it is the first of the search, to costs."""
+
+@runtime_checkable
+class LimitedObjective(Protocol):
+    """An objective that can stop evaluating a point once its cost is known to be too high."""
+
+    def __call__(self, points: FloatArray) -> ArrayLike:
+        """(N, d) points to (N,) costs."""
+        ...  # pragma: no cover
+
+    def costs_within(self, points: FloatArray, limits: FloatArray) -> ArrayLike:
+        """The same costs; those above a limit (N,) may be given as infinite."""
+        ...  # pragma: no cover
+
+
+_Evaluate = Callable[[FloatArray, bool, FloatArray | None], FloatArray]
+"""Points of a batch, whether it is the first of the search, and limits (N,), to costs."""
 
 POPULATION = 50
 ITERATIONS = 200
@@ -137,7 +151,8 @@ def minimize(
     Parameters
     ----------
     objective : callable, (N, d) points to (N,) costs; a (d,) point to its cost if not
-        ``vectorized``; NaN and infinity count as worst
+        ``vectorized``; NaN and infinity count as worst. A `LimitedObjective` is told which costs
+        do not matter (`Optimizer.limits`); the result is the same
     lower, upper : (d,) array
     algorithm : a name of ``ematwin algorithms``; a class or function
         ``(box, *, population, iterations, seed)``, such as
@@ -267,7 +282,11 @@ def _run(
 def _batch(search: _Search, evaluate: _Evaluate, budget: int) -> None:
     """Spend one batch, or what is left of the budget."""
     points = search.optimizer.ask()[: budget - search.evaluations]
-    costs = evaluate(points, search.evaluations == 0)
+    limits = search.optimizer.limits()
+    if limits is not None:
+        # a cost below the best so far always matters: to the history, if not to the method
+        limits = np.maximum(limits, search.cost)[: len(points)]
+    costs = evaluate(points, search.evaluations == 0, limits)
     ranked = np.where(np.isfinite(costs), costs, np.inf)
     best = int(np.argmin(ranked))
     # The books are closed before the optimiser learns, so that an interrupt during tell() loses
@@ -283,16 +302,21 @@ def _batch(search: _Search, evaluate: _Evaluate, budget: int) -> None:
 def _batchwise(objective: Objective) -> _Evaluate:
     """Evaluate a whole batch in one call; the first also so that a mistake shows."""
 
-    def evaluate(points: FloatArray, first: bool) -> FloatArray:
+    limited = objective if isinstance(objective, LimitedObjective) else None
+
+    def evaluate(points: FloatArray, first: bool, limits: FloatArray | None) -> FloatArray:
+        if limited is not None and limits is not None and not first:
+            within = limits
+            return costs_of(points, False, lambda rows: limited.costs_within(rows, within))
         # An objective of one point takes rows for variables and gives one number a column. Where
         # there are as many rows as columns this looks right: a piece of the batch does not.
         count, variables = points.shape
         pieces = [points[:-1], points[-1:]] if first and count == variables > 1 else [points]
-        return np.concatenate([costs_of(piece, first) for piece in pieces])
+        return np.concatenate([costs_of(piece, first, objective) for piece in pieces])
 
-    def costs_of(points: FloatArray, first: bool) -> FloatArray:
+    def costs_of(points: FloatArray, first: bool, asked: Objective) -> FloatArray:
         try:
-            answer = _answer(objective, points.copy(), first, _ONE_POINT)
+            answer = _answer(asked, points.copy(), first, _ONE_POINT)
         except IndexError as error:
             if not first or len(points) >= points.shape[1]:
                 raise
@@ -313,7 +337,7 @@ def _batchwise(objective: Objective) -> _Evaluate:
 def _pointwise(objective: Objective) -> _Evaluate:
     """Evaluate a batch point by point."""
 
-    def evaluate(points: FloatArray, first: bool) -> FloatArray:
+    def evaluate(points: FloatArray, first: bool, limits: FloatArray | None) -> FloatArray:
         return np.array([cost_of(point, first) for point in points])
 
     def cost_of(point: FloatArray, first: bool) -> float:

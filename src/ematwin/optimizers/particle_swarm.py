@@ -211,6 +211,10 @@ class ParticleSwarm(PopulationOptimizer):
         self.best_costs[better] = costs[better]
         self.best_points[better] = points[better]
 
+    def limits(self) -> FloatArray:
+        """A particle remembers its own best point and no other cost."""
+        return self.best_costs.copy()
+
     def _move(self) -> FloatArray:
         weights = self.coefficients
         x, p = self._particles, self.best_points

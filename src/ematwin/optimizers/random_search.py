@@ -6,6 +6,8 @@ Departure: none.
 
 from __future__ import annotations
 
+import numpy as np
+
 from ematwin.optimizers.base import FloatArray, PopulationOptimizer
 
 
@@ -23,6 +25,10 @@ class RandomSearch(PopulationOptimizer):
 
     def _learn(self, points: FloatArray, costs: FloatArray) -> None:
         """Do nothing: the next batch depends on no cost."""
+
+    def limits(self) -> FloatArray:
+        """No cost counts; the loop itself keeps the best."""
+        return np.full(self.population, -np.inf)
 
     def _move(self) -> FloatArray:
         return self._start()

@@ -58,6 +58,10 @@ class Whale(PopulationOptimizer):
             self.leader_cost = float(costs[best])
             self.leader = points[best].copy()
 
+    def limits(self) -> FloatArray:
+        """Only a whale that is better than the leader counts."""
+        return np.full(self.population, self.leader_cost)
+
     def _move(self) -> FloatArray:
         step = min(self.iteration - 1, self.iterations)
         a = 2.0 - step * (2.0 / self.iterations)

@@ -162,6 +162,28 @@ def check_all_costs_nan_is_survived(factory: OptimizerFactory) -> None:
         optimizer.close()
 
 
+def check_limits_change_nothing(factory: OptimizerFactory) -> None:
+    """Told infinity for costs above its limits, where it gives any, it asks the same batches."""
+
+    def in_steps(points: FloatArray) -> FloatArray:
+        return np.round(sphere(points), 2)  # ties: a cost at its limit is not above it
+
+    plain, stopped = _make(factory), _make(factory)
+    try:
+        for costs in (sphere, in_steps):
+            for expected in _run(plain, costs, ITERATIONS):
+                points = stopped.ask()
+                assert np.array_equal(points, expected), "limits change the search"
+                told, limits = costs(points), stopped.limits()
+                if limits is not None:
+                    assert limits.shape == told.shape
+                    told[told > limits] = np.inf
+                stopped.tell(points, told)
+    finally:
+        plain.close()
+        stopped.close()
+
+
 def check_part_of_a_batch_can_be_told(factory: OptimizerFactory) -> None:
     """The leading rows alone may be told, and the optimiser goes on."""
     optimizer = _make(factory)
@@ -245,6 +267,7 @@ CHECKS: tuple[Callable[[OptimizerFactory], None], ...] = (
     check_pickled_in_mid_run_it_goes_on_identically,
     check_costs_that_are_not_finite_count_as_worst,
     check_all_costs_nan_is_survived,
+    check_limits_change_nothing,
     check_part_of_a_batch_can_be_told,
     check_wrong_answers_are_refused,
     check_the_budget_is_spent_exactly,

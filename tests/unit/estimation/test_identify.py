@@ -3,6 +3,7 @@ import math
 import signal
 import threading
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import ematwin
 from ematwin import Faults, Noise, identify, simulate
 from ematwin.errors import InputError, RecordError
 from ematwin.estimation.identify import Identification
+from ematwin.models.bldc.comparison import BldcComparison
 from ematwin.models.bldc.faults import PAPER_CASES, error_percent_wrapped
 
 THREE = Faults(friction=0.3, short_b=0.2, eccentricity=0.4, eccentricity_phase=0.7)
@@ -48,6 +50,22 @@ def test_same_seed_gives_the_same_answer_bit_for_bit(
 def test_each_case_of_the_paper_is_found_within_half_a_per_cent(case: str) -> None:
     injected = Faults(**PAPER_CASES[case])
     assert error(identify(simulate("reference", faults=injected)), injected) < 0.5
+
+
+@pytest.mark.parametrize("algorithm", ["de", "pso", "gwo", "woa", "random"])
+def test_stopping_candidates_early_changes_nothing(
+    record: ematwin.Record, algorithm: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    short = record.between(0.0, 0.1)
+    settings: dict[str, Any] = {"algorithm": algorithm, "budget": 617, "seed": 3, "threads": 1}
+    early = identify(short, **settings)
+    monkeypatch.setattr(
+        BldcComparison, "costs_within", lambda self, k, count, limits: self.costs(k, count)
+    )
+    whole = identify(short, **settings)
+    np.testing.assert_array_equal(early.history, whole.history)
+    np.testing.assert_array_equal(early.faults.vector, whole.faults.vector)
+    assert (early.cost, early.stopped) == (whole.cost, whole.stopped)
 
 
 def test_population_method_spends_its_budget_exactly(record: ematwin.Record) -> None:

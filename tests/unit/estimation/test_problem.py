@@ -64,6 +64,45 @@ def test_recordings_share_an_unknown_and_have_others_of_their_own() -> None:
     assert problem.residuals(found.point[None]).shape == (1, 150)
 
 
+class Stopping(Line):
+    """A line that gives no cost above its limit."""
+
+    stopped = 0
+
+    def costs_within(self, candidates, count, limits):  # type: ignore[no-untyped-def]
+        costs = self.costs(candidates, count)
+        self.stopped += (costs > limits).sum()
+        return np.where(costs > limits, np.inf, costs)
+
+
+@pytest.mark.parametrize("algorithm", ["de", "pso", "gwo", "woa", "random", "ga"])
+def test_stopping_candidates_early_changes_nothing_of_a_search(algorithm: str) -> None:
+    """Over several recordings and a prior too: each gets what the others leave of the limit."""
+    prior = Unknown("slope", "A/s", "", 1.0, 0.1, 5.0, spread=0.2, logarithmic=True)
+    answers = []
+    for kind in (Line, Stopping):
+        lines = [kind(2.0, -1.0), kind(2.5, 0.5), kind(2.0, 0.0)]
+        answers.append(find(Problem(lines, [prior, OFFSET]), named(algorithm), budget=777))
+    plain, stopping = answers
+    np.testing.assert_array_equal(plain.point, stopping.point)
+    np.testing.assert_array_equal(plain.history, stopping.history)
+    stopped = [line.stopped for line in lines if isinstance(line, Stopping)]
+    assert (min(stopped) > 0) == (algorithm != "ga")
+
+
+def test_a_sum_of_costs_at_its_limit_is_given() -> None:
+    problem = Problem([Stopping(2.0, -1.0), Stopping(2.5, 0.5), Line(2.0, 0.0)], [SLOPE, OFFSET])
+    points = np.random.default_rng(1).uniform(problem.lower, problem.upper, (500, 2))
+    costs = problem.costs(points)
+    np.testing.assert_array_equal(problem.costs(points, costs), costs)
+    half = problem.costs(points, 0.5 * costs)
+    stopped = np.isinf(half)
+    assert stopped.any()
+    np.testing.assert_array_equal(half[~stopped], costs[~stopped])
+    assert np.isinf(problem.costs(points, np.full(500, -np.inf))).all()
+    np.testing.assert_array_equal(problem.costs(points, np.full(500, np.inf)), costs)
+
+
 def test_costs_are_the_sums_of_squared_residuals_priors_included() -> None:
     prior = Unknown("slope", "A/s", "", 1.0, 0.1, 5.0, spread=0.2, logarithmic=True)
     problem = Problem([Line(2.0, 0.0), Line(2.5, 0.0)], [prior, OFFSET])

@@ -53,6 +53,50 @@ def test_the_budget_is_spent_exactly(name, budget):
     assert result.history.evaluations[-1] == budget
 
 
+class Stopping:
+    """An objective that gives no cost above its limit, and counts how often it did not."""
+
+    def __init__(self, costs):
+        self.costs, self.stopped = costs, 0
+
+    def __call__(self, points):
+        return self.costs(points)
+
+    def costs_within(self, points, limits):
+        costs = self.costs(points)
+        over = costs > limits
+        self.stopped += over.sum()
+        return np.where(over, np.inf, costs)
+
+
+def rugged(points):
+    """With ties, and without a number in a corner."""
+    costs = np.round(sphere(points) + 0.1 * np.cos(30.0 * points).sum(axis=1), 2)
+    return np.where(points[:, 0] > 0.9, np.nan, costs)
+
+
+@pytest.mark.parametrize("costs", [sphere, rugged])
+@pytest.mark.parametrize("name", [*SIX, "random", "de-rand", "pso-ring", "pymoo-de"])
+def test_limits_change_nothing_of_a_result(name, costs):
+    stopping = Stopping(costs)
+    settings = {"population": 20, "budget": 1_007, "stagnation": 400, "seed": 4}
+    plain = minimize(costs, LOWER, UPPER, name, **settings)
+    limited = minimize(stopping, LOWER, UPPER, name, **settings)
+    assert same(plain, limited)
+    assert plain.stopped == limited.stopped
+    assert (stopping.stopped > 0) == (name not in ("ga", "da", "pymoo-de"))
+
+
+def test_limits_are_given_again_after_a_checkpoint(tmp_path):
+    path = tmp_path / "search"
+    minimize(Stopping(sphere), LOWER, UPPER, "de", checkpoint=path, checkpoint_every=1,
+             callback=lambda now: now.evaluations >= 500)  # fmt: skip
+    stopping = Stopping(sphere)
+    resumed = minimize(stopping, LOWER, UPPER, "de", checkpoint=path)
+    assert same(resumed, minimize(sphere, LOWER, UPPER, "de"))
+    assert stopping.stopped > 0
+
+
 def test_the_default_budget_is_population_times_iterations():
     result = minimize(sphere, LOWER, UPPER, population=7, iterations=11)
     assert result.evaluations == 77

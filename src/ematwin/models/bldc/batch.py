@@ -3,6 +3,7 @@
 `reference_trace` and `monitor_trace` give one whole simulation to people. `monitor_scores` gives
 costs and nothing else: candidates run side by side in lanes of a processor's vector unit, one
 array for each state variable, and the current is filtered, sampled and compared as it arises.
+Candidates whose cost has passed a limit are left out; the others close ranks.
 """
 
 import math
@@ -21,6 +22,7 @@ from ematwin.models.bldc.state import (
 from ematwin.numerics.compile import loop, step, wide_vectors
 
 LANES = 16  # candidates side by side: two AVX-512 registers hide the latency of one another
+SEGMENT = 128  # samples after which ranks are closed; 64 saves no more, 512 less
 
 # Columns of the traces.
 REFERENCE_COLUMNS = (
@@ -34,6 +36,10 @@ MONITOR_COLUMNS = (
 
 OK = 0
 DIVERGED = 1
+STOPPED = 2  # the cost has passed its limit
+
+# What is kept of a candidate between two segments, beside the fields of `MonitorState`.
+_Z1, _Z2, _COST, _LATE_END = 6, 7, 8, 9
 
 
 @step
@@ -159,7 +165,7 @@ def monitor_trace(k, command, load, state, c, dt, substeps, decimation):
 @loop(interleave=2)
 def monitor_scores(
     k, command, load, state, c, by_candidate, dt, substeps, taps, rectify, target, weight,
-    costs, status, response, power,
+    costs, status, response, power, limits,
 ):  # fmt: skip
     """Simulate and score a batch of candidates in one pass.
 
@@ -178,11 +184,15 @@ def monitor_scores(
     rectify : bool, compare the magnitude of the current
     target, weight : (S,) arrays, filtered current of the record (A) and weight of each sample
     costs : (B,) array, filled with sum(weight (target - filtered current)^2)
-    status : (B,) integer array, filled with `OK` or `DIVERGED` (cost infinite)
+    status : (B,) integer array, filled with `OK`, `DIVERGED` or `STOPPED` (both cost
+        infinity)
     response : (B, K) array, filled with every ceil(S/K)-th sample of the filtered currents, or
         (0, 0) to keep none
     power : None; or a pair: (2,) array, state of the low-pass of the electrical power at the
         start, and (B, K) array, filled with as many samples of the power, W
+    limits : (B,) array, costs above which a candidate is not wanted: its cost becomes infinite.
+        Costs only rise with the samples, so that it is simulated only until that shows, unless
+        responses are kept. The other costs are the same bit for bit, whatever the limits
     """
     wide_vectors()
     samples = target.size
@@ -216,110 +226,150 @@ def monitor_scores(
     late_end = np.empty(LANES)
     d_late = np.empty(LANES)
     rate = 1.0 / (dt * substeps)
-    for first in range(0, k.shape[0], LANES):
-        for n in range(LANES):
-            v = k[first + n]
-            half_gap_n = c.half_gap
-            # A NaN anywhere in the vector must show: as a friction it would only hold all at rest.
-            nothing = 0.0
-            for m in range(v.size):
-                nothing += 0.0 * v[m]
-            if by_candidate is not None:
-                for m in range(len(c)):
-                    own[m, n] = by_candidate[first + n, m]
-                    nothing += 0.0 * own[m, n]
-                half_gap_n = own[HALF_GAP, n]
-                if not math.isfinite(own[LOAD_DELAY, n]):
-                    own[LOAD_DELAY, n] = 0.0  # no place in an array; the cost shows it
-                late_end[n] = sample_at(load, -own[LOAD_DELAY, n] * rate)
-            f = fault_state(v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7], half_gap_n)
-            friction[n] = f.friction
-            half_gap[n] = f.half_gap
-            h_a[n] = f.h_a
-            h_b[n] = f.h_b
-            h_c[n] = f.h_c
-            zeta_cos[n] = f.zeta_cos
-            zeta_sin[n] = f.zeta_sin
-            gain[n] = f.gain
-            theta_m[n] = state[2]
-            w_m[n] = state[1]
-            theta_o[n] = state[4]
-            w_o[n] = state[3]
-            i[n] = state[0]
-            dw_m[n] = state[5]
-            z1[n] = taps[5]
-            z2[n] = taps[6]
-            cost[n] = nothing
-            if power is not None:
-                y1[n] = power[0][0]
-                y2[n] = power[0][1]
-        if keep:
-            response[first : first + LANES, 0] = target[0]
-            if power is not None:
-                power[1][first : first + LANES, 0] = 0.0  # the start counts nothing
-        for sample in range(1, samples):
-            total[:] = 0.0
-            if power is not None:
-                energy[:] = 0.0
-            d_command = (command[sample] - command[sample - 1]) * share
-            d_load = (load[sample] - load[sample - 1]) * share
-            if by_candidate is not None:
-                for n in range(LANES):
-                    late_load[n] = late_end[n]
-                    late_end[n] = sample_at(load, sample - own[LOAD_DELAY, n] * rate)
-                    d_late[n] = (late_end[n] - late_load[n]) * share
-            for j in range(substeps):
-                command_now = command[sample - 1] + (j + 0.5) * d_command
-                load_now = load[sample - 1] + (j + 0.5) * d_load
-                for n in range(LANES):
-                    if by_candidate is None:
-                        c_n = c
-                    else:
-                        c_n = lane_constants(own, n)
-                        load_now = late_load[n] + (j + 0.5) * d_late[n]
-                    now, p_mean = monitor_step(
-                        MonitorState(i[n], w_m[n], theta_m[n], w_o[n], theta_o[n], dw_m[n]),
-                        command_now,
-                        c_n.load_gain * load_now + c_n.load_offset,
-                        FaultState(
-                            friction[n], half_gap[n], h_a[n], h_b[n], h_c[n],
-                            zeta_cos[n], zeta_sin[n], gain[n],
-                        ),
-                        c_n,
-                        dt,
-                    )  # fmt: skip
-                    i[n] = now.i
-                    w_m[n] = now.w_m
-                    theta_m[n] = now.theta_m
-                    w_o[n] = now.w_o
-                    theta_o[n] = now.theta_o
-                    dw_m[n] = now.dw_m
-                    total[n] += now.i
-                    if power is not None:
-                        energy[n] += p_mean
+    left = np.arange(k.shape[0])  # the candidates whose cost is still wanted
+    count = left.size
+    segment = samples if keep or limits.min() == math.inf else SEGMENT
+    saved = np.empty((count, 10))
+    for n in range(count):
+        saved[n, :_Z1] = state
+        saved[n, _Z1] = taps[5]
+        saved[n, _Z2] = taps[6]
+        saved[n, _COST] = 0.0
+    for begin in range(1, samples, segment):
+        end = min(begin + segment, samples)
+        for first in range(0, count, LANES):
             for n in range(LANES):
-                x = total[n] * share
-                x = abs(x) if rectify else x
-                y = b0 * x + z1[n]  # direct form II transposed
-                z1[n] = b1 * x - a1 * y + z2[n]
-                z2[n] = b2 * x - a2 * y
-                total[n] = y
-                error = target[sample] - y
-                cost[n] += weight[sample] * error * error
-            if power is not None:
+                who = left[min(first + n, count - 1)]  # the last one fills the lanes of a block
+                v = k[who]
+                half_gap_n = c.half_gap
+                # A NaN anywhere in the vector must show: as a friction it would only hold all
+                # at rest.
+                nothing = 0.0
+                for m in range(v.size):
+                    nothing += 0.0 * v[m]
+                if by_candidate is not None:
+                    for m in range(len(c)):
+                        own[m, n] = by_candidate[who, m]
+                        nothing += 0.0 * own[m, n]
+                    half_gap_n = own[HALF_GAP, n]
+                    if not math.isfinite(own[LOAD_DELAY, n]):
+                        own[LOAD_DELAY, n] = 0.0  # no place in an array; the cost shows it
+                    late_end[n] = saved[who, _LATE_END]
+                    if begin == 1:
+                        late_end[n] = sample_at(load, -own[LOAD_DELAY, n] * rate)
+                f = fault_state(v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7], half_gap_n)
+                friction[n] = f.friction
+                half_gap[n] = f.half_gap
+                h_a[n] = f.h_a
+                h_b[n] = f.h_b
+                h_c[n] = f.h_c
+                zeta_cos[n] = f.zeta_cos
+                zeta_sin[n] = f.zeta_sin
+                gain[n] = f.gain
+                i[n] = saved[who, 0]
+                w_m[n] = saved[who, 1]
+                theta_m[n] = saved[who, 2]
+                w_o[n] = saved[who, 3]
+                theta_o[n] = saved[who, 4]
+                dw_m[n] = saved[who, 5]
+                z1[n] = saved[who, _Z1]
+                z2[n] = saved[who, _Z2]
+                cost[n] = saved[who, _COST] + nothing
+                if power is not None:
+                    y1[n] = power[0][0]
+                    y2[n] = power[0][1]
+            if keep:
+                response[first : first + LANES, 0] = target[0]
+                if power is not None:
+                    power[1][first : first + LANES, 0] = 0.0  # the start counts nothing
+            for sample in range(begin, end):
+                total[:] = 0.0
+                if power is not None:
+                    energy[:] = 0.0
+                d_command = (command[sample] - command[sample - 1]) * share
+                d_load = (load[sample] - load[sample - 1]) * share
+                if by_candidate is not None:
+                    for n in range(LANES):
+                        late_load[n] = late_end[n]
+                        late_end[n] = sample_at(load, sample - own[LOAD_DELAY, n] * rate)
+                        d_late[n] = (late_end[n] - late_load[n]) * share
+                for j in range(substeps):
+                    command_now = command[sample - 1] + (j + 0.5) * d_command
+                    load_now = load[sample - 1] + (j + 0.5) * d_load
+                    for n in range(LANES):
+                        if by_candidate is None:
+                            c_n = c
+                        else:
+                            c_n = lane_constants(own, n)
+                            load_now = late_load[n] + (j + 0.5) * d_late[n]
+                        now, p_mean = monitor_step(
+                            MonitorState(i[n], w_m[n], theta_m[n], w_o[n], theta_o[n], dw_m[n]),
+                            command_now,
+                            c_n.load_gain * load_now + c_n.load_offset,
+                            FaultState(
+                                friction[n], half_gap[n], h_a[n], h_b[n], h_c[n],
+                                zeta_cos[n], zeta_sin[n], gain[n],
+                            ),
+                            c_n,
+                            dt,
+                        )  # fmt: skip
+                        i[n] = now.i
+                        w_m[n] = now.w_m
+                        theta_m[n] = now.theta_m
+                        w_o[n] = now.w_o
+                        theta_o[n] = now.theta_o
+                        dw_m[n] = now.dw_m
+                        total[n] += now.i
+                        if power is not None:
+                            energy[n] += p_mean
                 for n in range(LANES):
-                    x = energy[n] * share
-                    y = b0 * x + y1[n]
-                    y1[n] = b1 * x - a1 * y + y2[n]
-                    y2[n] = b2 * x - a2 * y
-                    energy[n] = y
-            if keep and sample % stride == 0:
-                for n in range(LANES):
-                    response[first + n, sample // stride] = total[n]
+                    x = total[n] * share
+                    x = abs(x) if rectify else x
+                    y = b0 * x + z1[n]  # direct form II transposed
+                    z1[n] = b1 * x - a1 * y + z2[n]
+                    z2[n] = b2 * x - a2 * y
+                    total[n] = y
+                    error = target[sample] - y
+                    cost[n] += weight[sample] * error * error
                 if power is not None:
                     for n in range(LANES):
-                        power[1][first + n, sample // stride] = energy[n]
-        for n in range(LANES):
-            finite = math.isfinite(cost[n])
-            costs[first + n] = cost[n] if finite else math.inf
-            status[first + n] = OK if finite else DIVERGED
+                        x = energy[n] * share
+                        y = b0 * x + y1[n]
+                        y1[n] = b1 * x - a1 * y + y2[n]
+                        y2[n] = b2 * x - a2 * y
+                        energy[n] = y
+                if keep and sample % stride == 0:
+                    for n in range(LANES):
+                        response[first + n, sample // stride] = total[n]
+                    if power is not None:
+                        for n in range(LANES):
+                            power[1][first + n, sample // stride] = energy[n]
+            for n in range(LANES):
+                who = left[min(first + n, count - 1)]
+                saved[who, 0] = i[n]
+                saved[who, 1] = w_m[n]
+                saved[who, 2] = theta_m[n]
+                saved[who, 3] = w_o[n]
+                saved[who, 4] = theta_o[n]
+                saved[who, 5] = dw_m[n]
+                saved[who, _Z1] = z1[n]
+                saved[who, _Z2] = z2[n]
+                saved[who, _COST] = cost[n]
+                if by_candidate is not None:
+                    saved[who, _LATE_END] = late_end[n]
+        wanted = 0
+        for n in range(count):
+            who = left[n]
+            if saved[who, _COST] <= limits[who]:  # false for NaN too: it would stay so
+                left[wanted] = who
+                wanted += 1
+        count = wanted
+    for n in range(k.shape[0]):
+        costs[n] = saved[n, _COST]
+        status[n] = OK
+        if not math.isfinite(costs[n]):
+            costs[n] = math.inf
+            status[n] = DIVERGED
+        elif costs[n] > limits[n]:
+            costs[n] = math.inf
+            status[n] = STOPPED

@@ -240,9 +240,16 @@ class BldcComparison(Comparison):
 
     def costs(self, candidates: Candidates, count: int) -> np.ndarray:
         """Costs (B,), A s; infinite where the simulation diverged."""
+        return self._costs(candidates, count, None)
+
+    def costs_within(self, candidates: Candidates, count: int, limits: np.ndarray) -> np.ndarray:
+        """Costs (B,), A s; infinite above a limit, where the simulation is stopped early."""
+        return self._costs(candidates, count, limits)
+
+    def _costs(self, candidates: Candidates, count: int, limits: np.ndarray | None) -> np.ndarray:
         batch = self.batch(candidates, count)
         if not batch.sensor:
-            return self.run(self.stretch, batch, 0, spread=True)[0]
+            return self.run(self.stretch, batch, 0, spread=True, limits=limits)[0]
         # what a sensor shows is known of whole answers only: as many at a time as memory allows
         many = max(1, _AT_A_TIME // self.target.size)
         parts = [batch.part(slice(n, n + many)) for n in range(0, count, many)]
@@ -343,11 +350,17 @@ class BldcComparison(Comparison):
         return np.asarray(gain[:, None] * watts + offset[:, None])
 
     def run(
-        self, stretch: Stretch, batch: "Batch", kept: int, *, spread: bool
+        self,
+        stretch: Stretch,
+        batch: "Batch",
+        kept: int,
+        *,
+        spread: bool,
+        limits: np.ndarray | None = None,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Costs (B,), responses (B, kept) and, if it counts, power (B, kept), W, over a stretch.
 
-        ``spread`` over the threads.
+        ``spread`` over the threads. Costs above ``limits`` (B,) are infinite.
         """
         from ematwin.models.bldc.batch import LANES, monitor_scores
 
@@ -355,6 +368,10 @@ class BldcComparison(Comparison):
         blocks = -(-count // LANES)
         lanes = _padded(batch.faults, blocks * LANES)
         own = None if batch.constants is None else _padded(batch.constants, blocks * LANES)
+        within = np.full(len(lanes), np.inf)
+        if limits is not None:
+            within[:count] = limits
+            within[count:] = -np.inf  # nobody asks for the padding
         costs = np.empty(len(lanes))
         status = np.empty(len(lanes), dtype=np.int64)
         response = np.empty((len(lanes), kept) if kept else (0, 0))
@@ -371,6 +388,7 @@ class BldcComparison(Comparison):
                 self.rectify, stretch.target, stretch.weights,
                 costs[part], status[part], response[part],
                 None if power is None else (power.state, watts[part]),
+                within[part],
             )  # fmt: skip
 
         self.share(work, range(0, blocks, each), spread=spread)

@@ -18,7 +18,9 @@ C = kernel_constants(BldcActuator.load())
 RATE, SUBSTEPS, SAMPLES = 20_000.0, 5, 1_201
 
 
-def scoring(k, rectify=True, keep=True, target=None, c=C, by_candidate=None, power=None):
+def scoring(
+    k, rectify=True, keep=True, target=None, c=C, by_candidate=None, power=None, limits=None
+):
     """Costs, statuses, responses and the target of a batch, with weights of the misfit."""
     command, load = history(SAMPLES - 1, 1.0 / RATE)
     t = np.arange(SAMPLES) / RATE
@@ -31,7 +33,7 @@ def scoring(k, rectify=True, keep=True, target=None, c=C, by_candidate=None, pow
     batch.monitor_scores(
         k, command, load, np.zeros(6), c, by_candidate, 1.0 / (RATE * SUBSTEPS), SUBSTEPS,
         low_pass.taps(RATE, float(target[0])), rectify, target, weights, costs, status, response,
-        power,
+        power, np.full(len(k), np.inf) if limits is None else limits,
     )  # fmt: skip
     return costs, status, response, target
 
@@ -111,6 +113,55 @@ def test_a_candidate_scored_against_its_own_response_costs_nothing():
     assert response[0, 0] == target[0]
     costs, _, _, _ = scoring(k, target=response[0].copy())
     np.testing.assert_allclose(costs, 0.0, atol=1e-20)
+
+
+# Limits
+
+
+@pytest.mark.parametrize("each", [False, True])
+def test_costs_within_their_limits_are_the_same_bit_for_bit_and_the_others_infinite(each):
+    """Ranks close many times, also where the load of each candidate is late by its own time."""
+    k = random_faults(3 * batch.LANES)
+    constants = varied(len(k)) if each else None
+    if each:
+        constants[:, batch.LOAD_DELAY] = np.random.default_rng(5).uniform(0.0, 5e-3, len(k))
+    costs, _, _, _ = scoring(k, keep=False, by_candidate=constants)
+    limits = costs * np.random.default_rng(6).choice([0.0, 0.1, 0.5, 0.9, 1.0, 2.0], len(k))
+    within, status, _, _ = scoring(k, keep=False, by_candidate=constants, limits=limits)
+    np.testing.assert_array_equal(within, np.where(costs > limits, np.inf, costs))
+    np.testing.assert_array_equal(status, np.where(costs > limits, batch.STOPPED, batch.OK))
+    unhurt = scoring(k, keep=False, by_candidate=constants, limits=np.full(len(k), 1e300))[0]
+    np.testing.assert_array_equal(unhurt, costs)  # in segments, and in one piece
+    np.testing.assert_array_equal(costs, scoring(k, keep=True, by_candidate=constants)[0])
+
+
+def test_a_diverged_candidate_is_told_from_one_that_was_stopped():
+    k = random_faults(batch.LANES)
+    k[3], k[7] = np.nan, np.inf
+    limits = np.full(len(k), np.inf)
+    limits[5:8] = 0.0
+    costs, status, _, _ = scoring(k, keep=False, limits=limits)
+    assert np.isposinf(costs[[3, 5, 6, 7]]).all()
+    assert np.isfinite(np.delete(costs, [3, 5, 6, 7])).all()
+    assert status[[3, 5, 6, 7]].tolist() == [
+        batch.DIVERGED, batch.STOPPED, batch.STOPPED, batch.DIVERGED,
+    ]  # fmt: skip
+
+
+def test_candidates_above_their_limits_are_not_simulated_to_the_end(monkeypatch):
+    """After the first segment nobody is left: what follows may be anything."""
+    monkeypatch.setattr(batch, "monitor_scores", batch.monitor_scores.py_func)
+    monkeypatch.setattr(batch, "wide_vectors", lambda: None)
+    steps = []
+    plain = batch.monitor_step
+
+    def counted(*arguments):
+        steps.append(1)
+        return plain(*arguments)
+
+    monkeypatch.setattr(batch, "monitor_step", counted)
+    scoring(random_faults(batch.LANES), keep=False, limits=np.zeros(batch.LANES))
+    assert len(steps) == batch.LANES * batch.SEGMENT * SUBSTEPS
 
 
 # Constants by candidate

@@ -36,6 +36,20 @@ def twin_record() -> Recording:
     return simulate("monitor", faults=FAULTY)
 
 
+def test_costs_above_their_limits_are_infinite_on_any_number_of_threads(
+    twin_record: Recording,
+) -> None:
+    k = by_name(np.random.default_rng(1).random((37, len(FAULTS))))
+    costs = BldcComparison(twin_record, ACTUATOR, threads=1).costs(k, 37)
+    limits = np.full(37, np.median(costs))
+    for threads in (1, 2, 16):
+        comparison = BldcComparison(twin_record, ACTUATOR, threads=threads)
+        np.testing.assert_array_equal(
+            comparison.costs_within(k, 37, limits), np.where(costs > limits, np.inf, costs)
+        )
+        np.testing.assert_array_equal(comparison.costs(k, 37), costs)
+
+
 def test_twin_explains_its_own_record(twin_record: Recording) -> None:
     objective = Misfit(twin_record, ACTUATOR)
     costs = objective(np.array([FAULTY.vector, HEALTHY]))
