@@ -62,9 +62,19 @@ def compare(
         str, typer.Option(help="SQLite file, or postgresql://user@host/name.")
     ] = "study.db",
     workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes on this machine; all cores if not given.")
+        int | None,
+        typer.Option(
+            min=1,
+            help="Processes on this machine, all cores if not given; with --engine cuda searches "
+            "side by side.",
+        ),
     ] = None,
-    engine: Annotated[str | None, typer.Option(help="local (default) or dask.")] = None,
+    engine: Annotated[
+        str | None,
+        typer.Option(
+            help='local (default), dask, or cuda (a GPU; pip install "ematwin[gpu]").',
+        ),
+    ] = None,
     scheduler: Annotated[
         str | None, typer.Option(help="Address of a Dask scheduler, e.g. tcp://host:8786.")
     ] = None,
@@ -82,6 +92,7 @@ def compare(
     from ematwin.comparison.study.compare import compare as run
     from ematwin.comparison.study.plan import Plan
     from ematwin.comparison.study.store import Store
+    from ematwin.models.registry import model_of
 
     chosen = load_actuator(actuator)
     plan = Plan(
@@ -96,6 +107,8 @@ def compare(
         actuator=chosen,
         scenario=scenario,
     )
+    if engine == "cuda":
+        model_of(chosen).check_backend("cuda")
     carrier = _engine(engine, scheduler, workers, time_limit)
     with Store(store) as opened, _shown(not json) as progress:
         tally = run(plan, opened, carrier, retry_failed=retry_failed, progress=progress)
@@ -114,11 +127,15 @@ def _engine(
     if time_limit is not None and not 0.0 < time_limit < float("inf"):
         raise InputError(f"--time-limit must be a positive number of s, received {time_limit:g}.")
     name = name or ("local" if scheduler is None else "dask")
+    if name in ("local", "cuda") and scheduler is not None:
+        raise InputError("--scheduler belongs to --engine dask; leave one of the two out.")
+    if name == "cuda":
+        from ematwin.comparison.study.engines.cuda import SEARCHES, CudaEngine
+
+        return CudaEngine(workers or SEARCHES, time_limit)
     if name == "local":
         from ematwin.comparison.study.engines.local import LocalEngine
 
-        if scheduler is not None:
-            raise InputError("--scheduler belongs to --engine dask; leave one of the two out.")
         return LocalEngine(workers or os.cpu_count() or 1, time_limit)
     if name == "dask":
         from ematwin.comparison.study.engines.dask import DaskEngine
@@ -126,7 +143,7 @@ def _engine(
         if scheduler is not None and workers is not None:
             raise InputError("A scheduler has its own workers; leave --workers out.")
         return DaskEngine(scheduler, workers or os.cpu_count() or 1, time_limit)
-    raise InputError(f"There is no engine {name!r}; choose local or dask.")
+    raise InputError(f"There is no engine {name!r}; choose local, dask or cuda.")
 
 
 @contextmanager

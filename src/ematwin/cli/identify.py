@@ -82,6 +82,12 @@ def identify(
             "tolerances count.",
         ),
     ] = False,
+    backend: Annotated[
+        str,
+        typer.Option(
+            help='What simulates the candidates: cpu, or cuda (a GPU; pip install "ematwin[gpu]").'
+        ),
+    ] = "cpu",
     checkpoint: Annotated[
         Path | None, typer.Option(help="Keep a population method's state here; resume from it.")
     ] = None,
@@ -129,6 +135,7 @@ def identify(
             progress=progress_of_search,
             load=None if load is None else _load(load, chosen),
             exact=exact,
+            backend=backend,
         )
     judged = None
     if calibration is not None:

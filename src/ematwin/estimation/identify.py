@@ -212,6 +212,7 @@ def identify(
     threads: int | None = None,
     load: float | None = None,
     exact: bool = False,
+    backend: str = "cpu",
 ) -> Identification:
     """Find the values with which the twin answers as the recorded actuator did.
 
@@ -235,6 +236,8 @@ def identify(
     load : the constant load, SI, of a recording that does not hold it; 0 for none
     exact : the parameters are exactly those of the actuator, and the sensors are ideal but for
         noise, as in a simulation; no tolerances count
+    backend : what simulates the candidates: "cpu"; or "cuda", a GPU (brushless actuators only;
+        needs ``ematwin[gpu]``)
 
     Returns
     -------
@@ -253,7 +256,7 @@ def identify(
     recording = record if isinstance(record, Recording) else read(record, actuator=chosen)
     recording = _loaded(model, recording, load)
     warnings = [*recording.provenance.get("warnings", []), *model.check(recording, chosen)]
-    problem = Problem.of(recording, chosen, only=only, held=held, threads=threads)
+    problem = Problem.of(recording, chosen, only=only, held=held, threads=threads, backend=backend)
     search: Search = named(
         model.default_search if algorithm is None else algorithm,
         population=population, iterations=iterations, checkpoint=checkpoint,

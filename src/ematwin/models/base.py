@@ -114,13 +114,15 @@ class Model(ABC):
         alternatives will do, a group of them, each a tuple of channels
     default_search : name of the search method that `identify` uses
     model_error : factor on standard errors for what the twin gets wrong in the same way throughout
-        a recording; the default is that measured for the brushless actuator
+        a recording; the default is that measured for the brushless actuator of version 0.1
     fidelities : names of its models for `simulate`, the default first
     sample_rate : Hz, of what `simulate` gives where nothing else is said
     on_request : channels that `simulate` gives only where they are asked for (``also``)
     nominal : places of the parameters that healthy recordings may determine, each with how far
         (as a factor, one standard deviation) a template may be off
     fixed : places of parameters that cannot be searched, because a batch shares them: the step
+    backends : what can simulate its batches; `compare` takes ``backend=`` where there is another
+        than "cpu"
     covariate : name of the nuisance on which healthy features depend, or None
     statistics : what its comparisons measure beside the values
     short : names of compared channels in features, where shorter
@@ -144,6 +146,7 @@ class Model(ABC):
     on_request: ClassVar[tuple[str, ...]] = ()
     nominal: ClassVar[Mapping[str, float]] = {}
     fixed: ClassVar[tuple[str, ...]] = ()
+    backends: ClassVar[tuple[str, ...]] = ("cpu",)
     covariate: ClassVar[str | None] = None
     statistics: ClassVar[tuple[Statistic, ...]] = ()
     short: ClassVar[Mapping[str, str]] = {}
@@ -289,6 +292,14 @@ class Model(ABC):
         """
         self.check_channels(recording)
         return TraceComparison(self, recording, actuator, **settings)
+
+    def check_backend(self, backend: str) -> None:
+        """Raise `InputError` unless a backend can simulate batches of this kind here."""
+        if backend not in self.backends:
+            raise InputError(
+                f"The kind {self.kind} has no backend {backend!r}; choose "
+                f"{' or '.join(self.backends)}."
+            )
 
     def aliases(self, actuator: Any, values: Values) -> list[Alias]:
         """Directions in which the answer does not change, exactly or very nearly.

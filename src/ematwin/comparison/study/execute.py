@@ -13,8 +13,9 @@ import math
 import os
 import platform
 import socket
+import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache, lru_cache
 from typing import Any
@@ -33,6 +34,7 @@ from ematwin.models.scenario import Scenario
 from ematwin.recordings.noise import Noise
 
 _RECORDS = 16  # kept in a worker; runs that share one are neighbours in a plan
+_PREPARING = threading.Lock()  # runs in threads shall share a record, not make it twice
 
 
 class _TimeUpError(Exception):
@@ -44,7 +46,9 @@ def hard_limit(time_limit: float) -> float:
     return 1.2 * time_limit + 2.0
 
 
-def execute(spec: RunSpec, time_limit: float | None = None, engine: str = "none") -> RunResult:
+def execute(
+    spec: RunSpec, time_limit: float | None = None, engine: str = "none", backend: str = "cpu"
+) -> RunResult:
     """Do a run.
 
     Parameters
@@ -52,16 +56,19 @@ def execute(spec: RunSpec, time_limit: float | None = None, engine: str = "none"
     spec : RunSpec
     time_limit : float, s, for the search alone, or None
     engine : name of what carries it, for the provenance
+    backend : "cpu": this process does one run at a time; "cuda": its threads may do many, and the
+        GPU is theirs together. Costs agree to rounding, so it is provenance, not part of the id
 
     Returns
     -------
     RunResult, also of a run that failed; ``status`` and ``stopped`` then say how
     """
-    origin = provenance(engine)
-    clock = _Clock(time_limit)
+    origin = provenance(engine, backend)
+    alone = backend == "cpu"
+    clock = _Clock(time_limit, time.process_time if alone else time.thread_time)
     try:
-        subject, problem = _prepared(spec)
-        with clock.running(), _watchdog(time_limit):
+        subject, problem = _prepared(spec, backend)
+        with clock.running(), _watchdog(time_limit if alone else None):
             search = named(spec.algorithm, population=spec.population, iterations=spec.iterations)
             found = find(
                 boxed(problem, spec.box),
@@ -117,8 +124,9 @@ class _Clock:
     any_finite : bool, some candidate had a finite cost
     """
 
-    def __init__(self, limit: float | None) -> None:
+    def __init__(self, limit: float | None, cpu: Callable[[], float]) -> None:
         self._limit = limit
+        self._cpu = cpu
         self._wall = 0.0
         self.seconds = self.cpu_seconds = math.nan
         self.evaluations = 0
@@ -127,12 +135,12 @@ class _Clock:
     @contextmanager
     def running(self) -> Iterator[None]:
         """Measure the block."""
-        self._wall, cpu = time.perf_counter(), time.process_time()
+        self._wall, cpu = time.perf_counter(), self._cpu()
         try:
             yield
         finally:
             self.seconds = time.perf_counter() - self._wall
-            self.cpu_seconds = time.process_time() - cpu
+            self.cpu_seconds = self._cpu() - cpu
 
     def look(self, evaluations: int, cost: float, budget: int) -> None:
         """Note where the search stands; end it if its time is up."""
@@ -174,12 +182,14 @@ def _watchdog(time_limit: float | None) -> Iterator[None]:
             faulthandler.cancel_dump_traceback_later()
 
 
-def _prepared(spec: RunSpec) -> tuple[Subject, Problem]:
+def _prepared(spec: RunSpec, backend: str) -> tuple[Subject, Problem]:
     """What is searched of a run's recording; runs that share a recording share it."""
     setting = _Setting(spec)
     # where nothing in a recording is drawn at random, its seed changes nothing
     seeded = spec.noise is not None or _subject(setting).model.noisy
-    return _kept((spec.faults, spec.record_seed if seeded else 0, spec.model), setting)
+    key = (spec.faults, spec.record_seed if seeded else 0, spec.model, backend)
+    with _PREPARING:
+        return _kept(key, setting)
 
 
 class _Setting:
@@ -198,7 +208,7 @@ class _Setting:
 
 @lru_cache(maxsize=_RECORDS)
 def _kept(key: tuple[Any, ...], setting: _Setting) -> tuple[Subject, Problem]:
-    faults, seed, fidelity = key
+    faults, seed, fidelity, backend = key
     spec = setting.spec
     subject = _subject(setting)
     model, actuator = subject.model, subject.actuator
@@ -210,7 +220,7 @@ def _kept(key: tuple[Any, ...], setting: _Setting) -> tuple[Subject, Problem]:
         noise=None if spec.noise is None else Noise(**spec.noise),
         seed=seed,
     )
-    problem = Problem.of(recording, actuator, threads=1)
+    problem = Problem.of(recording, actuator, threads=1, backend=backend)
     problem.costs(np.array([faults]))  # compiles, or loads what was compiled, outside any clock
     return subject, problem
 
@@ -221,7 +231,7 @@ def _subject(setting: _Setting) -> Subject:
 
 
 @cache
-def provenance(engine: str) -> dict[str, Any]:
+def provenance(engine: str, backend: str = "cpu") -> dict[str, Any]:
     """Versions, machine and kernel backend of this process."""
     import numba
     import scipy
@@ -235,7 +245,7 @@ def provenance(engine: str) -> dict[str, Any]:
         "machine": socket.gethostname(),
         "processor": _processor(),
         "system": platform.platform(),
-        "kernel": "numba on CPU, one thread",
+        "kernel": "numba on CPU, one thread" if backend == "cpu" else "numba-cuda on a GPU",
         "engine": engine,
     }
 

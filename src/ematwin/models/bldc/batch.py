@@ -43,12 +43,19 @@ _Z1, _Z2, _COST, _LATE_END = 6, 7, 8, 9
 
 
 @step
-def sample_at(values, place):
-    """The value at a place between samples, on a straight line; the ends beyond them."""
-    last = values.size - 1
+def between(place, size):
+    """The sample before a place, and the share of the way to the next; the ends beyond them."""
+    last = size - 1
     inside = min(max(place, 0.0), float(last))
     n = min(int(inside), last - 1)
-    return values[n] + (inside - n) * (values[n + 1] - values[n])
+    return n, inside - n
+
+
+@step
+def sample_at(values, place):
+    """The value at a place between samples, on a straight line; the ends beyond them."""
+    n, share = between(place, values.size)
+    return values[n] + share * (values[n + 1] - values[n])
 
 
 @loop

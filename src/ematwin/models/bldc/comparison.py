@@ -8,7 +8,7 @@ of candidates is then simulated and scored without keeping traces.
 import copy
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
@@ -91,6 +91,7 @@ class BldcComparison(Comparison):
     rectify : compare magnitudes; None compares signed currents where the recording has the rotor
         angle, else magnitudes
     threads : threads that share a batch; None takes one for each core
+    backend : "cpu"; or "cuda", where a GPU simulates a batch in one launch
 
     Attributes
     ----------
@@ -123,7 +124,9 @@ class BldcComparison(Comparison):
         weighting: SlopeWeighting | None = None,
         rectify: bool | None = None,
         threads: int | None = None,
+        backend: str = "cpu",
     ) -> None:
+        self.backend = backend
         if len(recording) < _SHORTEST:
             raise RecordError(
                 f"The record has {len(recording)} samples; at least {_SHORTEST} are needed to tell "
@@ -289,9 +292,21 @@ class BldcComparison(Comparison):
         leaves nothing in between, and memory stays bounded.
         """
         count = self.kept_of(stretch)
+        run = self.run(stretch, batch, count, spread=spread)
+        return self.weighted(stretch, batch, count, *run)
+
+    def weighted(
+        self,
+        stretch: Stretch,
+        batch: "Batch",
+        count: int,
+        costs: np.ndarray,
+        response: np.ndarray,
+        watts: np.ndarray,
+    ) -> list[np.ndarray]:
+        """What `residuals_of` gives, from what `run` gave with ``count`` samples kept."""
         stride = -(-stretch.target.size // count)
         interval, thin = stride * self.recording.interval, slice(None, None, stride)
-        costs, response, watts = self.run(stretch, batch, count, spread=spread)
         response[~np.isfinite(costs)] = np.nan  # a friction that is no number holds all at rest
         found = []
         if stretch.power is not None:
@@ -362,6 +377,8 @@ class BldcComparison(Comparison):
 
         ``spread`` over the threads. Costs above ``limits`` (B,) are infinite.
         """
+        if self.backend == "cuda":
+            return self.run_at_once([stretch], batch, [kept])[0]
         from ematwin.models.bldc.batch import LANES, monitor_scores
 
         count = len(batch.faults)
@@ -393,6 +410,20 @@ class BldcComparison(Comparison):
 
         self.share(work, range(0, blocks, each), spread=spread)
         return costs[:count], response[:count], watts[:count]
+
+    def run_at_once(
+        self, stretches: Sequence[Stretch], batch: "Batch", kept: Sequence[int]
+    ) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """What `run` gives of each stretch, from one launch of a GPU."""
+        from ematwin.models.bldc.cuda import LAUNCHER, Work
+
+        constants = self.constants if batch.constants is None else batch.constants
+        return LAUNCHER.scores(
+            [
+                Work(stretch, batch.faults, constants, self.step, self.substeps, self.rectify, n)
+                for stretch, n in zip(stretches, kept, strict=True)
+            ]
+        )
 
     def share(self, work: Callable[[Any], None], tasks: Any, *, spread: bool = True) -> None:
         """Do tasks, on several threads if there are several."""

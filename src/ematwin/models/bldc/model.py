@@ -39,7 +39,9 @@ class BldcModel(Model):
     sample_rate: ClassVar[float] = 20_000.0
     on_request: ClassVar[tuple[str, ...]] = ON_REQUEST
     fixed: ClassVar[tuple[str, ...]] = FIXED
+    backends: ClassVar[tuple[str, ...]] = ("cpu", "cuda")
     # Parameters that a healthy recording may determine, and how far a template may be off.
+    model_error: ClassVar[float] = 3.5
     nominal: ClassVar[dict[str, float]] = {
         "motor.emf_constant": 1.1,
         "motor.inertia": 1.3,
@@ -96,6 +98,14 @@ class BldcModel(Model):
 
         self.check_channels(recording)
         return BldcComparison(recording, actuator, threads=threads, **settings)
+
+    def check_backend(self, backend: str) -> None:
+        """A GPU needs numba-cuda and a device."""
+        super().check_backend(backend)
+        if backend == "cuda":
+            from ematwin.models.bldc.cuda import ready
+
+            ready()
 
     def respond(
         self, actuator: Any, inputs: Recording, candidates: Candidates, count: int

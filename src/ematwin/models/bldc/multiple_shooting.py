@@ -74,6 +74,9 @@ class Restarted(Comparison):
     def costs(self, candidates: Candidates, count: int) -> np.ndarray:
         """Costs (B,), A s; infinite where a simulation diverged."""
         batch = self._whole.batch(candidates, count)
+        if self._whole.backend == "cuda":
+            runs = self._whole.run_at_once(self.stretches, batch, [0] * len(self.stretches))
+            return np.asarray(np.sum([run[0] for run in runs], axis=0))
         costs = np.empty((len(self.stretches), count))
 
         def work(n: int) -> None:
@@ -98,11 +101,18 @@ class Restarted(Comparison):
         """Weighted residuals (B, K): the sum of their squares is the cost."""
         batch = self._whole.batch(candidates, count)
         parts: list[list[np.ndarray]] = [[]] * len(self.stretches)
+        whole = self._whole
+        if whole.backend == "cuda":
+            kept = [whole.kept_of(stretch) for stretch in self.stretches]
+            runs = whole.run_at_once(self.stretches, batch, kept)
+            for n, (stretch, few, run) in enumerate(zip(self.stretches, kept, runs, strict=True)):
+                parts[n] = whole.weighted(stretch, batch, few, *run)
+        else:
 
-        def work(n: int) -> None:
-            parts[n] = self._whole.residuals_of(self.stretches[n], batch, spread=False)
+            def work(n: int) -> None:
+                parts[n] = whole.residuals_of(self.stretches[n], batch, spread=False)
 
-        self._whole.share(work, range(len(self.stretches)))
+            whole.share(work, range(len(self.stretches)))
         in_order = [part for kind in zip(*parts, strict=True) for part in kind]
         return np.concatenate(in_order, axis=1)
 

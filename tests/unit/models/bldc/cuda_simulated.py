@@ -1,0 +1,201 @@
+"""The GPU's scores in numba-cuda's simulator; `test_cuda` runs this file with the simulator on."""
+
+import threading
+import time
+
+import numpy as np
+import pytest
+from numba import config
+
+import ematwin
+from bldc_inputs import SEVERE, history
+from ematwin import Problem, simulate
+from ematwin.comparison.study.compare import compare
+from ematwin.comparison.study.engines.cuda import CudaEngine
+from ematwin.comparison.study.execute import execute
+from ematwin.comparison.study.store import Store
+from ematwin.models.bldc import batch, cuda
+from ematwin.models.bldc.channels import VOLTAGES
+from ematwin.models.bldc.comparison import PowerStretch, Stretch
+from ematwin.models.bldc.constants import kernel_constants
+from ematwin.models.bldc.cuda_signals import Signals
+from ematwin.models.bldc.faults import HEALTHY, Faults
+from ematwin.models.bldc.model import MODEL
+from ematwin.models.bldc.parameters import BldcActuator
+from ematwin.numerics.low_pass import LowPass
+from ematwin.testing.store_contract import small_plan
+
+C = kernel_constants(BldcActuator.load())
+RATE, SUBSTEPS, SAMPLES, KEPT = 20_000.0, 2, 201, 41
+STEP = 1.0 / (RATE * SUBSTEPS)
+
+
+SHORT = ematwin.Scenario.load_file("step").model_copy(update={"duration": 0.06})
+
+
+@pytest.fixture(scope="module", autouse=True)
+def simulator() -> None:
+    assert config.ENABLE_CUDASIM
+
+
+@pytest.fixture(scope="module")
+def record():  # type: ignore[no-untyped-def]
+    return simulate("reference", SHORT, Faults(**SEVERE), also=VOLTAGES)
+
+
+def stretch(power: bool = True) -> Stretch:
+    command, load = history(SAMPLES - 1, 1.0 / RATE)
+    t = np.arange(SAMPLES) / RATE
+    target = 2.0 + np.sin(2.0 * np.pi * 80.0 * t)
+    low_pass = LowPass(500.0)
+    start = PowerStretch(target, np.ones(SAMPLES), low_pass.taps(RATE, 3.0)[5:])
+    return Stretch(
+        command, load, target, 1.0 + t, np.zeros(6), low_pass.taps(RATE, 2.0), KEPT,
+        start if power else None,
+    )  # fmt: skip
+
+
+def random_faults(count: int) -> np.ndarray:
+    k = np.random.default_rng(1).random((count, 8))
+    k[0], k[1], k[2] = HEALTHY, 1.0, 0.0
+    return k
+
+
+def of_lanes(k, one, own, rectify):  # type: ignore[no-untyped-def]
+    costs, status = np.empty(len(k)), np.empty(len(k), dtype=np.int64)
+    response, watts = np.empty((len(k), KEPT)), np.empty((len(k), KEPT))
+    batch.monitor_scores(
+        k, one.command, one.load, one.state, C, own, STEP, SUBSTEPS, one.taps, rectify,
+        one.target, one.weights, costs, status, response, (one.power.state, watts),
+        np.full(len(k), np.inf),
+    )  # fmt: skip
+    return costs, response, watts
+
+
+@pytest.mark.parametrize("rectify", [True, False])
+@pytest.mark.parametrize("vary", [False, True])
+def test_scores_are_those_of_the_lanes(rectify: bool, vary: bool) -> None:
+    k, one, own = random_faults(batch.LANES), stretch(), None
+    if vary:
+        own = np.array(C) * np.random.default_rng(3).uniform(0.9, 1.1, (len(k), len(C)))
+        own[:, C._fields.index("pole_pairs")] = C.pole_pairs
+        own[:, C._fields.index("load_delay")] = np.linspace(-1e-3, 1e-3, len(k))
+    work = cuda.Work(one, k, C if own is None else own, STEP, SUBSTEPS, rectify, KEPT)
+    found = cuda.Launcher().scores([work])[0]
+    for ours, theirs in zip(found, of_lanes(k, one, own, rectify), strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.filterwarnings("ignore:.*invalid value:RuntimeWarning")  # the simulator is numpy
+def test_a_diverged_candidate_costs_infinity_and_spoils_no_other() -> None:
+    k, one = random_faults(5), stretch()
+    launcher = cuda.Launcher()
+    clean = launcher.scores([cuda.Work(one, k, C, STEP, SUBSTEPS, True, 0)])[0][0]
+    sick = k.copy()
+    sick[3, 0], sick[4, 5] = np.nan, np.inf
+    costs = launcher.scores([cuda.Work(one, sick, C, STEP, SUBSTEPS, True, 0)])[0][0]
+    assert np.isposinf(costs[3:]).all()
+    np.testing.assert_array_equal(costs[:3], clean[:3])
+    own = np.tile(np.array(C), (5, 1))
+    own[2, C._fields.index("load_delay")] = np.nan
+    costs = launcher.scores([cuda.Work(one, k, own, STEP, SUBSTEPS, True, 0)])[0][0]
+    np.testing.assert_array_equal(np.isposinf(costs), [False, False, True, False, False])
+
+
+def test_works_of_all_sorts_share_a_launch() -> None:
+    k = random_faults(7)
+    works = [
+        cuda.Work(stretch(), k[:2], C, STEP, SUBSTEPS, True, KEPT),
+        cuda.Work(stretch(power=False), k[2:5], C, STEP, SUBSTEPS, False, 21),
+        cuda.Work(stretch(), k[5:], C, STEP / 2.0, 2 * SUBSTEPS, True, 0),
+    ]
+    launcher = cuda.Launcher()
+    together = launcher.scores(works)
+    assert launcher.launches == 1
+    for work, found in zip(works, together, strict=True):
+        for ours, alone in zip(found, launcher.scores([work])[0], strict=True):
+            np.testing.assert_array_equal(ours, alone)
+    assert [found[1].shape for found in together] == [(2, KEPT), (3, 21), (0, 0)]
+    assert [found[2].shape for found in together] == [(2, KEPT), (0, 0), (0, 0)]
+
+
+def test_works_that_threads_bring_during_a_launch_go_together_in_the_next() -> None:
+    launcher, one, k = cuda.Launcher(), stretch(), random_faults(6)
+    found: dict[int, np.ndarray] = {}
+
+    def search(n: int) -> None:
+        work = cuda.Work(one, k[n : n + 1], C, STEP, SUBSTEPS, True, 0)
+        found[n] = launcher.scores([work])[0][0]
+
+    threads = [threading.Thread(target=search, args=(n,)) for n in range(len(k))]
+    with launcher._launching:
+        for thread in threads:
+            thread.start()
+        while len(launcher._queue) < len(k):
+            time.sleep(0.01)
+    for thread in threads:
+        thread.join()
+    assert launcher.launches == 1
+    whole = launcher.scores([cuda.Work(one, k, C, STEP, SUBSTEPS, True, 0)])[0][0]
+    np.testing.assert_array_equal(np.concatenate([found[n] for n in range(len(k))]), whole)
+
+
+def test_an_error_reaches_all_that_wait_and_the_next_launch_is_well() -> None:
+    launcher = cuda.Launcher()
+    with pytest.raises(ValueError, match="broadcast"):
+        launcher.scores([cuda.Work(stretch(), random_faults(3), np.ones((3, 5)), STEP, 2, True, 0)])
+    work = cuda.Work(stretch(), random_faults(3), C, STEP, SUBSTEPS, True, 0)
+    assert np.isfinite(launcher.scores([work])[0][0]).all()
+
+
+def test_signals_are_sent_once_and_the_oldest_give_way() -> None:
+    one, two, three = stretch(), stretch(), stretch()
+    signals = Signals(most=SAMPLES)
+    for stretches in ([one], [one], [one, one]):
+        there, places = signals.placed(stretches, np.copy)
+        assert places == [0] * len(stretches)
+    assert signals.sent == 1
+    there, places = signals.placed([two], np.copy)
+    assert (places, there.shape) == ([SAMPLES], (4, 2 * SAMPLES))
+    there, places = signals.placed([three, two], np.copy)
+    np.testing.assert_array_equal(there[3, places[1] : places[1] + SAMPLES], two.weights)
+    assert signals.placed([one], np.copy)[0].shape[1] <= 3 * SAMPLES
+    assert signals.sent == 4
+
+
+@pytest.mark.parametrize("evidence", [False, True])
+def test_a_comparison_gives_what_it_gives_on_the_processor(record, evidence: bool) -> None:
+    actuator = BldcActuator.load()
+    k = random_faults(3)
+    unknown = {name: k[:, n] for n, name in enumerate(Faults().as_dict())}
+    unknown["motor.resistance"] = actuator.motor.resistance * np.array([0.9, 1.0, 1.1])
+    there, here = (MODEL.compare(record, actuator, backend=b) for b in ("cuda", "cpu"))
+    if evidence:
+        there, here = there.with_evidence(), here.with_evidence()
+    for ours, theirs in ((there, here), (there.restarted(), here.restarted())):
+        np.testing.assert_allclose(ours.costs(unknown, 3), theirs.costs(unknown, 3), rtol=1e-9)
+        before = cuda.LAUNCHER.launches
+        residuals = ours.residuals(unknown, 3)
+        assert cuda.LAUNCHER.launches == before + 1  # all stretches at once
+        expected = theirs.residuals(unknown, 3)
+        np.testing.assert_allclose(residuals, expected, rtol=1e-9, atol=1e-9 * expected.std())
+
+
+def test_a_problem_takes_the_backend(record) -> None:
+    points = random_faults(3)
+    there, here = (Problem.of(record, "servo48", backend=backend) for backend in ("cuda", "cpu"))
+    np.testing.assert_allclose(there.costs(points), here.costs(points), rtol=1e-9)
+
+
+def test_a_study_has_the_same_runs_and_shares_launches(tmp_path) -> None:
+    plan = small_plan(algorithms=("pso", "gwo"), runs=2, population=4, iterations=2, scenario=SHORT)
+    before = cuda.LAUNCHER.launches
+    with Store(str(tmp_path / "study.db")) as store:
+        tally = compare(plan, store, CudaEngine(searches=8))
+        stored = {run.spec.id: run.result for run in store.runs()}
+    assert tally.counts == {"done": len(plan.specs())}
+    batches = 1 + 2  # for each run at most: one to compile, and its generations
+    assert cuda.LAUNCHER.launches - before < batches * len(plan.specs())
+    for spec in plan.specs():
+        assert stored[spec.id].provenance["kernel"] == "numba-cuda on a GPU"
+        assert stored[spec.id].cost == pytest.approx(execute(spec).cost, rel=1e-6)
