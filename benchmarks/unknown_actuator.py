@@ -154,7 +154,7 @@ def recorded(
     )  # fmt: skip
     more = {}
     rng = np.random.default_rng([5, seed])
-    for name in set(also) & set(VOLTAGES):
+    for name in (one for one in VOLTAGES if one in also):
         volts = found.channels[name] + VOLTAGE_NOISE * rng.standard_normal(len(found))
         more[name] = np.round(volts / VOLTAGE_STEP) * VOLTAGE_STEP
     if "volts" in drift:
