@@ -50,18 +50,8 @@ def multiply_adds(values, factor, summand, count):
     for _ in range(count):
         for n in range(values.size):
             x = values[n]
-            x = x * factor + summand
-            x = x * factor + summand
-            x = x * factor + summand
-            x = x * factor + summand
-            x = x * factor + summand
-            x = x * factor + summand
-            x = x * factor + summand
-            x = x * factor + summand
-            x = x * factor + summand
-            x = x * factor + summand
-            x = x * factor + summand
-            x = x * factor + summand
+            for _ in range(_CHAIN):
+                x = x * factor + summand
             values[n] = x
 
 

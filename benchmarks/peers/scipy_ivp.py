@@ -11,6 +11,7 @@ contact as the spring and damper of the reference model, the current as a short 
 """
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -107,27 +108,40 @@ def right_hand_side(t, y, m, c, command, load, interval):
 
 def lsoda(task: Task, k: np.ndarray) -> np.ndarray:
     """Costs (B,) by `solve_ivp(method="LSODA")`."""
-    interval = task.step * task.substeps
-    times = np.arange(task.target.size) * interval
-    currents = []
-    for m in task.each(k):
+
+    def charges(start: list[float], times: np.ndarray, args: tuple[object, ...]) -> np.ndarray:
         found = solve_ivp(
-            right_hand_side, (0.0, times[-1]), [*task.start[:5], 0.0], method="LSODA", t_eval=times,
-            args=(m, task.plant, task.command, task.load, interval), **TOLERANCES,
+            right_hand_side, (0.0, times[-1]), start, method="LSODA", t_eval=times, args=args,
+            **TOLERANCES,
         )  # fmt: skip
-        currents.append(np.diff(found.y[5]) / interval)
-    return scored(np.array(currents), task)
+        return np.asarray(found.y[5])
+
+    return _by_free_steps(task, k, charges)
 
 
 def lsoda_inside(task: Task, k: np.ndarray) -> np.ndarray:
     """Costs (B,) by `odeint`, whose loop over the steps is compiled."""
+
+    def charges(start: list[float], times: np.ndarray, args: tuple[object, ...]) -> np.ndarray:
+        found = odeint(
+            right_hand_side, start, times, tfirst=True, mxstep=100_000, args=args, **TOLERANCES
+        )
+        return np.asarray(found[:, 5])
+
+    return _by_free_steps(task, k, charges)
+
+
+def _by_free_steps(
+    task: Task,
+    k: np.ndarray,
+    charges: Callable[[list[float], np.ndarray, tuple[object, ...]], np.ndarray],
+) -> np.ndarray:
+    """Costs (B,) from the charge (S,) that has flowed at each sample."""
     interval = task.step * task.substeps
     times = np.arange(task.target.size) * interval
-    currents = []
-    for m in task.each(k):
-        found = odeint(
-            right_hand_side, [*task.start[:5], 0.0], times, tfirst=True, mxstep=100_000,
-            args=(m, task.plant, task.command, task.load, interval), **TOLERANCES,
-        )  # fmt: skip
-        currents.append(np.diff(found[:, 5]) / interval)
-    return scored(np.array(currents), task)
+    start = [*task.start[:5], 0.0]
+    each = [
+        charges(start, times, (m, task.plant, task.command, task.load, interval))
+        for m in task.each(k)
+    ]
+    return scored(np.diff(np.array(each), axis=1) / interval, task)
