@@ -28,6 +28,20 @@ def test_on_a_calibrated_actuator_faults_are_named_and_intervals_hold(known, cas
     assert not bench.silently_wrong(one)
 
 
+def test_a_healthy_gap_is_known_as_well_as_is_said() -> None:
+    """Faults of the gap are multiples of it. Of this one the misfit is rough: it is 3.5 % off."""
+    true, place = bench.actuator_of_sheet(107), "transmission.backlash"
+    healthy = [bench.recorded(true, {}, 10 + n, {}) for n in range(bench.HEALTHY_RECORDINGS)]
+    known = bench.learnt(healthy, bench.SHEET)
+    gap = next(one for one in known.parameters if one.place == place)
+    assert gap.standard_error < 0.03 * gap.value
+    assert abs(gap.value - true.value(place)) < 2.5 * gap.standard_error
+    one = bench.judged(
+        "", bench.recorded(true, bench.CASES[2], 102, {}), known, true, bench.CASES[2]
+    )
+    assert bench.inside(one, "backlash")
+
+
 def test_drift_of_all_kinds_at_once_makes_no_fault(known) -> None:
     true = bench.actuator_off(7)
     drift = {name: x for part in bench.DRIFTS.values() for name, x in part.items()}

@@ -14,7 +14,7 @@ import numpy as np
 
 from ematwin.estimation.baseline import Baseline, effective, with_nuisances
 from ematwin.estimation.intervals import Draws, draws
-from ematwin.estimation.laplace import Laplace, inverse, laplace
+from ematwin.estimation.laplace import Laplace, inverse, laplace, profiled
 from ematwin.estimation.learn import searches_globally
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found
@@ -23,8 +23,7 @@ from ematwin.models.chart import Chart
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
 
-_PROFILE = 2.0  # standard errors at which the misfit along a fault is looked at
-_FLATTEST = 5.0  # times that an interval is widened at most
+_REACHES = (2.0,)  # standard errors at which the misfit along a fault is looked at
 _APART = 0.05  # share of a range by which another answer differs
 _NEARLY = 9.0  # rise of the squared distance up to which another answer is nearly as good
 _WORTH_A_LOOK = 4.0  # ratio of costs up to which another valley is gone into
@@ -119,7 +118,7 @@ def assess(
         peak = rivals.pop(0)
     own = len(problem.names)
     covariance = _with_scatter(peak, baseline, model.model_error)
-    covariance = _profiled(peak, covariance, own, model.model_error)
+    covariance = profiled(peak, covariance, range(own), model.model_error, _REACHES)
     drawn = draws(full.chart, peak.z, covariance)
     errors = _sharp(peak, own, model.model_error).tolist()
     sharp_errors = dict(zip(problem.names, errors, strict=True))
@@ -231,26 +230,6 @@ def _with_scatter(peak: Laplace, baseline: Baseline, model_error: float) -> np.n
                 1.0 + 1.0 / max(1, baseline.recordings)
             )
     return covariance
-
-
-def _profiled(peak: Laplace, covariance: np.ndarray, own: int, model_error: float) -> np.ndarray:
-    """The covariance widened along faults where the misfit rises less than its curvature says."""
-    problem, chart = peak.problem, peak.problem.chart
-    errors = np.sqrt(np.diag(covariance))
-    ways = _PROFILE * covariance[:, :own] / errors[:own]
-    points = np.concatenate([peak.z + ways.T, peak.z - ways.T])
-    inside = np.abs(chart.project(points) - points).max(axis=1) < 1e-9
-    parts = problem.split(problem.residuals(chart.to_values(np.vstack([peak.z[None], points]))))
-    data, evidence, priors = (np.einsum("bk,bk->b", part, part) for part in parts)
-    heights = ((data + evidence) / model_error**2 + priors) / problem.noise**2
-    rise = heights[1:] - heights[0]
-    wider = np.ones(len(errors))
-    for n in range(own):
-        seen = [rise[m] for m in (n, own + n) if inside[m] and np.isfinite(rise[m])]
-        if seen:
-            least = max(min(seen), (_PROFILE / _FLATTEST) ** 2)
-            wider[n] = max(1.0, _PROFILE / math.sqrt(least))
-    return covariance * np.outer(wider, wider)
 
 
 def _sharp(peak: Laplace, own: int, model_error: float) -> np.ndarray:

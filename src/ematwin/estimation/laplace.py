@@ -32,6 +32,7 @@ _JOINT = 2  # steps of everything together, where evidence decides what data do 
 _ROUGH = 1.02  # ratio of costs that is mere roughness
 _GAIN = 0.95  # ratio of costs over a stage above which there is no more to gain
 _SHORTEST, _LONGEST = 1e-3, 2e-2  # steps of the last Jacobian, shares of a range
+_FLATTEST = 5.0  # times that a covariance is widened at most
 _STEP = 5e-3  # along directions that data do not see, share of a range
 
 Aliases = Callable[[Mapping[str, float]], Sequence[Alias]]
@@ -122,6 +123,40 @@ def laplace(
     return Laplace(
         problem, z, mean, slopes.covariance, slopes.data, slopes.priors, cost, evidence, spent
     )
+
+
+def profiled(
+    peak: Laplace,
+    covariance: np.ndarray,
+    chosen: Sequence[int],
+    factor: float,
+    reaches: Sequence[float],
+) -> np.ndarray:
+    """The covariance (d, d) widened where the misfit rises less than its curvature says.
+
+    Parameters
+    ----------
+    peak : Laplace
+    covariance : (d, d) array, in the coordinates of the problem's chart
+    chosen : places of unknowns; the misfit is looked at along each, while the others follow
+    factor : float, times that the noise of the data is larger
+    reaches : standard errors, how far to look
+    """
+    problem, chart, count = peak.problem, peak.problem.chart, len(chosen)
+    errors = np.sqrt(np.diag(covariance))
+    ways = (covariance[:, chosen] / errors[chosen]).T
+    signed = [sign * reach for reach in reaches for sign in (1.0, -1.0)]
+    points = np.concatenate([peak.z + reach * ways for reach in signed])
+    inside = np.abs(chart.project(points) - points).max(axis=1) < 1e-9
+    parts = problem.split(problem.residuals(chart.to_values(np.vstack([peak.z[None], points]))))
+    data, evidence, priors = (np.einsum("bk,bk->b", part, part) for part in parts)
+    heights = ((data + evidence) / factor**2 + priors) / problem.noise**2
+    rise = np.where(inside, heights[1:] - heights[0], np.inf).reshape(len(signed), count)
+    wider = np.ones(len(errors))
+    for reach, seen in zip(signed, rise, strict=True):
+        least = np.maximum(np.where(np.isfinite(seen), seen, np.inf), (reach / _FLATTEST) ** 2)
+        wider[chosen] = np.maximum(wider[chosen], abs(reach) / np.sqrt(least))
+    return covariance * np.outer(wider, wider)
 
 
 class _Slopes(NamedTuple):

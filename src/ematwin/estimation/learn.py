@@ -10,7 +10,7 @@ parameters only ratios or products come out; that is enough for faults, which ar
 healthy, and is said where physical values are shown.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,7 +22,7 @@ from ematwin.estimation.baseline import (
     searched_range,
     uncertain,
 )
-from ematwin.estimation.laplace import Laplace, laplace
+from ematwin.estimation.laplace import Laplace, laplace, profiled
 from ematwin.estimation.local import LocalDescent
 from ematwin.estimation.multistart import MultistartDescent
 from ematwin.estimation.nominal import NominalParameter, fit_nominal
@@ -30,7 +30,7 @@ from ematwin.estimation.problem import Prior, Problem
 from ematwin.models.base import Model
 from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
-from ematwin.models.unknown import Unknown
+from ematwin.models.unknown import Alias, Unknown
 from ematwin.recordings.recording import Recording
 
 Progress = Callable[[float], None]
@@ -44,6 +44,7 @@ _TOGETHER = 3.0  # times the misfit of one recording alone that several leave to
 _UNALIKE = 0.015  # relative misfit that days which differ a little may leave together
 _WITHOUT = 0.5  # times the misfit with it that recordings leave without an odd one
 _DETERMINED = 0.5  # of the width that a parameter had before
+_REACHES = (4.0,)  # standard errors at which the misfit along a parameter is looked at
 _TIED = 0.9  # correlation of two parameters of which only ratio or product is known
 _COMMANDS = 2  # different ones that the search looks at
 _SAME_COMMAND = 0.02  # of the travel
@@ -181,6 +182,10 @@ class _Fit:
         ]
         problem = Problem(beside, [*self.nominals, *own], own=[one.name for one in own])
         searched, ends = self._ends(comparisons, [o for o in own if o.name == "skew"], tell)
+
+        def aliases(values: Mapping[str, float]) -> Sequence[Alias]:
+            return self.model.aliases(self.template, values)
+
         best: Laplace | None = None
         for n, (_, z) in enumerate(ends[:_TRIED]):
             point = searched.chart.to_values(z[None])[0]
@@ -189,18 +194,17 @@ class _Fit:
                 start.get(name.partition("@")[0], value)
                 for name, value in zip(problem.names, problem.start, strict=True)
             ]
-            peak = laplace(
-                problem,
-                np.array(first),
-                aliases=lambda values: self.model.aliases(self.template, values),
-            )
+            peak = laplace(problem, np.array(first), aliases=aliases)
             tell(0.6 + 0.2 * (n + 1) / _TRIED)
             if best is None or peak.cost < best.cost:
                 best = peak
             if problem.relative_misfit(best.cost) < _GOOD * self.floor:
                 break
         assert best is not None
-        return problem, best, searched.relative_misfit(ends[0][0])
+        # coarse to fine: what is learnt here is what faults are multiples of
+        fine = problem.refined()
+        peak = laplace(fine, best.point, aliases=aliases, settled=np.inf)
+        return fine, peak, searched.relative_misfit(ends[0][0])
 
     def _ends(
         self, comparisons: Sequence[Comparison], clocks: Sequence[Unknown], tell: Progress
@@ -266,7 +270,8 @@ def _prior(problem: Problem, peak: Laplace, places: Sequence[str], model_error: 
     """
     chosen = [problem.names.index(place) for place in places]
     widths = problem.chart.widths[chosen]
-    covariance = peak.widened(model_error)[np.ix_(chosen, chosen)]
+    covariance = peak.widened(model_error)
+    covariance = profiled(peak, covariance, chosen, model_error, _REACHES)[np.ix_(chosen, chosen)]
     return Prior(tuple(places), np.log(peak.point[chosen]), covariance * np.outer(widths, widths))
 
 

@@ -297,6 +297,10 @@ class Problem:
             return self
         return self._with([one for one in smooth if one is not None])
 
+    def refined(self) -> "Problem":
+        """The same problem with the finer steps of its twins."""
+        return self._with([one.refined() for one in self.comparisons])
+
     def restarted(self) -> "Problem | None":
         """The same problem by stretches from recorded states, or None without states."""
         parts = [one.restarted() for one in self.comparisons]

@@ -98,6 +98,10 @@ class Comparison(ABC):
         """The same comparison where its misfit is smooth over wide valleys; None if it has none."""
         return None
 
+    def refined(self) -> "Comparison":
+        """The same comparison with a finer step, where an answer is to be finer; or itself."""
+        return self
+
     def restarted(self) -> "Comparison | None":
         """The same comparison by stretches, each from its recorded state; None without states."""
         return None

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ematwin import Recording
-from ematwin.estimation.laplace import Laplace, inverse, laplace
+from ematwin.estimation.laplace import Laplace, inverse, laplace, profiled
 from ematwin.estimation.problem import Prior, Problem
 from ematwin.models.comparison import Comparison
 from ematwin.models.unknown import Alias, Unknown
@@ -129,6 +129,34 @@ def test_a_held_unknown_stays_and_still_widens_the_others(regressed) -> None:
     # the middle of the distribution is where it would go
     mean, _ = regression(basis, y, prior, problem.names, NOISE)
     assert np.allclose(mean_of(peak), mean, atol=1e-7)
+
+
+class Flattening(Linear):
+    """Answers less to an unknown beyond one standard error from where it is right."""
+
+    reach, share = np.inf, 1.0
+
+    def responses(self, candidates, count):
+        near = {}
+        for one, right in zip(self.unknowns, self.right, strict=True):
+            away = np.broadcast_to(candidates[one.name], count) - right
+            kept = np.clip(away, -self.reach, self.reach)
+            near[one.name] = right + kept + self.share * (away - kept)
+        return super().responses(near, count)
+
+
+@pytest.mark.parametrize(("share", "expected"), [(1.0, 1.0), (0.25, 4.0 / 1.75), (0.0, 4.0)])
+def test_a_covariance_is_widened_by_what_the_misfit_rises_less(share, expected) -> None:
+    unknowns, basis = [fault("a"), fault("b")], np.eye(2, 60)
+    comparison = Flattening(unknowns, basis, np.array([0.5, -0.3]) @ basis)
+    comparison.right, comparison.reach = (0.5, -0.3), NOISE
+    problem = Problem([comparison], unknowns)
+    peak = laplace(problem, np.array([0.5, -0.3]), least_noise=NOISE)
+    assert np.allclose(in_values(peak, peak.covariance), NOISE**2 * np.eye(2), rtol=1e-6)
+    comparison.share = share
+    found = profiled(peak, peak.covariance, [1], 1.0, (4.0,)) / peak.covariance.clip(1e-12)
+    assert found[0, 0] == pytest.approx(1.0)
+    assert found[1, 1] == pytest.approx(expected**2, rel=1e-3)
 
 
 def aliased(rough: float, prior: Prior, **more):

@@ -11,7 +11,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -34,6 +34,7 @@ KEPT = 5_000  # samples of a response: more are thinned, as far as the low-pass 
 _OVERSAMPLING = 8.0  # rate of kept samples over the cutoff, at least
 _AT_A_TIME = 8_000_000  # samples of answers that are held whole
 _COARSE = 2.0  # times the step, where only the valley is looked for
+_FINE = 0.25  # times the step, where an actuator is learnt
 _BLOCKS = 8  # of lanes in a task at most: an interrupt waits for no more than one task
 
 
@@ -146,8 +147,7 @@ class BldcComparison(Comparison):
                 f"The current of the record is constant ({self.current[0]:g} A): nothing moved. "
                 "Check the channel, or record a motion."
             )
-        self.substeps = max(1, math.ceil(recording.interval / actuator.steps.monitor - 1e-9))
-        self.step = recording.interval / self.substeps
+        self._stepped(actuator.steps.monitor)
         ratio = actuator.transmission.ratio
         load = recording.load
         self.command = recording.command * ratio
@@ -187,12 +187,19 @@ class BldcComparison(Comparison):
     def smoothed(self) -> "BldcComparison":
         """Through a low-pass of `SMOOTH_CUTOFF` at most, and with longer steps."""
         other = self.with_cutoff(min(SMOOTH_CUTOFF, self.low_pass.cutoff))
-        coarse = min(
-            _COARSE * self.actuator.steps.monitor, self.actuator.largest_stable_step("monitor")
-        )
-        other.substeps = max(1, math.ceil(self.recording.interval / coarse - 1e-9))
-        other.step = self.recording.interval / other.substeps
-        return other
+        coarse = _COARSE * self.actuator.steps.monitor
+        return other._stepped(min(coarse, self.actuator.largest_stable_step("monitor")))
+
+    def refined(self) -> "BldcComparison":
+        """With shorter steps: impacts in a gap that is hardly wider than one are late otherwise."""
+        return copy.copy(self)._stepped(_FINE * self.step)
+
+    def _stepped(self, longest: float) -> Self:
+        """This, with steps of the monitor model of at most ``longest`` seconds."""
+        interval = self.recording.interval
+        self.substeps = max(1, math.ceil(interval / longest - 1e-9))
+        self.step = interval / self.substeps
+        return self
 
     def restarted(self) -> Comparison | None:
         """By stretches, each from its recorded positions; None without positions."""

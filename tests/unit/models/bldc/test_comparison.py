@@ -144,6 +144,21 @@ def test_step_divides_the_sampling_interval() -> None:
         assert np.isclose(objective.step * objective.substeps, 1.0 / rate)
 
 
+def test_a_refined_twin_is_nearer_to_one_with_very_short_steps(twin_record: Recording) -> None:
+    usual = BldcComparison(twin_record, ACTUATOR)
+    fine = usual.refined()
+    short = BldcComparison(
+        twin_record, ACTUATOR.changed({"steps.monitor": ACTUATOR.steps.monitor / 25})
+    )
+    k = by_name(FAULTY.vector[None])
+    usual_far, fine_far = (
+        np.abs(one.responses(k, 1)["current"] - short.responses(k, 1)["current"]).mean()
+        for one in (usual, fine)
+    )
+    assert fine_far < 0.5 * usual_far
+    assert usual.step == pytest.approx(4.0 * fine.step)
+
+
 def test_thinned_residuals_of_a_long_record_have_the_same_cost() -> None:
     record = simulate("reference", faults=FAULTY, sample_rate=100_000.0)
     objective = Misfit(record, ACTUATOR)
