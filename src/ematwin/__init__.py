@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from ematwin.monitoring.calibrate import calibrate
     from ematwin.monitoring.calibration import Calibration
     from ematwin.monitoring.detect import detect
-    from ematwin.optimizers.minimize import minimize
+    from ematwin.optimizers.loop import minimize
     from ematwin.recordings.channel import Channel
     from ematwin.recordings.noise import Noise
     from ematwin.recordings.recording import Recording
@@ -57,7 +57,7 @@ _HOMES = {
     "error_percent_wrapped": "ematwin.models.bldc.faults",
     "identify": "ematwin.estimation.identify",
     "load_actuator": "ematwin.models.registry",
-    "minimize": "ematwin.optimizers.minimize",
+    "minimize": "ematwin.optimizers.loop",
     "read": "ematwin.models.reading",
     "read_motions": "ematwin.models.reading",
     "simulate": "ematwin.models.simulating",

@@ -22,8 +22,7 @@ from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.reading import read
 from ematwin.models.registry import load_actuator, model_of
 from ematwin.models.unknown import PhysicalValue, table_of
-from ematwin.optimizers.base import Optimizer
-from ematwin.optimizers.minimize import ITERATIONS, POPULATION
+from ematwin.optimizers.base import ITERATIONS, POPULATION, Optimizer
 from ematwin.recordings.read import assumptions
 from ematwin.recordings.recording import Recording
 

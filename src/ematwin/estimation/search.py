@@ -18,8 +18,7 @@ import numpy as np
 from ematwin.errors import InputError
 from ematwin.estimation.interrupt import noting_interrupts
 from ematwin.estimation.problem import Problem
-from ematwin.optimizers.base import Optimizer
-from ematwin.optimizers.minimize import ITERATIONS, POPULATION, minimize
+from ematwin.optimizers.base import ITERATIONS, POPULATION, Optimizer
 
 Progress = Callable[[int, float, int], None]
 Report = Callable[[int, float], None]
@@ -132,6 +131,8 @@ class Population:
 
     def run(self, problem: Problem, *, budget: int | None, seed: int, report: Report) -> Found:
         """Minimise the costs within the bounds."""
+        from ematwin.optimizers.loop import minimize
+
         result = minimize(
             _Costs(problem),
             problem.lower,

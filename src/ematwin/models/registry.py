@@ -1,11 +1,12 @@
 """The kinds of actuators that there are, and parameter sets of any kind.
 
-Two come with ematwin; others are found by the entry point group ``ematwin.models``, each of which
+Some come with ematwin; others are found by the entry point group ``ematwin.models``, each of which
 names an instance of `Model` (or a class of one). A kind of another package never replaces one of
-ours.
+ours, so that one of ours is found without loading the rest.
 """
 
 import difflib
+from collections.abc import Callable
 from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -20,6 +21,22 @@ ENTRY_POINTS = "ematwin.models"
 DEFAULT_KIND = UNNAMED_KIND
 
 
+def _bldc() -> Model:
+    from ematwin.models.bldc.model import MODEL
+
+    return MODEL
+
+
+def _ball_screw() -> Model:
+    from ematwin.models.ball_screw.model import MODEL
+
+    return MODEL
+
+
+# Ours by kind, which is also the name of the folder but for hyphens.
+_OURS: dict[str, Callable[[], Model]] = {"bldc": _bldc, "ball-screw": _ball_screw}
+
+
 @cache
 def models() -> dict[str, Model]:
     """All kinds by name, ours first.
@@ -29,10 +46,7 @@ def models() -> dict[str, Model]:
     InputError
         If an installed package registers something that is no model.
     """
-    from ematwin.models.ball_screw.model import MODEL as BALL_SCREW
-    from ematwin.models.bldc.model import MODEL as BLDC
-
-    found: dict[str, Model] = {model.kind: model for model in (BLDC, BALL_SCREW)}
+    found: dict[str, Model] = {kind: load() for kind, load in _OURS.items()}
     for point in entry_points(group=ENTRY_POINTS):
         try:
             loaded = point.load()
@@ -61,6 +75,8 @@ def model_of(actuator: Any) -> Model:
         If there is no such kind.
     """
     kind = actuator if isinstance(actuator, str) else type(actuator).kind
+    if kind in _OURS:
+        return _OURS[kind]()
     for model in models().values():
         if kind == model.kind or kind in model.former_kinds:
             return model
@@ -111,7 +127,7 @@ def kind_of(name_or_path: str | Path) -> str:
 
 
 def _table(name_or_path: str | Path) -> dict[str, Any]:
-    shipped = shipped_actuators()
+    shipped = _shipped_with_ours(str(name_or_path)) or shipped_actuators()
     if not Path(name_or_path).suffix and str(name_or_path) not in shipped:
         close = difflib.get_close_matches(str(name_or_path), shipped, n=1)
         hint = f" Did you mean {close[0]}?" if close else ""
@@ -120,6 +136,15 @@ def _table(name_or_path: str | Path) -> dict[str, Any]:
             "or give the path of a TOML file (ending in .toml)."
         )
     return load_toml(parameter_file(name_or_path, shipped), "actuator")
+
+
+def _shipped_with_ours(name: str) -> dict[str, Path]:
+    """The file of a set that comes with one of our kinds, by its name; nothing if none does."""
+    if Path(name).suffix:
+        return {}
+    folders = (Path(__file__).parent / kind.replace("-", "_") for kind in _OURS)
+    file = next((f for folder in folders if (f := folder / f"{name}.toml").is_file()), None)
+    return {} if file is None else {name: file}
 
 
 def _model(table: dict[str, Any], what: str | Path) -> Model:

@@ -1,7 +1,7 @@
 """The promise that every optimiser keeps: ask for a batch, tell its costs.
 
 An optimiser knows a box, a population, the length of its schedule and a seed; it knows no
-objective, no budget and no clock. Those belong to the loop (`ematwin.optimizers.minimize`), so that
+objective, no budget and no clock. Those belong to the loop (`ematwin.optimizers.loop`), so that
 one loop serves every method, on one core or on many.
 """
 
@@ -15,6 +15,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ematwin.errors import InputError
+
+POPULATION = 50
+ITERATIONS = 200
+"""The settings of the comparison this package follows: ESREL 2020, section 7."""
 
 FloatArray = NDArray[np.float64]
 

@@ -233,11 +233,14 @@ def monitor_scores(
     late_end = np.empty(LANES)
     d_late = np.empty(LANES)
     rate = 1.0 / (dt * substeps)
-    left = np.arange(k.shape[0])  # the candidates whose cost is still wanted
-    count = left.size
-    segment = samples if keep or limits.min() == math.inf else SEGMENT
+    count = k.shape[0]
+    left = np.empty(count, np.int64)  # the candidates whose cost is still wanted
+    segment = samples
     saved = np.empty((count, 10))
     for n in range(count):
+        left[n] = n
+        if not keep and limits[n] < math.inf:
+            segment = SEGMENT
         saved[n, :_Z1] = state
         saved[n, _Z1] = taps[5]
         saved[n, _Z2] = taps[6]

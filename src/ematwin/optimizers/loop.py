@@ -19,7 +19,15 @@ from numpy.typing import ArrayLike
 
 from ematwin.errors import EmatwinError, InputError
 from ematwin.optimizers import checkpoint as checkpoints
-from ematwin.optimizers.base import Box, FloatArray, Optimizer, OptimizerFactory, whole_number
+from ematwin.optimizers.base import (
+    ITERATIONS,
+    POPULATION,
+    Box,
+    FloatArray,
+    Optimizer,
+    OptimizerFactory,
+    whole_number,
+)
 from ematwin.optimizers.registry import resolve
 from ematwin.optimizers.stopping import Progress, Stop, StoppingCriterion, criteria
 
@@ -45,10 +53,6 @@ class LimitedObjective(Protocol):
 
 _Evaluate = Callable[[FloatArray, bool, FloatArray | None], FloatArray]
 """Points of a batch, whether it is the first of the search, and limits (N,), to costs."""
-
-POPULATION = 50
-ITERATIONS = 200
-"""The settings of the comparison this package follows: ESREL 2020, section 7."""
 
 _SENTENCES = {
     Stop.BUDGET: "the budget is spent",
