@@ -54,3 +54,24 @@ def error_percent(found, injected):
     total += injected[5] * (found[6] - injected[6]) ** 2
     total += (found[7] - injected[7]) ** 2
     return 100 * math.sqrt(total)
+
+
+def keys(x):
+    """Keys (1981), eq. 15: the kernel of cubic convolution."""
+    x = abs(x)
+    if x < 1.0:
+        return 1.5 * x**3 - 2.5 * x**2 + 1.0
+    if x < 2.0:
+        return -0.5 * x**3 + 2.5 * x**2 - 4.0 * x + 2.0
+    return 0.0
+
+
+def advanced(signal, shift):
+    """A signal as it is ``shift`` samples later; before and after it, its ends go on."""
+    last = len(signal) - 1
+    out = []
+    for n in range(last + 1):
+        at = min(max(n + shift, -5.0), last + 5.0)
+        around = range(math.floor(at) - 2, math.floor(at) + 4)
+        out.append(sum(signal[min(max(k, 0), last)] * keys(at - k) for k in around))
+    return out

@@ -7,7 +7,7 @@ from scipy.interpolate import CubicSpline
 from ematwin import BldcActuator, Faults, Noise, Recording, simulate
 from ematwin.models.bldc import comparison as comparing
 from ematwin.models.bldc.batch import LANES, monitor_trace, sample_at
-from ematwin.models.bldc.comparison import BldcComparison, advanced
+from ematwin.models.bldc.comparison import BldcComparison
 from ematwin.models.bldc.constants import constants_by_candidate, kernel_constants
 from ematwin.models.bldc.unknowns import CONTRASTS, FAULTS, LOAD, POWER, SENSOR, aliases, nuisances
 from ematwin.models.registry import model_of
@@ -59,28 +59,6 @@ def rms(x: np.ndarray) -> float:
 
 
 # Pieces
-
-
-def test_rows_are_advanced_to_what_a_smooth_signal_is_there() -> None:
-    n = np.arange(400)
-    shift = np.array([0.0, 3.0, 0.37, -2.6, 4.999, -0.5])
-    rows = np.array([np.sin(0.05 * n + phase) for phase in range(len(shift))])
-    found = advanced(rows, shift)
-    exact = np.array([
-        np.sin(0.05 * (n + s) + phase) for phase, s in enumerate(shift)
-    ])  # fmt: skip
-    inside = slice(10, -10)
-    assert np.abs(found - exact)[:, inside].max() < 2e-5  # third order in a step of 0.05 rad
-    coarse = advanced(np.sin(0.1 * n)[None], np.array([0.37]))[0] - np.sin(0.1 * (n + 0.37))
-    fine = advanced(np.sin(0.05 * n)[None], np.array([0.37]))[0] - np.sin(0.05 * (n + 0.37))
-    assert np.abs(coarse[inside]).max() / np.abs(fine[inside]).max() == pytest.approx(8.0, rel=0.1)
-
-
-def test_whole_samples_are_moved_as_they_are_and_the_ends_repeat() -> None:
-    row = np.random.default_rng(1).standard_normal((1, 9))
-    assert (advanced(row, np.zeros(1)) == row).all()
-    assert (advanced(row, np.array([2.0]))[0] == [*row[0, 2:], row[0, -1], row[0, -1]]).all()
-    assert (advanced(row, np.array([-1.0]))[0] == [row[0, 0], *row[0, :-1]]).all()
 
 
 def test_a_place_between_samples_lies_on_a_straight_line() -> None:

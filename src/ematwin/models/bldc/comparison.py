@@ -10,7 +10,7 @@ import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
@@ -25,6 +25,7 @@ from ematwin.models.bldc.unknowns import POWER, SENSOR, UNKNOWNS
 from ematwin.models.comparison import Candidates, Comparison
 from ematwin.numerics.low_pass import LowPass
 from ematwin.numerics.misfit import SlopeWeighting
+from ematwin.numerics.shift import advanced
 from ematwin.recordings.recording import Recording
 
 SMOOTH_CUTOFF = 100.0  # Hz: misfits of currents low-passed there are smooth over wide valleys
@@ -32,7 +33,6 @@ _TWIN_ERROR = 0.003  # relative misfit of the twin to healthy records of the ref
 _SHORTEST = 100  # samples: fewer cannot tell eight parameters apart
 KEPT = 5_000  # samples of a response: more are thinned, as far as the low-pass allows
 _OVERSAMPLING = 8.0  # rate of kept samples over the cutoff, at least
-_AT_A_TIME = 8_000_000  # samples of answers that are held whole
 _COARSE = 2.0  # times the step, where only the valley is looked for
 _FINE = 0.25  # times the step, where an actuator is learnt
 _BLOCKS = 8  # of lanes in a task at most: an interrupt waits for no more than one task
@@ -260,16 +260,11 @@ class BldcComparison(Comparison):
         batch = self.batch(candidates, count)
         if not batch.sensor:
             return self.run(self.stretch, batch, 0, spread=True, limits=limits)[0]
-        # what a sensor shows is known of whole answers only: as many at a time as memory allows
-        many = max(1, _AT_A_TIME // self.target.size)
-        parts = [batch.part(slice(n, n + many)) for n in range(0, count, many)]
-        return np.concatenate([self._costs_as_sensed(part) for part in parts])
-
-    def _costs_as_sensed(self, batch: "Batch") -> np.ndarray:
-        costs, response, _ = self.run(self.stretch, batch, self.target.size, spread=True)
-        gap = self._sensed(response, batch, self.recording.interval) - self.target
-        found = np.einsum("s,bs,bs->b", self.weights, gap, gap)
-        return np.where(np.isfinite(costs) & np.isfinite(found), found, np.inf)
+        # what a sensor shows is known of answers only; they are thinned, as residuals are
+        seen = replace(self.stretch, power=None)
+        residuals = self.residuals_of(seen, batch, spread=True)[0]
+        found = np.einsum("bk,bk->b", residuals, residuals)
+        return np.where(np.isfinite(found), found, np.inf)
 
     def responses(self, candidates: Candidates, count: int) -> dict[str, np.ndarray]:
         """Filtered equivalent currents, (B, S) array, A."""
@@ -348,9 +343,9 @@ class BldcComparison(Comparison):
         if "skew" in sensor:
             response = advanced(response, sensor["skew"] / interval)
         if "current_gain" in sensor:
-            response = response * sensor["current_gain"][:, None]
+            response *= sensor["current_gain"][:, None]
         if "current_offset" in sensor:
-            response = response + sensor["current_offset"][:, None]
+            response += sensor["current_offset"][:, None]
         return response
 
     def _sensed_power(
@@ -456,37 +451,6 @@ class Batch:
     faults: np.ndarray
     constants: np.ndarray | None
     sensor: Candidates
-
-    def part(self, rows: slice) -> "Batch":
-        """Some of the candidates."""
-        constants = None if self.constants is None else self.constants[rows]
-        sensor = {name: values[rows] for name, values in self.sensor.items()}
-        return Batch(self.faults[rows], constants, sensor)
-
-
-def advanced(rows: np.ndarray, shift: np.ndarray) -> np.ndarray:
-    """Rows (B, K) as they are ``shift`` (B,) samples later, by cubic convolution.
-
-    Keys (1981). The ends repeat the first and the last sample.
-    """
-    last = rows.shape[1] - 1
-    known = np.isfinite(shift)
-    if not known.all():
-        rows, shift = np.where(known[:, None], rows, np.nan), np.where(known, shift, 0.0)
-    whole = np.floor(shift).astype(int)
-    t = (shift - whole)[:, None]
-    place = np.arange(rows.shape[1]) + whole[:, None]
-
-    def at(offset: int) -> np.ndarray:
-        return np.take_along_axis(rows, np.clip(place + offset, 0, last), axis=1)
-
-    before, here, after, beyond = at(-1), at(0), at(1), at(2)
-    return np.asarray(
-        here
-        + 0.5 * t * (after - before
-                     + t * (2.0 * before - 5.0 * here + 4.0 * after - beyond
-                            + t * (3.0 * (here - after) + beyond - before)))
-    )  # fmt: skip
 
 
 def _padded(rows: np.ndarray, count: int) -> np.ndarray:

@@ -23,6 +23,8 @@ from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.numerics.low_pass import LowPass
 from ematwin.recordings.recording import Recording
 
+_AT_ONCE = 65_536  # samples: long records take memory enough
+
 
 def trapezoid_shape(theta_e: np.ndarray) -> np.ndarray:
     """EMF shape f at electrical angles (rad): trapezoid with flats of 120 degrees."""
@@ -38,9 +40,13 @@ def current_envelope(record: Recording) -> np.ndarray:
     RecordError
         If it has neither.
     """
-    phases = record.phase_currents
-    if phases is not None:
-        return 0.5 * np.abs(phases).sum(axis=1)
+    phases = [record.channels[name] for name in PHASES if name in record.channels]
+    if len(phases) == len(PHASES):
+        total = np.abs(phases[0])
+        for phase in phases[1:]:
+            total += np.abs(phase)
+        total *= 0.5
+        return total
     if record.current is None:
         raise RecordError(
             f"{record.name} has no current; give current_a, current_b and current_c, or current."
@@ -53,9 +59,11 @@ def signed_current(record: Recording, pole_pairs: int) -> np.ndarray | None:
     phases = [record.channels[name] for name in PHASES if name in record.channels]
     if record.motor_position is not None and len(phases) == len(PHASES):
         projected = np.zeros(len(record))
-        for n, phase in enumerate(phases):  # one at a time: long records take memory enough
-            theta_e = pole_pairs * record.motor_position - n * 2.0 * math.pi / 3.0
-            projected += 0.5 * phase * trapezoid_shape(theta_e)
+        for start in range(0, len(record), _AT_ONCE):
+            part = slice(start, start + _AT_ONCE)
+            for n, phase in enumerate(phases):
+                theta_e = pole_pairs * record.motor_position[part] - n * 2.0 * math.pi / 3.0
+                projected[part] += 0.5 * phase[part] * trapezoid_shape(theta_e)
         return projected
     if not phases and record.current is not None and (record.current < 0.0).any():
         return record.current

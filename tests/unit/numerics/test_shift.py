@@ -1,0 +1,47 @@
+"""Shifting by cubic convolution, beside its definition."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+from ematwin.numerics.shift import advanced
+from naive import signals
+
+
+def test_rows_are_what_the_definition_gives() -> None:
+    rng = np.random.default_rng(3)
+    rows, shift = rng.standard_normal((6, 25)), np.array([0.0, 0.3, -4.7, 24.5, -70.0, 1e9])
+    expected = [signals.advanced(row, s) for row, s in zip(rows, shift, strict=True)]
+    assert np.allclose(advanced(rows, shift), expected, rtol=0.0, atol=1e-13)
+
+
+def test_a_shift_that_is_no_number_gives_none() -> None:
+    found = advanced(np.ones((3, 8)), np.array([0.5, np.nan, np.inf]))
+    assert (found[0] == 1.0).all()
+    assert np.isnan(found[1:]).all()
+
+
+def test_rows_are_advanced_to_what_a_smooth_signal_is_there() -> None:
+    n = np.arange(400)
+    shift = np.array([0.0, 3.0, 0.37, -2.6, 4.999, -0.5])
+    rows = np.array([np.sin(0.05 * n + phase) for phase in range(len(shift))])
+    found = advanced(rows, shift)
+    exact = np.array([
+        np.sin(0.05 * (n + s) + phase) for phase, s in enumerate(shift)
+    ])  # fmt: skip
+    inside = slice(10, -10)
+    assert np.abs(found - exact)[:, inside].max() < 2e-5  # third order in a step of 0.05 rad
+    coarse = advanced(np.sin(0.1 * n)[None], np.array([0.37]))[0] - np.sin(0.1 * (n + 0.37))
+    fine = advanced(np.sin(0.05 * n)[None], np.array([0.37]))[0] - np.sin(0.05 * (n + 0.37))
+    assert np.abs(coarse[inside]).max() / np.abs(fine[inside]).max() == pytest.approx(8.0, rel=0.1)
+
+
+def test_whole_samples_are_moved_as_they_are_and_the_ends_repeat() -> None:
+    row = np.random.default_rng(1).standard_normal((1, 9))
+    assert (advanced(row, np.zeros(1)) == row).all()
+    assert (advanced(row, np.array([2.0]))[0] == [*row[0, 2:], row[0, -1], row[0, -1]]).all()
+    assert (advanced(row, np.array([-1.0]))[0] == [row[0, 0], *row[0, :-1]]).all()
