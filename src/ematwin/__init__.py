@@ -17,6 +17,7 @@ __version__ = "0.2.0.dev0"
 if TYPE_CHECKING:
     from ematwin.errors import EmatwinError
     from ematwin.estimation.estimate import Estimate
+    from ematwin.estimation.identifiability import Identifiability, identifiability
     from ematwin.estimation.identify import Identification, identify
     from ematwin.estimation.problem import Problem
     from ematwin.models.ball_screw.parameters import BallScrew
@@ -44,6 +45,7 @@ _HOMES = {
     "EmatwinError": "ematwin.errors",
     "Estimate": "ematwin.estimation.estimate",
     "Faults": "ematwin.models.bldc.faults",
+    "Identifiability": "ematwin.estimation.identifiability",
     "Identification": "ematwin.estimation.identify",
     "Model": "ematwin.models.base",
     "Noise": "ematwin.recordings.noise",
@@ -55,6 +57,7 @@ _HOMES = {
     "detect": "ematwin.monitoring.detect",
     "error_percent": "ematwin.models.bldc.faults",
     "error_percent_wrapped": "ematwin.models.bldc.faults",
+    "identifiability": "ematwin.estimation.identifiability",
     "identify": "ematwin.estimation.identify",
     "load_actuator": "ematwin.models.registry",
     "minimize": "ematwin.optimizers.loop",
@@ -74,6 +77,7 @@ __all__ = [
     "EmatwinError",
     "Estimate",
     "Faults",
+    "Identifiability",
     "Identification",
     "Model",
     "Noise",
@@ -85,6 +89,7 @@ __all__ = [
     "detect",
     "error_percent",
     "error_percent_wrapped",
+    "identifiability",
     "identify",
     "load_actuator",
     "minimize",

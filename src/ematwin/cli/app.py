@@ -18,6 +18,7 @@ from ematwin.cli import (
     compare,
     demo,
     detect,
+    identifiability,
     identify,
     report,
     simulate,
@@ -53,6 +54,7 @@ app.command("demo")(demo.demo)
 app.command("identify")(identify.identify)
 app.command("calibrate")(calibrate.calibrate)
 app.command("detect")(detect.detect)
+app.command("identifiability")(identifiability.identifiability)
 app.command("simulate")(simulate.simulate)
 app.command("actuators")(actuators.actuators)
 app.command("scenarios")(actuators.scenarios)

@@ -8,18 +8,17 @@ valleys that the search found are compared, and the misfit is looked at along ea
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from ematwin.estimation.baseline import Baseline, effective, with_nuisances
+from ematwin.estimation.baseline import Baseline, with_all_free
 from ematwin.estimation.intervals import Draws, draws
-from ematwin.estimation.laplace import Laplace, inverse, laplace, profiled
+from ematwin.estimation.laplace import Laplace, laplace, profiled, sharp_errors
 from ematwin.estimation.learn import searches_globally
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found
 from ematwin.models.base import Model
-from ematwin.models.chart import Chart
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
 
@@ -90,7 +89,7 @@ def assess(
     found : the end of the search
     baseline : what is known of the actuator
     """
-    full = _with_all(model, actuator, found.problem or problem, problem, baseline)
+    full = with_all_free(model, actuator, problem, baseline, found.problem)
     still = set() if searches_globally(model) else set(baseline.prior.names) & set(full.names)
     settled = _SETTLED * baseline.misfit if math.isfinite(baseline.misfit) else 0.0
     if baseline.exact:
@@ -120,19 +119,19 @@ def assess(
     covariance = _with_scatter(peak, baseline, model.model_error)
     covariance = profiled(peak, covariance, range(own), model.model_error, _REACHES)
     drawn = draws(full.chart, peak.z, covariance)
-    errors = _sharp(peak, own, model.model_error).tolist()
-    sharp_errors = dict(zip(problem.names, errors, strict=True))
+    sharp = sharp_errors(peak, own, model.model_error).tolist()
+    errors = dict(zip(problem.names, sharp, strict=True))
     values = full.values(peak.point)
     free = {one.name: one for one in full.unknowns}
     intervals = {
         name: Interval(*drawn.interval(name, one.lower, one.upper)) for name, one in free.items()
     }
-    for name, error in sharp_errors.items():
+    for name, error in errors.items():
         intervals[name] = _with_corner(intervals[name], error, free[name])
     return Assessment(
         values=values,
         covariance=_covariance_of(drawn, problem),
-        sharp_errors=sharp_errors,
+        sharp_errors=errors,
         intervals=intervals,
         physical=_physical(problem, actuator, values, drawn, intervals),
         contrasts=_contrasts(model, actuator, values, drawn),
@@ -176,26 +175,6 @@ def unassessed(
     )
 
 
-def _with_all(
-    model: Model, actuator: ParameterSet, judged: Problem, problem: Problem, baseline: Baseline
-) -> Problem:
-    """The problem with parameters, load and sensors free as far as they are known."""
-    if baseline.exact:
-        return judged
-    taken = {*problem.names, *problem.held}
-    prior = baseline.drifted(actuator)
-    prior = prior.of(name for name in prior.names if name not in taken)
-    places = [replace(model.unknown(actuator, place), spread=None) for place in prior.names]
-    comparisons = [one.with_evidence() for one in judged.comparisons]
-    more = [
-        one for one in effective(model.unknowns(actuator), comparisons) if one.name not in taken
-    ]
-    own = [one for one in problem.unknowns if one.spread is not None]
-    prior = with_nuisances(with_nuisances(prior, own), more)
-    full = Problem(comparisons, [*problem.unknowns, *places, *more], held=problem.held, prior=prior)
-    return full.with_noise(judged.noise)
-
-
 def _worth_a_look(full: Problem, found: Found, problem: Problem) -> list[np.ndarray]:
     """Ends of other valleys that are not far worse and lie apart."""
     if not found.others:
@@ -230,21 +209,6 @@ def _with_scatter(peak: Laplace, baseline: Baseline, model_error: float) -> np.n
                 1.0 + 1.0 / max(1, baseline.recordings)
             )
     return covariance
-
-
-def _sharp(peak: Laplace, own: int, model_error: float) -> np.ndarray:
-    """Standard errors (own,) in values, as if parameters, load and sensors were known."""
-    kept = slice(own)
-    chart = Chart(peak.problem.chart.unknowns[:own])
-    covariance = inverse(peak.data[kept, kept] / model_error**2 + peak.priors[kept, kept])
-    errors = np.sqrt(np.diag(covariance)) * chart.widths
-    for radius, direction in chart.pairs:
-        # across the vector an error turns it; along it, it changes the magnitude
-        size = float(np.hypot(peak.z[radius], peak.z[direction]))
-        across = max(errors[radius], errors[direction])
-        errors[radius] = across
-        errors[direction] = across / (2.0 * np.pi * size) if size > 2.0 * across else np.inf
-    return np.asarray(errors)
 
 
 def _covariance_of(drawn: Draws, problem: Problem) -> np.ndarray:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ematwin.errors import ParameterError
-from ematwin.estimation.problem import Prior
+from ematwin.estimation.problem import Prior, Problem
 from ematwin.models.base import Model
 from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
@@ -187,3 +187,31 @@ def effective(unknowns: Iterable[Unknown], comparisons: Iterable[Comparison]) ->
 def with_nuisances(prior: Prior, unknowns: Iterable[Unknown]) -> Prior:
     """The prior with the nuisances that it does not hold yet."""
     return prior.and_(Prior.independent(o for o in unknowns if o.name not in prior.names))
+
+
+def with_all_free(
+    model: Model,
+    actuator: ParameterSet,
+    problem: Problem,
+    baseline: Baseline,
+    judged: Problem | None = None,
+) -> Problem:
+    """The problem with parameters, load and sensors free as far as they are known.
+
+    ``judged`` holds the comparisons to take, where they are not those of the problem.
+    """
+    judged = judged or problem
+    if baseline.exact:
+        return judged
+    taken = {*problem.names, *problem.held}
+    prior = baseline.drifted(actuator)
+    prior = prior.of(name for name in prior.names if name not in taken)
+    places = [replace(model.unknown(actuator, place), spread=None) for place in prior.names]
+    comparisons = [one.with_evidence() for one in judged.comparisons]
+    more = [
+        one for one in effective(model.unknowns(actuator), comparisons) if one.name not in taken
+    ]
+    own = [one for one in problem.unknowns if one.spread is not None]
+    prior = with_nuisances(with_nuisances(prior, own), more)
+    full = Problem(comparisons, [*problem.unknowns, *places, *more], held=problem.held, prior=prior)
+    return full.with_noise(judged.noise)

@@ -117,12 +117,50 @@ def laplace(
             break
         z = tried
         slopes = _slopes(problem, residuals, z, aliases)
-    mean = z - slopes.covariance @ (slopes.jacobian @ slopes.here) / problem.noise**2
-    left = problem.split(slopes.here)
-    cost, evidence = (float(part @ part) for part in left[:2])
-    return Laplace(
-        problem, z, mean, slopes.covariance, slopes.data, slopes.priors, cost, evidence, spent
-    )
+    return _peak(problem, z, slopes, spent)
+
+
+def width_at(
+    problem: Problem, point: np.ndarray, *, aliases: Aliases | None = None, least_noise: float = 0.0
+) -> Laplace:
+    """The width of a peak that is known to lie at a point (d,), without a descent."""
+    spent = 0
+    chart = problem.chart
+
+    def residuals(z: np.ndarray) -> np.ndarray:
+        nonlocal spent
+        spent += len(z)
+        return problem.residuals(chart.to_values(z))
+
+    z = chart.project(chart.from_values(point[None]))[0]
+    problem = problem.weighed(residuals(z[None])[0], least_noise)
+    return _peak(problem, z, _slopes(problem, residuals, z, aliases), spent)
+
+
+def standard_errors(chart: Chart, z: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """(d,) errors, in values, of a covariance (d, d) at ``z`` (d,), both in a chart's coordinates.
+
+    Of a logarithmic unknown that of the logarithm.
+    """
+    errors = np.sqrt(np.diag(covariance)) * chart.widths
+    for radius, direction in chart.pairs:
+        # across the vector an error turns it; along it, it changes the magnitude
+        size = float(np.hypot(z[radius], z[direction]))
+        across = max(errors[radius], errors[direction])
+        errors[radius] = across
+        errors[direction] = across / (2.0 * np.pi * size) if size > 2.0 * across else np.inf
+    return np.asarray(errors)
+
+
+def sharp_errors(peak: Laplace, own: int, factor: float) -> np.ndarray:
+    """Standard errors (own,) of the first unknowns, in values, as if the others were known.
+
+    The noise of the data is taken to be ``factor`` times larger.
+    """
+    kept = slice(own)
+    chart = Chart(peak.problem.chart.unknowns[:own])
+    covariance = inverse(peak.data[kept, kept] / factor**2 + peak.priors[kept, kept])
+    return standard_errors(chart, peak.z[:own], covariance)
 
 
 def profiled(
@@ -157,6 +195,15 @@ def profiled(
         least = np.maximum(np.where(np.isfinite(seen), seen, np.inf), (reach / _FLATTEST) ** 2)
         wider[chosen] = np.maximum(wider[chosen], abs(reach) / np.sqrt(least))
     return covariance * np.outer(wider, wider)
+
+
+def _peak(problem: Problem, z: np.ndarray, slopes: "_Slopes", spent: int) -> Laplace:
+    mean = z - slopes.covariance @ (slopes.jacobian @ slopes.here) / problem.noise**2
+    left = problem.split(slopes.here)
+    cost, evidence = (float(part @ part) for part in left[:2])
+    return Laplace(
+        problem, z, mean, slopes.covariance, slopes.data, slopes.priors, cost, evidence, spent
+    )
 
 
 class _Slopes(NamedTuple):

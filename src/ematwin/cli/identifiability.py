@@ -1,0 +1,126 @@
+"""``ematwin identifiability``: what a command can tell of the faults, before any test."""
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ematwin.cli import complete
+from ematwin.cli.options import numbers, print_json, print_notes, print_table
+
+if TYPE_CHECKING:
+    from ematwin.estimation.identifiability import Identifiability
+
+
+def identifiability(
+    commands: Annotated[
+        list[str] | None,
+        typer.Argument(
+            help="Scenarios: shipped ones by name, TOML files, or recordings (.csv, .parquet) of "
+            "which the command is taken. The kind's default if none is given.",
+            autocompletion=complete.scenarios,
+        ),
+    ] = None,
+    actuator: Annotated[
+        str,
+        typer.Option(
+            help="A shipped parameter set of any kind, a TOML file, or a calibrated actuator.",
+            autocompletion=complete.actuators,
+        ),
+    ] = "servo48",
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="A fault at which to look, e.g. friction=0.25; each is just a fault if not given. "
+            "Repeatable."
+        ),
+    ] = None,
+    noise: Annotated[
+        str | None, typer.Option(help="Sensor noise, e.g. white=0.02,bits=12.")
+    ] = None,
+    exact: Annotated[
+        bool, typer.Option("--exact", help="Parameters, load and sensors are known exactly.")
+    ] = False,
+    false_alarm: Annotated[
+        float | None,
+        typer.Option(
+            help="Probability that a healthy value is taken for a fault; 0.00135 (3 sigma)."
+        ),
+    ] = None,
+    miss: Annotated[
+        float | None, typer.Option(help="Probability that the smallest fault is overlooked; 0.1.")
+    ] = None,
+    report: Annotated[
+        Path | None, typer.Option(help="Write a self-contained page here (.html).")
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="Answer as JSON.")] = False,
+) -> None:
+    """Say which faults a command can reveal, and the smallest that it would.
+
+    Several commands are compared, the most telling first.
+    """
+    from ematwin.estimation.identifiability import FALSE_ALARM, MISS, ranked
+    from ematwin.estimation.identifiability import identifiability as run
+    from ematwin.files import check_target, write_text
+    from ematwin.recordings.noise import Noise
+
+    if report is not None:
+        check_target(report, (".html",))
+    sensor = None if noise is None else Noise.parse(noise)
+    values = numbers(fault or [], "--fault")
+    given: list[str | None] = [*commands] if commands else [None]
+    found = ranked([
+        run(
+            command, actuator, faults=values, noise=sensor, exact=exact,
+            false_alarm=FALSE_ALARM if false_alarm is None else false_alarm,
+            miss=MISS if miss is None else miss,
+        )
+        for command in given
+    ])  # fmt: skip
+    if report is not None:
+        from ematwin.report.identifiability import identifiability_page
+
+        write_text(report, identifiability_page(found))
+    if json:
+        commands_told = [one.as_dict() for one in found]
+        print_json({"commands": commands_told, "report": None if report is None else str(report)})
+        return
+    for one in found:
+        _print(one)
+    if len(found) > 1:
+        names = ", ".join(f"{one.scenario.name} ({one.weakest.name})" for one in found)
+        typer.echo(f"Most telling first, with the fault of which each tells least: {names}")
+    if report is not None:
+        typer.echo(f"wrote {report}")
+
+
+def _print(found: "Identifiability") -> None:
+    from rich.table import Table
+
+    table = Table(
+        title=f"{found.scenario.name}, {found.scenario.duration:g} s, on {found.actuator.name}",
+        title_justify="left",
+    )
+    table.add_column("fault")
+    for heading in ("standard error", "all else known", "smallest found", "that is"):
+        table.add_column(heading, justify="right")
+    table.add_column("")
+    for one in found.told:
+        table.add_row(
+            one.name,
+            f"{one.error:.2g}",
+            f"{one.sharp_error:.2g}",
+            f"{one.smallest:.2g}" if math.isfinite(one.smallest) else "none",
+            ""
+            if one.physical is None
+            else f"{one.physical.value:.4g} {one.physical.unit}".rstrip(),
+            one.sentence,
+        )
+    print_table(table, 150)
+    typer.echo(
+        f"Noise and the twin's own error {100.0 * found.noise:.2f} % of the answer; found: all but "
+        f"{100.0 * found.miss:.3g} %, false alarms {100.0 * found.false_alarm:.2g} %."
+    )
+    print_notes("No verdict", found.obstacles)
+    typer.echo("")

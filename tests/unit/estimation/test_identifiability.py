@@ -1,0 +1,94 @@
+"""What a command is said to tell, beside what is known of it otherwise."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+import ematwin
+from ematwin.errors import InputError
+from ematwin.estimation.identifiability import ranked
+from ematwin.estimation.significance import SMALLEST
+from ematwin.models.scenario import Scenario
+
+NOISE = ematwin.Noise(white=0.02, bits=12)
+
+
+@pytest.fixture(scope="module")
+def sheet():
+    return ematwin.identifiability(noise=NOISE)
+
+
+@pytest.fixture(scope="module")
+def exact():
+    return ematwin.identifiability(noise=NOISE, exact=True)
+
+
+def test_unknown_parameters_only_widen(sheet, exact) -> None:
+    for one in exact.told:
+        assert one.error == pytest.approx(one.sharp_error, rel=1e-6)
+        assert sheet[one.name].error >= 0.8 * one.error
+        assert sheet[one.name].sharp_error == pytest.approx(one.error, rel=0.5)
+    assert all(one.how == "pinned" for one in exact.told)
+
+
+def test_what_a_fault_multiplies_is_named_as_what_it_is_traded_off_against(sheet) -> None:
+    partners = {
+        "friction": "friction_torque", "backlash": "transmission.backlash",
+        "gain": "controller.position_gain",
+    }  # fmt: skip
+    for fault, place in partners.items():
+        assert sheet[fault].how == "traded"
+        name, correlation = sheet[fault].partners[0]
+        assert place in name
+        assert correlation < -0.9
+        assert name in sheet[fault].sentence
+
+
+def test_of_equal_shorts_the_difference_is_known_and_the_sum_is_not(sheet) -> None:
+    assert sheet.contrasts["short_common"] > 20.0 * sheet.contrasts["short_a_beyond_common"]
+
+
+def test_the_smallest_fault_follows_from_the_rates(sheet) -> None:
+    strict = ematwin.identifiability(noise=NOISE, false_alarm=1e-4, miss=0.01)
+    for one, other in zip(sheet.told, strict.told, strict=True):
+        assert one.smallest >= SMALLEST * one.range
+        assert other.smallest >= one.smallest
+    one = sheet["short_a"]  # 3 + 1.2816 standard errors
+    assert one.smallest == pytest.approx(4.2815 * one.error, rel=1e-3)
+    assert one.physical.value == pytest.approx(one.smallest * 40.0, rel=1e-6)  # turns
+
+
+def test_a_motion_within_the_gap_reveals_nothing(exact) -> None:
+    chirp = [{"type": "chirp", "amplitude": 20e-6, "f_start": 5.0, "f_end": 25.0}]
+    still = ematwin.identifiability(
+        Scenario(name="still", duration=0.5, command=chirp), noise=NOISE, exact=True
+    )
+    assert "turn" in still.obstacles[0]
+    assert all(one.smallest == math.inf and one.physical is None for one in still.told)
+    assert "null" in json.dumps(still.as_dict(), allow_nan=False)
+    assert ranked([still, exact]) == [exact, still]
+
+
+def test_errors_are_those_that_identify_makes(exact) -> None:
+    """Eight recordings; benchmarks/identifiability.py has 200."""
+    vector = exact.faults
+    errors = []
+    for seed in range(8):
+        record = ematwin.simulate(faults=vector, noise=NOISE, seed=seed)
+        found = ematwin.identify(record, exact=True)
+        errors.append([(found.values[o.name] - vector[o.name]) / o.error for o in exact.told])
+    assert 0.1 < np.sqrt(np.mean(np.square(errors))) < 2.0
+
+
+def test_another_kind_is_asked_alike() -> None:
+    found = ematwin.identifiability(actuator="rm1605")
+    assert {one.name for one in found.told} == {"friction", "backlash", "gain"}
+    assert np.allclose(np.diag(found.correlation), 1.0)
+    assert np.abs(found.correlation).max() < 1.0 + 1e-9
+
+
+def test_impossible_rates_are_refused() -> None:
+    with pytest.raises(InputError, match=r"miss must lie between 0 and 0\.5, received 0\.7"):
+        ematwin.identifiability(miss=0.7)
