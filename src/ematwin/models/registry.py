@@ -1,6 +1,6 @@
 """The kinds of actuators that there are, and parameter sets of any kind.
 
-Two come with ematwin; others are found by the entry point group ``ematwin.models``, each of which
+Three come with ematwin; others are found by the entry point group ``ematwin.models``, each of which
 names an instance of `Model` (or a class of one). A kind of another package never replaces one of
 ours.
 """
@@ -31,8 +31,9 @@ def models() -> dict[str, Model]:
     """
     from ematwin.models.ball_screw.model import MODEL as BALL_SCREW
     from ematwin.models.bldc.model import MODEL as BLDC
+    from ematwin.models.linear_axis.model import MODEL as LINEAR_AXIS
 
-    found: dict[str, Model] = {model.kind: model for model in (BLDC, BALL_SCREW)}
+    found: dict[str, Model] = {model.kind: model for model in (BLDC, BALL_SCREW, LINEAR_AXIS)}
     for point in entry_points(group=ENTRY_POINTS):
         try:
             loaded = point.load()
