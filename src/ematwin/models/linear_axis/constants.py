@@ -30,9 +30,7 @@ class AxisConstants(NamedTuple):
     k_velocity: float  # V s/m
 
 
-def constants_table(
-    actuator: LinearAxis, candidates: Mapping[str, Any], count: int
-) -> np.ndarray:
+def constants_table(actuator: LinearAxis, candidates: Mapping[str, Any], count: int) -> np.ndarray:
     """(B, 13) array of constants, columns as in `AxisConstants`.
 
     Parameters

@@ -33,6 +33,7 @@ class LinearAxisModel(Model):
     channels: ClassVar[tuple[Channel, ...]] = CHANNELS
     command: ClassVar[str] = "reference"
     needs: ClassVar[tuple[str | tuple[tuple[str, ...], ...], ...]] = ("voltage", "position")
+    # what the twin misses is counted once for each time that it is alike (comparison.py)
     model_error: ClassVar[float] = 1.5
     nominal: ClassVar[Mapping[str, float]] = {
         "carriage.mass": 1.25,

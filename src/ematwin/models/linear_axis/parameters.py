@@ -52,9 +52,7 @@ class AxisDrive(Section):
     """Amplifier and motor: force follows voltage."""
 
     gain: float = quantity("N/V", "force on the carriage for one volt", gt=0)
-    response_time: float = quantity(
-        "s", "lag of the force behind the voltage", tolerance=2.0, gt=0
-    )
+    response_time: float = quantity("s", "lag of the force behind the voltage", tolerance=2.0, gt=0)
     voltage_limit: float = quantity("V", "largest voltage that the controller gives", gt=0)
     offset: float = quantity("N", "constant force against positive motion, such as gravity")
 

@@ -101,7 +101,10 @@ def missing_motion(recording: Recording) -> list[str]:
     steps = np.diff(recording.channels["reference"])
     travel = float(np.ptp(recording.channels["reference"]))
     told = []
-    for way, moved in (("forward", steps[steps > 0.0].sum()), ("backward", -steps[steps < 0.0].sum())):
+    for way, moved in (
+        ("forward", steps[steps > 0.0].sum()),
+        ("backward", -steps[steps < 0.0].sum()),
+    ):
         if moved <= _MOVES * travel or travel == 0.0:
             told.append(
                 f"The reference never moves {way}, so that friction of that direction cannot be "

@@ -74,7 +74,9 @@ def _held(actuator: Any) -> np.ndarray:
     """(4, 4) transition of q, v, u and the held output over a sample time."""
     friction, drive = actuator.friction, actuator.drive
     mass = actuator.carriage.mass
-    viscous = friction.viscous / math.sqrt(max(friction.viscous_ratio, 1.0 / friction.viscous_ratio))
+    viscous = friction.viscous / math.sqrt(
+        max(friction.viscous_ratio, 1.0 / friction.viscous_ratio)
+    )
     rates = np.zeros((4, 4))
     rates[0, 1] = 1.0
     rates[1, 1], rates[1, 2] = -viscous / mass, drive.gain / mass
