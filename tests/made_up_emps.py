@@ -25,8 +25,8 @@ COUNT = 1e-6  # m
 def reference(periods: int) -> np.ndarray:
     """(S,) array, m: trapezoids of 42, 83 and 125 mm/s out and back, with stops between them."""
     corners, speeds = [0.0], [0.0]
-    for speed, hold in ((0.042, 0.25), (0.083, 0.4), (0.125, 0.5), (-0.042, 0.25), (-0.083, 0.4),
-                        (-0.125, 0.5)):  # fmt: skip
+    for speed, hold in ((0.042, 0.4), (0.083, 0.8), (0.125, 1.0), (-0.042, 0.4), (-0.083, 0.8),
+                        (-0.125, 1.0)):  # fmt: skip
         for value, time in ((speed, 0.06), (speed, hold), (0.0, 0.06)):
             corners.append(corners[-1] + time)
             speeds.append(value)
@@ -36,7 +36,7 @@ def reference(periods: int) -> np.ndarray:
 
 
 @cache
-def recorded(periods: int = 3, pulses: bool = False) -> dict[str, np.ndarray]:
+def recorded(periods: int = 2, pulses: bool = False) -> dict[str, np.ndarray]:
     """The variables of a MATLAB file of the benchmark."""
     wanted = reference(periods)
     added = np.zeros(wanted.size)
@@ -75,7 +75,7 @@ def recorded(periods: int = 3, pulses: bool = False) -> dict[str, np.ndarray]:
     return found | ({"pulses_N": added[:, None]} if pulses else {})
 
 
-def write(path: Path, *, periods: int = 3, pulses: bool = False, **changed: object) -> Path:
+def write(path: Path, *, periods: int = 2, pulses: bool = False, **changed: object) -> Path:
     """A file like those of the benchmark; ``changed`` replaces variables, None leaves one out."""
     from scipy.io import savemat
 

@@ -41,7 +41,7 @@ def axis_traces(command, pulses, closed, start, constants, interval, substeps, v
     command : (S,) array, the reference in m where ``closed``, else the voltage in V
     pulses : (S,) array, V, added to the controller's output
     closed : bool, whether the controller drives
-    start : (3,) array, position (m), speed (m/s) and lagging voltage (V) at the first sample
+    start : (B, 3) array, position (m), speed (m/s) and lagging voltage (V) at the first sample
     constants : (B, 13) array, columns as in `AxisConstants`
     interval : float, s, from one sample to the next, which is also the controller's
     substeps : int, steps from one sample to the next
@@ -70,9 +70,9 @@ def axis_traces(command, pulses, closed, start, constants, interval, substeps, v
                 own[m, n] = constants[who, m]
                 nothing += 0.0 * own[m, n]
             decay[n], lagging[n] = lag_of(lane(own, n).per_lag, dt)
-            x[n] = start[0] + nothing  # a NaN anywhere must show
-            v[n] = start[1] + nothing
-            u[n] = start[2] + nothing
+            x[n] = start[who, 0] + nothing  # a NaN anywhere must show
+            v[n] = start[who, 1] + nothing
+            u[n] = start[who, 2] + nothing
             # it came at the same speed
             x_1[n] = x[n] - interval * v[n]
             x_2[n] = x[n] - 2.0 * interval * v[n]
