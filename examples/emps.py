@@ -57,13 +57,22 @@ class Test(NamedTuple):
 def main() -> None:
     """Print the tables, or one JSON object."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("estimation", type=Path, help="recording that the axis is learnt from")
+    parser.add_argument(
+        "estimation", nargs="?", type=Path, help="recording that the axis is learnt from"
+    )
     parser.add_argument("--judge", type=Path, help="recording that is only predicted")
     parser.add_argument("--json", action="store_true", help="one JSON object instead of tables")
     parser.add_argument(
         "--held-back", action="store_true", help="learn from a half, judge on the other"
     )
     given = parser.parse_args()
+    if given.estimation is None:
+        print(
+            "Give the file with the estimation recording of EMPS. It is published with the "
+            "nonlinear system identification benchmarks (nonlinearbenchmark.org); "
+            "docs/real-recordings.md says what it holds."
+        )
+        return
     try:
         estimation = read_emps(given.estimation, load_actuator("emps"))
         judge = None if given.judge is None else read_emps(given.judge, estimation.actuator)

@@ -6,6 +6,7 @@ what docs/real-recordings.md says of it is tested as well.
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -110,7 +111,7 @@ def test_a_wrong_file_is_refused_in_one_sentence(tmp_path, changed, said):
     assert done.stdout == ""
     assert "Traceback" not in done.stderr
     assert done.stderr.count("\n") == 1
-    assert __import__("re").search(said, done.stderr), done.stderr
+    assert re.search(said, done.stderr), done.stderr
 
 
 def test_a_missing_or_foreign_file_is_refused(tmp_path):

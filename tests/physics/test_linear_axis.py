@@ -145,7 +145,7 @@ def test_halving_the_step_quarters_the_error():
 
 
 def test_friction_never_adds_energy():
-    """In no step does the mass gain more than the force does; exactly, as the midpoint rule has it."""
+    """In no step does the mass gain more than the force does: the midpoint rule is exact there."""
     c = AxisConstants(*constants_table(AXIS, {}, 1)[0])
     rng = np.random.default_rng(1)
     dt = AXIS.steps.twin

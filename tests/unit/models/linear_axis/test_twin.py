@@ -82,8 +82,11 @@ def test_pulses_come_on_top_of_the_controller_and_within_the_limit(recording):
 def test_friction_of_one_direction_is_seen_in_that_direction_only():
     there = Scenario(duration=0.4, command=[Sine(amplitude=0.01, frequency=1.0, phase=-np.pi / 2)])
     out = ematwin.simulate(scenario=there, actuator=AXIS)
-    other = AXIS.changed({"friction.coulomb": AXIS.friction.coulomb * 1.1,
-                          "friction.coulomb_ratio": AXIS.friction.coulomb_ratio * 1.1**2})  # fmt: skip
+    friction = AXIS.friction
+    other = AXIS.changed({
+        "friction.coulomb": 1.1 * friction.coulomb,
+        "friction.coulomb_ratio": 1.1**2 * friction.coulomb_ratio,
+    })  # fmt: skip
     # forward friction is as before: mean times 1.1, ratio times 1.1 squared
     again = ematwin.simulate(scenario=there, actuator=other)
     assert np.ptp(out.position) > 0.015
