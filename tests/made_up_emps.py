@@ -9,17 +9,47 @@ LuGre: Canudas de Wit, Olsson, Astrom and Lischinsky (1995), IEEE Trans. Automat
 import math
 from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 INTERVAL, SUBSTEPS = 1e-3, 8
 GAIN, K_POSITION, K_VELOCITY, LIMIT = 35.15, 160.2, 243.5, 10.0
-MASS, LAG = 90.0, 4e-4
-TRUTH = {"coulomb": (21.0, 24.0), "viscous": (150.0, 205.0)}  # forward, backward
-STIFFNESS, DAMPING = 4e6, 2e3  # of the bristles, N/m and N s/m
-SWING, PITCH = 1.0, 2.5e-3  # N and m
-DRIFT = 0.01  # of the friction, over the recording
+DAMPING = 2e3  # of the bristles, N s/m
 COUNT = 1e-6  # m
+
+
+class Axis(NamedTuple):
+    """What an axis is."""
+
+    mass: float = 90.0  # kg
+    lag: float = 4e-4  # s
+    coulomb: tuple[float, float] = (21.0, 24.0)  # N, forward and backward
+    viscous: tuple[float, float] = (150.0, 205.0)  # N s/m
+    low: float = 0.6  # share of the Coulomb friction that is left at standstill
+    stiffness: float = 4e6  # N/m, of the bristles
+    swing: float = 1.0  # N
+    pitch: float = 2.5e-3  # m
+    drift: float = 0.01  # of the friction, over the recording
+
+
+AXIS = Axis()
+
+
+def any_axis(seed: int) -> Axis:
+    """An axis drawn at random, near enough to EMPS for its template."""
+    random = np.random.default_rng(seed)
+
+    def both(middle: float) -> tuple[float, float]:
+        level, ratio = middle * random.uniform(0.7, 1.4), np.exp(random.normal(0.0, 0.15))
+        return float(level / ratio), float(level * ratio)
+
+    return Axis(
+        mass=random.uniform(75.0, 120.0), lag=random.uniform(1e-4, 8e-4), coulomb=both(21.0),
+        viscous=both(190.0), low=random.uniform(0.4, 1.3),
+        stiffness=float(10.0 ** random.uniform(6.0, 7.0)), swing=random.uniform(0.0, 1.5),
+        pitch=random.uniform(2e-3, 5e-3), drift=random.normal(0.0, 0.01),
+    )  # fmt: skip
 
 
 def reference(periods: int) -> np.ndarray:
@@ -36,7 +66,7 @@ def reference(periods: int) -> np.ndarray:
 
 
 @cache
-def recorded(periods: int = 2, pulses: bool = False) -> dict[str, np.ndarray]:
+def recorded(periods: int = 2, pulses: bool = False, axis: Axis = AXIS) -> dict[str, np.ndarray]:
     """The variables of a MATLAB file of the benchmark."""
     wanted = reference(periods)
     added = np.zeros(wanted.size)
@@ -46,7 +76,7 @@ def recorded(periods: int = 2, pulses: bool = False) -> dict[str, np.ndarray]:
     step = INTERVAL / SUBSTEPS
     x = v = z = u = previous = before = 0.0
     voltage, position = np.empty((2, wanted.size))
-    keep = math.exp(-step / LAG)
+    keep = math.exp(-step / axis.lag)
     for n in range(wanted.size):
         seen = round(x / COUNT) * COUNT
         speed = (seen - before) / (2 * INTERVAL)
@@ -54,18 +84,18 @@ def recorded(periods: int = 2, pulses: bool = False) -> dict[str, np.ndarray]:
         out = max(-LIMIT, min(LIMIT, out))
         voltage[n], position[n] = out, seen
         previous, before = seen, previous
-        warm = 1.0 + DRIFT * (n / wanted.size - 0.5)
+        warm = 1.0 + axis.drift * (n / wanted.size - 0.5)
         for _ in range(SUBSTEPS):
             u = out + (u - out) * keep
             side = 0 if v > 0 else 1
-            level = TRUTH["coulomb"][side] * warm * (1.0 - 0.4 * math.exp(-abs(v) / 0.01))
-            rate = STIFFNESS * abs(v) / level
+            level = axis.coulomb[side] * warm * (1.0 - (1.0 - axis.low) * math.exp(-abs(v) / 0.01))
+            rate = axis.stiffness * abs(v) / level
             # bristles: implicit in their own deflection, which is fast
             z_next = (z + step * v) / (1.0 + step * rate)
-            rubbing = STIFFNESS * z_next + DAMPING * math.exp(-abs(v) / 0.01) * (z_next - z) / step
-            rubbing += TRUTH["viscous"][side] * warm * v
-            swing = SWING * math.sin(2.0 * math.pi * x / PITCH)
-            v += step * (GAIN * u - rubbing - swing) / MASS
+            rubbing = axis.stiffness * z_next + DAMPING * math.exp(-abs(v) / 0.01) * (z_next - z) / step
+            rubbing += axis.viscous[side] * warm * v
+            swing = axis.swing * math.sin(2.0 * math.pi * x / axis.pitch)
+            v += step * (GAIN * u - rubbing - swing) / axis.mass
             x += step * v
             z = z_next
     column = {"t": np.arange(wanted.size) * INTERVAL, "qg": wanted, "qm": position, "vir": voltage}

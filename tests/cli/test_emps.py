@@ -56,11 +56,11 @@ def test_answer_has_parameters_and_both_scores(answer):
 @pytest.mark.parametrize(
     ("name", "true"),
     [
-        ("mass", made_up.MASS),
-        ("viscous_forward", made_up.TRUTH["viscous"][0]),
-        ("viscous_backward", made_up.TRUTH["viscous"][1]),
-        ("coulomb_forward", made_up.TRUTH["coulomb"][0]),
-        ("coulomb_backward", made_up.TRUTH["coulomb"][1]),
+        ("mass", made_up.AXIS.mass),
+        ("viscous_forward", made_up.AXIS.viscous[0]),
+        ("viscous_backward", made_up.AXIS.viscous[1]),
+        ("coulomb_forward", made_up.AXIS.coulomb[0]),
+        ("coulomb_backward", made_up.AXIS.coulomb[1]),
     ],
 )
 def test_intervals_hold_the_truth_of_an_axis_that_the_twin_is_not(answer, name, true):
@@ -71,8 +71,8 @@ def test_intervals_hold_the_truth_of_an_axis_that_the_twin_is_not(answer, name, 
 
 def test_mass_is_found_and_its_interval_is_narrow(answer):
     row = answer["parameters"]["mass"]
-    assert row["value"] == pytest.approx(made_up.MASS, rel=0.01)
-    assert row["high"] - row["low"] < 0.05 * made_up.MASS
+    assert row["value"] == pytest.approx(made_up.AXIS.mass, rel=0.01)
+    assert row["high"] - row["low"] < 0.05 * made_up.AXIS.mass
 
 
 def test_pulses_are_predicted(answer):

@@ -20,7 +20,7 @@ from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
 
 COMPARED = ("voltage", "position_error")
-_MISSED = 0.05  # share of a channel's spread that weighs its residuals
+_MISSED = 0.02  # share of a channel's spread that the twin leaves, and that weighs its residuals
 _SETTLED = 10.0  # time constants of the position loop until a transient has died out
 
 
@@ -72,7 +72,7 @@ class LinearAxisModel(Model):
         return {"voltage": voltage, "position": position, "position_error": error}
 
     def noise(self, actuator: Any, recording: Recording) -> dict[str, float]:
-        """A twentieth of the spread of voltage (V) and position error (m)."""
+        """What the twin leaves of voltage (V) and position error (m): 2 % of their spread."""
         return {
             name: _MISSED * float(recording.channels[name].std()) or 1.0
             for name in COMPARED
