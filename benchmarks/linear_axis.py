@@ -20,6 +20,7 @@ ROOT = Path(__file__).parents[1]
 sys.path[:0] = [str(ROOT / "tests"), str(ROOT / "examples")]
 
 import emps  # noqa: E402
+
 import made_up_emps as made_up  # noqa: E402
 
 PERIODS = 4

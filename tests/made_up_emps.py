@@ -92,7 +92,9 @@ def recorded(periods: int = 2, pulses: bool = False, axis: Axis = AXIS) -> dict[
             rate = axis.stiffness * abs(v) / level
             # bristles: implicit in their own deflection, which is fast
             z_next = (z + step * v) / (1.0 + step * rate)
-            rubbing = axis.stiffness * z_next + DAMPING * math.exp(-abs(v) / 0.01) * (z_next - z) / step
+            rubbing = (
+                axis.stiffness * z_next + DAMPING * math.exp(-abs(v) / 0.01) * (z_next - z) / step
+            )
             rubbing += axis.viscous[side] * warm * v
             swing = axis.swing * math.sin(2.0 * math.pi * x / axis.pitch)
             v += step * (GAIN * u - rubbing - swing) / axis.mass

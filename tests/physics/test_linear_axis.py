@@ -151,16 +151,16 @@ def test_friction_never_adds_energy():
     dt = AXIS.steps.twin
     decay, lagging = lag_of(c.per_lag, dt)
     now, lost, turned = AxisState(0.0, 0.0, 0.0), [], 0
-    for voltage in np.repeat(rng.uniform(-4.0, 4.0, 200), 100):
+    for voltage in np.repeat(rng.uniform(-4.0, 4.0, 100), 50):
         push = c.gain * (voltage + (now.u - voltage) * lagging) - c.offset
         after = axis_step(now, voltage, decay, lagging, c, dt)
         gained = 0.5 * AXIS.carriage.mass * (after.v**2 - now.v**2)
         lost.append(push * (after.x - now.x) - gained)
         turned += now.v * after.v < 0.0
         now = after
-    assert turned > 20
+    assert turned > 10
     assert min(lost) > -1e-15
-    assert sum(lost) > 1.0  # J
+    assert sum(lost) > 0.1  # J
 
 
 def test_an_axis_that_is_left_alone_slows_down_and_stays():
