@@ -66,6 +66,10 @@ def main() -> None:
         "--held-back", action="store_true", help="learn from a half, judge on the other"
     )
     given = parser.parse_args()
+    if given.held_back and (given.json or given.judge is not None):
+        parser.error(
+            "--held-back takes the estimation recording alone; leave --judge and --json out"
+        )
     if given.estimation is None:
         print(
             "Give the file with the estimation recording of EMPS. It is published with the "
