@@ -247,3 +247,5 @@ def test_real_friction_is_asymmetric_and_flagged():
     assert found.verdict.faults == ("viscous_asymmetry",)
     low, high = found.intervals["viscous_asymmetry"]
     assert low < 240.4 / 166.7 < high
+    _, (low, high) = found.contrasts["asymmetry"]
+    assert 1.1 < low < 0.5 * (240.4 / 166.7 + 20.63 / 20.14) < high < 1.4

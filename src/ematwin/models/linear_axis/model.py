@@ -12,9 +12,9 @@ from ematwin.models.comparison import Candidates
 from ematwin.models.linear_axis.channels import CHANNELS
 from ematwin.models.linear_axis.constants import FIXED
 from ematwin.models.linear_axis.parameters import LinearAxis
-from ematwin.models.linear_axis.unknowns import aliases, unknowns
+from ematwin.models.linear_axis.unknowns import CONTRASTS, aliases, unknowns
 from ematwin.models.scenario import Scenario
-from ematwin.models.unknown import Alias, Unknown
+from ematwin.models.unknown import Alias, Contrast, Unknown
 from ematwin.recordings.channel import Channel
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
@@ -60,6 +60,10 @@ class LinearAxisModel(Model):
     def aliases(self, actuator: Any, values: Values) -> list[Alias]:
         """Faults against the parameters that they multiply."""
         return aliases()
+
+    def contrasts(self, actuator: Any) -> tuple[Contrast, ...]:
+        """Asymmetry of all friction, which is known better than that of its parts."""
+        return CONTRASTS
 
     def respond(
         self, actuator: Any, inputs: Recording, candidates: Candidates, count: int

@@ -4,7 +4,7 @@ Each is a factor on what a healthy axis has, so that calibration and drift apply
 """
 
 from ematwin.models.linear_axis.parameters import LinearAxis
-from ematwin.models.unknown import Alias, Unknown
+from ematwin.models.unknown import Alias, Contrast, Unknown
 
 
 def unknowns(actuator: LinearAxis) -> tuple[Unknown, ...]:
@@ -47,3 +47,15 @@ def aliases() -> list[Alias]:
         Alias("drive.gain", {"drive_gain": 1.0}),
         Alias("controller.position_gain", {"position_gain": 1.0}),
     ]
+
+
+# The split of an asymmetry into dry and viscous friction is vague; their sum is not.
+CONTRASTS = (
+    Contrast(
+        "asymmetry", {"dry_asymmetry": 0.5, "viscous_asymmetry": 0.5},
+        "Friction backward over forward where half of it is viscous, as a multiple of the healthy "
+        "ratio",
+        "A constant force, as on an axis that is not level, looks like asymmetric Coulomb "
+        "friction.",
+    ),
+)  # fmt: skip

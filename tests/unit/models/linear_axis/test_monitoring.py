@@ -23,3 +23,13 @@ def test_worn_axes_are_named_and_a_sound_one_is_healthy():
     found = ematwin.detect(judged, calibration).runs
     assert [one.grade for one in found] == ["healthy", "fault", "fault"]
     assert [one.fault for one in found[1:]] == ["viscous_asymmetry", "friction"]
+
+
+def test_asymmetry_of_all_friction_is_known_better_than_that_of_its_parts():
+    found = ematwin.identify(run(20, viscous_asymmetry=1.4), AXIS)
+    value, (low, high) = found.contrasts["asymmetry"]
+    assert value == np.mean([found.values[f"{name}_asymmetry"] for name in ("dry", "viscous")])
+    assert low < 1.2 < high
+    for name in ("dry_asymmetry", "viscous_asymmetry"):
+        ends = found.intervals[name]
+        assert high - low < 0.8 * (ends[1] - ends[0])
