@@ -41,7 +41,7 @@ def from_rest(push, time, c):
     forward = push > 0.0
     left = push - friction_force(0.0, forward, c)
     loose = left > 0.0 if forward else left < 0.0
-    return time * c.mobility * left if loose else 0.0 * left
+    return time * c.mobility * left if loose else 0.0 * left  # NaN stays NaN
 
 
 @step
