@@ -34,6 +34,14 @@ class TestBallScrew(ModelContract):
         return models()["ball-screw"]
 
 
+class TestLinearAxis(ModelContract):
+    step = "steps.twin"
+
+    @pytest.fixture
+    def model(self):
+        return models()["linear-axis"]
+
+
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory):
     """The model of the example package, laid out as pip would and found by its entry point."""
@@ -54,7 +62,7 @@ class TestOwnModel(ModelContract):
 
 
 def test_every_kind_of_ours_is_tested_here():
-    assert {"bldc", "ball-screw"} <= set(models())
+    assert {"bldc", "ball-screw", "linear-axis"} <= set(models())
 
 
 # The contract says what is wrong with a model that does not keep it.

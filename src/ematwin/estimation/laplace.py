@@ -185,7 +185,9 @@ def profiled(
     ways = (covariance[:, chosen] / errors[chosen]).T
     signed = [sign * reach for reach in reaches for sign in (1.0, -1.0)]
     points = np.concatenate([peak.z + reach * ways for reach in signed])
-    inside = np.abs(chart.project(points) - points).max(axis=1) < 1e-9
+    bounded = chart.project(points)
+    inside = np.abs(bounded - points).max(axis=1) < 1e-9
+    points[~inside] = bounded[~inside]  # not looked at: a logarithm so far out overflows
     parts = problem.split(problem.residuals(chart.to_values(np.vstack([peak.z[None], points]))))
     data, evidence, priors = (np.einsum("bk,bk->b", part, part) for part in parts)
     heights = ((data + evidence) / factor**2 + priors) / problem.noise**2

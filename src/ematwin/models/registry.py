@@ -33,8 +33,18 @@ def _ball_screw() -> Model:
     return MODEL
 
 
+def _linear_axis() -> Model:
+    from ematwin.models.linear_axis.model import MODEL
+
+    return MODEL
+
+
 # Ours by kind, which is also the name of the folder but for hyphens.
-_OURS: dict[str, Callable[[], Model]] = {"bldc": _bldc, "ball-screw": _ball_screw}
+_OURS: dict[str, Callable[[], Model]] = {
+    "bldc": _bldc,
+    "ball-screw": _ball_screw,
+    "linear-axis": _linear_axis,
+}
 
 
 @cache

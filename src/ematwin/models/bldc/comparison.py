@@ -10,7 +10,7 @@ import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
@@ -33,6 +33,7 @@ _TWIN_ERROR = 0.003  # relative misfit of the twin to healthy records of the ref
 _SHORTEST = 100  # samples: fewer cannot tell eight parameters apart
 KEPT = 5_000  # samples of a response: more are thinned, as far as the low-pass allows
 _OVERSAMPLING = 8.0  # rate of kept samples over the cutoff, at least
+_AT_A_TIME = 4_000_000  # samples of answers that are held whole
 _COARSE = 2.0  # times the step, where only the valley is looked for
 _FINE = 0.25  # times the step, where an actuator is learnt
 _BLOCKS = 8  # of lanes in a task at most: an interrupt waits for no more than one task
@@ -260,11 +261,17 @@ class BldcComparison(Comparison):
         batch = self.batch(candidates, count)
         if not batch.sensor:
             return self.run(self.stretch, batch, 0, spread=True, limits=limits)[0]
-        # what a sensor shows is known of answers only; they are thinned, as residuals are
-        seen = replace(self.stretch, power=None)
-        residuals = self.residuals_of(seen, batch, spread=True)[0]
-        found = np.einsum("bk,bk->b", residuals, residuals)
-        return np.where(np.isfinite(found), found, np.inf)
+        # what a sensor shows is known of whole answers only: as many at a time as memory allows
+        many = max(1, _AT_A_TIME // self.target.size)
+        parts = [batch.part(slice(n, n + many)) for n in range(0, count, many)]
+        return np.concatenate([self._costs_as_sensed(part) for part in parts])
+
+    def _costs_as_sensed(self, batch: "Batch") -> np.ndarray:
+        costs, response, _ = self.run(self.stretch, batch, self.target.size, spread=True)
+        gap = self._sensed(response, batch, self.recording.interval)
+        gap -= self.target
+        found = np.einsum("s,bs,bs->b", self.weights, gap, gap)
+        return np.where(np.isfinite(costs) & np.isfinite(found), found, np.inf)
 
     def responses(self, candidates: Candidates, count: int) -> dict[str, np.ndarray]:
         """Filtered equivalent currents, (B, S) array, A."""
@@ -451,6 +458,12 @@ class Batch:
     faults: np.ndarray
     constants: np.ndarray | None
     sensor: Candidates
+
+    def part(self, rows: slice) -> "Batch":
+        """Some of the candidates."""
+        constants = None if self.constants is None else self.constants[rows]
+        sensor = {name: values[rows] for name, values in self.sensor.items()}
+        return Batch(self.faults[rows], constants, sensor)
 
 
 def _padded(rows: np.ndarray, count: int) -> np.ndarray:

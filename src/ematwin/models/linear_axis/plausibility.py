@@ -1,0 +1,113 @@
+"""What a recording of a linear axis cannot be: a wrong unit, sign, or another controller."""
+
+import numpy as np
+
+from ematwin.errors import RecordError
+from ematwin.models.linear_axis.parameters import LinearAxis
+from ematwin.models.linear_axis.twin import check_interval
+from ematwin.recordings.recording import Recording
+
+_LONGEST = 100.0  # m: no axis travels further; a larger span is a wrong unit
+_FEWEST = 100  # samples
+_OTHER = 0.05  # relative, of the voltage that the controller would have given
+_MOVES = 1e-3  # of the travel
+
+
+def check_signals(recording: Recording, actuator: LinearAxis) -> list[str]:
+    """Sentences on what is doubtful about a recording that has the channels that are needed.
+
+    Raises
+    ------
+    RecordError
+        If it cannot be what it says, with the reason and the likely cause.
+    """
+    name, channels = recording.name, recording.channels
+    check_interval(actuator, recording)
+    if len(recording) < _FEWEST:
+        raise RecordError(
+            f"{name} has {len(recording)} samples; at least {_FEWEST} are needed. Record a whole "
+            "movement."
+        )
+    reference, position, voltage = (channels[n] for n in ("reference", "position", "voltage"))
+    for what, values in (("reference", reference), ("position", position)):
+        span = float(np.ptp(values))
+        if span > _LONGEST:
+            raise RecordError(
+                f"{name}: {what} spans {span:.4g} m, which no axis travels; its unit is probably "
+                f"mm. Name it {what}_mm or put [mm] into the name."
+            )
+    if np.ptp(voltage) == 0.0:
+        raise RecordError(
+            f"{name}: its voltage never changes from {voltage[0]:.3g} V; the channel is dead."
+        )
+    limit = actuator.drive.voltage_limit
+    largest = float(np.abs(voltage).max())
+    pulse = float(np.abs(channels.get("pulses", np.zeros(1))).max())
+    if largest > 1.05 * (limit + pulse):
+        raise RecordError(
+            f"{name}: its voltage reaches {largest:.4g} V where {actuator.name} is limited to "
+            f"{limit:g} V; its unit is wrong, or drive.voltage_limit."
+        )
+    travel = float(np.ptp(reference))
+    if travel == 0.0:
+        return [f"The reference of {name} never moves; little can be told from it."]
+    largest = float(np.abs(reference - position).max())
+    if largest > travel:
+        raise RecordError(
+            f"{name}: its position is up to {largest:.4g} m away from the reference, more than the "
+            "travel; one of the two has another unit, sign or origin."
+        )
+    return _check_controller(recording, actuator)
+
+
+def controller_voltage(recording: Recording, actuator: LinearAxis) -> np.ndarray:
+    """(S - 2,) array, V: what the controller gives for the recorded positions, from the third on.
+
+    k_v (k_p (q_ref - q) - dq_f/dt) + pulse, q_f the mean of the last two samples, within its limit.
+    """
+    channels, control = recording.channels, actuator.controller
+    position, reference = channels["position"], channels["reference"]
+    speed = (position[2:] - position[:-2]) / (2.0 * control.sample_time)
+    demand = control.position_gain * (reference[2:] - position[2:])
+    output = control.velocity_gain * (demand - speed)
+    if "pulses" in channels:
+        output = output + channels["pulses"][2:]
+    return np.clip(output, -actuator.drive.voltage_limit, actuator.drive.voltage_limit)
+
+
+def _check_controller(recording: Recording, actuator: LinearAxis) -> list[str]:
+    """Whether the recorded voltage is what the controller makes of the recorded positions."""
+    voltage = recording.channels["voltage"][2:]
+    expected = controller_voltage(recording, actuator)
+    size = float(np.linalg.norm(voltage))
+    share = float(np.linalg.norm(voltage - expected)) / size
+    if float(voltage @ expected) < -0.5 * size * float(np.linalg.norm(expected)):
+        raise RecordError(
+            f"{recording.name}: its voltage is opposite to what the controller gives for the "
+            "recorded positions; change its sign, or that of reference and position."
+        )
+    if share <= _OTHER:
+        return []
+    return [
+        f"The recorded voltage differs by {100.0 * share:.0f} % from what the controller of "
+        f"{actuator.name} gives for the recorded positions: its gains, its filter, the unit of a "
+        "channel or voltages added to it are not as assumed, and the twin in closed loop will not "
+        "follow this recording."
+    ]
+
+
+def missing_motion(recording: Recording) -> list[str]:
+    """Sentences on why friction cannot be told by direction, each of which forbids a verdict."""
+    steps = np.diff(recording.channels["reference"])
+    travel = float(np.ptp(recording.channels["reference"]))
+    told = []
+    for way, moved in (
+        ("forward", steps[steps > 0.0].sum()),
+        ("backward", -steps[steps < 0.0].sum()),
+    ):
+        if moved <= _MOVES * travel or travel == 0.0:
+            told.append(
+                f"The reference never moves {way}, so that friction of that direction cannot be "
+                "told. Use a command that goes there and back."
+            )
+    return told

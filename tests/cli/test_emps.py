@@ -1,0 +1,251 @@
+"""``examples/emps.py`` and the commands on an axis recorded like EMPS: made up, and the real one.
+
+The real recording is not part of ematwin. Where the environment variable EMPS_DATA names its file,
+what docs/real-recordings.md says of it is tested as well.
+"""
+
+import importlib.util
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ematwin as library
+import made_up_emps as made_up
+from ematwin.models.registry import load_actuator
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "emps.py"
+REAL = Path(os.environ.get("EMPS_DATA", "there-is-none"))
+SCORES = {"force_percent", "position_percent", "open_loop_rmse_mm"}
+real = pytest.mark.skipif(
+    not REAL.is_file(), reason="EMPS_DATA does not name the estimation recording of EMPS"
+)
+
+
+def example(*arguments: object) -> subprocess.CompletedProcess[str]:
+    """The example as a process of its own."""
+    return subprocess.run(
+        [sys.executable, str(EXAMPLE), *map(str, arguments)],
+        stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=300, check=False,
+    )  # fmt: skip
+
+
+@pytest.fixture
+def inside(monkeypatch, capsys):
+    """The example in this process: exit code or message, and what it printed."""
+    spec = importlib.util.spec_from_file_location("emps_example", EXAMPLE)
+    module = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, "emps_example", module)
+    spec.loader.exec_module(module)
+
+    def run(*arguments: object) -> tuple[object, str]:
+        monkeypatch.setattr(sys, "argv", ["emps.py", *map(str, arguments)])
+        code: object = 0
+        try:
+            module.main()
+        except SystemExit as leaving:
+            code = leaving.code
+        return code, capsys.readouterr().out
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def answer(tmp_path_factory) -> dict:
+    """What is found of the made-up axis from one recording, and of another with pulses."""
+    folder = tmp_path_factory.mktemp("emps")
+    estimation = made_up.write(folder / "estimation.mat")
+    judge = made_up.write(folder / "judge.mat", pulses=True)
+    done = example(estimation, "--judge", judge, "--json")
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    found: dict = json.loads(done.stdout)
+    return found
+
+
+def test_answer_has_parameters_and_both_scores(answer):
+    assert set(answer) == {"parameters", "estimation", "judge"}
+    for title in ("estimation", "judge"):
+        assert set(answer[title]) == {*SCORES, "open_loop_interval"}
+        assert all(np.isfinite(answer[title][name]) for name in SCORES)
+
+
+@pytest.mark.parametrize(
+    ("name", "true"),
+    [
+        ("mass", made_up.AXIS.mass),
+        ("viscous_forward", made_up.AXIS.viscous[0]),
+        ("viscous_backward", made_up.AXIS.viscous[1]),
+        ("coulomb_forward", made_up.AXIS.coulomb[0]),
+        ("coulomb_backward", made_up.AXIS.coulomb[1]),
+    ],
+)
+def test_intervals_hold_the_truth_of_an_axis_that_the_twin_is_not(answer, name, true):
+    row = answer["parameters"][name]
+    assert row["low"] <= true <= row["high"]
+    assert row["low"] <= row["value"] <= row["high"]
+
+
+def test_mass_is_found_and_its_interval_is_narrow(answer):
+    row = answer["parameters"]["mass"]
+    assert row["value"] == pytest.approx(made_up.AXIS.mass, rel=0.01)
+    assert row["high"] - row["low"] < 0.05 * made_up.AXIS.mass
+
+
+def test_pulses_are_predicted(answer):
+    """As well as the recording that was learnt from; the interval holds the open-loop position."""
+    for title in ("estimation", "judge"):
+        assert answer[title]["force_percent"] < 4.0
+        assert answer[title]["position_percent"] < 0.003
+        assert answer[title]["open_loop_rmse_mm"] < 3.0
+        assert answer[title]["open_loop_interval"]["inside_percent"] > 80.0
+
+
+def test_tables_say_the_same_to_people(tmp_path, inside):
+    code, out = inside(made_up.write(tmp_path / "one.mat"))
+    assert code == 0
+    assert "mass" in out
+    assert "open loop" in out
+    assert "judge" not in out
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"qm": None}, r"lacks qm \(position\); it holds t, qg, vir, gtau, kp, kv"),
+        ({"vir": np.ones((5, 1))}, "all columns must be equally long"),
+        ({"vir": -made_up.recorded()["vir"]}, "opposite to what the controller gives"),
+        ({"qm": np.full_like(made_up.recorded()["qm"], np.nan)}, "NaN or infinite"),
+        ({"kv": np.array([[9e4]])}, "unstable with controller.velocity_gain"),
+        ({"kp": np.array([[1.0, 2.0]])}, "kp must be one finite number"),
+        ({"t": made_up.recorded()["t"] * 2.0}, r"every 0.002 s and the controller"),
+        ({"qg": np.array(["text"])}, "qg must be one column of numbers"),
+    ],
+)
+def test_a_wrong_file_is_refused_in_one_sentence(tmp_path, inside, changed, said):
+    code, out = inside(made_up.write(tmp_path / "wrong.mat", **changed), "--json")
+    assert out == ""
+    assert isinstance(code, str)  # which python prints, and leaves with 1
+    assert "\n" not in code
+    assert re.search(said, code), code
+
+
+def test_a_missing_or_foreign_file_is_refused(tmp_path, inside):
+    foreign = tmp_path / "notes.mat"
+    foreign.write_text("no MATLAB file")
+    for path in (foreign, tmp_path / "nowhere.mat", tmp_path):
+        code, out = inside(path)
+        assert out == ""
+        assert isinstance(code, str)
+        assert "\n" not in code
+        assert str(path) in code
+
+
+def test_a_wrong_judge_leaves_nothing_half_written(tmp_path):
+    good = made_up.write(tmp_path / "good.mat")
+    done = example(good, "--judge", made_up.write(tmp_path / "bad.mat", vir=None), "--json")
+    assert done.returncode == 1
+    assert done.stdout == ""
+    assert "vir (voltage)" in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_a_recording_that_is_too_short_to_hold_a_half_back_says_so(tmp_path, inside):
+    content = {n: made_up.recorded()[n][:3000] for n in ("t", "qg", "qm", "vir")}
+    code, _ = inside(made_up.write(tmp_path / "short.mat", **content), "--held-back")
+    assert "lasts 3 s; a held-back half ends at 4.4 s" in str(code)
+
+
+@pytest.fixture(scope="module")
+def record() -> library.Recording:
+    content = made_up.recorded()
+    return library.Recording(
+        content["t"].ravel(),
+        {"reference": content["qg"].ravel(), "position": content["qm"].ravel(),
+         "voltage": content["vir"].ravel()},
+        units={"reference": "m", "position": "m", "voltage": "V"},
+    )  # fmt: skip
+
+
+def test_commands_calibrate_and_identify_a_file(ematwin, tmp_path, record):
+    """A sound calibration finds its own recording healthy; a symmetric screw does not."""
+    library.write(record, tmp_path / "axis.parquet")
+    template = load_actuator("emps-symmetric").changed({
+        "carriage.mass": 88.0, "drive.gain": made_up.GAIN,
+        "controller.position_gain": made_up.K_POSITION,
+        "controller.velocity_gain": made_up.K_VELOCITY,
+    })  # fmt: skip
+    template.save(tmp_path / "sound.toml")
+    judged = ematwin("identify", "axis.parquet", "--actuator", "sound.toml", "--json")
+    assert judged.code == 0, judged.err
+    verdict = json.loads(judged.out)["verdict"]
+    assert verdict["grade"] == "fault"
+    assert verdict["faults"] == ["viscous_asymmetry"]
+    learnt = ematwin("calibrate", "axis.parquet", "--actuator", "emps", "--out", "own.toml")
+    assert learnt.code == 0, learnt.err
+    again = ematwin("identify", "axis.parquet", "--actuator", "own.toml", "--json")
+    assert json.loads(again.out)["verdict"]["grade"] == "healthy", again.out
+
+
+def test_commands_know_the_kind(ematwin, tmp_path):
+    listed = ematwin("actuators")
+    assert "linear-axis" in listed.out
+    assert "emps-symmetric" in listed.out
+    made = ematwin("simulate", "--actuator", "emps", "--fault", "friction=1.5", "--out", "a.csv")
+    assert made.code == 0, made.err
+    found = ematwin("identify", "a.csv", "--actuator", "emps", "--exact", "--json")
+    values = json.loads(found.out)
+    assert values["faults"]["friction"] == pytest.approx(1.5, abs=0.02)
+
+
+# The real recording
+
+
+@pytest.fixture(scope="module")
+def published(tmp_path_factory) -> dict:
+    done = example(REAL, "--json")
+    assert done.returncode == 0, done.stderr
+    found: dict = json.loads(done.stdout)
+    return found
+
+
+@real
+def test_real_mass_is_that_of_the_authors(published):
+    """Janot et al. (2019): 95.109 and 95.154 kg."""
+    row = published["parameters"]["mass"]
+    assert row["value"] == pytest.approx(95.1, rel=0.03)
+    assert row["low"] < 95.109 < row["high"]
+
+
+@real
+def test_real_closed_loop_is_as_close_as_stated(published):
+    """docs/real-recordings.md; published 5.848 and .0138 %, symmetric friction."""
+    scores = published["estimation"]
+    assert scores["force_percent"] < 2.7
+    assert scores["position_percent"] < 6.2e-4
+    assert scores["open_loop_rmse_mm"] < 4.0
+
+
+@real
+def test_real_friction_is_asymmetric_and_flagged():
+    """The authors put it down to fatigue of the screw."""
+    from scipy.io import loadmat
+
+    content = loadmat(REAL)
+    recording = library.Recording(
+        content["t"].ravel(),
+        {"reference": content["qg"].ravel(), "position": content["qm"].ravel(),
+         "voltage": content["vir"].ravel()},
+    )  # fmt: skip
+    found = library.identify(recording, "emps-symmetric")
+    assert found.verdict.grade == "fault"
+    assert found.verdict.faults == ("viscous_asymmetry",)
+    low, high = found.intervals["viscous_asymmetry"]
+    assert low < 240.4 / 166.7 < high
+    _, (low, high) = found.contrasts["asymmetry"]
+    assert 1.1 < low < 0.5 * (240.4 / 166.7 + 20.63 / 20.14) < high < 1.4

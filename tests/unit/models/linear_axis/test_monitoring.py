@@ -1,0 +1,35 @@
+"""A population of healthy linear axes, and worn ones that stand out from it."""
+
+import numpy as np
+
+import ematwin
+from ematwin.models.linear_axis.parameters import LinearAxis
+
+AXIS = LinearAxis.load("emps-symmetric")
+
+
+def run(number: int, **fault: float) -> ematwin.Recording:
+    """A run on a day of its own, with friction and noise of that day."""
+    random = np.random.default_rng(number)
+    day = {name: float(np.exp(random.normal(0.0, 0.01))) for name in ("friction", "viscous")}
+    found = ematwin.simulate(actuator=AXIS, faults={**day, **fault})
+    noisy = found.voltage + random.normal(0.0, 0.01, len(found))
+    return found.changed(voltage=noisy, labels={"run": str(number)})
+
+
+def test_worn_axes_are_named_and_a_sound_one_is_healthy():
+    calibration = ematwin.calibrate([run(n) for n in range(4)], AXIS).calibration
+    judged = [run(10), run(11, viscous_asymmetry=1.3), run(12, friction=1.3)]
+    found = ematwin.detect(judged, calibration).runs
+    assert [one.grade for one in found] == ["healthy", "fault", "fault"]
+    assert [one.fault for one in found[1:]] == ["viscous_asymmetry", "friction"]
+
+
+def test_asymmetry_of_all_friction_is_known_better_than_that_of_its_parts():
+    found = ematwin.identify(run(20, viscous_asymmetry=1.4), AXIS)
+    value, (low, high) = found.contrasts["asymmetry"]
+    assert value == np.mean([found.values[f"{name}_asymmetry"] for name in ("dry", "viscous")])
+    assert low < 1.2 < high
+    for name in ("dry_asymmetry", "viscous_asymmetry"):
+        ends = found.intervals[name]
+        assert high - low < 0.8 * (ends[1] - ends[0])

@@ -1,0 +1,199 @@
+"""The twin of a linear axis beside its naive version, and what its recordings tell of the start."""
+
+import numpy as np
+import pytest
+
+import ematwin
+from ematwin.errors import InputError, ParameterError, RecordError
+from ematwin.models.linear_axis.comparison import ALIKE, repeats
+from ematwin.models.linear_axis.constants import constants_table
+from ematwin.models.linear_axis.parameters import LinearAxis
+from ematwin.models.linear_axis.plausibility import controller_voltage
+from ematwin.models.linear_axis.stability import spectral_radius, velocity_gain_limit
+from ematwin.models.linear_axis.twin import closed_loop, first_state, open_loop
+from ematwin.models.scenario import Scenario, Sine, Step
+from ematwin.recordings.recording import Recording
+from naive import linear_axis as naive
+
+AXIS = LinearAxis.load().changed({
+    "friction.coulomb_ratio": 1.2, "friction.standstill_ratio": 0.6, "drive.offset": 3.0,
+    "steps.twin": 2.5e-5,
+})  # fmt: skip
+SWINGS = [
+    Step(value=0.0042),
+    Sine(amplitude=0.004, frequency=3.0, phase=-np.pi / 2),
+    Sine(amplitude=0.0002, frequency=11.0, phase=-np.pi / 2),
+]
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    """Half a second with several reversals, and a pulse that saturates the voltage."""
+    scenario = Scenario(
+        duration=0.5, command=SWINGS, load=[Step(value=8.0, time=0.3), Step(value=-8.0, time=0.32)]
+    )
+    return ematwin.simulate(scenario=scenario, actuator=AXIS)
+
+
+@pytest.mark.parametrize("standstill", [0.6, 1.0, 1.8])
+def test_closed_loop_equals_the_naive_one(recording, standstill):
+    axis = AXIS.changed({"friction.standstill_ratio": standstill})
+    start = Recording(recording.time, {n: recording.channels[n] for n in ("reference", "pulses")})
+    voltage, position = closed_loop(axis, start, {}, 1)
+    slow_voltage, slow_position = naive.simulate(
+        axis, recording.reference, recording.pulses, recording.reference[0], 0.0, 0.0, 5e-6
+    )
+    # the naive rule is of first order
+    assert np.abs(voltage[0] - slow_voltage).max() < 0.01 * np.abs(voltage).max()
+    assert np.abs(position[0] - slow_position).max() < 2e-3 * np.ptp(position)
+
+
+def test_open_loop_equals_the_naive_one(recording):
+    slow = naive.simulate(
+        AXIS, recording.reference, recording.pulses, recording.position[0], 0.0,
+        recording.voltage[0], 5e-6, recorded=recording.voltage,
+    )[1]  # fmt: skip
+    assert np.abs(open_loop(AXIS, recording)[0] - slow).max() < 2e-3 * np.ptp(recording.position)
+
+
+def test_recorded_voltage_drives_the_axis_where_the_controller_did(recording):
+    assert np.abs(open_loop(AXIS, recording)[0] - recording.position).max() < 1e-12
+
+
+def test_the_start_of_a_stretch_is_found_in_its_first_samples(recording):
+    cut = recording.between(0.1, 0.25)
+    position, speed, _ = first_state(cut, AXIS, constants_table(AXIS, {}, 1))[0]
+    n = int(np.argmin(np.abs(recording.time - 0.1)))
+    true = (recording.position[n + 1] - recording.position[n - 1]) / 2e-3
+    assert position == pytest.approx(recording.position[n], abs=1e-7)
+    assert speed == pytest.approx(true, rel=0.01)
+    voltage, _ = closed_loop(AXIS, cut, {}, 1)
+    assert np.abs(voltage[0] - cut.voltage)[10:].max() < 0.02 * np.abs(cut.voltage).max()
+
+
+def test_pulses_come_on_top_of_the_controller_and_within_the_limit(recording):
+    expected = controller_voltage(recording, AXIS)
+    np.testing.assert_allclose(recording.voltage[2:], expected, atol=1e-9)
+    assert np.abs(recording.voltage).max() == pytest.approx(10.0)
+    alone = controller_voltage(recording.changed(pulses=None), AXIS)
+    assert np.abs(recording.voltage[2:] - alone).max() > 2.0
+
+
+def test_friction_of_one_direction_is_seen_in_that_direction_only():
+    there = Scenario(duration=0.4, command=[Sine(amplitude=0.01, frequency=1.0, phase=-np.pi / 2)])
+    out = ematwin.simulate(scenario=there, actuator=AXIS)
+    friction = AXIS.friction
+    other = AXIS.changed({
+        "friction.coulomb": 1.1 * friction.coulomb,
+        "friction.coulomb_ratio": 1.1**2 * friction.coulomb_ratio,
+    })  # fmt: skip
+    # forward friction is as before: mean times 1.1, ratio times 1.1 squared
+    again = ematwin.simulate(scenario=there, actuator=other)
+    assert np.ptp(out.position) > 0.015
+    forward = out.time < 0.35
+    np.testing.assert_allclose(again.voltage[forward], out.voltage[forward], atol=1e-9)
+
+
+# The controller
+
+
+def test_an_unstable_controller_is_refused_with_the_limit():
+    with pytest.raises(ParameterError, match=r"unstable.*limit is \d+.*V s/m") as caught:
+        AXIS.changed({"controller.velocity_gain": 20_000.0})
+    said = float(str(caught.value).split("limit is ")[1].split()[0])
+    assert spectral_radius(AXIS, 0.999 * said / AXIS.controller.velocity_gain) < 1.0
+    assert spectral_radius(AXIS, 1.001 * said / AXIS.controller.velocity_gain) > 1.0
+
+
+def test_the_limit_is_where_small_motions_begin_to_grow():
+    """Simulated without Coulomb friction, for which the limit holds."""
+    unchecked = {"controller.velocity_gain": 20_000.0, "friction.viscous_ratio": 1.0}
+    limit = velocity_gain_limit(AXIS.with_arrays(unchecked))
+    smooth = {
+        "friction.coulomb": 1e-9, "friction.coulomb_ratio": 1.0, "drive.offset": 0.0,
+        "friction.viscous_ratio": 1.0, "drive.voltage_limit": 1e9,
+    }  # fmt: skip
+    last = []
+    for factor in (0.97, 1.03):
+        axis = AXIS.changed(smooth).with_arrays({"controller.velocity_gain": factor * limit})
+        time = np.arange(3000) * 1e-3
+        step = Recording(time, {"reference": np.where(time > 0.0, 1e-6, 0.0)})
+        voltage, _ = closed_loop(axis, step, {}, 1)
+        last.append(np.abs(voltage[0, -200:]).max() / np.abs(voltage[0, :200]).max())
+    assert last[0] < 1e-3
+    assert last[1] > 1.0
+
+
+def test_a_slow_controller_is_refused_as_well():
+    with pytest.raises(ParameterError, match="unstable with controller"):
+        AXIS.changed({"controller.sample_time": 0.02})
+
+
+# What is counted as independent
+
+
+def test_a_repeated_reference_counts_once():
+    one = np.r_[np.linspace(0.0, 1.0, 500), np.linspace(1.0, 0.0, 500)]
+    assert repeats(np.tile(one, 4)) == pytest.approx(4.0, rel=0.01)
+    assert repeats(np.tile(one, 4)[:3900]) == pytest.approx(3.9, rel=0.01)
+    assert repeats(np.cumsum(np.random.default_rng(1).normal(size=3000))) == 1.0
+    assert repeats(np.zeros(100)) == 1.0
+
+
+def test_independent_residuals_are_counted_by_time_not_by_samples(recording):
+    model = ematwin.models.registry.model_of(AXIS)
+    assert model.compare(recording, AXIS).independent == pytest.approx(0.501 / ALIKE, rel=0.01)
+
+
+# Recordings that cannot be
+
+
+@pytest.mark.parametrize(
+    ("name", "alter", "said"),
+    [
+        ("voltage", lambda v: -v, "opposite to what the controller gives"),
+        ("voltage", lambda v: 0.0 * v, "the channel is dead"),
+        ("voltage", lambda v: 1e3 * v, "is limited to 10 V"),
+        ("position", lambda x: 1e6 * x, "its unit is probably mm"),
+        ("position", lambda x: x + 1.0, "more than the travel"),
+    ],
+)
+def test_a_recording_that_cannot_be_is_refused_with_the_likely_cause(recording, name, alter, said):
+    model = ematwin.models.registry.model_of(AXIS)
+    with pytest.raises(RecordError, match=said) as caught:
+        model.check(recording.changed(**{name: alter(recording.channels[name])}), AXIS)
+    assert "\n" not in str(caught.value)
+
+
+def test_another_controller_is_doubtful(recording):
+    model = ematwin.models.registry.model_of(AXIS)
+    assert model.check(recording, AXIS) == []
+    other = AXIS.changed({"controller.velocity_gain": 200.0})
+    assert "from what the controller of" in model.check(recording, other)[0]
+    assert "its gains" in model.check(recording.changed(pulses=None), AXIS)[0]
+
+
+def test_a_recording_at_another_rate_is_refused(recording):
+    half = Recording(recording.time[::2], {n: x[::2] for n, x in recording.channels.items()})
+    model = ematwin.models.registry.model_of(AXIS)
+    with pytest.raises(
+        RecordError, match=r"every 0\.002 s and the controller of emps every 0\.001"
+    ):
+        model.check(half, AXIS)
+    with pytest.raises(InputError, match="sampled with its controller, at 1000 Hz"):
+        ematwin.simulate(actuator=AXIS, sample_rate=500.0)
+
+
+def test_open_loop_names_the_channel_that_it_lacks(recording):
+    with pytest.raises(RecordError, match="has no voltage, which an open-loop simulation needs"):
+        open_loop(AXIS, recording.changed(voltage=None))
+
+
+def test_motion_one_way_gives_no_verdict():
+    there = Scenario(duration=0.4, command=[Sine(amplitude=0.01, frequency=1.0, phase=-np.pi / 2)])
+    out = ematwin.simulate(scenario=there, actuator=AXIS)
+    model = ematwin.models.registry.model_of(AXIS)
+    assert "never moves backward" in model.excitation(out, AXIS)[0]
+    found = ematwin.identify(out, AXIS, exact=True)
+    assert found.verdict.grade == "none"
+    assert "never moves backward" in found.verdict.reason
