@@ -103,6 +103,8 @@ def read_emps(path: Path, actuator: Any) -> Test:
     from scipy.io import loadmat
     from scipy.io.matlab import MatReadError
 
+    if not path.is_file():
+        raise RecordError(f"There is no file {path}. Give the MATLAB file of the benchmark.")
     try:
         content = loadmat(path)
     except OSError as error:
