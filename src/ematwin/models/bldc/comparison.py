@@ -15,12 +15,17 @@ from typing import Any, Self
 
 import numpy as np
 
-from ematwin.errors import RecordError
-from ematwin.models.bldc.constants import constants_by_candidate, kernel_constants
+from ematwin.errors import InputError, RecordError
+from ematwin.models.bldc.constants import (
+    constants_by_candidate,
+    kernel_constants,
+    truer_constants,
+)
 from ematwin.models.bldc.envelope import current_envelope, signed_current
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.power import Power, recorded_power
 from ematwin.models.bldc.state import V_SUPPLY
+from ematwin.models.bldc.truer.state import REST
 from ematwin.models.bldc.unknowns import POWER, SENSOR, UNKNOWNS
 from ematwin.models.comparison import Candidates, Comparison
 from ematwin.numerics.low_pass import LowPass
@@ -109,7 +114,7 @@ class BldcComparison(Comparison):
     RecordError
         If the recording is too short or constant.
     InputError
-        If it is sampled too slowly for the filter.
+        If it is sampled too slowly for the filter, or the backend lacks a form of the actuator.
     """
 
     power: Power | None = None
@@ -155,7 +160,12 @@ class BldcComparison(Comparison):
         self.state = initial_state(
             recording, actuator, None if self.rectify else float(self.current[0])
         )
-        self.constants = kernel_constants(actuator)
+        self.constants, self.truer = kernel_constants(actuator), truer_constants(actuator)
+        if backend == "cuda" and self.truer is not None:
+            raise InputError(
+                f"A GPU knows only the paper's forms, but {actuator.name} has others "
+                f"({', '.join(actuator.truer_forms)}); use the backend cpu, or leave these out."
+            )
         self.threads = threads or os.cpu_count() or 1
         self._pool: ThreadPoolExecutor | None = None
         self._filter(low_pass or LowPass(), weighting or SlopeWeighting())
@@ -402,6 +412,8 @@ class BldcComparison(Comparison):
         power = stretch.power if kept else None
         watts = np.empty((0, 0) if power is None else (len(lanes), kept))
 
+        more = None if self.truer is None else np.array(REST)
+
         each = max(1, min(_BLOCKS, blocks // self.threads)) if spread else blocks
 
         def work(first: int) -> None:
@@ -412,7 +424,7 @@ class BldcComparison(Comparison):
                 self.rectify, stretch.target, stretch.weights,
                 costs[part], status[part], response[part],
                 None if power is None else (power.state, watts[part]),
-                within[part],
+                within[part], self.truer, more,
             )  # fmt: skip
 
         self.share(work, range(0, blocks, each), spread=spread)

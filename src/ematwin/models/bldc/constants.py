@@ -7,6 +7,7 @@ import numpy as np
 
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.state import Constants
+from ematwin.models.bldc.truer.state import NEUTRAL, Truer
 from ematwin.models.bldc.unknowns import FIXED, LOAD
 
 
@@ -55,10 +56,34 @@ def kernel_constants(
     )
 
 
+def truer_constants(actuator: BldcActuator) -> Truer | None:
+    """Constants of the truer forms; None where the actuator has the paper's alone.
+
+    Where parameters are arrays (B,), so are the constants that depend on them.
+    """
+    turns, offset = actuator.shorted_turns, actuator.eccentricity
+    emf, cogging = actuator.emf, actuator.cogging
+    found: dict[str, Any] = {}
+    if turns is not None:
+        found |= {"loops": 1.0, "contact": turns.resistance}
+    if offset is not None:
+        found |= {"turning": offset.turning_share}
+    if emf is not None:
+        found |= {"rounding": emf.rounding}
+    if cogging is not None:
+        found |= {
+            "cogging": cogging.torque, "cogging_cycles": float(cogging.cycles),
+            "cogging_phase": cogging.phase,
+        }  # fmt: skip
+    return NEUTRAL._replace(**found) if found else None
+
+
 def constants_by_candidate(
     actuator: BldcActuator, candidates: Mapping[str, Any], count: int
 ) -> np.ndarray | None:
     """(B, 28) array of the constants of B candidates; None where all share the actuator's.
+
+    With truer forms it is (B, 35), and theirs come last.
 
     ``candidates`` name parameters by their place, such as ``motor.resistance``, or the corrections
     of the load, each with (B,) values; what else it holds is left alone.
@@ -70,5 +95,5 @@ def constants_by_candidate(
         load["load_delay"] = candidates["skew"]
     if own is actuator and not load:
         return None
-    constants = kernel_constants(own, **load)
+    constants = (*kernel_constants(own, **load), *(truer_constants(own) or ()))
     return np.column_stack([np.broadcast_to(value, count) for value in constants])

@@ -27,6 +27,7 @@ from ematwin.errors import ParameterError
 from ematwin.models.parameter_set import ParameterSet, Section, quantity
 
 DEFAULT_ACTUATOR = "servo48"
+TRUER_FORMS = ("shorted_turns", "eccentricity", "emf", "cogging")
 SHORTEST_STEP = 1e-9  # s: nothing in an actuator is so fast; a shorter one is a slip of the unit
 _UNREACHABLE = 100.0  # times the current that the supply can drive: mA taken for A give 1000
 
@@ -120,6 +121,51 @@ class Transmission(Section):
         return self
 
 
+class ShortedTurns(Section):
+    """Shorted turns are a loop with a current of its own, which brakes; else they only are missing.
+
+    A contact between turns may be anything from a trace of carbon to a weld: its resistance is
+    known within a factor of two at best.
+    """
+
+    example: ClassVar[dict[str, float]] = {"resistance": 0.1}
+
+    resistance: float = quantity(
+        "ohm", "resistance of the contact between the turns", tolerance=1.0, gt=0
+    )
+
+
+class Eccentricity(Section):
+    """How the rotor is off centre; left out, the offset turns with the rotor."""
+
+    example: ClassVar[dict[str, float]] = {"turning_share": 0.0}
+
+    turning_share: float = quantity(
+        "", "share of the offset that turns with the rotor; 0 is fixed in space", exact=True,
+        ge=0, le=1,
+    )  # fmt: skip
+
+
+class Emf(Section):
+    """Shape of the back-EMF; left out, a trapezoid with flats of 120 degrees."""
+
+    example: ClassVar[dict[str, float]] = {"rounding": 0.3}
+
+    rounding: float = quantity(
+        "", "share of a sine of the same mean torque in the trapezoid", exact=True, ge=0, le=1
+    )
+
+
+class Cogging(Section):
+    """Cogging torque between magnets and teeth; left out, there is none."""
+
+    example: ClassVar[dict[str, float]] = {"torque": 0.002, "cycles": 12, "phase": 0.0}
+
+    torque: float = quantity("N*m", "amplitude on the motor shaft", tolerance=1.0, ge=0)
+    cycles: int = quantity("", "cycles in a turn of the motor", exact=True, ge=1)
+    phase: float = quantity("rad", "angle of the sine where the motor stands at zero")
+
+
 class Steps(Section):
     """Fixed steps of the two models; justified in docs/models.md."""
 
@@ -143,6 +189,15 @@ class BldcActuator(ParameterSet):
     controller: Controller
     transmission: Transmission
     steps: Steps
+    shorted_turns: ShortedTurns | None = None
+    eccentricity: Eccentricity | None = None
+    emf: Emf | None = None
+    cogging: Cogging | None = None
+
+    @property
+    def truer_forms(self) -> tuple[str, ...]:
+        """The sections that it has and that could be left out."""
+        return tuple(key for key in TRUER_FORMS if getattr(self, key) is not None)
 
     @model_validator(mode="after")
     def _steps_are_stable(self) -> Self:

@@ -1,0 +1,153 @@
+"""The truer forms in plain Python, written from docs/models.md and not from the kernels.
+
+A phase with shorted turns is a pair of coupled windings: `Windings.matrices` states all six as one
+linear system, and `advance_phases` solves it. The monitor model is a readable loop.
+"""
+
+import math
+
+import numpy as np
+
+from . import monitor, motor
+
+
+def shape(theta, actuator):
+    """EMF shape with a share of a sine that has the trapezoid's mean torque in six steps."""
+    share = 0.0 if actuator.emf is None else actuator.emf.rounding
+    sine = 2 * math.pi / (3 * math.sqrt(3)) * math.sin(theta)
+    return (1 - share) * motor.trapezoid(theta) + share * sine
+
+
+def gap(theta_m, phase, faults, actuator):
+    """The air gap that a phase sees: part of the offset turns with the rotor, the rest does not."""
+    turning = 1.0 if actuator.eccentricity is None else actuator.eccentricity.turning_share
+    angle = 2 * math.pi * (faults.eccentricity_phase - 0.5) - 2 * math.pi * phase / 3
+    wave = turning * math.cos(theta_m + angle) + (1 - turning) * math.cos(angle)
+    return 1 + faults.eccentricity * wave
+
+
+def cogging(theta_m, actuator):
+    """Torque on the rotor, N m."""
+    one = actuator.cogging
+    return 0.0 if one is None else -one.torque * math.sin(one.cycles * theta_m + one.phase)
+
+
+class Windings:
+    """Three phases, each with a loop of shorted turns."""
+
+    def __init__(self, actuator, faults):
+        self.actuator, self.faults = actuator, faults
+        contact = actuator.shorted_turns
+        shorted = [faults.short_a, faults.short_b, faults.short_c]
+        self.mu = [0.0 if contact is None else share for share in shorted]
+        self.h = [1.0 - share if contact is None else 1.0 for share in shorted]
+        self.contact = 1.0 if contact is None else contact.resistance
+        self.resistance = [h * actuator.motor.resistance / 2 for h in self.h]
+        self.inductance = [motor.inductance(h, actuator) for h in self.h]
+        leak = actuator.motor.leakage_share * actuator.motor.inductance / 2
+        self.linked = [whole - leak for whole in self.inductance]
+
+    def kappa(self, theta_m):
+        theta_e = self.actuator.motor.pole_pairs * theta_m
+        k_e = self.actuator.motor.emf_constant / 2
+        return [
+            h * k_e * shape(theta_e - 2 * math.pi * k / 3, self.actuator)
+            * gap(theta_m, k, self.faults, self.actuator)
+            for k, h in enumerate(self.h)
+        ]  # fmt: skip
+
+    def matrices(self):
+        """M and R, (6, 6), of v = M d(i)/dt + R i + e: three phases, then their loops."""
+        m, r = np.zeros((6, 6)), np.zeros((6, 6))
+        for k in range(3):
+            mu = self.mu[k]
+            m[k, k], r[k, k] = self.inductance[k], self.resistance[k]
+            m[k, 3 + k] = m[3 + k, k] = -mu * self.linked[k]
+            r[k, 3 + k] = r[3 + k, k] = -mu * self.resistance[k]
+            m[3 + k, 3 + k] = mu**2 * self.linked[k]
+            r[3 + k, 3 + k] = mu * self.resistance[k] + self.contact
+        return m, r
+
+    def emf(self, kappa, speed):
+        """(6,) array, V: in a loop it drives the current out through the contact."""
+        return np.array([k * speed for k in kappa]
+                        + [-mu * k * speed for mu, k in zip(self.mu, kappa, strict=True)])  # fmt: skip
+
+    def torque(self, kappa, currents):
+        return sum(
+            kappa[k] * (currents[k] - self.mu[k] * currents[3 + k]) for k in range(3)
+        )  # fmt: skip
+
+    def loops(self, before, phases, emf, dt):
+        """Loop currents after ``dt``, (3,), where the phase currents are given (backward Euler)."""
+        m, r = self.matrices()
+        coupled = m[3:, :3] @ (phases - before[:3]) / dt + r[3:, :3] @ phases
+        return np.linalg.solve(
+            m[3:, 3:] / dt + r[3:, 3:], m[3:, 3:] @ before[3:] / dt - coupled - emf[3:]
+        )
+
+
+def advance_phases(windings, currents, voltages, emf, dt):
+    """All six currents after ``dt`` by backward Euler with voltages on three conducting legs."""
+    m, r = windings.matrices()
+    matrix, right = np.zeros((7, 7)), np.zeros(7)
+    matrix[:6, :6] = m / dt + r
+    matrix[:3, 6] = matrix[6, :3] = 1.0  # star point; the currents add up to zero
+    right[:6] = m @ currents / dt - emf
+    right[:3] += voltages
+    return np.linalg.solve(matrix, right)[:6]
+
+
+def simulate_monitor(actuator, faults, command, load, dt):
+    """The monitor model from rest; arguments and answer as in the naive monitor model."""
+    drive, control = actuator.drive, actuator.controller
+    windings = Windings(actuator, faults)
+    body = monitor.TwoMasses(actuator, faults)
+    current, gates = 0.0, np.array([1, -1, 0])
+    loops = np.zeros(3)
+    rows = []
+    for command_now, load_now in zip(command, load, strict=True):
+        x_mid, w_mid = body.x_m + body.w_m * dt / 2, body.w_m + body.gained / 2
+        kappa = windings.kappa(x_mid)
+        emf = windings.emf(kappa, w_mid)
+        before = np.concatenate([gates * current, loops])
+        gates = np.array(motor.gates(motor.sector(actuator.motor.pole_pairs * x_mid), 1))
+
+        def answer(i, gates=gates, before=before, emf=emf, kappa=kappa, old=current):
+            """All currents, torque and voltage of the pair if its current became ``i``."""
+            after = np.concatenate([gates * i, windings.loops(before, gates * i, emf, dt)])
+            m, r = windings.matrices()
+            # commutation by itself takes no voltage: the pair has always had its current
+            grown = after - np.concatenate([gates * old, before[3:]])
+            volts = gates @ (m @ grown / dt + r @ after + emf)[:3]
+            return after, windings.torque(kappa, after), volts
+
+        _, torque_0, volts_0 = answer(0.0)
+        _, torque_1, volts_1 = answer(1.0)
+        inertia = actuator.motor.inertia
+        inertia += actuator.transmission.output_inertia if body.touching() else 0
+        per_ampere = 0 if body.w_m == 0 else (torque_1 - torque_0) / inertia * dt / 2
+        reference = control.position_gain * (0.5 + faults.gain) * (
+            command_now - body.x_o - body.w_o * dt / 2
+        )  # fmt: skip
+        reference = max(-control.speed_limit, min(control.speed_limit, reference))
+        g = control.speed_gain / actuator.motor.emf_constant
+        wanted = g * (reference - w_mid + per_ampere * current) / (1 + g * per_ampere)
+        wanted = max(-drive.current_limit, min(drive.current_limit, wanted))
+        # the voltage is a straight line over the current
+        ends = [(v - volts_0) / (volts_1 - volts_0)
+                for v in (-drive.supply_voltage, drive.supply_voltage)]  # fmt: skip
+        wanted = max(ends[0], min(ends[1], wanted))
+        after, torque, volts = answer(wanted)
+        before_all = np.concatenate([gates * current, loops])
+        passive = cogging(x_mid, actuator)
+        flat = gates @ np.array(kappa)
+        body.move(
+            torque + passive - actuator.motor.viscous_damping * w_mid,
+            windings.torque(kappa, before_all) + passive
+            - actuator.motor.viscous_damping * body.w_m,
+            flat, load_now, dt,
+        )  # fmt: skip
+        current, loops = wanted, after[3:]
+        rows.append((wanted, wanted, body.x_m, body.w_m, body.x_o, body.w_o, volts * wanted))
+    return dict(zip(monitor.NAMES, np.array(rows).T, strict=True))
