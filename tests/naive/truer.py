@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from . import monitor, motor
+from . import mechanics, monitor, motor
 
 
 def shape(theta, actuator):
@@ -70,8 +70,8 @@ class Windings:
 
     def emf(self, kappa, speed):
         """(6,) array, V: in a loop it drives the current out through the contact."""
-        return np.array([k * speed for k in kappa]
-                        + [-mu * k * speed for mu, k in zip(self.mu, kappa, strict=True)])  # fmt: skip
+        phases = speed * np.array(kappa)
+        return np.concatenate([phases, -np.array(self.mu) * phases])
 
     def torque(self, kappa, currents):
         return sum(
@@ -98,11 +98,88 @@ def advance_phases(windings, currents, voltages, emf, dt):
     return np.linalg.solve(matrix, right)[:6]
 
 
+class CompliantMasses(monitor.TwoMasses):
+    """Motor and output with dry friction, a gap and a gear that gives.
+
+    The contact torque of a step is found by bisection: that which the spring and the damper have
+    where the step, with that torque, brings them, at a share ``eta`` of its way.
+    """
+
+    def move(self, act, before, kappa, load, dt):
+        drive, gear, soft = (
+            self.actuator.drive,
+            self.actuator.transmission,
+            self.actuator.compliance,
+        )
+        j_m, j_o = self.actuator.motor.inertia, gear.output_inertia
+        s = soft.stiffness * dt**2 * (1 / j_m + 1 / j_o)
+        eta = (0.5 + s) / (1 + s)
+        now = mechanics.contact_torque(
+            self.x_m, self.w_m, self.x_o, self.w_o, self.half_gap, soft.stiffness, soft.damping
+        )
+        dynamic_m = self.worn * self.actuator.motor.friction_torque
+        static_m = max(dynamic_m, gear.static_ratio * dynamic_m - kappa * drive.hysteresis_band / 2)
+        dynamic_o = self.worn * mechanics.loaded_dynamic_torque(
+            self.w_o if self.w_o != 0 else now - load, -load, gear.friction_torque,
+            gear.efficiency_opposing, gear.efficiency_aiding,
+        )  # fmt: skip
+        static_o = gear.static_ratio * dynamic_o
+
+        def acceleration(speed, torque, start, inertia, static, dynamic):
+            if speed == 0 and abs(start) <= static:
+                return 0.0
+            way = mechanics.sign(speed) or mechanics.sign(start)
+            return (torque - dynamic * way) / inertia
+
+        def excess(torque):
+            a_m = acceleration(self.w_m, act - torque, act - now, j_m, static_m, dynamic_m)
+            a_o = acceleration(self.w_o, torque - load, now - load, j_o, static_o, dynamic_o)
+            twist = self.x_m - self.x_o + eta * dt * (self.w_m - self.w_o + eta * dt * (a_m - a_o))
+            slip = self.w_m - self.w_o + eta * dt * (a_m - a_o)
+            return twist, slip
+
+        side = mechanics.sign(excess(0.0)[0])
+        torque = 0.0
+        if abs(excess(0.0)[0]) > self.half_gap:
+
+            def error(size):
+                twist, slip = excess(side * size)
+                return side * (soft.stiffness * (twist - side * self.half_gap)
+                               + soft.damping * slip) - size  # fmt: skip
+
+            low, high = 0.0, 1e3
+            for _ in range(100):
+                middle = (low + high) / 2
+                low, high = (middle, high) if error(middle) > 0 else (low, middle)
+            torque = side * low
+        w_m, _ = mechanics.next_speed_through_rest(
+            self.w_m, {"act": act - torque, "before": before - now, "j": j_m, "ts": static_m,
+                       "td": dynamic_m}, dt,
+        )  # fmt: skip
+        w_o, _ = mechanics.next_speed_through_rest(
+            self.w_o, {"act": torque - load, "before": now - load, "j": j_o, "ts": static_o,
+                       "td": dynamic_o}, dt,
+        )  # fmt: skip
+        self.gained = w_m - self.w_m
+        self.x_m += dt * ((1 - eta) * self.w_m + eta * w_m)
+        x_o = self.x_o + dt * ((1 - eta) * self.w_o + eta * w_o)
+        self.x_o, self.w_o = mechanics.end_stop(x_o, w_o, *self.ends)
+        self.w_m = w_m
+
+    def carried(self, dt):
+        """Share of the output that moves with the motor within a step."""
+        if abs(self.x_m - self.x_o) < self.half_gap:
+            return 0.0
+        s = self.actuator.compliance.stiffness * dt**2 / self.actuator.transmission.output_inertia
+        return s / (1 + s)
+
+
 def simulate_monitor(actuator, faults, command, load, dt):
     """The monitor model from rest; arguments and answer as in the naive monitor model."""
     drive, control = actuator.drive, actuator.controller
     windings = Windings(actuator, faults)
-    body = monitor.TwoMasses(actuator, faults)
+    soft = actuator.compliance is not None
+    body = (CompliantMasses if soft else monitor.TwoMasses)(actuator, faults)
     current, gates = 0.0, np.array([1, -1, 0])
     loops = np.zeros(3)
     rows = []
@@ -124,9 +201,10 @@ def simulate_monitor(actuator, faults, command, load, dt):
 
         _, torque_0, volts_0 = answer(0.0)
         _, torque_1, volts_1 = answer(1.0)
-        inertia = actuator.motor.inertia
-        inertia += actuator.transmission.output_inertia if body.touching() else 0
-        per_ampere = 0 if body.w_m == 0 else (torque_1 - torque_0) / inertia * dt / 2
+        j_m, j_o = actuator.motor.inertia, actuator.transmission.output_inertia
+        share = body.carried(dt) if soft else float(body.touching())
+        mobility = (1 - share) / j_m + share / (j_m + j_o)
+        per_ampere = 0 if body.w_m == 0 else (torque_1 - torque_0) * mobility * dt / 2
         reference = control.position_gain * (0.5 + faults.gain) * (
             command_now - body.x_o - body.w_o * dt / 2
         )  # fmt: skip

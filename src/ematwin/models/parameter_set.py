@@ -550,7 +550,11 @@ class ParameterSet(BaseModel):
                 continue
             lines += ["", f"# [{key}]", _comment((section.__doc__ or "").partition("\n")[0])]
             for name, field in section.model_fields.items():
-                leaf = {"value": section.example[name], "unit": unit_of(field), "source": "..."}
+                leaf: dict[str, Any] = {
+                    "value": section.example[name],
+                    "unit": unit_of(field),
+                    "source": "...",
+                }
                 inner = ", ".join(f"{part} = {_toml(one)}" for part, one in leaf.items())
                 said = f"{field.description}{self._reach(f'{key}.{name}')}"
                 lines.append(_comment(f"{name} = {{ {inner} }}  # {said}"))

@@ -149,10 +149,11 @@ def reference_trace(k, command, load, state, c, dt, substeps, decimation, truer=
 
 
 @loop
-def monitor_trace(k, command, load, state, c, dt, substeps, decimation, truer=None, more=None):
+def monitor_trace(k, command, load, state, c, dt, substeps, decimation, truer=None, more=None,
+                  compliant=None):  # fmt: skip
     """Simulate the monitor model; arguments as in `reference_trace`.
 
-    ``state`` (6,) holds the fields of `MonitorState`.
+    ``state`` (6,) holds the fields of `MonitorState`; ``compliant`` is None for a rigid gear.
 
     Returns
     -------
@@ -179,7 +180,7 @@ def monitor_trace(k, command, load, state, c, dt, substeps, decimation, truer=No
                     now, p_mean = monitor_step(now, command_now, load_now, fault, c, dt)
                 else:
                     now, now_more, p_mean = truer_monitor_step(
-                        now, now_more, command_now, load_now, fault, c, truer, dt
+                        now, now_more, command_now, load_now, fault, c, truer, compliant, dt
                     )
                 total += now.i
                 energy += p_mean
@@ -200,7 +201,7 @@ def monitor_trace(k, command, load, state, c, dt, substeps, decimation, truer=No
 @loop(interleave=2)
 def monitor_scores(
     k, command, load, state, c, by_candidate, dt, substeps, taps, rectify, target, weight,
-    costs, status, response, power, limits, truer=None, more=None,
+    costs, status, response, power, limits, truer=None, more=None, compliant=None,
 ):  # fmt: skip
     """Simulate and score a batch of candidates in one pass.
 
@@ -232,6 +233,7 @@ def monitor_scores(
     truer : None for the paper's forms; or `Truer`, constants of the truer ones that all candidates
         share. numba compiles the two cases apart
     more : None; or (4,) array, the fields of `TruerState` at the first sample
+    compliant : None for a rigid gear, which numba compiles apart; or True, with truer forms
     """
     wide_vectors()
     samples = target.size
@@ -362,13 +364,13 @@ def monitor_scores(
                         if truer is None:
                             now, p_mean = monitor_step(now, command_now, load_n, fault, c_n, dt)
                         else:
-                            if by_candidate is None:
+                            if by_candidate is None:  # noqa: SIM108  # numba prunes statements
                                 truer_n = truer
                             else:
                                 truer_n = lane_truer(own, len(c), n)
                             now, now_more, p_mean = truer_monitor_step(
                                 now, TruerState(added[0, n], added[1, n], added[2, n], added[3, n]),
-                                command_now, load_n, fault, c_n, truer_n, dt,
+                                command_now, load_n, fault, c_n, truer_n, compliant, dt,
                             )  # fmt: skip
                             added[0, n] = now_more.loop_a
                             added[1, n] = now_more.loop_b

@@ -425,6 +425,7 @@ class BldcComparison(Comparison):
                 costs[part], status[part], response[part],
                 None if power is None else (power.state, watts[part]),
                 within[part], self.truer, more,
+                None if self.actuator.compliance is None else True,
             )  # fmt: skip
 
         self.share(work, range(0, blocks, each), spread=spread)

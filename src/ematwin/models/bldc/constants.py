@@ -23,7 +23,7 @@ def kernel_constants(
     ``load_offset`` (N m on the output) and ``load_delay`` (s) correct the recorded load.
     """
     motor, drive, control = actuator.motor, actuator.drive, actuator.controller
-    gear = actuator.transmission
+    gear, contact = actuator.transmission, actuator.contact
     return Constants(
         resistance=motor.resistance / 2.0,
         inductance=motor.inductance / 2.0,
@@ -46,8 +46,8 @@ def kernel_constants(
         c_opposing=1.0 / gear.efficiency_opposing - 1.0,
         c_aiding=1.0 - gear.efficiency_aiding,
         half_gap=gear.backlash / 2.0,
-        contact_stiffness=gear.contact_stiffness,
-        contact_damping=gear.contact_damping,
+        contact_stiffness=contact.stiffness,
+        contact_damping=contact.damping,
         travel_low=gear.travel_low * gear.ratio,
         travel_high=gear.travel_high * gear.ratio,
         load_gain=load_gain,
@@ -75,7 +75,7 @@ def truer_constants(actuator: BldcActuator) -> Truer | None:
             "cogging": cogging.torque, "cogging_cycles": float(cogging.cycles),
             "cogging_phase": cogging.phase,
         }  # fmt: skip
-    return NEUTRAL._replace(**found) if found else None
+    return NEUTRAL._replace(**found) if actuator.truer_forms else None
 
 
 def constants_by_candidate(

@@ -27,7 +27,8 @@ from ematwin.errors import ParameterError
 from ematwin.models.parameter_set import ParameterSet, Section, quantity
 
 DEFAULT_ACTUATOR = "servo48"
-TRUER_FORMS = ("shorted_turns", "eccentricity", "emf", "cogging")
+TRUER_FORMS = ("shorted_turns", "eccentricity", "emf", "cogging", "compliance")
+_STIFFEST = 0.1  # K dt^2 (1/J_m + 1/J_o) of a step of the monitor model with a compliant gear
 SHORTEST_STEP = 1e-9  # s: nothing in an actuator is so fast; a shorter one is a slip of the unit
 _UNREACHABLE = 100.0  # times the current that the supply can drive: mA taken for A give 1000
 
@@ -166,6 +167,22 @@ class Cogging(Section):
     phase: float = quantity("rad", "angle of the sine where the motor stands at zero")
 
 
+class Compliance(Section):
+    """A gear that gives under torque; left out, the monitor model has a rigid one.
+
+    It takes the place of the contact in both models.
+    """
+
+    example: ClassVar[dict[str, float]] = {"stiffness": 10.0, "damping": 0.005}
+
+    stiffness: float = quantity(
+        "N*m/rad", "stiffness of gear and contact on the motor shaft", tolerance=0.5, gt=0
+    )
+    damping: float = quantity(
+        "N*m*s/rad", "damping of gear and contact on the motor shaft", tolerance=1.0, ge=0
+    )
+
+
 class Steps(Section):
     """Fixed steps of the two models; justified in docs/models.md."""
 
@@ -193,6 +210,17 @@ class BldcActuator(ParameterSet):
     eccentricity: Eccentricity | None = None
     emf: Emf | None = None
     cogging: Cogging | None = None
+    compliance: Compliance | None = None
+
+    @property
+    def contact(self) -> Compliance:
+        """Stiffness and damping between motor and output: of the gear, else of its contact."""
+        gear = self.transmission
+        if self.compliance is not None:
+            return self.compliance
+        return Compliance.model_construct(
+            stiffness=gear.contact_stiffness, damping=gear.contact_damping
+        )
 
     @property
     def truer_forms(self) -> tuple[str, ...]:
@@ -222,11 +250,14 @@ class BldcActuator(ParameterSet):
         # implicit midpoint rule of the monitor model 2
         speed_loop = j_m / (self.controller.speed_gain + self.motor.viscous_damping)
         limits = [speed_loop if model == "reference" else 2.0 * speed_loop]
+        if model == "monitor" and self.compliance is not None:
+            # an impact counts from the start of its step on; s of models/bldc/truer/compliance.py
+            limits.append(math.sqrt(_STIFFEST / (self.contact.stiffness * (1.0 / j_m + 1.0 / j_o))))
         if model == "reference":
             compliance = 1.0 / j_m + 1.0 / j_o
-            limits.append(1.0 / math.sqrt(self.transmission.contact_stiffness * compliance))
-            if self.transmission.contact_damping > 0.0:
-                limits.append(1.0 / (self.transmission.contact_damping * compliance))
+            limits.append(1.0 / math.sqrt(self.contact.stiffness * compliance))
+            if self.contact.damping > 0.0:
+                limits.append(1.0 / (self.contact.damping * compliance))
             limits.append(self.motor.inductance / self.motor.resistance)
         return min(limits)
 

@@ -12,13 +12,13 @@ equation for the equivalent current, whose inductance is what the loops leave of
 from ematwin.models.bldc.controller import current_demand
 from ematwin.models.bldc.inverter import gate_signals
 from ematwin.models.bldc.monitor_step import (
-    MonitorState,
     controller_stiffness,
     move_rigidly,
     touching,
 )
 from ematwin.models.bldc.motor import hall_sector, phase_inductance
 from ematwin.models.bldc.truer.cogging import cogging_torque
+from ematwin.models.bldc.truer.compliance import carried_share, move_compliantly
 from ematwin.models.bldc.truer.emf import truer_emf_constants
 from ematwin.models.bldc.truer.shorted_turns import loop_answer, split_short
 from ematwin.models.bldc.truer.state import TruerState
@@ -45,8 +45,10 @@ def _phase_in_pair(gate, gate_before, i, w, kappa, h, mu, loop, c, truer, dt):
 
 
 @part
-def truer_monitor_step(state, more, command, load, fault, c, truer, dt):
+def truer_monitor_step(state, more, command, load, fault, c, truer, compliant, dt):
     """Advance the monitor model by ``dt``; arguments as in `monitor_step`.
+
+    ``compliant`` is None for a rigid gear: numba compiles the two cases apart.
 
     Gives the state, what the truer forms add to it, and the mean electrical power of the step.
     """
@@ -79,7 +81,11 @@ def truer_monitor_step(state, more, command, load, fault, c, truer, dt):
         + g_c * kappa_c * mu_c * follows_c
     )
 
-    stiffness = per_ampere * controller_stiffness(state, touching(state, fault), c, half)
+    if compliant is None:  # noqa: SIM108  # numba prunes statements
+        joint = touching(state, fault)
+    else:
+        joint = carried_share(state, fault, c, dt)
+    stiffness = per_ampere * controller_stiffness(state, joint, c, half)
     demand = current_demand(
         command, state.theta_o + half * state.w_o, w_mid, c.k_position * fault.gain, c.k_speed,
         c.w_max, 2.0 * c.k_e,
@@ -96,10 +102,10 @@ def truer_monitor_step(state, more, command, load, fault, c, truer, dt):
         mu_a * kappa_a * more.loop_a + mu_b * kappa_b * more.loop_b + mu_c * kappa_c * more.loop_c
     )
     passive = cogging_torque(theta_mid, truer)
-    after = move_rigidly(
-        state, i, load, kappa_eq,
-        kappa_eq * i - lost + passive - c.viscous * w_mid,
-        kappa_eq * state.i - lost_before + passive - c.viscous * state.w_m,
-        fault, c, dt,
-    )  # fmt: skip
+    act_m = kappa_eq * i - lost + passive - c.viscous * w_mid
+    before_m = kappa_eq * state.i - lost_before + passive - c.viscous * state.w_m
+    if compliant is None:
+        after = move_rigidly(state, i, load, kappa_eq, act_m, before_m, fault, c, dt)
+    else:
+        after = move_compliantly(state, i, load, kappa_eq, act_m, before_m, fault, c, dt)
     return after, TruerState(loop_a, loop_b, loop_c, sector), p_mean

@@ -55,7 +55,7 @@ def advance_shorted_bridge(i_a, i_b, i_c, loop_a, loop_b, loop_c, e_a, e_b, e_c,
     """`advance_bridge` with loops.
 
     ``turns`` are h_a, h_b, h_c and mu_a, mu_b, mu_c. Gives currents and loop currents after ``dt``,
-    the means of the currents, the energies taken in and lost, and the `Supply`.
+    the means of both, the energies taken in and lost, and the `Supply`.
     """
     h_a, h_b, h_c, mu_a, mu_b, mu_c = turns
     a = seen_phase(i_a, loop_a, e_a, h_a, mu_a, c, truer, dt)
@@ -67,12 +67,16 @@ def advance_shorted_bridge(i_a, i_b, i_c, loop_a, loop_b, loop_c, e_a, e_b, e_c,
     after_a = a.remains + a.follows * n_a
     after_b = b.remains + b.follows * n_b
     after_c = p.remains + p.follows * n_c
+    mean_a = 0.5 * (loop_a + after_a)
+    mean_b = 0.5 * (loop_b + after_b)
+    mean_c = 0.5 * (loop_c + after_c)
     lost = dt * (
-        copper_loss(m_a, after_a, mu_a, a.r, truer.contact)
-        + copper_loss(m_b, after_b, mu_b, b.r, truer.contact)
-        + copper_loss(m_c, after_c, mu_c, p.r, truer.contact)
+        copper_loss(m_a, mean_a, mu_a, a.r, truer.contact)
+        + copper_loss(m_b, mean_b, mu_b, b.r, truer.contact)
+        + copper_loss(m_c, mean_c, mu_c, p.r, truer.contact)
     )
-    return n_a, n_b, n_c, after_a, after_b, after_c, m_a, m_b, m_c, taken, lost, supply
+    currents = n_a, n_b, n_c, after_a, after_b, after_c
+    return currents, (m_a, m_b, m_c, mean_a, mean_b, mean_c), taken, lost, supply
 
 
 @part
@@ -96,17 +100,17 @@ def truer_reference_step(state, more, command, load, fault, c, truer, dt):
     pair_sign = hysteresis(i_seen, i_ref, c.half_band, state.pair_sign)
     g_a, g_b, g_c = gate_signals(sector, pair_sign)
 
-    i_a, i_b, i_c, loop_a, loop_b, loop_c, m_a, m_b, m_c, taken, lost, supply = (
-        advance_shorted_bridge(
-            state.i_a, state.i_b, state.i_c, more.loop_a, more.loop_b, more.loop_c,
-            kappa_a * state.w_m, kappa_b * state.w_m, kappa_c * state.w_m,
-            g_a, g_b, g_c, (h_a, h_b, h_c, mu_a, mu_b, mu_c), c, truer, dt,
-        )
+    currents, means, taken, lost, supply = advance_shorted_bridge(
+        state.i_a, state.i_b, state.i_c, more.loop_a, more.loop_b, more.loop_c,
+        kappa_a * state.w_m, kappa_b * state.w_m, kappa_c * state.w_m,
+        g_a, g_b, g_c, (h_a, h_b, h_c, mu_a, mu_b, mu_c), c, truer, dt,
     )  # fmt: skip
+    i_a, i_b, i_c, loop_a, loop_b, loop_c = currents
+    m_a, m_b, m_c, mean_a, mean_b, mean_c = means
     torque = (
-        kappa_a * (m_a - mu_a * loop_a)
-        + kappa_b * (m_b - mu_b * loop_b)
-        + kappa_c * (m_c - mu_c * loop_c)
+        kappa_a * (m_a - mu_a * mean_a)
+        + kappa_b * (m_b - mu_b * mean_b)
+        + kappa_c * (m_c - mu_c * mean_c)
     )
     w_m, theta_m, w_o, theta_o = move_masses(
         state, torque + cogging_torque(state.theta_m, truer), load, fault, c, dt
