@@ -557,7 +557,7 @@ class ParameterSet(BaseModel):
                 }
                 inner = ", ".join(f"{part} = {_toml(one)}" for part, one in leaf.items())
                 said = f"{field.description}{self._reach(f'{key}.{name}')}"
-                lines.append(_comment(f"{name} = {{ {inner} }}  # {said}"))
+                lines.append(_comment(f"{name} = {{{inner}}}  # {said}"))
         return ["", *map(_comment, _ON_OPTIONS), *lines] if lines else []
 
     def _reach(self, place: str) -> str:

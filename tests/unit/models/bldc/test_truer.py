@@ -162,7 +162,7 @@ def test_a_template_shows_what_is_left_out_as_comments_that_can_be_used(tmp_path
     assert BldcActuator.load(path).fingerprint == PLAIN.fingerprint
     head, _, options = text.partition("# Sections that may be left out")
     lines = [line.removeprefix("# ") for line in options.splitlines()]
-    used = [x for x in lines if x.startswith("[") or " = { value" in x]
+    used = [x for x in lines if x.startswith("[") or " = {value" in x]
     path.write_text(head + "\n".join(used), encoding="utf-8")
     assert BldcActuator.load(path).truer_forms == tuple(FORMS)
     # and a file with all of them reads back as it is
