@@ -98,6 +98,36 @@ def advance_phases(windings, currents, voltages, emf, dt):
     return np.linalg.solve(matrix, right)[:6]
 
 
+class SpeedLoop:
+    """The controller with an integral term, sampled each few steps and late by some of them."""
+
+    def __init__(self, actuator, faults, dt):
+        self.actuator, self.dt = actuator, dt
+        self.gain = actuator.controller.position_gain * (0.5 + faults.gain)
+        own = actuator.speed_loop
+        self.sampled = own is not None and own.sample_time > 0
+        self.k_i = 0.0 if own is None else own.integral_gain
+        self.every = round(own.sample_time / dt) if self.sampled else 1
+        self.delay = round(own.delay / dt) if self.sampled else 0
+        self.answers = {}  # by the step from which they hold
+        self.asked, self.integral, self.now = 0.0, 0.0, 0
+
+    def demand(self, command, output, speed):
+        """Current asked for in the next step, A, before its limit."""
+        control, drive = self.actuator.controller, self.actuator.drive
+        if self.now % self.every == 0:
+            wanted = self.gain * (command - output)
+            error = max(-control.speed_limit, min(control.speed_limit, wanted)) - speed
+            grown = self.integral + self.k_i * self.every * self.dt * error
+            wish = (control.speed_gain * error + grown) / self.actuator.motor.emf_constant
+            if not (abs(wish) > drive.current_limit and wish * error > 0):
+                self.integral = grown
+            self.answers[self.now + self.delay] = wish
+        self.asked = self.answers.pop(self.now, self.asked)
+        self.now += 1
+        return self.asked
+
+
 class CompliantMasses(monitor.TwoMasses):
     """Motor and output with dry friction, a gap and a gear that gives.
 
@@ -180,6 +210,7 @@ def simulate_monitor(actuator, faults, command, load, dt):
     windings = Windings(actuator, faults)
     soft = actuator.compliance is not None
     body = (CompliantMasses if soft else monitor.TwoMasses)(actuator, faults)
+    loop = SpeedLoop(actuator, faults, dt)
     current, gates = 0.0, np.array([1, -1, 0])
     loops = np.zeros(3)
     rows = []
@@ -205,12 +236,12 @@ def simulate_monitor(actuator, faults, command, load, dt):
         share = body.carried(dt) if soft else float(body.touching())
         mobility = (1 - share) / j_m + share / (j_m + j_o)
         per_ampere = 0 if body.w_m == 0 else (torque_1 - torque_0) * mobility * dt / 2
-        reference = control.position_gain * (0.5 + faults.gain) * (
-            command_now - body.x_o - body.w_o * dt / 2
-        )  # fmt: skip
-        reference = max(-control.speed_limit, min(control.speed_limit, reference))
-        g = control.speed_gain / actuator.motor.emf_constant
-        wanted = g * (reference - w_mid + per_ampere * current) / (1 + g * per_ampere)
+        if loop.sampled:
+            wanted = loop.demand(command_now, body.x_o, body.w_m)
+        else:
+            g = control.speed_gain / actuator.motor.emf_constant * per_ampere
+            free = loop.demand(command_now, body.x_o + body.w_o * dt / 2, w_mid)
+            wanted = (free + g * current) / (1 + g)
         wanted = max(-drive.current_limit, min(drive.current_limit, wanted))
         # the voltage is a straight line over the current
         ends = [(v - volts_0) / (volts_1 - volts_0)

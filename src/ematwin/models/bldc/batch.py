@@ -21,7 +21,7 @@ from ematwin.models.bldc.state import (
 )
 from ematwin.models.bldc.truer.monitor_step import truer_monitor_step
 from ematwin.models.bldc.truer.reference_step import truer_reference_step
-from ematwin.models.bldc.truer.state import TruerState, lane_truer
+from ematwin.models.bldc.truer.state import lane_truer, truer_state
 from ematwin.numerics.compile import loop, step, wide_vectors
 
 LANES = 16  # candidates side by side: two AVX-512 registers hide the latency of one another
@@ -79,7 +79,7 @@ def reference_trace(k, command, load, state, c, dt, substeps, decimation, truer=
     decimation : int, grid intervals from one sample to the next
     truer : None for the paper's forms; or `Truer`, constants of the truer ones. numba compiles the
         two cases apart
-    more : None; or (4,) array, the fields of `TruerState`, kept like ``state``
+    more : None; or (9,) array, the fields of `TruerState`, kept like ``state``
 
     Returns
     -------
@@ -93,7 +93,7 @@ def reference_trace(k, command, load, state, c, dt, substeps, decimation, truer=
         state[8], state[9], state[10],
     )  # fmt: skip
     if truer is not None:
-        now_more = TruerState(more[0], more[1], more[2], more[3])
+        now_more = truer_state(more)
     samples = (command.size - 1) // decimation
     trace = np.empty((samples, 14))
     share = 1.0 / (substeps * decimation)
@@ -163,7 +163,7 @@ def monitor_trace(k, command, load, state, c, dt, substeps, decimation, truer=No
     fault = fault_state(k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7], c.half_gap)
     now = MonitorState(state[0], state[1], state[2], state[3], state[4], state[5])
     if truer is not None:
-        now_more = TruerState(more[0], more[1], more[2], more[3])
+        now_more = truer_state(more)
     samples = (command.size - 1) // decimation
     trace = np.empty((samples, 6))
     share = 1.0 / (substeps * decimation)
@@ -213,7 +213,7 @@ def monitor_scores(
     state : (6,) array, the fields of `MonitorState` at the first sample
     c : Constants that all candidates share
     by_candidate : None; or (B, 28) array, the fields of `Constants` of each candidate, in place of
-        ``c``; with truer forms (B, 35), the fields of `Truer` behind them. numba compiles the two
+        ``c``; with truer forms (B, 38), the fields of `Truer` behind them. numba compiles the two
         cases apart, so that shared constants stay scalars
     dt : float, step, s
     substeps : int, steps from one sample to the next
@@ -232,7 +232,7 @@ def monitor_scores(
         responses are kept. The other costs are the same bit for bit, whatever the limits
     truer : None for the paper's forms; or `Truer`, constants of the truer ones that all candidates
         share. numba compiles the two cases apart
-    more : None; or (4,) array, the fields of `TruerState` at the first sample
+    more : None; or (9,) array, the fields of `TruerState` at the first sample
     compliant : None for a rigid gear, which numba compiles apart; or True, with truer forms
     """
     wide_vectors()
@@ -369,13 +369,18 @@ def monitor_scores(
                             else:
                                 truer_n = lane_truer(own, len(c), n)
                             now, now_more, p_mean = truer_monitor_step(
-                                now, TruerState(added[0, n], added[1, n], added[2, n], added[3, n]),
+                                now, truer_state(added[:, n]),
                                 command_now, load_n, fault, c_n, truer_n, compliant, dt,
                             )  # fmt: skip
                             added[0, n] = now_more.loop_a
                             added[1, n] = now_more.loop_b
                             added[2, n] = now_more.loop_c
                             added[3, n] = now_more.sector
+                            added[4, n] = now_more.asked
+                            added[5, n] = now_more.pending
+                            added[6, n] = now_more.integral
+                            added[7, n] = now_more.wait
+                            added[8, n] = now_more.late
                         i[n] = now.i
                         w_m[n] = now.w_m
                         theta_m[n] = now.theta_m

@@ -72,6 +72,7 @@ class Stretch:
     taps : (7,) array, of the low-pass and its state at the first sample
     kept : samples of a response that are kept at most
     power : where it counts
+    at_rest : whether it starts as the recording does; else the controller is taken to be at work
     """
 
     command: np.ndarray
@@ -82,6 +83,7 @@ class Stretch:
     taps: np.ndarray
     kept: int
     power: PowerStretch | None = None
+    at_rest: bool = True
 
 
 class BldcComparison(Comparison):
@@ -412,7 +414,7 @@ class BldcComparison(Comparison):
         power = stretch.power if kept else None
         watts = np.empty((0, 0) if power is None else (len(lanes), kept))
 
-        more = None if self.truer is None else np.array(REST)
+        more = self._more(stretch)
 
         each = max(1, min(_BLOCKS, blocks // self.threads)) if spread else blocks
 
@@ -430,6 +432,24 @@ class BldcComparison(Comparison):
 
         self.share(work, range(0, blocks, each), spread=spread)
         return costs[:count], response[:count], watts[:count]
+
+    def _more(self, stretch: Stretch) -> np.ndarray | None:
+        """State (9,) of the truer forms at the start of a stretch; None without any.
+
+        Loop currents fade within 0.1 ms. The speed loop is taken to ask for the recorded current.
+        """
+        if self.truer is None:
+            return None
+        if stretch.at_rest:
+            return np.array(REST)
+        current, w_m, _, _, theta_o, _ = stretch.state
+        integral = 0.0
+        if self.truer.integral_gain > 0.0:
+            c = self.constants
+            wanted = c.k_position * (stretch.command[0] - theta_o)
+            error = min(max(wanted, -c.w_max), c.w_max) - w_m
+            integral = 2.0 * c.k_e * current - c.k_speed * error
+        return np.array(REST._replace(asked=current, pending=current, integral=integral))
 
     def run_at_once(
         self, stretches: Sequence[Stretch], batch: "Batch", kept: Sequence[int]

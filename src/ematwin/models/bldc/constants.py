@@ -75,6 +75,12 @@ def truer_constants(actuator: BldcActuator) -> Truer | None:
             "cogging": cogging.torque, "cogging_cycles": float(cogging.cycles),
             "cogging_phase": cogging.phase,
         }  # fmt: skip
+    if actuator.speed_loop is not None:
+        loop = actuator.speed_loop
+        found |= {
+            "integral_gain": loop.integral_gain, "sample_time": loop.sample_time,
+            "delay": loop.delay,
+        }  # fmt: skip
     return NEUTRAL._replace(**found) if actuator.truer_forms else None
 
 
@@ -83,7 +89,7 @@ def constants_by_candidate(
 ) -> np.ndarray | None:
     """(B, 28) array of the constants of B candidates; None where all share the actuator's.
 
-    With truer forms it is (B, 35), and theirs come last.
+    With truer forms it is (B, 38), and theirs come last.
 
     ``candidates`` name parameters by their place, such as ``motor.resistance``, or the corrections
     of the load, each with (B,) values; what else it holds is left alone.

@@ -22,8 +22,16 @@ FORMS = {
     "eccentricity": {"eccentricity.turning_share": 0.3},
     "emf": {"emf.rounding": 0.4},
     "cogging": {"cogging.torque": 0.003, "cogging.cycles": 12, "cogging.phase": 0.7},
+    "speed_loop": {
+        "speed_loop.integral_gain": 0.5,
+        "speed_loop.sample_time": 4e-5,
+        "speed_loop.delay": 1e-5,
+    },
     "compliance": {"compliance.stiffness": 5.0, "compliance.damping": 0.003},
 }
+LATE = {
+    "speed_loop.integral_gain": 0.0, "speed_loop.sample_time": 5e-5, "speed_loop.delay": 0.0,
+}  # fmt: skip
 ALL = {place: value for form in FORMS.values() for place, value in form.items()}
 TRUER = PLAIN.changed(ALL)
 MODEL = model_of(PLAIN)
@@ -179,6 +187,11 @@ def test_a_template_shows_what_is_left_out_as_comments_that_can_be_used(tmp_path
             "eccentricity.turning_share must be less than or equal to 1",
         ),
         ({"cogging.torque": 0.1}, "cogging.cycles is missing"),
+        (
+            LATE | {"speed_loop.sample_time": 1.5e-4},
+            "unstable at speed_loop.sample_time = 0.00015 s .* must be below 0.0001 s",
+        ),
+        (LATE | {"speed_loop.delay": 1e-4}, "delay must be at most sample_time, 5e-05 s"),
     ],
 )
 def test_impossible_values_are_refused(form, said):

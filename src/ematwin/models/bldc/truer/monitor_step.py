@@ -9,7 +9,6 @@ The third phase carries no current, but its loop may. Backward Euler for the loo
 equation for the equivalent current, whose inductance is what the loops leave of it in a step.
 """
 
-from ematwin.models.bldc.controller import current_demand
 from ematwin.models.bldc.inverter import gate_signals
 from ematwin.models.bldc.monitor_step import (
     controller_stiffness,
@@ -21,6 +20,7 @@ from ematwin.models.bldc.truer.cogging import cogging_torque
 from ematwin.models.bldc.truer.compliance import carried_share, move_compliantly
 from ematwin.models.bldc.truer.emf import truer_emf_constants
 from ematwin.models.bldc.truer.shorted_turns import loop_answer, split_short
+from ematwin.models.bldc.truer.speed_loop import advance_speed_loop
 from ematwin.models.bldc.truer.state import TruerState
 from ematwin.numerics.compile import part
 from ematwin.numerics.scalar import clip
@@ -86,9 +86,13 @@ def truer_monitor_step(state, more, command, load, fault, c, truer, compliant, d
     else:
         joint = carried_share(state, fault, c, dt)
     stiffness = per_ampere * controller_stiffness(state, joint, c, half)
-    demand = current_demand(
-        command, state.theta_o + half * state.w_o, w_mid, c.k_position * fault.gain, c.k_speed,
-        c.w_max, 2.0 * c.k_e,
+    # what is sampled is that of the start of the step, and is held
+    held = truer.sample_time > 0.0
+    stiffness = 0.0 if held else stiffness
+    demand, pending, integral, wait, late = advance_speed_loop(
+        more.asked, more.pending, more.integral, more.wait, more.late,
+        command, state.theta_o + (0.0 if held else half) * state.w_o,
+        state.w_m if held else w_mid, c.k_position * fault.gain, c, truer, dt,
     )  # fmt: skip
     i_ref = clip((demand + stiffness * state.i) / (1.0 + stiffness), -c.i_max, c.i_max)
     i = clip(i_ref, (push - dt * c.v_supply) / inertia, (push + dt * c.v_supply) / inertia)
@@ -108,4 +112,8 @@ def truer_monitor_step(state, more, command, load, fault, c, truer, compliant, d
         after = move_rigidly(state, i, load, kappa_eq, act_m, before_m, fault, c, dt)
     else:
         after = move_compliantly(state, i, load, kappa_eq, act_m, before_m, fault, c, dt)
-    return after, TruerState(loop_a, loop_b, loop_c, sector), p_mean
+    return (
+        after,
+        TruerState(loop_a, loop_b, loop_c, sector, demand, pending, integral, wait, late),
+        p_mean,
+    )

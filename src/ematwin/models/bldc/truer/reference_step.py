@@ -7,15 +7,16 @@ EMF, so that the bridge, its diodes included, is the same.
 
 from typing import NamedTuple
 
-from ematwin.models.bldc.controller import current_reference
 from ematwin.models.bldc.inverter import gate_signals, hysteresis, pair_current
 from ematwin.models.bldc.motor import hall_sector, phase_inductance
 from ematwin.models.bldc.reference_step import ReferenceState, advance_bridge, move_masses
 from ematwin.models.bldc.truer.cogging import cogging_torque
 from ematwin.models.bldc.truer.emf import truer_emf_constants
 from ematwin.models.bldc.truer.shorted_turns import loop_answer, split_short
+from ematwin.models.bldc.truer.speed_loop import advance_speed_loop
 from ematwin.models.bldc.truer.state import TruerState
 from ematwin.numerics.compile import part
+from ematwin.numerics.scalar import clip
 
 
 class SeenPhase(NamedTuple):
@@ -92,10 +93,11 @@ def truer_reference_step(state, more, command, load, fault, c, truer, dt):
     kappa_a, kappa_b, kappa_c = truer_emf_constants(state.theta_m, h_a, h_b, h_c, fault, c, truer)
     sector = hall_sector(c.pole_pairs * state.theta_m)
 
-    i_ref = current_reference(
-        command, state.theta_o, state.w_m, c.k_position * fault.gain, c.k_speed, c.w_max,
-        2.0 * c.k_e, c.i_max,
+    asked, pending, integral, wait, late = advance_speed_loop(
+        more.asked, more.pending, more.integral, more.wait, more.late,
+        command, state.theta_o, state.w_m, c.k_position * fault.gain, c, truer, dt,
     )  # fmt: skip
+    i_ref = clip(asked, -c.i_max, c.i_max)
     i_seen = pair_current(sector, state.i_a, state.i_b, state.i_c)
     pair_sign = hysteresis(i_seen, i_ref, c.half_band, state.pair_sign)
     g_a, g_b, g_c = gate_signals(sector, pair_sign)
@@ -121,4 +123,5 @@ def truer_reference_step(state, more, command, load, fault, c, truer, dt):
         state.e_copper + lost,
         state.e_mechanical + dt * torque * state.w_m,
     )  # fmt: skip
-    return after, TruerState(loop_a, loop_b, loop_c, sector), m_a, m_b, m_c, supply
+    more_after = TruerState(loop_a, loop_b, loop_c, sector, asked, pending, integral, wait, late)
+    return after, more_after, m_a, m_b, m_c, supply
