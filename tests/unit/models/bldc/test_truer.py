@@ -189,7 +189,7 @@ def test_a_template_shows_what_is_left_out_as_comments_that_can_be_used(tmp_path
         ({"cogging.torque": 0.1}, "cogging.cycles is missing"),
         (
             LATE | {"speed_loop.sample_time": 1.5e-4},
-            "unstable at speed_loop.sample_time = 0.00015 s .* must be below 0.0001 s",
+            "unstable at speed_loop.sample_time = 0.00015 s .* must be below 0.000101 s",
         ),
         (LATE | {"speed_loop.delay": 1e-4}, "delay must be at most sample_time, 5e-05 s"),
     ],
