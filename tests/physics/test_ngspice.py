@@ -15,13 +15,15 @@ import numpy as np
 import pytest
 from numba import njit
 
-from ematwin.models.bldc.constants import kernel_constants
+from ematwin.models.bldc.constants import kernel_constants, truer_constants
 from ematwin.models.bldc.faults import Faults
 from ematwin.models.bldc.inverter import gate_signals, hysteresis, pair_current
 from ematwin.models.bldc.motor import hall_sector
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.reference_step import advance_bridge, emf_constants, phase_constants
 from ematwin.models.bldc.state import fault_state
+from ematwin.models.bldc.truer.emf import truer_emf_constants
+from ematwin.models.bldc.truer.reference_step import advance_shorted_bridge
 
 SPEED = 400.0  # rad/s: one turn of the rotor in 15.7 ms, back-EMF at 60 % of the supply
 DT = 1e-6
@@ -66,6 +68,55 @@ def gate_source(name: str, on: np.ndarray) -> str:
     return f"V{name} {name} 0 PWL(\n+ " + "\n+ ".join(lines) + ")"
 
 
+@njit(error_model="numpy")
+def run_shorted_bridge(k, speed, c, truer, dt, steps):
+    """Currents of phases and loops (steps + 1, 6) and gates (steps, 3) at an imposed speed."""
+    fault = fault_state(k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7], c.half_gap)
+    turns = (1.0, 1.0, 1.0, k[2], k[3], k[4])
+    currents = np.zeros((steps + 1, 6))
+    gates = np.empty((steps, 3))
+    i_a, i_b, i_c, f_a, f_b, f_c, sign = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0
+    for n in range(steps):
+        theta = speed * dt * n
+        kappa_a, kappa_b, kappa_c = truer_emf_constants(theta, 1.0, 1.0, 1.0, fault, c, truer)
+        sector = hall_sector(c.pole_pairs * theta)
+        i_ref = MOTORING if n < steps // 2 else BRAKING
+        sign = hysteresis(pair_current(sector, i_a, i_b, i_c), i_ref, c.half_band, sign)
+        g_a, g_b, g_c = gate_signals(sector, sign)
+        after, _, _, _, _ = advance_shorted_bridge(
+            i_a, i_b, i_c, f_a, f_b, f_c, kappa_a * speed, kappa_b * speed, kappa_c * speed,
+            g_a, g_b, g_c, turns, c, truer, dt,
+        )  # fmt: skip
+        i_a, i_b, i_c, f_a, f_b, f_c = after
+        gates[n] = g_a, g_b, g_c
+        currents[n + 1] = after
+    return currents, gates
+
+
+def winding(x: str, mu: float, emf: str, actuator: BldcActuator) -> list[str]:
+    """A phase from terminal to star point, with a share of its turns in a loop.
+
+    The turns are two coupled windings, each with its resistance and its share of the EMF; the
+    contact lies across the second.
+    """
+    motor, contact = actuator.motor, actuator.shorted_turns
+    assert contact is not None
+    resistance, whole = motor.resistance / 2.0, motor.inductance / 2.0
+    turns = (1.0 - motor.leakage_share) * whole
+    return [
+        f"Lleak{x} t{x} w{x} {motor.leakage_share * whole:.12g} IC=0",
+        f"Rsound{x} w{x} p{x} {(1.0 - mu) * resistance:.12g}",
+        f"Lsound{x} p{x} q{x} {(1.0 - mu) ** 2 * turns:.12g} IC=0",
+        f"Bsound{x} q{x} m{x} V={1.0 - mu:.12g}*{emf}",
+        f"Rshort{x} m{x} y{x} {mu * resistance:.12g}",
+        f"Lshort{x} y{x} z{x} {mu**2 * turns:.12g} IC=0",
+        f"Bshort{x} z{x} star V={mu:.12g}*{emf}",
+        f"K{x} Lsound{x} Lshort{x} 0.99999",
+        f"Rcontact{x} m{x} c{x} {contact.resistance:.12g}",
+        f"Vcontact{x} c{x} star 0",
+    ]
+
+
 def netlist(actuator: BldcActuator, faults: Faults, gates: np.ndarray, output: Path) -> str:
     """The circuit, from the parameters of the actuator (phase to phase) and the faults."""
     motor, drive = actuator.motor, actuator.drive
@@ -82,7 +133,8 @@ def netlist(actuator: BldcActuator, faults: Faults, gates: np.ndarray, output: P
     ]
     shorts = (faults.short_a, faults.short_b, faults.short_c)
     for n, (x, short) in enumerate(zip("abc", shorts, strict=True)):
-        h = 1.0 - short
+        loop = short if actuator.shorted_turns is not None else 0.0
+        h = 1.0 - short + loop
         resistance = h * motor.resistance / 2.0
         leak = motor.leakage_share
         inductance = (h**2 * (1.0 - leak) + leak) * motor.inductance / 2.0
@@ -99,12 +151,22 @@ def netlist(actuator: BldcActuator, faults: Faults, gates: np.ndarray, output: P
             f"Vhigh{x} u{x} rail {drive.diode_drop - junction:.9g}",
             f"Dlow{x} d{x} t{x} diode",
             f"Vlow{x} 0 d{x} {drive.diode_drop - junction:.9g}",
-            f"R{x} t{x} r{x} {resistance:.12g}",
-            f"L{x} r{x} e{x} {inductance:.12g} IC=0",
-            f"B{x} e{x} star V={peak:.12g}*{gap}*{shape}",
+            *(
+                winding(x, loop, f"{peak:.12g}*{gap}*{shape}", actuator)
+                if loop > 0.0
+                else [
+                    f"R{x} t{x} r{x} {resistance:.12g}",
+                    f"L{x} r{x} e{x} {inductance:.12g} IC=0",
+                    f"B{x} e{x} star V={peak:.12g}*{gap}*{shape}",
+                ]
+            ),
             gate_source(f"h{x}", gates[:, n] > 0.0),
             gate_source(f"l{x}", gates[:, n] < 0.0),
         ]
+    looped = [x for x, short in zip("abc", shorts, strict=True) if short > 0.0]
+    looped = looped if actuator.shorted_turns is not None else []
+    seen = [f"i(Lleak{x})" if x in looped else f"i(L{x})" for x in "abc"]
+    seen += [f"i(Vcontact{x})" for x in looped]
     lines += [
         ".options method=gear reltol=1e-4 abstol=1e-7",
         f".tran 1u {STEPS * DT:.9g} 0 1u uic",
@@ -112,7 +174,7 @@ def netlist(actuator: BldcActuator, faults: Faults, gates: np.ndarray, output: P
         "run",
         "set wr_singlescale",
         "option numdgt=9",
-        f"wrdata {output} i(La) i(Lb) i(Lc)",
+        f"wrdata {output} {' '.join(seen)}",
         "quit",
         ".endc",
         ".end",
@@ -158,3 +220,23 @@ def test_phase_currents_are_those_of_ngspice_within_half_a_per_cent(faults, tmp_
         error = np.sqrt(np.mean((currents[:, n] - other) ** 2) / np.mean(other**2))
         print(f"{faults!r} phase {'abc'[n]}: {100.0 * error:.3f} % RMS")
         assert error < LIMIT
+
+
+@pytest.mark.parametrize("resistance", [0.1])
+def test_currents_of_a_shorted_loop_are_those_of_ngspice_within_one_per_cent(resistance, tmp_path):
+    actuator = BldcActuator.load().changed({"shorted_turns.resistance": resistance})
+    faults = Faults(short_a=0.15)
+    currents, gates = run_shorted_bridge(
+        faults.vector, SPEED, kernel_constants(actuator), truer_constants(actuator), DT, STEPS
+    )
+    assert np.abs(np.diff(gates, axis=0)).any(axis=1).sum() > 100
+    seen = run_ngspice(netlist(actuator, faults, gates, tmp_path / "currents.data"), tmp_path)
+    assert seen[-1, 0] == pytest.approx(STEPS * DT, rel=1e-6)
+    time = np.arange(STEPS + 1) * DT
+    assert np.abs(currents[:, 3]).max() > 2.0  # A, round the loop
+    for n in range(4):
+        other = np.interp(time, seen[:, 0], seen[:, n + 1])
+        error = np.sqrt(np.mean((currents[:, n] - other) ** 2) / np.mean(other**2))
+        print(f"{resistance} ohm, {('phase a', 'phase b', 'phase c', 'loop')[n]}: "
+              f"{100.0 * error:.3f} % RMS")  # fmt: skip
+        assert error < 0.01

@@ -12,9 +12,17 @@ import sys
 from collections.abc import Collection, Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import Any, ClassVar, NamedTuple, Self, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    PrivateAttr,
+    SerializerFunctionWrapHandler,
+    ValidationError,
+    model_serializer,
+)
 from pydantic.fields import FieldInfo
 
 from ematwin.errors import InputError, ParameterError
@@ -41,6 +49,10 @@ _ON_TEMPLATES = (
     'add tolerance = "5 %" to an entry. Without any, a value is taken as exact.',
     "Drift: how far it changes between recordings of one actuator, with temperature and supply.",
     "",
+)
+_ON_OPTIONS = (
+    "Sections that may be left out: without one, what it describes is not there, or has its simple",
+    "form. To have it, remove the comment signs and put in your values.",
 )
 _NEEDED = ("value", "unit", "source")  # of each parameter in a file
 
@@ -207,9 +219,19 @@ def _tolerance_of(given: Any, field: FieldInfo, place: str) -> float:
 
 
 class Section(BaseModel):
-    """A table of the parameter file."""
+    """A table of the parameter file.
+
+    One that may be left out is declared as ``Kind | None = None``; what is left out is neither a
+    parameter nor part of the fingerprint.
+
+    Attributes
+    ----------
+    example : values by name, SI, that templates show of a section that is left out
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+    example: ClassVar[Mapping[str, float]] = {}
 
 
 class ParameterSet(BaseModel):
@@ -232,6 +254,11 @@ class ParameterSet(BaseModel):
     _sources: dict[str, str] = PrivateAttr(default_factory=dict)
     # those that the file states; the kind's stand in its class
     _tolerances: dict[str, float] = PrivateAttr(default_factory=dict)
+
+    @model_serializer(mode="wrap")
+    def _without_what_is_left_out(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        dumped: dict[str, Any] = handler(self)
+        return {key: value for key, value in dumped.items() if value is not None}
 
     @classmethod
     def load(cls, name_or_path: "str | Path | ParameterSet | None" = None) -> Self:
@@ -310,7 +337,10 @@ class ParameterSet(BaseModel):
         """The class of a section; None if there is none of that name."""
         field = cls.model_fields.get(key)
         kind = None if field is None else field.annotation
-        return kind if isinstance(kind, type) and issubclass(kind, Section) else None
+        for one in get_args(kind) or (kind,):  # one that may be left out is a union with None
+            if isinstance(one, type) and issubclass(one, Section):
+                return one
+        return None
 
     @classmethod
     def _in_order(cls, problems: list[tuple[str, str]]) -> list[str]:
@@ -337,12 +367,15 @@ class ParameterSet(BaseModel):
         return {path.stem: path for path in sorted(folder.glob("*.toml"))}
 
     def changed(self, values: dict[str, float]) -> Self:
-        """A variant with some values replaced, e.g. ``{"motor.resistance": 2.3}``, in SI."""
+        """A variant with some values replaced, e.g. ``{"motor.resistance": 2.3}``, in SI.
+
+        A section that was left out is there if all its values are given.
+        """
         table = self.model_dump()
         for place, value in values.items():
             self._field(place)
             section, _, name = place.partition(".")
-            table[section][name] = value
+            table.setdefault(section, {})[name] = value
         try:
             variant = type(self).model_validate(table)
         except ValidationError as error:
@@ -505,7 +538,27 @@ class ParameterSet(BaseModel):
                     _comment(f"{meanings[place]}{self._reach(place)}"),
                     f"{name} = {{ {inner} }}",
                 ]
+        lines += self._left_out()
         return "\n".join(lines) + "\n"
+
+    def _left_out(self) -> list[str]:
+        """Lines of a template on the sections that this actuator leaves out, as comments."""
+        lines: list[str] = []
+        for key in type(self).model_fields:
+            section = self._section(key)
+            if section is None or getattr(self, key) is not None:
+                continue
+            lines += ["", f"# [{key}]", _comment((section.__doc__ or "").partition("\n")[0])]
+            for name, field in section.model_fields.items():
+                leaf: dict[str, Any] = {
+                    "value": section.example[name],
+                    "unit": unit_of(field),
+                    "source": "...",
+                }
+                inner = ", ".join(f"{part} = {_toml(one)}" for part, one in leaf.items())
+                said = f"{field.description}{self._reach(f'{key}.{name}')}"
+                lines.append(_comment(f"{name} = {{{inner}}}  # {said}"))
+        return ["", *map(_comment, _ON_OPTIONS), *lines] if lines else []
 
     def _reach(self, place: str) -> str:
         """Tolerance and drift of a parameter for a comment; nothing where it has neither."""

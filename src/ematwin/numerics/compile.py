@@ -3,6 +3,9 @@
 ``step`` marks one scalar step of the physics. It is inlined at the numba level into every loop
 that calls it: without that the lanes of `batch` do not vectorise (measured: 4.6 times slower).
 
+``part`` marks a step that LLVM alone inlines: it compiles several times faster than one that numba
+inlines, and its lanes still vectorise if it is short.
+
 ``loop`` marks the compiled loops. They release the GIL, so that threads share the work, and they
 are kept on disk for the next process (`ematwin.numerics.cache`).
 
@@ -26,6 +29,8 @@ from ematwin.numerics.cache import keep
 _RELAXED = {"contract", "nsz", "arcp"}
 
 step = numba.njit(inline="always", error_model="numpy", fastmath=_RELAXED)
+
+part = numba.njit(forceinline=True, error_model="numpy", fastmath=_RELAXED)
 
 
 def loop(function: Callable[..., Any] | None = None, *, interleave: int = 0) -> Any:

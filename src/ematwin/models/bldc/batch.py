@@ -19,6 +19,9 @@ from ematwin.models.bldc.state import (
     fault_state,
     lane_constants,
 )
+from ematwin.models.bldc.truer.monitor_step import truer_monitor_step
+from ematwin.models.bldc.truer.reference_step import truer_reference_step
+from ematwin.models.bldc.truer.state import lane_truer, truer_state
 from ematwin.numerics.compile import loop, step, wide_vectors
 
 LANES = 16  # candidates side by side: two AVX-512 registers hide the latency of one another
@@ -38,8 +41,9 @@ OK = 0
 DIVERGED = 1
 STOPPED = 2  # the cost has passed its limit
 
-# What is kept of a candidate between two segments, beside the fields of `MonitorState`.
-_Z1, _Z2, _COST, _LATE_END = 6, 7, 8, 9
+# What is kept of a candidate between two segments, beside the fields of `MonitorState`; those of
+# `TruerState` come last.
+_Z1, _Z2, _COST, _LATE_END, _MORE = 6, 7, 8, 9, 10
 
 
 @step
@@ -59,7 +63,7 @@ def sample_at(values, place):
 
 
 @loop
-def reference_trace(k, command, load, state, c, dt, substeps, decimation):
+def reference_trace(k, command, load, state, c, dt, substeps, decimation, truer=None, more=None):
     """Simulate the reference model from a state on.
 
     Parameters
@@ -73,6 +77,9 @@ def reference_trace(k, command, load, state, c, dt, substeps, decimation):
     dt : float, step, s
     substeps : int, steps from one grid point to the next
     decimation : int, grid intervals from one sample to the next
+    truer : None for the paper's forms; or `Truer`, constants of the truer ones. numba compiles the
+        two cases apart
+    more : None; or (9,) array, the fields of `TruerState`, kept like ``state``
 
     Returns
     -------
@@ -85,6 +92,8 @@ def reference_trace(k, command, load, state, c, dt, substeps, decimation):
         state[0], state[1], state[2], state[3], state[4], state[5], state[6], state[7],
         state[8], state[9], state[10],
     )  # fmt: skip
+    if truer is not None:
+        now_more = truer_state(more)
     samples = (command.size - 1) // decimation
     trace = np.empty((samples, 14))
     share = 1.0 / (substeps * decimation)
@@ -100,9 +109,16 @@ def reference_trace(k, command, load, state, c, dt, substeps, decimation):
             d_command = (command[g + 1] - command[g]) / substeps
             d_load = (load[g + 1] - load[g]) / substeps
             for j in range(substeps):
-                now, i_a, i_b, i_c, supply = reference_step(
-                    now, command[g] + j * d_command, load[g] + j * d_load, fault, phases, c, dt
-                )
+                command_now = command[g] + j * d_command
+                load_now = load[g] + j * d_load
+                if truer is None:
+                    now, i_a, i_b, i_c, supply = reference_step(
+                        now, command_now, load_now, fault, phases, c, dt
+                    )
+                else:
+                    now, now_more, i_a, i_b, i_c, supply = truer_reference_step(
+                        now, now_more, command_now, load_now, fault, c, truer, dt
+                    )
                 sum_a += i_a
                 sum_b += i_b
                 sum_c += i_c
@@ -126,14 +142,18 @@ def reference_trace(k, command, load, state, c, dt, substeps, decimation):
         trace[sample, 13] = sum_bus * share
     for n, value in enumerate(now):
         state[n] = value
+    if truer is not None:
+        for n, value in enumerate(now_more):
+            more[n] = value
     return trace
 
 
 @loop
-def monitor_trace(k, command, load, state, c, dt, substeps, decimation):
+def monitor_trace(k, command, load, state, c, dt, substeps, decimation, truer=None, more=None,
+                  compliant=None):  # fmt: skip
     """Simulate the monitor model; arguments as in `reference_trace`.
 
-    ``state`` (6,) holds the fields of `MonitorState`.
+    ``state`` (6,) holds the fields of `MonitorState`; ``compliant`` is None for a rigid gear.
 
     Returns
     -------
@@ -142,6 +162,8 @@ def monitor_trace(k, command, load, state, c, dt, substeps, decimation):
     """
     fault = fault_state(k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7], c.half_gap)
     now = MonitorState(state[0], state[1], state[2], state[3], state[4], state[5])
+    if truer is not None:
+        now_more = truer_state(more)
     samples = (command.size - 1) // decimation
     trace = np.empty((samples, 6))
     share = 1.0 / (substeps * decimation)
@@ -153,9 +175,13 @@ def monitor_trace(k, command, load, state, c, dt, substeps, decimation):
             d_load = (load[g + 1] - load[g]) / substeps
             for j in range(substeps):
                 load_now = c.load_gain * (load[g] + (j + 0.5) * d_load) + c.load_offset
-                now, p_mean = monitor_step(
-                    now, command[g] + (j + 0.5) * d_command, load_now, fault, c, dt
-                )
+                command_now = command[g] + (j + 0.5) * d_command
+                if truer is None:
+                    now, p_mean = monitor_step(now, command_now, load_now, fault, c, dt)
+                else:
+                    now, now_more, p_mean = truer_monitor_step(
+                        now, now_more, command_now, load_now, fault, c, truer, compliant, dt
+                    )
                 total += now.i
                 energy += p_mean
         trace[sample, 0] = total * share
@@ -166,13 +192,16 @@ def monitor_trace(k, command, load, state, c, dt, substeps, decimation):
         trace[sample, 5] = energy * share
     for n, value in enumerate(now):
         state[n] = value
+    if truer is not None:
+        for n, value in enumerate(now_more):
+            more[n] = value
     return trace
 
 
 @loop(interleave=2)
 def monitor_scores(
     k, command, load, state, c, by_candidate, dt, substeps, taps, rectify, target, weight,
-    costs, status, response, power, limits,
+    costs, status, response, power, limits, truer=None, more=None, compliant=None,
 ):  # fmt: skip
     """Simulate and score a batch of candidates in one pass.
 
@@ -184,7 +213,8 @@ def monitor_scores(
     state : (6,) array, the fields of `MonitorState` at the first sample
     c : Constants that all candidates share
     by_candidate : None; or (B, 28) array, the fields of `Constants` of each candidate, in place of
-        ``c``. numba compiles the two cases apart, so that shared constants stay scalars
+        ``c``; with truer forms (B, 38), the fields of `Truer` behind them. numba compiles the two
+        cases apart, so that shared constants stay scalars
     dt : float, step, s
     substeps : int, steps from one sample to the next
     taps : (7,) array, low-pass ``b0 b1 b2 a1 a2`` and its state ``z1 z2`` at the start
@@ -200,6 +230,10 @@ def monitor_scores(
     limits : (B,) array, costs above which a candidate is not wanted: its cost becomes infinite.
         Costs only rise with the samples, so that it is simulated only until that shows, unless
         responses are kept. The other costs are the same bit for bit, whatever the limits
+    truer : None for the paper's forms; or `Truer`, constants of the truer ones that all candidates
+        share. numba compiles the two cases apart
+    more : None; or (9,) array, the fields of `TruerState` at the first sample
+    compliant : None for a rigid gear, which numba compiles apart; or True, with truer forms
     """
     wide_vectors()
     samples = target.size
@@ -228,7 +262,11 @@ def monitor_scores(
     z1 = np.empty(LANES)
     z2 = np.empty(LANES)
     cost = np.empty(LANES)
-    own = np.empty((len(c), LANES))
+    columns = len(c)
+    if truer is not None:
+        columns += len(truer)
+        added = np.empty((more.size, LANES))
+    own = np.empty((columns, LANES))
     late_load = np.empty(LANES)  # the load of each lane, which may be late
     late_end = np.empty(LANES)
     d_late = np.empty(LANES)
@@ -236,12 +274,17 @@ def monitor_scores(
     count = k.shape[0]
     left = np.empty(count, np.int64)  # the candidates whose cost is still wanted
     segment = samples
-    saved = np.empty((count, 10))
+    kept_values = _MORE
+    if truer is not None:
+        kept_values += more.size
+    saved = np.empty((count, kept_values))
     for n in range(count):
         left[n] = n
         if not keep and limits[n] < math.inf:
             segment = SEGMENT
         saved[n, :_Z1] = state
+        if truer is not None:
+            saved[n, _MORE:] = more
         saved[n, _Z1] = taps[5]
         saved[n, _Z2] = taps[6]
         saved[n, _COST] = 0.0
@@ -258,7 +301,7 @@ def monitor_scores(
                 for m in range(v.size):
                     nothing += 0.0 * v[m]
                 if by_candidate is not None:
-                    for m in range(len(c)):
+                    for m in range(columns):
                         own[m, n] = by_candidate[who, m]
                         nothing += 0.0 * own[m, n]
                     half_gap_n = own[HALF_GAP, n]
@@ -285,6 +328,9 @@ def monitor_scores(
                 z1[n] = saved[who, _Z1]
                 z2[n] = saved[who, _Z2]
                 cost[n] = saved[who, _COST] + nothing
+                if truer is not None:
+                    for m in range(more.size):
+                        added[m, n] = saved[who, _MORE + m]
                 if power is not None:
                     y1[n] = power[0][0]
                     y2[n] = power[0][1]
@@ -312,17 +358,32 @@ def monitor_scores(
                         else:
                             c_n = lane_constants(own, n)
                             load_now = late_load[n] + (j + 0.5) * d_late[n]
-                        now, p_mean = monitor_step(
-                            MonitorState(i[n], w_m[n], theta_m[n], w_o[n], theta_o[n], dw_m[n]),
-                            command_now,
-                            c_n.load_gain * load_now + c_n.load_offset,
-                            FaultState(
-                                friction[n], half_gap[n], h_a[n], h_b[n], h_c[n],
-                                zeta_cos[n], zeta_sin[n], gain[n],
-                            ),
-                            c_n,
-                            dt,
+                        now = MonitorState(i[n], w_m[n], theta_m[n], w_o[n], theta_o[n], dw_m[n])
+                        load_n = c_n.load_gain * load_now + c_n.load_offset
+                        fault = FaultState(
+                            friction[n], half_gap[n], h_a[n], h_b[n], h_c[n],
+                            zeta_cos[n], zeta_sin[n], gain[n],
                         )  # fmt: skip
+                        if truer is None:
+                            now, p_mean = monitor_step(now, command_now, load_n, fault, c_n, dt)
+                        else:
+                            if by_candidate is None:  # noqa: SIM108  # numba prunes statements
+                                truer_n = truer
+                            else:
+                                truer_n = lane_truer(own, len(c), n)
+                            now, now_more, p_mean = truer_monitor_step(
+                                now, truer_state(added[:, n]),
+                                command_now, load_n, fault, c_n, truer_n, compliant, dt,
+                            )  # fmt: skip
+                            added[0, n] = now_more.loop_a
+                            added[1, n] = now_more.loop_b
+                            added[2, n] = now_more.loop_c
+                            added[3, n] = now_more.sector
+                            added[4, n] = now_more.asked
+                            added[5, n] = now_more.pending
+                            added[6, n] = now_more.integral
+                            added[7, n] = now_more.wait
+                            added[8, n] = now_more.late
                         i[n] = now.i
                         w_m[n] = now.w_m
                         theta_m[n] = now.theta_m
@@ -367,6 +428,9 @@ def monitor_scores(
                 saved[who, _COST] = cost[n]
                 if by_candidate is not None:
                     saved[who, _LATE_END] = late_end[n]
+                if truer is not None:
+                    for m in range(more.size):
+                        saved[who, _MORE + m] = added[m, n]
         wanted = 0
         for n in range(count):
             who = left[n]

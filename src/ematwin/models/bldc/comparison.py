@@ -15,12 +15,17 @@ from typing import Any, Self
 
 import numpy as np
 
-from ematwin.errors import RecordError
-from ematwin.models.bldc.constants import constants_by_candidate, kernel_constants
+from ematwin.errors import InputError, RecordError
+from ematwin.models.bldc.constants import (
+    constants_by_candidate,
+    kernel_constants,
+    truer_constants,
+)
 from ematwin.models.bldc.envelope import current_envelope, signed_current
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.power import Power, recorded_power
 from ematwin.models.bldc.state import V_SUPPLY
+from ematwin.models.bldc.truer.state import REST
 from ematwin.models.bldc.unknowns import POWER, SENSOR, UNKNOWNS
 from ematwin.models.comparison import Candidates, Comparison
 from ematwin.numerics.low_pass import LowPass
@@ -68,6 +73,7 @@ class Stretch:
     taps : (7,) array, of the low-pass and its state at the first sample
     kept : samples of a response that are kept at most
     power : where it counts
+    at_rest : whether it starts as the recording does; else the controller is taken to be at work
     """
 
     command: np.ndarray
@@ -78,6 +84,7 @@ class Stretch:
     taps: np.ndarray
     kept: int
     power: PowerStretch | None = None
+    at_rest: bool = True
 
 
 class BldcComparison(Comparison):
@@ -110,7 +117,7 @@ class BldcComparison(Comparison):
     RecordError
         If the recording is too short or constant.
     InputError
-        If it is sampled too slowly for the filter.
+        If it is sampled too slowly for the filter, or the backend lacks a form of the actuator.
     """
 
     power: Power | None = None
@@ -156,7 +163,12 @@ class BldcComparison(Comparison):
         self.state = initial_state(
             recording, actuator, None if self.rectify else float(self.current[0])
         )
-        self.constants = kernel_constants(actuator)
+        self.constants, self.truer = kernel_constants(actuator), truer_constants(actuator)
+        if backend == "cuda" and self.truer is not None:
+            raise InputError(
+                f"A GPU knows only the paper's forms, but {actuator.name} has others "
+                f"({', '.join(actuator.truer_forms)}); use the backend cpu, or leave these out."
+            )
         self.threads = threads or os.cpu_count() or 1
         self._pool: ThreadPoolExecutor | None = None
         self._filter(low_pass or LowPass(), weighting or SlopeWeighting())
@@ -404,6 +416,8 @@ class BldcComparison(Comparison):
         power = stretch.power if kept else None
         watts = np.empty((0, 0) if power is None else (len(lanes), kept))
 
+        more = self._more(stretch)
+
         each = max(1, min(_BLOCKS, blocks // self.threads)) if spread else blocks
 
         def work(first: int) -> None:
@@ -414,11 +428,30 @@ class BldcComparison(Comparison):
                 self.rectify, stretch.target, stretch.weights,
                 costs[part], status[part], response[part],
                 None if power is None else (power.state, watts[part]),
-                within[part],
+                within[part], self.truer, more,
+                None if self.actuator.compliance is None else True,
             )  # fmt: skip
 
         self.share(work, range(0, blocks, each), spread=spread)
         return costs[:count], response[:count], watts[:count]
+
+    def _more(self, stretch: Stretch) -> np.ndarray | None:
+        """State (9,) of the truer forms at the start of a stretch; None without any.
+
+        Loop currents fade within 0.1 ms. The speed loop is taken to ask for the recorded current.
+        """
+        if self.truer is None:
+            return None
+        if stretch.at_rest:
+            return np.array(REST)
+        current, w_m, _, _, theta_o, _ = stretch.state
+        integral = 0.0
+        if self.truer.integral_gain > 0.0:
+            c = self.constants
+            wanted = c.k_position * (stretch.command[0] - theta_o)
+            error = min(max(wanted, -c.w_max), c.w_max) - w_m
+            integral = 2.0 * c.k_e * current - c.k_speed * error
+        return np.array(REST._replace(asked=current, pending=current, integral=integral))
 
     def run_at_once(
         self, stretches: Sequence[Stretch], batch: "Batch", kept: Sequence[int]

@@ -7,6 +7,7 @@ import numpy as np
 
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.state import Constants
+from ematwin.models.bldc.truer.state import NEUTRAL, Truer
 from ematwin.models.bldc.unknowns import FIXED, LOAD
 
 
@@ -22,7 +23,7 @@ def kernel_constants(
     ``load_offset`` (N m on the output) and ``load_delay`` (s) correct the recorded load.
     """
     motor, drive, control = actuator.motor, actuator.drive, actuator.controller
-    gear = actuator.transmission
+    gear, contact = actuator.transmission, actuator.contact
     return Constants(
         resistance=motor.resistance / 2.0,
         inductance=motor.inductance / 2.0,
@@ -45,8 +46,8 @@ def kernel_constants(
         c_opposing=1.0 / gear.efficiency_opposing - 1.0,
         c_aiding=1.0 - gear.efficiency_aiding,
         half_gap=gear.backlash / 2.0,
-        contact_stiffness=gear.contact_stiffness,
-        contact_damping=gear.contact_damping,
+        contact_stiffness=contact.stiffness,
+        contact_damping=contact.damping,
         travel_low=gear.travel_low * gear.ratio,
         travel_high=gear.travel_high * gear.ratio,
         load_gain=load_gain,
@@ -55,10 +56,40 @@ def kernel_constants(
     )
 
 
+def truer_constants(actuator: BldcActuator) -> Truer | None:
+    """Constants of the truer forms; None where the actuator has the paper's alone.
+
+    Where parameters are arrays (B,), so are the constants that depend on them.
+    """
+    turns, offset = actuator.shorted_turns, actuator.eccentricity
+    emf, cogging = actuator.emf, actuator.cogging
+    found: dict[str, Any] = {}
+    if turns is not None:
+        found |= {"loops": 1.0, "contact": turns.resistance}
+    if offset is not None:
+        found |= {"turning": offset.turning_share}
+    if emf is not None:
+        found |= {"rounding": emf.rounding}
+    if cogging is not None:
+        found |= {
+            "cogging": cogging.torque, "cogging_cycles": float(cogging.cycles),
+            "cogging_phase": cogging.phase,
+        }  # fmt: skip
+    if actuator.speed_loop is not None:
+        loop = actuator.speed_loop
+        found |= {
+            "integral_gain": loop.integral_gain, "sample_time": loop.sample_time,
+            "delay": loop.delay,
+        }  # fmt: skip
+    return NEUTRAL._replace(**found) if actuator.truer_forms else None
+
+
 def constants_by_candidate(
     actuator: BldcActuator, candidates: Mapping[str, Any], count: int
 ) -> np.ndarray | None:
     """(B, 28) array of the constants of B candidates; None where all share the actuator's.
+
+    With truer forms it is (B, 38), and theirs come last.
 
     ``candidates`` name parameters by their place, such as ``motor.resistance``, or the corrections
     of the load, each with (B,) values; what else it holds is left alone.
@@ -70,5 +101,5 @@ def constants_by_candidate(
         load["load_delay"] = candidates["skew"]
     if own is actuator and not load:
         return None
-    constants = kernel_constants(own, **load)
+    constants = (*kernel_constants(own, **load), *(truer_constants(own) or ()))
     return np.column_stack([np.broadcast_to(value, count) for value in constants])

@@ -62,6 +62,49 @@ def equivalent_phase(theta_m, fault, c):
 
 
 @step
+def touching(state, fault):
+    """1 where motor and output touch, so that the current moves both; else 0."""
+    apart = abs(abs(state.theta_m - state.theta_o) - fault.half_gap) > _TOUCHING
+    return 0.0 if apart else 1.0
+
+
+@step
+def controller_stiffness(state, joint, c, half):
+    """How much demand a torque of the motor takes back within half a step, A per N m.
+
+    The speed in the middle is w + (dw + dt kappa (i_mean - i)/J)/2, if other torques stay: the
+    speed loop answers its own torque within the step.
+    """
+    moves = 0.0 if state.w_m == 0.0 else 1.0
+    slope_m = c.k_speed * half / (2.0 * c.k_e * c.j_m)
+    slope_joint = c.k_speed * half / (2.0 * c.k_e * (c.j_m + c.j_o))
+    return moves * (slope_m + joint * (slope_joint - slope_m))
+
+
+@step
+def move_rigidly(state, i, load, kappa_eq, act_m, before_m, fault, c, dt):
+    """The state after motor and output have moved under torques, with a rigid contact.
+
+    ``act_m`` acts on the motor in the middle of the step, ``before_m`` did in the step before;
+    ``i`` is the new current.
+    """
+    td_m = fault.friction * c.t_m
+    ts_m = dithered_static(c.static_ratio * td_m, td_m, kappa_eq * c.half_band)
+    direction = state.w_o if state.w_o != 0.0 else state.w_m
+    td_o = fault.friction * loaded_friction(direction, -load, c.t_o, c.c_opposing, c.c_aiding)
+    theta_m, w_m, theta_o, w_o, dw_m = advance_rigid_play(
+        state.theta_m, state.w_m, state.theta_o, state.w_o, act_m, before_m, -load, c.j_m, c.j_o,
+        ts_m, td_m, c.static_ratio * td_o, td_o, fault.half_gap, dt,
+    )  # fmt: skip
+    theta_o, w_o = stop_at_ends(theta_o, w_o, c.travel_low, c.travel_high)
+    # Contact is rigid: the stop also ends the motor's travel, half a gap further on.
+    theta_m, w_m = stop_at_ends(
+        theta_m, w_m, c.travel_low - fault.half_gap, c.travel_high + fault.half_gap
+    )
+    return MonitorState(i, w_m, theta_m, w_o, theta_o, dw_m)
+
+
+@step
 def monitor_step(state, command, load, fault, c, dt):
     """Advance the monitor model by ``dt``; ``command`` and ``load`` are those of its middle.
 
@@ -69,14 +112,7 @@ def monitor_step(state, command, load, fault, c, dt):
     """
     half = 0.5 * dt
     r_eq, l_eq, kappa_eq = equivalent_phase(state.theta_m + half * state.w_m, fault, c)
-    # The speed in the middle is w + (dw + dt kappa (i_mean - i)/J)/2, if other torques stay: the
-    # speed loop answers its own torque within the step.
-    apart = abs(abs(state.theta_m - state.theta_o) - fault.half_gap) > _TOUCHING
-    moves = 0.0 if state.w_m == 0.0 else 1.0
-    joint = 0.0 if apart else 1.0
-    slope_m = c.k_speed * half / (2.0 * c.k_e * c.j_m)
-    slope_joint = c.k_speed * half / (2.0 * c.k_e * (c.j_m + c.j_o))
-    stiffness = moves * kappa_eq * (slope_m + joint * (slope_joint - slope_m))
+    stiffness = kappa_eq * controller_stiffness(state, touching(state, fault), c, half)
     w_mid = state.w_m + 0.5 * state.dw_m
     demand = current_demand(
         command, state.theta_o + half * state.w_o, w_mid, c.k_position * fault.gain, c.k_speed,
@@ -93,17 +129,5 @@ def monitor_step(state, command, load, fault, c, dt):
 
     act_m = kappa_eq * i - c.viscous * w_mid
     before_m = kappa_eq * state.i - c.viscous * state.w_m
-    td_m = fault.friction * c.t_m
-    ts_m = dithered_static(c.static_ratio * td_m, td_m, kappa_eq * c.half_band)
-    direction = state.w_o if state.w_o != 0.0 else state.w_m
-    td_o = fault.friction * loaded_friction(direction, -load, c.t_o, c.c_opposing, c.c_aiding)
-    theta_m, w_m, theta_o, w_o, dw_m = advance_rigid_play(
-        state.theta_m, state.w_m, state.theta_o, state.w_o, act_m, before_m, -load, c.j_m, c.j_o,
-        ts_m, td_m, c.static_ratio * td_o, td_o, fault.half_gap, dt,
-    )  # fmt: skip
-    theta_o, w_o = stop_at_ends(theta_o, w_o, c.travel_low, c.travel_high)
-    # Contact is rigid: the stop also ends the motor's travel, half a gap further on.
-    theta_m, w_m = stop_at_ends(
-        theta_m, w_m, c.travel_low - fault.half_gap, c.travel_high + fault.half_gap
-    )
-    return MonitorState(i, w_m, theta_m, w_o, theta_o, dw_m), p_mean
+    after = move_rigidly(state, i, load, kappa_eq, act_m, before_m, fault, c, dt)
+    return after, p_mean

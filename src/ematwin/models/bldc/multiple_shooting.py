@@ -144,6 +144,7 @@ def _stretches(whole: BldcComparison, starts: list[int], samples: int) -> tuple[
                 np.concatenate([taps, z]),
                 max(8, KEPT // len(starts)),
                 own_power,
+                at_rest=start == 0,
             )
         )
     return tuple(stretches)

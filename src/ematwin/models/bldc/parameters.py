@@ -21,12 +21,15 @@ What is left without a tolerance is counted, chosen, or hardly changes what a re
 import math
 from typing import ClassVar, Self
 
+import numpy as np
 from pydantic import model_validator
 
 from ematwin.errors import ParameterError
 from ematwin.models.parameter_set import ParameterSet, Section, quantity
 
 DEFAULT_ACTUATOR = "servo48"
+TRUER_FORMS = ("shorted_turns", "eccentricity", "emf", "cogging", "speed_loop", "compliance")
+_STIFFEST = 0.1  # K dt^2 (1/J_m + 1/J_o) of a step of the monitor model with a compliant gear
 SHORTEST_STEP = 1e-9  # s: nothing in an actuator is so fast; a shorter one is a slip of the unit
 _UNREACHABLE = 100.0  # times the current that the supply can drive: mA taken for A give 1000
 
@@ -120,6 +123,95 @@ class Transmission(Section):
         return self
 
 
+class ShortedTurns(Section):
+    """Shorted turns are a loop with a current of its own, which brakes; else they only are missing.
+
+    A contact between turns may be anything from a trace of carbon to a weld: its resistance is
+    known within a factor of two at best.
+    """
+
+    example: ClassVar[dict[str, float]] = {"resistance": 0.1}
+
+    resistance: float = quantity(
+        "ohm", "resistance of the contact between the turns", tolerance=1.0, gt=0
+    )
+
+
+class Eccentricity(Section):
+    """How the rotor is off centre; left out, the offset turns with the rotor."""
+
+    example: ClassVar[dict[str, float]] = {"turning_share": 0.0}
+
+    turning_share: float = quantity(
+        "", "share of the offset that turns with the rotor; 0 is fixed in space", exact=True,
+        ge=0, le=1,
+    )  # fmt: skip
+
+
+class Emf(Section):
+    """Shape of the back-EMF; left out, a trapezoid with flats of 120 degrees."""
+
+    example: ClassVar[dict[str, float]] = {"rounding": 0.3}
+
+    rounding: float = quantity(
+        "", "share of a sine of the same mean torque in the trapezoid", exact=True, ge=0, le=1
+    )
+
+
+class Cogging(Section):
+    """Cogging torque between magnets and teeth; left out, there is none."""
+
+    example: ClassVar[dict[str, float]] = {"torque": 0.002, "cycles": 12, "phase": 0.0}
+
+    torque: float = quantity("N*m", "amplitude on the motor shaft", tolerance=1.0, ge=0)
+    cycles: int = quantity("", "cycles in a turn of the motor", exact=True, ge=1)
+    phase: float = quantity("rad", "angle of the sine where the motor stands at zero")
+
+
+class SpeedLoop(Section):
+    """Integral term and sampling of the speed loop; left out, it is proportional and continuous.
+
+    Samples begin with the recording.
+    """
+
+    example: ClassVar[dict[str, float]] = {
+        "integral_gain": 0.5, "sample_time": 1e-4, "delay": 0.0,
+    }  # fmt: skip
+
+    integral_gain: float = quantity(
+        "N*m/rad", "torque for each radian of integrated speed error", tolerance=0.4, ge=0
+    )
+    sample_time: float = quantity("s", "time between samples; 0 is continuous", exact=True, ge=0)
+    delay: float = quantity(
+        "s", "from a sample to the current that answers it, at most a sample time", exact=True, ge=0
+    )
+
+    @model_validator(mode="after")
+    def _answers_before_the_next_sample(self) -> Self:
+        if self.delay > self.sample_time:
+            raise ValueError(
+                f"delay must be at most sample_time, {self.sample_time:g} s, received "
+                f"{self.delay:g} s; correct one of them"
+            )
+        return self
+
+
+class Compliance(Section):
+    """A gear that gives under torque; left out, the monitor model has a rigid one.
+
+    It takes the place of the contact in both models.
+    """
+
+    example: ClassVar[dict[str, float]] = {"stiffness": 10.0, "damping": 0.005}
+
+    stiffness: float = quantity(
+        "N*m/rad", "stiffness of gear and contact on the motor shaft", tolerance=0.5, gt=0
+    )
+    damping: float = quantity(
+        "N*m*s/rad", "damping of gear and contact on the motor shaft", tolerance=1.0, ge=0
+    )
+
+
 class Steps(Section):
     """Fixed steps of the two models; justified in docs/models.md."""
 
@@ -143,12 +235,69 @@ class BldcActuator(ParameterSet):
     controller: Controller
     transmission: Transmission
     steps: Steps
+    shorted_turns: ShortedTurns | None = None
+    eccentricity: Eccentricity | None = None
+    emf: Emf | None = None
+    cogging: Cogging | None = None
+    speed_loop: SpeedLoop | None = None
+    compliance: Compliance | None = None
+
+    @property
+    def contact(self) -> Compliance:
+        """Stiffness and damping between motor and output: of the gear, else of its contact."""
+        gear = self.transmission
+        if self.compliance is not None:
+            return self.compliance
+        return Compliance.model_construct(
+            stiffness=gear.contact_stiffness, damping=gear.contact_damping
+        )
+
+    @property
+    def truer_forms(self) -> tuple[str, ...]:
+        """The sections that it has and that could be left out."""
+        return tuple(key for key in TRUER_FORMS if getattr(self, key) is not None)
 
     @model_validator(mode="after")
     def _steps_are_stable(self) -> Self:
         for model in ("reference", "monitor"):
             self.check_step(model, getattr(self.steps, model))
         return self
+
+    @model_validator(mode="after")
+    def _sampled_loop_is_stable(self) -> Self:
+        loop = self.speed_loop
+        if loop is None or self._settles(1.0):
+            return self
+        low, high = 0.0, 1.0
+        for _ in range(50):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if self._settles(middle) else (low, middle)
+        advice = "lower the gains" if low == 0.0 else "sample faster or lower the gains"
+        raise ValueError(
+            f"the speed loop is unstable at speed_loop.sample_time = {loop.sample_time:.3g} s with "
+            f"a delay of {loop.delay:.3g} s: with these gains and the motor alone it must be below "
+            f"{low * loop.sample_time:.3g} s, the delay in proportion; {advice}"
+        )
+
+    def _settles(self, share: float) -> bool:
+        """Whether the sampled loops settle at a share of the sample time and delay."""
+        loop, control = self.speed_loop, self.controller
+        assert loop is not None
+        span, delay = share * loop.sample_time, share * loop.delay
+        if span == 0.0:
+            return True
+        k_i = loop.integral_gain * span
+        answer = np.array([-(control.speed_gain + k_i) * control.position_gain,
+                           -(control.speed_gain + k_i), 0.0, 1.0])  # fmt: skip
+        # position, speed, torque asked for before, integral; the motor alone, without friction
+        system = np.zeros((4, 4))
+        system[0] = 1.0, span, 0.0, 0.0
+        system[1] = np.array([0.0, 1.0, delay / self.motor.inertia, 0.0])
+        system[1] += (span - delay) / self.motor.inertia * answer
+        system[2] = answer
+        system[3] = -k_i * control.position_gain, -k_i, 0.0, 1.0
+        size = 4 if loop.integral_gain > 0.0 else 3
+        return bool(np.abs(np.linalg.eigvals(system[:size, :size])).max() < 1.0)
 
     @model_validator(mode="after")
     def _current_can_be_reached(self) -> Self:
@@ -167,11 +316,16 @@ class BldcActuator(ParameterSet):
         # implicit midpoint rule of the monitor model 2
         speed_loop = j_m / (self.controller.speed_gain + self.motor.viscous_damping)
         limits = [speed_loop if model == "reference" else 2.0 * speed_loop]
+        if self.speed_loop is not None and self.speed_loop.sample_time > 0.0:
+            limits.append(self.speed_loop.sample_time)
+        if model == "monitor" and self.compliance is not None:
+            # an impact counts from the start of its step on; s of models/bldc/truer/compliance.py
+            limits.append(math.sqrt(_STIFFEST / (self.contact.stiffness * (1.0 / j_m + 1.0 / j_o))))
         if model == "reference":
             compliance = 1.0 / j_m + 1.0 / j_o
-            limits.append(1.0 / math.sqrt(self.transmission.contact_stiffness * compliance))
-            if self.transmission.contact_damping > 0.0:
-                limits.append(1.0 / (self.transmission.contact_damping * compliance))
+            limits.append(1.0 / math.sqrt(self.contact.stiffness * compliance))
+            if self.contact.damping > 0.0:
+                limits.append(1.0 / (self.contact.damping * compliance))
             limits.append(self.motor.inductance / self.motor.resistance)
         return min(limits)
 

@@ -138,6 +138,25 @@ def advance_bridge(i_a, i_b, i_c, e_a, e_b, e_c, g_a, g_b, g_c, phases, c, dt):
 
 
 @step
+def move_masses(state, torque, load, fault, c, dt):
+    """Speeds and positions ``w_m, theta_m, w_o, theta_o`` after a torque on the motor."""
+    contact = contact_torque(
+        state.theta_m, state.w_m, state.theta_o, state.w_o, fault.half_gap,
+        c.contact_stiffness, c.contact_damping,
+    )  # fmt: skip
+    act_m = torque - c.viscous * state.w_m - contact
+    act_o = contact - load
+    td_m = fault.friction * c.t_m
+    w_m = advance_speed(state.w_m, act_m, c.j_m, c.static_ratio * td_m, td_m, dt)
+    direction = state.w_o if state.w_o != 0.0 else act_o
+    td_o = fault.friction * loaded_friction(direction, -load, c.t_o, c.c_opposing, c.c_aiding)
+    w_o = advance_speed(state.w_o, act_o, c.j_o, c.static_ratio * td_o, td_o, dt)
+    theta_m = state.theta_m + dt * w_m
+    theta_o, w_o = stop_at_ends(state.theta_o + dt * w_o, w_o, c.travel_low, c.travel_high)
+    return w_m, theta_m, w_o, theta_o
+
+
+@step
 def reference_step(state, command, load, fault, phases, c, dt):
     """Advance the reference model by ``dt`` under a command (rad) and a load (N m).
 
@@ -161,19 +180,7 @@ def reference_step(state, command, load, fault, phases, c, dt):
     )  # fmt: skip
     torque = kappa_a * m_a + kappa_b * m_b + kappa_c * m_c
 
-    contact = contact_torque(
-        state.theta_m, state.w_m, state.theta_o, state.w_o, fault.half_gap,
-        c.contact_stiffness, c.contact_damping,
-    )  # fmt: skip
-    act_m = torque - c.viscous * state.w_m - contact
-    act_o = contact - load
-    td_m = fault.friction * c.t_m
-    w_m = advance_speed(state.w_m, act_m, c.j_m, c.static_ratio * td_m, td_m, dt)
-    direction = state.w_o if state.w_o != 0.0 else act_o
-    td_o = fault.friction * loaded_friction(direction, -load, c.t_o, c.c_opposing, c.c_aiding)
-    w_o = advance_speed(state.w_o, act_o, c.j_o, c.static_ratio * td_o, td_o, dt)
-    theta_m = state.theta_m + dt * w_m
-    theta_o, w_o = stop_at_ends(state.theta_o + dt * w_o, w_o, c.travel_low, c.travel_high)
+    w_m, theta_m, w_o, theta_o = move_masses(state, torque, load, fault, c, dt)
     after = ReferenceState(
         i_a, i_b, i_c, w_m, theta_m, w_o, theta_o, pair_sign,
         state.e_electrical + taken,

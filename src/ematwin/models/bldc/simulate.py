@@ -106,20 +106,25 @@ def _run(
 ) -> dict[str, np.ndarray]:
     """Columns of the trace; command, load and start are on the motor shaft."""
     from ematwin.models.bldc import batch  # compiles, or loads what an earlier process compiled
-    from ematwin.models.bldc.constants import kernel_constants
+    from ematwin.models.bldc.constants import kernel_constants, truer_constants
     from ematwin.models.bldc.monitor_step import MonitorState
     from ematwin.models.bldc.reference_step import ReferenceState
+    from ematwin.models.bldc.truer.state import REST
 
     rest: ReferenceState | MonitorState
     names: tuple[str, ...]
+    gear: tuple[bool, ...]
     if model == "reference":
         run, names = batch.reference_trace, batch.REFERENCE_COLUMNS
+        gear = ()  # its contact is compliant anyway
         rest = ReferenceState(0.0, 0.0, 0.0, 0.0, start, 0.0, start, 1.0, 0.0, 0.0, 0.0)
     else:
         run, names = batch.monitor_trace, batch.MONITOR_COLUMNS
+        gear = () if actuator.compliance is None else (True,)
         rest = MonitorState(0.0, 0.0, start, 0.0, start, 0.0)
     state = np.array(rest)
-    constants = kernel_constants(actuator)
+    constants, truer = kernel_constants(actuator), truer_constants(actuator)
+    more = None if truer is None else np.array(REST)
     first = [getattr(rest, _STATE_OF.get(name, ""), 0.0) for name in names]
     pieces = [np.array([first])]
     # In slices, so that a long simulation shows progress and can be interrupted.
@@ -138,6 +143,9 @@ def _run(
                 grid.step,
                 grid.substeps,
                 grid.decimation,
+                truer,
+                more,
+                *gear,
             )
         )
         if progress is not None:

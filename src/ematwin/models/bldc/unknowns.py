@@ -129,16 +129,12 @@ def aliases(actuator: Any, values: Mapping[str, float]) -> list[Alias]:
     k = {name: values.get(name, fault(name).healthy) for name in FAULTS}
     opposing, aiding = (values.get(place, actuator.value(place)) for place in _EFFICIENCIES)
     load = -values.get("load_gain", 1.0)
-    fewer_turns = {name: -(1.0 - k[name]) for name in _SHORTS}
     # of the load's torque L and its friction: L (1 + worn c_o) against it, L (1 - worn c_a) with it
     worn = 1.0 + 2.0 * k["friction"]
     share = worn / (opposing * (1.0 + worn * (1.0 / opposing - 1.0)))
     same = share * (1.0 - worn * (1.0 - aiding)) / (worn * aiding)
     return [
-        Alias("motor.emf_constant", {**fewer_turns, "controller.speed_gain": -1.0}),
-        Alias("current_gain", {
-            **{name: -change for name, change in fewer_turns.items()}, "controller.speed_gain": 1.0,
-        }),
+        *_aliases_of_turns(actuator, k),
         Alias(_EFFICIENCIES[0], {_EFFICIENCIES[1]: same, "load_gain": share * load}, held=False),
         # the fault multiplies the friction under load as well
         Alias("transmission.friction_torque", {
@@ -155,6 +151,30 @@ def aliases(actuator: Any, values: Mapping[str, float]) -> list[Alias]:
 
 
 _SHORTS = ("short_a", "short_b", "short_c")
+
+
+def _aliases_of_turns(actuator: Any, k: Mapping[str, float]) -> list[Alias]:
+    """What looks like shorted turns, which are missing or a loop.
+
+    A loop shows by the flux that it takes, mu i_f = G (R i + e) with G = mu^2/(R_f + mu R) and R of
+    one phase: a higher resistance R_f of the contact looks like fewer turns.
+    """
+    contact = actuator.shorted_turns
+    if contact is None:
+        fewer = {name: -(1.0 - k[name]) for name in _SHORTS}
+        more = {name: -change for name, change in fewer.items()}
+        return [
+            Alias("motor.emf_constant", {**fewer, "controller.speed_gain": -1.0}),
+            Alias("current_gain", {**more, "controller.speed_gain": 1.0}),
+        ]
+    r_f, r = contact.resistance, 0.5 * actuator.motor.resistance
+    same = {name: -r_f * k[name] / (2.0 * r_f + k[name] * r) for name in _SHORTS if k[name] > 0.0}
+    return [
+        Alias("current_gain", {"motor.emf_constant": -1.0}),
+        *([Alias("shorted_turns.resistance", same)] if same else []),
+    ]
+
+
 CONTRASTS = (
     Contrast(
         "short_common", dict.fromkeys(_SHORTS, 1.0 / 3.0), "turns missing from all phases alike",
@@ -175,7 +195,7 @@ CONTRASTS = (
 # Known exactly, or of no effect on the monitor model: these cannot differ between candidates.
 FIXED = (
     "motor.pole_pairs", "motor.turns_per_phase", "transmission.ratio", "steps.reference",
-    "steps.monitor",
+    "steps.monitor", "speed_loop.sample_time", "speed_loop.delay",
 )  # fmt: skip
 
 

@@ -1,0 +1,127 @@
+"""One step of the reference model with the truer forms.
+
+As `reference_step`, but with the EMF shapes as they are, cogging, and a loop current in each phase.
+With backward Euler for the loops a phase looks to the bridge like one with another inductance and
+EMF, so that the bridge, its diodes included, is the same.
+"""
+
+from typing import NamedTuple
+
+from ematwin.models.bldc.inverter import gate_signals, hysteresis, pair_current
+from ematwin.models.bldc.motor import hall_sector, phase_inductance
+from ematwin.models.bldc.reference_step import ReferenceState, advance_bridge, move_masses
+from ematwin.models.bldc.truer.cogging import cogging_torque
+from ematwin.models.bldc.truer.emf import truer_emf_constants
+from ematwin.models.bldc.truer.shorted_turns import loop_answer, split_short
+from ematwin.models.bldc.truer.speed_loop import advance_speed_loop
+from ematwin.models.bldc.truer.state import TruerState
+from ematwin.numerics.compile import part
+from ematwin.numerics.scalar import clip
+
+
+class SeenPhase(NamedTuple):
+    """A phase as the bridge sees it over a step, and how its loop answers."""
+
+    e: float  # V
+    r: float  # ohm
+    y: float  # 1/H
+    remains: float  # A
+    follows: float
+
+
+@part
+def seen_phase(i, loop, e, h, mu, c, truer, dt):
+    """The phase with a loop eliminated, for linearly implicit Euler over ``dt``."""
+    r = h * c.resistance
+    turns = h * h * (1.0 - c.leakage) * c.inductance
+    remains, follows = loop_answer(mu, loop, i, e, r, turns, truer.contact, dt)
+    linked = mu * (turns + dt * r)
+    inertia = phase_inductance(h, c.inductance, c.leakage) + dt * r - linked * follows
+    # the loop current if i stayed as it is
+    still = remains + follows * i
+    seen = e - mu * r * still - mu * turns * (still - loop) / dt
+    return SeenPhase(seen, r, 1.0 / inertia, remains, follows)
+
+
+@part
+def copper_loss(m, loop, mu, r, contact):
+    """Power lost in a phase with mean current ``m`` and in its loop, W."""
+    through = m - loop
+    return (1.0 - mu) * r * m * m + mu * r * through * through + contact * loop * loop
+
+
+@part
+def advance_shorted_bridge(i_a, i_b, i_c, loop_a, loop_b, loop_c, e_a, e_b, e_c,
+                           g_a, g_b, g_c, turns, c, truer, dt):  # fmt: skip
+    """`advance_bridge` with loops.
+
+    ``turns`` are h_a, h_b, h_c and mu_a, mu_b, mu_c. Gives currents and loop currents after ``dt``,
+    the means of both, the energies taken in and lost, and the `Supply`.
+    """
+    h_a, h_b, h_c, mu_a, mu_b, mu_c = turns
+    a = seen_phase(i_a, loop_a, e_a, h_a, mu_a, c, truer, dt)
+    b = seen_phase(i_b, loop_b, e_b, h_b, mu_b, c, truer, dt)
+    p = seen_phase(i_c, loop_c, e_c, h_c, mu_c, c, truer, dt)
+    n_a, n_b, n_c, m_a, m_b, m_c, taken, _, supply = advance_bridge(
+        i_a, i_b, i_c, a.e, b.e, p.e, g_a, g_b, g_c, (a.r, b.r, p.r, a.y, b.y, p.y), c, dt
+    )
+    after_a = a.remains + a.follows * n_a
+    after_b = b.remains + b.follows * n_b
+    after_c = p.remains + p.follows * n_c
+    mean_a = 0.5 * (loop_a + after_a)
+    mean_b = 0.5 * (loop_b + after_b)
+    mean_c = 0.5 * (loop_c + after_c)
+    lost = dt * (
+        copper_loss(m_a, mean_a, mu_a, a.r, truer.contact)
+        + copper_loss(m_b, mean_b, mu_b, b.r, truer.contact)
+        + copper_loss(m_c, mean_c, mu_c, p.r, truer.contact)
+    )
+    currents = n_a, n_b, n_c, after_a, after_b, after_c
+    return currents, (m_a, m_b, m_c, mean_a, mean_b, mean_c), taken, lost, supply
+
+
+@part
+def truer_reference_step(state, more, command, load, fault, c, truer, dt):
+    """Advance the reference model by ``dt``; arguments as in `reference_step`.
+
+    Gives the state, what the truer forms add to it, the mean current of each phase within the step,
+    and the `Supply`.
+    """
+    h_a, mu_a = split_short(fault.h_a, truer.loops)
+    h_b, mu_b = split_short(fault.h_b, truer.loops)
+    h_c, mu_c = split_short(fault.h_c, truer.loops)
+    kappa_a, kappa_b, kappa_c = truer_emf_constants(state.theta_m, h_a, h_b, h_c, fault, c, truer)
+    sector = hall_sector(c.pole_pairs * state.theta_m)
+
+    asked, pending, integral, wait, late = advance_speed_loop(
+        more.asked, more.pending, more.integral, more.wait, more.late,
+        command, state.theta_o, state.w_m, c.k_position * fault.gain, c, truer, dt,
+    )  # fmt: skip
+    i_ref = clip(asked, -c.i_max, c.i_max)
+    i_seen = pair_current(sector, state.i_a, state.i_b, state.i_c)
+    pair_sign = hysteresis(i_seen, i_ref, c.half_band, state.pair_sign)
+    g_a, g_b, g_c = gate_signals(sector, pair_sign)
+
+    currents, means, taken, lost, supply = advance_shorted_bridge(
+        state.i_a, state.i_b, state.i_c, more.loop_a, more.loop_b, more.loop_c,
+        kappa_a * state.w_m, kappa_b * state.w_m, kappa_c * state.w_m,
+        g_a, g_b, g_c, (h_a, h_b, h_c, mu_a, mu_b, mu_c), c, truer, dt,
+    )  # fmt: skip
+    i_a, i_b, i_c, loop_a, loop_b, loop_c = currents
+    m_a, m_b, m_c, mean_a, mean_b, mean_c = means
+    torque = (
+        kappa_a * (m_a - mu_a * mean_a)
+        + kappa_b * (m_b - mu_b * mean_b)
+        + kappa_c * (m_c - mu_c * mean_c)
+    )
+    w_m, theta_m, w_o, theta_o = move_masses(
+        state, torque + cogging_torque(state.theta_m, truer), load, fault, c, dt
+    )
+    after = ReferenceState(
+        i_a, i_b, i_c, w_m, theta_m, w_o, theta_o, pair_sign,
+        state.e_electrical + taken,
+        state.e_copper + lost,
+        state.e_mechanical + dt * torque * state.w_m,
+    )  # fmt: skip
+    more_after = TruerState(loop_a, loop_b, loop_c, sector, asked, pending, integral, wait, late)
+    return after, more_after, m_a, m_b, m_c, supply

@@ -1,0 +1,66 @@
+"""What the truer forms add to the constants and to the state of a kernel.
+
+All in SI and reflected to the motor shaft. Each value has one at which the paper's form results.
+"""
+
+from typing import NamedTuple
+
+from ematwin.numerics.compile import step
+
+
+class Truer(NamedTuple):
+    """Constants of the truer forms."""
+
+    loops: float  # 1: shorted turns are a loop; 0: they are missing
+    contact: float  # ohm, between shorted turns
+    turning: float  # share of the eccentricity that turns with the rotor
+    rounding: float  # share of a sine in the EMF shape
+    cogging: float  # N m
+    cogging_cycles: float  # in a turn of the motor
+    cogging_phase: float  # rad
+    integral_gain: float  # N m/rad
+    sample_time: float  # s; 0 is continuous
+    delay: float  # s
+
+
+NEUTRAL = Truer(
+    loops=0.0, contact=1.0, turning=1.0, rounding=0.0,
+    cogging=0.0, cogging_cycles=1.0, cogging_phase=0.0,
+    integral_gain=0.0, sample_time=0.0, delay=0.0,
+)  # fmt: skip
+
+
+class TruerState(NamedTuple):
+    """State of the truer forms."""
+
+    loop_a: float  # A, through the contact between shorted turns of phase a
+    loop_b: float
+    loop_c: float
+    sector: float  # of the last step; the reference model does without
+    asked: float  # A, by the speed loop
+    pending: float  # A, that will be asked for
+    integral: float  # N m
+    wait: float  # s, until the next sample of the speed loop
+    late: float  # s, until what is pending is asked for
+
+
+REST = TruerState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@step
+def truer_state(values):
+    """The fields of `TruerState` from an array (9,)."""
+    return TruerState(
+        values[0], values[1], values[2], values[3], values[4], values[5], values[6], values[7],
+        values[8],
+    )  # fmt: skip
+
+
+@step
+def lane_truer(own, first, n):
+    """The constants of lane ``n`` from the rows of an array from ``first`` on."""
+    return Truer(
+        own[first, n], own[first + 1, n], own[first + 2, n], own[first + 3, n], own[first + 4, n],
+        own[first + 5, n], own[first + 6, n], own[first + 7, n], own[first + 8, n],
+        own[first + 9, n],
+    )  # fmt: skip

@@ -1,0 +1,283 @@
+"""The truer forms: energy, limits, convergence, both models alike, and a simulator not ours."""
+
+import math
+
+import numpy as np
+import pytest
+
+import ematwin
+from ematwin.errors import ParameterError
+from ematwin.models.bldc import batch
+from ematwin.models.bldc.constants import kernel_constants, truer_constants
+from ematwin.models.bldc.envelope import signed_current
+from ematwin.models.bldc.faults import Faults
+from ematwin.models.bldc.parameters import BldcActuator
+from ematwin.models.bldc.truer.cogging import cogging_torque
+from ematwin.models.bldc.truer.emf import rounded_shapes
+from ematwin.models.bldc.truer.shorted_turns import loop_answer
+from ematwin.models.bldc.truer.state import REST
+from ematwin.models.scenario import Scenario
+from ematwin.models.simulating import simulate
+from ematwin.numerics.low_pass import LowPass
+from ematwin.recordings.noise import Noise
+from naive import another_actuator
+
+PLAIN = BldcActuator.load()
+LOOP = PLAIN.changed({"shorted_turns.resistance": 0.1})
+FIXED = PLAIN.changed({"eccentricity.turning_share": 0.0})
+COGGING = {"cogging.torque": 0.002, "cogging.cycles": 12, "cogging.phase": 0.7}
+COGGED = PLAIN.changed(COGGING)
+ROUNDED = PLAIN.changed({"emf.rounding": 0.5})
+SOFT = PLAIN.changed({"compliance.stiffness": 1.0, "compliance.damping": 0.005})
+SAMPLED = PLAIN.changed(
+    {"speed_loop.integral_gain": 0.5, "speed_loop.sample_time": 5e-5, "speed_loop.delay": 0.0}
+)
+EVERYTHING = LOOP.changed({"eccentricity.turning_share": 0.0, "emf.rounding": 0.5, **COGGING})
+RATE = 20_000.0
+SHORT = {"short_a": 0.15}
+OFFSET = {"eccentricity": 0.2, "eccentricity_phase": 0.3}
+
+
+def rms(x):
+    return float(np.sqrt(np.mean(np.square(x))))
+
+
+def equivalent(record):
+    current = signed_current(record, PLAIN.motor.pole_pairs)
+    return LowPass(500.0).apply(record.current if current is None else current, RATE)
+
+
+def answer(model, faults, actuator, step=None):
+    return equivalent(simulate(model, faults=faults, actuator=actuator, step=step))
+
+
+def misfit(one, other):
+    return rms(one - other) / rms(other)
+
+
+@pytest.mark.parametrize(
+    ("actuator", "faults"),
+    [
+        pytest.param(LOOP, SHORT, id="loop"),
+        pytest.param(LOOP, {"short_a": 0.5, "short_b": 0.2}, id="two loops"),
+        pytest.param(FIXED, OFFSET, id="fixed offset"),
+        pytest.param(COGGED, {"backlash": 0.1}, id="cogging"),
+        pytest.param(ROUNDED, {"friction": 0.3}, id="rounded"),
+        pytest.param(SOFT, {"backlash": 0.1}, id="compliant"),
+        pytest.param(SAMPLED, {"friction": 0.3}, id="sampled"),
+        pytest.param(EVERYTHING, {**SHORT, **OFFSET, "backlash": 0.1}, id="everything"),
+    ],
+)
+def test_both_models_agree_within_one_per_cent(actuator, faults):
+    gap = misfit(answer("monitor", faults, actuator), answer("reference", faults, actuator))
+    print(f"{faults}: {100.0 * gap:.2f} %")
+    assert gap < 0.01
+
+
+@pytest.mark.parametrize("faults", [{}, SHORT, {"short_a": 0.6, "short_c": 0.2, **OFFSET}], ids=str)
+def test_electrical_input_is_copper_loss_and_mechanical_work_and_stored_energy(faults):
+    dt, gear = 1e-6, LOOP.transmission
+    time = np.arange(round(0.25 / dt) + 1) * dt
+    command, load = Scenario.load_file("default").histories(time)
+    state, more = np.zeros(11), np.array(REST)
+    state[7] = 1.0
+    k, c, truer = Faults(**faults).vector, kernel_constants(LOOP), truer_constants(LOOP)
+    trace = batch.reference_trace(
+        k, command * gear.ratio, load / gear.ratio, state, c, dt, 1, 1, truer, more
+    )
+    taken, lost, work = trace[-1, 7:10]
+    turns = (1.0 - c.leakage) * c.inductance
+    flux_current = state[:3] - k[2:5] * more[:3]  # that magnetises all turns of a phase
+    stored = 0.5 * np.sum(c.leakage * c.inductance * state[:3] ** 2 + turns * flux_current**2)
+    error = (taken - lost - work - stored) / taken
+    print(f"{faults}: in {taken:.4g} J, copper {lost:.4g}, work {work:.4g}, error {error:.2e}")
+    assert abs(error) < 0.002
+    if faults:
+        healthy = simulate("reference", faults={}, actuator=LOOP, sample_rate=RATE)
+        assert lost > 1.05 * c.resistance * np.sum(healthy.phase_currents[:5000] ** 2) / RATE
+
+
+def test_a_loop_brakes_by_the_power_that_its_resistances_take():
+    """At a constant EMF the loop current is mu e/(R_f + mu R), and T w = mu e i_f."""
+    r, turns, contact, mu, e, dt = 1.065, 3.4e-4, 0.1, 0.15, 10.0, 1e-5
+    loop = 0.0
+    for _ in range(1000):
+        loop, _ = loop_answer(mu, loop, 0.0, e, r, turns, contact, dt)
+    assert loop == pytest.approx(mu * e / (contact + mu * r), rel=1e-9)
+    assert mu * e * loop == pytest.approx((contact + mu * r) * loop**2, rel=1e-9)
+    # and it gets there with the time constant of an R-L circuit
+    tau = mu**2 * turns / (contact + mu * r)
+    start, _ = loop_answer(mu, 0.0, 0.0, e, r, turns, contact, 1e-3 * tau)
+    assert start == pytest.approx(1e-3 * loop, rel=2e-3)
+
+
+def test_no_contact_between_the_turns_is_a_healthy_motor():
+    open_loop = PLAIN.changed({"shorted_turns.resistance": 1e9})
+    for model in ("reference", "monitor"):
+        healthy = answer(model, {}, open_loop)
+        assert misfit(answer(model, {"short_a": 0.3}, open_loop), healthy) < 1e-6
+        assert misfit(answer(model, {}, LOOP), healthy) < 1e-9  # without shorted turns, no loop
+        assert misfit(healthy, answer(model, {}, PLAIN)) < 2e-3
+
+
+def test_an_offset_that_turns_is_the_paper_s_and_one_that_is_fixed_is_another():
+    turning = PLAIN.changed({"eccentricity.turning_share": 1.0})
+    paper = answer("monitor", OFFSET, PLAIN)
+    assert misfit(answer("monitor", OFFSET, turning), paper) < 2e-3
+    assert misfit(answer("monitor", OFFSET, FIXED), paper) > 0.03
+
+
+def test_a_fixed_offset_gives_each_phase_a_constant_of_its_own():
+    """With coils on one side of the stator each, h_k k_e (1 + zeta cos(phi - 2 pi k/3))."""
+    k = Faults(**OFFSET).vector
+    phi = 2.0 * math.pi * (OFFSET["eccentricity_phase"] - 0.5)
+    gaps = [1.0 + 0.2 * math.cos(phi - 2.0 * math.pi * n / 3.0) for n in range(3)]
+    from ematwin.models.bldc.state import fault_state
+    from ematwin.models.bldc.truer.emf import gap_factors_between
+
+    fault = fault_state.py_func(*k, 1.0)
+    for theta in np.linspace(0.0, 6.0, 7):
+        found = gap_factors_between(theta, fault.zeta_cos, fault.zeta_sin, 0.0)
+        np.testing.assert_allclose(found, gaps, rtol=1e-12)
+
+
+def test_a_rounded_shape_makes_the_mean_torque_of_the_trapezoid_in_six_steps():
+    theta = math.pi / 6.0 + (np.arange(6000) + 0.5) * math.pi / 3.0 / 6000  # the pair (a, b)
+    shapes = np.array([rounded_shapes(x, 1.0) for x in theta])
+    assert np.mean(shapes[:, 0] - shapes[:, 1]) == pytest.approx(2.0, rel=1e-6)
+    assert np.ptp(shapes[:, 0] - shapes[:, 1]) > 0.2
+    flat = np.array([rounded_shapes(x, 0.0) for x in theta])
+    np.testing.assert_allclose(flat[:, 0] - flat[:, 1], 2.0, rtol=1e-12)
+
+
+def test_cogging_does_no_work_over_a_turn():
+    truer = truer_constants(COGGED)
+    theta = np.linspace(0.0, 2.0 * math.pi, 1201)[:-1]
+    torque = np.array([cogging_torque(x, truer) for x in theta])
+    assert np.abs(torque).max() == pytest.approx(0.002, rel=1e-3)
+    assert abs(torque.mean()) < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("structure", "actuator", "faults"),
+    [
+        pytest.param({"emf_rounding": 0.5}, ROUNDED, {"short_b": 0.2}, id="rounded"),
+        pytest.param(
+            {"cogging": 0.002, "cogging_cycles": 12.0, "cogging_phase": 0.7}, COGGED,
+            {"friction": 0.25}, id="cogging",
+        ),
+        pytest.param(
+            {"control_interval": 5e-5}, SAMPLED.changed({"speed_loop.integral_gain": 0.0}),
+            {"friction": 0.25}, id="sampled",
+        ),
+        pytest.param(
+            {"gear_stiffness": 1.0, "gear_damping": 0.005}, SOFT, {"backlash": 0.05}, id="compliant"
+        ),
+    ],
+)  # fmt: skip
+def test_the_reference_model_is_the_independent_actuator_with_the_same_form(
+    structure, actuator, faults
+):
+    time = np.linspace(0.0, 0.5, 50_001)
+    command, load = Scenario.load_file("default").histories(time)
+    other = another_actuator.simulate(
+        another_actuator.parameters_of(PLAIN), time, command, load, faults,
+        another_actuator.Structure(**structure), noise=0.0, bits=None,
+    )  # fmt: skip
+    gap = misfit(answer("reference", faults, actuator), equivalent(other))
+    without = misfit(answer("reference", faults, PLAIN), equivalent(other))
+    print(f"{structure}: {100.0 * gap:.3f} %, without the form {100.0 * without:.2f} %")
+    assert gap < 0.003
+    assert without > 2.0 * gap
+
+
+def test_a_stiffer_and_stiffer_gear_is_the_rigid_one():
+    rigid = answer("monitor", {"friction": 0.3}, PLAIN, 1e-6)
+    gaps = []
+    for stiffness in (10.0, 300.0, 1e4):
+        stiff = PLAIN.changed(
+            {"compliance.stiffness": stiffness, "compliance.damping": 0.04, "steps.monitor": 1e-6}
+        )
+        gaps.append(misfit(answer("monitor", {"friction": 0.3}, stiff), rigid))
+    print([f"{100.0 * gap:.2f} %" for gap in gaps])
+    assert gaps[0] > 0.01
+    assert max(gaps[1:]) < 0.003
+
+
+@pytest.mark.parametrize("model", ["reference", "monitor"])
+def test_a_loop_that_is_sampled_at_each_step_is_the_continuous_one(model):
+    fast = PLAIN.changed(
+        {
+            "speed_loop.integral_gain": 0.0, "speed_loop.sample_time": 2e-6,
+            "speed_loop.delay": 0.0, "steps.monitor": 1e-6,
+        }
+    )  # fmt: skip
+    faults = {"friction": 0.3}
+    assert misfit(answer(model, faults, fast, 1e-6), answer(model, faults, PLAIN, 1e-6)) < 0.004
+
+
+def test_a_stiff_gear_is_refused_at_a_long_step():
+    with pytest.raises(ParameterError, match=r"monitor model must lie between 1e-09 and 8\.45e-06"):
+        PLAIN.changed({"compliance.stiffness": 1000.0, "compliance.damping": 0.04})
+
+
+@pytest.mark.parametrize("model", ["reference", "monitor"])
+def test_shorter_steps_bring_less_and_less(model):
+    faults = {**SHORT, **OFFSET}
+    steps = (2e-6, 1e-6, 0.25e-6) if model == "reference" else (25e-6, 12.5e-6, 2.5e-6)
+    coarse, fine, finest = (answer(model, faults, EVERYTHING, step) for step in steps)
+    errors = misfit(coarse, finest), misfit(fine, finest)
+    print(f"{model}: {100 * errors[0]:.3f} and {100 * errors[1]:.3f} %")
+    assert errors[1] < errors[0]
+    assert errors[1] < 0.0015
+
+
+NOISE = Noise(white=0.02, bits=12)
+
+
+@pytest.mark.parametrize("resistance", [0.02, 0.1, 0.5])
+def test_a_short_of_fifteen_per_cent_with_a_loop_is_identified(resistance):
+    actuator = PLAIN.changed({"shorted_turns.resistance": resistance})
+    record = simulate("reference", faults=SHORT, actuator=actuator, noise=NOISE)
+    found = ematwin.identify(record, actuator=actuator)
+    low, high = found.intervals["short_a"]
+    print(f"{resistance} ohm: {found.estimate['short_a']:.4f} in {low:.3f} to {high:.3f}")
+    assert found.estimate["short_a"] == pytest.approx(0.15, abs=0.02)
+    assert low <= 0.15 <= high
+    assert found.verdict.faults == ("short_a",)
+
+
+def test_a_fixed_offset_of_a_fifth_is_identified():
+    record = simulate("reference", faults=OFFSET, actuator=FIXED, noise=NOISE)
+    found = ematwin.identify(record, actuator=FIXED)
+    low, high = found.intervals["eccentricity"]
+    assert found.estimate["eccentricity"] == pytest.approx(0.2, abs=0.02)
+    assert low <= 0.2 <= high
+    assert found.estimate["eccentricity_phase"] == pytest.approx(0.3, abs=0.02)
+
+
+def test_backlash_in_a_gear_that_gives_is_identified():
+    faults = {"backlash": 0.1, "friction": 0.2}
+    record = simulate("reference", faults=faults, actuator=SOFT, noise=NOISE)
+    found = ematwin.identify(record, actuator=SOFT, exact=True)
+    for name, value in faults.items():
+        low, high = found.intervals[name]
+        assert found.estimate[name] == pytest.approx(value, abs=0.02)
+        assert low <= value <= high
+
+
+def test_a_gain_in_a_sampled_loop_with_an_integral_is_identified():
+    faults = {"gain": 0.7, "friction": 0.3, "short_a": 0.2}
+    record = simulate("reference", faults=faults, actuator=SAMPLED, noise=NOISE)
+    found = ematwin.identify(record, actuator=SAMPLED, exact=True)
+    print({name: found.estimate[name] for name in faults})
+    for name, value in faults.items():
+        assert found.estimate[name] == pytest.approx(value, abs=0.02)
+
+
+def test_faults_beside_every_form_are_identified():
+    faults = {"short_b": 0.15, "friction": 0.3, "backlash": 0.1, "gain": 0.6}
+    record = simulate("reference", faults=faults, actuator=EVERYTHING, noise=NOISE)
+    found = ematwin.identify(record, actuator=EVERYTHING, exact=True)
+    for name, value in faults.items():
+        assert found.estimate[name] == pytest.approx(value, abs=0.02)

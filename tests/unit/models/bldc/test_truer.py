@@ -1,0 +1,215 @@
+"""The truer forms step by step against plain Python, and what a batch makes of them."""
+
+import numpy as np
+import pytest
+
+import ematwin
+from bldc_inputs import SEVERE, history
+from ematwin.errors import InputError, ParameterError
+from ematwin.models.bldc import batch
+from ematwin.models.bldc.constants import kernel_constants, truer_constants
+from ematwin.models.bldc.faults import Faults
+from ematwin.models.bldc.parameters import BldcActuator
+from ematwin.models.bldc.truer.reference_step import advance_shorted_bridge
+from ematwin.models.bldc.truer.state import NEUTRAL, REST
+from ematwin.models.registry import model_of
+from ematwin.models.simulating import simulate
+from naive import truer as naive
+
+PLAIN = BldcActuator.load()
+FORMS = {
+    "shorted_turns": {"shorted_turns.resistance": 0.1},
+    "eccentricity": {"eccentricity.turning_share": 0.3},
+    "emf": {"emf.rounding": 0.4},
+    "cogging": {"cogging.torque": 0.003, "cogging.cycles": 12, "cogging.phase": 0.7},
+    "speed_loop": {
+        "speed_loop.integral_gain": 0.5,
+        "speed_loop.sample_time": 4e-5,
+        "speed_loop.delay": 1e-5,
+    },
+    "compliance": {"compliance.stiffness": 5.0, "compliance.damping": 0.003},
+}
+LATE = {
+    "speed_loop.integral_gain": 0.0, "speed_loop.sample_time": 5e-5, "speed_loop.delay": 0.0,
+}  # fmt: skip
+ALL = {place: value for form in FORMS.values() for place, value in form.items()}
+TRUER = PLAIN.changed(ALL)
+MODEL = model_of(PLAIN)
+
+
+def monitor_trace(actuator, faults, command, load, dt):
+    truer = truer_constants(actuator)
+    return batch.monitor_trace(
+        faults.vector, command, load, np.zeros(6), kernel_constants(actuator), dt, 1, 1, truer,
+        None if truer is None else np.array(REST), None if actuator.compliance is None else True,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("form", [*FORMS.values(), ALL], ids=[*FORMS, "all"])
+def test_monitor_model_is_that_of_the_naive_loop(form):
+    actuator, faults, dt, steps = PLAIN.changed(form), Faults(**SEVERE), 1e-5, 2_000
+    command, load = history(steps, dt)
+    trace = monitor_trace(actuator, faults, command, load, dt)
+    command, load = (0.5 * (x[:-1] + x[1:]) for x in (command, load))  # of the middles
+    slow = naive.simulate_monitor(actuator, faults, command, load, dt)
+    assert np.ptp(slow["motor"]) > 2.0
+    names = ("mean_current", "motor", "motor_speed", "output", "output_speed", "power")
+    for column, name in enumerate(names):
+        np.testing.assert_allclose(trace[:, column], slow[name], rtol=1e-7, atol=1e-7)
+
+
+def test_bridge_with_shorted_turns_solves_the_equations_of_coupled_windings():
+    rng, c, dt = np.random.default_rng(5), kernel_constants(TRUER), 1e-6
+    truer = truer_constants(TRUER)
+    for _ in range(20):
+        faults = Faults(**dict(zip(("short_a", "short_b", "short_c"), rng.random(3), strict=True)))
+        windings = naive.Windings(TRUER, faults)
+        i_a, i_b = rng.uniform(1.0, 5.0, 2)
+        currents = np.array([i_a, -i_a - i_b, i_b, *rng.uniform(-5.0, 5.0, 3)])
+        kappa, w = windings.kappa(rng.uniform(0.0, 6.0)), rng.uniform(-500.0, 500.0)
+        emf = windings.emf(kappa, w)
+        # c is off, and its current flows on through the lower diode
+        volts = np.array([c.v_supply, 0.0, -c.v_diode])
+        expected = naive.advance_phases(windings, currents, volts, emf, dt)
+        found, _, taken, _, _ = advance_shorted_bridge(
+            *currents, *emf[:3], 1.0, -1.0, 0.0, (1.0, 1.0, 1.0, *windings.mu), c, truer, dt
+        )
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+        mean = 0.5 * (currents + expected)[:3]
+        assert taken == pytest.approx(dt * volts @ mean, rel=1e-9)
+
+
+@pytest.mark.parametrize("model", ["reference", "monitor"])
+def test_neutral_values_give_the_models_of_the_paper(model):
+    """Windings are implicit in the truer steps, which moves some switching instants."""
+    c, dt = kernel_constants(PLAIN), 1e-6 if model == "reference" else 1e-5
+    command, load = history(20_000 if model == "reference" else 4_000, dt)
+    faults = Faults(**SEVERE)
+    rest = np.zeros(11 if model == "reference" else 6)
+    if model == "reference":
+        rest[7] = 1.0
+    run = getattr(batch, f"{model}_trace")
+    paper = run(faults.vector, command, load, rest.copy(), c, dt, 1, 1)
+    truer = run(faults.vector, command, load, rest.copy(), c, dt, 1, 1, NEUTRAL, np.array(REST))
+    at = 3 if model == "reference" else 1
+    assert np.ptp(paper[:, at]) > 2.0
+    assert np.abs(truer[:, at] - paper[:, at]).max() < 2e-3 * np.ptp(paper[:, at])
+
+
+@pytest.fixture(scope="module")
+def comparison():
+    record = simulate("reference", faults={"short_a": 0.15}, actuator=TRUER)
+    return MODEL.compare(record, TRUER, threads=2)
+
+
+VECTORS = 0.4 * np.random.default_rng(3).random((40, 8))
+CANDIDATES = {one.name: VECTORS[:, n] for n, one in enumerate(MODEL.faults(PLAIN))}
+
+
+def test_a_batch_answers_as_the_monitor_model_does(comparison):
+    answers = comparison.responses(CANDIDATES, len(VECTORS))["current"]
+    for n in (0, 17):
+        trace = batch.monitor_trace(
+            VECTORS[n], comparison.command, comparison.load, comparison.state.copy(),
+            kernel_constants(TRUER), comparison.step, comparison.substeps, 1,
+            truer_constants(TRUER), np.array(REST), True,
+        )  # fmt: skip
+        current = np.concatenate([[comparison.current[0]], trace[:, 0]])
+        expected = comparison.low_pass.apply(current, comparison.recording.sample_rate)
+        np.testing.assert_allclose(answers[n], expected, rtol=1e-9, atol=1e-9)
+
+
+def test_costs_are_the_same_however_a_batch_is_run(comparison):
+    costs = comparison.costs(CANDIDATES, len(VECTORS))
+    assert np.isfinite(costs).all()
+    residuals = comparison.residuals(CANDIDATES, len(VECTORS))
+    np.testing.assert_allclose((residuals**2).sum(axis=1), costs, rtol=0.05)
+    # with limits it runs in segments, and keeps what the truer forms add between them
+    limits = np.where(np.arange(len(costs)) % 2, np.inf, np.median(costs))
+    within = comparison.costs_within(CANDIDATES, len(VECTORS), limits)
+    kept = np.isfinite(within)
+    assert kept.any()
+    assert not kept.all()
+    np.testing.assert_array_equal(within[kept], costs[kept])
+    # each candidate may have constants of its own
+    own = dict.fromkeys(("shorted_turns.resistance", "cogging.torque"))
+    own = {place: np.full(len(VECTORS), TRUER.value(place)) for place in own}
+    np.testing.assert_allclose(
+        comparison.costs({**CANDIDATES, **own}, len(VECTORS)), costs, rtol=1e-9
+    )
+    own["shorted_turns.resistance"][1] *= 1.5
+    changed = comparison.costs({**CANDIDATES, **own}, len(VECTORS))
+    assert changed[1] != pytest.approx(costs[1], rel=1e-3)
+    assert changed[2] == pytest.approx(costs[2], rel=1e-9)
+    own["shorted_turns.resistance"][2] = np.nan
+    assert np.isposinf(comparison.costs({**CANDIDATES, **own}, len(VECTORS))[2])
+
+
+def test_a_gpu_refuses_what_it_does_not_know(comparison):
+    with pytest.raises(InputError, match="paper's forms, but servo48 has others"):
+        MODEL.compare(comparison.recording, TRUER, backend="cuda")
+
+
+def test_sections_that_are_left_out_leave_no_trace():
+    assert PLAIN.truer_forms == ()
+    assert truer_constants(PLAIN) is None
+    assert PLAIN.fingerprint == "28230fd0bc8ee55b"
+    for section, form in FORMS.items():
+        one = PLAIN.changed(form)
+        assert one.truer_forms == (section,)
+        assert one.fingerprint != PLAIN.fingerprint
+        assert {place for place, *_ in one.parameters()} - {
+            place for place, *_ in PLAIN.parameters()
+        } == set(form)
+
+
+def test_a_template_shows_what_is_left_out_as_comments_that_can_be_used(tmp_path):
+    text = PLAIN.template()
+    path = tmp_path / "mine.toml"
+    path.write_text(text, encoding="utf-8")
+    assert BldcActuator.load(path).fingerprint == PLAIN.fingerprint
+    head, _, options = text.partition("# Sections that may be left out")
+    lines = [line.removeprefix("# ") for line in options.splitlines()]
+    used = [x for x in lines if x.startswith("[") or " = {value" in x]
+    path.write_text(head + "\n".join(used), encoding="utf-8")
+    assert BldcActuator.load(path).truer_forms == tuple(FORMS)
+    # and a file with all of them reads back as it is
+    path.write_text(TRUER.template(), encoding="utf-8")
+    assert BldcActuator.load(path).fingerprint == TRUER.fingerprint
+
+
+@pytest.mark.parametrize(
+    ("form", "said"),
+    [
+        ({"shorted_turns.resistance": 0.0}, "shorted_turns.resistance must be greater than 0"),
+        (
+            {"eccentricity.turning_share": 1.5},
+            "eccentricity.turning_share must be less than or equal to 1",
+        ),
+        ({"cogging.torque": 0.1}, "cogging.cycles is missing"),
+        (
+            LATE | {"speed_loop.sample_time": 1.5e-4},
+            "unstable at speed_loop.sample_time = 0.00015 s .* must be below 0.000101 s",
+        ),
+        (LATE | {"speed_loop.delay": 1e-4}, "delay must be at most sample_time, 5e-05 s"),
+    ],
+)
+def test_impossible_values_are_refused(form, said):
+    with pytest.raises(ParameterError, match=said):
+        PLAIN.changed(form)
+
+
+@pytest.mark.parametrize("resistance", [0.06, 0.17])
+def test_a_contact_of_another_resistance_looks_like_other_turns(resistance):
+    """Of a loop, currents show mu^2/(R_f + mu R) and no more; intervals know that."""
+    true, guessed = (PLAIN.changed({"shorted_turns.resistance": r}) for r in (resistance, 0.1))
+    record = simulate("reference", faults={"short_a": 0.15}, actuator=true)
+    r = PLAIN.motor.resistance / 2.0
+    seen = 0.15**2 / (resistance + 0.15 * r)
+    alike = 0.5 * seen * r + np.sqrt((0.5 * seen * r) ** 2 + 0.1 * seen)
+    found = ematwin.identify(record, actuator=guessed, exact=True)
+    assert found.estimate["short_a"] == pytest.approx(alike, abs=0.005)
+    found = ematwin.identify(record, actuator=guessed)
+    low, high = found.intervals["short_a"]
+    assert low <= 0.15 <= high
+    assert low > 0.05
