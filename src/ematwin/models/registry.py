@@ -31,8 +31,9 @@ def models() -> dict[str, Model]:
     """
     from ematwin.models.ball_screw.model import MODEL as BALL_SCREW
     from ematwin.models.bldc.model import MODEL as BLDC
+    from ematwin.models.pmsm.model import MODEL as PMSM
 
-    found: dict[str, Model] = {model.kind: model for model in (BLDC, BALL_SCREW)}
+    found: dict[str, Model] = {model.kind: model for model in (BLDC, BALL_SCREW, PMSM)}
     for point in entry_points(group=ENTRY_POINTS):
         try:
             loaded = point.load()
