@@ -135,6 +135,24 @@ def lane(own, n):
     )  # fmt: skip
 
 
+@step
+def plant_of(plant, n):
+    """The motor of lane ``n`` from an array (9, lanes)."""
+    return MonitorState(
+        plant[0, n], plant[1, n], plant[2, n], plant[3, n], plant[4, n], plant[5, n], plant[6, n],
+        plant[7, n], plant[8, n],
+    )  # fmt: skip
+
+
+@step
+def loops_of(loops, n):
+    """The drive of lane ``n`` from an array (11, lanes)."""
+    return ControlState(
+        loops[0, n], loops[1, n], loops[2, n], loops[3, n], loops[4, n], loops[5, n], loops[6, n],
+        loops[7, n], loops[8, n],
+    )  # fmt: skip
+
+
 @loop(interleave=2)
 def monitor_scores(
     constants, command, load, start, dt, substeps, ticks, taps, target, weight, every, costs, answer
@@ -161,27 +179,10 @@ def monitor_scores(
     count = command.size
     keep = answer.shape[0] > 0
     b0, b1, b2, a1, a2 = taps[0], taps[1], taps[2], taps[3], taps[4]
+    # few arrays: LLVM gives up vectorising where it had to check too many for overlap
     own = np.empty((constants.shape[1], LANES))
-    i_d = np.empty(LANES)
-    i_q = np.empty(LANES)
-    j_a = np.empty(LANES)
-    j_b = np.empty(LANES)
-    j_c = np.empty(LANES)
-    w_m = np.empty(LANES)
-    theta_m = np.empty(LANES)
-    w_o = np.empty(LANES)
-    theta_o = np.empty(LANES)
-    w_ref = np.empty(LANES)
-    i_ref = np.empty(LANES)
-    total = np.empty(LANES)
-    before = np.empty(LANES)
-    w_seen = np.empty(LANES)
-    total_d = np.empty(LANES)
-    total_q = np.empty(LANES)
-    v_alpha = np.empty(LANES)
-    v_beta = np.empty(LANES)
-    held_alpha = np.empty(LANES)
-    held_beta = np.empty(LANES)
+    plant = np.empty((9, LANES))  # the fields of `MonitorState`
+    loops = np.empty((11, LANES))  # those of `ControlState`, and the voltage that is applied
     cost = np.empty(LANES)
     out = np.empty((7, LANES))
     z1 = np.empty((7, LANES))
@@ -191,24 +192,24 @@ def monitor_scores(
             for m in range(constants.shape[1]):
                 own[m, n] = constants[first + n, m]
             c = lane(own, n)
-            theta_m[n] = start[0] - c.resolver / c.pole_pairs
-            w_m[n] = start[1]
-            theta_o[n] = start[2]
-            w_o[n] = start[3]
-            i_d[n] = start[4]
-            i_q[n] = start[5]
-            j_a[n] = 0.0
-            j_b[n] = 0.0
-            j_c[n] = 0.0
-            w_ref[n] = 0.0
-            i_ref[n] = start[5]
-            total[n] = start[5] * c.set_torque
-            before[n] = start[0]
-            w_seen[n] = start[1]
-            total_d[n] = c.resistance * start[4]
-            total_q[n] = c.resistance * start[5]
-            v_alpha[n] = 0.0
-            v_beta[n] = 0.0
+            plant[6, n] = start[0] - c.resolver / c.pole_pairs
+            plant[5, n] = start[1]
+            plant[8, n] = start[2]
+            plant[7, n] = start[3]
+            plant[0, n] = start[4]
+            plant[1, n] = start[5]
+            plant[2, n] = 0.0
+            plant[3, n] = 0.0
+            plant[4, n] = 0.0
+            loops[0, n] = 0.0
+            loops[1, n] = start[5]
+            loops[2, n] = start[5] * c.set_torque
+            loops[3, n] = start[0]
+            loops[4, n] = start[1]
+            loops[5, n] = c.resistance * start[4]
+            loops[6, n] = c.resistance * start[5]
+            loops[7, n] = 0.0
+            loops[8, n] = 0.0
             cost[n] = 0.0
         for tick in range(count):
             due_speed = tick % ticks[0] == 0
@@ -216,36 +217,31 @@ def monitor_scores(
             command_now = command[tick]
             for n in range(LANES):
                 c = lane(own, n)
-                s, co = sincos(c.pole_pairs * theta_m[n])
-                i_a, i_b, _ = terminal_currents(
-                    s, co, MonitorState(i_d[n], i_q[n], j_a[n], j_b[n], j_c[n], w_m[n], theta_m[n],
-                                        w_o[n], theta_o[n]),
-                )  # fmt: skip
-                held_alpha[n] = v_alpha[n]
-                held_beta[n] = v_beta[n]
-                reading = theta_m[n] + c.resolver / c.pole_pairs
-                loops, seen = control_step(
-                    ControlState(w_ref[n], i_ref[n], total[n], before[n], w_seen[n], total_d[n],
-                                 total_q[n], v_alpha[n], v_beta[n]),
-                    command_now, reading, theta_o[n], c.gain_a * i_a + c.offset_a,
+                s, co = sincos(c.pole_pairs * plant[6, n])
+                i_a, i_b, _ = terminal_currents(s, co, plant_of(plant, n))
+                loops[9, n] = loops[7, n]
+                loops[10, n] = loops[8, n]
+                reading = plant[6, n] + c.resolver / c.pole_pairs
+                after, seen = control_step(
+                    loops_of(loops, n), command_now, reading, plant[8, n], c.gain_a * i_a + c.offset_a,
                     c.gain_b * i_b + c.offset_b, due_position, due_speed, ticks[0], substeps * dt,
                     c,
                 )  # fmt: skip
-                w_ref[n] = loops.w_ref
-                i_ref[n] = loops.i_ref
-                total[n] = loops.total
-                before[n] = loops.before
-                w_seen[n] = loops.w_seen
-                total_d[n] = loops.total_d
-                total_q[n] = loops.total_q
-                v_alpha[n] = loops.v_alpha
-                v_beta[n] = loops.v_beta
+                loops[0, n] = after.w_ref
+                loops[1, n] = after.i_ref
+                loops[2, n] = after.total
+                loops[3, n] = after.before
+                loops[4, n] = after.w_seen
+                loops[5, n] = after.total_d
+                loops[6, n] = after.total_q
+                loops[7, n] = after.v_alpha
+                loops[8, n] = after.v_beta
                 out[0, n] = seen.i_q
                 out[1, n] = seen.i_d
                 out[2, n] = seen.v_q
                 out[3, n] = seen.v_d
-                out[4, n] = w_m[n]
-                out[5, n] = command_now - theta_o[n]
+                out[4, n] = plant[5, n]
+                out[5, n] = command_now - plant[8, n]
                 out[6, n] = command_now - reading
             if tick == 0:  # both sides rest where the recording begins
                 for m in range(7):
@@ -277,19 +273,17 @@ def monitor_scores(
                     for n in range(LANES):
                         c = lane(own, n)
                         now = monitor_step(
-                            MonitorState(i_d[n], i_q[n], j_a[n], j_b[n], j_c[n], w_m[n],
-                                         theta_m[n], w_o[n], theta_o[n]),
-                            held_alpha[n], held_beta[n],
+                            plant_of(plant, n), loops[9, n], loops[10, n],
                             c.load_gain * load_now + c.load_offset, c, dt,
                         )  # fmt: skip
-                        i_d[n] = now.i_d
-                        i_q[n] = now.i_q
-                        j_a[n] = now.j_a
-                        j_b[n] = now.j_b
-                        j_c[n] = now.j_c
-                        w_m[n] = now.w_m
-                        theta_m[n] = now.theta_m
-                        w_o[n] = now.w_o
-                        theta_o[n] = now.theta_o
+                        plant[0, n] = now.i_d
+                        plant[1, n] = now.i_q
+                        plant[2, n] = now.j_a
+                        plant[3, n] = now.j_b
+                        plant[4, n] = now.j_c
+                        plant[5, n] = now.w_m
+                        plant[6, n] = now.theta_m
+                        plant[7, n] = now.w_o
+                        plant[8, n] = now.theta_o
         for n in range(LANES):
             costs[first + n] = cost[n]

@@ -118,10 +118,11 @@ def _loop(motor: Any, k: Any, contact: Any, step: float) -> tuple[Any, Any, Any]
 
     Of ``mu`` shorted turns over a contact ``R_f``; docs/pmsm.md, "Shorted turns".
     """
-    mu = shorted_share(np.asarray(k, dtype=float))
+    k = np.asarray(k, dtype=float)
+    mu = shorted_share(np.abs(k))  # monitoring looks a little below zero
     some = np.maximum(mu, _LEAST)
     inside = mu * (1.0 - 2.0 * mu / 3.0)
     total = contact + inside * motor.resistance
     rate = total / (np.maximum(inside, _LEAST) * motor.leakage)
     loss = motor.resistance / some + contact / some**2
-    return mu * mu / total, np.exp(-rate * step), np.where(mu > 0.0, loss, 0.0 * mu)
+    return np.copysign(mu * mu, k) / total, np.exp(-rate * step), np.where(mu > 0.0, loss, 0.0 * mu)

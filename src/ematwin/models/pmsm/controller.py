@@ -70,7 +70,8 @@ def control_step(now, command, theta_m, theta_o, i_a, i_b, due_position, due_spe
     u_q = c.k_current * e_q + now.total_q + w_e * (c.set_d * i_d + c.set_flux)
     size = math.sqrt(u_d * u_d + u_q * u_q)
     most = c.v_supply / ROOT_3  # the circle within the hexagon of space-vector modulation
-    share = most / size if size > most else 1.0
+    beyond = most / size
+    share = 1.0 if size <= most else beyond  # a select: a division in a branch stops the lanes
     v_d = share * u_d
     v_q = share * u_q
     total_d = now.total_d + c.k_voltage * dt * (e_d + (v_d - u_d) / c.k_current)

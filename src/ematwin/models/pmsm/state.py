@@ -6,6 +6,8 @@ All in SI on the motor shaft; windings and voltages of one phase, peak.
 import math
 from typing import Any, NamedTuple
 
+import numpy as np
+
 FRICTION, BACKLASH = 2.0, 9.0  # added at most, of the healthy value
 SHORTED = 0.3  # of the turns of a phase, at most
 LOST_FLUX = 0.5  # at most
@@ -94,8 +96,11 @@ def gain_factor(k: Any) -> Any:
 
 
 def shorted_share(k: Any) -> Any:
-    """Share of the turns of a phase that are shorted."""
-    return SHORTED * k
+    """Share of the turns of a phase that are shorted.
+
+    The root, so that the current which a short draws grows in proportion to the fault.
+    """
+    return SHORTED * np.sqrt(k)
 
 
 def flux_left(k: Any) -> Any:
