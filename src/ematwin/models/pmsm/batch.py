@@ -137,10 +137,10 @@ def lane(own, n):
 
 @step
 def plant_of(plant, n):
-    """The motor of lane ``n`` from an array (9, lanes)."""
+    """The motor of lane ``n`` from an array (10, lanes)."""
     return MonitorState(
         plant[0, n], plant[1, n], plant[2, n], plant[3, n], plant[4, n], plant[5, n], plant[6, n],
-        plant[7, n], plant[8, n],
+        plant[7, n], plant[8, n], plant[9, n],
     )  # fmt: skip
 
 
@@ -155,15 +155,17 @@ def loops_of(loops, n):
 
 @loop(interleave=2)
 def monitor_scores(
-    constants, command, load, start, dt, substeps, ticks, taps, target, weight, every, costs, answer
+    constants, command, load, before, start, dt, substeps, ticks, taps, target, weight, every,
+    costs, answer,
 ):  # fmt: skip
     """Simulate and score a batch of candidates in one pass.
 
     Parameters
     ----------
     constants : (B, 59) array, the fields of `Constants`; B a multiple of `LANES`
-    command, load : (K + 1,) arrays, at the ticks of the current loops, rad and N m on the motor
-        shaft; the load runs in straight lines between
+    command, load : (P + K + 1,) arrays, at the ticks of the current loops, rad and N m on the
+        motor shaft; the load runs in straight lines between
+    before : int, P, ticks that settle the start and are not compared; whole samples of all loops
     start : (6,) array, angle of the motor as read (rad), its speed (rad/s), angle and speed of the
         output, i_d and i_q (A)
     dt, substeps : step (s), and how many make a tick
@@ -181,7 +183,7 @@ def monitor_scores(
     b0, b1, b2, a1, a2 = taps[0], taps[1], taps[2], taps[3], taps[4]
     # few arrays: LLVM gives up vectorising where it had to check too many for overlap
     own = np.empty((constants.shape[1], LANES))
-    plant = np.empty((9, LANES))  # the fields of `MonitorState`
+    plant = np.empty((10, LANES))  # the fields of `MonitorState`
     loops = np.empty((11, LANES))  # those of `ControlState`, and the voltage that is applied
     cost = np.empty(LANES)
     out = np.empty((7, LANES))
@@ -201,6 +203,7 @@ def monitor_scores(
             plant[2, n] = 0.0
             plant[3, n] = 0.0
             plant[4, n] = 0.0
+            plant[9, n] = 0.0
             loops[0, n] = 0.0
             loops[1, n] = start[5]
             loops[2, n] = start[5] * c.set_torque
@@ -243,29 +246,30 @@ def monitor_scores(
                 out[4, n] = plant[5, n]
                 out[5, n] = command_now - plant[8, n]
                 out[6, n] = command_now - reading
-            if tick == 0:  # both sides rest where the recording begins
-                for m in range(7):
-                    for n in range(LANES):
-                        at = target[m, 0] if m < COMPARED else out[m, n]
-                        z1[m, n] = (1.0 - b0) * at
-                        z2[m, n] = (b2 - a2) * at
-            for m in range(7):
-                for n in range(LANES):
-                    x = out[m, n]
-                    y = b0 * x + z1[m, n]  # direct form II transposed
-                    z1[m, n] = b1 * x - a1 * y + z2[m, n]
-                    z2[m, n] = b2 * x - a2 * y
-                    out[m, n] = y
-            if tick % every == 0:
-                place = tick // every
-                for m in range(COMPARED):
-                    for n in range(LANES):
-                        error = target[m, place] - out[m, n]
-                        cost[n] += weight[m] * error * error
-                if keep:
+            if tick >= before:
+                if tick == before:  # both sides rest where the recording begins
                     for m in range(7):
                         for n in range(LANES):
-                            answer[first + n, m, place] = out[m, n]
+                            at = target[m, 0] if m < COMPARED else out[m, n]
+                            z1[m, n] = (1.0 - b0) * at
+                            z2[m, n] = (b2 - a2) * at
+                for m in range(7):
+                    for n in range(LANES):
+                        x = out[m, n]
+                        y = b0 * x + z1[m, n]  # direct form II transposed
+                        z1[m, n] = b1 * x - a1 * y + z2[m, n]
+                        z2[m, n] = b2 * x - a2 * y
+                        out[m, n] = y
+                if (tick - before) % every == 0:
+                    place = (tick - before) // every
+                    for m in range(COMPARED):
+                        for n in range(LANES):
+                            error = target[m, place] - out[m, n]
+                            cost[n] += weight[m] * error * error
+                    if keep:
+                        for m in range(7):
+                            for n in range(LANES):
+                                answer[first + n, m, place] = out[m, n]
             if tick + 1 < count:
                 d_load = (load[tick + 1] - load[tick]) / substeps
                 for j in range(substeps):
@@ -285,5 +289,6 @@ def monitor_scores(
                         plant[6, n] = now.theta_m
                         plant[7, n] = now.w_o
                         plant[8, n] = now.theta_o
+                        plant[9, n] = now.dw_m
         for n in range(LANES):
             costs[first + n] = cost[n]

@@ -31,6 +31,8 @@ _KEPT = 3.0  # times the cutoff: rate of the samples that are compared
 _TWIN_ERROR = 0.003  # of the RMS of a channel
 _FEWEST = 100  # samples
 _AT_REST = 0.005  # s at the start whose means are the first state
+_SETTLED = 0.1  # s that a candidate holds its first position before the recording begins
+MOVING = 0.05  # of the speed limit: what begins faster does not begin at rest
 COMPARED = ("current_q", "current_d", "voltage_q", "voltage_d", "motor_speed", "following_error")
 _CAPTIONS = {
     "current_q": ("Torque current", "A"),
@@ -97,7 +99,21 @@ class PmsmComparison(Comparison):
                 "moved. Check the channel, or record a motion."
             )
         self.start = first_state(recording, actuator, signals)
+        self._hold()
         self._set(signals)
+
+    def _hold(self) -> None:
+        """Let a candidate hold the first position before a recording that begins at rest.
+
+        What the loops had integrated until then depends on the faults.
+        """
+        self.before = 0
+        if abs(self.start[1]) > MOVING * self.actuator.controller.speed_limit:
+            return
+        self.before = whole_ticks(self.actuator, _SETTLED)
+        self.start[[1, 3]] = 0.0
+        self.command = np.concatenate([np.full(self.before, self.start[2]), self.command])
+        self.load = np.concatenate([np.full(self.before, self.load[0]), self.load])
 
     def _set(self, signals: Mapping[str, np.ndarray]) -> None:
         """Form what is compared from signals (S,) by name."""
@@ -211,8 +227,8 @@ class PmsmComparison(Comparison):
         def work(block: int) -> None:
             part = slice(block * LANES, (block + 1) * LANES)
             monitor_scores(
-                lanes[part], self.command, self.load, self.start, self.step, self.substeps, ticks,
-                taps, target, self._weights, every, costs[part], answer[part],
+                lanes[part], self.command, self.load, self.before, self.start, self.step, self.substeps,
+                ticks, taps, target, self._weights, every, costs[part], answer[part],
             )  # fmt: skip
 
         if self.threads == 1 or blocks == 1:
@@ -233,6 +249,12 @@ def ticks_of(actuator: PmsmActuator) -> np.ndarray:
     return np.array(
         [round(time / control.current_time) for time in (control.speed_time, control.position_time)]
     )
+
+
+def whole_ticks(actuator: PmsmActuator, seconds: float, every: int = 1) -> int:
+    """Ticks in about so many seconds: whole samples of all loops, and of every n-th tick."""
+    whole = math.lcm(*(int(n) for n in ticks_of(actuator)), every)
+    return max(1, round(seconds / (actuator.controller.current_time * whole))) * whole
 
 
 def signals_of(recording: Recording, actuator: PmsmActuator) -> dict[str, np.ndarray]:

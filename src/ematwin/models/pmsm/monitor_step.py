@@ -28,6 +28,7 @@ class MonitorState(NamedTuple):
     theta_m: float  # rad
     w_o: float
     theta_o: float
+    dw_m: float  # rad/s, change of w_m in the last step
 
 
 @step
@@ -44,6 +45,26 @@ def terminal_currents(s, co, now):
 def leg_error(i, c):
     """Voltage that dead time and devices take from a leg, V."""
     return c.v_leg * clip(i / c.knee, -1.0, 1.0)
+
+
+@step
+def winding_voltages(s, co, now, v_alpha, v_beta, c):
+    """Voltages that legs and connectors leave over the phases a, b, c; they add up to zero."""
+    i_a, i_b, i_c = terminal_currents(s, co, now)
+    e_a = c.added_a * i_a + leg_error(i_a, c)
+    e_b = c.added_b * i_b + leg_error(i_b, c)
+    e_c = c.added_c * i_c + leg_error(i_c, c)
+    e_0 = (e_a + e_b + e_c) / 3.0
+    u_a = v_alpha - e_a + e_0
+    u_b = -0.5 * v_alpha + 0.5 * ROOT_3 * v_beta - e_b + e_0
+    return u_a, u_b, -u_a - u_b
+
+
+@step
+def in_rotor_frame(s, co, x_a, x_b, x_c):
+    """Phases that add up to zero as d and q."""
+    beta = (x_b - x_c) / ROOT_3
+    return co * x_a + s * beta, co * beta - s * x_a
 
 
 @step
@@ -67,16 +88,28 @@ def monitor_step(now, v_alpha, v_beta, load, c, dt):
     mid = now.theta_m + 0.5 * dt * now.w_m
     s, co = sincos(c.pole_pairs * mid)
     k_d, k_q, k_0 = emf_shape(s, co, mid, c)
-    i_a, i_b, i_c = terminal_currents(s, co, now)
-    e_a = c.added_a * i_a + leg_error(i_a, c)
-    e_b = c.added_b * i_b + leg_error(i_b, c)
-    e_c = c.added_c * i_c + leg_error(i_c, c)
-    e_0 = (e_a + e_b + e_c) / 3.0
-    u_alpha = v_alpha - e_a + e_0
-    u_beta = v_beta - (e_b - e_c) / ROOT_3
-    w_e = c.pole_pairs * now.w_m
-    u_d = co * u_alpha + s * u_beta - now.w_m * k_d
-    u_q = co * u_beta - s * u_alpha - now.w_m * k_q
+    w_mid = now.w_m + 0.5 * now.dw_m
+    w_e = c.pole_pairs * w_mid
+    zero = w_mid * k_0
+    # Legs and connectors see the currents of the middle: of a short, those of the turns and of the
+    # loop alternate, and only their sum is steady.
+    u_a, u_b, u_c = winding_voltages(s, co, now, v_alpha, v_beta, c)
+    u_d, u_q = in_rotor_frame(s, co, u_a, u_b, u_c)
+    half = 0.5 * dt
+    middle = MonitorState(
+        now.i_d + half / c.l_d * (u_d - w_mid * k_d - c.resistance * now.i_d
+                                  + w_e * c.l_q * now.i_q),
+        now.i_q + half / c.l_q * (u_q - w_mid * k_q - c.resistance * now.i_q
+                                  - w_e * c.l_d * now.i_d),
+        now.j_a + 0.5 * (1.0 - c.decay_a) * (c.loop_a * (u_a + zero) - now.j_a),
+        now.j_b + 0.5 * (1.0 - c.decay_b) * (c.loop_b * (u_b + zero) - now.j_b),
+        now.j_c + 0.5 * (1.0 - c.decay_c) * (c.loop_c * (u_c + zero) - now.j_c),
+        now.w_m, now.theta_m, now.w_o, now.theta_o, now.dw_m,
+    )  # fmt: skip
+    u_a, u_b, u_c = winding_voltages(s, co, middle, v_alpha, v_beta, c)
+    u_d, u_q = in_rotor_frame(s, co, u_a, u_b, u_c)
+    u_d = u_d - w_mid * k_d
+    u_q = u_q - w_mid * k_q
     # the trapezoidal rule: (L/dt + R/2) i+ -+ w L i+ /2 = (L/dt - R/2) i +- w L i /2 + u
     half_r = 0.5 * c.resistance
     cross_d = 0.5 * w_e * c.l_q
@@ -89,11 +122,9 @@ def monitor_step(now, v_alpha, v_beta, load, c, dt):
     i_d = (a_q * b_d + cross_d * b_q) * inverse
     i_q = (a_d * b_q - cross_q * b_d) * inverse
     # each loop sees the voltage of its phase over the turns
-    zero = now.w_m * k_0
-    u_b = -0.5 * u_alpha + 0.5 * ROOT_3 * u_beta
-    j_a = now.j_a + (1.0 - c.decay_a) * (c.loop_a * (u_alpha + zero) - now.j_a)
+    j_a = now.j_a + (1.0 - c.decay_a) * (c.loop_a * (u_a + zero) - now.j_a)
     j_b = now.j_b + (1.0 - c.decay_b) * (c.loop_b * (u_b + zero) - now.j_b)
-    j_c = now.j_c + (1.0 - c.decay_c) * (c.loop_c * (zero - u_alpha - u_b) - now.j_c)
+    j_c = now.j_c + (1.0 - c.decay_c) * (c.loop_c * (u_c + zero) - now.j_c)
     m_d = 0.5 * (now.i_d + i_d)
     m_q = 0.5 * (now.i_q + i_q)
     drawn = 0.5 * (now.j_a + now.j_b + now.j_c + j_a + j_b + j_c)
@@ -102,5 +133,6 @@ def monitor_step(now, v_alpha, v_beta, load, c, dt):
     )
     motion = advance_motion(Motion(now.w_m, now.theta_m, now.w_o, now.theta_o), torque, load, c, dt)
     return MonitorState(
-        i_d, i_q, j_a, j_b, j_c, motion.w_m, motion.theta_m, motion.w_o, motion.theta_o
-    )
+        i_d, i_q, j_a, j_b, j_c, motion.w_m, motion.theta_m, motion.w_o, motion.theta_o,
+        motion.w_m - now.w_m,
+    )  # fmt: skip

@@ -8,6 +8,7 @@ import numpy as np
 
 from ematwin.errors import RecordError
 from ematwin.models.pmsm.channels import PHASES, ROTATING, ROTATING_VOLTAGES, VOLTAGES
+from ematwin.models.pmsm.comparison import MOVING
 from ematwin.models.pmsm.parameters import PmsmActuator
 from ematwin.recordings.recording import Recording
 
@@ -18,7 +19,6 @@ _BEYOND = 1.02  # times the travel
 _ALIKE = 0.1  # of its swing: how far the output may be from where the motor puts it
 _SUM = 0.1  # of the RMS of the phases
 _GAPS = 5.0  # times the healthy gap that a motion should cross
-_AT_REST = 0.05  # of the speed limit
 _DEGREES = 180.0 / np.pi
 
 
@@ -165,7 +165,7 @@ def _check_start(recording: Recording, actuator: PmsmActuator) -> list[str]:
         return []
     count = max(2, min(len(motor), round(5e-3 * recording.sample_rate)))
     speed = abs(float(motor[count - 1] - motor[0])) / ((count - 1) * recording.interval)
-    if speed > _AT_REST * actuator.controller.speed_limit:
+    if speed > MOVING * actuator.controller.speed_limit:
         return [
             f"The recording begins in motion ({speed:.3g} rad/s of the motor), and what the loops "
             "had integrated by then is not known. Begin it at rest."

@@ -9,6 +9,7 @@ import numpy as np
 from ematwin.errors import DivergedError, InputError, ParameterError
 from ematwin.models.base import Progress, simulated_provenance
 from ematwin.models.pmsm.channels import ON_REQUEST, UNITS, to_phases
+from ematwin.models.pmsm.comparison import ticks_of, whole_ticks
 from ematwin.models.pmsm.parameters import PmsmActuator
 from ematwin.models.scenario import Scenario
 from ematwin.recordings.noise import Noise
@@ -17,6 +18,7 @@ from ematwin.recordings.recording import Recording
 _MOST_TICKS = 20_000_000
 _SLICE = 20_000  # ticks between two reports of progress
 _WHOLE = 1e-6
+_SETTLED = 0.2  # s that the first position is held before the scenario begins
 
 
 def simulate(
@@ -35,6 +37,9 @@ def simulate(
     progress: Progress | None = None,
 ) -> Recording:
     """The response to a scenario; arguments and errors as in `ematwin.simulate`.
+
+    The drive has held its first position for a while when the scenario begins, under the load of
+    that moment.
 
     Samples are those of the drive: a rate must divide that of its current loops, which is also the
     default.
@@ -66,7 +71,10 @@ def simulate(
             f"most {_MOST_TICKS} can be simulated. Shorten it."
         )
     time = np.arange(count) * tick
-    command, load = scenario.histories(time)
+    asked, carried = scenario.histories(time)
+    held = whole_ticks(actuator, _SETTLED, every)
+    command = np.concatenate([np.full(held, initial_position), asked])
+    load = np.concatenate([np.full(held, carried[0]), carried])
     run = _reference if fidelity == "reference" else _monitor
     columns = run(
         actuator, values, command, load, initial_position, tick / substeps, substeps, every, progress
@@ -76,8 +84,9 @@ def simulate(
             f"The {fidelity} model of {actuator.name} diverged; check its parameters and the "
             "scenario."
         )
+    columns = {name: column[held // every :] for name, column in columns.items()}
     channels = {
-        "command": command[::every], "load": load[::every], **_channels(columns, actuator)
+        "command": asked[::every], "load": carried[::every], **_channels(columns, actuator)
     }  # fmt: skip
     found = Recording(
         time[::every],
@@ -144,7 +153,6 @@ def _reference(
     progress: Progress | None,
 ) -> dict[str, np.ndarray]:
     from ematwin.models.pmsm.batch import REFERENCE_COLUMNS, reference_trace
-    from ematwin.models.pmsm.comparison import ticks_of
 
     ratio, ticks = actuator.transmission.ratio, ticks_of(actuator)
     c, state, control = reference_states(actuator, values, start * ratio, step)
@@ -178,7 +186,6 @@ def _monitor(
     progress: Progress | None,
 ) -> dict[str, np.ndarray]:
     from ematwin.models.pmsm.batch import ANSWERS, COMPARED, LANES, monitor_scores
-    from ematwin.models.pmsm.comparison import ticks_of
     from ematwin.models.pmsm.constants import constants_of
     from ematwin.models.pmsm.state import Constants
 
@@ -190,7 +197,7 @@ def _monitor(
     answer = np.empty((LANES, len(ANSWERS), command.size))
     target = np.zeros((COMPARED, command.size))
     monitor_scores(
-        constants, command * ratio, load / ratio, np.array([read, 0.0, theta, 0.0, 0.0, 0.0]), step,
+        constants, command * ratio, load / ratio, 0, np.array([read, 0.0, theta, 0.0, 0.0, 0.0]), step,
         substeps, ticks_of(actuator), np.array([1.0, 0.0, 0.0, 0.0, 0.0]), target,
         np.zeros(COMPARED), 1, np.empty(LANES), answer,
     )  # fmt: skip
