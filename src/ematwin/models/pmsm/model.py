@@ -68,10 +68,6 @@ class PmsmModel(Model):
         """What heat may do as well."""
         return CONTRASTS
 
-    def starts(self, actuator: Any, recording: Recording) -> list[dict[str, float]]:
-        """Healthy, and a gap that is clearly worn: between them the misfit may have a ridge."""
-        return [{}, {"backlash": 0.5, "friction": 0.3}]
-
     def excitation(self, recording: Recording, actuator: Any) -> list[str]:
         """Whether the motor turns, and the gap is crossed."""
         from ematwin.models.pmsm.plausibility import too_little_motion
