@@ -2,8 +2,8 @@
 
 Written from docs/pmsm.md and not from the kernels. The windings are four coils: the turns of the
 faulty phase that are left, those that are shorted, and the two other phases. Their inductances
-follow from the turns and from the magnetising inductances along d and q; nothing is transformed into
-a rotor's frame, and no closed form of the loop is used.
+follow from the turns and from the magnetising inductances along d and q; nothing is transformed
+into a rotor's frame, and no closed form of the loop is used.
 """
 
 import cmath
@@ -36,8 +36,13 @@ class Coils:
         p = self.p
         places = np.array([PHASES[n] for n in self.phase]) - theta_e
         d, q = self.share * np.cos(places), self.share * np.sin(places)
-        main = 2.0 / 3.0 * (
-            (p["l_d"] - p["leakage"]) * np.outer(d, d) + (p["l_q"] - p["leakage"]) * np.outer(q, q)
+        main = (
+            2.0
+            / 3.0
+            * (
+                (p["l_d"] - p["leakage"]) * np.outer(d, d)
+                + (p["l_q"] - p["leakage"]) * np.outer(q, q)
+            )
         )
         return main + np.diag(self.share * p["leakage"])
 

@@ -1,8 +1,8 @@
 """Shorted turns against ngspice: coupled inductors, a contact resistance, a free star point.
 
-The machine turns at an imposed speed under sinusoidal terminal voltages. ngspice has six coils, two
-of them in the shorted phase; all of their self and mutual inductances follow from the turns. Ours is
-the reference model's windings, where the loop is a conductance with a time constant.
+The machine turns at an imposed speed under sinusoidal terminal voltages. ngspice has four coils,
+two of them in the shorted phase; all of their self and mutual inductances follow from the turns.
+Ours is the reference model's windings, where the loop is a conductance with a time constant.
 """
 
 import math

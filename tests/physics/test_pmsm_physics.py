@@ -33,7 +33,9 @@ def test_a_locked_rotor_takes_the_current_of_its_resistance_and_time_constant():
         ticks_of(ACTUATOR), np.zeros(3), 1, count // 100,
     )  # fmt: skip
     time = np.arange(count // 100) * 100 * step
-    wanted = volts / motor.resistance * (1.0 - np.exp(-motor.resistance * time / motor.inductance_q))
+    wanted = (
+        volts / motor.resistance * (1.0 - np.exp(-motor.resistance * time / motor.inductance_q))
+    )
     np.testing.assert_allclose(trace[:, 1], wanted, atol=2e-4 * volts / motor.resistance)
     assert abs(trace[:, 0]).max() < 1e-9
 
@@ -108,8 +110,8 @@ def test_what_the_terminals_take_is_lost_stored_or_done_as_work(faults):
         found["motor_position"][-1] - math.radians(20.0) * (values["resolver_offset"] - 0.5)
         / motor.pole_pairs
     )  # fmt: skip
-    vector = 2.0 / 3.0 * sum(
-        i * np.exp(2j * np.pi * n / 3.0 - 1j * angle) for n, i in enumerate(turned)
+    vector = (
+        2.0 / 3.0 * sum(i * np.exp(2j * np.pi * n / 3.0 - 1j * angle) for n, i in enumerate(turned))
     )
     stored = 0.75 * (
         (motor.inductance_d - motor.leakage) * vector.real**2

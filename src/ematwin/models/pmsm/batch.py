@@ -1,7 +1,7 @@
 """Loops over time and candidates. The physics is in the steps; here is only bookkeeping.
 
-`reference_trace` gives a whole simulation. `monitor_scores` runs candidates side by side in lanes of
-a processor's vector unit, one array for each state variable; what they answer with is filtered,
+`reference_trace` gives a whole simulation. `monitor_scores` runs candidates side by side in lanes
+of a processor's vector unit, one array for each state variable; what they answer with is filtered,
 thinned and compared as it arises.
 """
 
@@ -226,9 +226,9 @@ def monitor_scores(
                 loops[10, n] = loops[8, n]
                 reading = plant[6, n] + c.resolver / c.pole_pairs
                 after, seen = control_step(
-                    loops_of(loops, n), command_now, reading, plant[8, n], c.gain_a * i_a + c.offset_a,
-                    c.gain_b * i_b + c.offset_b, due_position, due_speed, ticks[0], substeps * dt,
-                    c,
+                    loops_of(loops, n), command_now, reading, plant[8, n],
+                    c.gain_a * i_a + c.offset_a, c.gain_b * i_b + c.offset_b, due_position,
+                    due_speed, ticks[0], substeps * dt, c,
                 )  # fmt: skip
                 loops[0, n] = after.w_ref
                 loops[1, n] = after.i_ref

@@ -69,6 +69,7 @@ def in_rotor_frame(
     phases = [f"{quantity}_{x}" for x in "abc"]
     if set(phases) <= channels.keys() and "motor_position" in channels:
         angle = pole_pairs * channels["motor_position"]
-        d, q = to_rotor(*(channels[name] for name in phases), angle)
+        a, b, c = (channels[name] for name in phases)
+        d, q = to_rotor(a, b, c, angle)
         return d, q
     return None

@@ -2,9 +2,9 @@
 
 Currents and commanded voltages are compared in the drive's own frame, where what a fault of one
 phase does stands as twice the electrical frequency beside the mean; with them the motor's speed and
-the following error of the output. All of them pass one low-pass, which leaves that frequency in, and
-are thinned as far as it allows. Each is weighed by the noise that its own recording shows and by
-what the twin may miss.
+the following error of the output. All of them pass one low-pass, which leaves that frequency in,
+and are thinned as far as it allows. Each is weighed by the noise that its own recording shows and
+by what the twin may miss.
 """
 
 import copy
@@ -12,8 +12,6 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
-
 import numpy as np
 
 from ematwin.errors import RecordError
@@ -176,7 +174,10 @@ class PmsmComparison(Comparison):
     def captions(self) -> dict[str, tuple[str, str]]:
         """What each is."""
         return {
-            name: (f"{_CAPTIONS[name][0]} ({self.low_pass.cutoff:g} Hz low-pass)", _CAPTIONS[name][1])
+            name: (
+                f"{_CAPTIONS[name][0]} ({self.low_pass.cutoff:g} Hz low-pass)",
+                _CAPTIONS[name][1],
+            )
             for name in self._filtered
         }
 
@@ -227,8 +228,8 @@ class PmsmComparison(Comparison):
         def work(block: int) -> None:
             part = slice(block * LANES, (block + 1) * LANES)
             monitor_scores(
-                lanes[part], self.command, self.load, self.before, self.start, self.step, self.substeps,
-                ticks, taps, target, self._weights, every, costs[part], answer[part],
+                lanes[part], self.command, self.load, self.before, self.start, self.step,
+                self.substeps, ticks, taps, target, self._weights, every, costs[part], answer[part],
             )  # fmt: skip
 
         if self.threads == 1 or blocks == 1:

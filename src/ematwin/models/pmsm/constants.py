@@ -109,7 +109,7 @@ def _constants(actuator: PmsmActuator, k: Mapping[str, Any], step: float) -> Con
         travel_low=gear.travel_low * gear.ratio,
         travel_high=gear.travel_high * gear.ratio,
         load_gain=k["load_gain"],
-        load_offset=np.asarray(k["load_offset"]) / gear.ratio,
+        load_offset=k["load_offset"] / gear.ratio,
     )
 
 

@@ -1,9 +1,9 @@
 """The sampled loops of the drive: position P, speed PI, current PI with decoupling.
 
 docs/pmsm.md, "Controller". One call is one tick of the current loops; position and speed loops take
-part where their samples fall due. The voltage that a tick computes is applied one tick later. Limits
-feed back into the integrators (Åström and Hägglund 1995, PID Controllers, section 3.5), the angle
-of the voltage leads by the tick and a half until the middle of its application.
+part where their samples fall due. The voltage that a tick computes is applied one tick later.
+Limits feed back into the integrators (Åström and Hägglund 1995, PID Controllers, section 3.5), the
+angle of the voltage leads by the tick and a half until the middle of its application.
 """
 
 import math

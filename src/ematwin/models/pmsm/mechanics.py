@@ -1,8 +1,8 @@
 """Motor and output on a gear with play: what both models share.
 
-docs/pmsm.md, "Mechanics". The gear is a spring and a damper behind the gap; friction sticks (Borello
-and Dalla Vedova 2012) and falls with speed (Stribeck; the form of Hess and Soom 1990, J. Tribology
-112, 147-152).
+docs/pmsm.md, "Mechanics". The gear is a spring and a damper behind the gap; friction sticks
+(Borello and Dalla Vedova 2012) and falls with speed (Stribeck; the form of Hess and Soom 1990, J.
+Tribology 112, 147-152).
 """
 
 from typing import NamedTuple

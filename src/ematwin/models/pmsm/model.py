@@ -28,7 +28,9 @@ class PmsmModel(Model):
     command: ClassVar[str] = "command"
     load: ClassVar[str | None] = "load"
     needs: ClassVar[tuple[tuple[tuple[str, ...], ...], ...]] = NEEDS
+    # one descent from healthy finds the valley: the currents' frame turns with the recorded rotor
     default_search: ClassVar[str] = "levenberg-marquardt"
+    frees_parameters: ClassVar[bool | None] = True
     fidelities: ClassVar[tuple[str, ...]] = ("reference", "monitor")
     sample_rate: ClassVar[float] = 10_000.0
     on_request: ClassVar[tuple[str, ...]] = ON_REQUEST

@@ -1,9 +1,9 @@
 """One step of the monitor model: the motor in its rotor's frame, averaged over the PWM.
 
-docs/pmsm.md, "Monitor model". Where a fault breaks the symmetry of the phases, its negative sequence
-is carried along: that of the EMF in closed form, those of resistances and of the legs' voltage
-errors by way of the phase currents. The current here is that of the turns that are not shorted; what
-shorted loops draw adds to it at the terminals.
+docs/pmsm.md, "Monitor model". Where a fault breaks the symmetry of the phases, its negative
+sequence is carried along: that of the EMF in closed form, those of resistances and of the legs'
+voltage errors by way of the phase currents. The current here is that of the turns that are not
+shorted; what shorted loops draw adds to it at the terminals.
 
 A step happens in its middle (trapezoidal rule); the voltage stands still in the stator meanwhile.
 """

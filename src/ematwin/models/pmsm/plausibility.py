@@ -75,8 +75,8 @@ def _check_sizes(recording: Recording, actuator: PmsmActuator) -> None:
         if largest > most:
             smaller = {"A": "mA", "V": "mV", "rad/s": "rpm"}[unit]
             raise RecordError(
-                f"{name} reaches {largest:.4g} {unit}, which {actuator.name} cannot give (more than "
-                f"{most:.4g} {unit}). If it is in {smaller}, give its unit; else check its scale, "
+                f"{name} reaches {largest:.4g} {unit}, which {actuator.name} cannot give (more "
+                f"than {most:.4g} {unit}). If it is in {smaller}, give its unit; else check its scale, "
                 "or the actuator."
             )
 
@@ -91,8 +91,8 @@ def _check_travel(recording: Recording, actuator: PmsmActuator) -> None:
         if low < _BEYOND * gear.travel_low or high > _BEYOND * gear.travel_high:
             raise RecordError(
                 f"{name} runs from {low:.4g} to {high:.4g} rad, beyond the end stops of "
-                f"{actuator.name} at {gear.travel_low:.4g} and {gear.travel_high:.4g} rad. If it is "
-                "in degrees or on the motor side, say so in the map; else check its offset."
+                f"{actuator.name} at {gear.travel_low:.4g} and {gear.travel_high:.4g} rad. If it "
+                "is in degrees or on the motor side, say so in the map; else check its offset."
             )
     motor = recording.channels.get("motor_position")
     if motor is not None and np.ptp(motor) * recording.sample_rate > 0.0:

@@ -77,7 +77,15 @@ def simulate(
     load = np.concatenate([np.full(held, carried[0]), carried])
     run = _reference if fidelity == "reference" else _monitor
     columns = run(
-        actuator, values, command, load, initial_position, tick / substeps, substeps, every, progress
+        actuator,
+        values,
+        command,
+        load,
+        initial_position,
+        tick / substeps,
+        substeps,
+        every,
+        progress,
     )
     if not all(np.isfinite(column).all() for column in columns.values()):
         raise DivergedError(
@@ -193,12 +201,14 @@ def _monitor(
     one = {name: np.array([value]) for name, value in values.items()}
     constants = np.repeat(constants_of(actuator, one, 1, step), LANES, axis=0)
     theta = start * ratio
-    read = theta + float(constants[0, Constants._fields.index("resolver")]) / actuator.motor.pole_pairs
+    read = (
+        theta + float(constants[0, Constants._fields.index("resolver")]) / actuator.motor.pole_pairs
+    )
     answer = np.empty((LANES, len(ANSWERS), command.size))
     target = np.zeros((COMPARED, command.size))
     monitor_scores(
-        constants, command * ratio, load / ratio, 0, np.array([read, 0.0, theta, 0.0, 0.0, 0.0]), step,
-        substeps, ticks_of(actuator), np.array([1.0, 0.0, 0.0, 0.0, 0.0]), target,
+        constants, command * ratio, load / ratio, 0, np.array([read, 0.0, theta, 0.0, 0.0, 0.0]),
+        step, substeps, ticks_of(actuator), np.array([1.0, 0.0, 0.0, 0.0, 0.0]), target,
         np.zeros(COMPARED), 1, np.empty(LANES), answer,
     )  # fmt: skip
     if progress is not None:
@@ -212,7 +222,7 @@ def _monitor(
 def _channels(columns: Mapping[str, np.ndarray], actuator: PmsmActuator) -> dict[str, np.ndarray]:
     """All channels, from d and q, the motor's speed, and positions on the motor shaft."""
     angle = actuator.motor.pole_pairs * columns["motor_position"]
-    found = {}
+    found: dict[str, np.ndarray] = {}
     for quantity in ("current", "voltage"):
         phases = to_phases(columns[f"{quantity}_d"], columns[f"{quantity}_q"], angle)
         found |= {f"{quantity}_{x}": row for x, row in zip("abc", phases, strict=True)}

@@ -11,6 +11,7 @@ circle (e.g. Franklin, Powell and Workman 1998, Digital Control of Dynamic Syste
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ import numpy as np
 from ematwin.errors import ParameterError
 
 _MARGIN = 1e-9  # of the unit circle
-_FINE = 40  # halvings in the search for a limit
+_HALVINGS, _BISECTIONS = 20, 10  # in the search for a limit
 _PIECES = 4  # steps of the mechanics in a current sample
 
 
@@ -48,14 +49,14 @@ def check_loops(actuator: Any) -> None:
 def _limit(stable: Callable[[float], bool], own: float) -> float:
     """The longest stable sample time below one that is not, s; 0 if there is none."""
     low = own
-    for _ in range(_FINE // 2):
+    for _ in range(_HALVINGS):
         low *= 0.5
         if stable(low):
             break
     else:
         return 0.0
     high = 2.0 * low
-    for _ in range(10):
+    for _ in range(_BISECTIONS):
         middle = math.sqrt(low * high)
         low, high = (middle, high) if stable(middle) else (low, middle)
     return low
@@ -72,17 +73,15 @@ def spectral_radius(actuator: Any, loop: str, sample_time: float) -> float:
     speed = min(control.speed_time, sample_time) if loop == "position" else sample_time
     counts = (max(1, round(speed / current)), max(1, round(sample_time / current)))
     if loop == "current":
+        motor = actuator.motor
         return max(
-            _radius(lambda x, inductance=inductance: _current_loop(x, actuator, inductance, current), 3)
-            for inductance in (actuator.motor.inductance_d, actuator.motor.inductance_q)
+            _radius(partial(_current_loop, actuator, inductance, current), 3)
+            for inductance in (motor.inductance_d, motor.inductance_q)
         )
     rigid = loop == "speed"
     period = sample_time / counts[1]
 
-    def over_a_period(x: np.ndarray) -> np.ndarray:
-        return _cascade(x, actuator, period, counts, rigid)
-
-    return _radius(over_a_period, 10)
+    return _radius(partial(_cascade, actuator, period, counts, rigid), 10)
 
 
 def _radius(transition: Callable[[np.ndarray], np.ndarray], size: int) -> float:
@@ -90,7 +89,7 @@ def _radius(transition: Callable[[np.ndarray], np.ndarray], size: int) -> float:
     return float(np.abs(np.linalg.eigvals(transition(np.eye(size)))).max())
 
 
-def _current_loop(x: np.ndarray, actuator: Any, inductance: float, period: float) -> np.ndarray:
+def _current_loop(actuator: Any, inductance: float, period: float, x: np.ndarray) -> np.ndarray:
     """Current, integrator and pending voltage after a sample; rows of (3, columns)."""
     control, resistance = actuator.controller, actuator.motor.resistance
     current, integral, pending = x
@@ -102,7 +101,7 @@ def _current_loop(x: np.ndarray, actuator: Any, inductance: float, period: float
 
 
 def _cascade(
-    x: np.ndarray, actuator: Any, period: float, counts: tuple[int, int], rigid: bool
+    actuator: Any, period: float, counts: tuple[int, int], rigid: bool, x: np.ndarray
 ) -> np.ndarray:
     """All loops over one sample of the slowest; rows of (10, columns).
 
