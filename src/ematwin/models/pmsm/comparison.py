@@ -12,6 +12,7 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 
 from ematwin.errors import RecordError

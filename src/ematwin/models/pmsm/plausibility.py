@@ -75,9 +75,9 @@ def _check_sizes(recording: Recording, actuator: PmsmActuator) -> None:
         if largest > most:
             smaller = {"A": "mA", "V": "mV", "rad/s": "rpm"}[unit]
             raise RecordError(
-                f"{name} reaches {largest:.4g} {unit}, which {actuator.name} cannot give (more "
-                f"than {most:.4g} {unit}). If it is in {smaller}, give its unit; else check its scale, "
-                "or the actuator."
+                f"{name} reaches {largest:.4g} {unit}, more than the {most:.4g} {unit} that "
+                f"{actuator.name} can give. If it is in {smaller}, give its unit; else check its "
+                "scale, or the actuator."
             )
 
 

@@ -68,19 +68,18 @@ def spectral_radius(actuator: Any, loop: str, sample_time: float) -> float:
     ``sample_time`` is that of the loop; the faster ones keep theirs, or take it where theirs would
     be longer.
     """
+    if loop == "current":
+        motor = actuator.motor
+        return max(
+            _radius(partial(_current_loop, actuator, inductance, sample_time), 3)
+            for inductance in (motor.inductance_d, motor.inductance_q)
+        )
     control = actuator.controller
     current = min(control.current_time, sample_time)
     speed = min(control.speed_time, sample_time) if loop == "position" else sample_time
     counts = (max(1, round(speed / current)), max(1, round(sample_time / current)))
-    if loop == "current":
-        motor = actuator.motor
-        return max(
-            _radius(partial(_current_loop, actuator, inductance, current), 3)
-            for inductance in (motor.inductance_d, motor.inductance_q)
-        )
     rigid = loop == "speed"
     period = sample_time / counts[1]
-
     return _radius(partial(_cascade, actuator, period, counts, rigid), 10)
 
 
