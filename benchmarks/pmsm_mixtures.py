@@ -7,9 +7,10 @@ The recordings are of the reference model (5 us, quantised sensors), with white 
 RMS and converters of 12 bits on phase currents and commanded voltages; the twin is told the
 parameters, not the faults. With ``--sheet`` each actuator is off its data sheet, within its
 tolerances, and the twin is told the sheet. Of each: Err% (the norm of the differences of the
-normalised magnitudes, in per cent; a direction counts by its magnitude), what the verdict names,
-how many of the 95 % intervals hold what was injected, and whether the verdict is silently wrong: a
-fault of 5 % or more is not named though a verdict is given, or one is named that is not there.
+normalised magnitudes, in per cent; a direction counts by its magnitude), the grade of the verdict,
+how many of the 95 % intervals hold what was injected, and whether a verdict is silently wrong: a
+fault of 5 % or more is not mentioned, one is named that is not there, or a value lies outside its
+interval by half of its half width and 0.01, and nothing is said.
 """
 
 import argparse
@@ -41,6 +42,7 @@ class Row:
     grade: str
     missed: str
     invented: str
+    outside: str
     held: int
     intervals: int
     seconds: float
@@ -48,7 +50,7 @@ class Row:
 
     @property
     def silently_wrong(self):
-        return self.grade != "none" and bool(self.missed or self.invented)
+        return self.grade != "none" and bool(self.missed or self.invented or self.outside)
 
 
 def mixture(model, actuator, seed):
@@ -116,19 +118,26 @@ def judged(actuator, seed, *, voltages=True, sheet=False):
     magnitudes = [one for one in model.faults(actuator) if one.direction_of is None]
     size = {one.name: abs(truth[one.name] - one.healthy) / one.width for one in magnitudes}
     named = set(found.present)
-    held = sum(
-        low - 1e-12 <= truth[one.name] <= high + 1e-12
-        for one in magnitudes
-        for low, high in [found.intervals[one.name]]
-    )
+    beyond = {}  # how far the truth lies outside the interval, in its half width
+    for one in magnitudes:
+        low, high = found.intervals[one.name]
+        away = max(low - truth[one.name], truth[one.name] - high)
+        beyond[one.name] = away / max(0.5 * (high - low), 1e-9)
+    # what tolerances may cause as well is said beside the faults that are named
+    said = {n for n in size if n.replace("_", " ").capitalize() in found.verdict.sentence}
     return Row(
         seed,
         " ".join(f"{name}={value:.2f}" for name, value in values.items()),
         model.error_percent(found.values, truth, actuator),
         found.verdict.grade,
-        " ".join(name for name, share in size.items() if share >= LARGE and name not in named),
+        " ".join(name for name, share in size.items() if share >= LARGE and name not in said),
         " ".join(name for name in named if size[name] < SMALL),
-        held,
+        " ".join(
+            name
+            for name, away in beyond.items()
+            if away > 0.5 and abs(found.values[name] - truth[name]) > 0.01
+        ),
+        sum(away <= 1e-9 for away in beyond.values()),
         len(magnitudes),
         seconds,
         found.relative_misfit,
@@ -153,7 +162,8 @@ def main():
             f"{seed:3d} Err {row.error:6.2f} %  {row.grade:7} held {row.held}/{row.intervals}  "
             f"{row.seconds:4.1f} s  {row.injected}"
             + (f"  MISSED {row.missed}" if row.missed else "")
-            + (f"  INVENTED {row.invented}" if row.invented else ""),
+            + (f"  INVENTED {row.invented}" if row.invented else "")
+            + (f"  OUTSIDE {row.outside}" if row.outside else ""),
             flush=True,
         )
     errors = np.array([row.error for row in rows])

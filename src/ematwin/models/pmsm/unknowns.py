@@ -136,18 +136,24 @@ def unknowns(actuator: Any) -> tuple[Unknown, ...]:
 
 
 def aliases(actuator: Any, values: Mapping[str, float]) -> list[Alias]:
-    """Directions in which the answer does not change: each fault against what it multiplies."""
+    """Directions in which the answer does not change: each fault against what it multiplies.
+
+    Parameters stay free where a fault cannot take their place on both sides: turns are not added,
+    gaps do not close. Priors decide there.
+    """
     k = {one.name: values.get(one.name, one.healthy) for one in UNKNOWNS}
     left = state.flux_left(k["demagnetisation"])
-    added = {f"connector_{x}": (1.0 / state.CONNECTOR + k[f"connector_{x}"]) for x in "abc"}
+    warmer = {f"connector_{x}": 1.0 / state.CONNECTOR for x in "abc"}
     worn = state.friction_factor(k["friction"]) / state.FRICTION
+    wider = state.backlash_factor(k["backlash"]) / state.BACKLASH
     return [
-        Alias("motor.flux", {"demagnetisation": -left / state.LOST_FLUX}),
-        Alias("motor.resistance", {name: value - k[name] for name, value in added.items()}),
-        Alias("transmission.friction_torque",
-              {"friction": worn, "motor.friction_torque": -1.0}),
-        Alias("transmission.backlash",
-              {"backlash": state.backlash_factor(k["backlash"]) / state.BACKLASH}),
+        Alias("motor.flux", {"demagnetisation": -left / state.LOST_FLUX}, held=False),
+        Alias("motor.resistance", warmer, held=False),
+        Alias(
+            "transmission.friction_torque", {"friction": worn, "motor.friction_torque": -1.0},
+            held=False,
+        ),
+        Alias("transmission.backlash", {"backlash": wider}, held=False),
         Alias("controller.position_gain", {"gain": state.gain_factor(k["gain"])}),
     ]  # fmt: skip
 
