@@ -15,7 +15,8 @@ from pathlib import Path
 
 ORDER = (
     "cli", "bench", "testing", "comparison", "report", "monitoring", "estimation",
-    "models", "models.bldc", "models.ball_screw", "models.pmsm", "recordings", "optimizers", "numerics",
+    "models", "models.bldc", "models.ball_screw", "models.pmsm",
+    "recordings", "optimizers", "numerics",
     "files", "quantities", "validation", "errors",
 )  # fmt: skip
 
