@@ -47,7 +47,12 @@ def test_a_file_is_shown_like_a_shipped_set(ematwin, tmp_path):
 def test_shipped_scenarios_are_listed(ematwin):
     lines = ematwin("scenarios").out.splitlines()
     names = [line.split()[0] for line in lines]
-    assert names == [*shipped_scenarios(), *shipped_scenarios("ematwin.models.ball_screw")]
+    others = ("ball_screw", "pmsm")
+    assert names == [
+        *shipped_scenarios(),
+        *(name for kind in others for name in shipped_scenarios(f"ematwin.models.{kind}")),
+    ]
+    assert len(set(names)) == len(names)
     told = json.loads(ematwin("scenarios", "--json").out)
     assert told["default"]["duration"] == 0.5
 

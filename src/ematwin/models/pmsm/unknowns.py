@@ -138,24 +138,21 @@ def unknowns(actuator: Any) -> tuple[Unknown, ...]:
 def aliases(actuator: Any, values: Mapping[str, float]) -> list[Alias]:
     """Directions in which the answer does not change: each fault against what it multiplies.
 
-    Parameters stay free where a fault cannot take their place on both sides: turns are not added,
-    gaps do not close. Priors decide there.
+    Parameters stay free: a fault cannot take their place on both sides, as turns are not added and
+    gaps do not close. Priors decide along these directions.
     """
     k = {one.name: values.get(one.name, one.healthy) for one in UNKNOWNS}
     left = state.flux_left(k["demagnetisation"])
-    warmer = {f"connector_{x}": 1.0 / state.CONNECTOR for x in "abc"}
     worn = state.friction_factor(k["friction"]) / state.FRICTION
     wider = state.backlash_factor(k["backlash"]) / state.BACKLASH
-    return [
-        Alias("motor.flux", {"demagnetisation": -left / state.LOST_FLUX}, held=False),
-        Alias("motor.resistance", warmer, held=False),
-        Alias(
-            "transmission.friction_torque", {"friction": worn, "motor.friction_torque": -1.0},
-            held=False,
-        ),
-        Alias("transmission.backlash", {"backlash": wider}, held=False),
-        Alias("controller.position_gain", {"gain": state.gain_factor(k["gain"])}),
-    ]  # fmt: skip
+    same = {
+        "motor.flux": {"demagnetisation": -left / state.LOST_FLUX},
+        "motor.resistance": {f"connector_{x}": 1.0 / state.CONNECTOR for x in "abc"},
+        "transmission.friction_torque": {"friction": worn, "motor.friction_torque": -1.0},
+        "transmission.backlash": {"backlash": wider},
+        "controller.position_gain": {"gain": state.gain_factor(k["gain"])},
+    }
+    return [Alias(pivot, changes, held=False) for pivot, changes in same.items()]
 
 
 CONTRASTS = (
