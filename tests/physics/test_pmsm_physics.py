@@ -46,6 +46,7 @@ def steady(actuator, speed, load, **faults):
     command = speed * np.arange(count) * TICK
     found = reference(actuator, healthy(actuator, **faults), command, np.full(count, load))
     means = {name: float(np.mean(column[-200:])) for name, column in found.items()}
+    means["loop_a_squared"] = float(np.mean(found["loop_a"][-200:] ** 2))
     taken = found["e_electrical"]
     means["power"] = float(taken[-1] - taken[-201]) / (200 * TICK)
     return means
@@ -90,8 +91,11 @@ def test_a_short_brakes_by_what_it_heats():
     contact = actuator.motor.short_resistance
     volts = math.hypot(after["voltage_d"], after["voltage_q"])
     inside = contact + mu * (1.0 - 2.0 * mu / 3.0) * actuator.motor.resistance
-    heat = 0.5 * (mu * volts) ** 2 / inside  # peak values; the loop's reactance is a tenth
-    assert after["power"] - before["power"] == pytest.approx(heat, rel=0.03)
+    more = after["power"] - before["power"]
+    loop = inside * after["loop_a_squared"] / mu**2
+    assert loop < more < 1.05 * loop  # the rest heats the other turns, whose currents now ripple
+    # peak values, the loop's reactance left out; the faulty phase sags by some per cent
+    assert more == pytest.approx(0.5 * (mu * volts) ** 2 / inside, rel=0.1)
     assert after["voltage_q"] > 0.98 * before["voltage_q"]  # a magnet that lost so much would not
 
 
