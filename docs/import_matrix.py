@@ -15,8 +15,8 @@ from pathlib import Path
 
 ORDER = (
     "cli", "bench", "testing", "comparison", "report", "monitoring", "estimation",
-    "models", "models.bldc", "models.ball_screw", "models.linear_axis", "recordings", "optimizers",
-    "numerics",
+    "models", "models.bldc", "models.ball_screw", "models.linear_axis", "models.pmsm",
+    "recordings", "optimizers", "numerics",
     "files", "quantities", "validation", "errors",
 )  # fmt: skip
 

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from ematwin.models.base import Model
     from ematwin.models.bldc.faults import Faults, error_percent, error_percent_wrapped
     from ematwin.models.bldc.parameters import BldcActuator
+    from ematwin.models.pmsm.parameters import PmsmActuator
     from ematwin.models.reading import read, read_motions, write
     from ematwin.models.registry import load_actuator
     from ematwin.models.scenario import Scenario
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "BallScrew": "ematwin.models.ball_screw.parameters",
+    "PmsmActuator": "ematwin.models.pmsm.parameters",
     "BldcActuator": "ematwin.models.bldc.parameters",
     "Calibration": "ematwin.monitoring.calibration",
     "Channel": "ematwin.recordings.channel",
@@ -81,6 +83,7 @@ __all__ = [
     "Identification",
     "Model",
     "Noise",
+    "PmsmActuator",
     "Problem",
     "Recording",
     "Scenario",

@@ -47,11 +47,12 @@ def test_a_file_is_shown_like_a_shipped_set(ematwin, tmp_path):
 def test_shipped_scenarios_are_listed(ematwin):
     lines = ematwin("scenarios").out.splitlines()
     names = [line.split()[0] for line in lines]
-    others = ("ematwin.models.ball_screw", "ematwin.models.linear_axis")
+    others = ("ematwin.models.ball_screw", "ematwin.models.linear_axis", "ematwin.models.pmsm")
     assert names == [
         *shipped_scenarios(),
         *(name for kind in others for name in shipped_scenarios(kind)),
     ]
+    assert len(set(names)) == len(names)
     told = json.loads(ematwin("scenarios", "--json").out)
     assert told["default"]["duration"] == 0.5
 

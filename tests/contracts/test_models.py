@@ -24,6 +24,16 @@ class TestBldc(ModelContract):
         return models()["bldc"]
 
 
+class TestPmsm(ModelContract):
+    # recordings are simulated with the reference model, and the monitor model is the twin
+    healthy_misfit = 0.002
+    step = "steps.monitor"
+
+    @pytest.fixture
+    def model(self):
+        return models()["pmsm"]
+
+
 class TestBallScrew(ModelContract):
     # what current and position error seem to share is taken out, also where nothing is shared
     healthy_misfit = 0.005
@@ -62,7 +72,7 @@ class TestOwnModel(ModelContract):
 
 
 def test_every_kind_of_ours_is_tested_here():
-    assert {"bldc", "ball-screw", "linear-axis"} <= set(models())
+    assert {"bldc", "ball-screw", "linear-axis", "pmsm"} <= set(models())
 
 
 # The contract says what is wrong with a model that does not keep it.

@@ -31,9 +31,9 @@ def test_nothing_above_the_models_imports_a_kind_of_actuator() -> None:
     tool = import_matrix()
     found = tool.parts_of(PACKAGE, tool.ORDER)
     for part in ("estimation", "monitoring", "report"):
-        for kind in ("models.bldc", "models.ball_screw"):
+        for kind in ("models.bldc", "models.ball_screw", "models.pmsm"):
             assert found[part][kind] == set(), part
-    for kind in ("models.bldc", "models.ball_screw", "models", "recordings"):
+    for kind in ("models.bldc", "models.ball_screw", "models.pmsm", "models", "recordings"):
         for part in ("estimation", "monitoring", "optimizers", "comparison", "report", "cli"):
             assert found[kind][part] == set(), kind
 
@@ -43,6 +43,9 @@ def test_the_kinds_do_not_know_each_other() -> None:
     found = tool.parts_of(PACKAGE, tool.ORDER)
     assert found["models.bldc"]["models.ball_screw"] == set()
     assert found["models.ball_screw"]["models.bldc"] == set()
+    for other in ("models.bldc", "models.ball_screw"):
+        assert found["models.pmsm"][other] == set()
+        assert found[other]["models.pmsm"] == set()
 
 
 def test_every_part_has_a_row() -> None:

@@ -133,7 +133,9 @@ def learn(
 
 
 def searches_globally(model: Model) -> bool:
-    """Whether the misfit of a kind has more than one valley, as its default search says."""
+    """Whether parameters are free beside the faults: as a kind says, or its default search."""
+    if model.frees_parameters is not None:
+        return model.frees_parameters
     return model.default_search != LocalDescent().name
 
 

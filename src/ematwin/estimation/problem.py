@@ -408,5 +408,8 @@ def unknowns_of(
             )
     left_out = {one.name for one in free}
     left_out |= {one.name for one in model.unknowns(actuator) if one.role == "symptom"}
+    # held at healthy by nobody's wish: these join where intervals are formed
+    asked = set(held) if isinstance(held, Mapping) else set()
+    left_out |= {one.name for one in every if one.marginal and one.name not in asked}
     fixed = {**values, **places}
     return free, {name: value for name, value in fixed.items() if name not in left_out}

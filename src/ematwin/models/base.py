@@ -115,6 +115,9 @@ class Model(ABC):
     default_search : name of the search method that `identify` uses
     model_error : factor on standard errors for what the twin gets wrong in the same way throughout
         a recording; the default is that measured for the brushless actuator of version 0.1
+    frees_parameters : whether parameters are free, as far as their tolerances allow, where healthy
+        recordings are learnt and others judged; None where that follows from the default search
+        (so it is for all but a local one)
     fidelities : names of its models for `simulate`, the default first
     sample_rate : Hz, of what `simulate` gives where nothing else is said
     on_request : channels that `simulate` gives only where they are asked for (``also``)
@@ -141,6 +144,7 @@ class Model(ABC):
     needs: ClassVar[tuple[str | tuple[tuple[str, ...], ...], ...]] = ()
     default_search: ClassVar[str] = "multistart"
     model_error: ClassVar[float] = 2.5
+    frees_parameters: ClassVar[bool | None] = None
     fidelities: ClassVar[tuple[str, ...]] = ("twin",)
     sample_rate: ClassVar[float] = 1000.0
     on_request: ClassVar[tuple[str, ...]] = ()

@@ -39,11 +39,18 @@ def _linear_axis() -> Model:
     return MODEL
 
 
+def _pmsm() -> Model:
+    from ematwin.models.pmsm.model import MODEL
+
+    return MODEL
+
+
 # Ours by kind, which is also the name of the folder but for hyphens.
 _OURS: dict[str, Callable[[], Model]] = {
     "bldc": _bldc,
     "ball-screw": _ball_screw,
     "linear-axis": _linear_axis,
+    "pmsm": _pmsm,
 }
 
 

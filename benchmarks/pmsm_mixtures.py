@@ -1,0 +1,187 @@
+"""Mixtures of up to five faults of a PMSM servo: error, verdict, intervals, time.
+
+    python benchmarks/pmsm_mixtures.py [--count 50] [--first 0] [--without-voltages] [--sheet]
+                                       [--out FILE]
+
+The recordings are of the reference model (5 us, quantised sensors), with white noise of 2 % of the
+RMS and converters of 12 bits on phase currents and commanded voltages; the twin is told the
+parameters, not the faults. With ``--sheet`` each actuator is off its data sheet, within its
+tolerances, and the twin is told the sheet. Of each: Err% (the norm of the differences of the
+normalised magnitudes, in per cent; a direction counts by its magnitude), the grade of the verdict,
+how many of the 95 % intervals hold what was injected, and whether a verdict is silently wrong: a
+fault of 5 % or more is not mentioned, one is named that is not there, or a value lies outside its
+interval by half of its half width and 0.01, and nothing is said.
+"""
+
+import argparse
+import csv
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ematwin import Noise, identify, simulate
+from ematwin.models.registry import load_actuator, model_of
+
+NOISE, BITS = 0.02, 12
+MOST = 5  # faults
+LARGE = 0.05  # share of the range from which a fault should be named
+SMALL = 0.02  # below which none should be
+SEVERITY = (0.1, 0.8)  # share of the way to a bound
+
+
+@dataclass(frozen=True)
+class Row:
+    """What came out for one mixture."""
+
+    seed: int
+    injected: str
+    error: float
+    grade: str
+    missed: str
+    invented: str
+    outside: str
+    held: int
+    intervals: int
+    seconds: float
+    misfit: float
+
+    @property
+    def silently_wrong(self):
+        return self.grade != "none" and bool(self.missed or self.invented or self.outside)
+
+
+def mixture(model, actuator, seed):
+    """One to five faults, at most one of them a short; directions at random."""
+    random = np.random.default_rng(seed)
+    groups = {}
+    for one in model.faults(actuator):
+        if one.direction_of is None:
+            group = "short" if one.name.startswith("short") else one.name
+            groups.setdefault(group, []).append(one)
+    names = random.choice(sorted(groups), size=random.integers(1, MOST + 1), replace=False)
+    values = {}
+    for name in names:
+        one = groups[name][random.integers(len(groups[name]))]
+        ends = [end for end in (one.lower, one.upper) if end != one.healthy]
+        end = ends[random.integers(len(ends))]
+        values[one.name] = float(one.healthy + random.uniform(*SEVERITY) * (end - one.healthy))
+    for one in model.faults(actuator):
+        if one.direction_of in values:
+            values[one.name] = float(random.random())
+    return values
+
+
+def measured(recording, actuator, seed):
+    """A simulation as converters would have given it."""
+    seen = Noise(white=NOISE, bits=BITS, full_scale=actuator.drive.current_range).apply(
+        recording, np.random.default_rng(seed)
+    )
+    random = np.random.default_rng(10_000 + seed)
+    step = 2.0 * actuator.drive.supply_voltage / 2**BITS
+    changed = {}
+    for x in "abc":
+        volts = seen.channels[f"voltage_{x}"]
+        noise = NOISE * np.sqrt(np.mean(volts**2)) * random.standard_normal(volts.size)
+        changed[f"voltage_{x}"] = step * np.round((volts + noise) / step)
+    return seen.changed(**changed)
+
+
+def off_sheet(actuator, seed):
+    """An actuator of which the sheet is true within its tolerances."""
+    random = np.random.default_rng(50_000 + seed)
+    spread = {place: actuator.tolerance(place) for place, *_ in actuator.parameters()}
+    return actuator.changed(
+        {
+            place: actuator.value(place)
+            * np.exp(0.5 * np.log1p(one) * np.clip(random.normal(), -2, 2))
+            for place, one in spread.items()
+            if one is not None and actuator.value(place) > 0.0
+        }
+    )
+
+
+def judged(actuator, seed, *, voltages=True, sheet=False):
+    """The `Row` of a mixture."""
+    model = model_of(actuator)
+    values = mixture(model, actuator, seed)
+    true = off_sheet(actuator, seed) if sheet else actuator
+    recording = measured(simulate(None, None, values, true), actuator, seed)
+    if not voltages:
+        recording = recording.changed(**{f"voltage_{x}": None for x in "abc"})
+    start = time.process_time()
+    found = identify(recording, actuator, exact=not sheet, threads=1)
+    seconds = time.process_time() - start
+    truth = model.values_of(actuator, values)
+    magnitudes = [one for one in model.faults(actuator) if one.direction_of is None]
+    size = {one.name: abs(truth[one.name] - one.healthy) / one.width for one in magnitudes}
+    named = set(found.present)
+    beyond = {}  # how far the truth lies outside the interval, in its half width
+    for one in magnitudes:
+        low, high = found.intervals[one.name]
+        away = max(low - truth[one.name], truth[one.name] - high)
+        beyond[one.name] = away / max(0.5 * (high - low), 1e-9)
+    # what tolerances may cause as well is said beside the faults that are named
+    said = {n for n in size if n.replace("_", " ").capitalize() in found.verdict.sentence}
+    return Row(
+        seed,
+        " ".join(f"{name}={value:.2f}" for name, value in values.items()),
+        model.error_percent(found.values, truth, actuator),
+        found.verdict.grade,
+        " ".join(name for name, share in size.items() if share >= LARGE and name not in said),
+        " ".join(name for name in named if size[name] < SMALL),
+        " ".join(
+            name
+            for name, away in beyond.items()
+            if away > 0.5 and abs(found.values[name] - truth[name]) > 0.01
+        ),
+        sum(away <= 1e-9 for away in beyond.values()),
+        len(magnitudes),
+        seconds,
+        found.relative_misfit,
+    )
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--count", type=int, default=50)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--without-voltages", action="store_true")
+    parser.add_argument("--sheet", action="store_true")
+    parser.add_argument("--out", type=Path)
+    given = parser.parse_args()
+    actuator = load_actuator("servo400")
+    judged(actuator, 0)  # compiles
+    rows = []
+    for seed in range(given.first, given.first + given.count):
+        row = judged(actuator, seed, voltages=not given.without_voltages, sheet=given.sheet)
+        rows.append(row)
+        print(
+            f"{seed:3d} Err {row.error:6.2f} %  {row.grade:7} held {row.held}/{row.intervals}  "
+            f"{row.seconds:4.1f} s  {row.injected}"
+            + (f"  MISSED {row.missed}" if row.missed else "")
+            + (f"  INVENTED {row.invented}" if row.invented else "")
+            + (f"  OUTSIDE {row.outside}" if row.outside else ""),
+            flush=True,
+        )
+    errors = np.array([row.error for row in rows])
+    held = sum(row.held for row in rows) / sum(row.intervals for row in rows)
+    grades = {grade: sum(row.grade == grade for row in rows) for grade in {r.grade for r in rows}}
+    print(
+        f"{len(rows)} mixtures: Err% median {np.median(errors):.2f}, P90 "
+        f"{np.quantile(errors, 0.9):.2f}, worst {errors.max():.2f}; verdicts {grades}; "
+        f"silently wrong {sum(row.silently_wrong for row in rows)}; intervals that hold "
+        f"{100.0 * held:.1f} %; CPU time median {np.median([r.seconds for r in rows]):.1f} s"
+    )
+    if given.out is not None:
+        with open(given.out, "w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(Row.__dataclass_fields__)
+            writer.writerows([list(vars(row).values()) for row in rows])
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""A PMSM servo under field-oriented control, with a gear: docs/pmsm.md."""

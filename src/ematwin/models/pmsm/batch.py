@@ -1,0 +1,294 @@
+"""Loops over time and candidates. The physics is in the steps; here is only bookkeeping.
+
+`reference_trace` gives a whole simulation. `monitor_scores` runs candidates side by side in lanes
+of a processor's vector unit, one array for each state variable; what they answer with is filtered,
+thinned and compared as it arises.
+"""
+
+import numpy as np
+
+from ematwin.models.pmsm.controller import ControlState, control_step
+from ematwin.models.pmsm.monitor_step import MonitorState, monitor_step, terminal_currents
+from ematwin.models.pmsm.reference_step import (
+    ReferenceState,
+    currents_of,
+    leg_voltages,
+    reference_step,
+)
+from ematwin.models.pmsm.state import Constants
+from ematwin.numerics.compile import loop, step, wide_vectors
+from ematwin.numerics.scalar import sincos
+
+LANES = 16
+
+REFERENCE_COLUMNS = (
+    "current_d", "current_q", "voltage_d", "voltage_q", "motor_position", "output_position",
+    "motor_speed", "output_speed", "loop_a", "loop_b", "loop_c", "e_electrical", "e_copper",
+    "e_mechanical", "terminal_a", "terminal_b", "terminal_c",
+)  # fmt: skip
+# What a candidate answers with; motor and output by how far they are from the command.
+ANSWERS = ("current_q", "current_d", "voltage_q", "voltage_d", "motor_speed", "output_error",
+           "motor_error")  # fmt: skip
+COMPARED = 6  # the first ones
+
+
+@step
+def rounded(x, quantum):
+    """A reading in whole steps; as it is where there are none."""
+    return quantum * np.floor(x / quantum + 0.5) if quantum > 0.0 else x
+
+
+@loop
+def reference_trace(command, load, state, control, c, dt, substeps, ticks, quanta, every, count):
+    """Simulate the reference model from a state on.
+
+    Parameters
+    ----------
+    command, load : (K + 1,) arrays, at the ticks of the current loops, rad and N m on the motor
+        shaft; the load runs in straight lines between
+    state, control : arrays, the fields of `ReferenceState` (12,) and `ControlState` (9,); they hold
+        the last ones afterwards
+    c : Constants, for the step
+    dt, substeps : step (s), and how many make a tick
+    ticks : (2,) integer array, ticks of the speed and the position loop
+    quanta : (3,) array, steps of current converters (A), of motor and output encoder (rad on the
+        motor shaft); 0 for perfect ones
+    every : int, ticks from one sample to the next
+    count : int, ticks that are simulated: K + 1 to the end, K where a later call goes on
+
+    Returns
+    -------
+    (ceil(count/every), 17) array, columns as in `REFERENCE_COLUMNS`; currents, voltages and
+    positions as the drive reads and commands them, the others as they are
+    """
+    now = ReferenceState(
+        state[0], state[1], state[2], state[3], state[4], state[5], state[6], state[7], state[8],
+        state[9], state[10], state[11],
+    )  # fmt: skip
+    loops = ControlState(
+        control[0], control[1], control[2], control[3], control[4], control[5], control[6],
+        control[7], control[8],
+    )  # fmt: skip
+    trace = np.empty(((count + every - 1) // every, 17))
+    for tick in range(count):
+        x, y, _, _ = currents_of(now.psi_alpha, now.psi_beta, c.pole_pairs * now.theta_m, c)
+        drawn = (now.j_a + now.j_b + now.j_c) / 3.0
+        i_a = x - drawn + now.j_a
+        i_b = -0.5 * x + 0.8660254037844386 * y - drawn + now.j_b
+        theta_m = rounded(now.theta_m + c.resolver / c.pole_pairs, quanta[1])
+        theta_o = rounded(now.theta_o, quanta[2])
+        v_alpha = loops.v_alpha
+        v_beta = loops.v_beta
+        loops, seen = control_step(
+            loops, command[tick], theta_m, theta_o,
+            rounded(c.gain_a * i_a + c.offset_a, quanta[0]),
+            rounded(c.gain_b * i_b + c.offset_b, quanta[0]),
+            tick % ticks[1] == 0, tick % ticks[0] == 0, ticks[0], substeps * dt, c,
+        )  # fmt: skip
+        if tick % every == 0:
+            row = trace[tick // every]
+            row[0] = seen.i_d
+            row[1] = seen.i_q
+            row[2] = seen.v_d
+            row[3] = seen.v_q
+            row[4] = theta_m
+            row[5] = theta_o
+            row[6] = now.w_m
+            row[7] = now.w_o
+            row[8] = now.j_a
+            row[9] = now.j_b
+            row[10] = now.j_c
+            row[11] = now.e_electrical
+            row[12] = now.e_copper
+            row[13] = now.e_mechanical
+            row[14] = i_a
+            row[15] = i_b
+            row[16] = -i_a - i_b
+        if tick + 1 < command.size:
+            v_a, v_b, v_c = leg_voltages(v_alpha, v_beta, c.v_supply)
+            d_load = (load[tick + 1] - load[tick]) / substeps
+            for j in range(substeps):
+                now = reference_step(
+                    now, v_a, v_b, v_c,
+                    c.load_gain * (load[tick] + (j + 0.5) * d_load) + c.load_offset, c, dt,
+                )  # fmt: skip
+    for n, value in enumerate(now):
+        state[n] = value
+    for n, value in enumerate(loops):
+        control[n] = value
+    return trace
+
+
+@step
+def lane(own, n):
+    """The constants of lane ``n`` from an array (59, lanes), a row for each field."""
+    return Constants(
+        own[0, n], own[1, n], own[2, n], own[3, n], own[4, n], own[5, n], own[6, n], own[7, n],
+        own[8, n], own[9, n], own[10, n], own[11, n], own[12, n], own[13, n], own[14, n],
+        own[15, n], own[16, n], own[17, n], own[18, n], own[19, n], own[20, n], own[21, n],
+        own[22, n], own[23, n], own[24, n], own[25, n], own[26, n], own[27, n], own[28, n],
+        own[29, n], own[30, n], own[31, n], own[32, n], own[33, n], own[34, n], own[35, n],
+        own[36, n], own[37, n], own[38, n], own[39, n], own[40, n], own[41, n], own[42, n],
+        own[43, n], own[44, n], own[45, n], own[46, n], own[47, n], own[48, n], own[49, n],
+        own[50, n], own[51, n], own[52, n], own[53, n], own[54, n], own[55, n], own[56, n],
+        own[57, n], own[58, n],
+    )  # fmt: skip
+
+
+@step
+def plant_of(plant, n):
+    """The motor of lane ``n`` from an array (10, lanes)."""
+    return MonitorState(
+        plant[0, n], plant[1, n], plant[2, n], plant[3, n], plant[4, n], plant[5, n], plant[6, n],
+        plant[7, n], plant[8, n], plant[9, n],
+    )  # fmt: skip
+
+
+@step
+def loops_of(loops, n):
+    """The drive of lane ``n`` from an array (11, lanes)."""
+    return ControlState(
+        loops[0, n], loops[1, n], loops[2, n], loops[3, n], loops[4, n], loops[5, n], loops[6, n],
+        loops[7, n], loops[8, n],
+    )  # fmt: skip
+
+
+@loop(interleave=2)
+def monitor_scores(
+    constants, command, load, before, start, dt, substeps, ticks, taps, target, weight, every,
+    costs, answer,
+):  # fmt: skip
+    """Simulate and score a batch of candidates in one pass.
+
+    Parameters
+    ----------
+    constants : (B, 59) array, the fields of `Constants`; B a multiple of `LANES`
+    command, load : (P + K + 1,) arrays, at the ticks of the current loops, rad and N m on the
+        motor shaft; the load runs in straight lines between
+    before : int, P, ticks that settle the start and are not compared; whole samples of all loops
+    start : (6,) array, angle of the motor as read (rad), its speed (rad/s), angle and speed of the
+        output, i_d and i_q (A)
+    dt, substeps : step (s), and how many make a tick
+    ticks : (2,) integer array, ticks of the speed and the position loop
+    taps : (5,) array, low-pass ``b0 b1 b2 a1 a2``
+    target : (6, ceil((K + 1)/every)) array, the filtered recording, rows as in `ANSWERS`
+    weight : (6,) array, of the squares of the differences
+    every : int, ticks from one compared sample to the next
+    costs : (B,) array, filled with the weighted sums of squares
+    answer : (B, 7, ceil((K + 1)/every)) array, filled with the filtered answers; or (0, 0, 0)
+    """
+    wide_vectors()
+    count = command.size
+    keep = answer.shape[0] > 0
+    b0, b1, b2, a1, a2 = taps[0], taps[1], taps[2], taps[3], taps[4]
+    # few arrays: LLVM gives up vectorising where it had to check too many for overlap
+    own = np.empty((constants.shape[1], LANES))
+    plant = np.empty((10, LANES))  # the fields of `MonitorState`
+    loops = np.empty((11, LANES))  # those of `ControlState`, and the voltage that is applied
+    cost = np.empty(LANES)
+    out = np.empty((7, LANES))
+    z1 = np.empty((7, LANES))
+    z2 = np.empty((7, LANES))
+    for first in range(0, constants.shape[0], LANES):
+        for n in range(LANES):
+            for m in range(constants.shape[1]):
+                own[m, n] = constants[first + n, m]
+            c = lane(own, n)
+            plant[6, n] = start[0] - c.resolver / c.pole_pairs
+            plant[5, n] = start[1]
+            plant[8, n] = start[2]
+            plant[7, n] = start[3]
+            plant[0, n] = start[4]
+            plant[1, n] = start[5]
+            plant[2, n] = 0.0
+            plant[3, n] = 0.0
+            plant[4, n] = 0.0
+            plant[9, n] = 0.0
+            loops[0, n] = 0.0
+            loops[1, n] = start[5]
+            loops[2, n] = start[5] * c.set_torque
+            loops[3, n] = start[0]
+            loops[4, n] = start[1]
+            loops[5, n] = c.resistance * start[4]
+            loops[6, n] = c.resistance * start[5]
+            loops[7, n] = 0.0
+            loops[8, n] = 0.0
+            cost[n] = 0.0
+        for tick in range(count):
+            due_speed = tick % ticks[0] == 0
+            due_position = tick % ticks[1] == 0
+            command_now = command[tick]
+            for n in range(LANES):
+                c = lane(own, n)
+                s, co = sincos(c.pole_pairs * plant[6, n])
+                i_a, i_b, _ = terminal_currents(s, co, plant_of(plant, n))
+                loops[9, n] = loops[7, n]
+                loops[10, n] = loops[8, n]
+                reading = plant[6, n] + c.resolver / c.pole_pairs
+                after, seen = control_step(
+                    loops_of(loops, n), command_now, reading, plant[8, n],
+                    c.gain_a * i_a + c.offset_a, c.gain_b * i_b + c.offset_b, due_position,
+                    due_speed, ticks[0], substeps * dt, c,
+                )  # fmt: skip
+                loops[0, n] = after.w_ref
+                loops[1, n] = after.i_ref
+                loops[2, n] = after.total
+                loops[3, n] = after.before
+                loops[4, n] = after.w_seen
+                loops[5, n] = after.total_d
+                loops[6, n] = after.total_q
+                loops[7, n] = after.v_alpha
+                loops[8, n] = after.v_beta
+                out[0, n] = seen.i_q
+                out[1, n] = seen.i_d
+                out[2, n] = seen.v_q
+                out[3, n] = seen.v_d
+                out[4, n] = plant[5, n]
+                out[5, n] = command_now - plant[8, n]
+                out[6, n] = command_now - reading
+            if tick >= before:
+                if tick == before:  # both sides rest where the recording begins
+                    for m in range(7):
+                        for n in range(LANES):
+                            at = target[m, 0] if m < COMPARED else out[m, n]
+                            z1[m, n] = (1.0 - b0) * at
+                            z2[m, n] = (b2 - a2) * at
+                for m in range(7):
+                    for n in range(LANES):
+                        x = out[m, n]
+                        y = b0 * x + z1[m, n]  # direct form II transposed
+                        z1[m, n] = b1 * x - a1 * y + z2[m, n]
+                        z2[m, n] = b2 * x - a2 * y
+                        out[m, n] = y
+                if (tick - before) % every == 0:
+                    place = (tick - before) // every
+                    for m in range(COMPARED):
+                        for n in range(LANES):
+                            error = target[m, place] - out[m, n]
+                            cost[n] += weight[m] * error * error
+                    if keep:
+                        for m in range(7):
+                            for n in range(LANES):
+                                answer[first + n, m, place] = out[m, n]
+            if tick + 1 < count:
+                d_load = (load[tick + 1] - load[tick]) / substeps
+                for j in range(substeps):
+                    load_now = load[tick] + (j + 0.5) * d_load
+                    for n in range(LANES):
+                        c = lane(own, n)
+                        now = monitor_step(
+                            plant_of(plant, n), loops[9, n], loops[10, n],
+                            c.load_gain * load_now + c.load_offset, c, dt,
+                        )  # fmt: skip
+                        plant[0, n] = now.i_d
+                        plant[1, n] = now.i_q
+                        plant[2, n] = now.j_a
+                        plant[3, n] = now.j_b
+                        plant[4, n] = now.j_c
+                        plant[5, n] = now.w_m
+                        plant[6, n] = now.theta_m
+                        plant[7, n] = now.w_o
+                        plant[8, n] = now.theta_o
+                        plant[9, n] = now.dw_m
+        for n in range(LANES):
+            costs[first + n] = cost[n]

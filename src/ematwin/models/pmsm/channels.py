@@ -1,0 +1,75 @@
+"""Channels of a recording of a PMSM servo, and what follows from them."""
+
+import numpy as np
+
+from ematwin.recordings.channel import TIME, Channel, Derivation
+from ematwin.recordings.recording import Recording
+
+PHASES = ("current_a", "current_b", "current_c")
+VOLTAGES = ("voltage_a", "voltage_b", "voltage_c")
+ROTATING = ("current_d", "current_q")
+ROTATING_VOLTAGES = ("voltage_d", "voltage_q")
+
+
+def _third(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    return -(first + second)
+
+
+def _phase(quantity: str, unit: str, letter: str, meaning: str, symbols: str) -> Channel:
+    """A channel of one phase; minus the sum of the other two, as the star point is free."""
+    sources = tuple(f"{quantity}_{other}" for other in "abc" if other != letter)
+    return Channel(
+        f"{quantity}_{letter}", unit, f"{meaning} {letter}",
+        tuple(f"{symbol}_{letter}" for symbol in symbols),
+        derived=Derivation(f"-({' + '.join(sources)})", sources, _third),
+    )  # fmt: skip
+
+
+CHANNELS = (
+    Channel("command", "rad", "commanded output position", ("cmd", "setpoint"), "output"),
+    Channel("load", "N*m", "load on the output, against positive motion",
+            ("load_torque", "t_load"), "output"),
+    *(_phase("current", "A", x, "current of phase", "i") for x in "abc"),
+    Channel("current_d", "A", "current along the magnets, as the drive sees it", ("i_d",)),
+    Channel("current_q", "A", "current across the magnets, as the drive sees it", ("i_q",)),
+    *(_phase("voltage", "V", x, "commanded voltage of phase", "vu") for x in "abc"),
+    Channel("voltage_d", "V", "commanded voltage along the magnets", ("v_d", "u_d")),
+    Channel("voltage_q", "V", "commanded voltage across the magnets", ("v_q", "u_q")),
+    Channel("motor_position", "rad", "motor shaft angle, as the drive reads it", ("theta_m",),
+            "motor"),
+    Channel("motor_speed", "rad/s", "motor shaft speed", ("omega_m",), "motor"),
+    Channel("output_position", "rad", "output angle", ("theta_o",), "output"),
+)  # fmt: skip
+ON_REQUEST = (*ROTATING, *ROTATING_VOLTAGES, "motor_speed")  # of a simulation
+UNITS = {channel.name: channel.unit for channel in (TIME, *CHANNELS)}
+NEEDS = (((*PHASES, "motor_position"), ROTATING),)
+
+
+def to_rotor(a: np.ndarray, b: np.ndarray, c: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Phases (S,) as d and q (2, S) in a frame at an electrical angle (S,), rad; peaks stay."""
+    vector = (2.0 / 3.0) * (a + b * np.exp(2j * np.pi / 3.0) + c * np.exp(-2j * np.pi / 3.0))
+    turned = vector * np.exp(-1j * angle)
+    return np.stack([turned.real, turned.imag])
+
+
+def to_phases(d: np.ndarray, q: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """d and q (S,) as phases (3, S); the reverse of `to_rotor`."""
+    vector = (d + 1j * q) * np.exp(1j * angle)
+    return np.stack([(vector * np.exp(-2j * np.pi * n / 3.0)).real for n in range(3)])
+
+
+def in_rotor_frame(
+    recording: Recording, quantity: str, pole_pairs: int
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """d and q (S,) of "current" or "voltage", recorded as such or by phases; None without."""
+    channels = recording.channels
+    rotating = [f"{quantity}_d", f"{quantity}_q"]
+    if set(rotating) <= channels.keys():
+        return channels[rotating[0]], channels[rotating[1]]
+    phases = [f"{quantity}_{x}" for x in "abc"]
+    if set(phases) <= channels.keys() and "motor_position" in channels:
+        angle = pole_pairs * channels["motor_position"]
+        a, b, c = (channels[name] for name in phases)
+        d, q = to_rotor(a, b, c, angle)
+        return d, q
+    return None

@@ -1,0 +1,311 @@
+"""How badly candidates explain a recording of a PMSM servo.
+
+Currents and commanded voltages are compared in the drive's own frame, where what a fault of one
+phase does stands as twice the electrical frequency beside the mean; with them the motor's speed and
+the following error of the output. All of them pass one low-pass, which leaves that frequency in,
+and are thinned as far as it allows. Each is weighed by the noise that its own recording shows and
+by what the twin may miss.
+"""
+
+import copy
+import math
+import os
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+
+from ematwin.errors import RecordError
+from ematwin.models.comparison import Candidates, Comparison
+from ematwin.models.pmsm.channels import in_rotor_frame
+from ematwin.models.pmsm.constants import constants_of
+from ematwin.models.pmsm.parameters import PmsmActuator
+from ematwin.numerics.low_pass import LowPass
+from ematwin.recordings.recording import Recording
+
+CUTOFF = 800.0  # Hz
+LOWEST_CUTOFF = 200.0  # Hz, for recordings that are sampled slowly
+_RATE = 4.0  # times the cutoff: the least rate at which a low-pass acts as one
+_KEPT = 3.0  # times the cutoff: rate of the samples that are compared
+_TWIN_ERROR = 0.003  # of the RMS of a channel
+_FEWEST = 100  # samples
+_AT_REST = 0.005  # s at the start whose means are the first state
+_SETTLED = 0.1  # s that a candidate holds its first position before the recording begins
+MOVING = 0.05  # of the speed limit: what begins faster does not begin at rest
+COMPARED = ("current_q", "current_d", "voltage_q", "voltage_d", "motor_speed", "following_error")
+_CAPTIONS = {
+    "current_q": ("Torque current", "A"),
+    "current_d": ("Magnetising current", "A"),
+    "voltage_q": ("Commanded voltage, q", "V"),
+    "voltage_d": ("Commanded voltage, d", "V"),
+    "motor_speed": ("Motor speed", "rad/s"),
+    "following_error": ("Following error, on the motor shaft", "rad"),
+}
+_TOGETHER = {"current_q": "current", "current_d": "current", "voltage_q": "voltage",
+             "voltage_d": "voltage"}  # fmt: skip
+
+
+class PmsmComparison(Comparison):
+    """Weighted squares between a batch of candidates and a recording.
+
+    Parameters
+    ----------
+    recording : drives the twin with its command and load, from its first positions
+    actuator : PmsmActuator
+    threads : threads that share a batch; None takes one for each core
+
+    Raises
+    ------
+    RecordError
+        If the recording is too short, too slow or constant.
+    """
+
+    whitened = True
+
+    def __init__(
+        self, recording: Recording, actuator: PmsmActuator, *, threads: int | None = None
+    ) -> None:
+        self.recording, self.actuator = recording, actuator
+        self.threads = threads or os.cpu_count() or 1
+        if len(recording) < _FEWEST:
+            raise RecordError(
+                f"The record has {len(recording)} samples; at least {_FEWEST} are needed to tell "
+                "faults apart. Record longer or faster."
+            )
+        rate = recording.sample_rate
+        tick = actuator.controller.current_time
+        cutoff = min(CUTOFF, rate / _RATE, 1.0 / (_RATE * tick))
+        if cutoff < LOWEST_CUTOFF:
+            raise RecordError(
+                f"The record is sampled at {rate:.6g} Hz and the currents of {actuator.name} are "
+                f"controlled at {1.0 / tick:.6g} Hz; {_RATE * LOWEST_CUTOFF:g} Hz are needed, so "
+                "that the ripple of a faulty phase is seen. Record faster."
+            )
+        self.low_pass = LowPass(cutoff)
+        self.substeps = max(1, math.ceil(tick / actuator.steps.monitor - 1e-9))
+        self.step = tick / self.substeps
+        self.every = max(1, int(1.0 / (_KEPT * cutoff * tick)))
+        last = float(recording.time[-1] - recording.time[0])
+        self._ticks = np.arange(math.floor(last / tick + 1e-6) + 1) * tick
+        ratio = actuator.transmission.ratio
+        load = recording.channels.get("load", np.zeros(len(recording)))
+        self.command = self._on_ticks(recording.channels["command"] * ratio)
+        self.load = self._on_ticks(load / ratio)
+        signals = signals_of(recording, actuator)
+        if np.ptp(signals["current_q"]) == 0.0:
+            raise RecordError(
+                f"The current of the record is constant ({signals['current_q'][0]:g} A): nothing "
+                "moved. Check the channel, or record a motion."
+            )
+        self.start = first_state(recording, actuator, signals)
+        self._hold()
+        self._set(signals)
+
+    def _hold(self) -> None:
+        """Let a candidate hold the first position before a recording that begins at rest.
+
+        What the loops had integrated until then depends on the faults.
+        """
+        self.before = 0
+        if abs(self.start[1]) > MOVING * self.actuator.controller.speed_limit:
+            return
+        self.before = whole_ticks(self.actuator, _SETTLED)
+        self.start[[1, 3]] = 0.0
+        self.command = np.concatenate([np.full(self.before, self.start[2]), self.command])
+        self.load = np.concatenate([np.full(self.before, self.load[0]), self.load])
+
+    def _set(self, signals: Mapping[str, np.ndarray]) -> None:
+        """Form what is compared from signals (S,) by name."""
+        rate = self.recording.sample_rate
+        self._signals = dict(signals)
+        self._filtered = {n: self.low_pass.apply(trace, rate) for n, trace in signals.items()}
+        passed = min(0.5, 2.0 * self.low_pass.cutoff / rate)
+        self._weights = np.zeros(len(COMPARED))
+        size: dict[str, float] = {}
+        for name, trace in self._filtered.items():
+            group = _TOGETHER.get(name, name)
+            size[group] = size.get(group, 0.0) + float(np.mean(trace**2))
+        for name, trace in self._filtered.items():
+            noise = float(np.mean((signals[name] - trace) ** 2)) * passed / (1.0 - passed)
+            error = noise + _TWIN_ERROR**2 * size[_TOGETHER.get(name, name)]
+            self._weights[COMPARED.index(name)] = 1.0 / error if error > 0.0 else 0.0
+        self._target = self._thinned(self._filtered)
+        kept = self._target.shape[1] * len(signals)
+        self.scale = float(np.sum(self._weights[:, None] * self._target**2))
+        self.independent = max(1.0, 2.0 * self.low_pass.cutoff * float(self._ticks[-1])) * len(
+            signals
+        )
+        self.noise = math.sqrt(kept / self.independent)
+        self.expected_misfit = math.sqrt(kept / self.scale)
+
+    def _on_ticks(self, values: np.ndarray) -> np.ndarray:
+        """Values (S,) at the ticks of the current loops."""
+        time = self.recording.time - self.recording.time[0]
+        if time.size == self._ticks.size and np.allclose(time, self._ticks, atol=1e-9):
+            return np.ascontiguousarray(values)
+        return np.interp(self._ticks, time, values)
+
+    def _thinned(self, traces: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Traces (S,) by name as the kernel takes them, (6, kept); zero where there is none."""
+        kept = -(-self._ticks.size // self.every)
+        found = np.zeros((len(COMPARED), kept))
+        for name, trace in traces.items():
+            found[COMPARED.index(name)] = self._on_ticks(trace)[:: self.every]
+        return found
+
+    def with_missed(self, missed: Mapping[str, np.ndarray]) -> "PmsmComparison":
+        """The same comparison with what the twin misses, (S,) arrays, taken off the recording."""
+        other = copy.copy(self)
+        other._target = self._target - self._thinned(
+            {name: trace for name, trace in missed.items() if name in self._signals}
+        )
+        return other
+
+    def averaged(self, others: Sequence[Comparison]) -> "PmsmComparison":
+        """The mean of this recording and others over the same command."""
+        signals = [self._signals, *(o._signals for o in others if isinstance(o, PmsmComparison))]
+        other = copy.copy(self)
+        other._set({n: np.mean([one[n] for one in signals], axis=0) for n in self._signals})
+        return other
+
+    def measured(self) -> dict[str, np.ndarray]:
+        """The recording's side of what is compared, (S,) arrays."""
+        return dict(self._filtered)
+
+    def captions(self) -> dict[str, tuple[str, str]]:
+        """What each is."""
+        return {
+            name: (
+                f"{_CAPTIONS[name][0]} ({self.low_pass.cutoff:g} Hz low-pass)",
+                _CAPTIONS[name][1],
+            )
+            for name in self._filtered
+        }
+
+    def costs(self, candidates: Candidates, count: int) -> np.ndarray:
+        """Sums of weighted squares (B,); infinite where a candidate diverged."""
+        costs, _ = self.run(candidates, count, self._target, self.every, keep=False)
+        return np.where(np.isfinite(costs), costs, np.inf)
+
+    def residuals(self, candidates: Candidates, count: int) -> np.ndarray:
+        """Weighted residuals (B, K), channel after channel."""
+        _, answer = self.run(candidates, count, self._target, self.every, keep=True)
+        rows = [n for n, name in enumerate(COMPARED) if name in self._signals]
+        left = answer[:, rows] - self._target[rows]
+        left *= np.sqrt(self._weights[rows])[:, None]
+        return np.asarray(left.reshape(count, -1))
+
+    def responses(self, candidates: Candidates, count: int) -> dict[str, np.ndarray]:
+        """What the twin answers with, low-passed, (B, S) arrays by name."""
+        full = np.zeros((len(COMPARED), self._ticks.size))
+        full[:, 0] = self._target[:, 0]
+        _, answer = self.run(candidates, count, full, 1, keep=True)
+        time = self.recording.time - self.recording.time[0]
+        found = {}
+        for n, name in enumerate(COMPARED):
+            if name not in self._signals:
+                continue
+            found[name] = answer[:, n].copy()
+            if time.size != self._ticks.size or not np.allclose(time, self._ticks, atol=1e-9):
+                found[name] = np.stack([np.interp(time, self._ticks, row) for row in answer[:, n]])
+        return found
+
+    def run(
+        self, candidates: Candidates, count: int, target: np.ndarray, every: int, *, keep: bool
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Costs (B,), not finite where one diverged, and, if kept, answers (B, 7, K)."""
+        from ematwin.models.pmsm.batch import LANES, monitor_scores
+
+        constants = constants_of(self.actuator, candidates, count, self.step)
+        lost = ~np.isfinite(constants).all(axis=1)
+        blocks = -(-count // LANES)
+        lanes = np.repeat(constants[-1:], blocks * LANES, axis=0)
+        lanes[:count] = constants
+        costs = np.empty(len(lanes))
+        answer = np.empty((len(lanes), 7, target.shape[1]) if keep else (0, 0, 0))
+        taps = self.low_pass.taps(1.0 / self.actuator.controller.current_time, 0.0)[:5]
+        ticks = ticks_of(self.actuator)
+
+        def work(block: int) -> None:
+            part = slice(block * LANES, (block + 1) * LANES)
+            monitor_scores(
+                lanes[part], self.command, self.load, self.before, self.start, self.step,
+                self.substeps, ticks, taps, target, self._weights, every, costs[part], answer[part],
+            )  # fmt: skip
+
+        if self.threads == 1 or blocks == 1:
+            for block in range(blocks):
+                work(block)
+        else:
+            with ThreadPoolExecutor(min(self.threads, blocks)) as pool:
+                list(pool.map(work, range(blocks)))
+        costs[:count][lost] = math.nan
+        if keep:
+            answer[:count][lost] = math.nan
+        return costs[:count], answer[:count]
+
+
+def ticks_of(actuator: PmsmActuator) -> np.ndarray:
+    """(2,) integer array, samples of the current loops in one of the speed and position loop."""
+    control = actuator.controller
+    return np.array(
+        [round(time / control.current_time) for time in (control.speed_time, control.position_time)]
+    )
+
+
+def whole_ticks(actuator: PmsmActuator, seconds: float, every: int = 1) -> int:
+    """Ticks in about so many seconds: whole samples of all loops, and of every n-th tick."""
+    whole = math.lcm(*(int(n) for n in ticks_of(actuator)), every)
+    return max(1, round(seconds / (actuator.controller.current_time * whole))) * whole
+
+
+def signals_of(recording: Recording, actuator: PmsmActuator) -> dict[str, np.ndarray]:
+    """What a recording has of `COMPARED`, (S,) arrays by name.
+
+    Raises
+    ------
+    RecordError
+        If it has no currents in the drive's frame.
+    """
+    pairs, ratio = actuator.motor.pole_pairs, actuator.transmission.ratio
+    currents = in_rotor_frame(recording, "current", pairs)
+    if currents is None:
+        raise RecordError(
+            f"{recording.name} has no current_a, current_b and current_c with motor_position, nor "
+            "current_d and current_q; record either."
+        )
+    found = {"current_q": currents[1], "current_d": currents[0]}
+    voltages = in_rotor_frame(recording, "voltage", pairs)
+    if voltages is not None:
+        found |= {"voltage_q": voltages[1], "voltage_d": voltages[0]}
+    channels = recording.channels
+    if "motor_position" in channels:
+        found["motor_speed"] = np.gradient(channels["motor_position"], recording.interval)
+    elif "motor_speed" in channels:
+        found["motor_speed"] = channels["motor_speed"]
+    if "output_position" in channels:
+        found["following_error"] = ratio * (channels["command"] - channels["output_position"])
+    return found
+
+
+def first_state(
+    recording: Recording, actuator: PmsmActuator, signals: Mapping[str, np.ndarray]
+) -> np.ndarray:
+    """(6,) angle and speed of the motor as read, those of the output, i_d and i_q.
+
+    Where an angle is not recorded, the motor stands where the output is, and the output where the
+    command is. Motion starts from rest; the current that was there is taken from the first
+    milliseconds.
+    """
+    ratio, channels = actuator.transmission.ratio, recording.channels
+    count = max(1, round(_AT_REST * recording.sample_rate))
+    output = channels.get("output_position")
+    motor = channels.get("motor_position")
+    theta_o = ratio * float(channels["command"][0] if output is None else output[0])
+    theta_m = theta_o if motor is None else float(motor[0])
+    if output is None and motor is not None:
+        theta_o = theta_m
+    speed = signals.get("motor_speed")
+    w_m = 0.0 if speed is None else float(np.mean(speed[:count]))
+    i_d, i_q = (float(np.mean(signals[name][:count])) for name in ("current_d", "current_q"))
+    return np.array([theta_m, w_m, theta_o, w_m, i_d, i_q])

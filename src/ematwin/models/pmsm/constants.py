@@ -1,0 +1,128 @@
+"""Candidates as the kernels take them: parameters with faults, on the motor shaft."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ematwin.models.pmsm.parameters import PmsmActuator
+from ematwin.models.pmsm.state import (
+    CONNECTOR,
+    Constants,
+    backlash_factor,
+    direction,
+    flux_left,
+    friction_factor,
+    gain_factor,
+    resolver_offset,
+    sensor_gain,
+    sensor_offset,
+    shorted_share,
+)
+from ematwin.models.pmsm.unknowns import FIXED, unknowns
+
+_LEAST = 1e-9  # share of shorted turns that stands for none
+
+
+def constants_of(
+    actuator: PmsmActuator, candidates: Mapping[str, Any], count: int, step: float
+) -> np.ndarray:
+    """(B, 59) array, the fields of `Constants` of B candidates.
+
+    ``candidates`` are values (B,) of unknowns and, by place, of parameters; what is not named is
+    healthy. ``step`` is that over which the currents of shorted loops decay, s.
+    """
+    own = actuator.varied(candidates, FIXED)
+    k = {one.name: one.healthy for one in unknowns(actuator)}
+    if "short_resistance" not in candidates:  # its healthy value is a parameter
+        k["short_resistance"] = own.motor.short_resistance
+    k.update({name: candidates[name] for name in k if name in candidates})
+    fields = _constants(own, k, step)
+    return np.column_stack([np.broadcast_to(np.asarray(f, dtype=float), count) for f in fields])
+
+
+def _constants(actuator: PmsmActuator, k: Mapping[str, Any], step: float) -> Constants:
+    motor, drive, control = actuator.motor, actuator.drive, actuator.controller
+    gear = actuator.transmission
+    loops = [_loop(motor, k[f"short_{x}"], k["short_resistance"], step) for x in "abc"]
+    static = motor.gap_share * np.asarray(k["static_eccentricity"])
+    dynamic = motor.gap_share * np.asarray(k["dynamic_eccentricity"])
+    static_at = direction(np.asarray(k["static_direction"]))
+    dynamic_at = direction(np.asarray(k["dynamic_direction"]))
+    friction = friction_factor(k["friction"])
+    return Constants(
+        pole_pairs=float(motor.pole_pairs),
+        resistance=motor.resistance,
+        l_d=motor.inductance_d,
+        l_q=motor.inductance_q,
+        k_e=motor.pole_pairs * motor.flux * flux_left(k["demagnetisation"]),
+        h_5=motor.harmonic_5,
+        h_7=motor.harmonic_7,
+        static_x=static * np.cos(static_at),
+        static_y=static * np.sin(static_at),
+        dynamic_x=dynamic * np.cos(dynamic_at),
+        dynamic_y=dynamic * np.sin(dynamic_at),
+        added_a=CONNECTOR * motor.resistance * k["connector_a"],
+        added_b=CONNECTOR * motor.resistance * k["connector_b"],
+        added_c=CONNECTOR * motor.resistance * k["connector_c"],
+        loop_a=loops[0][0],
+        loop_b=loops[1][0],
+        loop_c=loops[2][0],
+        decay_a=loops[0][1],
+        decay_b=loops[1][1],
+        decay_c=loops[2][1],
+        loss_a=loops[0][2],
+        loss_b=loops[1][2],
+        loss_c=loops[2][2],
+        v_supply=drive.supply_voltage,
+        v_leg=drive.supply_voltage * drive.dead_time / control.current_time + drive.device_drop,
+        knee=drive.knee_current,
+        gain_a=sensor_gain(k["sensor_gain_a"]),
+        gain_b=sensor_gain(k["sensor_gain_b"]),
+        offset_a=sensor_offset(k["sensor_offset_a"], control.current_limit),
+        offset_b=sensor_offset(k["sensor_offset_b"], control.current_limit),
+        resolver=resolver_offset(k["resolver_offset"]),
+        k_position=control.position_gain * gain_factor(k["gain"]),
+        k_speed=control.speed_gain,
+        k_total=control.speed_integral,
+        k_current=control.current_gain,
+        k_voltage=control.current_integral,
+        w_max=control.speed_limit,
+        i_max=control.current_limit,
+        set_torque=control.torque_constant,
+        set_flux=control.flux,
+        set_d=control.inductance_d,
+        set_q=control.inductance_q,
+        j_m=motor.inertia,
+        j_o=gear.output_inertia,
+        viscous_m=motor.viscous_damping,
+        viscous_o=gear.viscous_damping,
+        friction_m=motor.friction_torque * friction,
+        friction_o=gear.friction_torque * friction,
+        static_ratio=gear.static_ratio,
+        w_stribeck=gear.stribeck_speed,
+        cogging=motor.cogging_torque,
+        cogging_periods=float(motor.cogging_periods),
+        half_gap=0.5 * gear.backlash * backlash_factor(k["backlash"]),
+        stiffness=gear.stiffness,
+        damping=gear.damping,
+        travel_low=gear.travel_low * gear.ratio,
+        travel_high=gear.travel_high * gear.ratio,
+        load_gain=k["load_gain"],
+        load_offset=k["load_offset"] / gear.ratio,
+    )
+
+
+def _loop(motor: Any, k: Any, contact: Any, step: float) -> tuple[Any, Any, Any]:
+    """Conductance (S), decay in a step, and loss resistance (ohm) of a shorted loop.
+
+    Of ``mu`` shorted turns over a contact ``R_f``; docs/pmsm.md, "Shorted turns".
+    """
+    k = np.asarray(k, dtype=float)
+    mu = shorted_share(np.abs(k))  # monitoring looks a little below zero
+    some = np.maximum(mu, _LEAST)
+    inside = mu * (1.0 - 2.0 * mu / 3.0)
+    total = contact + inside * motor.resistance
+    rate = total / (np.maximum(inside, _LEAST) * motor.leakage)
+    loss = motor.resistance / some + contact / some**2
+    return np.copysign(mu * mu, k) / total, np.exp(-rate * step), np.where(mu > 0.0, loss, 0.0 * mu)

@@ -1,0 +1,188 @@
+"""The PMSM servo as a `Model`: its only door to search, reports and commands."""
+
+from collections.abc import Collection
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ematwin.errors import InputError
+from ematwin.models.base import Model, Progress, Reported, Signal, Values
+from ematwin.models.comparison import Candidates
+from ematwin.models.pmsm.channels import CHANNELS, NEEDS, ON_REQUEST, in_rotor_frame
+from ematwin.models.pmsm.parameters import PmsmActuator
+from ematwin.models.pmsm.unknowns import CONTRASTS, FIXED, UNKNOWNS, aliases, unknowns
+from ematwin.models.scenario import Scenario
+from ematwin.models.unknown import Alias, Contrast, Unknown
+from ematwin.recordings.channel import Channel
+from ematwin.recordings.noise import Noise
+from ematwin.recordings.recording import Recording
+
+
+class PmsmModel(Model):
+    """PMSM servo under field-oriented control, gear with stiffness and play; docs/pmsm.md."""
+
+    kind: ClassVar[str] = "pmsm"
+    title: ClassVar[str] = "PMSM servo under field-oriented control, gear and backlash"
+    parameters: ClassVar[type[PmsmActuator]] = PmsmActuator
+    channels: ClassVar[tuple[Channel, ...]] = CHANNELS
+    command: ClassVar[str] = "command"
+    load: ClassVar[str | None] = "load"
+    needs: ClassVar[tuple[tuple[tuple[str, ...], ...], ...]] = NEEDS
+    # one descent from healthy finds the valley: the currents' frame turns with the recorded rotor
+    default_search: ClassVar[str] = "levenberg-marquardt"
+    frees_parameters: ClassVar[bool | None] = True
+    fidelities: ClassVar[tuple[str, ...]] = ("reference", "monitor")
+    sample_rate: ClassVar[float] = 10_000.0
+    on_request: ClassVar[tuple[str, ...]] = ON_REQUEST
+    fixed: ClassVar[tuple[str, ...]] = FIXED
+    # what healthy recordings may determine, and how far a template may be off
+    nominal: ClassVar[dict[str, float]] = {
+        "motor.resistance": 1.1,
+        "motor.inductance_d": 1.15,
+        "motor.inductance_q": 1.15,
+        "motor.flux": 1.05,
+        "motor.inertia": 1.2,
+        "motor.viscous_damping": 2.0,
+        "motor.friction_torque": 1.5,
+        "motor.cogging_torque": 1.5,
+        "drive.device_drop": 1.3,
+        "controller.position_gain": 1.3,
+        "transmission.output_inertia": 1.5,
+        "transmission.viscous_damping": 2.0,
+        "transmission.friction_torque": 1.5,
+        "transmission.backlash": 1.5,
+        "transmission.stiffness": 1.5,
+    }
+    # from barely worth a look to severe
+    severities: ClassVar[dict[str, tuple[float, float]]] = {
+        one.name: (0.1, 0.8) for one in UNKNOWNS if one.direction_of is None
+    }
+
+    def unknowns(self, actuator: Any) -> tuple[Unknown, ...]:
+        """Mechanical, electrical and sensor faults; contact of a short, and load."""
+        return unknowns(actuator)
+
+    def aliases(self, actuator: Any, values: Values) -> list[Alias]:
+        """Each fault against what it is a multiple of."""
+        return aliases(actuator, values)
+
+    def contrasts(self, actuator: Any) -> tuple[Contrast, ...]:
+        """What heat may do as well."""
+        return CONTRASTS
+
+    def excitation(self, recording: Recording, actuator: Any) -> list[str]:
+        """Whether the motor turns, and the gap is crossed."""
+        from ematwin.models.pmsm.plausibility import too_little_motion
+
+        return too_little_motion(recording, actuator)
+
+    def compare(
+        self, recording: Recording, actuator: Any, *, threads: int | None = None, **settings: Any
+    ) -> Any:
+        """A recording in the rotor's frame, scored while candidates are simulated."""
+        from ematwin.models.pmsm.comparison import PmsmComparison
+
+        self.check_channels(recording)
+        return PmsmComparison(recording, actuator, threads=threads, **settings)
+
+    def respond(
+        self, actuator: Any, inputs: Recording, candidates: Candidates, count: int
+    ) -> dict[str, np.ndarray]:
+        """Currents, voltages, speed and following error of the twin, low-passed, (B, S)."""
+        found: dict[str, np.ndarray] = self.compare(inputs, actuator).responses(candidates, count)
+        return found
+
+    def check_channels(self, recording: Recording) -> None:
+        """Command and currents, whole or not at all."""
+        from ematwin.models.pmsm.plausibility import check_phases
+
+        check_phases(recording)
+        super().check_channels(recording)
+
+    def check(self, recording: Recording, actuator: Any) -> list[str]:
+        """Units, limits, sides of the gear, voltages, and the start."""
+        from ematwin.models.pmsm.plausibility import check_plausible
+
+        self.check_channels(recording)
+        return check_plausible(recording, actuator)
+
+    def simulate(
+        self,
+        actuator: Any,
+        scenario: Scenario,
+        values: Values,
+        *,
+        fidelity: str | None = None,
+        sample_rate: float | None = None,
+        step: float | None = None,
+        noise: Noise | None = None,
+        seed: int = 0,
+        initial_position: float = 0.0,
+        also: Collection[str] = (),
+        progress: Progress | None = None,
+    ) -> Recording:
+        """The response of the reference model, or of the monitor model."""
+        from ematwin.models.pmsm.simulate import simulate
+
+        chosen = self.fidelities[0] if fidelity is None else fidelity
+        if chosen not in self.fidelities:
+            raise InputError(
+                f"There is no model {chosen!r}; choose {' or '.join(self.fidelities)}."
+            )
+        return simulate(
+            self, chosen, actuator, scenario, values, sample_rate=sample_rate, step=step,
+            noise=noise, seed=seed, initial_position=initial_position, also=also,
+            progress=progress,
+        )  # fmt: skip
+
+    def check_scenario(self, scenario: Scenario, actuator: Any) -> None:
+        """Raise `ParameterError` if the command leaves the travel."""
+        from ematwin.models.pmsm.simulate import check_travel
+
+        check_travel(scenario, actuator)
+
+    def summary(self, recording: Recording, actuator: Any) -> dict[str, float]:
+        """RMS and peak of the current vector, A, and the largest following error, rad."""
+        found = {}
+        currents = in_rotor_frame(recording, "current", actuator.motor.pole_pairs)
+        if currents is not None:
+            size = np.hypot(*currents)
+            found["current_rms"] = float(np.sqrt(np.mean(size**2)))
+            found["current_peak"] = float(size.max())
+        if recording.output_position is not None:
+            error = recording.command - recording.output_position
+            found["following_error_peak"] = float(np.abs(error).max())
+        return found
+
+    def signals(self, recording: Recording, actuator: Any) -> list[Signal]:
+        """Currents and voltages in the rotor's frame, position, following error."""
+        found = []
+        for quantity, unit in (("current", "A"), ("voltage", "V")):
+            pair = in_rotor_frame(recording, quantity, actuator.motor.pole_pairs)
+            if pair is not None:
+                name = "Current" if quantity == "current" else "Commanded voltage"
+                found += [Signal(f"{name}, q", unit, pair[1]), Signal(f"{name}, d", unit, pair[0])]
+        output = recording.output_position
+        if output is not None:
+            command = 1e3 * recording.command
+            found += [
+                Signal("Output position", "mrad", 1e3 * output, command),
+                Signal("Following error", "mrad", command - 1e3 * output),
+            ]
+        return found
+
+    def reported(self, actuator: Any) -> tuple[Reported, ...]:
+        """Each magnitude as it is searched; a direction is no finding of its own."""
+        return tuple(
+            Reported(one.name, "", one.meaning, named=one.name, least=0.2,
+                     either=one.lower < one.healthy)
+            for one in UNKNOWNS
+            if one.direction_of is None
+        )  # fmt: skip
+
+    def settling_time(self, actuator: Any) -> float:
+        """Six time constants of the position loop."""
+        return 6.0 / float(actuator.controller.position_gain)
+
+
+MODEL = PmsmModel()

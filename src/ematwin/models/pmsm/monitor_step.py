@@ -1,0 +1,138 @@
+"""One step of the monitor model: the motor in its rotor's frame, averaged over the PWM.
+
+docs/pmsm.md, "Monitor model". Where a fault breaks the symmetry of the phases, its negative
+sequence is carried along: that of the EMF in closed form, those of resistances and of the legs'
+voltage errors by way of the phase currents. The current here is that of the turns that are not
+shorted; what shorted loops draw adds to it at the terminals.
+
+A step happens in its middle (trapezoidal rule); the voltage stands still in the stator meanwhile.
+"""
+
+from typing import NamedTuple
+
+from ematwin.models.pmsm.controller import ROOT_3
+from ematwin.models.pmsm.mechanics import Motion, advance_motion
+from ematwin.numerics.compile import step
+from ematwin.numerics.scalar import clip, sincos
+
+
+class MonitorState(NamedTuple):
+    """State of the monitor model."""
+
+    i_d: float  # A, magnetising, in the rotor's frame
+    i_q: float
+    j_a: float  # A, what shorted loops draw: mu i_f
+    j_b: float
+    j_c: float
+    w_m: float  # rad/s
+    theta_m: float  # rad
+    w_o: float
+    theta_o: float
+    dw_m: float  # rad/s, change of w_m in the last step
+
+
+@step
+def terminal_currents(s, co, now):
+    """Currents of the phases a, b, c; ``s`` and ``co`` of the rotor's electrical angle."""
+    drawn = (now.j_a + now.j_b + now.j_c) / 3.0
+    x = co * now.i_d - s * now.i_q + now.j_a - drawn
+    y = s * now.i_d + co * now.i_q + (now.j_b - now.j_c) / ROOT_3
+    i_b = -0.5 * x + 0.5 * ROOT_3 * y
+    return x, i_b, -x - i_b
+
+
+@step
+def leg_error(i, c):
+    """Voltage that dead time and devices take from a leg, V."""
+    return c.v_leg * clip(i / c.knee, -1.0, 1.0)
+
+
+@step
+def winding_voltages(s, co, now, v_alpha, v_beta, c):
+    """Voltages that legs and connectors leave over the phases a, b, c; they add up to zero."""
+    i_a, i_b, i_c = terminal_currents(s, co, now)
+    e_a = c.added_a * i_a + leg_error(i_a, c)
+    e_b = c.added_b * i_b + leg_error(i_b, c)
+    e_c = c.added_c * i_c + leg_error(i_c, c)
+    e_0 = (e_a + e_b + e_c) / 3.0
+    u_a = v_alpha - e_a + e_0
+    u_b = -0.5 * v_alpha + 0.5 * ROOT_3 * v_beta - e_b + e_0
+    return u_a, u_b, -u_a - u_b
+
+
+@step
+def in_rotor_frame(s, co, x_a, x_b, x_c):
+    """Phases that add up to zero as d and q."""
+    beta = (x_b - x_c) / ROOT_3
+    return co * x_a + s * beta, co * beta - s * x_a
+
+
+@step
+def emf_shape(s, co, theta_m, c):
+    """EMF over speed in the rotor's frame, d and q, and its zero sequence, V s/rad."""
+    s_m, c_m = sincos(theta_m)
+    x = c.static_x + c.dynamic_x * c_m - c.dynamic_y * s_m
+    y = c.static_y + c.dynamic_x * s_m + c.dynamic_y * c_m
+    s_2 = 2.0 * s * co
+    c_2 = co * co - s * s
+    s_6 = s_2 * (3.0 - 4.0 * s_2 * s_2)
+    c_6 = c_2 * (4.0 * c_2 * c_2 - 3.0)
+    k_d = -0.5 * (x * s_2 + y * c_2) - (c.h_5 + c.h_7) * s_6
+    k_q = 1.0 - 0.5 * (x * c_2 - y * s_2) - (c.h_5 - c.h_7) * c_6
+    return c.k_e * k_d, c.k_e * k_q, 0.5 * c.k_e * (y * co - x * s)
+
+
+@step
+def monitor_step(now, v_alpha, v_beta, load, c, dt):
+    """Advance by ``dt`` under a voltage that stands still; ``load`` is that of the middle."""
+    mid = now.theta_m + 0.5 * dt * now.w_m
+    s, co = sincos(c.pole_pairs * mid)
+    k_d, k_q, k_0 = emf_shape(s, co, mid, c)
+    w_mid = now.w_m + 0.5 * now.dw_m
+    w_e = c.pole_pairs * w_mid
+    zero = w_mid * k_0
+    # Legs and connectors see the currents of the middle: of a short, those of the turns and of the
+    # loop alternate, and only their sum is steady.
+    u_a, u_b, u_c = winding_voltages(s, co, now, v_alpha, v_beta, c)
+    u_d, u_q = in_rotor_frame(s, co, u_a, u_b, u_c)
+    half = 0.5 * dt
+    middle = MonitorState(
+        now.i_d + half / c.l_d * (u_d - w_mid * k_d - c.resistance * now.i_d
+                                  + w_e * c.l_q * now.i_q),
+        now.i_q + half / c.l_q * (u_q - w_mid * k_q - c.resistance * now.i_q
+                                  - w_e * c.l_d * now.i_d),
+        now.j_a + 0.5 * (1.0 - c.decay_a) * (c.loop_a * (u_a + zero) - now.j_a),
+        now.j_b + 0.5 * (1.0 - c.decay_b) * (c.loop_b * (u_b + zero) - now.j_b),
+        now.j_c + 0.5 * (1.0 - c.decay_c) * (c.loop_c * (u_c + zero) - now.j_c),
+        now.w_m, now.theta_m, now.w_o, now.theta_o, now.dw_m,
+    )  # fmt: skip
+    u_a, u_b, u_c = winding_voltages(s, co, middle, v_alpha, v_beta, c)
+    u_d, u_q = in_rotor_frame(s, co, u_a, u_b, u_c)
+    u_d = u_d - w_mid * k_d
+    u_q = u_q - w_mid * k_q
+    # the trapezoidal rule: (L/dt + R/2) i+ -+ w L i+ /2 = (L/dt - R/2) i +- w L i /2 + u
+    half_r = 0.5 * c.resistance
+    cross_d = 0.5 * w_e * c.l_q
+    cross_q = 0.5 * w_e * c.l_d
+    a_d = c.l_d / dt + half_r
+    a_q = c.l_q / dt + half_r
+    b_d = (a_d - c.resistance) * now.i_d + cross_d * now.i_q + u_d
+    b_q = (a_q - c.resistance) * now.i_q - cross_q * now.i_d + u_q
+    inverse = 1.0 / (a_d * a_q + cross_d * cross_q)
+    i_d = (a_q * b_d + cross_d * b_q) * inverse
+    i_q = (a_d * b_q - cross_q * b_d) * inverse
+    # each loop sees the voltage of its phase over the turns
+    j_a = now.j_a + (1.0 - c.decay_a) * (c.loop_a * (u_a + zero) - now.j_a)
+    j_b = now.j_b + (1.0 - c.decay_b) * (c.loop_b * (u_b + zero) - now.j_b)
+    j_c = now.j_c + (1.0 - c.decay_c) * (c.loop_c * (u_c + zero) - now.j_c)
+    m_d = 0.5 * (now.i_d + i_d)
+    m_q = 0.5 * (now.i_q + i_q)
+    drawn = 0.5 * (now.j_a + now.j_b + now.j_c + j_a + j_b + j_c)
+    torque = (
+        1.5 * (k_d * m_d + k_q * m_q + c.pole_pairs * (c.l_d - c.l_q) * m_d * m_q) - k_0 * drawn
+    )
+    motion = advance_motion(Motion(now.w_m, now.theta_m, now.w_o, now.theta_o), torque, load, c, dt)
+    return MonitorState(
+        i_d, i_q, j_a, j_b, j_c, motion.w_m, motion.theta_m, motion.w_o, motion.theta_o,
+        motion.w_m - now.w_m,
+    )  # fmt: skip

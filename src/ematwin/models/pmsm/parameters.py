@@ -1,0 +1,208 @@
+"""Parameters of a PMSM servo under field-oriented control, with a gear.
+
+Tolerances are how far a data sheet may be off on one unit, drifts how far a value changes later;
+`quantity` defines both. Catalogues state 10 % for resistance and torque constant, 10 to 30 % for
+inductance; IEC 60034-1 allows 10 % on inertia. Copper gains 0.39 % and NdFeB magnets lose 0.1 % for
+each kelvin: 35 % and 5 % in 90 and 50 K. Friction, backlash and stiffness are given as limits or
+typical values only.
+
+Gains, rates and limits of the drive are what was set in it, and so are its ideas of the motor
+(`Controller.flux` and the inductances beside it): they are numbers of a digital controller.
+"""
+
+from typing import ClassVar, Self
+
+from pydantic import model_validator
+
+from ematwin.errors import ParameterError
+from ematwin.models.parameter_set import ParameterSet, Section, quantity
+
+_WHOLE = 1e-6  # of a ratio that has to be a whole number
+_LONGEST = 0.25  # of a period of the gear's swing: the longest step of the mechanics
+
+
+class Motor(Section):
+    """Permanent-magnet synchronous motor, star-connected, star point free."""
+
+    resistance: float = quantity("ohm", "resistance of a phase", tolerance=0.1, drift=0.35, gt=0)
+    inductance_d: float = quantity("H", "inductance along the magnets", tolerance=0.15, gt=0)
+    inductance_q: float = quantity("H", "inductance across the magnets", tolerance=0.15, gt=0)
+    leakage: float = quantity(
+        "H", "leakage inductance of a phase, part of both inductances", tolerance=0.5, gt=0
+    )
+    flux: float = quantity(
+        "Wb", "flux linkage of the magnets, peak of a phase", tolerance=0.06, drift=0.05, gt=0
+    )
+    harmonic_5: float = quantity("", "fifth harmonic of the EMF over its fundamental", ge=-1, le=1)
+    harmonic_7: float = quantity(
+        "", "seventh harmonic of the EMF over its fundamental", ge=-1, le=1
+    )
+    pole_pairs: int = quantity("", "pole pairs", exact=True, ge=1)
+    gap_share: float = quantity(
+        "", "air gap over air gap and magnets together: what an eccentricity can change", gt=0, le=1
+    )
+    short_resistance: float = quantity("ohm", "contact resistance of shorted turns", gt=0)
+    inertia: float = quantity("kg*m^2", "rotor inertia", tolerance=0.12, gt=0)
+    viscous_damping: float = quantity(
+        "N*m*s/rad", "viscous damping on the motor shaft", tolerance=1.0, drift=0.2, ge=0
+    )
+    friction_torque: float = quantity(
+        "N*m", "dry friction of the motor side in motion", tolerance=0.6, ge=0
+    )
+    cogging_torque: float = quantity("N*m", "amplitude of the cogging torque", ge=0)
+    cogging_periods: int = quantity("", "cogging periods in a turn", exact=True, ge=1)
+
+
+class Drive(Section):
+    """Inverter and sensors."""
+
+    supply_voltage: float = quantity("V", "DC link", tolerance=0.05, drift=0.08, gt=0)
+    dead_time: float = quantity("s", "dead time of a leg", ge=0)
+    device_drop: float = quantity("V", "forward drop of a switch or diode", ge=0)
+    knee_current: float = quantity(
+        "A", "current beyond which a leg's voltage error is whole: ripple and capacitances", gt=0
+    )
+    current_bits: int = quantity("", "bits of the current converters", exact=True, ge=6, le=24)
+    current_range: float = quantity("A", "largest current that they convert", exact=True, gt=0)
+    motor_steps: int = quantity("", "steps of the motor encoder in a turn", exact=True, ge=16)
+    output_steps: int = quantity("", "steps of the output encoder in a turn", exact=True, ge=16)
+
+
+class Controller(Section):
+    """Sampled loops: current (dq, decoupled), speed (PI) and output position (P)."""
+
+    position_gain: float = quantity("1/s", "position to speed", tolerance=0.4, gt=0)
+    speed_gain: float = quantity("N*m*s/rad", "speed to torque", tolerance=0.4, gt=0)
+    speed_integral: float = quantity("N*m/rad", "integrated speed to torque", tolerance=0.4, ge=0)
+    current_gain: float = quantity("V/A", "current to voltage", gt=0)
+    current_integral: float = quantity("V/(A*s)", "integrated current to voltage", ge=0)
+    current_time: float = quantity("s", "sample time of the current loops, one PWM period",
+                                   exact=True, gt=0)  # fmt: skip
+    speed_time: float = quantity("s", "sample time of the speed loop", exact=True, gt=0)
+    position_time: float = quantity("s", "sample time of the position loop", exact=True, gt=0)
+    speed_limit: float = quantity("rad/s", "limit of the speed reference", exact=True, gt=0)
+    current_limit: float = quantity("A", "limit of the torque current, peak", exact=True, gt=0)
+    torque_constant: float = quantity("N*m/A", "that the drive reckons with", exact=True, gt=0)
+    flux: float = quantity("Wb", "that the drive decouples with", exact=True, ge=0)
+    inductance_d: float = quantity("H", "that the drive decouples with", exact=True, ge=0)
+    inductance_q: float = quantity("H", "that the drive decouples with", exact=True, ge=0)
+
+
+class Transmission(Section):
+    """Gear and output."""
+
+    ratio: float = quantity("", "motor turns for one turn of the output", exact=True, gt=0)
+    backlash: float = quantity(
+        "rad", "healthy backlash, full width, on the motor shaft", tolerance=0.7, gt=0
+    )
+    stiffness: float = quantity(
+        "N*m/rad", "torsional stiffness on the motor shaft", tolerance=0.5, gt=0
+    )
+    damping: float = quantity("N*m*s/rad", "damping of the gear on the motor shaft", ge=0)
+    output_inertia: float = quantity(
+        "kg*m^2", "output inertia reflected to the motor", tolerance=0.3, gt=0
+    )
+    viscous_damping: float = quantity(
+        "N*m*s/rad", "viscous damping of the output, reflected to the motor", tolerance=1.0, ge=0
+    )
+    friction_torque: float = quantity(
+        "N*m", "dry friction of the output side in motion, reflected", tolerance=0.6, ge=0
+    )
+    static_ratio: float = quantity("", "static friction over that in motion", tolerance=0.3, ge=1)
+    stribeck_speed: float = quantity(
+        "rad/s", "motor speed at which half of the excess of static friction is left", gt=0
+    )
+    travel_low: float = quantity("rad", "lower end stop of the output")
+    travel_high: float = quantity("rad", "upper end stop of the output")
+
+    @model_validator(mode="after")
+    def _travel_is_an_interval(self) -> Self:
+        if not self.travel_low < 0.0 < self.travel_high:
+            raise ValueError(
+                "travel_low must lie below zero and travel_high above, received "
+                f"{self.travel_low} and {self.travel_high} rad; correct the end stops"
+            )
+        return self
+
+
+class Steps(Section):
+    """Longest steps of the two models; each PWM period is divided evenly."""
+
+    reference: float = quantity("s", "step of the reference model", exact=True, gt=1e-9)
+    monitor: float = quantity("s", "step of the monitor model", exact=True, gt=1e-9)
+
+
+class PmsmActuator(ParameterSet):
+    """One PMSM servo, all values in SI: ``PmsmActuator.load("servo400")``."""
+
+    kind: ClassVar[str] = "pmsm"
+    default: ClassVar[str] = "servo400"
+
+    motor: Motor
+    drive: Drive
+    controller: Controller
+    transmission: Transmission
+    steps: Steps
+
+    @model_validator(mode="after")
+    def _leakage_is_a_part(self) -> Self:
+        least = min(self.motor.inductance_d, self.motor.inductance_q)
+        if not self.motor.leakage < least:
+            raise ValueError(
+                f"motor.leakage must be less than both inductances, received {self.motor.leakage:g}"
+                f" of {least:g} H; correct it"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _rates_are_multiples(self) -> Self:
+        control = self.controller
+        fastest = control.current_time
+        for name in ("speed_time", "position_time"):
+            periods = getattr(control, name) / fastest
+            if round(periods) < 1 or abs(periods - round(periods)) > _WHOLE * periods:
+                raise ValueError(
+                    f"controller.{name} must be a whole number of current samples of {fastest:g} s,"
+                    f" received {getattr(control, name):g} s; correct it"
+                )
+        if control.position_time < control.speed_time * (1.0 - _WHOLE):
+            raise ValueError(
+                "controller.position_time must be at least controller.speed_time, received "
+                f"{control.position_time:g} s and {control.speed_time:g} s; correct one"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _loops_are_stable(self) -> Self:
+        from ematwin.models.pmsm.stability import check_loops
+
+        check_loops(self)
+        return self
+
+    @model_validator(mode="after")
+    def _steps_follow(self) -> Self:
+        for model in ("reference", "monitor"):
+            self.check_step(model, getattr(self.steps, model))
+        return self
+
+    def largest_step(self) -> float:
+        """Longest step that follows gear and windings, s."""
+        gear = self.transmission
+        compliance = 1.0 / self.motor.inertia + 1.0 / gear.output_inertia
+        limits = [
+            self.controller.current_time,
+            _LONGEST * 2.0 * 3.14159 / (gear.stiffness * compliance) ** 0.5,
+            min(self.motor.inductance_d, self.motor.inductance_q) / self.motor.resistance,
+        ]
+        if gear.damping > 0.0:
+            limits.append(1.0 / (gear.damping * compliance))
+        return min(limits)
+
+    def check_step(self, model: str, step: float) -> None:
+        """Raise `ParameterError` if ``step`` (s) is too long for this actuator, or absurd."""
+        longest = self.largest_step()
+        if not 1e-9 <= step <= longest * (1.0 + 1e-9):
+            raise ParameterError(
+                f"the step of the {model} model must lie between 1e-09 and {longest:.3g} s for "
+                f"this actuator, received {step:.3g} s; correct it"
+            )

@@ -1,0 +1,195 @@
+"""Whether a recording of a PMSM servo can be what it says: channels, units, limits, motion.
+
+What makes a recording useless is an error with the likely cause; what makes it doubtful is a
+sentence. The bounds are wide: a faulty actuator must pass, a wrong unit must not.
+"""
+
+import numpy as np
+
+from ematwin.errors import RecordError
+from ematwin.models.pmsm.channels import PHASES, ROTATING, ROTATING_VOLTAGES, VOLTAGES
+from ematwin.models.pmsm.comparison import MOVING
+from ematwin.models.pmsm.parameters import PmsmActuator
+from ematwin.recordings.recording import Recording
+
+_OVER_LIMIT = 3.0  # times the current limit
+_OVER_LINK = 1.5  # times the DC link
+_OVERSPEED = 3.0  # times the speed limit
+_BEYOND = 1.02  # times the travel
+_ALIKE = 0.1  # of its swing: how far the output may be from where the motor puts it
+_SUM = 0.1  # of the RMS of the phases
+_GAPS = 5.0  # times the healthy gap that a motion should cross
+_DEGREES = 180.0 / np.pi
+
+
+def check_phases(recording: Recording) -> None:
+    """Raise `RecordError` where some phases are recorded and others are not."""
+    for group, use in ((PHASES, "currents"), (VOLTAGES, "voltages"), (ROTATING, "currents"),
+                       (ROTATING_VOLTAGES, "voltages")):  # fmt: skip
+        present = [name for name in group if name in recording.channels]
+        if present and len(present) < len(group):
+            missing = [name for name in group if name not in present]
+            raise RecordError(
+                f"{recording.name} has {', '.join(present)} but not {', '.join(missing)}: the "
+                f"{use} need all of these to be turned into the rotor's frame. Record them, or "
+                f"drop {', '.join(present)}."
+            )
+    if set(PHASES) <= recording.channels.keys() and "motor_position" not in recording.channels:
+        if set(ROTATING) <= recording.channels.keys():
+            return
+        raise RecordError(
+            f"{recording.name} has phase currents but no motor_position, which is needed to turn "
+            "them into the rotor's frame; record it, or current_d and current_q."
+        )
+
+
+def check_plausible(recording: Recording, actuator: PmsmActuator) -> list[str]:
+    """Sentences on what is doubtful about a recording.
+
+    Raises
+    ------
+    RecordError
+        If it cannot be identified from, with the reason and the likely cause.
+    """
+    _check_sizes(recording, actuator)
+    _check_travel(recording, actuator)
+    _check_sides(recording, actuator)
+    doubts = _check_voltages(recording)
+    doubts += _check_sums(recording)
+    doubts += _check_start(recording, actuator)
+    return doubts
+
+
+def _check_sizes(recording: Recording, actuator: PmsmActuator) -> None:
+    control = actuator.controller
+    limits = {
+        **dict.fromkeys((*PHASES, *ROTATING), (_OVER_LIMIT * control.current_limit, "A")),
+        **dict.fromkeys((*VOLTAGES, *ROTATING_VOLTAGES),
+                        (_OVER_LINK * actuator.drive.supply_voltage, "V")),
+        "motor_speed": (_OVERSPEED * control.speed_limit, "rad/s"),
+    }  # fmt: skip
+    for name, (most, unit) in limits.items():
+        if name not in recording.channels:
+            continue
+        largest = float(np.abs(recording.channels[name]).max())
+        if largest > most:
+            smaller = {"A": "mA", "V": "mV", "rad/s": "rpm"}[unit]
+            raise RecordError(
+                f"{name} reaches {largest:.4g} {unit}, more than the {most:.4g} {unit} that "
+                f"{actuator.name} can give. If it is in {smaller}, give its unit; else check its "
+                "scale, or the actuator."
+            )
+
+
+def _check_travel(recording: Recording, actuator: PmsmActuator) -> None:
+    gear = actuator.transmission
+    for name in ("command", "output_position"):
+        values = recording.channels.get(name)
+        if values is None:
+            continue
+        low, high = float(values.min()), float(values.max())
+        if low < _BEYOND * gear.travel_low or high > _BEYOND * gear.travel_high:
+            raise RecordError(
+                f"{name} runs from {low:.4g} to {high:.4g} rad, beyond the end stops of "
+                f"{actuator.name} at {gear.travel_low:.4g} and {gear.travel_high:.4g} rad. If it "
+                "is in degrees or on the motor side, say so in the map; else check its offset."
+            )
+    motor = recording.channels.get("motor_position")
+    if motor is not None and np.ptp(motor) * recording.sample_rate > 0.0:
+        fastest = float(np.abs(np.diff(motor)).max()) * recording.sample_rate
+        if fastest > 20.0 * _OVERSPEED * actuator.controller.speed_limit:
+            raise RecordError(
+                f"motor_position turns at up to {fastest:.4g} rad/s; {actuator.name} limits its "
+                f"speed to {actuator.controller.speed_limit:.4g} rad/s. Check its unit, or give "
+                "unwrap = true in the map if the angle wraps at each full turn."
+            )
+
+
+def _check_sides(recording: Recording, actuator: PmsmActuator) -> None:
+    motor = recording.channels.get("motor_position")
+    output = recording.channels.get("output_position")
+    if motor is None or output is None or not np.ptp(output) > 0.0:
+        return
+    on_motor = output * actuator.transmission.ratio
+    swing = float(np.ptp(on_motor))
+    play = actuator.transmission.backlash * 10.0
+    gap = (motor - motor[0]) - (on_motor - on_motor[0])
+    if float(np.abs(gap).max()) <= _ALIKE * swing + play:
+        return
+    times = float(np.ptp(motor)) / swing
+    sign = float(np.sum((motor - motor.mean()) * (on_motor - on_motor.mean())))
+    cause = (
+        "one of them has the wrong sign" if sign < 0.0
+        else "one of them looks like degrees" if 30.0 < max(times, 1.0 / max(times, 1e-9)) < 90.0
+        else "check their units and transmission.ratio"
+    )  # fmt: skip
+    raise RecordError(
+        f"motor_position moves {times:.3g} times as far as output_position does through the gear "
+        f"of {actuator.transmission.ratio:g}: {cause}. Correct it in the map."
+    )
+
+
+def _check_voltages(recording: Recording) -> list[str]:
+    channels = recording.channels
+    if set(ROTATING_VOLTAGES) <= channels.keys():
+        return []
+    if set(VOLTAGES) <= channels.keys():
+        if "motor_position" in channels:
+            return []
+        return ["Without motor_position the phase voltages are not used. Record it."]
+    return [
+        "There are no commanded voltages: lost flux, shorted turns, resistances and the gains of "
+        "current sensors are hard to tell apart without. Record voltage_d and voltage_q."
+    ]
+
+
+def _check_sums(recording: Recording) -> list[str]:
+    found = []
+    for group in (PHASES, VOLTAGES):
+        if not set(group) <= recording.channels.keys():
+            continue
+        phases = np.stack([recording.channels[name] for name in group])
+        left = float(np.sqrt(np.mean(phases.sum(axis=0) ** 2)))
+        size = float(np.sqrt(np.mean(phases**2)))
+        if left > _SUM * size:
+            found.append(
+                f"{', '.join(group)} do not add up to zero ({100.0 * left / size:.0f} % of their "
+                "RMS): one of them may be missing, shifted or of another scale."
+            )
+    return found
+
+
+def _check_start(recording: Recording, actuator: PmsmActuator) -> list[str]:
+    motor = recording.channels.get("motor_position")
+    if motor is None or len(motor) < 10:
+        return []
+    count = max(2, min(len(motor), round(5e-3 * recording.sample_rate)))
+    speed = abs(float(motor[count - 1] - motor[0])) / ((count - 1) * recording.interval)
+    if speed > MOVING * actuator.controller.speed_limit:
+        return [
+            f"The recording begins in motion ({speed:.3g} rad/s of the motor), and what the loops "
+            "had integrated by then is not known. Begin it at rest."
+        ]
+    return []
+
+
+def too_little_motion(recording: Recording, actuator: PmsmActuator) -> list[str]:
+    """Sentences on why a motion cannot tell faults."""
+    gear, channels = actuator.transmission, recording.channels
+    motor = channels.get("motor_position")
+    output = channels.get("output_position", channels["command"])
+    travel = float(np.ptp(output) * gear.ratio if motor is None else np.ptp(motor))
+    found = []
+    turn = 2.0 * np.pi
+    if travel < turn:
+        found.append(
+            f"The motor turns by {_DEGREES * travel:.3g} degrees, less than one turn: dynamic "
+            f"eccentricity does not show. Record a motion of at least {turn / gear.ratio:.3g} rad "
+            "of the output."
+        )
+    if travel < _GAPS * gear.backlash:
+        found.append(
+            f"The motion is {travel / gear.backlash:.2g} times the healthy gap: it hardly crosses "
+            "it."
+        )
+    return found

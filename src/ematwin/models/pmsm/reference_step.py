@@ -1,0 +1,168 @@
+"""One step of the reference model: three phases in the stator's frame, some microseconds.
+
+docs/pmsm.md, "Reference model". The state of the windings is the flux that their currents make, in
+the stator's frame. EMF, connectors, legs and shorted loops are those of each phase for itself;
+the explicit midpoint rule advances all of them.
+"""
+
+import math
+from typing import NamedTuple
+
+from ematwin.models.pmsm.controller import ROOT_3
+from ematwin.models.pmsm.mechanics import Motion, advance_motion
+from ematwin.numerics.compile import step
+from ematwin.numerics.scalar import clip
+
+_THIRD = 2.0943951023931953  # 2 pi/3
+
+
+class ReferenceState(NamedTuple):
+    """State of the reference model, and its energies since the start."""
+
+    psi_alpha: float  # Wb
+    psi_beta: float
+    j_a: float  # A, what shorted loops draw: mu i_f
+    j_b: float
+    j_c: float
+    w_m: float  # rad/s
+    theta_m: float  # rad
+    w_o: float
+    theta_o: float
+    e_electrical: float  # J, taken in at the terminals
+    e_copper: float  # J, lost in windings, connectors and shorts
+    e_mechanical: float  # J, torque of the gap times speed
+
+
+class Windings(NamedTuple):
+    """What the windings do at an instant."""
+
+    d_alpha: float  # V, change of the flux
+    d_beta: float
+    u_a: float  # V, over all turns of a phase
+    u_b: float
+    u_c: float
+    torque: float  # N m
+    taken: float  # W, in at the terminals
+    lost: float  # W
+    i_a: float  # A, at the terminals
+    i_b: float
+    i_c: float
+
+
+@step
+def phase_emf(theta_m, place, c):
+    """EMF over speed of the phase at an electrical place, V s/rad."""
+    angle = c.pole_pairs * theta_m - place
+    shape = math.sin(angle) + c.h_5 * math.sin(5.0 * angle) + c.h_7 * math.sin(7.0 * angle)
+    gap = (
+        1.0
+        + c.static_x * math.cos(place) + c.static_y * math.sin(place)
+        + c.dynamic_x * math.cos(theta_m - place) - c.dynamic_y * math.sin(theta_m - place)
+    )  # fmt: skip
+    return -c.k_e * gap * shape
+
+
+@step
+def currents_of(psi_alpha, psi_beta, theta_e, c):
+    """Currents in the stator's frame that make a flux, and the same in the rotor's frame."""
+    s = math.sin(theta_e)
+    co = math.cos(theta_e)
+    i_d = (co * psi_alpha + s * psi_beta) / c.l_d
+    i_q = (co * psi_beta - s * psi_alpha) / c.l_q
+    return co * i_d - s * i_q, s * i_d + co * i_q, i_d, i_q
+
+
+@step
+def windings(psi_alpha, psi_beta, j_a, j_b, j_c, w_m, theta_m, v_a, v_b, v_c, c):
+    """`Windings` at a state, under leg voltages."""
+    x, y, i_d, i_q = currents_of(psi_alpha, psi_beta, c.pole_pairs * theta_m, c)
+    drawn = (j_a + j_b + j_c) / 3.0
+    # of all turns, weighed by their number; they add up to -3 drawn
+    t_a = x - drawn
+    t_b = -0.5 * x + 0.5 * ROOT_3 * y - drawn
+    t_c = -0.5 * x - 0.5 * ROOT_3 * y - drawn
+    i_a = t_a + j_a
+    i_b = t_b + j_b
+    i_c = t_c + j_c
+    w_a = v_a - c.v_leg * clip(i_a / c.knee, -1.0, 1.0)
+    w_b = v_b - c.v_leg * clip(i_b / c.knee, -1.0, 1.0)
+    w_c = v_c - c.v_leg * clip(i_c / c.knee, -1.0, 1.0)
+    k_a = phase_emf(theta_m, 0.0, c)
+    k_b = phase_emf(theta_m, _THIRD, c)
+    k_c = phase_emf(theta_m, -_THIRD, c)
+    # voltages over the turns, the star point's taken off: what the connectors leave
+    n_a = w_a - c.added_a * i_a
+    n_b = w_b - c.added_b * i_b
+    n_c = w_c - c.added_c * i_c
+    mean = (n_a + n_b + n_c) / 3.0
+    k_0 = (k_a + k_b + k_c) / 3.0
+    d_alpha = n_a - mean - w_m * (k_a - k_0) - c.resistance * x
+    d_beta = (n_b - n_c - w_m * (k_b - k_c)) / ROOT_3 - c.resistance * y
+    torque = (
+        k_a * t_a + k_b * t_b + k_c * t_c
+        + 1.5 * c.pole_pairs * (c.l_d - c.l_q) * i_d * i_q
+    )  # fmt: skip
+    taken = w_a * i_a + w_b * i_b + w_c * i_c
+    lost = (
+        (c.resistance + c.added_a) * i_a * i_a - 2.0 * c.resistance * i_a * j_a
+        + c.loss_a * j_a * j_a
+        + (c.resistance + c.added_b) * i_b * i_b - 2.0 * c.resistance * i_b * j_b
+        + c.loss_b * j_b * j_b
+        + (c.resistance + c.added_c) * i_c * i_c - 2.0 * c.resistance * i_c * j_c
+        + c.loss_c * j_c * j_c
+    )  # fmt: skip
+    zero = w_m * k_0 - mean
+    return Windings(
+        d_alpha, d_beta, n_a + zero, n_b + zero, n_c + zero, torque, taken, lost, i_a, i_b, i_c
+    )
+
+
+@step
+def reference_step(now, v_a, v_b, v_c, load, c, dt):
+    """Advance by ``dt`` under leg voltages (V) and a load (N m); `ReferenceState`."""
+    half = 0.5 * dt
+    first = windings(
+        now.psi_alpha, now.psi_beta, now.j_a, now.j_b, now.j_c, now.w_m, now.theta_m,
+        v_a, v_b, v_c, c,
+    )  # fmt: skip
+    j_a = now.j_a + (1.0 - c.decay_a) * (c.loop_a * first.u_a - now.j_a)
+    j_b = now.j_b + (1.0 - c.decay_b) * (c.loop_b * first.u_b - now.j_b)
+    j_c = now.j_c + (1.0 - c.decay_c) * (c.loop_c * first.u_c - now.j_c)
+    then = windings(
+        now.psi_alpha + half * first.d_alpha, now.psi_beta + half * first.d_beta,
+        0.5 * (now.j_a + j_a), 0.5 * (now.j_b + j_b), 0.5 * (now.j_c + j_c),
+        now.w_m, now.theta_m + half * now.w_m, v_a, v_b, v_c, c,
+    )  # fmt: skip
+    motion = advance_motion(
+        Motion(now.w_m, now.theta_m, now.w_o, now.theta_o), then.torque, load, c, dt
+    )
+    return ReferenceState(
+        now.psi_alpha + dt * then.d_alpha,
+        now.psi_beta + dt * then.d_beta,
+        now.j_a + (1.0 - c.decay_a) * (c.loop_a * then.u_a - now.j_a),
+        now.j_b + (1.0 - c.decay_b) * (c.loop_b * then.u_b - now.j_b),
+        now.j_c + (1.0 - c.decay_c) * (c.loop_c * then.u_c - now.j_c),
+        motion.w_m, motion.theta_m, motion.w_o, motion.theta_o,
+        now.e_electrical + dt * then.taken,
+        now.e_copper + dt * then.lost,
+        now.e_mechanical + dt * then.torque * now.w_m,
+    )  # fmt: skip
+
+
+@step
+def leg_voltages(v_alpha, v_beta, v_supply):
+    """Mean voltages of the legs above the middle of the link, by space-vector modulation.
+
+    The common part centres the largest and the smallest (Holmes and Lipo 2003, Pulse Width
+    Modulation for Power Converters, section 6.3); a leg gives half of the link at most.
+    """
+    v_a = v_alpha
+    v_b = -0.5 * v_alpha + 0.5 * ROOT_3 * v_beta
+    v_c = -v_a - v_b
+    common = 0.5 * (max(v_a, max(v_b, v_c)) + min(v_a, min(v_b, v_c)))
+    half = 0.5 * v_supply
+    return (
+        clip(v_a - common, -half, half),
+        clip(v_b - common, -half, half),
+        clip(v_c - common, -half, half),
+    )

@@ -1,0 +1,245 @@
+"""Simulate a PMSM servo: model, scenario and faults in, a `Recording` out."""
+
+import math
+from collections.abc import Collection, Mapping
+from typing import Any
+
+import numpy as np
+
+from ematwin.errors import DivergedError, InputError, ParameterError
+from ematwin.models.base import Progress, simulated_provenance
+from ematwin.models.pmsm.channels import ON_REQUEST, UNITS, to_phases
+from ematwin.models.pmsm.comparison import ticks_of, whole_ticks
+from ematwin.models.pmsm.parameters import PmsmActuator
+from ematwin.models.scenario import Scenario
+from ematwin.recordings.noise import Noise
+from ematwin.recordings.recording import Recording
+
+_MOST_TICKS = 20_000_000
+_SLICE = 20_000  # ticks between two reports of progress
+_WHOLE = 1e-6
+_SETTLED = 0.2  # s that the first position is held before the scenario begins
+
+
+def simulate(
+    model: Any,
+    fidelity: str,
+    actuator: PmsmActuator,
+    scenario: Scenario,
+    values: Mapping[str, float],
+    *,
+    sample_rate: float | None = None,
+    step: float | None = None,
+    noise: Noise | None = None,
+    seed: int = 0,
+    initial_position: float = 0.0,
+    also: Collection[str] = (),
+    progress: Progress | None = None,
+) -> Recording:
+    """The response to a scenario; arguments and errors as in `ematwin.simulate`.
+
+    The drive has held its first position for a while when the scenario begins, under the load of
+    that moment.
+
+    Samples are those of the drive: a rate must divide that of its current loops, which is also the
+    default.
+    """
+    check_travel(scenario, actuator)
+    gear = actuator.transmission
+    if not gear.travel_low <= initial_position <= gear.travel_high:  # NaN fails this as well
+        raise InputError(
+            f"initial_position must lie within the travel of {actuator.name}, "
+            f"{gear.travel_low:.4g} to {gear.travel_high:.4g} rad, received {initial_position:g}."
+        )
+    tick = actuator.controller.current_time
+    every = _every(sample_rate, tick)
+    longest = getattr(actuator.steps, fidelity) if step is None else step
+    try:
+        actuator.check_step(fidelity, longest)
+    except ParameterError as error:
+        raise InputError(str(error)[0].upper() + str(error)[1:] + ".") from None
+    substeps = max(1, math.ceil(tick / longest - 1e-9))
+    count = math.floor(scenario.duration / tick + 1e-9) // every * every + 1
+    if count < every + 1:
+        raise InputError(
+            f"A scenario of {scenario.duration:g} s has fewer than two samples at "
+            f"{1.0 / (every * tick):g} Hz; sample faster or extend it."
+        )
+    if count > _MOST_TICKS:
+        raise InputError(
+            f"A scenario of {scenario.duration:g} s has {count} samples of the current loops; at "
+            f"most {_MOST_TICKS} can be simulated. Shorten it."
+        )
+    time = np.arange(count) * tick
+    asked, carried = scenario.histories(time)
+    held = whole_ticks(actuator, _SETTLED, every)
+    command = np.concatenate([np.full(held, initial_position), asked])
+    load = np.concatenate([np.full(held, carried[0]), carried])
+    run = _reference if fidelity == "reference" else _monitor
+    columns = run(
+        actuator,
+        values,
+        command,
+        load,
+        initial_position,
+        tick / substeps,
+        substeps,
+        every,
+        progress,
+    )
+    if not all(np.isfinite(column).all() for column in columns.values()):
+        raise DivergedError(
+            f"The {fidelity} model of {actuator.name} diverged; check its parameters and the "
+            "scenario."
+        )
+    columns = {name: column[held // every :] for name, column in columns.items()}
+    channels = {
+        "command": asked[::every], "load": carried[::every], **_channels(columns, actuator)
+    }  # fmt: skip
+    found = Recording(
+        time[::every],
+        {n: v for n, v in channels.items() if n not in ON_REQUEST or n in also},
+        units=UNITS,
+        provenance={
+            **simulated_provenance(model, actuator, scenario, values, noise, seed),
+            "model": fidelity,
+            "step_s": tick / substeps,
+        },
+    )
+    return found if noise is None else noise.apply(found, np.random.default_rng(seed))
+
+
+def _every(sample_rate: float | None, tick: float) -> int:
+    """Ticks from one sample to the next."""
+    if sample_rate is None:
+        return 1
+    if not (math.isfinite(sample_rate) and sample_rate > 0.0):
+        raise InputError(f"sample_rate must be a positive number of Hz, received {sample_rate}.")
+    every = 1.0 / (sample_rate * tick)
+    if round(every) < 1 or abs(every - round(every)) > _WHOLE * every:
+        raise InputError(
+            f"The drive samples at {1.0 / tick:g} Hz and keeps each n-th sample; a sample_rate of "
+            f"{sample_rate:g} Hz does not divide that. Give for example {0.5 / tick:g} Hz."
+        )
+    return round(every)
+
+
+def quanta_of(actuator: PmsmActuator) -> np.ndarray:
+    """(3,) steps of the current converters (A), of motor and output encoder (rad on the motor)."""
+    drive = actuator.drive
+    return np.array([
+        2.0 * drive.current_range / 2**drive.current_bits,
+        2.0 * math.pi / drive.motor_steps,
+        2.0 * math.pi / drive.output_steps * actuator.transmission.ratio,
+    ])  # fmt: skip
+
+
+def reference_states(
+    actuator: PmsmActuator, values: Mapping[str, float], theta: float, step: float
+) -> tuple[Any, np.ndarray, np.ndarray]:
+    """Constants, and the states of plant (12,) and loops (9,) at rest at an angle of the motor."""
+    from ematwin.models.pmsm.constants import constants_of
+    from ematwin.models.pmsm.state import Constants
+
+    one = {name: np.array([value]) for name, value in values.items()}
+    c = Constants(*constants_of(actuator, one, 1, step)[0].tolist())
+    state, control = np.zeros(12), np.zeros(9)
+    state[6] = state[8] = theta
+    control[3] = theta + c.resolver / c.pole_pairs
+    return c, state, control
+
+
+def _reference(
+    actuator: PmsmActuator,
+    values: Mapping[str, float],
+    command: np.ndarray,
+    load: np.ndarray,
+    start: float,
+    step: float,
+    substeps: int,
+    every: int,
+    progress: Progress | None,
+) -> dict[str, np.ndarray]:
+    from ematwin.models.pmsm.batch import REFERENCE_COLUMNS, reference_trace
+
+    ratio, ticks = actuator.transmission.ratio, ticks_of(actuator)
+    c, state, control = reference_states(actuator, values, start * ratio, step)
+    # whole samples of all loops, so that a slice begins as the simulation does
+    stride = math.lcm(*(int(n) for n in ticks), every) * max(1, _SLICE // math.lcm(*ticks, every))
+    pieces = []
+    for first in range(0, command.size, stride):
+        last = min(first + stride, command.size)
+        more = slice(first, min(last + 1, command.size))  # the slice runs up to its successor
+        pieces.append(
+            reference_trace(
+                command[more] * ratio, load[more] / ratio, state, control, c, step, substeps, ticks,
+                quanta_of(actuator), every, last - first,
+            )
+        )  # fmt: skip
+        if progress is not None:
+            progress(last / command.size)
+    trace = np.concatenate(pieces)
+    return {name: trace[:, n].copy() for n, name in enumerate(REFERENCE_COLUMNS[:7])}
+
+
+def _monitor(
+    actuator: PmsmActuator,
+    values: Mapping[str, float],
+    command: np.ndarray,
+    load: np.ndarray,
+    start: float,
+    step: float,
+    substeps: int,
+    every: int,
+    progress: Progress | None,
+) -> dict[str, np.ndarray]:
+    from ematwin.models.pmsm.batch import ANSWERS, COMPARED, LANES, monitor_scores
+    from ematwin.models.pmsm.constants import constants_of
+    from ematwin.models.pmsm.state import Constants
+
+    ratio = actuator.transmission.ratio
+    one = {name: np.array([value]) for name, value in values.items()}
+    constants = np.repeat(constants_of(actuator, one, 1, step), LANES, axis=0)
+    theta = start * ratio
+    read = (
+        theta + float(constants[0, Constants._fields.index("resolver")]) / actuator.motor.pole_pairs
+    )
+    answer = np.empty((LANES, len(ANSWERS), command.size))
+    target = np.zeros((COMPARED, command.size))
+    monitor_scores(
+        constants, command * ratio, load / ratio, 0, np.array([read, 0.0, theta, 0.0, 0.0, 0.0]),
+        step, substeps, ticks_of(actuator), np.array([1.0, 0.0, 0.0, 0.0, 0.0]), target,
+        np.zeros(COMPARED), 1, np.empty(LANES), answer,
+    )  # fmt: skip
+    if progress is not None:
+        progress(1.0)
+    found = dict(zip(ANSWERS, answer[0, :, ::every], strict=True))
+    for side in ("motor", "output"):
+        found[f"{side}_position"] = command[::every] * ratio - found.pop(f"{side}_error")
+    return found
+
+
+def _channels(columns: Mapping[str, np.ndarray], actuator: PmsmActuator) -> dict[str, np.ndarray]:
+    """All channels, from d and q, the motor's speed, and positions on the motor shaft."""
+    angle = actuator.motor.pole_pairs * columns["motor_position"]
+    found: dict[str, np.ndarray] = {}
+    for quantity in ("current", "voltage"):
+        phases = to_phases(columns[f"{quantity}_d"], columns[f"{quantity}_q"], angle)
+        found |= {f"{quantity}_{x}": row for x, row in zip("abc", phases, strict=True)}
+    found |= {n: columns[n] for n in (*ON_REQUEST, "motor_position")}
+    found["output_position"] = columns["output_position"] / actuator.transmission.ratio
+    return found
+
+
+def check_travel(scenario: Scenario, actuator: PmsmActuator) -> None:
+    """Raise `ParameterError` if the command leaves the travel of the actuator."""
+    time = np.linspace(0.0, scenario.duration, 2001)
+    command, _ = scenario.histories(time)
+    gear = actuator.transmission
+    low, high = float(command.min()), float(command.max())
+    if low < gear.travel_low or high > gear.travel_high:
+        raise ParameterError(
+            f"The command of scenario {scenario.name} reaches {low:.4g} to {high:.4g} rad, beyond "
+            f"the end stops of {actuator.name} at {gear.travel_low:.4g} and "
+            f"{gear.travel_high:.4g} rad. Shorten it, or write its unit if it is in degrees."
+        )

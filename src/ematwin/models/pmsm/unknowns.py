@@ -1,0 +1,168 @@
+"""What is unknown of a PMSM servo, in one table: faults and nuisances.
+
+All faults are normalised to [0, 1]; `ematwin.models.pmsm.state` says what they are in SI.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from ematwin.models.pmsm import state
+from ematwin.models.unknown import Alias, Contrast, Unknown
+
+_MOST_CONTACT = 20.0  # ohm, of a short; more than that is none
+_LOAD_OFFSET = 0.05  # of the dry friction
+
+# Counted or chosen: these cannot differ between candidates.
+FIXED = (
+    "motor.pole_pairs", "motor.cogging_periods", "drive.current_bits", "drive.current_range",
+    "drive.motor_steps", "drive.output_steps", "controller.current_time", "controller.speed_time",
+    "controller.position_time", "transmission.ratio", "steps.reference", "steps.monitor",
+)  # fmt: skip
+
+
+def _friction(actuator: Any, k: Any) -> Any:
+    torque = actuator.motor.friction_torque + actuator.transmission.friction_torque
+    return torque * state.friction_factor(k)
+
+
+def _backlash(actuator: Any, k: Any) -> Any:
+    return actuator.transmission.backlash * state.backlash_factor(k)
+
+
+def _gain(actuator: Any, k: Any) -> Any:
+    return actuator.controller.position_gain * state.gain_factor(k)
+
+
+def _shorted(actuator: Any, k: Any) -> Any:
+    return 100.0 * state.shorted_share(k)
+
+
+def _flux(actuator: Any, k: Any) -> Any:
+    return actuator.motor.flux * state.flux_left(k)
+
+
+def _degrees(actuator: Any, k: Any) -> Any:
+    return state.direction(k) * (180.0 / math.pi)
+
+
+def _connector(actuator: Any, k: Any) -> Any:
+    return state.CONNECTOR * actuator.motor.resistance * k
+
+
+def _sensor_gain(actuator: Any, k: Any) -> Any:
+    return state.sensor_gain(k)
+
+
+def _sensor_offset(actuator: Any, k: Any) -> Any:
+    return state.sensor_offset(k, actuator.controller.current_limit)
+
+
+def _resolver(actuator: Any, k: Any) -> Any:
+    return state.resolver_offset(k) * (180.0 / math.pi)
+
+
+def _fault(
+    name: str,
+    meaning: str,
+    unit: str,
+    physical: Callable[[Any, Any], Any] | None,
+    healthy: float = 0.0,
+    **more: Any,
+) -> Unknown:
+    return Unknown(
+        name, "", meaning, healthy, 0.0, 1.0, physical_unit=unit, physical=physical, **more
+    )
+
+
+UNKNOWNS = (
+    _fault("friction", "dry friction on the motor shaft", "N m", _friction, slack=0.1),
+    _fault("backlash", "backlash on the motor shaft", "rad", _backlash, slack=0.02),
+    _fault("gain", "proportional position gain", "1/s", _gain, 0.5),
+    *(
+        _fault(f"short_{x}", f"shorted turns of phase {x}", "%", _shorted, slack=0.05)
+        for x in "abc"
+    ),
+    _fault("demagnetisation", "flux of the magnets", "Wb", _flux, slack=0.02),
+    _fault("static_eccentricity", "offset of the bore over the air gap", "", None),
+    _fault("static_direction", "direction of the offset of the bore", "deg", _degrees, 0.5,
+           direction_of="static_eccentricity"),
+    _fault("dynamic_eccentricity", "offset of the rotor over the air gap", "", None),
+    _fault("dynamic_direction", "direction of the offset of the rotor", "deg", _degrees, 0.5,
+           direction_of="dynamic_eccentricity"),
+    *(
+        _fault(f"connector_{x}", f"resistance in the connector of phase {x}", "ohm", _connector,
+               slack=0.02)
+        for x in "abc"
+    ),
+    *(
+        _fault(f"sensor_gain_{x}", f"gain of the current sensor of phase {x}", "", _sensor_gain,
+               0.5)
+        for x in "ab"
+    ),
+    *(
+        _fault(f"sensor_offset_{x}", f"offset of the current sensor of phase {x}", "A",
+               _sensor_offset, 0.5)
+        for x in "ab"
+    ),
+    _fault("resolver_offset", "error of the angle of commutation, electrical", "deg", _resolver,
+           0.5),
+)  # fmt: skip
+
+FAULTS = tuple(one.name for one in UNKNOWNS)
+
+
+def unknowns(actuator: Any) -> tuple[Unknown, ...]:
+    """Faults and nuisances of an actuator, in the order of tables."""
+    contact = float(actuator.motor.short_resistance)
+    torque = actuator.motor.friction_torque + actuator.transmission.friction_torque
+    load = _LOAD_OFFSET * max(torque, 1e-6) * actuator.transmission.ratio
+
+    def nuisance(
+        name: str, unit: str, meaning: str, healthy: float, low: float, high: float, spread: float
+    ) -> Unknown:
+        return Unknown(
+            name, unit, meaning, healthy, low, high, "nuisance", spread=spread, marginal=True
+        )
+
+    return (
+        *UNKNOWNS,
+        nuisance("short_resistance", "ohm", "contact resistance of shorted turns", contact,
+                 min(1e-3, 0.5 * contact), max(_MOST_CONTACT, 2.0 * contact), 0.4 * contact),
+        nuisance("load_gain", "", "actual over recorded load", 1.0, 0.5, 1.5, 0.06),
+        nuisance("load_offset", "N*m", "load beside the recorded one", 0.0, -40.0 * load,
+                 40.0 * load, load),
+    )  # fmt: skip
+
+
+def aliases(actuator: Any, values: Mapping[str, float]) -> list[Alias]:
+    """Directions in which the answer does not change: each fault against what it multiplies.
+
+    Parameters stay free: a fault cannot take their place on both sides, as turns are not added and
+    gaps do not close. Priors decide along these directions.
+    """
+    k = {one.name: values.get(one.name, one.healthy) for one in UNKNOWNS}
+    left = state.flux_left(k["demagnetisation"])
+    worn = state.friction_factor(k["friction"]) / state.FRICTION
+    wider = state.backlash_factor(k["backlash"]) / state.BACKLASH
+    same = {
+        "motor.flux": {"demagnetisation": -left / state.LOST_FLUX},
+        "motor.resistance": {f"connector_{x}": 1.0 / state.CONNECTOR for x in "abc"},
+        "transmission.friction_torque": {"friction": worn, "motor.friction_torque": -1.0},
+        "transmission.backlash": {"backlash": wider},
+        "controller.position_gain": {"gain": state.gain_factor(k["gain"])},
+    }
+    return [Alias(pivot, changes, held=False) for pivot, changes in same.items()]
+
+
+CONTRASTS = (
+    Contrast(
+        "connector_common", {f"connector_{x}": 1.0 / 3.0 for x in "abc"},
+        "resistance added to all phases alike",
+        "Resistance added to all phases alike cannot be told from a warm winding.",
+    ),
+    Contrast(
+        "demagnetisation_beyond_heat", {"demagnetisation": 1.0}, "flux lost",
+        "Lost flux cannot be told from magnets that are merely warm.",
+    ),
+)  # fmt: skip

@@ -1,0 +1,42 @@
+"""A PMSM servo as its tests set it up."""
+
+import numpy as np
+
+from ematwin.models.pmsm.batch import REFERENCE_COLUMNS, reference_trace
+from ematwin.models.pmsm.comparison import ticks_of
+from ematwin.models.pmsm.parameters import PmsmActuator
+from ematwin.models.pmsm.simulate import quanta_of, reference_states
+
+ACTUATOR = PmsmActuator.load()
+TICK = ACTUATOR.controller.current_time
+SMOOTH = {  # what the textbook's drive does not have
+    "motor.harmonic_5": 0.0, "motor.harmonic_7": 0.0, "motor.cogging_torque": 0.0,
+    "motor.friction_torque": 0.0, "motor.viscous_damping": 0.0, "drive.dead_time": 0.0,
+    "drive.device_drop": 0.0, "transmission.friction_torque": 0.0, "transmission.backlash": 1e-9,
+    "transmission.damping": 0.0,
+}  # fmt: skip
+
+
+def healthy(actuator=ACTUATOR, **faults):
+    """Values of all unknowns, healthy where they are not given."""
+    from ematwin.models.pmsm.model import MODEL
+
+    return MODEL.values_of(actuator, faults)
+
+
+def reference(actuator, values, command, load, *, substeps=20, perfect=True, every=1):
+    """Columns of the reference model by name; command and load on the motor shaft, at ticks."""
+    step = actuator.controller.current_time / substeps
+    c, state, control = reference_states(actuator, values, 0.0, step)
+    quanta = np.zeros(3) if perfect else quanta_of(actuator)
+    trace = reference_trace(
+        np.asarray(command, float), np.asarray(load, float), state, control, c, step, substeps,
+        ticks_of(actuator), quanta, every, len(command),
+    )  # fmt: skip
+    return dict(zip(REFERENCE_COLUMNS, trace.T, strict=True))
+
+
+def smooth_move(actuator, duration, travel):
+    """A command (rad on the motor shaft) that goes there along half a cosine, at the ticks."""
+    time = np.arange(round(duration / actuator.controller.current_time) + 1)
+    return 0.5 * travel * (1.0 - np.cos(np.pi * time / time[-1]))

@@ -1,0 +1,141 @@
+"""Reference and monitor model against the naive servo, which has coils and no closed forms."""
+
+import math
+
+import numpy as np
+import pytest
+
+from ematwin.models.pmsm.batch import ANSWERS, LANES, monitor_scores
+from ematwin.models.pmsm.comparison import ticks_of
+from ematwin.models.pmsm.constants import constants_of
+from ematwin.models.pmsm.state import Constants
+from naive.pmsm import Coils, Drive, run
+from physics.test_pmsm_motulator import settings
+from pmsm_inputs import ACTUATOR, TICK, healthy, reference, smooth_move
+
+TICKS = 240  # 24 ms: a reversal of the gap, half a turn of the motor, two electrical turns
+STEPS = 4  # of the naive servo in a tick, by Heun's rule
+CASES = {
+    "healthy": {},
+    "worn": {"friction": 0.6, "backlash": 0.7, "gain": 0.9},
+    "short": {"short_b": 0.8},
+    "magnets and bore": {
+        "demagnetisation": 0.5, "static_eccentricity": 0.6, "static_direction": 0.3,
+        "dynamic_eccentricity": 0.4, "dynamic_direction": 0.9,
+    },
+    "wiring and sensors": {
+        "connector_a": 0.7, "connector_c": 0.3, "sensor_gain_a": 0.8, "sensor_gain_b": 0.3,
+        "sensor_offset_a": 0.7, "sensor_offset_b": 0.4, "resolver_offset": 0.8,
+    },
+    "short beside others": {
+        "short_a": 0.5, "connector_a": 0.5, "static_eccentricity": 0.5, "static_direction": 0.1,
+        "sensor_gain_b": 0.7, "demagnetisation": 0.2,
+    },
+}  # fmt: skip
+
+
+def motion():
+    """Command and load at the ticks: fast out and back, under a load."""
+    half = smooth_move(ACTUATOR, TICKS // 2 * TICK, 9.0)
+    return np.concatenate([half, half[::-1][1:]]), np.full(2 * half.size - 1, 0.3)
+
+
+def naive(values, command, load):
+    """What the drive logs, by name; the faults' laws are those of docs/pmsm.md."""
+    a, k = ACTUATOR, values
+    motor, gear, drive, control = a.motor, a.transmission, a.drive, a.controller
+    shorts = [k[f"short_{x}"] for x in "abc"]
+    shorted = int(np.argmax(shorts))
+    share = 0.3 * math.sqrt(shorts[shorted])
+    machine = {
+        "l_d": motor.inductance_d, "l_q": motor.inductance_q, "leakage": motor.leakage,
+        "resistance": motor.resistance, "pole_pairs": motor.pole_pairs,
+        "flux": motor.flux * (1.0 - 0.5 * k["demagnetisation"]),
+        "h_5": motor.harmonic_5, "h_7": motor.harmonic_7,
+        "static": motor.gap_share * k["static_eccentricity"],
+        "static_at": 2.0 * math.pi * (k["static_direction"] - 0.5),
+        "dynamic": motor.gap_share * k["dynamic_eccentricity"],
+        "dynamic_at": 2.0 * math.pi * (k["dynamic_direction"] - 0.5),
+        "added": [3.0 * motor.resistance * k[f"connector_{x}"] for x in "abc"],
+        "v_leg": drive.supply_voltage * drive.dead_time / TICK + drive.device_drop,
+        "knee": drive.knee_current,
+    }  # fmt: skip
+    worn = 1.0 + 2.0 * k["friction"]
+    rest = {
+        "resolver": math.radians(20.0) * (k["resolver_offset"] - 0.5),
+        "gain_a": 0.8 + 0.4 * k["sensor_gain_a"], "gain_b": 0.8 + 0.4 * k["sensor_gain_b"],
+        "offset_a": 0.1 * control.current_limit * (k["sensor_offset_a"] - 0.5),
+        "offset_b": 0.1 * control.current_limit * (k["sensor_offset_b"] - 0.5),
+        "half_gap": 0.5 * gear.backlash * (1.0 + 9.0 * k["backlash"]),
+        "stiffness": gear.stiffness, "damping": gear.damping, "j_m": motor.inertia,
+        "j_o": gear.output_inertia, "viscous_m": motor.viscous_damping,
+        "viscous_o": gear.viscous_damping, "friction_m": worn * motor.friction_torque,
+        "friction_o": worn * gear.friction_torque, "static_ratio": gear.static_ratio,
+        "w_stribeck": gear.stribeck_speed, "cogging": motor.cogging_torque,
+        "cogging_periods": motor.cogging_periods,
+    }  # fmt: skip
+    loops = settings(a)
+    loops["k_position"] *= 0.5 + k["gain"]
+    start = rest["resolver"] / motor.pole_pairs
+    coils = Coils(machine, share, shorted, motor.short_resistance)
+    i, v, theta_m, theta_o, w_m, i_f = run(coils, Drive(loops, start), rest, command, load, STEPS)
+    return {
+        "current_q": i.imag, "current_d": i.real, "voltage_q": v.imag, "voltage_d": v.real,
+        "motor_speed": w_m, "motor_position": theta_m, "output_position": theta_o,
+        "loop": share * i_f,
+    }  # fmt: skip
+
+
+def monitor(values, command, load, step=50e-6):
+    """The same of the monitor model, without its filter."""
+    substeps = round(TICK / step)
+    one = {name: np.array([value]) for name, value in values.items()}
+    constants = np.repeat(constants_of(ACTUATOR, one, 1, step), LANES, axis=0)
+    c = Constants(*constants[0])
+    answer = np.empty((LANES, 7, command.size))
+    monitor_scores(
+        constants, command, load, 0, np.array([c.resolver / c.pole_pairs, 0, 0, 0, 0, 0.0]), step,
+        substeps, ticks_of(ACTUATOR), np.array([1.0, 0, 0, 0, 0]), np.zeros((6, command.size)),
+        np.zeros(6), 1, np.empty(LANES), answer,
+    )  # fmt: skip
+    found = dict(zip(ANSWERS, answer[3], strict=True))
+    found["motor_position"] = command - found.pop("motor_error")
+    found["output_position"] = command - found.pop("output_error")
+    return found
+
+
+def gaps(one, other):
+    """RMS of the differences over that of the quantity, in per cent, by name."""
+    size = {name: np.sqrt(np.mean(other[name] ** 2)) for name in other}
+    for d, q in (("current_d", "current_q"), ("voltage_d", "voltage_q")):
+        size[d] = size[q]
+    return {
+        name: 100.0 * np.sqrt(np.mean((one[name] - other[name]) ** 2)) / size[name]
+        for name in one.keys() & other.keys()
+    }
+
+
+@pytest.mark.parametrize("faults", CASES.values(), ids=CASES)
+def test_both_models_are_the_naive_servo(faults):
+    values, (command, load) = healthy(**faults), motion()
+    slow = naive(values, command, load)
+    fine = reference(ACTUATOR, values, command, load)
+    for name, gap in gaps(fine, slow).items():
+        assert gap < 1.0, f"reference: {name} differs by {gap:.2f} %"
+    for name, gap in gaps(monitor(values, command, load), fine).items():
+        assert gap < 1.0, f"monitor: {name} differs by {gap:.2f} %"
+    for n, x in enumerate("abc"):
+        drawn = fine[f"loop_{x}"]
+        if faults.get(f"short_{x}"):
+            gap = np.sqrt(np.mean((drawn - slow["loop"]) ** 2) / np.mean(slow["loop"] ** 2))
+            assert gap < 0.01, f"current of the loop in phase {'abc'[n]} differs by {gap:.3f}"
+        else:
+            assert np.all(drawn == 0.0)
+
+
+def test_the_case_with_a_short_draws_a_current_worth_the_name():
+    command, load = motion()
+    drawn = reference(ACTUATOR, healthy(short_b=0.8), command, load)["loop_b"]
+    assert np.abs(drawn).max() > 0.5
+    # by 0.27 of the turns: the loop itself carries four times as much
+    assert np.abs(drawn).max() / (0.3 * math.sqrt(0.8)) > 2.0
