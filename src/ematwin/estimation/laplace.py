@@ -95,15 +95,10 @@ def laplace(
     """
     point, spent = _descended(problem, start, aliases, held, least_noise, settled)
     chart = problem.chart
-
-    def residuals(z: np.ndarray) -> np.ndarray:
-        nonlocal spent
-        spent += len(z)
-        return problem.residuals(chart.to_values(z))
-
     z = chart.project(chart.from_values(point[None]))[0]
-    problem = problem.weighed(residuals(z[None])[0], least_noise)
-    slopes = _slopes(problem, residuals, z, aliases)
+    seen = _Seen(problem, z, least_noise)
+    problem = seen.problem
+    slopes = _slopes(problem, seen, z, aliases)
     tells = frozenset().union(*(one.tells for one in problem.comparisons))
     known = _known_directions(problem, point, aliases)
     still = _pivots_held(problem, known) - tells | set(held)
@@ -113,28 +108,32 @@ def laplace(
         point, more = _descended(problem, first, aliases, held, least_noise, np.inf)
         spent += more
         tried = chart.project(chart.from_values(point[None]))[0]
-        if not _is_better(problem, residuals(np.vstack([z, tried]))):
+        if not _is_better(problem, seen(np.vstack([z, tried]))):
             break
         z = tried
-        slopes = _slopes(problem, residuals, z, aliases)
-    return _peak(problem, z, slopes, spent)
+        slopes = _slopes(problem, seen, z, aliases)
+    return _peak(problem, z, slopes, spent + seen.spent)
 
 
 def width_at(
     problem: Problem, point: np.ndarray, *, aliases: Aliases | None = None, least_noise: float = 0.0
 ) -> Laplace:
     """The width of a peak that is known to lie at a point (d,), without a descent."""
-    spent = 0
-    chart = problem.chart
+    z = problem.chart.project(problem.chart.from_values(point[None]))[0]
+    seen = _Seen(problem, z, least_noise)
+    return _peak(seen.problem, z, _slopes(seen.problem, seen, z, aliases), seen.spent)
 
-    def residuals(z: np.ndarray) -> np.ndarray:
-        nonlocal spent
-        spent += len(z)
-        return problem.residuals(chart.to_values(z))
 
-    z = chart.project(chart.from_values(point[None]))[0]
-    problem = problem.weighed(residuals(z[None])[0], least_noise)
-    return _peak(problem, z, _slopes(problem, residuals, z, aliases), spent)
+class _Seen:
+    """Residuals (B, K) at points ``z`` (B, d), with the noise that a first point shows; counted."""
+
+    def __init__(self, problem: Problem, z: np.ndarray, least_noise: float) -> None:
+        self.problem, self.spent = problem, 0
+        self.problem = problem.weighed(self(z[None])[0], least_noise)
+
+    def __call__(self, z: np.ndarray) -> np.ndarray:
+        self.spent += len(z)
+        return self.problem.residuals(self.problem.chart.to_values(z))
 
 
 def standard_errors(chart: Chart, z: np.ndarray, covariance: np.ndarray) -> np.ndarray:
