@@ -273,6 +273,8 @@ def _physical(
         value = float(one.physical(best, values[one.name]))
         if one.direction_of is not None or not _depends_on_parameters(one, varied):
             low, high = (float(one.physical(best, end)) for end in (ends.low, ends.high))
+            if one.direction_of is None:  # what is lost may be told by what is left
+                low, high = sorted((low, high))
         else:
             spread = np.asarray(one.physical(varied, drawn.of(one.name)), dtype=float)
             low, high = Draws((one.name,), spread[:, None], {}).interval(

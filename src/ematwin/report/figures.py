@@ -9,8 +9,9 @@ def stacked(titles: list[str], units: list[str], x_title: str, height: int) -> A
     """Panels above one another over one horizontal axis."""
     from plotly.subplots import make_subplots
 
+    spacing = min(0.07, 0.28 / len(titles))  # shares of the height: as much for many as for four
     figure = make_subplots(
-        rows=len(titles), cols=1, shared_xaxes=True, vertical_spacing=0.07, subplot_titles=titles
+        rows=len(titles), cols=1, shared_xaxes=True, vertical_spacing=spacing, subplot_titles=titles
     )
     for n, unit in enumerate(units):
         figure.update_yaxes(title_text=unit, row=n + 1, col=1)

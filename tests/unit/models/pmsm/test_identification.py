@@ -41,6 +41,8 @@ def test_a_mixture_is_found_under_noise_of_two_per_cent(mixture):
     for name in MIXTURE:
         low, high = found.intervals[name]
         assert low <= truth[name] <= high, name
+    value, low, high = found.physical_values["demagnetisation"]  # as the flux that is left
+    assert low < value < high
 
 
 def test_voltages_tell_a_short_from_lost_flux(healthy):
