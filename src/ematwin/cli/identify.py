@@ -99,7 +99,7 @@ def identify(
     """Find the faults with which the digital twin behaves like the recorded actuator."""
     from ematwin.cli.channels import map_of
     from ematwin.estimation.identify import identify as run
-    from ematwin.estimation.learn import searches_globally
+    from ematwin.estimation.learn import frees_parameters
     from ematwin.files import check_target, write_text
     from ematwin.models.reading import read
 
@@ -149,12 +149,12 @@ def identify(
         if judged is not None:
             verdicts = [verdict.as_dict() for verdict in judged.motions]
             told |= {"each": "motion", "verdicts": verdicts}
-            if not searches_globally(found.model):
+            if not frees_parameters(found.model):
                 told["verdict"] = _of_population(judged)
         print_json(told)
         return
     shown = None
-    if judged is not None and not searches_globally(found.model):
+    if judged is not None and not frees_parameters(found.model):
         shown = str(_of_population(judged)["sentence"])
     print_findings(found, shown)
     if judged is not None:

@@ -15,7 +15,7 @@ import numpy as np
 from ematwin.estimation.baseline import Baseline, with_all_free
 from ematwin.estimation.intervals import Draws, draws
 from ematwin.estimation.laplace import Laplace, laplace, profiled, sharp_errors
-from ematwin.estimation.learn import searches_globally
+from ematwin.estimation.learn import frees_parameters
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found
 from ematwin.models.base import Model
@@ -90,7 +90,7 @@ def assess(
     baseline : what is known of the actuator
     """
     full = with_all_free(model, actuator, problem, baseline, found.problem)
-    still = set() if searches_globally(model) else set(baseline.prior.names) & set(full.names)
+    still = set() if frees_parameters(model) else set(baseline.prior.names) & set(full.names)
     settled = _SETTLED * baseline.misfit if math.isfinite(baseline.misfit) else 0.0
     if baseline.exact:
         settled = math.inf

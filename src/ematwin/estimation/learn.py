@@ -97,7 +97,7 @@ def learn(
     RecordError
         If one recording is unlike the others, or they contradict the template.
     """
-    if not searches_globally(model):
+    if not frees_parameters(model):
         actuator, parameters = fit_nominal(model, template, means or comparisons)
         return Learnt(actuator, _local_baseline(model, actuator, parameters), parameters, [], [])
     nominals = uncertain(model, template)
@@ -132,7 +132,7 @@ def learn(
     )  # fmt: skip
 
 
-def searches_globally(model: Model) -> bool:
+def frees_parameters(model: Model) -> bool:
     """Whether parameters are free beside the faults: as a kind says, or its default search."""
     if model.frees_parameters is not None:
         return model.frees_parameters

@@ -15,7 +15,7 @@ import numpy as np
 from ematwin import __version__
 from ematwin.errors import InputError, RecordError
 from ematwin.estimation.baseline import Baseline
-from ematwin.estimation.learn import learn, same_command, searches_globally
+from ematwin.estimation.learn import frees_parameters, learn, same_command
 from ematwin.estimation.local import LocalDescent
 from ematwin.estimation.nominal import NominalParameter
 from ematwin.files import written_whole
@@ -184,7 +184,7 @@ def calibrate(
     taught = [one for one, own in zip(healthy, learning, strict=True) if own]
     first = None
     means: list[Comparison] = []
-    if not searches_globally(model):
+    if not frees_parameters(model):
         first = Bench(model, chosen, healthy, command, interval, settling)
         means = _means(first, learning)
     learnt = learn(
@@ -251,7 +251,7 @@ def _no_population(model: Model, healthy: Sequence[Recording], runs: list[str]) 
             f"received {len(runs)} ({', '.join(runs)}). Record more, on other days; a run is a "
             "file, or a value of the column run."
         )
-    if searches_globally(model):
+    if frees_parameters(model):
         for one in healthy[1:]:
             if not same_command(one, healthy[0], model.command):
                 return (

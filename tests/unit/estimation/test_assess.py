@@ -79,6 +79,7 @@ class Kind:
     """What an assessment asks of a kind."""
 
     default_search, model_error = "multistart", MODEL_ERROR
+    frees_parameters = None
 
     def unknowns(self, actuator):
         return (

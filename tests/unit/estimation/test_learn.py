@@ -7,7 +7,7 @@ import pytest
 
 from ematwin import BldcActuator, Noise, Recording, identify, simulate
 from ematwin.errors import RecordError
-from ematwin.estimation.learn import expected_misfit, learn, same_command, searches_globally
+from ematwin.estimation.learn import expected_misfit, frees_parameters, learn, same_command
 from ematwin.models.registry import model_of
 from ematwin.models.scenario import Scenario
 
@@ -108,9 +108,9 @@ def test_a_faulty_recording_among_healthy_ones_is_refused_by_name(healthy) -> No
 # What needs no search
 
 
-def test_a_kind_searches_globally_unless_its_default_search_is_local() -> None:
-    assert searches_globally(MODEL)
-    assert not searches_globally(model_of("ball-screw"))
+def test_a_kind_frees_parameters_unless_its_default_search_is_local() -> None:
+    assert frees_parameters(MODEL)
+    assert not frees_parameters(model_of("ball-screw"))
 
 
 def driven(command: np.ndarray, interval: float = 5e-5) -> Recording:
