@@ -1,6 +1,5 @@
 """``ematwin identifiability``: what a command can tell of the faults, before any test."""
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -98,25 +97,17 @@ def identifiability(
 def _print(found: "Identifiability") -> None:
     from rich.table import Table
 
+    from ematwin.estimation.identifiability import HEADINGS
+
     table = Table(
         title=f"{found.scenario.name}, {found.scenario.duration:g} s, on {found.actuator.name}",
         title_justify="left",
     )
-    table.add_column("fault")
-    for heading in ("standard error", "all else known", "smallest found", "that is"):
-        table.add_column(heading, justify="right")
-    table.add_column("")
+    for heading in HEADINGS:
+        number = heading not in (HEADINGS[0], HEADINGS[-1])
+        table.add_column(heading, justify="right" if number else "left")
     for one in found.told:
-        table.add_row(
-            one.name,
-            f"{one.error:.2g}",
-            f"{one.sharp_error:.2g}",
-            f"{one.smallest:.2g}" if math.isfinite(one.smallest) else "none",
-            ""
-            if one.physical is None
-            else f"{one.physical.value:.4g} {one.physical.unit}".rstrip(),
-            one.sentence,
-        )
+        table.add_row(*one.cells)
     print_table(table, 150)
     typer.echo(
         f"Noise and the twin's own error {100.0 * found.noise:.2f} % of the answer; found: all but "

@@ -18,6 +18,7 @@ from ematwin.estimation.laplace import Laplace, laplace, profiled, sharp_errors
 from ematwin.estimation.learn import frees_parameters
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found
+from ematwin.estimation.significance import ANYTHING
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
@@ -26,7 +27,6 @@ _REACHES = (2.0,)  # standard errors at which the misfit along a fault is looked
 _APART = 0.05  # share of a range by which another answer differs
 _NEARLY = 9.0  # rise of the squared distance up to which another answer is nearly as good
 _WORTH_A_LOOK = 4.0  # ratio of costs up to which another valley is gone into
-_ANYTHING = 0.25  # standard deviation as a share of a range; 0.29 where all is equally likely
 _BEYOND_BELIEF = 4.0  # standard deviations of a prior; 2.1 at most on actuators within tolerances
 _SETTLED = 1.3  # times the misfit of healthy recordings: parameters need no looking for
 _RIVALS = 2  # other valleys that are gone into
@@ -229,7 +229,7 @@ def _covariance_of(drawn: Draws, problem: Problem) -> np.ndarray:
     found = np.atleast_2d(np.cov(values.T))
     widths = problem.upper - problem.lower
     for n, one in enumerate(problem.unknowns):
-        if one.role == "fault" and math.sqrt(found[n, n]) > _ANYTHING * widths[n]:
+        if one.role == "fault" and math.sqrt(found[n, n]) > ANYTHING * widths[n]:
             lost.append(n)
     for n in lost:
         found[n, :] = found[:, n] = 0.0

@@ -24,7 +24,7 @@ from ematwin.errors import InputError
 from ematwin.estimation.baseline import Baseline, baseline_of, with_all_free
 from ematwin.estimation.laplace import sharp_errors, standard_errors, width_at
 from ematwin.estimation.problem import Problem
-from ematwin.estimation.significance import SIGMAS, SMALLEST
+from ematwin.estimation.significance import ANYTHING, SIGMAS, SMALLEST
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.registry import load_actuator, model_of
@@ -33,7 +33,7 @@ from ematwin.models.unknown import PhysicalValue, Unknown
 from ematwin.recordings.noise import Noise
 
 FALSE_ALARM, MISS = 1.0 - NormalDist().cdf(SIGMAS), 0.1
-_ANYTHING = 0.25  # of a range; 0.29 where all is equally likely
+HEADINGS = ("fault", "standard error", "all else known", "smallest found", "that is", "")
 _TRADED = 3.0  # times the error with all else known, from which others are named
 _PARTNER = 0.5  # correlation from which another is named
 _PARTNERS = 2  # named at most
@@ -80,6 +80,24 @@ class Told:
             return f"traded off against {against}" if against else "widened by many others"
         return "well told"
 
+    @property
+    def weakness(self) -> tuple[float, float]:
+        """What faults are ordered by: the smallest that is found, then the error, as shares."""
+        return self.smallest / self.range, self.error / self.range
+
+    @property
+    def cells(self) -> list[str]:
+        """Its row in a table for people, below `HEADINGS`."""
+        shown = self.physical
+        return [
+            self.name,
+            f"{self.error:.2g}",
+            f"{self.sharp_error:.2g}",
+            f"{self.smallest:.2g}" if math.isfinite(self.smallest) else "none",
+            "" if shown is None else f"{shown.value:.4g} {shown.unit}".rstrip(),
+            self.sentence,
+        ]
+
 
 @dataclass(frozen=True)
 class Identifiability:
@@ -112,7 +130,7 @@ class Identifiability:
     @property
     def weakest(self) -> Told:
         """The fault of which least can be told, as a share of its range."""
-        return max(self.told, key=lambda one: (one.smallest / one.range, one.error / one.range))
+        return max(self.told, key=lambda one: one.weakness)
 
     def __getitem__(self, fault: str) -> Told:
         for one in self.told:
@@ -224,8 +242,7 @@ def identifiability(
 
 def ranked(found: Sequence[Identifiability]) -> list[Identifiability]:
     """Commands by the fault of which each tells least, the most telling command first."""
-    return sorted(found, key=lambda one: (one.weakest.smallest / one.weakest.range,
-                                          one.weakest.error / one.weakest.range))  # fmt: skip
+    return sorted(found, key=lambda one: one.weakest.weakness)
 
 
 def _just_faulty(model: Model, actuator: ParameterSet) -> dict[str, float]:
@@ -251,13 +268,13 @@ def _told(
     smallest = max(SMALLEST * one.width, needed * error)
     up, down = one.upper - one.healthy, one.healthy - one.lower
     physical = None
-    if smallest > max(up, down) or error > _ANYTHING * one.width:
+    if smallest > max(up, down) or error > ANYTHING * one.width:
         smallest = math.inf
     else:
         physical = one.physical_value(actuator, one.healthy + smallest * (1 if up >= down else -1))
-    if sharp_error > _ANYTHING * one.width:
+    if sharp_error > ANYTHING * one.width:
         how = "dead"
-    elif error > _ANYTHING * one.width:
+    elif error > ANYTHING * one.width:
         how = "open"
     else:
         how = "traded" if error > _TRADED * sharp_error else "pinned"

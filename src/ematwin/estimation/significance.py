@@ -16,6 +16,7 @@ from ematwin.estimation.estimate import Estimate
 
 SMALLEST = 0.02  # of the range of an unknown
 SIGMAS = 3.0  # standard errors
+ANYTHING = 0.25  # standard deviation as a share of a range; 0.29 where all is equally likely
 FALSE_ALARM_RATE = 0.05  # of healthy recordings that may be called faulty
 
 

@@ -297,6 +297,21 @@ class Model(ABC):
         self.check_channels(recording)
         return TraceComparison(self, recording, actuator, **settings)
 
+    def fidelity(self, name: str | None) -> str:
+        """One of `fidelities`, by its name; the first if none is given.
+
+        Raises
+        ------
+        InputError
+            If there is none of that name.
+        """
+        chosen = self.fidelities[0] if name is None else name
+        if chosen not in self.fidelities:
+            raise InputError(
+                f"There is no model {chosen!r}; choose {' or '.join(self.fidelities)}."
+            )
+        return chosen
+
     def check_backend(self, backend: str) -> None:
         """Raise `InputError` unless a backend can simulate batches of this kind here."""
         if backend not in self.backends:

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from ematwin.estimation.identifiability import Identifiability, Told
+from ematwin.estimation.identifiability import HEADINGS, Identifiability
 from ematwin.report.figures import BLUE, GREEN, GREY, ORANGE, styled
 from ematwin.report.page import Row, Section, Table, render
 
@@ -35,26 +35,8 @@ def identifiability_page(found: Sequence[Identifiability]) -> str:
 
 def told_table(found: Identifiability) -> Table:
     """Each fault with its expected errors."""
-    header = ["fault", "standard error", "all else known", "smallest found", "that is", ""]
-    rows = [
-        Row(
-            [
-                one.name,
-                f"{one.error:.2g}",
-                f"{one.sharp_error:.2g}",
-                f"{one.smallest:.2g}" if math.isfinite(one.smallest) else "none",
-                _physical(one),
-                one.sentence,
-            ],
-            marked=one.how in ("open", "dead"),
-        )
-        for one in found.told
-    ]
-    return Table(header, rows, last_is_text=True)
-
-
-def _physical(one: Told) -> str:
-    return "" if one.physical is None else f"{one.physical.value:.4g} {one.physical.unit}".rstrip()
+    rows = [Row(one.cells, marked=one.how in ("open", "dead")) for one in found.told]
+    return Table(list(HEADINGS), rows, last_is_text=True)
 
 
 def smallest_figure(found: Sequence[Identifiability]) -> Any:

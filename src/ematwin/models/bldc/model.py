@@ -5,7 +5,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ematwin.errors import InputError
 from ematwin.models.base import Model, Progress, Reported, Signal, Values
 from ematwin.models.bldc.channels import CHANNELS, ON_REQUEST, PHASES
 from ematwin.models.bldc.faults import (
@@ -148,13 +147,8 @@ class BldcModel(Model):
         """The response of the reference model, or of the monitor model."""
         from ematwin.models.bldc.simulate import simulate
 
-        chosen = self.fidelities[0] if fidelity is None else fidelity
-        if chosen not in self.fidelities:
-            raise InputError(
-                f"There is no model {chosen!r}; choose {' or '.join(self.fidelities)}."
-            )
         return simulate(
-            chosen,
+            self.fidelity(fidelity),
             scenario,
             self.as_faults(values),
             actuator,

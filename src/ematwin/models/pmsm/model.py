@@ -5,7 +5,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ematwin.errors import InputError
 from ematwin.models.base import Model, Progress, Reported, Signal, Values
 from ematwin.models.comparison import Candidates
 from ematwin.models.pmsm.channels import CHANNELS, NEEDS, ON_REQUEST, in_rotor_frame
@@ -124,14 +123,9 @@ class PmsmModel(Model):
         """The response of the reference model, or of the monitor model."""
         from ematwin.models.pmsm.simulate import simulate
 
-        chosen = self.fidelities[0] if fidelity is None else fidelity
-        if chosen not in self.fidelities:
-            raise InputError(
-                f"There is no model {chosen!r}; choose {' or '.join(self.fidelities)}."
-            )
         return simulate(
-            self, chosen, actuator, scenario, values, sample_rate=sample_rate, step=step,
-            noise=noise, seed=seed, initial_position=initial_position, also=also,
+            self, self.fidelity(fidelity), actuator, scenario, values, sample_rate=sample_rate,
+            step=step, noise=noise, seed=seed, initial_position=initial_position, also=also,
             progress=progress,
         )  # fmt: skip
 
