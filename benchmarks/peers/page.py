@@ -6,7 +6,7 @@ from typing import Any
 from benchmarks.peers.measure import Part, machine
 
 from ematwin import __version__
-from ematwin.report.figures import BLUE, ORANGE, styled
+from ematwin.plots.style import BLUE, ORANGE, styled
 from ematwin.report.page import Row, Section, Table, render
 
 TITLE = "ematwin beside its peers"

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from ematwin.models.registry import model_of
+from ematwin.plots.style import BLUE, GREY, ORANGE, line, stacked
 from ematwin.recordings.recording import Recording
-from ematwin.report.figures import BLUE, GREY, ORANGE, line, stacked
 from ematwin.report.page import Row, Section, Table, render
 
 

@@ -5,7 +5,7 @@ from typing import Any
 from ematwin.models.base import Reported
 from ematwin.monitoring.detect import Detection, Verdict, counted, gathered_notes
 from ematwin.monitoring.index import DRIFT
-from ematwin.report.figures import BLUE, GREEN, GREY, ORANGE, stacked
+from ematwin.plots.style import BLUE, GREEN, GREY, ORANGE, stacked
 from ematwin.report.page import Row, Section, Table, render
 
 _NAMED_RUNS = 40  # of the trend; more names would overlap

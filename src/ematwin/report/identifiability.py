@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from ematwin.estimation.identifiability import HEADINGS, Identifiability
-from ematwin.report.figures import BLUE, GREEN, GREY, ORANGE, styled
+from ematwin.plots.style import BLUE, GREEN, GREY, ORANGE, styled
 from ematwin.report.page import Row, Section, Table, render
 
 _SERIES = (BLUE, ORANGE, GREEN, GREY)

@@ -6,9 +6,9 @@ import numpy as np
 
 from ematwin.estimation.identify import Identification
 from ematwin.monitoring.detect import Detection
+from ematwin.plots.style import BLUE, GREY, ORANGE, line, stacked, styled
 from ematwin.recordings.recording import Recording
 from ematwin.report.detection import verdict_table
-from ematwin.report.figures import BLUE, GREY, ORANGE, line, stacked, styled
 from ematwin.report.page import Row, Section, Table, render
 
 _SHOWN_POINTS = 20_000  # of a curve; more make the page slow and show nothing more

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from ematwin.comparison.report.study_figures import Bars, Box, Figure, Panel, Spread, Stairs
-from ematwin.report.figures import styled
+from ematwin.plots.style import styled
 
 
 def interactive(figure: Figure) -> Any:

@@ -1,0 +1,1 @@
+"""Figures of results: plotly, one look for all."""
