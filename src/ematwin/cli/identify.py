@@ -1,5 +1,6 @@
 """``ematwin identify``: a recording in, what it says of its actuator out."""
 
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -199,19 +200,20 @@ def _loaded(name: str) -> "tuple[ParameterSet, Calibration | None]":
 @contextmanager
 def search_bar(shown: bool) -> Iterator[Callable[[int, float, int], None]]:
     """A live line on standard error: evaluations, best cost, time left."""
+    if not (shown and sys.stderr.isatty()):
+        yield lambda evaluations, cost, budget: None
+        return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-    console = Console(stderr=True)
     with Progress(
         TextColumn("searching"),
         BarColumn(),
         TextColumn("{task.completed:.0f}/{task.total:.0f} simulations"),
         TextColumn("best misfit {task.fields[cost]}"),
         TimeRemainingColumn(),
-        console=console,
+        console=Console(stderr=True),
         transient=True,
-        disable=not (shown and console.is_terminal),
     ) as bar:
         task = bar.add_task("", total=1.0, cost="-")
 

@@ -1,6 +1,7 @@
 """Options that several commands share, and how their texts become values."""
 
 import json
+import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -69,13 +70,13 @@ def print_notes(kind: str, notes: Iterable[str]) -> None:
 @contextmanager
 def progress_bar(title: str, shown: bool = True) -> Iterator[Callable[[float], None]]:
     """A bar on standard error; gives a function that takes the share done."""
+    if not (shown and sys.stderr.isatty()):
+        yield lambda share: None
+        return
     from rich.console import Console
     from rich.markup import escape
     from rich.progress import Progress
 
-    console = Console(stderr=True)
-    with Progress(
-        console=console, transient=True, disable=not (shown and console.is_terminal)
-    ) as bar:
+    with Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(escape(title), total=1.0)  # the name of a file is no markup
         yield lambda share: bar.update(task, completed=share)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ematwin.estimation.baseline import Baseline, with_all_free
-from ematwin.estimation.intervals import Draws, draws
+from ematwin.estimation.intervals import Draws, draws, quantiles
 from ematwin.estimation.laplace import Laplace, laplace, profiled, sharp_errors
 from ematwin.estimation.learn import frees_parameters
 from ematwin.estimation.problem import Problem
@@ -304,7 +304,7 @@ def _contrasts(
         weights = one.weights.items()
         value = float(sum(weight * values[name] for name, weight in weights))
         spread = np.sum([weight * drawn.of(name) for name, weight in weights], axis=0)
-        low, high = np.quantile(spread, [0.025, 0.975])
+        low, high = quantiles(spread, [0.025, 0.975])
         # the best point may lie in a corner that draws within the bounds do not straddle
         found[one.name] = (value, Interval(min(float(low), value), max(float(high), value)))
     return found

@@ -147,24 +147,21 @@ def _steps(
     upper: np.ndarray,
 ) -> np.ndarray:
     """Levenberg-Marquardt steps (len(dampings), d); ``jacobian`` is (d, S)."""
+    d = len(point)
     normal = jacobian @ jacobian.T
     gradient = jacobian @ residual
     if not (np.isfinite(normal).all() and np.isfinite(gradient).all()):
-        return np.zeros((len(dampings), len(point)))
+        return np.zeros((len(dampings), d))
     scale = np.maximum(np.diag(normal), 1e-6 * np.diag(normal).max() + 1e-300)
-    steps = np.zeros((len(dampings), len(point)))
-    for row, damping in zip(steps, dampings, strict=True):
-        free = np.ones(len(point), dtype=bool)
-        for _ in range(len(point)):
-            f = np.flatnonzero(free)
-            damped = normal[np.ix_(f, f)] + damping * np.diag(scale[f])
-            row[:] = 0.0
-            row[f] = -np.linalg.solve(damped, gradient[f])
-            pressing = free & (((point <= lower) & (row < 0.0)) | ((point >= upper) & (row > 0.0)))
-            if not pressing.any():
-                break
+    damped = normal + dampings[:, None, None] * np.diag(scale)
+    steps = -np.linalg.solve(damped, np.broadcast_to(gradient[:, None], (len(dampings), d, 1)))
+    steps = steps[..., 0]
+    low, high = point <= lower, point >= upper
+    for row, matrix in zip(steps, damped, strict=True):
+        free = np.ones(d, dtype=bool)
+        while (pressing := free & ((low & (row < 0.0)) | (high & (row > 0.0)))).any():
             free &= ~pressing
-            if not free.any():
-                row[:] = 0.0
-                break
+            f = np.flatnonzero(free)
+            row[:] = 0.0
+            row[f] = -np.linalg.solve(matrix[np.ix_(f, f)], gradient[f])
     return steps

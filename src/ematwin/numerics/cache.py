@@ -19,17 +19,21 @@ there, set NUMBA_CACHE_DIR to a folder that only you can write.
 """
 
 import hashlib
+import io
 import os
 import pickle
 import stat
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+import llvmlite.binding
 from numba.core import types
 from numba.core.caching import FunctionCache, _cache_log
-from numba.core.runtime.nrt import rtsys
+from numba.core.environment import Environment, lookup_environment
+from numba.core.runtime import _nrt_python  # type: ignore[attr-defined]
 from numba.core.serialize import dumps
 
 from ematwin.files import written_whole
@@ -79,7 +83,7 @@ class NamedByContent:
             digest, data = content[:_DIGEST], content[_DIGEST:]
             if hashlib.sha256(data).digest() != digest:
                 return None
-            loaded = pickle.loads(data)
+            loaded = _Unpickler(io.BytesIO(data)).load()
             _cache_log("[cache] data loaded from %r", str(path))
             return loaded
         except Exception:
@@ -125,6 +129,30 @@ class NamedByContent:
         return self._known
 
 
+class _Unpickler(pickle.Unpickler):
+    """Reads machine code without loading the parts of numba that it was compiled from."""
+
+    def find_class(self, module: str, name: str) -> Any:
+        if (module, name) == ("numba.core.environment", "_rebuild_env"):
+            return _environment
+        return super().find_class(module, name)
+
+
+def _environment(module: str, constants: list[Any], name: str) -> Environment:
+    """The environment that machine code asks for by its name.
+
+    Of the module only code that runs in the interpreter would see more than the constants, and
+    loops have none. numba imports it, for `numpy.empty` all that compiles arrays and strings.
+    """
+    found = lookup_environment(name)
+    if found is None:
+        found = Environment(vars(sys.modules[module]) if module in sys.modules else {})
+        found.consts[:] = constants
+        found.env_name = name
+        Environment._memo[name] = found
+    return found
+
+
 class _Cache(FunctionCache):
     """numba's cache of a function, with files named by their content.
 
@@ -141,10 +169,14 @@ class _Cache(FunctionCache):
         )
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """What was compiled, without all that numba loads for compiling: half of its start."""
+        """What was compiled, without all that numba loads and compiles to compile anything.
+
+        That is most of its start. What machine code needs of numba's runtime beyond C functions was
+        linked into it when it was compiled.
+        """
         found = None
         try:
-            rtsys.initialize(target_context)  # memory of arrays that loops make
+            _add_runtime_symbols()
             found = self._load_overload(sig, target_context)
         except Exception:
             target_context.refresh()
@@ -163,6 +195,12 @@ class _Cache(FunctionCache):
         # numba adds a hash of the closure, which it pickles differently in each process; the
         # dependencies hold what is in it.
         return sig, codegen.magic_tuple()
+
+
+def _add_runtime_symbols() -> None:
+    """Tell LLVM where the C functions of numba's runtime are, by the names numba gives them."""
+    for name, address in _nrt_python.c_helpers.items():
+        llvmlite.binding.add_symbol(name if name.startswith("_") else f"NRT_{name}", address)
 
 
 def keep(compiled: Any) -> None:

@@ -20,9 +20,12 @@ from typing import Any
 
 import llvmlite.binding
 import numba
+import numpy as np
 from numba.core import types
 from numba.core.typing.templates import Signature
+from numba.core.typing.typeof import Purpose, typeof
 from numba.extending import intrinsic
+from numba.np.numpy_support import from_dtype, map_layout
 
 from ematwin.numerics.cache import keep
 
@@ -45,8 +48,26 @@ def loop(function: Callable[..., Any] | None = None, *, interleave: int = 0) -> 
     compiled = numba.njit(nogil=True, error_model="numpy", fastmath=_RELAXED)(function)
     if interleave and hasattr(compiled, "_compiler"):  # not where NUMBA_DISABLE_JIT is set
         compiled._compiler.compile = _interleaved(compiled._compiler.compile, interleave)
+    if hasattr(compiled, "typeof_pyval"):
+        vars(compiled)["typeof_pyval"] = _type_of
     keep(compiled)
     return compiled
+
+
+def _type_of(value: Any) -> types.Type:
+    """numba's type of an argument.
+
+    numba asks whether an array is a masked one, and loads `numpy.ma` for that: a seventh of what
+    it takes to load numpy and numba.
+    """
+    if type(value) is np.ndarray:
+        return types.Array(
+            from_dtype(value.dtype), value.ndim, map_layout(value),
+            readonly=not value.flags.writeable,
+        )  # fmt: skip
+    if isinstance(value, tuple):
+        return types.BaseTuple.from_types([_type_of(each) for each in value], type(value))
+    return typeof(value, Purpose.argument)
 
 
 def _interleaved(compile_it: Callable[..., Any], count: int) -> Callable[..., Any]:

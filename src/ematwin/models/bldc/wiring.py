@@ -93,6 +93,8 @@ def check_order(record: Recording, actuator: BldcActuator) -> list[str]:
         return _Fit(float(np.mean(signed**2)) / whole, work.sign(signed))
 
     given = fit(currents, angle)
+    if given.share > 1.0 / _DOUBTFUL and given.sign >= 0:  # nothing can fit that much better
+        return []
     zeros = {
         (sense, float(zero)): fit(currents, sense * angle + zero)
         for sense, zero in product((1, -1), np.arange(-np.pi, np.pi, np.pi / 36.0))
