@@ -273,8 +273,15 @@ class BldcComparison(Comparison):
         batch = self.batch(candidates, count)
         if not batch.sensor:
             return self.run(self.stretch, batch, 0, spread=True, limits=limits)[0]
-        # what a sensor shows is known of whole answers only: as many at a time as memory allows
-        many = max(1, _AT_A_TIME // self.target.size)
+        from ematwin.models.bldc.batch import LANES
+
+        # what a sensor shows is known of whole answers only: as many at a time as memory allows,
+        # and of long ones as many samples as a residual keeps
+        if self.target.size * LANES > _AT_A_TIME:
+            current = self.residuals_of(self.stretch, batch, spread=True)[0]
+            costs = np.einsum("bs,bs->b", current, current)
+            return np.where(np.isfinite(costs), costs, np.inf)
+        many = _AT_A_TIME // self.target.size
         parts = [batch.part(slice(n, n + many)) for n in range(0, count, many)]
         return np.concatenate([self._costs_as_sensed(part) for part in parts])
 
