@@ -1,6 +1,12 @@
 """Sphinx: MyST pages, pydata theme; built with -W."""
 
+import sys
+from importlib import resources
+from pathlib import Path
+
 from ematwin import __version__
+
+sys.path.insert(0, str(Path(__file__).parent))  # mathml.py
 
 project = "ematwin"
 author = "The ematwin founders"
@@ -11,9 +17,11 @@ extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
-    "sphinx.ext.mathjax",
+    "mathml",
+    "sphinx_design",
 ]
-myst_enable_extensions = ["dollarmath", "amsmath"]
+myst_enable_extensions = ["dollarmath", "amsmath", "colon_fence"]
+html_math_renderer = "mathml"
 myst_heading_anchors = 3
 source_suffix = {".md": "markdown"}
 exclude_patterns = ["_build"]
@@ -25,10 +33,14 @@ napoleon_google_docstring = False
 napoleon_use_rtype = False
 napoleon_use_ivar = True
 
-html_theme = "pydata_sphinx_theme"
+html_static_path = [
+    "_static",
+    str(resources.files("ziamath") / "fonts" / "STIXTwoMath-Regular.ttf"),
+]
+html_css_files = ["style.css"]
+html_theme = "furo"
 html_title = "ematwin"
 html_show_sourcelink = False
-html_theme_options = {"show_prev_next": False, "secondary_sidebar_items": ["page-toc"]}
 
 
 def one_line_fields(app, what, name, obj, options, lines):  # type: ignore[no-untyped-def]
