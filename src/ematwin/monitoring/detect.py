@@ -17,8 +17,10 @@ from pathlib import Path
 
 import numpy as np
 
+from ematwin.errors import InputError
 from ematwin.estimation.estimate import Estimate
 from ematwin.models.base import Reported
+from ematwin.monitoring.calibrate import CalibrationReport
 from ematwin.monitoring.calibration import Calibration
 from ematwin.monitoring.classification import (
     UNNAMED,
@@ -195,20 +197,31 @@ class Detection:
     estimates: tuple[Estimate, ...] = ()
 
 
-def detect(recordings: Given, calibration: Calibration | str | Path) -> Detection:
+def detect(
+    recordings: Given, calibration: Calibration | CalibrationReport | str | Path
+) -> Detection:
     """Judge recordings against the healthy population, each alone and each run together.
 
     Parameters
     ----------
     recordings : or the files that hold them
-    calibration : or its file
+    calibration : what `calibrate` gave, or its file
 
     Raises
     ------
     RecordError
         If a recording is of another command, rate or rig.
+    InputError
+        If the calibration has no healthy population.
     """
-    if not isinstance(calibration, Calibration):
+    if isinstance(calibration, CalibrationReport):
+        if calibration.calibration is None:
+            raise InputError(
+                "The calibration has no healthy population to judge by: it was learnt from "
+                f"{len(calibration.learnt)} runs. Give it three or more over one command."
+            )
+        calibration = calibration.calibration
+    elif not isinstance(calibration, Calibration):
         calibration = Calibration.load(calibration)
     given = recordings_of(recordings, calibration.actuator)
     return judge(given, calibration.measure(given), calibration)

@@ -146,6 +146,9 @@ def test_a_calibration_that_was_saved_is_the_same(report, tmp_path):
     assert again.actuator.fingerprint == report.calibration.actuator.fingerprint
     assert again.thresholds == report.calibration.thresholds
     np.testing.assert_allclose(again.discrepancy, report.calibration.discrepancy, rtol=1e-8)
+    worn = [motion(seed=5, load=0.0)]
+    from_file, given = (detect(worn, each).runs[0].index for each in (path, report))
+    assert from_file == pytest.approx(given, rel=1e-6)
     sources = {place: source for place, *_, source in again.actuator.parameters()}
     assert sources["screw.friction_force"] == report.sources["screw.friction_force"]
 
@@ -309,6 +312,8 @@ def test_fewer_than_three_runs_make_a_twin_but_no_population(tmp_path):
     report.save(tmp_path / "twin.toml")
     assert load_actuator(tmp_path / "twin.toml").fingerprint == report.actuator.fingerprint
     assert baseline_of(str(tmp_path / "twin.toml"), report.actuator).calibrated
+    with pytest.raises(InputError, match=r"no healthy population.*learnt from 2 runs"):
+        detect(healthy_runs(1, motions=1), report)
 
 
 @pytest.mark.parametrize("count", [0, 2, 5])
