@@ -10,6 +10,7 @@ Gains, rates and limits of the drive are what was set in it, and so are its idea
 (`Controller.flux` and the inductances beside it): they are numbers of a digital controller.
 """
 
+import math
 from typing import ClassVar, Self
 
 from pydantic import model_validator
@@ -191,7 +192,7 @@ class PmsmActuator(ParameterSet):
         compliance = 1.0 / self.motor.inertia + 1.0 / gear.output_inertia
         limits = [
             self.controller.current_time,
-            _LONGEST * 2.0 * 3.14159 / (gear.stiffness * compliance) ** 0.5,
+            _LONGEST * 2.0 * math.pi / (gear.stiffness * compliance) ** 0.5,
             min(self.motor.inductance_d, self.motor.inductance_q) / self.motor.resistance,
         ]
         if gear.damping > 0.0:
