@@ -1,12 +1,18 @@
 """Sphinx: MyST pages, pydata theme; built with -W."""
 
+import os
 import sys
 from importlib import resources
 from pathlib import Path
 
 from ematwin import __version__
 
-sys.path.insert(0, str(Path(__file__).parent))  # mathml.py
+_HERE = Path(__file__).parent
+sys.path.insert(0, str(_HERE))  # mathml.py
+# figures.py, for notebooks, which run in folders of their own
+os.environ["PYTHONPATH"] = os.pathsep.join(
+    [str(_HERE / "notebooks"), *filter(None, [os.environ.get("PYTHONPATH")])]
+)
 
 project = "ematwin"
 author = "The ematwin founders"
@@ -14,7 +20,7 @@ copyright = author  # the name is Sphinx's
 version = release = __version__
 
 extensions = [
-    "myst_parser",
+    "myst_nb",
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
     "mathml",
@@ -23,7 +29,11 @@ extensions = [
 myst_enable_extensions = ["dollarmath", "amsmath", "colon_fence"]
 html_math_renderer = "mathml"
 myst_heading_anchors = 3
-source_suffix = {".md": "markdown"}
+nb_execution_mode = "cache"  # once for each change of a notebook; anew in a fresh clone
+nb_execution_raise_on_error = True
+nb_execution_timeout = 300
+nb_execution_in_temp = True
+nb_merge_streams = True
 exclude_patterns = ["_build"]
 
 default_role = "py:obj"
