@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from ematwin.models.bldc.faults import Faults, error_percent, error_percent_wrapped
     from ematwin.models.bldc.parameters import BldcActuator
     from ematwin.models.pmsm.parameters import PmsmActuator
+    from ematwin.models.proposing import propose_map
     from ematwin.models.reading import read, read_motions, write
     from ematwin.models.registry import load_actuator
     from ematwin.models.scenario import Scenario
@@ -63,6 +64,7 @@ _HOMES = {
     "identify": "ematwin.estimation.identify",
     "load_actuator": "ematwin.models.registry",
     "minimize": "ematwin.optimizers.loop",
+    "propose_map": "ematwin.models.proposing",
     "read": "ematwin.models.reading",
     "read_motions": "ematwin.models.reading",
     "simulate": "ematwin.models.simulating",
@@ -96,6 +98,7 @@ __all__ = [
     "identify",
     "load_actuator",
     "minimize",
+    "propose_map",
     "read",
     "read_motions",
     "simulate",

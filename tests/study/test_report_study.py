@@ -17,12 +17,12 @@ from ematwin.comparison.report import study_folder
 from ematwin.comparison.report.latex import escape, latex_table
 from ematwin.comparison.report.study_figures import StudyFigures
 from ematwin.comparison.report.study_folder import write_report
-from ematwin.comparison.report.study_plotly import interactive
 from ematwin.comparison.report.study_svg import still
 from ematwin.comparison.report.study_tables import number
 from ematwin.comparison.study.rows import settings_of
 from ematwin.comparison.study.store import Store
 from ematwin.errors import FileError, MissingExtraError
+from ematwin.plots.study import interactive
 from ematwin.report.page import Row, Table
 
 

@@ -56,6 +56,7 @@ class Identification:
     others : other answers that explain the recording nearly as well, values by name
     fitted : values of parameters, load and sensors with which the twin answers, by name
     calibrated : whether the twin was fitted to healthy recordings of the actuator
+    recording : what was identified from, for figures; None where it was not kept
     """
 
     verdict: Verdict
@@ -80,6 +81,7 @@ class Identification:
     others: tuple[dict[str, float], ...] = ()
     fitted: dict[str, float] = field(default_factory=dict)
     calibrated: bool = False
+    recording: Recording | None = field(default=None, repr=False, compare=False)
 
     @property
     def model(self) -> Model:
@@ -302,6 +304,7 @@ def identify(
         others=assessed.others,
         fitted={n: x for n, x in assessed.values.items() if n not in problem.names},
         calibrated=baseline.calibrated,
+        recording=recording,
     )
 
 

@@ -108,6 +108,7 @@ class Verdict:
     alarm : whether somebody should look: at a fault, and at a change that is clear
     reason : a sentence on why this grade
     clear : the index from which a change without a name raises an alarm
+    when : time at which its first recording began, ISO 8601, or None
     """
 
     name: str
@@ -127,6 +128,7 @@ class Verdict:
     alarm: bool = False
     reason: str = ""
     clear: float = np.inf
+    when: str | None = None
 
     @property
     def faults(self) -> tuple[str, ...]:
@@ -151,6 +153,7 @@ class Verdict:
         one = self.covariate
         return {
             "name": self.name,
+            "when": self.when,
             "labels": self.labels,
             "motions": self.motions,
             "index": self.index,
@@ -314,6 +317,7 @@ class _Judge:
             notes=tuple(self._notes(members, limit)),
             alone=self._alone(magnitudes, clear),
             clear=clear,
+            when=self._measured.estimates[members[0]].when,
         )
         return self._graded(plain, members)
 
