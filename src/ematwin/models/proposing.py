@@ -1,7 +1,6 @@
 """`propose_map`: which channel of a bench's file is which, for a kind of actuator, with reasons."""
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 from ematwin.errors import EmatwinError
@@ -15,7 +14,7 @@ from ematwin.recordings.recording import Recording
 from ematwin.recordings.survey import Survey, survey
 
 
-def propose_map(path: str | Path, actuator: Any = None, found: Survey | None = None) -> Proposal:
+def propose_map(path: Any, actuator: Any = None, found: Survey | None = None) -> Proposal:
     """Propose a channel map for a file of a test bench.
 
     Names are compared with words that benches use, units with those of the channels. A unit that
@@ -24,7 +23,7 @@ def propose_map(path: str | Path, actuator: Any = None, found: Survey | None = N
 
     Parameters
     ----------
-    path : a file that `ematwin.read` knows
+    path : a file that `ematwin.read` knows, or a DataFrame
     actuator : parameters of any kind, the name of a shipped set, or a TOML file, whose limits tell
         what is plausible; the default brushless actuator if not given
     found : what `ematwin.recordings.survey.survey` gave for the file, where it is there already
@@ -45,7 +44,7 @@ def propose_map(path: str | Path, actuator: Any = None, found: Survey | None = N
     found = survey(path) if found is None else found
     channels = {one.name: one for one in with_time(model.channels)}
     proposal = propose(found, model.channels, model.required, model.kind, model.command)
-    recording, why = _read(found.path, model, proposal)
+    recording, why = _read(path, model, proposal)
 
     def check(one: Recording) -> list[str]:
         return model.check(one, chosen)
@@ -55,7 +54,7 @@ def propose_map(path: str | Path, actuator: Any = None, found: Survey | None = N
     if any(one.needed for one in proposal.questions):
         return proposal
     if any(entry.unit_from == "plausibility" for entry in proposal.entries.values()):
-        recording, why = _read(found.path, model, proposal)
+        recording, why = _read(path, model, proposal)
     if recording is None:
         return replace(proposal, check=(why,), refused=True)
     try:
@@ -65,7 +64,7 @@ def propose_map(path: str | Path, actuator: Any = None, found: Survey | None = N
     return replace(proposal, check=tuple(doubts))
 
 
-def _read(path: Path, model: Model, proposal: Proposal) -> tuple[Recording | None, str]:
+def _read(path: Any, model: Model, proposal: Proposal) -> tuple[Recording | None, str]:
     """The recording that the proposal gives, SI where a unit is open; None and why not."""
     columns: dict[str, Any] = {
         name: {"channel": entry.channel, **({"unit": entry.unit} if entry.unit else {})}

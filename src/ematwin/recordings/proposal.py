@@ -17,6 +17,8 @@ from ematwin.recordings.channel import Channel, with_time
 from ematwin.recordings.match import Needs, is_met, with_derived
 from ematwin.recordings.survey import Survey, Surveyed
 from ematwin.recordings.units import unit_factor
+from ematwin.showing import markup
+from ematwin.showing.frames import frame_of_rows
 
 _ALIKE = 0.5  # difference of scores up to which two channels are equally likely
 _SAME_SHAFT, _OTHER_SHAFT = (0.5, 2.0), 5.0  # span over that of the command
@@ -128,6 +130,37 @@ class Proposal:
                 lines += ["", f"# {question.sentence}"]
                 lines += [f"# {line}" for line in question.lines]
         return "\n".join(lines) + "\n"
+
+    def to_frame(self) -> Any:
+        """A pandas DataFrame with a row for each channel of the map; needs pandas."""
+        return frame_of_rows(
+            (
+                {"column": name, "channel": one.channel, "unit": one.unit or None,
+                 "unit_from": one.unit_from or None, "because": " ".join(one.reasons)}
+                for name, one in self.entries.items()
+            ),
+            "column",
+        )  # fmt: skip
+
+    to_dataframe = to_frame
+
+    def _repr_html_(self) -> str:
+        """Whether it is complete, then the map and what is open, in a notebook."""
+        lead = f"The map for the kind {self.kind} is complete."
+        if not self.is_complete:
+            lead = f"The map for the kind {self.kind} needs an answer to what is open."
+        rows = [
+            (name, one.channel, one.unit or f"{' or '.join(one.units)}?", " ".join(one.reasons))
+            for name, one in self.entries.items()
+        ]
+        return "".join(
+            [
+                markup.verdict(lead, "healthy" if self.is_complete else "changed"),
+                markup.table(("taken for", "channel", "unit", "because"), rows),
+                *(markup.note(f"Open: {one.sentence}") for one in self.questions),
+                *(markup.note(f"Warning: {text}") for text in self.check),
+            ]
+        )
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""

@@ -91,12 +91,12 @@ class Survey:
         return next(one for one in self.channels if one.name == name)
 
 
-def survey(path: str | Path, *, progress: Progress | None = None, **options: Any) -> Survey:
+def survey(path: Any, *, progress: Progress | None = None, **options: Any) -> Survey:
     """Look at every channel of a file.
 
     Parameters
     ----------
-    path : a file of a known format
+    path : a file of a known format, or a DataFrame
     progress : called with the share read, in [0, 1], now and then
     **options : of a text table, see `ematwin.recordings.channel_map.CsvOptions`
 
@@ -117,7 +117,7 @@ def survey(path: str | Path, *, progress: Progress | None = None, **options: Any
             found += [_surveyed(file, name, values.get(name), rates) for name in some]
             if progress is not None:
                 progress(min(1.0, (start + len(some)) / len(names)))
-        return Survey(Path(path), file.kind, tuple(found), tuple(file.assumed))
+        return Survey(file.path, file.kind, tuple(found), tuple(file.assumed))
 
 
 def _read(file: RecordedFile, names: Sequence[str]) -> dict[str, np.ndarray]:

@@ -10,12 +10,6 @@ _MOST_ROWS = 400  # of the table; the figures show all
 
 def detection_page(found: Detection) -> str:
     """HTML page: trend of index and magnitudes, table of runs, how healthy was learnt."""
-    alarms = [verdict for verdict in found.runs if verdict.alarm]
-    names: dict[str, int] = {}
-    for verdict in alarms:
-        names[verdict.fault] = names.get(verdict.fault, 0) + 1
-    said = "; ".join(f"{fault} in {count}" for fault, count in names.items())
-    lead = f"{counted(found.runs, 'runs')}{': ' + said if said else ''}."
     reasons = {
         v.name: f"{v.said}. {v.reason}" for v in found.runs[:_MOST_ROWS] if v.grade != "healthy"
     }
@@ -39,13 +33,7 @@ def detection_page(found: Detection) -> str:
     ]
     notes = gathered_notes(found.runs)
     title = f"{found.calibration.actuator.name}: condition"
-    return render(title, lead, sections, notes, grade=worst_grade(found.runs))
-
-
-def worst_grade(verdicts: tuple[Verdict, ...]) -> str:
-    """The grade that somebody has to look at first."""
-    grades = [verdict.grade for verdict in verdicts]
-    return next((one for one in ("fault", "changed", "none") if one in grades), "healthy")
+    return render(title, found.sentence, sections, notes, grade=found.grade)
 
 
 def verdict_table(verdicts: tuple[Verdict, ...]) -> Table:
