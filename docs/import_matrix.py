@@ -17,7 +17,7 @@ ORDER = (
     "cli", "bench", "testing", "comparison", "report", "plots", "monitoring", "estimation",
     "models", "models.bldc", "models.ball_screw", "models.linear_axis", "models.pmsm",
     "recordings", "optimizers", "numerics",
-    "files", "quantities", "validation", "errors",
+    "files", "quantities", "validation", "showing", "errors",
 )  # fmt: skip
 
 

@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.2.0.dev0"
 
 if TYPE_CHECKING:
+    from ematwin.comparison.analysis.study import StudyAnalysis
+    from ematwin.comparison.comparing import compare
     from ematwin.errors import EmatwinError
     from ematwin.estimation.estimate import Estimate
     from ematwin.estimation.identifiability import Identifiability, identifiability
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
     from ematwin.models.bldc.faults import Faults, error_percent, error_percent_wrapped
     from ematwin.models.bldc.parameters import BldcActuator
     from ematwin.models.pmsm.parameters import PmsmActuator
+    from ematwin.models.proposing import propose_map
     from ematwin.models.reading import read, read_motions, write
     from ematwin.models.registry import load_actuator
     from ematwin.models.scenario import Scenario
@@ -34,6 +37,7 @@ if TYPE_CHECKING:
     from ematwin.monitoring.calibration import Calibration
     from ematwin.monitoring.detect import detect
     from ematwin.optimizers.loop import minimize
+    from ematwin.optimizers.registry import register
     from ematwin.recordings.channel import Channel
     from ematwin.recordings.noise import Noise
     from ematwin.recordings.recording import Recording
@@ -55,7 +59,9 @@ _HOMES = {
     "Recording": "ematwin.recordings.recording",
     "Scenario": "ematwin.models.scenario",
     "Unknown": "ematwin.models.unknown",
+    "StudyAnalysis": "ematwin.comparison.analysis.study",
     "calibrate": "ematwin.monitoring.calibrate",
+    "compare": "ematwin.comparison.comparing",
     "detect": "ematwin.monitoring.detect",
     "error_percent": "ematwin.models.bldc.faults",
     "error_percent_wrapped": "ematwin.models.bldc.faults",
@@ -63,8 +69,10 @@ _HOMES = {
     "identify": "ematwin.estimation.identify",
     "load_actuator": "ematwin.models.registry",
     "minimize": "ematwin.optimizers.loop",
+    "propose_map": "ematwin.models.proposing",
     "read": "ematwin.models.reading",
     "read_motions": "ematwin.models.reading",
+    "register": "ematwin.optimizers.registry",
     "simulate": "ematwin.models.simulating",
     "write": "ematwin.models.reading",
 }
@@ -87,8 +95,10 @@ __all__ = [
     "Problem",
     "Recording",
     "Scenario",
+    "StudyAnalysis",
     "Unknown",
     "calibrate",
+    "compare",
     "detect",
     "error_percent",
     "error_percent_wrapped",
@@ -96,8 +106,10 @@ __all__ = [
     "identify",
     "load_actuator",
     "minimize",
+    "propose_map",
     "read",
     "read_motions",
+    "register",
     "simulate",
     "write",
 ]

@@ -17,12 +17,12 @@ from ematwin.comparison.report import study_folder
 from ematwin.comparison.report.latex import escape, latex_table
 from ematwin.comparison.report.study_figures import StudyFigures
 from ematwin.comparison.report.study_folder import write_report
-from ematwin.comparison.report.study_plotly import interactive
 from ematwin.comparison.report.study_svg import still
 from ematwin.comparison.report.study_tables import number
 from ematwin.comparison.study.rows import settings_of
 from ematwin.comparison.study.store import Store
 from ematwin.errors import FileError, MissingExtraError
+from ematwin.plots.study import interactive
 from ematwin.report.page import Row, Table
 
 
@@ -134,10 +134,11 @@ def test_report_is_the_same_when_built_again(small, tmp_path):
         assert path.read_bytes() == (again / path.name).read_bytes(), path.name
 
 
-def test_slim_page_has_still_figures_and_no_script(small, tmp_path):
+def test_slim_page_has_still_figures_and_no_plotly(small, tmp_path):
     write_report(small, tmp_path / "slim", slim=True)
     page = (tmp_path / "slim" / "index.html").read_text()
-    assert "<script" not in page
+    assert "Plotly, Inc" not in page
+    assert "application/json" not in page
     assert page.count("<svg") >= 8
     assert len(page) < 2e6
 
@@ -260,7 +261,8 @@ def test_the_example_report_is_small_and_says_how_it_was_made():
     folder = Path(__file__).parents[2] / "examples" / "paper-study"
     page = (folder / "index.html").read_text(encoding="utf-8")
     assert len(page) < 1.1e6
-    assert "<script" not in page
+    assert "Plotly, Inc" not in page
+    assert "application/json" not in page
     assert "600 runs: 6 algorithms on 10 cases" in page
     commands = (folder / "README.md").read_text(encoding="utf-8")
     assert "ematwin compare --cases paper --algorithms ga,pso,de,gwo,da,woa --runs 10" in commands

@@ -15,6 +15,7 @@ from ematwin.cli import (
     algorithms,
     bench,
     calibrate,
+    channels,
     compare,
     demo,
     detect,
@@ -56,6 +57,7 @@ app.command("calibrate")(calibrate.calibrate)
 app.command("detect")(detect.detect)
 app.command("identifiability")(identifiability.identifiability)
 app.command("simulate")(simulate.simulate)
+app.command("channels")(channels.channels)
 app.command("actuators")(actuators.actuators)
 app.command("scenarios")(actuators.scenarios)
 app.command("algorithms")(algorithms.algorithms)

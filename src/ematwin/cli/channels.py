@@ -1,7 +1,19 @@
-"""Options ``--column`` and ``--map``: which channel of a file is what."""
+"""``ematwin channels``: what a file holds, which channel is which; ``--column`` and ``--map``."""
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ematwin.cli import complete
+from ematwin.cli.options import print_json, print_notes, print_table, progress_bar
+
+if TYPE_CHECKING:
+    from ematwin.recordings.proposal import Proposal
+    from ematwin.recordings.survey import Survey, Surveyed
+
+_BLOCKS = "▁▂▃▄▅▆▇█"
+_SPARK = 28  # characters
 
 
 def map_of(column: list[str] | None, map_file: Path | None, actuator: Any) -> Any:
@@ -14,3 +26,135 @@ def map_of(column: list[str] | None, map_file: Path | None, actuator: Any) -> An
     channels = model_of(actuator).channels
     base = None if map_file is None else ChannelMap.of(map_file, channels)
     return ChannelMap.parse(column or [], channels, base)
+
+
+def channels(
+    file: Annotated[Path, typer.Argument(help="CSV, Parquet, MAT, MDF4, TDMS or HDF5.")],
+    actuator: Annotated[
+        str,
+        typer.Option(
+            help="For which actuator a map is proposed: a shipped set of any kind, a TOML file, or "
+            "a calibrated actuator.",
+            autocompletion=complete.actuators,
+        ),
+    ] = "servo48",
+    write: Annotated[
+        Path | None, typer.Option(help="Write the proposed map here (.toml), for identify --map.")
+    ] = None,
+    plot: Annotated[
+        Path | None, typer.Option(help="Write a page with every channel here (.html).")
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="Answer as JSON.")] = False,
+) -> None:
+    """List the channels of a file, and propose which is which, with reasons.
+
+    Names, units, rates, ranges and a small plot of each. What the file does not tell is asked.
+    """
+    from ematwin.files import check_target, write_text
+    from ematwin.models.proposing import propose_map
+    from ematwin.models.registry import load_actuator
+    from ematwin.recordings.survey import survey
+
+    if write is not None:
+        check_target(write, (".toml",))
+    if plot is not None:
+        check_target(plot, (".html",))
+    chosen = load_actuator(actuator)
+    with progress_bar(f"Reading {file.name}", not json) as progress:
+        found = survey(file, progress=progress)
+        proposal = propose_map(file, chosen, found)
+    if write is not None:
+        write_text(write, proposal.as_toml())
+    if plot is not None:
+        from ematwin.report.channels import channels_page
+
+        write_text(plot, channels_page(found, proposal))
+    if json:
+        print_json(
+            {
+                "file": str(file),
+                "format": found.kind,
+                "channels": [one.as_dict() for one in found.channels],
+                "assumed": list(found.assumed),
+                "map": proposal.as_dict(),
+                "written": None if write is None else str(write),
+                "plot": None if plot is None else str(plot),
+            }
+        )
+        return
+    print_channels(found, proposal)
+    print_proposal(proposal, file, actuator, write)
+    if plot is not None:
+        typer.echo(f"wrote {plot}")
+
+
+def print_channels(found: "Survey", proposal: "Proposal") -> None:
+    """A row for each channel."""
+    from rich.table import Table
+
+    from ematwin.recordings.proposal import rate_of
+
+    meant = {entry.channel: name for name, entry in proposal.entries.items()}
+    counted = rate_of(found, proposal.entries.get("time"))
+    table = Table(title=f"Channels of {found.path.name}", title_justify="left")
+    table.add_column("channel")
+    for heading in ("unit", "rate", "range"):
+        table.add_column(heading, justify="right")
+    table.add_column("shape", no_wrap=True)
+    table.add_column("taken for")
+    for one in found.channels:
+        rate = counted if one.rate is None and not one.is_text else one.rate
+        table.add_row(
+            one.name,
+            one.unit or "-",
+            "-" if rate is None else f"{rate:.6g} Hz",
+            one.text if one.is_text else f"{one.low:.4g} to {one.high:.4g}",
+            sparkline(one),
+            meant.get(one.name, ""),
+        )
+    print_table(table, 160)
+    print_notes("Assumed", (f"{text[0].upper()}{text[1:]}." for text in found.assumed))
+
+
+def print_proposal(proposal: "Proposal", file: Path, actuator: str, written: Path | None) -> None:
+    """The map with its reasons, what is open, and what to do next."""
+    typer.echo(f"\nProposed map for the kind {proposal.kind}:")
+    for name, entry in proposal.entries.items():
+        unit = f"{' or '.join(entry.units)}: which?" if entry.is_open else entry.unit
+        typer.echo(f'  {name} = "{entry.channel}", {unit}')
+        typer.echo(f"      {' '.join(entry.reasons)}")
+    for question in proposal.questions:
+        typer.echo(f"Open: {question.sentence}")
+        for line in question.lines:
+            typer.echo(f"      {line}")
+    if proposal.unused:
+        typer.echo(f"Not used: {', '.join(proposal.unused)}")
+    if proposal.refused:
+        print_notes("A recording read so would be refused", proposal.check)
+    else:
+        print_notes("Warning", proposal.check)
+    if written is None:
+        typer.echo(f"Next: ematwin channels {file} --actuator {actuator} --write map.toml")
+        return
+    typer.echo(f"wrote {written}")
+    if proposal.is_complete:
+        typer.echo(f"Next: ematwin identify {file} --actuator {actuator} --map {written}")
+    else:
+        typer.echo(f"Next: answer what is open in {written}.")
+
+
+def sparkline(one: "Surveyed") -> str:
+    """A channel in one line of blocks: the mean over each piece, from its least to its largest."""
+    import numpy as np
+
+    if one.is_text or not np.isfinite(one.low):
+        return ""
+    edges = np.linspace(0, max(one.samples - 1, 1), _SPARK + 1)
+    place = np.clip(np.searchsorted(edges, one.places, side="right") - 1, 0, _SPARK - 1)
+    heights = [one.shape[(place == n) & np.isfinite(one.shape)] for n in range(_SPARK)]
+    means = np.array([piece.mean() if piece.size else np.nan for piece in heights])
+    low, high = np.nanmin(means), np.nanmax(means)
+    if not high > low:
+        return "".join(" " if np.isnan(mean) else "─" for mean in means)
+    steps = np.rint((means - low) / (high - low) * (len(_BLOCKS) - 1))
+    return "".join(" " if np.isnan(step) else _BLOCKS[int(step)] for step in steps)

@@ -140,18 +140,6 @@ def print_verdicts(found: "Detection", each: str) -> None:
 def _write_table(path: Path, verdicts: "tuple[Verdict, ...]") -> None:
     from ematwin.recordings.tables import write_table
 
-    rows = []
-    for verdict in verdicts:
-        row: dict[str, object] = {"name": verdict.name, **verdict.labels}
-        row |= {"motions": verdict.motions, "index": verdict.index, "limit": verdict.threshold}
-        row |= {"alarm": verdict.alarm, "fault": verdict.fault, "named_by": verdict.named_by}
-        row |= {"grade": verdict.grade, "reason": verdict.reason}
-        for m in verdict.magnitudes:
-            key = f"{m.name}_{m.unit}" if m.unit not in ("", "x") else m.name
-            row |= {key: m.value, f"{key}_low": m.low, f"{key}_high": m.high}
-        if verdict.covariate is not None:
-            row[verdict.covariate.key] = verdict.covariate.value
-        row |= verdict.statistics
-        rows.append(row)
+    rows = [verdict.row for verdict in verdicts]
     names = list(dict.fromkeys(name for row in rows for name in row))
     write_table(path, {name: [row.get(name) for row in rows] for name in names})

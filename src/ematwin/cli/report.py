@@ -21,7 +21,8 @@ def report(
         typer.Option(help="Write page, CSV, LaTeX tables and SVG figures to this folder."),
     ] = None,
     slim: Annotated[
-        bool, typer.Option("--slim", help="Static figures on the page: 1 MB instead of 5.")
+        bool,
+        typer.Option("--slim", help="Static figures on the page, without a library that draws."),
     ] = False,
     ioh: Annotated[
         Path | None, typer.Option(help="Export the runs for IOHanalyzer to this new folder.")

@@ -15,6 +15,8 @@ import numpy as np
 
 from ematwin.errors import FileError, InputError
 from ematwin.files import write_text
+from ematwin.showing import markup
+from ematwin.showing.frames import frame
 
 FORMAT = 1
 
@@ -78,6 +80,41 @@ class Estimate:
         if name in self.names:
             return float(self.values[self.names.index(name)])
         return float(self.held[name])
+
+    def to_frame(self) -> Any:
+        """A pandas DataFrame with a row for each unknown, by name; needs pandas."""
+        return frame(
+            {
+                "unknown": list(self.names),
+                "value": self.values,
+                "standard_error": list(self.standard_errors.values()),
+                "healthy": [self.healthy[name] for name in self.names],
+                "range": [self.ranges[name] for name in self.names],
+                "unit": [self.units[name] for name in self.names],
+            },
+            "unknown",
+        )
+
+    to_dataframe = to_frame
+
+    def _repr_html_(self) -> str:
+        """The values with their errors, in a notebook."""
+        errors = self.standard_errors
+        rows = [
+            (name, f"{self[name]:.4g}", f"{errors[name]:.2g}", f"{self.healthy[name]:.4g}",
+             self.units[name])
+            for name in self.names
+        ]  # fmt: skip
+        of = f" from {self.source}" if self.source else ""
+        return "".join(
+            [
+                markup.heading(
+                    f"Estimate of {self.actuator}{of}, misfit {100.0 * self.misfit:.2f} %"
+                ),
+                markup.table(("unknown", "value", "standard error", "healthy", "unit"), rows),
+                *(markup.note(f"Warning: {warning}") for warning in self.warnings),
+            ]
+        )
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values; what is infinite is null."""

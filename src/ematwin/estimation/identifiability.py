@@ -31,6 +31,9 @@ from ematwin.models.registry import load_actuator, model_of
 from ematwin.models.scenario import Scenario
 from ematwin.models.unknown import PhysicalValue, Unknown
 from ematwin.recordings.noise import Noise
+from ematwin.showing import markup
+from ematwin.showing.drawing import drawn
+from ematwin.showing.frames import frame_of_rows
 
 FALSE_ALARM, MISS = 1.0 - NormalDist().cdf(SIGMAS), 0.1
 HEADINGS = ("fault", "standard error", "all else known", "smallest found", "that is", "")
@@ -137,6 +140,41 @@ class Identifiability:
             if one.name == fault:
                 return one
         raise KeyError(fault)
+
+    def to_frame(self) -> Any:
+        """A pandas DataFrame with a row for each fault, by name; needs pandas."""
+        return frame_of_rows(
+            (
+                {
+                    "fault": one.name, "standard_error": one.error, "sharp_error": one.sharp_error,
+                    "smallest": one.smallest, "range": one.range, "how": one.how,
+                    "sentence": one.sentence,
+                }
+                for one in self.told
+            ),
+            "fault",
+        )  # fmt: skip
+
+    to_dataframe = to_frame
+
+    def plot(self, kind: str = "smallest") -> Any:
+        """A figure of plotly: "smallest" (fault that is found) or "correlation"."""
+        return drawn(self, kind, {"smallest": "plot_smallest", "correlation": "plot_correlation"})
+
+    def _repr_html_(self) -> str:
+        """What is told least, then all of it, in a notebook."""
+        weak = self.weakest
+        lead = f"{self.scenario.name}: {weak.name} {weak.sentence}."
+        if all(one.how == "pinned" for one in self.told):
+            lead = f"{self.scenario.name} tells all faults."
+        marked = [n for n, one in enumerate(self.told) if one.how in ("open", "dead")]
+        return "".join(
+            [
+                markup.verdict(lead, "changed" if marked else "healthy"),
+                markup.table(HEADINGS, (one.cells for one in self.told), marked),
+                *(markup.note(sentence) for sentence in self.obstacles),
+            ]
+        )
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values; what is infinite is null."""

@@ -2,7 +2,8 @@
 
 import math
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -23,8 +24,12 @@ from ematwin.models.reading import read
 from ematwin.models.registry import load_actuator, model_of
 from ematwin.models.unknown import PhysicalValue, table_of
 from ematwin.optimizers.base import ITERATIONS, POPULATION, Optimizer
-from ematwin.recordings.read import assumptions
+from ematwin.recordings.read import Columns, assumptions
 from ematwin.recordings.recording import Recording
+from ematwin.showing import markup
+from ematwin.showing.bars import bar
+from ematwin.showing.drawing import drawn
+from ematwin.showing.frames import frame_of_rows
 
 
 @dataclass(frozen=True)
@@ -56,6 +61,7 @@ class Identification:
     others : other answers that explain the recording nearly as well, values by name
     fitted : values of parameters, load and sensors with which the twin answers, by name
     calibrated : whether the twin was fitted to healthy recordings of the actuator
+    recording : what was identified from, for figures; None where it was not kept
     """
 
     verdict: Verdict
@@ -80,6 +86,7 @@ class Identification:
     others: tuple[dict[str, float], ...] = ()
     fitted: dict[str, float] = field(default_factory=dict)
     calibrated: bool = False
+    recording: Recording | None = field(default=None, repr=False, compare=False)
 
     @property
     def model(self) -> Model:
@@ -177,12 +184,59 @@ class Identification:
         _, low, high = self.physical_values[name]
         return {"low": low, "high": high}
 
-    def _repr_html_(self) -> str:
-        """The verdict, and the rest as text, in a notebook."""
-        from html import escape
+    def to_frame(self) -> Any:
+        """A pandas DataFrame with a row for each fault, by name; needs pandas."""
+        return frame_of_rows(
+            (
+                {
+                    "fault": row.name,
+                    "value": row.value,
+                    "low": self._physical_ends(row.name).get("low", math.nan),
+                    "high": self._physical_ends(row.name).get("high", math.nan),
+                    "healthy": row.healthy,
+                    "unit": row.unit,
+                    "k": row.normalised,
+                    "k_low": self.intervals.get(row.name, (math.nan,) * 2)[0],
+                    "k_high": self.intervals.get(row.name, (math.nan,) * 2)[1],
+                    "present": row.name in self.present,
+                    "meaning": row.meaning,
+                }
+                for row in self.physical
+            ),
+            "fault",
+        )
 
-        rest = str(self).removeprefix(self.verdict.sentence).strip()
-        return f"<p><b>{escape(self.verdict.sentence)}</b></p><pre>{escape(rest)}</pre>"
+    to_dataframe = to_frame
+
+    def plot(self, kind: str = "faults") -> Any:
+        """A figure of plotly: "faults" (deviations from healthy), "fit" or "convergence"."""
+        return drawn(
+            self,
+            kind,
+            {"faults": "plot_faults", "fit": "plot_fit", "convergence": "plot_convergence"},
+        )
+
+    def _repr_html_(self) -> str:
+        """The verdict, then the faults, in a notebook."""
+        rows = []
+        for row in self.physical:
+            ends = self._physical_ends(row.name)
+            between = f"{ends['low']:.3g} to {ends['high']:.3g}" if ends else "held"
+            value = f"{row.value:.4g} {row.unit}".rstrip()
+            rows.append((row.name, value, between, f"{row.healthy:.4g}", row.meaning))
+        marked = [n for n, row in enumerate(self.physical) if row.name in self.present]
+        return "".join(
+            [
+                markup.verdict(self.verdict.sentence, self.verdict.grade),
+                markup.table(("fault", "value", "95 %", "healthy", "meaning"), rows, marked),
+                markup.note(
+                    f"{self.actuator.name}, misfit {100.0 * self.relative_misfit:.2f} %, "
+                    f"{self.evaluations} simulations in {self.seconds:.2f} s with {self.algorithm}"
+                ),
+                *(markup.note(f"Assumed: {sentence}") for sentence in self.assumed),
+                *(markup.note(f"Warning: {warning}") for warning in self.warnings),
+            ]
+        )
 
     def __str__(self) -> str:
         lines = [self.verdict.sentence, "", table_of(self.physical, self.present)]
@@ -196,7 +250,7 @@ class Identification:
 
 
 def identify(
-    record: Recording | str | Path,
+    record: Recording | str | Path | Any,
     actuator: Any = None,
     algorithm: str | Search | Optimizer | Any | None = None,
     *,
@@ -207,8 +261,9 @@ def identify(
     only: Iterable[str] | None = None,
     held: Mapping[str, float] | Any | None = None,
     checkpoint: str | Path | None = None,
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
     threads: int | None = None,
+    columns: Columns = None,
     load: float | None = None,
     exact: bool = False,
     backend: str = "cpu",
@@ -217,7 +272,7 @@ def identify(
 
     Parameters
     ----------
-    record : a `Recording`, or a file that `ematwin.read` knows
+    record : a `Recording`, a file that `ematwin.read` knows, or a DataFrame of pandas
     actuator : parameters of any kind, a calibration, the name of a shipped set, or a TOML file;
         the default brushless actuator if not given
     algorithm : a name of ``ematwin algorithms``, a `Search`, or an optimiser; the default method
@@ -230,8 +285,10 @@ def identify(
         by their place, such as ``motor.emf_constant``. None searches all faults and nuisances
     held : values of the others; healthy if not given
     checkpoint : file of a population method's state; an interrupted run goes on from it
-    progress : called with evaluations, best cost and budget now and then
+    progress : True shows a bar, in a terminal or a notebook; else called with evaluations, best
+        cost and budget now and then
     threads : threads that share a batch; None takes one for each core
+    columns : which channel of a file or DataFrame is which, as of `ematwin.read`
     load : the constant load, SI, of a recording that does not hold it; 0 for none
     exact : the parameters are exactly those of the actuator, and the sensors are ideal but for
         noise, as in a simulation; no tolerances count
@@ -252,7 +309,9 @@ def identify(
     chosen = load_actuator(actuator)
     baseline = Baseline.of_simulation() if exact else baseline_of(actuator, chosen)
     model = model_of(chosen)
-    recording = record if isinstance(record, Recording) else read(record, actuator=chosen)
+    if isinstance(record, Recording) and columns is not None:
+        raise InputError("A Recording has its channels already; leave columns out.")
+    recording = record if isinstance(record, Recording) else read(record, columns, actuator=chosen)
     recording = _loaded(model, recording, load)
     warnings = [*recording.provenance.get("warnings", []), *model.check(recording, chosen)]
     problem = Problem.of(recording, chosen, only=only, held=held, threads=threads, backend=backend)
@@ -261,7 +320,8 @@ def identify(
         population=population, iterations=iterations, checkpoint=checkpoint,
     )  # fmt: skip
     started = time.perf_counter()
-    found = find(problem, search, budget=budget, seed=seed, progress=progress)
+    with _told(progress) as tell:
+        found = find(problem, search, budget=budget, seed=seed, progress=tell)
     interrupted = found.stopped == "interrupted"
     assess_with = unassessed if interrupted else assess
     assessed = assess_with(model, chosen, problem, found, baseline)
@@ -302,7 +362,20 @@ def identify(
         others=assessed.others,
         fitted={n: x for n, x in assessed.values.items() if n not in problem.names},
         calibrated=baseline.calibrated,
+        recording=recording,
     )
+
+
+@contextmanager
+def _told(progress: Progress | bool | None) -> Iterator[Progress | None]:
+    """What is called during the search: a bar if that is asked for."""
+    if not isinstance(progress, bool):
+        yield progress
+    elif not progress:
+        yield None
+    else:
+        with bar("searching") as show:
+            yield lambda done, cost, budget: show(done / budget, f"best misfit {cost:.4g}")
 
 
 def _loaded(model: Model, recording: Recording, load: float | None) -> Recording:

@@ -13,6 +13,7 @@ from typing import Any, Literal
 
 from ematwin.estimation.estimate import Estimate
 from ematwin.estimation.significance import SMALLEST, is_present, present
+from ematwin.showing import markup
 
 Grade = Literal["healthy", "changed", "fault", "none"]
 
@@ -42,6 +43,10 @@ class Verdict:
 
     def __str__(self) -> str:
         return self.sentence
+
+    def _repr_html_(self) -> str:
+        """The sentence in the colour of its grade, in a notebook."""
+        return markup.verdict(self.sentence, self.grade)
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""

@@ -28,6 +28,8 @@ from pydantic.fields import FieldInfo
 from ematwin.errors import InputError, ParameterError
 from ematwin.files import written_whole
 from ematwin.quantities import as_percent, parse_share, to_si
+from ematwin.showing import markup
+from ematwin.showing.frames import frame_of_rows
 from ematwin.validation import (
     all_at_once,
     findings,
@@ -437,6 +439,24 @@ class ParameterSet(BaseModel):
                         str(field.description),
                         self._sources.get(place, "set by the user"),
                     )
+
+    def to_frame(self) -> Any:
+        """A pandas DataFrame with a row for each parameter, by its place; needs pandas."""
+        names = ("place", "value", "unit", "meaning", "source")
+        rows = (dict(zip(names, row, strict=True)) for row in self.parameters())
+        return frame_of_rows(rows, "place")
+
+    to_dataframe = to_frame
+
+    def _repr_html_(self) -> str:
+        """Name, kind and parameters, in a notebook."""
+        rows = [
+            (place, f"{value:.6g}", unit, meaning, source)
+            for place, value, unit, meaning, source in self.parameters()
+        ]
+        title = f"{self.name} ({self.kind}): {self.description}"
+        header = ("parameter", "value", "unit", "meaning", "source")
+        return markup.heading(title) + markup.table(header, rows)
 
     def with_arrays(self, values: Mapping[str, Any]) -> Self:
         """A variant whose values at some places are arrays, for batches of candidates.

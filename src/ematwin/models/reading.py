@@ -16,14 +16,16 @@ from ematwin.recordings.read import Columns, read_file
 from ematwin.recordings.recording import Recording
 from ematwin.recordings.split import Choice
 from ematwin.recordings.tables import write_recording, write_recordings
+from ematwin.showing.frames import is_frame
 
 WRITTEN = (".parquet", ".csv")  # endings that `write` knows
+Frame = Any  # a table of pandas, which is optional
 Paths = list[str] | list[Path] | list[str | Path] | tuple[str | Path, ...]
 
 
 @overload
 def read(
-    path: str | Path,
+    path: str | Path | Frame,
     columns: Columns = ...,
     *,
     actuator: Any = ...,
@@ -51,7 +53,7 @@ def read(
 
 @overload
 def read(
-    path: str | Path | Paths,
+    path: str | Path | Frame | Paths,
     columns: Columns = ...,
     *,
     actuator: Any = ...,
@@ -64,7 +66,7 @@ def read(
 
 
 def read(
-    path: str | Path | Paths,
+    path: str | Path | Frame | Paths,
     columns: Columns = None,
     *,
     actuator: Any = None,
@@ -78,7 +80,8 @@ def read(
 
     Parameters
     ----------
-    path : a .csv, .parquet, .mat, .mf4, .mdf, .tdms, .h5 or .hdf5 file; or several of them
+    path : a .csv, .parquet, .mat, .mf4, .mdf, .tdms, .h5 or .hdf5 file, or a DataFrame of pandas;
+        or several of them
     columns : which channel of the file is which: a mapping such as
         ``{"current_a": "Phase A [A]"}``, a TOML file, or a `ChannelMap`. None finds channels by
         name or alias (``i_a``, ``t``), with or without a unit (``command_deg``, ``i_a [mA]``)
@@ -113,8 +116,8 @@ def read(
     MissingExtraError
         If the library for a format is not installed.
     """
-    single = isinstance(path, str | Path)
-    files: list[str | Path] = [path] if isinstance(path, str | Path) else list(path)
+    single = isinstance(path, str | Path) or is_frame(path)
+    files: list[Any] = [path] if single else list(path)  # type: ignore[arg-type]
     model = model_of(DEFAULT_KIND) if actuator is None else _model(actuator)
     channel_map = ChannelMap.of(columns, model.channels) if columns is not None else None
     found: list[Recording] = []
@@ -143,9 +146,11 @@ def read(
     if split or not single:
         return found
     if len(found) > 1:
+        what = path if isinstance(path, str | Path) else "The DataFrame"
         raise RecordError(
-            f"{files[0]} holds {len(found)} motions that fit the choice. Narrow it to one, or read "
-            "them with split=True, which gives a recording for each."
+            f"{what} holds {len(found)} motions "
+            "that fit the choice. Narrow it to one, or read them with split=True, which gives a "
+            "recording for each."
         )
     return found[0]
 
@@ -194,7 +199,7 @@ def _model(actuator: Any) -> Model:
     return model_of(str(actuator) if str(actuator) in kinds else kind_of(actuator))
 
 
-def _kind_that_fits(path: str | Path) -> str | None:
+def _kind_that_fits(path: Any) -> str | None:
     """The first kind for which a file has all channels that are needed."""
     for kind, model in models().items():
         with open_file(path) as file:

@@ -12,6 +12,7 @@ from ematwin.models.registry import load_actuator, model_of
 from ematwin.models.scenario import Scenario
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
+from ematwin.showing.bars import told
 
 
 def simulate(
@@ -26,7 +27,7 @@ def simulate(
     seed: int = 0,
     initial_position: float = 0.0,
     also: Iterable[str] = (),
-    progress: Callable[[float], None] | None = None,
+    progress: Callable[[float], None] | bool | None = None,
 ) -> Recording:
     """The response of an actuator with some faults to a scenario.
 
@@ -46,7 +47,8 @@ def simulate(
     initial_position : float, rad on the output, at rest
     also : channels that are only given on request, such as voltage_a; those of a kind stand in
         `Model.on_request`
-    progress : called with the share done, in [0, 1], now and then
+    progress : True shows a bar, in a terminal or a notebook; else called with the share done, in
+        [0, 1], now and then
 
     Returns
     -------
@@ -74,19 +76,20 @@ def simulate(
             f"A simulation of the kind {kind.kind} cannot also give {unknown[0]}; "
             f"it can give {', '.join(kind.on_request) or 'nothing more'}."
         )
-    return kind.simulate(
-        chosen,
-        kind.load_scenario(scenario),
-        kind.values_of(chosen, faults),
-        fidelity=model,
-        sample_rate=sample_rate,
-        step=step,
-        noise=noise,
-        seed=seed,
-        initial_position=initial_position,
-        progress=progress,
-        **({"also": more} if more else {}),
-    )
+    with told(progress, "simulating") as tell:
+        return kind.simulate(
+            chosen,
+            kind.load_scenario(scenario),
+            kind.values_of(chosen, faults),
+            fidelity=model,
+            sample_rate=sample_rate,
+            step=step,
+            noise=noise,
+            seed=seed,
+            initial_position=initial_position,
+            progress=tell,
+            **({"also": more} if more else {}),
+        )
 
 
 def check_seed(seed: int) -> None:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
 from ematwin.errors import InputError
+from ematwin.showing import markup
 
 Role = Literal["fault", "nominal", "nuisance", "symptom"]
 
@@ -65,6 +66,18 @@ def table_of(rows: Sequence[PhysicalValue], marked: Container[str] | None = None
             f"{row.meaning}{'  <' if stands_out else ''}"
         )
     return "\n".join(lines)
+
+
+def physical_html(title: str, rows: Sequence[PhysicalValue]) -> str:
+    """The same table for a notebook, below a title; what is not healthy is bold."""
+    cells = [
+        (row.name, f"{row.normalised:.4g}", f"{row.value:.4g} {row.unit}".rstrip(),
+         f"{row.healthy:.4g} {row.unit}".rstrip(), row.meaning)
+        for row in rows
+    ]  # fmt: skip
+    marked = [n for n, row in enumerate(rows) if row.value != row.healthy]
+    header = ("fault", "k", "value", "healthy", "meaning")
+    return markup.heading(title) + markup.table(header, cells, marked)
 
 
 @dataclass(frozen=True)

@@ -33,6 +33,9 @@ from ematwin.monitoring.measure import Bench, Fit, Measured
 from ematwin.monitoring.population import Population, fit_mean
 from ematwin.monitoring.scores import FALSE_ALARM_RATE
 from ematwin.recordings.recording import Recording
+from ematwin.showing import markup
+from ematwin.showing.bars import told
+from ematwin.showing.frames import frame_of_rows
 
 Progress = Callable[[float], None]
 _MOST_MEANS = 24  # mean recordings that the nominal parameters are fitted to
@@ -82,6 +85,34 @@ class CalibrationReport:
             for p in self.parameters
         }
 
+    def to_frame(self) -> Any:
+        """A pandas DataFrame with a row for each fitted parameter, by place; needs pandas."""
+        return frame_of_rows(
+            (
+                {"place": p.place, "value": p.value, "standard_error": p.standard_error,
+                 "template": p.template, "determined": p.determined}
+                for p in self.parameters
+            ),
+            "place",
+        )  # fmt: skip
+
+    to_dataframe = to_frame
+
+    def _repr_html_(self) -> str:
+        """From how many runs, then the fitted parameters, in a notebook."""
+        rows = [
+            (p.place, f"{p.value:.6g}" if p.determined else "not determined",
+             f"{p.standard_error:.2g}", f"{p.template:.6g}")
+            for p in self.parameters
+        ]  # fmt: skip
+        return "".join(
+            [
+                markup.heading(f"{self.actuator.name}, calibrated on {len(self.learnt)} runs"),
+                markup.table(("parameter", "value", "standard error", "template"), rows),
+                *(markup.note(text) for text in self.notes),
+            ]
+        )
+
     def save(self, path: str | Path) -> None:
         """Write the calibrated actuator as a TOML file, with the sources of its parameters."""
         if self.calibration is not None:
@@ -124,7 +155,7 @@ def calibrate(
     false_alarm_rate: float = FALSE_ALARM_RATE,
     known: Mapping[str, Given] | None = None,
     name: str | None = None,
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
     add_to: Calibration | str | Path | None = None,
 ) -> CalibrationReport:
     """Learn from healthy recordings how an actuator behaves, and how far healthy runs differ.
@@ -141,7 +172,7 @@ def calibrate(
     known : recordings with a known fault, by a text ``fault`` or ``fault: remark``; each entry
         becomes a signature
     name : of the calibrated actuator
-    progress : called with the share done
+    progress : True shows a bar, in a terminal or a notebook; else called with the share done
     add_to : calibration, or its file, whose healthy runs these join: actuator and discrepancy stay,
         population and thresholds are learnt from all; ``template`` is not looked at, and one run
         is enough
@@ -153,6 +184,12 @@ def calibrate(
     InputError
         If an option cannot be used.
     """
+    if isinstance(progress, bool):
+        with told(progress, "calibrating") as show:
+            return calibrate(
+                recordings, template, held_back=held_back, false_alarm_rate=false_alarm_rate,
+                known=known, name=name, progress=show, add_to=add_to,
+            )  # fmt: skip
     tell = progress or (lambda share: None)
     if not 0.0 < false_alarm_rate < 0.5:
         raise InputError(

@@ -14,6 +14,7 @@ occasion cannot show how far occasions differ.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -32,6 +33,9 @@ from ematwin.monitoring.gather import Given, recordings_of
 from ematwin.monitoring.index import health_index, single_reach, student_quantile
 from ematwin.monitoring.measure import Measured, reported_values, statistics_of
 from ematwin.recordings.recording import Recording, label_text
+from ematwin.showing import markup
+from ematwin.showing.drawing import drawn
+from ematwin.showing.frames import frame_of_rows
 
 COVERAGE = 1.96  # standard deviations of an interval: 95 %
 _ENDS = np.array([-1.0, 1.0])
@@ -110,6 +114,7 @@ class Verdict:
     alarm : whether somebody should look: at a fault, and at a change that is clear
     reason : a sentence on why this grade
     clear : the index from which a change without a name raises an alarm
+    when : time at which its first recording began, ISO 8601, or None
     """
 
     name: str
@@ -129,6 +134,7 @@ class Verdict:
     alarm: bool = False
     reason: str = ""
     clear: float = np.inf
+    when: str | None = None
 
     @property
     def faults(self) -> tuple[str, ...]:
@@ -148,11 +154,42 @@ class Verdict:
         one = self.covariate
         return one.value if one is not None and one.name == "load" else None
 
+    @property
+    def row(self) -> dict[str, object]:
+        """It as a row of a table: labels, index, verdict, each magnitude with its interval."""
+        found: dict[str, object] = {"name": self.name, **self.labels}
+        found |= {"motions": self.motions, "index": self.index, "limit": self.threshold}
+        found |= {"alarm": self.alarm, "fault": self.fault, "named_by": self.named_by}
+        found |= {"grade": self.grade, "reason": self.reason}
+        for m in self.magnitudes:
+            key = f"{m.name}_{m.unit}" if m.unit not in ("", "x") else m.name
+            found |= {key: m.value, f"{key}_low": m.low, f"{key}_high": m.high}
+        if self.covariate is not None:
+            found[self.covariate.key] = self.covariate.value
+        return found | dict(self.statistics)
+
+    def _repr_html_(self) -> str:
+        """The verdict, then the magnitudes, in a notebook."""
+        rows = [
+            (m.name, f"{m.value:.3g} {m.unit}".rstrip(), f"{m.low:.3g} to {m.high:.3g}",
+             f"{m.healthy[0]:.3g} to {m.healthy[1]:.3g}")
+            for m in self.magnitudes
+        ]  # fmt: skip
+        because = f": {self.reason}" if self.reason else ""
+        return "".join(
+            [
+                markup.verdict(f"{self.name}: {self.said}{because}", self.grade),
+                markup.table(("quantity", "value", "95 %", "healthy"), rows),
+                *(markup.note(text) for text in self.notes),
+            ]
+        )
+
     def as_dict(self) -> dict[str, object]:
         """For JSON."""
         one = self.covariate
         return {
             "name": self.name,
+            "when": self.when,
             "labels": self.labels,
             "motions": self.motions,
             "index": self.index,
@@ -195,6 +232,49 @@ class Detection:
     runs: tuple[Verdict, ...]
     calibration: Calibration
     estimates: tuple[Estimate, ...] = ()
+
+    @property
+    def grade(self) -> str:
+        """The grade of the run that somebody has to look at first."""
+        grades = [verdict.grade for verdict in self.runs]
+        return next((one for one in ("fault", "changed", "none") if one in grades), "healthy")
+
+    @property
+    def sentence(self) -> str:
+        """How many runs raise an alarm, and of which faults."""
+        names: dict[str, int] = {}
+        for verdict in self.runs:
+            if verdict.alarm:
+                names[verdict.fault] = names.get(verdict.fault, 0) + 1
+        said = "; ".join(f"{fault} in {count}" for fault, count in names.items())
+        return f"{counted(self.runs, 'runs')}{': ' + said if said else ''}."
+
+    def to_frame(self, each: str = "run") -> Any:
+        """A pandas DataFrame with a row for each "run" or "motion", by name; needs pandas."""
+        return frame_of_rows((one.row for one in self._each(each)), "name")
+
+    to_dataframe = to_frame
+
+    def plot(self, each: str = "run") -> Any:
+        """The trend over runs, or over motions: a figure of plotly."""
+        return drawn(self, each, {"run": "plot_trend", "motion": "plot_index"})
+
+    def _each(self, each: str) -> "tuple[Verdict, ...]":
+        if each not in ("run", "motion"):
+            raise InputError(f"each must be run or motion, received {each!r}.")
+        return self.runs if each == "run" else self.motions
+
+    def _repr_html_(self) -> str:
+        """How many raise an alarm, then each run, in a notebook."""
+        rows = [(v.name, v.said, f"{v.index:.2f} / {v.threshold:.2f}", v.reason) for v in self.runs]
+        marked = [n for n, verdict in enumerate(self.runs) if verdict.alarm]
+        return "".join(
+            [
+                markup.verdict(self.sentence, self.grade),
+                markup.table(("run", "verdict", "index / limit", "because"), rows, marked),
+                *(markup.note(text) for text in gathered_notes(self.runs)),
+            ]
+        )
 
 
 def detect(
@@ -327,6 +407,7 @@ class _Judge:
             notes=tuple(self._notes(members, limit)),
             alone=self._alone(magnitudes, clear),
             clear=clear,
+            when=self._measured.estimates[members[0]].when,
         )
         return self._graded(plain, members)
 

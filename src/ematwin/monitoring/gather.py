@@ -7,8 +7,9 @@ from typing import Any
 from ematwin.errors import InputError
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.recordings.recording import Recording
+from ematwin.showing.frames import is_frame
 
-Given = Recording | str | Path | Iterable[Recording | str | Path]
+Given = Recording | str | Path | Iterable[Recording | str | Path]  # or a DataFrame, or several
 
 
 def recordings_of(given: Given, actuator: ParameterSet) -> list[Recording]:
@@ -23,19 +24,19 @@ def recordings_of(given: Given, actuator: ParameterSet) -> list[Recording]:
     FileError, RecordError
         If a file cannot be read.
     """
-    single = isinstance(given, Recording | str | Path)
+    single = isinstance(given, Recording | str | Path) or is_frame(given)
     items: Iterable[Any] = [given] if single else given  # type: ignore[assignment]
     found: list[Recording] = []
     for one in items:
         if isinstance(one, Recording):
             found.append(one)
-        elif isinstance(one, str | Path):
+        elif isinstance(one, str | Path) or is_frame(one):
             from ematwin.models.reading import read
 
             found += read(one, actuator=actuator, split=True)
         else:
             raise InputError(
-                f"Give recordings or the paths of files, received {type(one).__name__}."
+                f"Give recordings, DataFrames or the paths of files, received {type(one).__name__}."
             )
     if not found:
         raise InputError("No recording was given; give at least one.")

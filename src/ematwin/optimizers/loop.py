@@ -30,6 +30,9 @@ from ematwin.optimizers.base import (
 )
 from ematwin.optimizers.registry import resolve
 from ematwin.optimizers.stopping import Progress, Stop, StoppingCriterion, criteria
+from ematwin.showing import markup
+from ematwin.showing.drawing import drawn
+from ematwin.showing.frames import frame
 
 Objective = Callable[[FloatArray], ArrayLike]
 """(N, d) points to (N,) costs; or, with ``vectorized=False``, a (d,) point to its cost.
@@ -106,6 +109,24 @@ class MinimizeResult:
     algorithm: str
     seed: int
 
+    def to_frame(self) -> Any:
+        """A pandas DataFrame of the best cost after each batch; needs pandas."""
+        return frame(
+            {"evaluations": self.history.evaluations, "cost": self.history.cost}, "evaluations"
+        )
+
+    to_dataframe = to_frame
+
+    def plot(self) -> Any:
+        """The best cost over the evaluations, a figure of plotly."""
+        return drawn(self, "convergence", {"convergence": "plot_convergence"})
+
+    def _repr_html_(self) -> str:
+        """What was found, in a notebook."""
+        point = ", ".join(f"{value:.6g}" for value in self.x)
+        said = f"{self.algorithm}, seed {self.seed}, x = ({point})"
+        return markup.heading(self.message) + markup.note(said)
+
     @property
     def message(self) -> str:
         """One sentence for people."""
@@ -141,7 +162,7 @@ def minimize(
     iterations: int = ITERATIONS,
     seed: int = 1,
     *,
-    vectorized: bool = True,
+    vectorized: bool | None = None,
     budget: int | None = None,
     target: float | None = None,
     stagnation: int | None = None,
@@ -154,8 +175,8 @@ def minimize(
 
     Parameters
     ----------
-    objective : callable, (N, d) points to (N,) costs; a (d,) point to its cost if not
-        ``vectorized``; NaN and infinity count as worst. A `LimitedObjective` is told which costs
+    objective : callable, a (d,) point to its cost, or (N, d) points to (N,) costs; NaN and
+        infinity count as worst. A `LimitedObjective` is told which costs
         do not matter (`Optimizer.limits`); the result is the same
     lower, upper : (d,) array
     algorithm : a name of ``ematwin algorithms``; a class or function
@@ -163,7 +184,8 @@ def minimize(
         ``partial(ParticleSwarm, topology=Ring(2))``; or an optimiser not yet asked, whose own
         population, iterations and seed then hold
     population, iterations, seed : int
-    vectorized : bool, whether the objective takes a whole batch, one row per point
+    vectorized : bool or None, whether the objective takes a whole batch, one row per point; None
+        finds out with the first batch
     budget : int or None, evaluations to spend, exactly: the last batch is cut short if need be, and
         methods with a schedule spread it over the budget; None: ``population * iterations``
     target : float or None, stop once the cost is at most this
@@ -191,12 +213,16 @@ def minimize(
 
     Notes
     -----
-    An objective of one point that is called with a batch gives itself away by the shape of its
-    answer, except where a batch has as many points as there are variables: the first batch is then
-    evaluated in two pieces. Each point is still evaluated once, in order.
+    An objective of one point that is called with a batch gives itself away by an error or by the
+    shape of its answer, except where a batch has as many points as there are variables: the first
+    batch is then evaluated in two pieces. An objective of a batch sees each point once, in order;
+    one of a point may be called with the first batch, and then with each of its points.
     """
     box = Box(np.asarray(lower), np.asarray(upper))
-    evaluate = _batchwise(objective) if vectorized else _pointwise(objective)
+    if vectorized is None:
+        evaluate = _whichever(objective)
+    else:
+        evaluate = _batchwise(objective) if vectorized else _pointwise(objective)
     if isinstance(algorithm, Optimizer):
         population, iterations, seed = algorithm.population, algorithm.iterations, algorithm.seed
     population = whole_number(population, "population", 1)
@@ -334,6 +360,30 @@ def _batchwise(objective: Objective) -> _Evaluate:
                 f"it gave shape {answer.shape}. {_ONE_POINT}"
             )
         return answer
+
+    return evaluate
+
+
+def _whichever(objective: Objective) -> _Evaluate:
+    """Evaluate in whole batches if the objective can take the first one, else point by point."""
+    chosen: _Evaluate | None = None
+
+    def evaluate(points: FloatArray, first: bool, limits: FloatArray | None) -> FloatArray:
+        nonlocal chosen
+        if chosen is None:
+            try:
+                costs = _batchwise(objective)(points, True, limits)
+            except (IndexError, TypeError, ValueError) as error:  # as one of one point gives
+                alone = _pointwise(objective)
+                try:
+                    costs = alone(points, False, limits)
+                except EmatwinError:  # it takes neither: what a batch gave tells more
+                    raise error from None
+                chosen = alone
+            else:
+                chosen = _batchwise(objective)
+            return costs
+        return chosen(points, first, limits)
 
     return evaluate
 

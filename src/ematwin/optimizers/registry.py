@@ -145,9 +145,57 @@ _ADAPTED = (
 )
 
 
+_REGISTERED: dict[str, Algorithm] = {}  # of this process, by name
+
+
+def register(name: str, factory: OptimizerFactory, *, title: str = "", source: str = "") -> None:
+    """Give an algorithm a name, in this process and in the workers that it starts.
+
+        ematwin.register("mine", MyOptimizer)
+
+    Names are then used like any other: in `ematwin.minimize`, `ematwin.identify`,
+    `ematwin.compare`. The same name again replaces what it named. A package registers by an entry
+    point of the group ``ematwin.optimizers`` instead, which the command line finds as well.
+
+    Parameters
+    ----------
+    name : of the algorithm; lower case, hyphens for underscores
+    factory : a class of `Optimizer`, or a function ``(box, *, population, iterations, seed)``
+    title, source : for tables and reports
+
+    Raises
+    ------
+    InputError
+        If the name is one that comes with ematwin, or the factory cannot be called.
+    """
+    key = _normal(name)
+    taken = {known for one in (*_SIX, *_ADAPTED) for known in (one.name, *one.aliases)}
+    if not key or key in taken:
+        raise InputError(
+            f"The name {name!r} is taken by an algorithm of ematwin; choose another."
+            if key
+            else "An algorithm needs a name; received an empty one."
+        )
+    if not callable(factory):
+        raise InputError(
+            f"An algorithm is a class of Optimizer or a function that makes one, received "
+            f"{factory!r}."
+        )
+    said = (factory.__doc__ or "").strip().partition("\n")[0].rstrip(".")
+    _REGISTERED[key] = Algorithm(
+        key, title or said or name, source or getattr(factory, "__module__", ""), "registered",
+        _own(factory),
+    )  # fmt: skip
+
+
+def registered() -> tuple[Algorithm, ...]:
+    """The algorithms that `register` named in this process."""
+    return tuple(_REGISTERED.values())
+
+
 def algorithms() -> tuple[Algorithm, ...]:
-    """All algorithms that can be named: this package's, the adapters', the entry points'."""
-    listed = [*_SIX, *_ADAPTED]
+    """All that can be named: this package's, the adapters', registered ones, entry points'."""
+    listed = [*_SIX, *_ADAPTED, *registered()]
     taken = {name for algorithm in listed for name in (algorithm.name, *algorithm.aliases)}
     for point in importlib.metadata.entry_points(group=ENTRY_POINT_GROUP):
         package = point.dist.name if point.dist is not None else point.value.partition(".")[0]

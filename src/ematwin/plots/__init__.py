@@ -1,1 +1,57 @@
-"""Figures of results: plotly, one look for all."""
+"""Figures of results: plotly, one look for all.
+
+    from ematwin.plots import plot_faults, plot_fit
+
+    plot_faults(found).show()
+
+Each function takes a result and returns a figure of plotly. Names are loaded when first used.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ematwin.plots.channels import plot_channels, plot_recording
+    from ematwin.plots.detection import plot_index, plot_trend
+    from ematwin.plots.identifiability import plot_correlation, plot_smallest
+    from ematwin.plots.identification import plot_convergence, plot_faults, plot_fit
+    from ematwin.plots.simulation import plot_response
+    from ematwin.plots.study import plot_study
+
+_HOMES = {
+    "plot_channels": "channels",
+    "plot_convergence": "identification",
+    "plot_correlation": "identifiability",
+    "plot_faults": "identification",
+    "plot_fit": "identification",
+    "plot_index": "detection",
+    "plot_recording": "channels",
+    "plot_response": "simulation",
+    "plot_smallest": "identifiability",
+    "plot_study": "study",
+    "plot_trend": "detection",
+}
+
+__all__ = [
+    "plot_channels",
+    "plot_convergence",
+    "plot_correlation",
+    "plot_faults",
+    "plot_fit",
+    "plot_index",
+    "plot_recording",
+    "plot_response",
+    "plot_smallest",
+    "plot_study",
+    "plot_trend",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOMES:
+        return getattr(import_module(f"ematwin.plots.{_HOMES[name]}"), name)
+    raise AttributeError(f"module 'ematwin.plots' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return list(__all__)

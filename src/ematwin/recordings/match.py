@@ -52,11 +52,11 @@ def _wanted(channel_map: ChannelMap, needs: Needs) -> list[Channel]:
         known = [one for one in known if one.name != "time"]
     if not mapped:
         return known
-    present = _with_derived(channel_map.channels, mapped)
+    present = with_derived(channel_map.channels, mapped)
     open_ones = {
         name
         for group in needs
-        if not _is_met(group, present)
+        if not is_met(group, present)
         for alternative in group
         for name in alternative
     }
@@ -73,7 +73,7 @@ def _by_name(
     """
     ranked: dict[str, dict[int, list[str]]] = {}
     for name in file.names:
-        channel, rank = _meant(name, channel_map.channels, file.names)
+        channel, rank = meant(name, channel_map.channels, file.names)
         if channel is not None and channel in wanted:
             ranked.setdefault(channel.name, {}).setdefault(rank, []).append(name)
     found = {}
@@ -88,7 +88,7 @@ def _by_name(
     return found
 
 
-def _meant(
+def meant(
     name: str, channels: Sequence[Channel], names: Collection[str]
 ) -> tuple[Channel | None, int]:
     """The channel that a name in a file means, and how plainly it says so (0: to the letter)."""
@@ -107,20 +107,22 @@ def _meant(
     return None, 3
 
 
-def _with_derived(channels: Sequence[Channel], present: Collection[str]) -> set[str]:
+def with_derived(channels: Sequence[Channel], present: Collection[str]) -> set[str]:
+    """The channels that are there, and those that follow from them."""
     return {*present, *(channel.name for channel in derivable(channels, present))}
 
 
-def _is_met(group: Sequence[Sequence[str]], present: Collection[str]) -> bool:
+def is_met(group: Sequence[Sequence[str]], present: Collection[str]) -> bool:
+    """Whether one whole alternative of a group of needs is there."""
     return any(all(name in present for name in alternative) for alternative in group)
 
 
 def _check_complete(
     file: RecordedFile, channel_map: ChannelMap, needs: Needs, found: Collection[str]
 ) -> None:
-    present = _with_derived(channel_map.channels, found)
+    present = with_derived(channel_map.channels, found)
     for group in needs:
-        if _is_met(group, present):
+        if is_met(group, present):
             continue
         missing = [name for part in group for name in part if name not in present]
         for channel in (channel_map.channel(name) for name in missing):

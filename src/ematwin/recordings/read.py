@@ -27,7 +27,7 @@ Columns = ChannelMap | Mapping[str, Any] | str | Path | None
 
 
 def read_file(
-    path: str | Path,
+    path: Any,
     channels: Sequence[Channel],
     columns: Columns = None,
     *,
@@ -44,7 +44,7 @@ def read_file(
 
     Parameters
     ----------
-    path : a file of a known format
+    path : a file of a known format, or a DataFrame
     channels : those of the kind of actuator
     columns : which channel of the file is which: a `ChannelMap`, a mapping or a TOML file; None
         finds them by name

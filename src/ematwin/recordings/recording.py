@@ -14,6 +14,9 @@ import numpy as np
 
 from ematwin.errors import RecordError
 from ematwin.recordings.channel import NAMED
+from ematwin.showing import markup
+from ematwin.showing.drawing import drawn
+from ematwin.showing.frames import frame
 
 REGULARITY = 1e-3  # of the sampling interval: more jitter than this needs resampling
 _RESERVED = {"time", "channels", "units", "labels", "start", "source", "provenance"}
@@ -156,12 +159,59 @@ class Recording:
         return self.changed(**{name: value[inside] for name, value in self.columns()})
 
     def to_dataframe(self) -> Any:
-        """A pandas DataFrame with a column for each signal; needs pandas."""
-        try:
-            import pandas as pd
-        except ImportError:
-            raise ImportError("to_dataframe needs pandas. Run: pip install pandas.") from None
-        return pd.DataFrame(dict(self.columns()))
+        """A pandas DataFrame with a column for each signal, SI; needs pandas.
+
+        ``frame.attrs`` holds the units, so that `ematwin.read` gives the recording back.
+        """
+        made = frame(dict(self.columns()))
+        made.attrs["units"] = {"time": "s", **self.units}
+        made.attrs["source"] = self.source
+        return made
+
+    to_frame = to_dataframe
+
+    @classmethod
+    def from_dataframe(
+        cls,
+        table: Any,
+        *,
+        labels: Mapping[str, str] | None = None,
+        start: datetime | None = None,
+        source: str = "DataFrame",
+    ) -> "Recording":
+        """A recording from a DataFrame whose columns are channels by name, in SI.
+
+        Other names and units: `ematwin.read` takes a DataFrame, with a map or without.
+
+        Parameters
+        ----------
+        table : DataFrame with a column ``time`` (s), or with the times as its index: numbers of
+            seconds, or moments, of which the first is then the start
+        labels, start, source : as of a recording
+
+        Raises
+        ------
+        RecordError
+            If there are no times, or a column is none that a recording can hold.
+        """
+        columns = {str(name): table.iloc[:, n].to_numpy() for n, name in enumerate(table.columns)}
+        times = columns.pop("time", None)
+        if times is None:
+            times = table.index.to_numpy()
+            if times.dtype.kind not in "mM" and str(table.index.name) not in ("time", "t"):
+                raise RecordError(
+                    f"The DataFrame has no column time, and its index is not one of times; it has "
+                    f"{', '.join(columns) or 'no columns'}. Add the column, in s, or call the "
+                    "index time."
+                )
+        if times.dtype.kind == "M":
+            first = times[:1].astype("datetime64[us]").tolist()
+            start = start or next((one for one in first if isinstance(one, datetime)), None)
+            times = times - times[:1]
+        if times.dtype.kind == "m":
+            times = times.astype("timedelta64[ns]").astype(np.int64) * 1e-9
+        units = {name: str(unit) for name, unit in table.attrs.get("units", {}).items()}
+        return cls(times, columns, units=units, labels=labels, start=start, source=source)
 
     def __len__(self) -> int:
         return int(self.time.size)
@@ -173,6 +223,31 @@ class Recording:
             f"Recording({said}{len(self)} samples, {self.time[0]:g} to {self.time[-1]:g} s at "
             f"{self.sample_rate:.6g} Hz: {names})"
         )
+
+    def _repr_html_(self) -> str:
+        """What it is and what it holds, in a notebook."""
+        rows = [
+            (name, f"{values.min():.4g}", f"{values.max():.4g}", self.units.get(name, ""))
+            for name, values in self.channels.items()
+        ]
+        said = f"{self.name}: " if self.labels or self.source else "Recording: "
+        parts = [
+            markup.heading(
+                f"{said}{len(self)} samples, {self.time[0]:g} to {self.time[-1]:g} s at "
+                f"{self.sample_rate:.6g} Hz"
+            ),
+            markup.table(("channel", "least", "largest", "unit"), rows),
+        ]
+        if self.provenance.get("source") == "simulated":
+            faults = self.provenance.get("faults") or {}
+            told = ", ".join(f"{name} {value:g}" for name, value in faults.items())
+            parts.append(markup.note(f"Simulated with {told}"))
+        parts += [markup.note(f"Warning: {text}") for text in self.provenance.get("warnings", [])]
+        return "".join(parts)
+
+    def plot(self) -> Any:
+        """Every channel over time, a figure of plotly."""
+        return drawn(self, "channels", {"channels": "plot_recording"})
 
     def __reduce__(self) -> Any:
         parts = {name: getattr(self, name) for name in _RESERVED - {"time", "channels"}}

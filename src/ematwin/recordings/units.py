@@ -117,6 +117,20 @@ def suffixes(name: str, si_unit: str, names: Collection[str] = ()) -> Iterator[t
             yield stem, unit
 
 
+def units_behind(name: str, names: Collection[str] = ()) -> Iterator[str]:
+    """Yield what stands behind the last underscore of a name and is a unit of any usual kind.
+
+    A single letter but A is more often a number of a series than a unit, and A only where there
+    is no B.
+    """
+    for stem, unit in endings(name):
+        if unit.casefold() == "a":
+            if unit == "A" and not _has_sibling(stem, names):
+                yield "A"
+        elif len(unit) > 1 and is_other_unit(unit):
+            yield unit
+
+
 def endings(name: str) -> Iterator[tuple[str, str]]:
     """Yield stem and what may be meant as a unit behind the last underscore, whatever it is."""
     name = name.strip()

@@ -1,20 +1,16 @@
 """Page: what commands can tell of an actuator's faults, before any test."""
 
-import math
 from collections.abc import Sequence
-from typing import Any
 
 from ematwin.estimation.identifiability import HEADINGS, Identifiability
-from ematwin.plots.style import BLUE, GREEN, GREY, ORANGE, styled
+from ematwin.plots.identifiability import plot_correlation, plot_smallest
 from ematwin.report.page import Row, Section, Table, render
-
-_SERIES = (BLUE, ORANGE, GREEN, GREY)
 
 
 def identifiability_page(found: Sequence[Identifiability]) -> str:
     """HTML page of one or several commands, the most telling first."""
     best = found[0]
-    sections = [Section("Smallest fault that is found", figure=smallest_figure(found))]
+    sections = [Section("Smallest fault that is found", figure=plot_smallest(found))]
     for one in found:
         text = (
             f"{one.scenario.duration:g} s. Noise and the twin's own error are "
@@ -25,7 +21,7 @@ def identifiability_page(found: Sequence[Identifiability]) -> str:
         obstacles = [f"No verdict: {sentence}" for sentence in one.obstacles]
         sections += [
             Section(one.scenario.name, text=text, points=obstacles, table=told_table(one)),
-            Section(figure=correlation_figure(one)),
+            Section(figure=plot_correlation(one)),
         ]
     lead = f"{best.scenario.name}: {best.weakest.name} {best.weakest.sentence}."
     if all(one.how == "pinned" for one in best.told):
@@ -37,38 +33,3 @@ def told_table(found: Identifiability) -> Table:
     """Each fault with its expected errors."""
     rows = [Row(one.cells, marked=one.how in ("open", "dead")) for one in found.told]
     return Table(list(HEADINGS), rows, last_is_text=True)
-
-
-def smallest_figure(found: Sequence[Identifiability]) -> Any:
-    """The smallest detectable fault as a share of its range, by command; none where no bar is."""
-    import plotly.graph_objects as go
-
-    figure = go.Figure()
-    for n, one in enumerate(found):
-        shares = [t.smallest / t.range if math.isfinite(t.smallest) else None for t in one.told]
-        figure.add_bar(
-            x=[t.name for t in one.told],
-            y=shares,
-            name=one.scenario.name,
-            marker_color=_SERIES[n % len(_SERIES)],
-            text=["" if share is not None else "none" for share in shares],
-        )
-    figure.update_yaxes(title_text="share of the range", rangemode="tozero")
-    return styled(figure, 340)
-
-
-def correlation_figure(found: Identifiability) -> Any:
-    """The correlation of all that is unknown."""
-    import plotly.graph_objects as go
-
-    names = list(found.names)
-    figure = go.Figure(
-        go.Heatmap(
-            x=names, y=names, z=found.correlation.round(3), zmin=-1.0, zmax=1.0, colorscale="RdBu",
-            reversescale=True, colorbar={"title": "correlation"},
-        )
-    )  # fmt: skip
-    figure.update_yaxes(autorange="reversed")
-    figure = styled(figure, 160 + 18 * len(names))
-    figure.update_layout(margin={"l": 190, "b": 170}, hovermode="closest")
-    return figure

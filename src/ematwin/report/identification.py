@@ -2,16 +2,12 @@
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from ematwin.estimation.identify import Identification
 from ematwin.monitoring.detect import Detection
-from ematwin.plots.style import BLUE, GREY, ORANGE, line, stacked, styled
+from ematwin.plots.identification import plot_convergence, plot_faults, plot_fit, true_faults
 from ematwin.recordings.recording import Recording
 from ematwin.report.detection import verdict_table
-from ematwin.report.page import Row, Section, Table, render
-
-_SHOWN_POINTS = 20_000  # of a curve; more make the page slow and show nothing more
+from ematwin.report.page import Row, Section, Table, columns_in_words, listed, render
 
 
 def identification_page(
@@ -21,43 +17,55 @@ def identification_page(
 
     ``judged`` is the verdict against the actuator's healthy population, where there is one.
     """
+    truth = true_faults(found)
     sections = [
+        Section(
+            "Deviation from healthy",
+            text="Bars are shares of a fault's range, lines their 95 % intervals."
+            + (" Diamonds are the true values of the simulation." if truth else ""),
+            figure=plot_faults(found),
+        ),
         Section("Faults", table=fault_table(found)),
-        Section(figure=fault_bars(found)),
         *([Section("Parts", table=parts_table(found))] if found.contrasts else []),
         Section(
             "Measured and fitted",
             text="Both went through the same filter. A pattern in the residual is something that "
             "the twin does not model.",
-            figure=fit_figure(found, record),
+            figure=plot_fit(found, record),
         ),
-        Section("Convergence", figure=convergence_figure(found)),
+        Section("Convergence", figure=plot_convergence(found)),
         Section("How it was found", facts=_facts(found, record)),
     ]
     if judged is not None:
         table = verdict_table(judged.motions)
         sections.insert(0, Section("Against the healthy population", table=table))
     notes = [*(f"Assumed: {sentence}" for sentence in found.assumed), *found.warnings]
-    return render(
-        f"{found.actuator.name}: identified faults", found.verdict.sentence, sections, notes
-    )
+    title = f"{found.actuator.name}: identified faults"
+    return render(title, found.verdict.sentence, sections, notes, grade=found.verdict.grade)
 
 
 def fault_table(found: Identification) -> Table:
-    """Each value with its interval, physical value and healthy value."""
+    """Each value with its interval, physical value and healthy value; the true one if known."""
+    truth = true_faults(found)
+    true_rows = {row.name: row for row in found.model.describe(found.actuator, truth)}
     rows = []
     for row in found.physical:
+        true = true_rows.get(row.name)
         cells = [
             row.name,
-            f"{row.normalised:.4g}",
-            _range(found.intervals.get(row.name)),
-            f"{row.value:.4g} {row.unit}",
+            f"{row.value:.4g} {row.unit}".rstrip(),
             _range(found.physical_values.get(row.name, ())[1:]),
             f"{row.healthy:.4g}",
+            *(["" if true is None else f"{true.value:.4g}"] if truth else []),
+            f"{row.normalised:.4g}",
+            _range(found.intervals.get(row.name)),
             row.meaning,
         ]
         rows.append(Row(cells, marked=row.name in found.present))
-    header = ["fault", "k", "95 % of k", "value", "95 % of value", "healthy", "meaning"]
+    header = [
+        "fault", "value", "95 % of value", "healthy", *(["true"] if truth else []), "k",
+        "95 % of k", "meaning",
+    ]  # fmt: skip
     return Table(header, rows, last_is_text=True)
 
 
@@ -81,87 +89,6 @@ def parts_table(found: Identification) -> Table:
     return Table(["part", "value", "95 %", ""], rows, last_is_text=True)
 
 
-def fault_bars(found: Identification):  # type: ignore[no-untyped-def]
-    """Bars of the values against the healthy ones, each as a share of its range."""
-    from plotly.graph_objects import Figure
-
-    unknowns = {one.name: one for one in found.model.unknowns(found.actuator)}
-    names = [name for name in found.values if name in unknowns]
-
-    def share(name: str, value: float) -> float:
-        return (value - unknowns[name].lower) / unknowns[name].width
-
-    def reach(name: str, end: int) -> float:
-        if name not in found.intervals:
-            return 0.0
-        gap = abs(found.intervals[name][end] - found.values[name]) / unknowns[name].width
-        return min(gap, 1.0)
-
-    figure = Figure()
-    figure.add_bar(
-        x=names,
-        y=[share(name, found.values[name]) for name in names],
-        name="identified",
-        marker_color=ORANGE,
-        error_y={
-            "type": "data",
-            "symmetric": False,
-            "array": [reach(name, 1) for name in names],
-            "arrayminus": [reach(name, 0) for name in names],
-            "color": GREY,
-        },
-    )
-    figure.add_scatter(
-        x=names,
-        y=[share(name, unknowns[name].healthy) for name in names],
-        name="healthy",
-        mode="markers",
-        marker={"symbol": "line-ew", "size": 46, "line": {"width": 3, "color": BLUE}},
-    )
-    normalised = all(unknowns[n].lower == 0.0 and unknowns[n].upper == 1.0 for n in names)
-    figure.update_yaxes(range=[-0.02, 1.02], title_text="k" if normalised else "share of range")
-    return styled(figure, 340)
-
-
-def fit_figure(found: Identification, record: Recording):  # type: ignore[no-untyped-def]
-    """Measured and fitted channels, and their differences."""
-    model = found.model
-    comparison = model.compare(record, found.actuator)
-    values = {**found.fitted, **found.values}
-    healthy_values = {**values, **_healthy_faults(found)}
-    both = {name: np.array([value, healthy_values[name]]) for name, value in values.items()}
-    answers = comparison.responses(both, 2)
-    measured = comparison.measured()
-    captions = comparison.captions()
-    thin = slice(None, None, max(1, len(record) // _SHOWN_POINTS))
-    t = record.time[thin]
-    titles = [text for name in measured for text in (captions[name][0], "Residual")]
-    units = [captions[name][1] for name in measured for _ in range(2)]
-    figure = stacked(titles, units, "time, s", height=280 * len(titles))
-    for n, (name, target) in enumerate(measured.items()):
-        fitted, healthy = answers[name]
-        line(figure, 2 * n + 1, t, healthy[thin], "healthy twin", BLUE, dash="dot")
-        line(figure, 2 * n + 1, t, target[thin], "measured", GREY)
-        line(figure, 2 * n + 1, t, fitted[thin], "fitted", ORANGE)
-        line(figure, 2 * n + 2, t, (target - fitted)[thin], "measured - fitted", GREY)
-    return figure
-
-
-def _healthy_faults(found: Identification) -> dict[str, float]:
-    """Healthy values of the faults; nuisances stay as they were found."""
-    return {one.name: one.healthy for one in found.model.faults(found.actuator)}
-
-
-def convergence_figure(found: Identification):  # type: ignore[no-untyped-def]
-    """Best cost over evaluations."""
-    figure = stacked(["Best misfit so far"], ["misfit"], "simulations", height=340)
-    evaluations, cost = found.history.T
-    finite = np.isfinite(cost)
-    line(figure, 1, evaluations[finite], cost[finite], found.algorithm, BLUE, shape="hv")
-    figure.update_yaxes(type="log")
-    return figure
-
-
 def _facts(found: Identification, record: Recording) -> dict[str, str]:
     source = found.provenance
     facts = {
@@ -179,7 +106,8 @@ def _facts(found: Identification, record: Recording) -> dict[str, str]:
             else "far as the tolerances of the data sheet leave them open"
         ),
     }
-    for name in ("columns", "changed"):
-        if source.get(name):
-            facts[name] = str(source[name])
+    if source.get("columns"):
+        facts["columns"] = columns_in_words(source["columns"])
+    if source.get("changed"):
+        facts["changed"] = listed(source["changed"])
     return facts

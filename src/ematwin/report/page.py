@@ -1,10 +1,13 @@
-"""Self-contained HTML pages: headings, tables, facts and interactive figures in one file."""
+"""Self-contained HTML pages: verdict, tables, facts and interactive figures in one file."""
 
 from dataclasses import dataclass, field
 from importlib import resources
 from typing import Any
 
 from ematwin import __version__
+
+_BASIC = {"scatter", "bar", "pie"}  # traces that the small bundle of plotly draws
+_BASIC_BUNDLE = "assets/plotly-basic-4.1.1.min.js"
 
 
 @dataclass(frozen=True)
@@ -43,33 +46,86 @@ class Section:
 
 
 def render(
-    title: str, lead: str, sections: list[Section], warnings: list[str] | None = None
+    title: str,
+    lead: str,
+    sections: list[Section],
+    warnings: list[str] | None = None,
+    *,
+    grade: str = "",
 ) -> str:
-    """The page as one HTML text."""
-    import jinja2
-    from plotly.io import to_html
-    from plotly.offline import get_plotlyjs
+    """The page as one HTML text.
 
-    source = resources.files("ematwin.report").joinpath("templates/page.html.j2").read_text("utf-8")
+    Parameters
+    ----------
+    title : of the page
+    lead : the answer in words; large, at the top
+    sections : in their order
+    warnings : sentences below the answer
+    grade : "healthy", "changed", "fault" or "none" gives the answer its colour; "" has none
+    """
+    import jinja2
+
     environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    shown = [
-        {
-            **vars(section),
-            "figure": section.figure
-            and to_html(
-                section.figure,
-                include_plotlyjs=False,
-                full_html=False,
-                config={"displaylogo": False, "responsive": True},
-            ),
-        }
-        for section in sections
-    ]
-    return environment.from_string(source).render(
+    figures = [section.figure for section in sections if section.figure is not None]
+    return environment.from_string(_text("templates/page.html.j2")).render(
         title=title,
         lead=lead,
-        sections=shown,
+        grade=grade,
+        sections=[
+            {**vars(section), "figure": section.figure and _as_json(section.figure)}
+            for section in sections
+        ],
         warnings=warnings or [],
-        plotly_js=get_plotlyjs() if any(section.figure for section in sections) else "",
+        style=_text("templates/page.css"),
+        script=_text("templates/page.js"),
+        plotly_js=_plotly_js(figures) if figures else "",
         version=__version__,
     )
+
+
+def _text(name: str) -> str:
+    return resources.files("ematwin.report").joinpath(name).read_text("utf-8")
+
+
+def _as_json(figure: Any) -> str:
+    """A figure as JSON that can stand in a script: no tag of HTML ends it."""
+    return str(figure.to_json()).replace("<", "\\u003c")
+
+
+def _plotly_js(figures: list[Any]) -> str:
+    """The smallest bundle of plotly that draws the figures: a quarter of the whole, if it can."""
+    drawn = {trace.type for figure in figures for trace in figure.data}
+    if drawn <= _BASIC:
+        return _text(_BASIC_BUNDLE)
+    from plotly.offline import get_plotlyjs
+
+    return str(get_plotlyjs())
+
+
+def listed(values: Any) -> str:
+    """A mapping, a list or a plain value in words: ``command: Setpoint [deg]; load: Torque``."""
+    if isinstance(values, dict):
+        return "; ".join(f"{key}: {listed(value)}" for key, value in values.items())
+    if isinstance(values, list | tuple):
+        return "; ".join(listed(value) for value in values)
+    if isinstance(values, float):
+        return f"{values:.6g}"
+    return "none" if values is None else str(values)
+
+
+def columns_in_words(columns: dict[str, Any]) -> str:
+    """Which channel of a file became which, from the provenance of a recording."""
+    told = []
+    for name, account in columns.items():
+        if not isinstance(account, dict):
+            told.append(f"{name}: {account}")
+        elif "derived" in account:
+            told.append(f"{name}: {account['derived']}")
+        else:
+            rest = [
+                f"{key} {value}" for key, value in account.items()
+                if key not in ("channel", "unit", "unit_from")
+            ]  # fmt: skip
+            more = f", {', '.join(rest)}" if rest else ""
+            told.append(f"{name}: “{account.get('channel')}” in {account.get('unit')}{more}")
+    return "; ".join(told)

@@ -42,7 +42,7 @@ def test_a_calibration_of_0_1_gives_the_verdicts_of_0_1():
     assert len(seen) == len(expected) == 4
     for one, other in zip(seen, expected, strict=True):
         assert [name for name in one if name in other] == list(other)
-        assert set(one) - set(other) == {"clear_threshold", "grade", "faults", "reason"}
+        assert set(one) - set(other) == {"clear_threshold", "grade", "faults", "reason", "when"}
         one = {name: one[name] for name in other}
         assert _flat(one) == pytest.approx(_flat(other), rel=1e-5, abs=1e-6)
         for name in ("name", "labels", "alarm", "fault", "named_by"):

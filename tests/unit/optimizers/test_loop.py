@@ -372,7 +372,7 @@ def test_an_objective_of_one_point_receives_each_point_once_and_may_write_into_i
 )
 def test_an_objective_of_one_point_that_is_given_a_batch_is_recognised(mistaken, population):
     with pytest.raises(InputError, match="vectorized=False"):
-        minimize(mistaken, LOWER, UPPER, population=population)
+        minimize(mistaken, LOWER, UPPER, population=population, vectorized=True)
 
 
 @pytest.mark.parametrize("d", [1, 2, 4, 8])
@@ -397,7 +397,7 @@ def test_an_error_at_the_first_points_names_the_mistake_and_stays_what_it_is():
         return 1.0 if x[0] > 0.5 else 2.0
 
     with pytest.raises(ValueError, match="ambiguous") as caught:
-        minimize(branches, LOWER, UPPER)
+        minimize(branches, LOWER, UPPER, vectorized=True)
     assert "vectorized=False" in caught.value.__notes__[0]
 
 

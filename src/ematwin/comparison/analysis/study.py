@@ -22,6 +22,9 @@ from ematwin.comparison.analysis.runs import RunTable, collect
 from ematwin.comparison.analysis.summary import TARGETS, Cell, matrix, summarise
 from ematwin.comparison.study.run import StoredRun
 from ematwin.errors import InputError
+from ematwin.showing import markup
+from ematwin.showing.drawing import drawn
+from ematwin.showing.frames import frame, frame_of_rows
 
 
 @dataclass(frozen=True)
@@ -74,6 +77,78 @@ class StudyAnalysis:
     def of_paper(self) -> bool:
         """Whether the actuator is of the paper's kind, so that cases and misfits are comparable."""
         return self.table.subject.kind == PAPER_KIND
+
+    @property
+    def figures(self) -> Any:
+        """What its figures show, see `ematwin.comparison.report.study_figures.StudyFigures`."""
+        from ematwin.comparison.report.study_figures import StudyFigures
+
+        return StudyFigures(self)
+
+    def plot(self) -> dict[str, Any]:
+        """All its figures, of plotly, by heading."""
+        found: dict[str, Any] = drawn(self, "all", {"all": "plot_study"})
+        return found
+
+    def to_frame(self, each: str = "cell") -> Any:
+        """A pandas DataFrame with a row for each "cell" (case and algorithm) or "run".
+
+        Raises
+        ------
+        InputError
+            If ``each`` is neither.
+        """
+        if each == "cell":
+            return frame_of_rows(
+                {
+                    "case": cell.case, "algorithm": cell.algorithm, "runs": cell.runs,
+                    "done": cell.done,
+                    **{f"{name}_{part}": getattr(spread, part)
+                       for name, spread in cell.metrics.items() for part in ("mean", "median")},
+                }
+                for row in self.cells
+                for cell in row
+            )  # fmt: skip
+        if each != "run":
+            raise InputError(f"each must be cell or run, received {each!r}.")
+        table = self.table
+        return frame(
+            {
+                "case": [table.cases[n] for n in table.case],
+                "algorithm": [table.algorithms[n] for n in table.algorithm],
+                "run": table.run,
+                "status": table.status,
+                "stopped": table.stopped,
+                **table.scalars,
+                **{name: table.found[:, n] for n, name in enumerate(table.subject.names)},
+            }
+        )
+
+    to_dataframe = to_frame
+
+    def _repr_html_(self) -> str:
+        """The conclusions, then the mean Err% of each case and algorithm, in a notebook."""
+        names = self.table.algorithms
+        rows = [
+            (row[0].case, *(f"{cell.metrics['err'].mean:.3g}" for cell in row))
+            for row in self.cells
+        ]
+        best = sorted(
+            ((float(np.nanmean([row[n].metrics["err"].mean for row in self.cells])), name)
+             for n, name in enumerate(names) if self.table.done.any()),
+            key=lambda pair: (math.isnan(pair[0]), pair[0]),
+        )  # fmt: skip
+        lead = f"{len(self.table)} runs, {int(self.table.done.sum())} ended well"
+        if best and math.isfinite(best[0][0]):
+            lead += f"; lowest mean Err%: {best[0][1]} with {best[0][0]:.3g}"
+        return "".join(
+            [
+                markup.heading(f"{lead}."),
+                markup.note("Mean Err% by case and algorithm"),
+                markup.table(("case", *names), rows),
+                *(markup.note(sentence) for sentence in self.conclusions),
+            ]
+        )
 
     def as_dict(self) -> dict[str, Any]:
         """All tables as plain values, None for what could not be computed."""

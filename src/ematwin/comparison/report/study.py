@@ -10,9 +10,10 @@ from ematwin.comparison.analysis.ranks import ALPHA
 from ematwin.comparison.analysis.study import StudyAnalysis
 from ematwin.comparison.analysis.summary import RESAMPLES
 from ematwin.comparison.report import study_tables as tables
-from ematwin.comparison.report.study_figures import MOST_CASES, MOST_POINTS, Figure, StudyFigures
-from ematwin.comparison.report.study_plotly import interactive
+from ematwin.comparison.report.study_figures import MOST_CASES, MOST_POINTS, StudyFigures
 from ematwin.comparison.report.study_svg import DIAGRAM
+from ematwin.plots.panels import Figure
+from ematwin.plots.study import interactive
 from ematwin.report.page import Section, Table, render
 
 Draw = Callable[[Figure], dict[str, Any]]
@@ -28,7 +29,7 @@ def study_page(
     ----------
     figures : StudyFigures, of the analysis
     stills : dict, SVG texts by file name; the critical-difference diagram comes from here
-    slim : bool, show the still drawings instead of interactive figures, which are 4.5 MB larger
+    slim : bool, show the still drawings instead of interactive figures, which are 1.2 MB larger
     """
 
     def draw(figure: Figure) -> dict[str, Any]:

@@ -1,10 +1,9 @@
 """What the figures of a study show: counterparts of the paper's figures 4 to 7, and more.
 
-Each figure is described once, with its data and words. `study_plotly` draws it for a page, where
-it can be enlarged and asked; `study_svg` draws it still, for a paper or a slim page.
+Each figure is described once, with its data and words: `ematwin.plots.study` and `study_svg` draw
+it.
 """
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -13,6 +12,7 @@ from ematwin.comparison.analysis.conclusions import shown
 from ematwin.comparison.analysis.convergence import bands
 from ematwin.comparison.analysis.paper import HIGH_CASES, LOW_CASES
 from ematwin.comparison.analysis.study import StudyAnalysis
+from ematwin.plots.panels import Bars, Box, Figure, Panel, Spread, Stairs
 
 # Okabe and Ito, told apart by colour-blind readers; the last two for a seventh and eighth method.
 PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#8c959f")
@@ -26,107 +26,6 @@ _METRICS = {
     "seconds": ("Mean time of a search", "mean time, s"),
 }
 _PAPER = {("low", "err"): 4, ("high", "err"): 5, ("low", "seconds"): 6, ("high", "seconds"): 7}
-
-
-@dataclass(frozen=True)
-class Series:
-    """What belongs to one algorithm: its name in the legend and its colour."""
-
-    name: str
-    color: str
-
-
-@dataclass(frozen=True)
-class Bars(Series):
-    """A bar with a whisker in each category of the panel.
-
-    Attributes
-    ----------
-    height, low, high : (C,) arrays, NaN where there is no run
-    """
-
-    height: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
-
-
-@dataclass(frozen=True)
-class Spread(Series):
-    """A line with a band around it.
-
-    Attributes
-    ----------
-    x, middle, low, high : (G,) arrays
-    """
-
-    x: np.ndarray
-    middle: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
-
-
-@dataclass(frozen=True)
-class Box(Series):
-    """A box in one category of the panel, with whiskers to the extremes.
-
-    Attributes
-    ----------
-    place : int, of the category
-    quantiles : (5,) array: least, lower quartile, median, upper quartile, largest
-    points : array, values to draw one by one; empty where they are many
-    """
-
-    place: int
-    quantiles: np.ndarray
-    points: np.ndarray
-
-
-@dataclass(frozen=True)
-class Stairs(Series):
-    """A line that keeps its height until the next point.
-
-    Attributes
-    ----------
-    x, y : (G,) arrays
-    """
-
-    x: np.ndarray
-    y: np.ndarray
-
-
-@dataclass(frozen=True)
-class Panel:
-    """A pair of axes; ``categories`` name the places of a horizontal axis without numbers."""
-
-    title: str
-    series: list[Bars | Spread | Box | Stairs]
-    categories: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Figure:
-    """One panel, or a grid of them with the same axes.
-
-    Attributes
-    ----------
-    file : str, name of the still drawing
-    heading : str
-    panels : list of Panel
-    grid : bool, two panels in a row
-    y_title, x_title : str
-    log_x, log_y : bool
-    y_range : pair of float, or None where the data decide
-    """
-
-    file: str
-    heading: str
-    panels: list[Panel]
-    grid: bool = False
-    y_title: str = ""
-    x_title: str = ""
-    log_x: bool = False
-    log_y: bool = False
-    y_range: tuple[float, float] | None = None
 
 
 class StudyFigures:

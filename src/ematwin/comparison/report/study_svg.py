@@ -15,16 +15,9 @@ import numpy as np
 from ematwin.comparison.analysis.conclusions import shown
 from ematwin.comparison.analysis.ranks import ALPHA
 from ematwin.comparison.analysis.study import StudyAnalysis
-from ematwin.comparison.report.study_figures import (
-    Bars,
-    Box,
-    Figure,
-    Panel,
-    Spread,
-    Stairs,
-    color,
-)
+from ematwin.comparison.report.study_figures import color
 from ematwin.errors import MissingExtraError
+from ematwin.plots.panels import Bars, Box, Figure, Panel, Spread, Stairs
 
 DIAGRAM = "critical_difference.svg"
 _FINE = re.compile(r"(\d\.\d\d)\d+")

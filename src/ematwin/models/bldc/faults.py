@@ -6,13 +6,15 @@ ESREL 2020 paper, sections 6 and 7.1.
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from difflib import get_close_matches
+from typing import Any
 
 import numpy as np
 
 from ematwin.errors import InputError
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.unknowns import FAULTS, UNKNOWNS, fault
-from ematwin.models.unknown import PhysicalValue, table_of
+from ematwin.models.unknown import PhysicalValue, physical_html, table_of
+from ematwin.showing.frames import frame_of_rows
 
 HEALTHY = np.array([one.healthy for one in UNKNOWNS])
 HEALTHY.flags.writeable = False
@@ -104,6 +106,16 @@ class Faults:
 
     def __str__(self) -> str:
         return self.describe()
+
+    def to_frame(self) -> Any:
+        """A pandas DataFrame with a row for each component, by name; needs pandas."""
+        return frame_of_rows((row._asdict() for row in self.physical()), "name")
+
+    to_dataframe = to_frame
+
+    def _repr_html_(self) -> str:
+        """What the vector means on the default actuator, in a notebook."""
+        return physical_html(repr(self), self.physical())
 
     def __repr__(self) -> str:
         given = [

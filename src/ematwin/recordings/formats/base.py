@@ -22,6 +22,7 @@ import numpy as np
 
 from ematwin.errors import EmatwinError, FileError, InputError, MissingExtraError, RecordError
 from ematwin.recordings.units import bare
+from ematwin.showing.frames import is_frame
 
 Progress = Callable[[float], None]
 ENTRY_POINTS = "ematwin.readers"
@@ -110,8 +111,8 @@ class RecordedFile(ABC):
         self.close()
 
 
-def open_file(path: str | Path, **options: Any) -> RecordedFile:
-    """Open a file by its suffix; ``options`` are those of text tables (see `CsvFile`).
+def open_file(path: Any, **options: Any) -> RecordedFile:
+    """Open a file by its suffix, or a DataFrame; ``options`` are those of text tables.
 
     Raises
     ------
@@ -122,6 +123,15 @@ def open_file(path: str | Path, **options: Any) -> RecordedFile:
     MissingExtraError
         If the library for this format is not installed.
     """
+    if is_frame(path):
+        from ematwin.recordings.formats.frame import FrameFile
+
+        if options:
+            raise InputError(
+                f"{', '.join(sorted(options))} can be given only for CSV files; a DataFrame is not "
+                "one. Leave it out."
+            )
+        return FrameFile(path)
     path = Path(path)
     suffix = path.suffix.lower()
     maker = _maker(suffix)

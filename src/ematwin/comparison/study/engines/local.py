@@ -17,6 +17,8 @@ from typing import Any
 from ematwin.comparison.study.engines.base import DEATHS, Engine, EngineError, gave_up
 from ematwin.comparison.study.execute import execute, hard_limit, warm_up
 from ematwin.comparison.study.run import RunResult, RunSpec
+from ematwin.optimizers.catalogue import Algorithm
+from ematwin.optimizers.registry import register, registered
 
 # one run, one core: no library may share it out again
 _ENVIRONMENT = {
@@ -66,7 +68,7 @@ class LocalEngine(Engine):
             max_workers=self._workers,
             timeout=None,
             initializer=_prepare_worker,
-            initargs=(os.getpid(),),
+            initargs=(os.getpid(), registered()),
             env=_ENVIRONMENT,
         )
         try:
@@ -177,9 +179,15 @@ class LocalEngine(Engine):
                 self._pool = None
 
 
-def _prepare_worker(parent: int) -> None:
-    """Leave Ctrl-C to the main process, end with it even if it is killed, and compile in peace."""
+def _prepare_worker(parent: int, algorithms: tuple[Algorithm, ...]) -> None:
+    """Leave Ctrl-C to the main process, end with it even if it is killed, and compile in peace.
+
+    ``algorithms`` are those that the main process has registered.
+    """
     from joblib.externals.loky import process_executor
+
+    for one in algorithms:
+        register(one.name, one.load(), title=one.title, source=one.source)
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     process_executor._MAX_MEMORY_LEAK_SIZE = _LEAK

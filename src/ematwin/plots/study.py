@@ -1,12 +1,28 @@
-"""The figures of a study for a page, by plotly: they can be enlarged, and tell their numbers."""
+"""Figures of a study, by plotly: they can be enlarged, and tell their numbers."""
 
 import math
 from typing import Any
 
 import numpy as np
 
-from ematwin.comparison.report.study_figures import Bars, Box, Figure, Panel, Spread, Stairs
-from ematwin.plots.style import styled
+from ematwin.plots.panels import Bars, Box, Figure, Panel, Spread, Stairs
+from ematwin.plots.style import GREY, styled
+
+
+def plot_study(analysis: Any) -> dict[str, Any]:
+    """Every figure of a study by its heading.
+
+    Means with their intervals, convergence, distributions of Err%, evaluations to target.
+
+    Parameters
+    ----------
+    analysis : `StudyAnalysis`, as `ematwin.compare` gives it
+
+    Returns
+    -------
+    dict of plotly.graph_objects.Figure
+    """
+    return {figure.heading: interactive(figure) for figure in analysis.figures.all}
 
 
 def interactive(figure: Figure) -> Any:
@@ -122,16 +138,25 @@ def _spread(drawn: Any, spread: Spread, first: bool, where: dict[str, int]) -> N
 
 
 def _box(drawn: Any, box: Box, first: bool, where: dict[str, int]) -> None:
-    low, q1, median, q3, high = ([value] for value in box.quantiles)
-    drawn.add_box(
-        x=[box.name], q1=short(q1), median=short(median), q3=short(q3), lowerfence=short(low),
-        upperfence=short(high), name=box.name, legendgroup=box.name, marker_color=box.color,
-        showlegend=first, **where,
+    """Quartiles as a bar, extremes as whiskers, the median as a dash."""
+    low, q1, median, q3, high = box.quantiles.tolist()
+    shared = {"x": [box.name], "legendgroup": box.name, "name": box.name, "showlegend": False}
+    drawn.add_bar(
+        **{**shared, "showlegend": first}, y=short([q3 - q1]), base=short([q1]), width=0.5,
+        marker={"color": box.color, "opacity": 0.45, "line": {"color": box.color, "width": 1.5}},
+        hovertemplate=f"quartiles {q1:.3g} to {q3:.3g}, median {median:.3g}, "
+        f"{low:.3g} to {high:.3g}<extra>{box.name}</extra>", **where,
+    )  # fmt: skip
+    drawn.add_scatter(
+        **shared, y=short([median]), mode="markers", hoverinfo="skip",
+        marker={"symbol": "line-ew", "size": 18, "line": {"color": box.color, "width": 3}},
+        error_y={"type": "data", "symmetric": False, "array": short([high - median]),
+                 "arrayminus": short([median - low]), "color": GREY, "thickness": 1, "width": 4},
+        **where,
     )  # fmt: skip
     if len(box.points):
         drawn.add_scatter(
-            x=[box.name] * len(box.points), y=short(box.points), mode="markers",
-            legendgroup=box.name, name=box.name, showlegend=False,
+            **{**shared, "x": [box.name] * len(box.points)}, y=short(box.points), mode="markers",
             marker={"color": box.color, "size": 4, "opacity": 0.6}, **where,
         )  # fmt: skip
 

@@ -1,0 +1,198 @@
+"""Figures of an identification: what was found, how it fits, how the search went."""
+
+from typing import Any
+
+import numpy as np
+
+from ematwin.errors import InputError
+from ematwin.estimation.identify import Identification
+from ematwin.plots.style import (
+    AMBER,
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PALE,
+    line,
+    stacked,
+    styled,
+)
+from ematwin.recordings.recording import Recording
+
+_ROW = 34  # px of a bar
+
+
+def plot_faults(found: Identification) -> Any:
+    """How far each fault lies from healthy, with its interval, coloured by the verdict.
+
+    A bar is a share of the fault's range. Green agrees with healthy, amber has changed without a
+    name, orange is a fault that the verdict names; grey where there is no verdict or the value was
+    held. A diamond is the true value, where the recording is a simulation.
+
+    Returns
+    -------
+    plotly.graph_objects.Figure
+    """
+    from plotly.graph_objects import Figure
+
+    unknowns = {
+        one.name: one
+        for one in found.model.faults(found.actuator)
+        if one.name in found.values and one.direction_of is None
+    }
+    names = list(unknowns)[::-1]  # plotly draws from below
+
+    def deviation(name: str, value: float) -> float:
+        return 100.0 * (value - unknowns[name].healthy) / unknowns[name].width
+
+    at = {name: deviation(name, found.values[name]) for name in names}
+    ends = {
+        name: tuple(deviation(name, end) for end in found.intervals.get(name, ()))
+        or (at[name],) * 2
+        for name in names
+    }
+    figure = Figure()
+    for label, color, members in _by_verdict(found, names):
+        if not members:
+            continue
+        figure.add_bar(
+            y=members, x=[at[name] for name in members], orientation="h", name=label,
+            marker_color=color, width=0.62,
+            error_x={
+                "type": "data", "symmetric": False, "thickness": 1.6, "width": 5, "color": GREY,
+                "array": [max(ends[name][1] - at[name], 0.0) for name in members],
+                "arrayminus": [max(at[name] - ends[name][0], 0.0) for name in members],
+            },
+            customdata=[_hover(found, name) for name in members],
+            hovertemplate="%{customdata}<extra></extra>",
+        )  # fmt: skip
+    truth = true_faults(found)
+    if truth:
+        members = [name for name in names if name in truth]
+        figure.add_scatter(
+            y=members, x=[deviation(name, truth[name]) for name in members], mode="markers",
+            name="true (simulated)", marker={"symbol": "diamond-open", "size": 11, "color": BLUE,
+            "line": {"width": 2.5}}, hovertemplate="true: %{x:.3g} %<extra></extra>",
+        )  # fmt: skip
+    figure.update_yaxes(categoryorder="array", categoryarray=names)
+    figure.update_xaxes(title_text="deviation from healthy, % of its range", zeroline=True,
+                        zerolinewidth=2, ticksuffix=" %")  # fmt: skip
+    figure = styled(figure, 130 + _ROW * len(names))
+    figure.update_layout(hovermode="closest", barmode="overlay", margin_l=20)
+    return figure
+
+
+def _by_verdict(found: Identification, names: list[str]) -> list[tuple[str, str, list[str]]]:
+    """Label, colour and faults of each group of bars."""
+    free = [name for name in names if name in found.intervals]
+    groups: dict[str, list[str]] = {"fault": [], "changed": [], "healthy": [], "open": []}
+    for name in free:
+        healthy = next(
+            one.healthy for one in found.model.faults(found.actuator) if one.name == name
+        )
+        low, high = found.intervals[name]
+        if name in found.present:
+            groups["fault"].append(name)
+        elif found.verdict.grade == "none":
+            groups["open"].append(name)
+        elif found.verdict.grade == "changed" and not low <= healthy <= high:
+            groups["changed"].append(name)
+        else:
+            groups["healthy"].append(name)
+    held = [name for name in names if name not in free]
+    return [
+        ("fault", ORANGE, groups["fault"]),
+        ("changed", AMBER, groups["changed"]),
+        ("agrees with healthy", GREEN, groups["healthy"]),
+        ("no verdict", GREY, groups["open"]),
+        ("held", PALE, held),
+    ]
+
+
+def true_faults(found: Identification) -> dict[str, float]:
+    """The faults that were simulated, by name; empty where a recording was measured."""
+    if found.provenance.get("source") != "simulated":
+        return {}
+    told = found.provenance.get("faults") or {}
+    return {name: float(value) for name, value in told.items()}
+
+
+def _hover(found: Identification, name: str) -> str:
+    row = next(row for row in found.physical if row.name == name)
+    unit = f" {row.unit}".rstrip()
+    ends = found.physical_values.get(name)
+    between = "" if ends is None else f"<br>95 %: {ends[1]:.3g} to {ends[2]:.3g}{unit}"
+    return f"{row.meaning}<br>{row.value:.4g}{unit}, healthy {row.healthy:.4g}{unit}{between}"
+
+
+def plot_fit(found: Identification, recording: Recording | None = None) -> Any:
+    """Measured and fitted channels over time, and their differences.
+
+    Parameters
+    ----------
+    recording : that was identified; None takes the one that the identification keeps
+
+    Returns
+    -------
+    plotly.graph_objects.Figure
+
+    Raises
+    ------
+    InputError
+        If the identification keeps no recording and none is given.
+    """
+    recording = recording or found.recording
+    if recording is None:
+        raise InputError(
+            "The identification keeps no recording; give it: plot_fit(found, recording)."
+        )
+    model = found.model
+    comparison = model.compare(recording, found.actuator)
+    values = {**found.fitted, **found.values}
+    healthy_values = {**values, **_healthy_faults(found)}
+    both = {name: np.array([value, healthy_values[name]]) for name, value in values.items()}
+    answers = comparison.responses(both, 2)
+    measured = comparison.measured()
+    captions = comparison.captions()
+    titles = [text for name in measured for text in (captions[name][0], "Residual")]
+    units = [captions[name][1] for name in measured for _ in range(2)]
+    figure = stacked(titles, units, "time, s", height=110 + 240 * len(titles))
+    time = recording.time
+    for n, (name, target) in enumerate(measured.items()):
+        fitted, healthy = answers[name]
+        # the measured line is wide and pale, so that it shows under the fitted one
+        line(figure, 2 * n + 1, time, target, "measured", PALE, width=5)
+        line(figure, 2 * n + 1, time, healthy, "healthy twin", BLUE, dash="dot")
+        line(figure, 2 * n + 1, time, fitted, "fitted", ORANGE)
+        line(figure, 2 * n + 2, time, target - fitted, "measured - fitted", GREY)
+    return figure
+
+
+def _healthy_faults(found: Identification) -> dict[str, float]:
+    """Healthy values of the faults; nuisances stay as they were found."""
+    return {one.name: one.healthy for one in found.model.faults(found.actuator)}
+
+
+def plot_convergence(found: Any) -> Any:
+    """Best cost over the simulations of a search.
+
+    Parameters
+    ----------
+    found : Identification, or the `MinimizeResult` of `ematwin.minimize`
+
+    Returns
+    -------
+    plotly.graph_objects.Figure
+    """
+    if isinstance(found, Identification):
+        evaluations, cost = found.history.T
+        title, unit, each = "Best misfit so far", "misfit", "simulations"
+    else:
+        evaluations, cost = found.history.evaluations, found.history.cost
+        title, unit, each = "Best cost so far", "cost", "evaluations"
+    figure = stacked([title], [unit], each, height=340)
+    finite = np.isfinite(cost)
+    line(figure, 1, evaluations[finite], cost[finite], found.algorithm, BLUE, shape="hv")
+    if (cost[finite] > 0.0).all():
+        figure.update_yaxes(type="log", dtick=1, exponentformat="power")
+    return figure

@@ -1,0 +1,99 @@
+"""A progress bar: of rich in a terminal, of HTML in a notebook.
+
+Bars of rich and tqdm need ipywidgets in a notebook; what a notebook can always do is to show a
+piece of HTML anew.
+"""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from html import escape
+from typing import Any, Protocol
+
+_PAUSE = 0.1  # s between two pictures
+
+
+class Bar(Protocol):
+    """Takes the share done, in [0, 1], and a few words."""
+
+    def __call__(self, share: float, words: str = "") -> None:
+        """Show it."""
+        ...  # pragma: no cover
+
+
+@contextmanager
+def bar(title: str) -> Iterator[Bar]:
+    """A bar that goes when the work is done; nothing where there is no terminal or notebook."""
+    if in_notebook():
+        yield from _in_notebook(title)
+    else:
+        yield from _in_terminal(title)
+
+
+@contextmanager
+def told(progress: Callable[[float], None] | bool | None, title: str) -> Iterator[Any]:
+    """What takes the share done: what was given, a bar where that is True, else None."""
+    if not isinstance(progress, bool):
+        yield progress
+    elif not progress:
+        yield None
+    else:
+        with bar(title) as show:
+            yield show
+
+
+def in_notebook() -> bool:
+    """Whether this runs in a notebook, or another front end that shows HTML."""
+    import sys
+
+    if "IPython" not in sys.modules:
+        return False
+    from IPython import get_ipython
+
+    shell = get_ipython()
+    return shell is not None and hasattr(shell, "kernel")
+
+
+def _in_notebook(title: str) -> Iterator[Bar]:
+    from IPython.display import HTML, display
+
+    shown: Any = display(HTML(_html(title, 0.0, "")), display_id=True)
+    last = 0.0
+
+    def update(share: float, words: str = "") -> None:
+        nonlocal last
+        now = time.monotonic()
+        if now - last >= _PAUSE:
+            last = now
+            shown.update(HTML(_html(title, share, words)))
+
+    try:
+        yield update
+    finally:
+        shown.update(HTML(""))
+
+
+def _html(title: str, share: float, words: str) -> str:
+    share = min(max(share, 0.0), 1.0)
+    return (
+        f'<div>{escape(title)} <progress max="1" value="{share:.3f}"></progress> '
+        f"{100.0 * share:.0f} % {escape(words)}</div>"
+    )
+
+
+def _in_terminal(title: str) -> Iterator[Bar]:
+    from rich.console import Console
+    from rich.markup import escape as plain
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
+    from rich.progress import TimeRemainingColumn as Left
+
+    console = Console(stderr=True)
+    columns = (
+        TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(),
+        TextColumn("{task.fields[words]}"), Left(),
+    )  # fmt: skip
+    with Progress(
+        *columns, console=console, transient=True, disable=not console.is_terminal
+    ) as shown:
+        task = shown.add_task(plain(title), total=1.0, words="")
+        yield lambda share, words="": shown.update(task, completed=share, words=words)

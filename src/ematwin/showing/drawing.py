@@ -1,0 +1,30 @@
+"""Results that draw themselves: the function of `ematwin.plots` that is asked for, by its name.
+
+The import is by name and at the call, so that no result depends on the figures of it: they stand
+above the results (docs/architecture.md), and plotly loads only where something is drawn.
+"""
+
+from collections.abc import Mapping
+from importlib import import_module
+from typing import Any
+
+from ematwin.errors import InputError
+
+
+def drawn(result: Any, kind: str, functions: Mapping[str, str]) -> Any:
+    """The figure of a result.
+
+    Parameters
+    ----------
+    result : what is drawn
+    kind : which of its figures
+    functions : kind to the name of a function of `ematwin.plots`
+
+    Raises
+    ------
+    InputError
+        If there is no such figure.
+    """
+    if kind not in functions:
+        raise InputError(f"There is no figure {kind!r}; choose {' or '.join(functions)}.")
+    return getattr(import_module("ematwin.plots"), functions[kind])(result)

@@ -1,0 +1,42 @@
+"""Tables of pandas, which is optional: imported where a table is made."""
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from ematwin.errors import MissingExtraError
+
+
+def frame(columns: Mapping[str, Any], index: str | None = None) -> Any:
+    """A pandas DataFrame of columns by name.
+
+    Parameters
+    ----------
+    columns : name to (N,) values
+    index : name of the column that labels the rows
+
+    Raises
+    ------
+    MissingExtraError
+        If pandas is not installed; the message names the command that installs it.
+    """
+    made = _pandas().DataFrame(dict(columns))
+    return made if index is None else made.set_index(index)
+
+
+def frame_of_rows(rows: Iterable[Mapping[str, Any]], index: str | None = None) -> Any:
+    """A pandas DataFrame of rows; what a row does not have is missing."""
+    made = _pandas().DataFrame(list(rows))
+    return made if index is None else made.set_index(index)
+
+
+def is_frame(value: Any) -> bool:
+    """Whether something is a table of pandas, or of another library with that interface."""
+    return hasattr(value, "columns") and hasattr(value, "to_numpy") and hasattr(value, "index")
+
+
+def _pandas() -> Any:
+    try:
+        import pandas
+    except ImportError:
+        raise MissingExtraError("pandas", "pandas", "A table") from None
+    return pandas

@@ -1,0 +1,55 @@
+"""``ematwin channels`` as its users meet it: a file, a map, a page."""
+
+import json
+import tomllib
+from pathlib import Path
+
+import numpy as np
+
+from browser import seen_at
+from ematwin.testing.reader_contract import bench_channels
+
+
+def bench_file(folder: Path, command: str = "Sollwert [°]") -> Path:
+    channels = bench_channels()
+    names = ["Zeit [ms]", command, "Strom U [mA]", "Strom V [mA]", "Kanal <b>"]
+    columns = [
+        1e3 * channels["time"], np.degrees(channels["command"]), 1e3 * channels["current_a"],
+        1e3 * channels["current_b"], channels["time"],
+    ]  # fmt: skip
+    rows = [";".join(f"{x:.6g}".replace(".", ",") for x in row) for row in np.column_stack(columns)]
+    path = folder / "bench.csv"
+    path.write_bytes("\r\n".join(["Prüfstand", ";".join(names), *rows, ""]).encode("cp1252"))
+    return path
+
+
+def test_a_map_is_shown_and_written_and_can_be_read(ematwin, tmp_path: Path) -> None:
+    bench_file(tmp_path)
+    answer = ematwin("channels", "bench.csv", "--write", "map.toml", "--plot", "page.html")
+    assert answer.code == 0, answer.err
+    assert "Sollwert [°]" in answer.out
+    assert "▁" in answer.out
+    assert "20000 Hz" in answer.out
+    assert "Next: ematwin identify bench.csv --actuator servo48 --map map.toml" in answer.out
+    table = tomllib.loads((tmp_path / "map.toml").read_text("utf-8"))
+    assert table["columns"]["command"] == {"channel": "Sollwert [°]", "unit": "°"}
+    seen = seen_at(tmp_path / "page.html", tmp_path)
+    for width, found in seen.items():
+        assert found["figures"], width
+        assert (found["wider"], found["cut"], found["out"]) == (0, 0, []), width
+    assert "<b>" not in (tmp_path / "page.html").read_text("utf-8").split("</head>")[1]
+
+
+def test_what_is_open_is_asked_and_not_written(ematwin, tmp_path: Path) -> None:
+    bench_file(tmp_path, "Sollwert")
+    answer = ematwin("channels", "bench.csv", "--write", "map.toml", "--json")
+    assert answer.code == 0, answer.err
+    told = json.loads(answer.out)
+    assert not told["map"]["complete"]
+    assert told["map"]["columns"]["command"]["units"] == ["rad", "deg"]
+    text = (tmp_path / "map.toml").read_text("utf-8")
+    assert "command" not in tomllib.loads(text)["columns"]
+    assert '# command = { channel = "Sollwert", unit = "deg" }' in text
+    answer = ematwin("identify", "bench.csv", "--map", "map.toml")
+    assert answer.code == 2
+    assert "no channel for command" in answer.err

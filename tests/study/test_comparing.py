@@ -1,0 +1,43 @@
+"""A study from Python: one call, with an algorithm of one's own in the worker processes."""
+
+from pathlib import Path
+
+import pytest
+
+import ematwin
+from ematwin.errors import InputError
+from ematwin.optimizers import registry
+from ematwin.optimizers.random_search import RandomSearch
+
+
+def test_a_study_of_an_own_algorithm_in_one_call(tmp_path: Path) -> None:
+    class Own(RandomSearch):
+        """Not importable by the workers: it travels with them."""
+
+    ematwin.register("own", Own)
+    seen = []
+    try:
+        study = ematwin.compare(
+            ["random", "own"], {"worn": {"friction": 2.0}}, runs=2, population=6, iterations=3,
+            actuator="rm1605", workers=1, store=tmp_path / "study.db", progress=seen.append,
+        )  # fmt: skip
+    finally:
+        registry._REGISTERED.clear()
+    assert study.table.done.all()
+    assert list(study.to_frame()["algorithm"]) == study.table.algorithms
+    assert len(study.to_frame("run")) == 4
+    assert seen[-1].complete == 4
+    figures = study.plot()
+    assert {"Convergence", "Distribution of Err%"} <= set(figures)
+    assert all(figure.data for figure in figures.values())
+    html = study._repr_html_()
+    assert html.index("4 runs, 4 ended well") < html.index("<table")
+    with pytest.raises(InputError, match="each must be cell or run"):
+        study.to_frame("day")
+
+
+def test_a_wrong_case_is_named() -> None:
+    with pytest.raises(InputError, match="Case 'worn': Unknown fault 'fricton'"):
+        ematwin.compare(["random"], {"worn": {"fricton": 2.0}}, actuator="rm1605")
+    with pytest.raises(InputError, match="workers must be at least 1"):
+        ematwin.compare(["random"], actuator="rm1605", workers=0)

@@ -1,0 +1,257 @@
+"""Which channel is which, proposed: right where the file tells, a question where it does not."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+import scipy.io
+from asammdf import MDF, Signal
+from nptdms import ChannelObject, TdmsWriter
+
+import ematwin
+from ematwin.models.proposing import propose_map
+from ematwin.recordings.proposal import Proposal
+from ematwin.recordings.survey import survey
+from ematwin.recordings.thin import extremes
+from ematwin.recordings.words import said_by
+from ematwin.testing.reader_contract import bench_channels
+
+CHANNELS = bench_channels()
+TIME, COMMAND = CHANNELS["time"], CHANNELS["command"]
+A, B, C = (CHANNELS[f"current_{letter}"] for letter in "abc")
+LOAD = np.where(TIME > 0.05, 10.0, 0.0)
+DEGREES = np.degrees(COMMAND)
+
+
+def ugly(path: Path, columns: dict[str, np.ndarray]) -> Path:
+    """As a bench program of a German PC writes: cp1252, semicolons, decimal comma, a preamble."""
+    lines = ["Prüfstand 7;Datum: 21.11.2026;;", "Bediener: Müller;;;", "", ";".join(columns)]
+    for row in np.column_stack(list(columns.values())):
+        lines.append(";".join(f"{value:.7g}".replace(".", ",") for value in row))
+    path.write_bytes("\r\n".join([*lines, ""]).encode("cp1252"))
+    return path
+
+
+def channel_of(proposal: Proposal) -> dict[str, str]:
+    return {name: entry.channel for name, entry in proposal.entries.items()}
+
+
+def test_an_ugly_german_file_is_understood_and_its_map_reads_it(tmp_path: Path) -> None:
+    path = ugly(
+        tmp_path / "bench.csv",
+        {
+            "Zeit [ms]": 1e3 * TIME, "Sollwert Lage [°]": DEGREES, "Strom U [mA]": 1e3 * A,
+            "Strom V [mA]": 1e3 * B, "Strom W [mA]": 1e3 * C, "Lastmoment [Nm]": LOAD,
+            "Temp Motor [°C]": np.full(TIME.size, 23.5), "Sollwert Strom [A]": A,
+        },
+    )  # fmt: skip
+    proposal = propose_map(path)
+    assert channel_of(proposal) == {
+        "time": "Zeit [ms]", "command": "Sollwert Lage [°]", "load": "Lastmoment [Nm]",
+        "current_a": "Strom U [mA]", "current_b": "Strom V [mA]", "current_c": "Strom W [mA]",
+    }  # fmt: skip
+    assert proposal.is_complete
+    assert not proposal.questions
+    assert "Temp Motor [°C]" in proposal.unused
+    (tmp_path / "map.toml").write_text(proposal.as_toml(), encoding="utf-8")
+    record = ematwin.read(path, tmp_path / "map.toml")
+    np.testing.assert_allclose(record.command, COMMAND, atol=1e-8)
+    np.testing.assert_allclose(record.current_b, B, atol=1e-6)
+
+
+def test_units_that_nobody_states_are_told_only_where_one_is_plausible(tmp_path: Path) -> None:
+    path = ugly(
+        tmp_path / "bench.csv",
+        {"Zeit": 1e3 * TIME, "Sollwert": DEGREES, "Strom U": 1e3 * A, "Strom V": 1e3 * B},
+    )
+    proposal = propose_map(path)
+    units = {name: entry.unit for name, entry in proposal.entries.items()}
+    assert units == {"time": "ms", "current_a": "mA", "current_b": "mA", "command": ""}
+    assert proposal.entries["command"].units == ("rad", "deg")
+    assert not proposal.is_complete
+    assert any("rad or deg are equally plausible" in one.sentence for one in proposal.questions)
+    assert '# command = { channel = "Sollwert", unit = "deg" }' in proposal.as_toml()
+    assert "command" not in proposal.columns()
+    reason = " ".join(proposal.entries["time"].reasons)
+    assert "a sample every 5e-05 s" in reason
+    assert "sampled at 20 Hz" in reason  # why not seconds, in the words of the kind's own check
+
+
+def test_degrees_beyond_the_end_stops_cannot_be_radians(tmp_path: Path) -> None:
+    wide = 100.0 * COMMAND
+    path = ugly(
+        tmp_path / "bench.csv",
+        {"Zeit [s]": TIME, "Sollwert": np.degrees(wide), "Strom U [A]": A, "Strom V [A]": B},
+    )
+    entry = propose_map(path).entries["command"]
+    assert (entry.unit, entry.unit_from) == ("deg", "plausibility")
+    assert "would be refused" in entry.reasons[-1]
+
+
+@pytest.mark.parametrize(
+    ("names", "asked"),
+    [
+        (["Soll 1 [deg]", "Soll 2 [deg]"], "“Soll 1 [deg]” and “Soll 2 [deg]” are equally likely"),
+        (["links/Sollwert [deg]", "rechts/Sollwert [deg]"], "equally likely to be command"),
+    ],
+)
+def test_two_channels_that_are_equally_likely_are_asked_for(
+    tmp_path: Path, names: Sequence[str], asked: str
+) -> None:
+    path = ugly(
+        tmp_path / "bench.csv",
+        {"Zeit [s]": TIME, **dict.fromkeys(names, DEGREES), "Strom U [A]": A, "Strom V [A]": B},
+    )
+    proposal = propose_map(path)
+    assert "command" not in proposal.entries
+    assert asked in proposal.questions[0].sentence
+    assert len(proposal.questions[0].lines) == 2
+    assert not proposal.is_complete
+
+
+def test_an_angle_without_a_shaft_goes_by_how_far_it_moves(tmp_path: Path) -> None:
+    known = {"Zeit [s]": TIME, "Setpoint [deg]": DEGREES, "Phase A [A]": A, "Phase B [A]": B}
+    for factor, name in ((0.97, "output_position"), (500.0, "motor_position")):
+        path = ugly(tmp_path / "bench.csv", {**known, "Position [deg]": factor * DEGREES})
+        proposal = propose_map(path)
+        assert channel_of(proposal)[name] == "Position [deg]"
+        assert "times as far as the command" in proposal.entries[name].reasons[0]
+    path = ugly(tmp_path / "bench.csv", {**known, "Position [deg]": 3.0 * DEGREES})
+    proposal = propose_map(path)  # of neither shaft
+    assert not {"output_position", "motor_position"} & proposal.entries.keys()
+    assert "motor_position or output_position" in proposal.questions[0].sentence
+
+
+def test_other_quantities_are_not_taken_for_what_they_resemble(tmp_path: Path) -> None:
+    path = ugly(
+        tmp_path / "bench.csv",
+        {
+            "t [s]": TIME, "Speed setpoint [rpm]": A, "Current setpoint [A]": A,
+            "Motor torque [Nm]": B, "Position limit [deg]": C, "U_a [V]": A,
+        },
+    )  # fmt: skip
+    proposal = propose_map(path)
+    assert set(proposal.entries) == {"time", "voltage_a"}
+    needed = [one.sentence for one in proposal.questions if one.needed]
+    assert any("command" in sentence for sentence in needed)
+    assert any("current" in sentence for sentence in needed)
+
+
+def write_parquet(path: Path) -> None:
+    units = {"Time": ("ms", 1e3 * TIME), "Setpoint": ("deg", DEGREES), "iU": ("A", A),
+             "iV": ("A", B)}  # fmt: skip
+    fields = [pa.field(name, pa.float64(), metadata={"unit": unit})
+              for name, (unit, _) in units.items()]  # fmt: skip
+    columns = [pa.array(values) for _, values in units.values()]
+    pq.write_table(pa.table(columns, schema=pa.schema(fields)), path)
+
+
+def write_mdf(path: Path) -> None:
+    with MDF(version="4.10") as mdf:
+        signals = [("Setpoint", DEGREES, "deg"), ("Phase A", A, "A"), ("Phase B", B, "A")]
+        mdf.append([Signal(x, TIME, name=name, unit=unit) for name, x, unit in signals])
+        mdf.save(path)
+
+
+def write_tdms(path: Path) -> None:
+    wave = {"wf_increment": 5e-5, "wf_start_offset": 0.0}
+    with TdmsWriter(path) as writer:
+        writer.write_segment(
+            [
+                ChannelObject("bench", name, x, {**wave, "unit_string": unit})
+                for name, x, unit in [("SetPoint", DEGREES, "deg"), ("Current L1", A, "A"),
+                                      ("Current L2", B, "A")]
+            ]
+        )  # fmt: skip
+
+
+def write_mat(path: Path) -> None:
+    scipy.io.savemat(
+        path, {"run": {"t_ms": 1e3 * TIME, "phi_soll_deg": DEGREES, "i_a": A, "i_b": B}}
+    )
+
+
+def write_hdf5(path: Path) -> None:
+    with h5py.File(path, "w") as file:
+        for name, x, unit in [("time", TIME, "s"), ("demand", DEGREES, "deg"),
+                              ("current 1", A, "A"), ("current 2", B, "A")]:  # fmt: skip
+            file[f"run/{name}"] = x
+            file[f"run/{name}"].attrs["unit"] = unit
+
+
+@pytest.mark.parametrize(
+    ("ending", "write"),
+    [
+        ("parquet", write_parquet), ("mf4", write_mdf), ("tdms", write_tdms), ("mat", write_mat),
+        ("h5", write_hdf5),
+    ],
+)  # fmt: skip
+def test_every_format_is_surveyed_and_mapped(tmp_path: Path, ending: str, write) -> None:  # type: ignore[no-untyped-def]
+    path = tmp_path / f"run.{ending}"
+    write(path)
+    found = survey(path)
+    proposal = propose_map(path, found=found)
+    assert {"command", "current_a", "current_b"} <= set(proposal.columns())
+    record = ematwin.read(path, proposal.columns())
+    assert record.sample_rate == pytest.approx(20_000)
+    np.testing.assert_allclose(record.command, COMMAND, atol=1e-8)
+    np.testing.assert_allclose(record.current_b, B, atol=1e-8)
+    command = found[proposal.entries["command"].channel]
+    assert command.unit == "deg"
+    assert command.high == pytest.approx(np.degrees(0.005), rel=1e-3)
+    assert command.samples == TIME.size
+
+
+def test_another_kind_is_asked_for_its_own_channels(tmp_path: Path) -> None:
+    position = 0.1 * np.sin(20.0 * TIME)
+    path = ugly(
+        tmp_path / "axis.csv",
+        {"t [ms]": 1e3 * TIME, "Demand [mm]": 1e3 * position,
+         "Following error [mm]": 0.01 * position, "Drive current [A]": A},
+    )  # fmt: skip
+    proposal = propose_map(path, "rm1605")
+    assert channel_of(proposal) == {
+        "time": "t [ms]", "set_point": "Demand [mm]", "position_error": "Following error [mm]",
+        "current": "Drive current [A]",
+    }  # fmt: skip
+
+
+def test_a_file_of_text_and_holes_is_still_listed(tmp_path: Path) -> None:
+    path = tmp_path / "odd.csv"
+    rows = [f"{t:.5f};{'on' if t < 0.05 else 'off'};{'' if t > 0.09 else f'{t:.3f}'}" for t in TIME]
+    path.write_text("\n".join(["t [s];state;level", *rows, ""]), encoding="utf-8")
+    found = survey(path)
+    assert found["state"].text == "on, off"
+    assert found["level"].missing == int((TIME > 0.09).sum())
+    assert found["t [s]"].unit == "s"
+
+
+@pytest.mark.parametrize(
+    ("name", "quantity", "place", "phase"),
+    [
+        ("Phase A", None, "", "a"), ("I_a", "current", "", "a"), ("Strom U", "current", "", "a"),
+        ("iL2", "current", "", "b"), ("current3", "current", "", "c"), ("Iq", "current", "", "q"),
+        ("theta_m", "position", "motor", ""), ("n_mot", "speed", "motor", ""),
+        ("U_dc", "voltage", "bus", ""), ("M_Last", "load", "", ""), ("Zeit", "time", "", ""),
+        ("SetPoint", "command", "", ""), ("Schleppfehler", "error", "", ""),
+    ],
+)  # fmt: skip
+def test_words_of_benches_are_known(name: str, quantity: str, place: str, phase: str) -> None:
+    said = said_by(name)
+    assert said.quantities == ({quantity} if quantity else set())
+    assert (said.place, said.phase) == (place, phase)
+
+
+def test_thinning_keeps_every_spike() -> None:
+    values = np.sin(np.linspace(0.0, 30.0, 100_003))
+    values[54_321], values[777] = 9.0, -9.0
+    values[2000:2400] = np.nan
+    kept = extremes(values, 500)
+    assert len(kept) <= 504
+    assert {0, 777, 54_321, len(values) - 1} <= set(kept.tolist())
+    assert np.all(np.diff(kept) > 0)
+    np.testing.assert_array_equal(extremes(values[:100], 500), np.arange(100))
