@@ -70,6 +70,7 @@ def test_report_opens_in_a_browser_and_loads_nothing(ematwin, folder: Path) -> N
     assert "Friction +60 %" in document
     assert "CONSOLE" not in log, [line for line in log.splitlines() if "CONSOLE" in line]
     text = page.read_text(encoding="utf-8")
+    assert len(text) < 1.5e6
     assert not re.search(r"<(script|link|img|iframe)[^>]*(src|href)\s*=\s*[\"']?http", text)
 
 

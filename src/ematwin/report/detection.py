@@ -56,7 +56,7 @@ def verdict_table(verdicts: tuple[Verdict, ...]) -> Table:
         if verdict.covariate is not None:
             cells.append(str(verdict.covariate))
         rows.append(Row(cells, marked=verdict.alarm))
-    return Table(header, rows)
+    return Table(header, rows, texts=(1,))
 
 
 def _facts(found: Detection) -> dict[str, str]:

@@ -1,10 +1,12 @@
 """Page: a study of algorithms, beside the paper's."""
 
+import math
 from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
 from ematwin.comparison.analysis.claims import OPEN
+from ematwin.comparison.analysis.conclusions import shown
 from ematwin.comparison.analysis.diagnosis import THRESHOLD
 from ematwin.comparison.analysis.ranks import ALPHA
 from ematwin.comparison.analysis.study import StudyAnalysis
@@ -38,8 +40,13 @@ def study_page(
         return {"figure": interactive(figure)}
 
     table = analysis.table
+    counted = (
+        f"{len(table)} runs: {_counted(len(table.algorithms), 'algorithm')} on "
+        f"{_counted(len(table.cases), 'case')}. {int(table.done.sum())} ended well"
+        f"{_failed(analysis)}. Every number here is computed from the store alone."
+    )
     sections = [
-        Section("What can and cannot be concluded", points=analysis.conclusions),
+        Section("What can and cannot be concluded", text=counted, points=analysis.conclusions),
         *_claims(analysis),
         *_bars(figures, draw),
         *_coefficients(analysis),
@@ -50,12 +57,38 @@ def study_page(
         _failures(analysis),
         Section("How it was made", facts=_facts(analysis)),
     ]
-    lead = (
-        f"{len(table)} runs: {_counted(len(table.algorithms), 'algorithm')} on "
-        f"{_counted(len(table.cases), 'case')}. {int(table.done.sum())} ended well"
-        f"{_failed(analysis)}. Every number here is computed from the store alone."
+    return render("Comparison of identification algorithms", lead_of(analysis), sections)
+
+
+def lead_of(analysis: StudyAnalysis) -> str:
+    """Who errs least, in a sentence, and whether that is more than chance."""
+    wins: Counter[str] = Counter()
+    judged = 0
+    for row in analysis.cells:
+        done = [cell for cell in row if cell.done and math.isfinite(cell.metrics["err"].mean)]
+        if len(done) == len(row) and done:
+            judged += 1
+            wins[min(done, key=lambda cell: cell.metrics["err"].mean).algorithm] += 1
+    if not wins or len(analysis.table.algorithms) < 2:
+        done_runs = int(analysis.table.done.sum())
+        return f"{done_runs} of {_counted(len(analysis.table), 'run')} ended well."
+    best, count = wins.most_common(1)[0]
+    tied = [name for name, won in wins.items() if won == count]
+    if len(tied) > 1:
+        return (
+            f"{' and '.join(map(shown, tied))} have the lowest mean Err% equally often, on {count} "
+            f"of {_counted(judged, 'case')} each."
+        )
+    told = [pair for pair in analysis.ranks.pairs if best in (pair.first, pair.second)]
+    told = [pair for pair in told if pair.p_holm < ALPHA]
+    others = len(analysis.table.algorithms) - 1
+    sure = (
+        f"it differs from {len(told)} of {_counted(others, 'other')} by more than chance"
+        if told
+        else "no test tells that from chance"
     )
-    return render("Comparison of identification algorithms", lead, sections)
+    where = f"{count} of {_counted(judged, 'case')}"
+    return f"{shown(best)} has the lowest mean Err% on {where}; {sure}."
 
 
 def _within_page(svg: str) -> str:

@@ -1,0 +1,106 @@
+"""Pages in a real browser at three widths: nothing cut, no error, the verdict first, small."""
+
+import json
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import plotly.graph_objects as go
+import pytest
+
+import ematwin
+from browser import browse, seen_at
+from ematwin.comparison.analysis.study import analyse
+from ematwin.comparison.report.study import study_page
+from ematwin.comparison.report.study_figures import StudyFigures
+from ematwin.comparison.study.store import open_store
+from ematwin.report.comparison import comparison_page
+from ematwin.report.detection import detection_page
+from ematwin.report.identification import identification_page
+from ematwin.report.page import Row, Section, Table, columns_in_words, listed, render
+from synthetic_detection import detection
+
+STORE = Path(__file__).parents[1] / "data" / "0.1" / "study.db"
+
+
+@pytest.fixture(scope="module")
+def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    folder = tmp_path_factory.mktemp("pages")
+    faulty = ematwin.simulate(actuator="rm1605", faults={"friction": 2.0})
+    healthy = ematwin.simulate(actuator="rm1605")
+    found = ematwin.identify(faulty, "rm1605", exact=True)
+    shutil.copy(STORE, folder / "study.db")
+    with open_store(folder / "study.db") as store:
+        study = analyse(store.runs())
+    return {
+        "identify": identification_page(found, faulty),
+        "simulate": comparison_page(faulty, healthy, {"friction": 2.0}, found.actuator),
+        "detect": detection_page(detection(30)),
+        "compare": study_page(study, StudyFigures(study), {}),
+    }
+
+
+@pytest.mark.parametrize("name", ["identify", "simulate", "detect", "compare"])
+def test_nothing_is_cut_or_wrong_at_any_width(
+    pages: dict[str, str], tmp_path: Path, name: str
+) -> None:
+    page = tmp_path / f"{name}.html"
+    page.write_text(pages[name], encoding="utf-8")
+    for width, seen in seen_at(page, tmp_path).items():
+        assert seen["figures"] >= 1, width
+        assert (seen["wider"], seen["cut"], seen["out"]) == (0, 0, []), width
+    assert len(pages[name]) < 1.5e6
+    body = re.sub(r"<script.*?</script>", "", pages[name], flags=re.DOTALL)
+    assert not re.search(r"\{(&#39;|'|&#34;)\w", body)  # no dictionary as Python prints it
+    assert not re.search(r"<(script|link|img|iframe)[^>]*(src|href)\s*=\s*[\"']?http", pages[name])
+
+
+def test_the_verdict_stands_first_in_the_colour_of_its_grade(pages: dict[str, str]) -> None:
+    body = pages["identify"].split("<body>")[1]
+    assert re.match(r'\s*<header class="verdict fault">\s*<h1>.*?</h1>\s*<p class="lead">Friction',
+                    body)  # fmt: skip
+    assert '<header class="verdict fault">' in pages["detect"]
+    assert re.search(r'<p class="lead">[^<]* has the lowest mean Err%', pages["compare"])
+
+
+def test_tables_sort_and_filter(tmp_path: Path) -> None:
+    rows = [Row([f"row {n}", f"{value} N m"]) for n, value in enumerate([3, 20, 100, *range(12)])]
+    page = tmp_path / "table.html"
+    text = render("t", "l", [Section(table=Table(["name", "value"], rows))])
+    click = """<script>
+    document.querySelectorAll("th")[1].click(); document.querySelectorAll("th")[1].click();
+    const field = document.querySelector(".filter"); field.value = "100 row";
+    field.dispatchEvent(new Event("input"));
+    document.title = JSON.stringify({
+      first: document.querySelector("tbody tr td").textContent,
+      shown: [...document.querySelectorAll("tbody tr")].filter((row) => !row.hidden).length,
+    });</script></body>"""
+    page.write_text(text.replace("</body>", click), encoding="utf-8")
+    document, log = browse(page, tmp_path)
+    assert "CONSOLE" not in log
+    title = re.search(r"<title>(.*?)</title>", document)
+    assert title is not None
+    assert json.loads(title[1]) == {"first": "row 2", "shown": 1}  # 100 N m is the most
+
+
+def test_a_figure_the_small_bundle_cannot_draw_takes_the_whole_one() -> None:
+    small = render("t", "l", [Section(figure=go.Figure(go.Scatter(x=[1], y=[1])))])
+    whole = render("t", "l", [Section(figure=go.Figure(go.Heatmap(z=np.eye(2))))])
+    assert len(small) < 1.4e6 < 3e6 < len(whole)
+
+
+def test_what_a_figure_says_cannot_end_its_script() -> None:
+    figure = go.Figure(go.Scatter(x=[1], y=[1], name="</script><b>"))
+    assert "</script><b>" not in render("t", "l", [Section(figure=figure)])
+
+
+def test_plain_values_are_told_in_words() -> None:
+    assert listed({"white": 0.02, "bits": 12, "offset": None}) == (
+        "white: 0.02; bits: 12; offset: none"
+    )
+    told = columns_in_words(
+        {"command": {"channel": "Soll", "unit": "deg", "unit_from": "name", "sign": -1},
+         "current_c": {"derived": "-(current_a + current_b)"}}
+    )  # fmt: skip
+    assert told == "command: “Soll” in deg, sign -1; current_c: -(current_a + current_b)"
