@@ -8,6 +8,7 @@ from pathlib import Path
 from ematwin import __version__
 
 _HERE = Path(__file__).parent
+_PLOTLY = next(resources.files("ematwin.report").joinpath("assets").glob("plotly-*.js"))
 sys.path.insert(0, str(_HERE))  # mathml.py
 # figures.py, for notebooks, which run in folders of their own
 os.environ["PYTHONPATH"] = os.pathsep.join(
@@ -46,6 +47,7 @@ napoleon_use_ivar = True
 html_static_path = [
     "_static",
     str(resources.files("ziamath") / "fonts" / "STIXTwoMath-Regular.ttf"),
+    str(_PLOTLY),
 ]
 html_css_files = ["style.css"]
 html_theme = "furo"
@@ -67,6 +69,13 @@ def one_line_fields(app, what, name, obj, options, lines):  # type: ignore[no-un
     lines[:] = found
 
 
+def with_plotly(app, pagename, templatename, context, doctree):  # type: ignore[no-untyped-def]
+    """Load the script of figures where there are some."""
+    if pagename.startswith("notebooks/"):
+        app.add_js_file(_PLOTLY.name)
+
+
 def setup(app):  # type: ignore[no-untyped-def]
     """Before napoleon, whose priority is 500."""
     app.connect("autodoc-process-docstring", one_line_fields, priority=400)
+    app.connect("html-page-context", with_plotly)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 PROJECT = Path(__file__).parents[2]
-PAGES = [PROJECT / "README.md", *sorted((PROJECT / "docs").glob("*.md"))]
+PAGES = [PROJECT / "README.md", *sorted((PROJECT / "docs").rglob("*.md"))]
 
 
 def blocks(path: Path, language: str) -> list[str]:
@@ -46,8 +46,9 @@ def test_every_link_between_pages_leads_somewhere():
 
 def test_every_page_is_in_the_table_of_contents():
     contents = "".join(blocks(PROJECT / "docs" / "index.md", r"\{toctree\}"))
-    listed = re.findall(r"^([\w-]+)$", contents, re.MULTILINE)
-    pages = {path.stem for path in (PROJECT / "docs").glob("*.md")} - {"index"}
+    listed = re.findall(r"^([\w/-]+)$", contents, re.MULTILINE)
+    docs = PROJECT / "docs"
+    pages = {str(path.relative_to(docs).with_suffix("")) for path in docs.rglob("*.md")} - {"index"}
     assert pages == set(listed)
 
 

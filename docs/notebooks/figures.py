@@ -1,0 +1,21 @@
+"""Figures of notebooks as these pages show them: the script that draws them comes with the site."""
+
+from typing import Any
+
+from plotly.io import renderers, to_html
+from plotly.io.base_renderers import MimetypeRenderer
+
+
+class Page(MimetypeRenderer):
+    """HTML of a figure that is drawn when the page and its scripts are there."""
+
+    def to_mimebundle(self, fig_dict: dict[str, Any]) -> dict[str, str]:
+        """The figure as HTML without plotly's script."""
+        html = to_html(fig_dict, include_plotlyjs=False, full_html=False)
+        return {
+            "text/html": html.replace('<script type="text/javascript">', '<script type="module">')
+        }
+
+
+renderers["page"] = Page()
+renderers.default = "page"
