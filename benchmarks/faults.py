@@ -30,10 +30,13 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "study"))
 
+import processes
 import psutil
-from processes import RUNS, SMALL, finish, numbers, start, study, wait_for
+from processes import finish, numbers, wait_for
 
 Numbers = dict[str, tuple[Any, ...]]
+ONCE = ("--runs", "1")  # half of the study of the tests
+RUNS = processes.RUNS // 2
 CUSTOM = """
 import os, time
 _real, _path = time.time, os.environ.get("FAULTS_CLOCK")
@@ -49,6 +52,16 @@ if "FAULTS_LEASE" in os.environ:
     import ematwin.comparison.study.store as _store
     _store.LEASE = float(os.environ["FAULTS_LEASE"])
 """
+
+
+def start(*arguments: object, **environment: str) -> "subprocess.Popen[str]":
+    """Start the small study that is disturbed."""
+    return processes.start(*ONCE, *arguments, **environment)
+
+
+def study(*arguments: object, **environment: str) -> dict[str, Any]:
+    """Run it to its end."""
+    return finish(start(*arguments, **environment))
 
 
 class Bench:
@@ -141,7 +154,7 @@ def kill_main(bench: Bench) -> str:
     """kill -9 of the command, at any moment; the command is repeated."""
     where = bench.store()
     main = start("--store", where, "--workers", 2)
-    stored = bench.chance.randrange(RUNS - 8)
+    stored = bench.chance.randrange(RUNS - 6)
     if stored:
         wait_for(where, stored, main)
     else:
@@ -157,7 +170,7 @@ def kill_worker(bench: Bench) -> str:
     """kill -9 of one to four worker processes, one right after the other."""
     where = bench.store()
     main = start("--store", where, "--workers", bench.chance.choice([1, 2]))
-    stored, kills = bench.chance.randrange(RUNS - 8), bench.chance.randint(1, 4)
+    stored, kills = bench.chance.randrange(RUNS - 6), bench.chance.randint(1, 4)
     wait_for(where, stored, main)
     done = 0
     while done < kills and main.poll() is None:
@@ -177,7 +190,7 @@ def kill_dask_worker(bench: Bench) -> str:
     where = bench.store()
     with bench.cluster() as cluster:
         main = start("--store", where, "--scheduler", cluster.address)
-        stored = bench.chance.randrange(RUNS - 8)
+        stored = bench.chance.randrange(RUNS - 6)
         wait_for(where, stored, main)
         family = cluster.workers[0].children(recursive=True)
         both = bench.chance.random() < 0.5
@@ -194,7 +207,7 @@ def kill_dask_scheduler(bench: Bench) -> str:
     where = bench.store()
     with bench.cluster() as cluster:
         main = start("--store", where, "--scheduler", cluster.address)
-        stored = bench.chance.randrange(RUNS - 8)
+        stored = bench.chance.randrange(RUNS - 6)
         wait_for(where, stored, main)
         cluster.scheduler.kill()
         cluster.restart()
@@ -207,7 +220,7 @@ def postgres_stopped(bench: Bench) -> str:
     """PostgreSQL is stopped for ten seconds."""
     where = bench.database()
     main = start("--store", where, "--workers", 2)
-    stored = bench.chance.randrange(RUNS - 8)
+    stored = bench.chance.randrange(RUNS - 6)
     wait_for(where, stored, main)
     bench.postgres.stop()
     time.sleep(10.0)
@@ -225,26 +238,37 @@ def full_disk(bench: Bench) -> str:
     disk, kept = bench.folder / "disk", bench.store("kept.db")
     disk.mkdir(exist_ok=True)
     where = disk / "study.db"
-    size = bench.chance.randrange(100, 124, 4)
-    command = f"{sys.executable} -m ematwin compare {' '.join(SMALL)} --store {where} --workers 2"
+    stored = bench.chance.randrange(1, RUNS - 6)
+    small = " ".join((*processes.SMALL, *ONCE))
+    command = f"{sys.executable} -m ematwin compare {small} --store {where} --workers 2"
     script = f"""
-        mount -t tmpfs -o size={size}k ematwin {disk} || exit 90
-        {command}; echo "first $?"; cp {where} {kept}.full
-        mount -o remount,size=16m {disk}
+        mount -t tmpfs -o size=4m ematwin {disk} || exit 90
+        {command} & main=$!
+        {sys.executable} {Path(__file__).resolve()} --wait {where} {stored}
+        dd if=/dev/zero of={disk}/filler bs=4k 2>{disk}/said
+        wait $main; echo "first $?"; cp {where} {kept}.full; rm {disk}/filler
         {command}; echo "second $?"; cp {where} {kept}
     """
     space = ["unshare", "--mount"] if os.geteuid() == 0 else ["unshare", "-r", "--mount"]
     done = subprocess.run(
-        [*space, "sh", "-c", script], capture_output=True, text=True, timeout=400, check=False
+        [*space, "sh", "-c", script], capture_output=True, text=True, timeout=1800, check=False
     )
     assert "first 2" in done.stdout, done.stdout + done.stderr
     assert "second 0" in done.stdout, done.stdout + done.stderr
     assert "is full" in done.stderr, done.stderr
     assert "Traceback" not in done.stderr, done.stderr
-    stored = len(numbers(f"{kept}.full"))
-    assert 0 < stored < RUNS, stored
+    assert stored <= len(numbers(f"{kept}.full")) < RUNS
     bench.check(kept)
-    return f"{size} kB, full after {stored} runs"
+    return f"after {stored} runs"
+
+
+def waited(where: Path, count: int) -> int:
+    """Wait until a study has stored so many runs, without a look at their content."""
+    while True:
+        with contextlib.suppress(sqlite3.Error), contextlib.closing(sqlite3.connect(where)) as one:
+            if one.execute("SELECT count(*) FROM ematwin_runs").fetchone()[0] >= count:
+                return 0
+        time.sleep(0.02)
 
 
 def stopped_beyond_lease(bench: Bench) -> str:
@@ -252,7 +276,7 @@ def stopped_beyond_lease(bench: Bench) -> str:
     where = bench.store()
     environment = bench.environment()
     main = start("--store", where, "--workers", 1, **environment)
-    stored = bench.chance.randrange(1, RUNS - 8)
+    stored = bench.chance.randrange(1, RUNS - 6)
     wait_for(where, stored, main)
     main.send_signal(signal.SIGSTOP)
     try:
@@ -366,7 +390,10 @@ def main() -> int:
     parser.add_argument("--lease", type=float, help="s, in place of the usual minute")
     parser.add_argument("--until", type=float, default=0.0, help="stop after so many seconds")
     parser.add_argument("--table", action="store_true", help="print what was run, and end")
+    parser.add_argument("--wait", nargs=2, help=argparse.SUPPRESS)  # of the trial `full_disk`
     chosen = parser.parse_args()
+    if chosen.wait:
+        return waited(Path(chosen.wait[0]), int(chosen.wait[1]))
     known = read_results(chosen.out)
     if chosen.table:
         print(table(known))

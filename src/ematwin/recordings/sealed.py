@@ -80,8 +80,8 @@ def damaged(path: Path, what: str) -> FileError:
 
 
 def _of_column(values: Any) -> str:
-    plain = np.ascontiguousarray(values, dtype=np.float64)
-    return hashlib.sha256(memoryview(plain)).hexdigest()[:32]
+    plain: Any = np.ascontiguousarray(values, dtype=np.float64)
+    return hashlib.sha256(plain).hexdigest()[:32]
 
 
 def _of_metadata(metadata: Mapping[str, Any]) -> str:
