@@ -212,6 +212,11 @@ class Store:
             yield
         except DamagedError as error:
             found = survey(self._database)
+            if not found.runs:
+                raise FileError(
+                    f"The store {self.name} is damaged: {error}, and no run in it is whole. Put a "
+                    "copy in its place, or give another --store."
+                ) from None
             rows = found.damaged or [f"{error}; all {len(found.runs)} runs in it are whole"]
             more = f" and {len(rows) - 1} more" if len(rows) > 1 else ""
             raise FileError(
