@@ -265,7 +265,7 @@ KINDS: dict[str, Callable[[Path], Any]] = {
 # --- the process that reads --------------------------------------------------------------------
 
 
-def worker() -> None:
+def worker(seed: int) -> None:
     """Read names and numbers of cases on standard input, answer each with a line of JSON."""
     from ematwin.errors import EmatwinError
 
@@ -288,7 +288,7 @@ def worker() -> None:
             before, began = said.seek(0, os.SEEK_END), time.process_time()
             why = ""
             try:
-                outcome = readers[kind](int(number), random.Random(f"{kind} {number}"))
+                outcome = readers[kind](int(number), random.Random(f"{seed} {kind} {number}"))
             except EmatwinError as error:
                 outcome, why = "refused", str(error)
                 if (
@@ -320,7 +320,8 @@ def _peak() -> int:
 class Watched:
     """A reading process, started again when it dies or does not answer."""
 
-    def __init__(self) -> None:
+    def __init__(self, seed: int) -> None:
+        self._seed = seed
         self._process: subprocess.Popen[str] | None = None
 
     def ask(self, kind: str, n: int) -> dict[str, Any]:
@@ -329,7 +330,7 @@ class Watched:
 
         if self._process is None:
             self._process = subprocess.Popen(
-                [sys.executable, __file__, "--worker"],
+                [sys.executable, __file__, "--worker", "--seed", str(self._seed)],
                 stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
             )  # fmt: skip
         process = self._process
@@ -343,6 +344,7 @@ class Watched:
             spent = sum(psutil.Process(process.pid).cpu_times()[:2]) - used
             # the first case of a kind makes its files
             if spent > 6.0 * MOST_SECONDS or time.monotonic() > end:
+                self._process.kill()
                 self.close()
                 return _lost(kind, n, f"FAILED: no answer after {spent:.0f} s of processor time")
         line = process.stdout.readline()
@@ -371,7 +373,11 @@ def _lost(kind: str, n: int, outcome: str) -> dict[str, Any]:
 
 
 def campaign(
-    scale: float, only: list[str], out: Path | None = None, until: float = 0.0
+    scale: float,
+    only: list[str],
+    out: Path | None = None,
+    until: float = 0.0,
+    seed: int = 1,
 ) -> list[dict[str, Any]]:
     """Answers of all cases; those in ``out`` that did not fail are not asked again."""
     known: dict[tuple[str, int], dict[str, Any]] = {}
@@ -380,7 +386,7 @@ def campaign(
         known = {(one["kind"], one["n"]): one for one in lines}
     counts = {kind: max(1, round(n * scale)) for kind, n in COUNTS.items()}
     cases = [(k / n, kind, k) for kind, n in counts.items() for k in range(n)]
-    watched, began = Watched(), time.monotonic()
+    watched, began = Watched(seed), time.monotonic()
     try:
         for _, kind, k in sorted(cases):
             before = known.get((kind, k))
@@ -423,13 +429,14 @@ def main() -> int:
     parser.add_argument("--only", default="", help="recording, toml, store, with commas")
     parser.add_argument("--out", type=Path, default=Path("fuzz.jsonl"))
     parser.add_argument("--until", type=float, default=0.0, help="stop after so many seconds")
+    parser.add_argument("--seed", type=int, default=1, help="of the damage")
     parser.add_argument("--worker", action="store_true", help=argparse.SUPPRESS)
     chosen = parser.parse_args()
     if chosen.worker:
-        worker()
+        worker(chosen.seed)
         return 0
     only = [name for name in chosen.only.split(",") if name]
-    answers = campaign(chosen.count, only, chosen.out, chosen.until)
+    answers = campaign(chosen.count, only, chosen.out, chosen.until, chosen.seed)
     for one in answers:
         if "FAILED" in one["outcome"]:
             print(f"{one['kind']} {one['n']}: {one['outcome']}\n{one['why']}")

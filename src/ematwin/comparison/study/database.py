@@ -115,6 +115,8 @@ class Database:
             try:
                 with engine.begin() as connection:
                     return work(connection)
+            except UnicodeDecodeError:  # not even what sqlite3 says of the damage is a text
+                raise DamagedError("a text that is no UTF-8") from None
             except DBAPIError as error:
                 left = end - time.monotonic()
                 if not self._passing(error) or left <= 0.0:
