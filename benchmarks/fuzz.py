@@ -35,6 +35,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 COUNTS = {"recording": 5000, "toml": 1000, "store": 1000}
 MOST_MEMORY = 1e9  # bytes
 MOST_SECONDS = 10.0  # of processor time
+_ONE_BIT = "EMATWIN_FUZZ_ONE_BIT"  # for the process that reads
 _LIMIT = 6 << 30  # bytes of addresses: what asks for more must not take the machine with it
 _WALL = 300.0  # s, for a busy machine
 
@@ -43,8 +44,11 @@ _WALL = 300.0  # s, for a busy machine
 
 
 def damaged(content: bytes, chance: random.Random) -> bytes:
-    """A file with one to a few of its bytes flipped, overwritten, lost, doubled or exchanged."""
+    """A file with one to a few of its bytes flipped, overwritten, lost or doubled."""
     data = bytearray(content)
+    if os.environ.get(_ONE_BIT):
+        data[chance.randrange(len(data))] ^= 1 << chance.randrange(8)
+        return bytes(data)
     for _ in range(chance.choice([1, 1, 1, 2, 4])):
         n, start = len(data), chance.randrange(max(len(data), 1))
         size = min(chance.choice([1, 4, 40, 512, 4096]), max(n - start, 0))
@@ -67,7 +71,7 @@ def damaged(content: bytes, chance: random.Random) -> bytes:
 
 def damaged_text(content: bytes, chance: random.Random) -> bytes:
     """The same, and words exchanged for others that a person or a program might have written."""
-    if chance.random() < 0.3:
+    if os.environ.get(_ONE_BIT) or chance.random() < 0.3:
         return damaged(content, chance)
     lines = content.decode().split("\n")
     for _ in range(chance.choice([1, 1, 2, 3])):
@@ -430,11 +434,14 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=Path("fuzz.jsonl"))
     parser.add_argument("--until", type=float, default=0.0, help="stop after so many seconds")
     parser.add_argument("--seed", type=int, default=1, help="of the damage")
+    parser.add_argument("--one-bit", action="store_true", help="flip a single bit in each file")
     parser.add_argument("--worker", action="store_true", help=argparse.SUPPRESS)
     chosen = parser.parse_args()
     if chosen.worker:
         worker(chosen.seed)
         return 0
+    if chosen.one_bit:
+        os.environ[_ONE_BIT] = "1"
     only = [name for name in chosen.only.split(",") if name]
     answers = campaign(chosen.count, only, chosen.out, chosen.until, chosen.seed)
     for one in answers:
