@@ -115,6 +115,18 @@ def test_changed_metadata_are_named(
         read(path)
 
 
+def test_a_first_line_of_which_little_is_left_is_recognised(
+    tmp_path: Path, recording: Recording
+) -> None:
+    path = tmp_path / "rec.csv"
+    write_public(recording, path)
+    whole = path.read_bytes()
+    for start in (0, 9, 60):
+        path.write_bytes(whole[:start] + b"\x19\xc173" * 20 + whole[start + 80 :])
+        with pytest.raises(FileError, match=r"changed since ematwin wrote it"):
+            read(path)
+
+
 def test_pages_of_parquet_have_checksums(tmp_path: Path, recording: Recording) -> None:
     path = tmp_path / "rec.parquet"
     write_public(recording, path)

@@ -18,6 +18,7 @@ from ematwin.errors import FileError
 
 FORMAT = 1  # of the metadata of a recording; readers refuse what is newer
 _OWN, _COLUMNS = "checksum", "checksums"
+_REMAINS = re.compile(r'": "[0-9a-f]{32}"')
 _STARTS = re.compile(r"([,;])([=+\-@])")
 
 
@@ -57,8 +58,8 @@ def unsealed(text: str, path: Path) -> dict[str, Any]:
 
 
 def looks_sealed(text: str) -> bool:
-    """Whether a text that nothing marks as ours was a sealed note."""
-    return f'"{_OWN}"' in text and f'"{_COLUMNS}"' in text
+    """Whether a text that nothing marks as ours was a sealed note, or what is left of one."""
+    return _REMAINS.search(text) is not None
 
 
 def verify(columns: Mapping[str, np.ndarray], metadata: Mapping[str, Any], path: Path) -> None:
