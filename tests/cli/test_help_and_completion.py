@@ -13,6 +13,7 @@ import typer
 from ematwin.cli.app import app
 
 COMMANDS = [info.name for info in app.registered_commands]
+GROUPS = [info.name for info in app.registered_groups]
 
 
 def texts(function) -> list[str]:
@@ -66,7 +67,7 @@ def completed(*line: str) -> list[str]:
 
 
 def test_bash_completes_the_names_of_commands():
-    assert completed("") == COMMANDS
+    assert sorted(completed("")) == sorted(COMMANDS + GROUPS)
     assert completed("ca") == ["calibrate"]
     assert completed("zzz") == []
 
@@ -147,4 +148,4 @@ finally:
 
 
 def test_every_command_has_a_command_of_typer():
-    assert set(typer.main.get_command(app).commands) == set(COMMANDS)
+    assert set(typer.main.get_command(app).commands) == {*COMMANDS, *GROUPS}

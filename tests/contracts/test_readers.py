@@ -6,11 +6,14 @@ import h5py
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+import pytest
 import scipy.io
 from asammdf import MDF, Signal
 from nptdms import ChannelObject, TdmsWriter
 
-from ematwin.testing.reader_contract import ReaderContract
+from ematwin.errors import FileError
+from ematwin.models.reading import read
+from ematwin.testing.reader_contract import ReaderContract, bench_channels
 
 
 class TestCsv(ReaderContract):
@@ -104,6 +107,20 @@ class TestHdf5(ReaderContract):
             for name, values in channels.items():
                 file[f"bench/{name}"] = values
                 file[f"bench/{name}"].attrs["unit"] = units[name]
+
+
+def test_a_damaged_heap_of_hdf5_is_refused_and_not_read_for_ever(tmp_path: Path) -> None:
+    """The library itself steps on by zero bytes from there."""
+    path = tmp_path / "bench.h5"
+    channels = bench_channels()
+    TestHdf5().write(path, channels, {name: "A" for name in channels})
+    content = bytearray(path.read_bytes())
+    free = content.rindex(b"GCOL") + 16 + 24 * len(channels)
+    assert content[free : free + 2] == b"\0\0"
+    content[free + 8 : free + 16] = (120).to_bytes(8, "little")
+    path.write_bytes(content)
+    with pytest.raises(FileError, match="its heap of texts is damaged"):
+        read(path)
 
 
 def write_mdf(

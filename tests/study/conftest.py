@@ -1,16 +1,14 @@
 """A real PostgreSQL, studies as processes, and algorithms that misbehave."""
 
 import os
-import pwd
-import shutil
-import subprocess
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from processes import RUNS, free_port, numbers, study
+from processes import RUNS, numbers, study
+from servers import Postgres
 
 
 @pytest.fixture(scope="session")
@@ -20,53 +18,6 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Any
     answer = study("--store", where, "--workers", 1)
     assert answer["counts"] == {"done": RUNS}
     return numbers(where)
-
-
-class Postgres:
-    """A private PostgreSQL server in a folder of its own."""
-
-    def __init__(self, folder: Path) -> None:
-        self._bin = _binaries()
-        self._data = folder / "data"
-        self._log = folder / "log"
-        self.port = free_port()
-        self._user = "postgres" if os.geteuid() == 0 else None  # it refuses to run as root
-        if self._user:
-            shutil.chown(folder, self._user)
-        self._as_user(
-            "initdb", "-D", self._data, "-U", "ematwin", "--auth=trust", "--no-sync", "-E", "UTF8"
-        )
-
-    def _as_user(self, program: str, *arguments: object) -> None:
-        account = None if self._user is None else pwd.getpwnam(self._user)
-        identity = {} if account is None else {"user": account.pw_uid, "group": account.pw_gid}
-        subprocess.run(
-            [str(self._bin / program), *map(str, arguments)],
-            check=True, stdout=subprocess.DEVNULL, cwd="/", **identity,
-        )  # fmt: skip
-
-    def start(self) -> None:
-        """Start, and wait until it answers."""
-        options = f"-p {self.port} -h 127.0.0.1 -c fsync=off -k ''"
-        self._as_user("pg_ctl", "-D", self._data, "-l", self._log, "-o", options, "-w", "start")
-
-    def stop(self) -> None:
-        """Stop at once; connections break."""
-        self._as_user("pg_ctl", "-D", self._data, "-m", "fast", "-w", "stop")
-
-    def database(self, name: str) -> str:
-        """URL of a new, empty database."""
-        arguments = ("-h", "127.0.0.1", "-p", self.port, "-U", "ematwin", name)
-        self._as_user("createdb", *arguments)
-        return f"postgresql://ematwin@127.0.0.1:{self.port}/{name}"
-
-
-def _binaries() -> Path:
-    found = sorted(Path("/usr/lib/postgresql").glob("*/bin/initdb"))
-    path = str(found[-1]) if found else shutil.which("initdb")
-    if path is None:
-        pytest.fail("These tests start a real PostgreSQL: apt-get install postgresql")
-    return Path(path).parent
 
 
 @pytest.fixture(scope="session")

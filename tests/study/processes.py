@@ -40,7 +40,7 @@ def start(*arguments: object, **environment: str) -> "subprocess.Popen[str]":
 
 def finish(process: "subprocess.Popen[str]", code: int = 0) -> dict[str, Any]:
     """What a study answered; fails unless it ended with ``code``."""
-    out, err = process.communicate(timeout=200)
+    out, err = process.communicate(timeout=1800)  # a busy machine needs long
     assert process.returncode == code, f"{out}\n{err}"
     if code:
         sentence = [line for line in err.splitlines() if line.startswith("Error: ")]
@@ -71,7 +71,7 @@ def numbers(where: str | Path, algorithms: Sequence[str] = ()) -> dict[str, tupl
 
 def wait_for(where: str | Path, count: int, process: "subprocess.Popen[str]") -> None:
     """Wait until a study has stored so many runs."""
-    end = time.monotonic() + 120.0
+    end = time.monotonic() + 600.0
     while time.monotonic() < end:
         assert process.poll() is None, "the study ended before it could be disturbed"
         try:

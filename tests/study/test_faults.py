@@ -170,7 +170,7 @@ def test_runs_that_misbehave(tmp_path: Path, saboteurs: dict[str, str]) -> None:
     cases = tmp_path / "cases.toml"
     cases.write_text('[cases."Worn"]\nfriction = 0.3\nbacklash = 0.2\n')
     asked = ("--cases", cases, *shape, "--workers", 2)
-    bad = ("--algorithms", "ga,raises,hangs,slow,nan,dies", "--time-limit", 1.5)
+    bad = ("--algorithms", "ga,raises,hangs,slow,nan,dies", "--time-limit", 1.5, "--patience", 2)
     answer = study(*asked, *bad, "--store", where, **saboteurs)
     assert answer["counts"] == {"done": 1, "failed": 2, "timeout": 2, "not finite": 1}
     ends = {one[0].algorithm: one[1] for one in numbers(where).values()}

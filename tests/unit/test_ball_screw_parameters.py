@@ -426,6 +426,7 @@ DAMAGES = {
     "no range": lambda table: table["calibration"].pop("covariate_range"),
     "population without a scale": lambda t: t["calibration"]["population"].pop("scale"),
     "negative settling time": _set("calibration", "settling_time", -1.0),
+    "interval next to nothing": _set("calibration", "interval", 1e-320),
     "signature of two rows": lambda table: table["signature"][0]["coefficients"].pop(),
     "signature without a fault": lambda table: table["signature"][0].pop("fault"),
     "format of text": _set("calibration", "format", "one"),

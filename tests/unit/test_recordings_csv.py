@@ -1,5 +1,6 @@
 """Text tables as they are met in practice."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -200,6 +201,7 @@ def test_a_newer_format_and_another_unit_are_refused(tmp_path: Path) -> None:
     path.write_text(text.replace('"format": 1', '"format": 9'))
     with pytest.raises(RecordError, match="newer ematwin"):
         read(path)
+    text = re.sub(r'"checksums?": ("\w+"|\{[^}]*\}), ', "", text)  # as 0.1 wrote it
     path.write_text(text.replace('"time": "s"', '"time": "ms"'))
     with pytest.raises(RecordError, match="time in ms"):
         read(path)

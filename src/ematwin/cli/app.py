@@ -23,6 +23,7 @@ from ematwin.cli import (
     identify,
     report,
     simulate,
+    store,
 )
 
 
@@ -63,6 +64,7 @@ app.command("scenarios")(actuators.scenarios)
 app.command("algorithms")(algorithms.algorithms)
 app.command("bench")(bench.bench)
 app.command("report")(report.report)
+app.add_typer(store.app, name="store")
 
 
 def _version(asked: bool) -> None:

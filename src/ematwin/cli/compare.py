@@ -81,6 +81,12 @@ def compare(
     time_limit: Annotated[
         float | None, typer.Option(help="Seconds after which a run is stopped.")
     ] = None,
+    patience: Annotated[
+        float,
+        typer.Option(
+            min=0.0, help="Seconds to wait for workers or a scheduler that are gone, or keep dying."
+        ),
+    ] = 60.0,
     retry_failed: Annotated[
         bool, typer.Option("--retry-failed", help="Repeat failed and timed-out runs.")
     ] = False,
@@ -109,7 +115,7 @@ def compare(
     )
     if engine == "cuda":
         model_of(chosen).check_backend("cuda")
-    carrier = _engine(engine, scheduler, workers, time_limit)
+    carrier = _engine(engine, scheduler, workers, time_limit, patience)
     with Store(store) as opened, _shown(not json) as progress:
         tally = run(plan, opened, carrier, retry_failed=retry_failed, progress=progress)
         where = opened.name
@@ -120,7 +126,11 @@ def compare(
 
 
 def _engine(
-    name: str | None, scheduler: str | None, workers: int | None, time_limit: float | None
+    name: str | None,
+    scheduler: str | None,
+    workers: int | None,
+    time_limit: float | None,
+    patience: float,
 ) -> "Engine":
     from ematwin.errors import InputError
 
@@ -136,13 +146,13 @@ def _engine(
     if name == "local":
         from ematwin.comparison.study.engines.local import LocalEngine
 
-        return LocalEngine(workers or os.cpu_count() or 1, time_limit)
+        return LocalEngine(workers or os.cpu_count() or 1, time_limit, patience)
     if name == "dask":
         from ematwin.comparison.study.engines.dask import DaskEngine
 
         if scheduler is not None and workers is not None:
             raise InputError("A scheduler has its own workers; leave --workers out.")
-        return DaskEngine(scheduler, workers or os.cpu_count() or 1, time_limit)
+        return DaskEngine(scheduler, workers or os.cpu_count() or 1, time_limit, patience)
     raise InputError(f"There is no engine {name!r}; choose local, dask or cuda.")
 
 

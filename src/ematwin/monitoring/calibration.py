@@ -276,7 +276,9 @@ class Calibration:
                 learnt_baseline=None if known is None else Baseline.from_table(known, str(path)),
             )
             found.check(learnt.get("magnitudes"), learnt.get("quantities"))
-        except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+        except (
+            KeyError, TypeError, ValueError, IndexError, AttributeError, ArithmeticError
+        ) as error:  # fmt: skip
             if isinstance(error, ParameterError):
                 raise
             raise ParameterError(

@@ -20,8 +20,8 @@ from ematwin.recordings.gaps import Policy, check_policy
 from ematwin.recordings.match import Needs
 from ematwin.recordings.recording import Recording
 from ematwin.recordings.resample import check_rate, to_constant_rate
+from ematwin.recordings.sealed import FORMAT
 from ematwin.recordings.split import Choice, check_single, fitting_any, pieces
-from ematwin.recordings.tables import FORMAT
 
 Columns = ChannelMap | Mapping[str, Any] | str | Path | None
 

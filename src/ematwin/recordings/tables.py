@@ -2,10 +2,12 @@
 
 Numbers survive the round trip bit for bit. What is known of a recording beside its channels is one
 JSON object: in Parquet it stands in the schema under ``ematwin``, in CSV in a first line
-``# ematwin {...}``. A table of several recordings has none; its columns say labels and units.
+``# ematwin {...}``, with checksums of the columns and of itself. Pages of Parquet have their own.
+A table of several recordings has no such object; its columns say labels and units.
+
+Texts in CSV are written so that no spreadsheet takes one for a formula.
 """
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,8 +19,9 @@ from ematwin.files import written_whole
 from ematwin.recordings.channel import TIME, Channel, channel_called, with_time
 from ematwin.recordings.formats.arrow import from_numpy
 from ematwin.recordings.recording import Recording
+from ematwin.recordings.sealed import FORMAT, note, sealed
+from ematwin.recordings.spreadsheets import no_formula
 
-FORMAT = 1  # of the metadata of a recording; readers refuse what is newer
 METADATA_KEY = "ematwin"
 _CSV_MARK = f"# {METADATA_KEY} "
 _WORDS = {"m": "mm", "A": "a"}  # what stands for a unit in names such as set_point_mm
@@ -52,7 +55,7 @@ def write_recording(
         metadata["labels"] = recording.labels
     if recording.start is not None:
         metadata["start"] = recording.start.isoformat()
-    write_table(path, columns, metadata)
+    write_table(path, columns, sealed(metadata, columns))
 
 
 def write_recordings(
@@ -138,20 +141,29 @@ def write_table(
     kind = path.suffix.lower()
     if kind not in {".parquet", ".csv"}:
         raise InputError(f"Cannot tell how to write {path}: end its name in .parquet or .csv.")
+    is_csv = kind == ".csv"
+    if is_csv:
+        columns = {no_formula(name): _cells(values) for name, values in columns.items()}
     table = pa.table({name: from_numpy(values) for name, values in columns.items()})
-    note = None if metadata is None else json.dumps(metadata, sort_keys=True)
+    said = None if metadata is None else note(metadata)
     with written_whole(path) as draft:
-        if kind == ".parquet":
+        if not is_csv:
             import pyarrow.parquet as pq
 
-            if note is not None:
+            if said is not None:
                 known = dict(table.schema.metadata or {})
-                table = table.replace_schema_metadata({**known, METADATA_KEY: note})
-            pq.write_table(table, draft, compression="zstd")
+                table = table.replace_schema_metadata({**known, METADATA_KEY: said})
+            pq.write_table(table, draft, compression="zstd", write_page_checksum=True)
         else:
             from pyarrow import csv
 
             with draft.open("wb") as file:
-                if note is not None:
-                    file.write(f"{_CSV_MARK}{note}\n".encode())
+                if said is not None:
+                    file.write(f"{_CSV_MARK}{said}\n".encode())
                 csv.write_csv(table, file)
+
+
+def _cells(values: Any) -> Any:
+    if isinstance(values, np.ndarray):
+        return values
+    return [no_formula(value) if isinstance(value, str) else value for value in values]

@@ -9,6 +9,7 @@
 """
 
 import math
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import replace
@@ -20,8 +21,9 @@ from sqlalchemy import text
 from ematwin.comparison.study import schema
 from ematwin.comparison.study.database import Database
 from ematwin.comparison.study.plan import Plan
+from ematwin.comparison.study.rescue import check, rescue
 from ematwin.comparison.study.run import RunResult, RunSpec, StoredRun
-from ematwin.comparison.study.store import Store, open_store
+from ematwin.comparison.study.store import LEASE, Store, open_store
 from ematwin.errors import FileError
 
 
@@ -127,6 +129,25 @@ class StoreContract(ABC):
             monkeypatch.setattr("ematwin.comparison.study.store.time.time", lambda: 9e9)
             assert store.claim(ids) == set(ids)
 
+    def test_claims_lapse_although_a_clock_was_set_back(
+        self, store: Store, where: str | Path, specs: list[RunSpec],
+        monkeypatch: pytest.MonkeyPatch,
+    ) -> None:  # fmt: skip
+        """A claim that ends tomorrow by our clock and is not renewed is not waited for."""
+        ids = [spec.id for spec in specs]
+        with Store(where, owner="elsewhere 1 x") as other:
+            other.claim(ids)
+            monkeypatch.setattr("ematwin.comparison.study.store.time.time", lambda: 1.0)
+            assert not store.claim(ids)
+            other.renew()  # by a clock of an hour before: it lives
+            later = time.monotonic() + 2.0 * LEASE
+            monkeypatch.setattr("ematwin.comparison.study.store.time.monotonic", lambda: later)
+            assert not store.claim(ids)
+            monkeypatch.setattr(
+                "ematwin.comparison.study.store.time.monotonic", lambda: later + 2.0 * LEASE
+            )
+            assert store.claim(ids) == set(ids)
+
     def test_a_dead_process_holds_no_claims(
         self, store: Store, where: str | Path, specs: list[RunSpec],
         monkeypatch: pytest.MonkeyPatch,
@@ -182,6 +203,59 @@ class StoreContract(ABC):
                 again.begin(small_plan().settings())
                 assert [run.spec.id for run in again.runs()] == [specs[0].id]
         _execute(where, "UPDATE ematwin_runs SET note = 'new'")
+
+    def test_a_store_without_checksums_is_read_and_gets_them(
+        self, store: Store, where: str | Path, specs: list[RunSpec]
+    ) -> None:
+        """As version 0.1 wrote it."""
+        one = some_run(specs[0])
+        store.save([one])
+        store.close()
+        _execute(where, "ALTER TABLE ematwin_runs DROP COLUMN checksum")
+        _execute(where, "UPDATE ematwin_study SET value = '1' WHERE key = 'schema'")
+        _execute(where, "DELETE FROM ematwin_study WHERE key = 'checksum'")
+        assert check(where).unsealed == 1
+        with open_store(where) as old:
+            assert list(old.runs()) == [one]
+            old.begin(small_plan().settings())
+            assert list(old.runs()) == [one]
+        assert check(where).unsealed == 0
+
+    @pytest.mark.parametrize(
+        "change",
+        ["err = 0.5", "status = 'failed'", "run = run + 1", "found = '[0.5]'", "cost = NULL"],
+    )
+    def test_a_changed_run_is_named_and_the_others_are_rescued(
+        self, store: Store, where: str | Path, specs: list[RunSpec], change: str, tmp_path: Path
+    ) -> None:
+        """Whatever was changed; nothing is changed in the damaged store."""
+        runs = [some_run(spec) for spec in specs]
+        store.save(runs)
+        assert not check(where).damaged
+        _execute(where, f"UPDATE ematwin_runs SET {change} WHERE id = '{specs[2].id}'")
+        with pytest.raises(FileError, match=rf"damaged: run {specs[2].id} \(Low F.*store rescue"):
+            list(store.runs())
+        out = tmp_path / "rescued.db"
+        assert len(rescue(where, out).damaged) == 1
+        with open_store(out) as rescued:
+            assert rescued.settings() == small_plan().settings()
+            kept = {run.spec.id: run for run in rescued.runs()}
+        assert kept == {run.spec.id: run for run in runs if run.spec.id != specs[2].id}
+
+    def test_changed_settings_are_noticed_and_rescued(
+        self, store: Store, where: str | Path, specs: list[RunSpec], tmp_path: Path
+    ) -> None:
+        """A second copy of them is kept."""
+        store.save([some_run(specs[0])])
+        _execute(
+            where,
+            "UPDATE ematwin_study SET value = replace(value, '200', '300') WHERE key = 'settings'",
+        )
+        with pytest.raises(FileError, match="settings differs from its checksum"):
+            store.settings()
+        rescue(where, tmp_path / "rescued.db")
+        with open_store(tmp_path / "rescued.db") as rescued:
+            assert rescued.settings() == small_plan().settings()
 
     def test_other_tables_are_left_alone(self, store: Store, where: str | Path) -> None:
         """A database of something else is refused."""

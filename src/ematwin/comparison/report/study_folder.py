@@ -18,6 +18,7 @@ from ematwin.comparison.report.study_svg import DIAGRAM, check_extra, critical_d
 from ematwin.comparison.report.study_tables import claims
 from ematwin.errors import FileError
 from ematwin.files import folder_written_whole, write_text
+from ematwin.recordings.spreadsheets import no_formula
 
 _KEPT_SCALARS = (
     "err", "err_wrapped", "cost", "relative_misfit", "evaluations", "seconds", "cpu_seconds",
@@ -139,5 +140,11 @@ def _cell_rows(analysis: StudyAnalysis) -> Iterator[list[object]]:
 def _write_csv(path: Path, rows: Iterator[list[object]]) -> None:
     with path.open("w", encoding="utf-8", newline="") as file:
         csv.writer(file, lineterminator="\n").writerows(
-            ["" if value != value else value for value in row] for row in rows
+            [_cell(value) for value in row] for row in rows
         )
+
+
+def _cell(value: object) -> object:
+    if isinstance(value, str):
+        return no_formula(value)
+    return "" if value != value else value

@@ -16,6 +16,7 @@ from sqlalchemy import Connection, Engine, create_engine, event
 from sqlalchemy.engine import URL, make_url
 from sqlalchemy.exc import ArgumentError, DBAPIError, NoSuchModuleError
 
+from ematwin.comparison.study.seal import DamagedError
 from ematwin.errors import FileError, InputError, MissingExtraError
 
 Answer = TypeVar("Answer")
@@ -25,6 +26,8 @@ _MAGIC = b"SQLite format 3\0"
 _BUSY = 5.0  # s that SQLite itself waits for a lock
 _CONNECT = 10  # s
 _PASSING = ("locked", "busy")  # what SQLite says that another moment may change
+_MAIN = "*** in database main *** "
+_DAMAGE = ("malformed", "not a database", "decode", "unsupported file", "no such column", "corrupt")
 
 
 class Database:
@@ -86,6 +89,21 @@ class Database:
         """Do ``work`` in a transaction of its own; it may be done more than once."""
         return self._do(self._writers, work, patient)
 
+    def check_whole(self) -> None:
+        """Raise `DamagedError` if SQLite finds its file damaged; a server looks after its own.
+
+        The whole check and not the quick one: only it compares the indexes, from which ids and
+        statuses are read, with the rows. It reads 270 MB in a second.
+        """
+        if self.path is None or not self.exists:
+            return
+        found = self.read(
+            lambda connection: connection.exec_driver_sql("PRAGMA integrity_check(1)").first()
+        )
+        if found is None or found[0] != "ok":
+            said = " ".join(str(found and found[0]).split()).removeprefix(_MAIN)
+            raise DamagedError(ascii(said)[1:-1][:100])
+
     def close(self) -> None:
         """Let go of the database."""
         self._readers.dispose()
@@ -97,6 +115,8 @@ class Database:
             try:
                 with engine.begin() as connection:
                     return work(connection)
+            except UnicodeDecodeError:  # not even what sqlite3 says of the damage is a text
+                raise DamagedError("a text that is no UTF-8") from None
             except DBAPIError as error:
                 left = end - time.monotonic()
                 if not self._passing(error) or left <= 0.0:
@@ -128,11 +148,9 @@ class Database:
                 f"The disk of the store {self.name} is full ({cause}). Finished runs are kept; "
                 "make room and give the same command again."
             )
-        if "malformed" in cause or "not a database" in cause:
-            return FileError(
-                f"The store {self.name} is damaged ({cause}). Put a copy in its place, or give "
-                "another --store."
-            )
+        if type(error.orig) is sqlite3.DatabaseError or any(word in cause for word in _DAMAGE):
+            said = "a text that is no UTF-8" if "decode" in cause else cause
+            return DamagedError(ascii(said)[1:-1][:100])
         return FileError(
             f"The store {self.name} cannot be used: {cause.rstrip('.?')}. Finished runs are kept; "
             "give the same command again once it can."

@@ -1,49 +1,57 @@
 """Runs as rows of a database and back, exact to the last bit."""
 
-import hashlib
 import json
 import math
+import zlib
 from collections.abc import Callable, Mapping
 from typing import Any
 
 from ematwin.comparison.study.history import PackedHistory, pack
 from ematwin.comparison.study.run import RunResult, RunSpec, StoredRun
+from ematwin.comparison.study.seal import (
+    NUMBERS,
+    DamagedError,
+    called,
+    document_key,
+    row_checksum,
+)
 
-_SHARED = ("population", "iterations", "noise", "actuator", "scenario", "box", "model")
-_NUMBERS = ("cost", "relative_misfit", "err", "err_wrapped", "seconds", "cpu_seconds")
+SHARED = ("population", "iterations", "noise", "actuator", "scenario", "box", "model")
 
 
 def settings_of(spec: RunSpec) -> dict[str, Any]:
     """The part of a run's inputs that it shares with the others of its study."""
-    return {name: getattr(spec, name) for name in _SHARED}
+    return {name: getattr(spec, name) for name in SHARED}
 
 
 def document(value: Mapping[str, Any]) -> tuple[str, str]:
     """Key and JSON text of values that many runs share."""
     text = json.dumps(value, sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()[:24], text
+    return document_key(text), text
 
 
 def row_of(one: StoredRun) -> dict[str, Any]:
-    """A run as a row."""
+    """A run as a row, with its checksum."""
     spec, result = one.spec, one.result
-    return {
+    row = {
         "id": spec.id,
-        "case_name": spec.case,
+        "case_name": str(spec.case),
         "faults": json.dumps(spec.faults),
-        "algorithm": spec.algorithm,
-        "run": spec.run,
-        "seed": spec.seed,
-        "record_seed": spec.record_seed,
+        "algorithm": str(spec.algorithm),
+        "run": int(spec.run),
+        "seed": int(spec.seed),
+        "record_seed": int(spec.record_seed),
         "settings": document(settings_of(spec))[0],
-        "status": result.status,
+        "status": str(result.status),
         "found": json.dumps(result.faults),
-        **{name: _or_null(getattr(result, name)) for name in _NUMBERS},
-        "evaluations": result.evaluations,
+        **{name: _or_null(getattr(result, name)) for name in NUMBERS},
+        "evaluations": int(result.evaluations),
         "history": pack(result.history),
-        "stopped": result.stopped.replace("\0", ""),
+        # no database takes NUL or half of a surrogate pair, which messages of failures may hold
+        "stopped": result.stopped.replace("\0", "").encode("utf-8", "replace").decode(),
         "provenance": document(result.provenance)[0],
     }
+    return {**row, "checksum": row_checksum(row)}
 
 
 class RowReader:
@@ -51,16 +59,38 @@ class RowReader:
 
     Parameters
     ----------
-    read : gives the document of a key
+    read : gives the text of the document of a key, or None
+    sealed : whether each row has a checksum; those of 0.1 have none
     """
 
-    def __init__(self, read: Callable[[str], Any]) -> None:
+    def __init__(self, read: Callable[[str], str | None], sealed: bool = True) -> None:
         self._read = read
+        self._sealed = sealed
         self._documents: dict[str, Any] = {}
         self._texts: dict[str, Any] = {}
 
     def stored(self, row: Mapping[str, Any]) -> StoredRun:
-        """The run of a row."""
+        """The run of a row.
+
+        Raises
+        ------
+        DamagedError
+            If it is not as it was written.
+        """
+        if self._sealed:
+            if row["checksum"] != row_checksum(row):
+                raise DamagedError(f"{called(row)} differs from its checksum")
+            return self._made(row)
+        try:
+            one = self._made(row)
+            one.result.history[:1]  # packed with a checksum of its own
+            if not isinstance(one.spec.run, int) or not isinstance(one.result.cost, float):
+                raise TypeError
+        except (ValueError, TypeError, KeyError, AttributeError, zlib.error):
+            raise DamagedError(f"{called(row)} cannot be read") from None
+        return one
+
+    def _made(self, row: Mapping[str, Any]) -> StoredRun:
         spec = RunSpec(
             case=self._text(row["case_name"]),
             faults=self._vector(row["faults"]),
@@ -76,7 +106,7 @@ class RowReader:
             id=row["id"],
             status=self._text(row["status"]),
             faults=tuple(json.loads(row["found"])),
-            **{name: math.nan if row[name] is None else row[name] for name in _NUMBERS},
+            **{name: math.nan if row[name] is None else float(row[name]) for name in NUMBERS},
             evaluations=row["evaluations"],
             history=PackedHistory(bytes(row["history"])),
             stopped=self._text(row["stopped"]),
@@ -86,7 +116,10 @@ class RowReader:
 
     def _document(self, key: str) -> Any:
         if key not in self._documents:
-            self._documents[key] = self._read(key)
+            text = self._read(key)
+            if text is None or document_key(text) != key:
+                raise DamagedError(f"the document {key}, which runs share, differs from its hash")
+            self._documents[key] = json.loads(text)
         return self._documents[key]
 
     def _vector(self, text: str) -> Any:

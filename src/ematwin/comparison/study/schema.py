@@ -3,6 +3,8 @@
 Parts that thousands of runs share (settings, versions) are kept once, as documents.
 """
 
+from typing import Any
+
 from sqlalchemy import (
     BigInteger,
     Column,
@@ -16,22 +18,36 @@ from sqlalchemy import (
     String,
     Table,
     Text,
+    select,
 )
 
+from ematwin.comparison.study.rows import RowReader
+from ematwin.comparison.study.run import RunSpec
+from ematwin.comparison.study.seal import (
+    DamagedError,
+    called,
+    document_key,
+    row_checksum,
+    study_checksum,
+)
 from ematwin.errors import FileError
 
 FORMAT = "ematwin study"
-SCHEMA = 1
+SCHEMA = 2
+SEALED = 2  # the first schema whose runs have checksums
+_PAGE = 1000  # runs read at a time
 
 # MIGRATIONS[n] are the statements that bring schema n + 1 to n + 2
-MIGRATIONS: tuple[tuple[str, ...], ...] = ()
+MIGRATIONS: tuple[tuple[str, ...], ...] = (
+    ("ALTER TABLE ematwin_runs ADD COLUMN checksum VARCHAR(16)",),
+)
 
 metadata = MetaData()
 
 study = Table(
     "ematwin_study",
     metadata,
-    Column("key", String(40), primary_key=True),  # format, schema, settings
+    Column("key", String(40), primary_key=True),  # format, schema, settings, checksum
     Column("value", Text, nullable=False),
 )
 
@@ -65,6 +81,7 @@ runs = Table(
     Column("history", LargeBinary, nullable=False),  # ematwin.comparison.study.history.pack
     Column("stopped", Text, nullable=False),
     Column("provenance", String(24), nullable=False),  # document
+    Column("checksum", String(16)),  # ematwin.comparison.study.seal.row_checksum
     Index("ematwin_runs_status", "id", "status"),  # resuming reads this, not the histories
 )
 
@@ -78,12 +95,14 @@ claims = Table(
 
 
 def migrate(connection: Connection, found: int, where: str) -> None:
-    """Bring an older schema up to date, or refuse a newer one.
+    """Bring an older schema up to date, or refuse a newer one; runs without checksums get them.
 
     Raises
     ------
     FileError
         If the store was made by a newer ematwin.
+    DamagedError
+        If a run that has no checksum yet cannot be read.
     """
     check_schema(found, where)
     if found == SCHEMA:
@@ -91,7 +110,10 @@ def migrate(connection: Connection, found: int, where: str) -> None:
     for statements in MIGRATIONS[found - 1 : SCHEMA - 1]:
         for statement in statements:
             connection.exec_driver_sql(statement)
+    if found < SEALED:
+        _seal_runs(connection)
     connection.execute(study.update().where(study.c.key == "schema").values(value=str(SCHEMA)))
+    seal_study(connection)
 
 
 def check_schema(found: int, where: str) -> None:
@@ -101,3 +123,33 @@ def check_schema(found: int, where: str) -> None:
             f"The store {where} has schema {found}, and this ematwin knows up to {SCHEMA}. "
             "Update ematwin, or give another --store."
         )
+
+
+def seal_study(connection: Connection) -> None:
+    """Write the checksum of the study's own table, and a second copy of its settings."""
+    pairs = {row.key: row.value for row in connection.execute(select(study))}
+    connection.execute(study.delete().where(study.c.key == "checksum"))
+    connection.execute(study.insert().values(key="checksum", value=study_checksum(pairs)))
+    key = document_key(pairs["settings"])
+    if connection.execute(select(documents.c.key).where(documents.c.key == key)).first() is None:
+        connection.execute(documents.insert().values(key=key, body=pairs["settings"]))
+
+
+def _seal_runs(connection: Connection) -> None:
+    bodies = {row.key: row.body for row in connection.execute(select(documents))}
+    reader = RowReader(bodies.get, sealed=False)
+    last = ""
+    while True:
+        query = select(runs).where(runs.c.id > last).order_by(runs.c.id).limit(_PAGE)
+        page = connection.execute(query).all()
+        for row in page:
+            values: dict[str, Any] = dict(row._mapping)
+            one = reader.stored(values)
+            if RunSpec.id.func(one.spec) != row.id:  # type: ignore[attr-defined]
+                raise DamagedError(f"{called(values)} has other inputs than its id says")
+            connection.execute(
+                runs.update().where(runs.c.id == row.id).values(checksum=row_checksum(values))
+            )
+        if len(page) < _PAGE:
+            return
+        last = page[-1].id

@@ -3,13 +3,17 @@
 Runs are inserted whole, under the hash of their inputs; one that is done is never overwritten. A
 process claims runs before it does them, so that several can share a study. A claim lapses when
 its process is seen to be dead, or when it was not renewed for a while.
+
+What is read is verified: SQLite's structure when a store is opened, each row by its checksum.
 """
 
 import json
+import math
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from sqlalchemy import Connection, delete, inspect, select, update
 from sqlalchemy.dialects import postgresql, sqlite
@@ -19,11 +23,15 @@ from ematwin.comparison.study.database import Database
 from ematwin.comparison.study.owner import is_dead, owner_name
 from ematwin.comparison.study.rows import RowReader, document, row_of, settings_of
 from ematwin.comparison.study.run import StoredRun
+from ematwin.comparison.study.same import check_same
+from ematwin.comparison.study.seal import DamagedError, study_checksum
+from ematwin.comparison.study.survey import survey
 from ematwin.errors import FileError
 
 LEASE = 60.0  # s for which a claim holds without being renewed
 _PAGE = 1000  # runs read at a time; between pages others may write
 _FEW = 500  # ids in one question
+_Answer = TypeVar("_Answer")
 _COUNTED = {"preserve_rowcount": True}
 _LOCK = 0x656D6174  # of PostgreSQL, for making the tables
 
@@ -74,7 +82,11 @@ class Store:
         self.name = self._database.name
         self.owner = owner or owner_name()
         self._documents: set[str] = set()
-        self.begun = self._database.exists and self._database.read(self._look, patient=False)
+        self._seen: dict[str, tuple[float, float]] = {}  # claims of others, since when they stand
+        self._schema = schema.SCHEMA
+        with self._naming_damage():
+            self._database.check_whole()
+            self.begun = self._database.exists and self._read(self._look, patient=False)
 
     def __enter__(self) -> "Store":
         return self
@@ -90,16 +102,14 @@ class Store:
 
     def settings(self) -> dict[str, Any]:
         """What all runs of the study share, see `ematwin.comparison.study.plan.Plan.settings`."""
-        query = select(schema.study.c.value).where(schema.study.c.key == "settings")
-        text = self._database.read(lambda connection: connection.execute(query).scalar_one())
-        found: dict[str, Any] = json.loads(text)
+        found: dict[str, Any] = json.loads(self._read(self._said)["settings"])
         return found
 
     def check(self, settings: Mapping[str, Any]) -> None:
         """Raise `FileError` if this cannot be the store of a study with these settings."""
         self._database.check_writable()
         if self.begun:
-            _check_same(self.settings(), settings, self.name)
+            check_same(self.settings(), settings, self.name)
 
     def begin(self, settings: Mapping[str, Any]) -> None:
         """Make the tables, or check that the study in them is this one; bring them up to date.
@@ -110,8 +120,10 @@ class Store:
             If the store holds another study, or cannot be written.
         """
         self.check(settings)
-        self._database.write(lambda connection: self._begin(connection, settings))
+        with self._naming_damage():
+            self._database.write(lambda connection: self._begin(connection, settings))
         self.begun = True
+        self._schema = schema.SCHEMA
 
     # --- runs ----------------------------------------------------------------------------------
 
@@ -119,20 +131,28 @@ class Store:
         """Ids of the finished runs and how they ended; histories stay where they are."""
         columns = schema.runs.c
         query = select(columns.id, columns.status)
-        return self._database.read(
-            lambda connection: {row[0]: row[1] for row in connection.execute(query)}
-        )
+        return self._read(lambda connection: {row[0]: row[1] for row in connection.execute(query)})
 
     def runs(self) -> Iterator[StoredRun]:
-        """Yield all finished runs, by id. Histories stay packed until they are looked at."""
+        """Yield all finished runs, by id. Histories stay packed until they are looked at.
+
+        Raises
+        ------
+        FileError
+            If a run is not as it was written; the message names it.
+        """
         columns = schema.runs.c
-        reader = RowReader(self._document)
+        sealed = self._schema >= schema.SEALED
+        there = [column for column in columns if sealed or column.name != "checksum"]
+        reader = RowReader(self._document, sealed)
         last = ""
         while True:
-            query = select(schema.runs).where(columns.id > last).order_by(columns.id).limit(_PAGE)
-            page = self._database.read(lambda c, query=query: c.execute(query).all())  # type: ignore[misc]
+            query = select(*there).where(columns.id > last).order_by(columns.id).limit(_PAGE)
+            page = self._read(lambda c, query=query: c.execute(query).all())  # type: ignore[misc]
             for row in page:
-                yield reader.stored(row._mapping)
+                with self._naming_damage():
+                    one = reader.stored(row._mapping)
+                yield one
             if len(page) < _PAGE:
                 return
             last = page[-1].id
@@ -179,6 +199,31 @@ class Store:
         query = delete(schema.claims).where(schema.claims.c.owner == self.owner)
         self._database.write(lambda connection: connection.execute(query))
 
+    # --- damage --------------------------------------------------------------------------------
+
+    def _read(self, work: Callable[[Connection], _Answer], patient: bool = True) -> _Answer:
+        with self._naming_damage():
+            return self._database.read(work, patient)
+
+    @contextmanager
+    def _naming_damage(self) -> Iterator[None]:
+        """Say of which rows a store is damaged, and how the others are rescued."""
+        try:
+            yield
+        except DamagedError as error:
+            found = survey(self._database)
+            if not found.runs:
+                raise FileError(
+                    f"The store {self.name} is damaged: {error}, and no run in it is whole. Put a "
+                    "copy in its place, or give another --store."
+                ) from None
+            rows = found.damaged or [f"{error}; all {len(found.runs)} runs in it are whole"]
+            more = f" and {len(rows) - 1} more" if len(rows) > 1 else ""
+            raise FileError(
+                f"The store {self.name} is damaged: {rows[0]}{more}. What is whole can be rescued: "
+                f"ematwin store rescue {self.name} --out rescued.db"
+            ) from None
+
     # --- within transactions -------------------------------------------------------------------
 
     def _look(self, connection: Connection) -> bool:
@@ -186,15 +231,32 @@ class Store:
         tables = set(inspect(connection).get_table_names())
         if not tables:
             return False
-        study = schema.study
-        found = _pairs(connection) if study.name in tables else {}
-        if found.get("format") != schema.FORMAT:
+        if schema.study.name not in tables:
             raise FileError(
                 f"{self.name} is not a study store: it holds other tables "
-                f"({', '.join(sorted(tables)[:3])}). Give another --store."
+                f"({', '.join(ascii(name)[1:-1][:40] for name in sorted(tables)[:3])}). "
+                "Give another --store."
             )
-        schema.check_schema(int(found["schema"]), self.name)
+        self._schema = int(self._said(connection)["schema"])
         return True
+
+    def _said(self, connection: Connection) -> dict[str, str]:
+        """What the table of the study says, verified: format, schema, settings."""
+        columns = schema.study.c
+        found = {row[0]: row[1] for row in connection.execute(select(columns.key, columns.value))}
+        version = found.get("schema")
+        number = int(version) if isinstance(version, str) and version.isdecimal() else 0
+        sealed = number >= schema.SEALED or "checksum" in found
+        if number > schema.SCHEMA and found.get("format") == schema.FORMAT:
+            schema.check_schema(number, self.name)
+        if (
+            found.get("format") != schema.FORMAT
+            or not 1 <= number <= schema.SCHEMA
+            or not isinstance(found.get("settings"), str)
+            or (sealed and found.get("checksum") != study_checksum(found))
+        ):
+            raise DamagedError("the row of the study's settings differs from its checksum")
+        return found
 
     def _begin(self, connection: Connection, settings: Mapping[str, Any]) -> None:
         if self._database.is_server:
@@ -210,10 +272,11 @@ class Store:
             connection.execute(
                 study.insert(), [{"key": key, "value": value} for key, value in rows.items()]
             )
+            schema.seal_study(connection)
             return
-        found = _pairs(connection)
+        found = self._said(connection)
         schema.migrate(connection, int(found["schema"]), self.name)
-        _check_same(json.loads(found["settings"]), settings, self.name)
+        check_same(json.loads(found["settings"]), settings, self.name)
 
     def _save(
         self, connection: Connection, rows: list[dict[str, Any]], texts: dict[str, str]
@@ -256,7 +319,7 @@ class Store:
             for claim in held:
                 if claim.owner == self.owner:
                     continue
-                if claim.until < now or is_dead(claim.owner):
+                if self._lapsed(claim.id, claim.until, now) or is_dead(claim.owner):
                     connection.execute(
                         delete(claims).where(claims.c.id == claim.id, claims.c.owner == claim.owner)
                     )
@@ -276,14 +339,23 @@ class Store:
             ours |= won - taken
         return ours
 
-    def _document(self, key: str) -> Any:
+    def _lapsed(self, id: str, until: Any, now: float) -> bool:
+        """Whether a claim is past its time, or has not been renewed for as long as we look.
+
+        The second is for clocks that were set: a claim of tomorrow shall not be waited for.
+        """
+        if not (isinstance(until, float) and until >= now):
+            return True
+        before, since = self._seen.get(id, (math.nan, 0.0))
+        if before != until:
+            self._seen[id] = (until, time.monotonic())
+            return False
+        return time.monotonic() - since > LEASE
+
+    def _document(self, key: str) -> str | None:
         query = select(schema.documents.c.body).where(schema.documents.c.key == key)
-        return json.loads(self._database.read(lambda c: c.execute(query).scalar_one()))
-
-
-def _pairs(connection: Connection) -> dict[str, str]:
-    columns = schema.study.c
-    return {row[0]: row[1] for row in connection.execute(select(columns.key, columns.value))}
+        row = self._database.read(lambda connection: connection.execute(query).first())
+        return None if row is None or not isinstance(row[0], str) else row[0]
 
 
 def _documents_of(one: StoredRun) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -292,30 +364,3 @@ def _documents_of(one: StoredRun) -> tuple[dict[str, Any], dict[str, Any]]:
 
 def _parts(ids: list[str]) -> Iterable[list[str]]:
     return (ids[n : n + _FEW] for n in range(0, len(ids), _FEW))
-
-
-def _check_same(found: Mapping[str, Any], asked: Mapping[str, Any], where: str) -> None:
-    """Raise `FileError` unless both are the settings of one study."""
-    for name in dict.fromkeys([*asked, *found]):
-        if found.get(name) == asked.get(name):
-            continue
-        place, old, new = _difference(name, found.get(name), asked.get(name))
-        raise FileError(
-            f"The store {where} holds another study: its {place} is {old}, received {new}. "
-            "Give another --store, or the settings of that study."
-        )
-
-
-def _difference(place: str, old: Any, new: Any) -> tuple[str, str, str]:
-    """Where two settings differ, and both values there, shortly."""
-    if isinstance(old, dict) and isinstance(new, dict) and old.get("name") == new.get("name"):
-        for key in dict.fromkeys([*new, *old]):
-            if old.get(key) != new.get(key):
-                return _difference(f"{place}.{key}", old.get(key), new.get(key))
-    return place, _short(old), _short(new)
-
-
-def _short(value: Any) -> str:
-    if isinstance(value, dict):
-        return str(value["name"]) if "name" in value else json.dumps(value)
-    return f"{value:g}" if isinstance(value, float) else str(value)

@@ -5,7 +5,6 @@ zeros only and so show no decimal sign. What was recognised is said in the prove
 """
 
 import csv
-import json
 import re
 from collections import Counter
 from collections.abc import Sequence
@@ -14,6 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from ematwin.errors import FileError, RecordError
+from ematwin.recordings.sealed import damaged, looks_sealed, unsealed
+from ematwin.recordings.spreadsheets import without_apostrophe
 from ematwin.recordings.units import is_unit, unbracketed
 
 METADATA_MARK = "# ematwin "
@@ -184,16 +185,11 @@ def _whole_lines(text: str, cut: bool) -> str:
 
 
 def _metadata(line: str, path: Path) -> dict[str, Any]:
-    if not line.startswith(METADATA_MARK):
-        return {}
-    try:
-        found = json.loads(line[len(METADATA_MARK) :])
-    except json.JSONDecodeError as error:
-        raise FileError(
-            f"Cannot read {path} as csv: its first line is damaged ({error}). "
-            "It may be truncated or edited."
-        ) from None
-    return found if isinstance(found, dict) else {}
+    if line.startswith(METADATA_MARK):
+        return unsealed(line[len(METADATA_MARK) :], path)
+    if looks_sealed(line):
+        raise damaged(path, "its first line has lost its mark")
+    return {}
 
 
 def _is_comment(line: str) -> bool:
@@ -267,7 +263,7 @@ def _header(
             above = above[:n]
             break
     names: list[str] = []
-    for n, name in enumerate(above[-1]):
+    for n, name in enumerate(map(without_apostrophe, above[-1])):
         name = name or f"column {n + 1}"
         names.append(name if name not in names else f"{name} ({n + 1})")
     return names, units, len(above)

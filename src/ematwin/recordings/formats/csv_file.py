@@ -16,6 +16,8 @@ from ematwin.errors import FileError, RecordError
 from ematwin.recordings.formats.arrow import as_floats, as_integers
 from ematwin.recordings.formats.base import Progress, RecordedFile, moment, refusing
 from ematwin.recordings.formats.csv_dialect import PLACEHOLDERS, sniff
+from ematwin.recordings.sealed import verify
+from ematwin.recordings.spreadsheets import without_apostrophe
 
 _BLOCK = 1 << 20  # bytes; pyarrow reads some dozens ahead: four times as much took 100 MB more
 
@@ -78,7 +80,9 @@ class CsvFile(RecordedFile):
                 self.clocks[names[place]] = began
         if progress is not None:
             progress(1.0)
-        return dict(zip(names, columns.finished(), strict=True))
+        found = dict(zip(names, columns.finished(), strict=True))
+        verify(found, self.metadata, self.path)
+        return found
 
     def texts(self, name: str) -> list[str]:  # noqa: D102
         import pyarrow as pa
@@ -90,7 +94,8 @@ class CsvFile(RecordedFile):
             file.seek(self._dialect.start)
             batches = self._batches(file, [position], {position: pa.binary()})
             found = [text for batch in batches for text in batch.column(0).to_pylist()]
-        return ["" if text is None else text.decode(code, "replace").strip() for text in found]
+        texts = ("" if text is None else text.decode(code, "replace").strip() for text in found)
+        return [without_apostrophe(text) for text in texts]
 
     def _batches(
         self, file: BufferedReader, positions: Sequence[int], types: dict[int, Any] | None = None

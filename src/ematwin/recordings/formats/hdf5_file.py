@@ -1,14 +1,17 @@
 """HDF5 files, through h5py: datasets by path, columns of a matrix as ``path[k]``."""
 
+import mmap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
+from ematwin.errors import FileError
 from ematwin.recordings.formats.base import Progress, RecordedFile, as_float, load_library, refusing
 from ematwin.recordings.formats.mat_file import matrix_columns
 
+_HEAP = b"GCOL\x01\0\0\0"
 _UNIT_ATTRIBUTES = ("unit", "units", "Unit", "Units", "unit_string")
 
 
@@ -27,6 +30,7 @@ class Hdf5File(RecordedFile):
         # channel -> dataset, and what selects the channel in it
         self._channels: dict[str, tuple[str, str | int | None]] = {}
         self._lengths: dict[str, int] = {}
+        self._heaps_checked = False
         try:
             self._file.visititems(self._note)
         except BaseException:
@@ -41,6 +45,11 @@ class Hdf5File(RecordedFile):
         with refusing(self.path, self.kind):
             attributes = self._file[self._channels[name][0]].attrs
             key = next((key for key in _UNIT_ATTRIBUTES if key in attributes), None)
+            if key is not None and not self._heaps_checked:
+                self._heaps_checked = True
+                kind = attributes.get_id(key).get_type()
+                if hasattr(kind, "is_variable_str") and kind.is_variable_str():
+                    _check_heaps(self.path)
             text = None if key is None else attributes[key]
         return text.decode(errors="replace") if isinstance(text, bytes) else text and str(text)
 
@@ -87,3 +96,28 @@ class Hdf5File(RecordedFile):
     def _add(self, name: str, key: str, part: str | int | None, length: int) -> None:
         self._channels[name] = (key, part)
         self._lengths[name] = length
+
+
+def _check_heaps(path: Path) -> None:
+    """Refuse a file with a global heap, where texts lie, that HDF5 2.0 would read without end.
+
+    It steps over the free space of a heap by the size that stands there, also if that is zero.
+    HDF5 File Format Specification 3.0, III.E.
+    """
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        start = content.find(_HEAP)
+        while start >= 0:
+            place = start + 16
+            end = min(
+                start + int.from_bytes(content[start + 8 : start + 16], "little"), len(content)
+            )
+            while place + 16 <= end:
+                number = int.from_bytes(content[place : place + 2], "little")
+                size = int.from_bytes(content[place + 8 : place + 16], "little")
+                step = 16 + (size + 7) // 8 * 8 if number else size
+                if step == 0:
+                    raise FileError(
+                        f"Cannot read {path} as HDF5: its heap of texts is damaged. Copy it again."
+                    )
+                place += step
+            start = content.find(_HEAP, start + 4)

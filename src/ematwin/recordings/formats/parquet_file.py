@@ -1,6 +1,5 @@
 """Parquet files, through pyarrow, column by column in batches of rows."""
 
-import json
 from collections.abc import Sequence
 from datetime import UTC
 from pathlib import Path
@@ -8,9 +7,10 @@ from typing import Any, ClassVar, cast
 
 import numpy as np
 
-from ematwin.errors import RecordError
+from ematwin.errors import FileError, RecordError
 from ematwin.recordings.formats.arrow import as_floats, as_integers
 from ematwin.recordings.formats.base import Progress, RecordedFile, moment, refusing
+from ematwin.recordings.sealed import damaged, looks_sealed, unsealed, verify
 from ematwin.recordings.tables import METADATA_KEY
 
 _BATCH = 1 << 16  # rows
@@ -26,10 +26,14 @@ class ParquetFile(RecordedFile):
         import pyarrow.parquet as pq
 
         self._origins: dict[str, int] = {}  # ns, of columns of clock times
-        self._file = pq.ParquetFile(path)
+        # pages that were written without a checksum are read as they are
+        self._file = pq.ParquetFile(path, page_checksum_verification=True)
         self._schema = self._file.schema_arrow
-        note = (self._schema.metadata or {}).get(METADATA_KEY.encode())
-        self.metadata = json.loads(note) if note else {}
+        notes = self._schema.metadata or {}
+        note = notes.get(METADATA_KEY.encode())
+        self.metadata = unsealed(note.decode(), path) if note else {}
+        if note is None and any(looks_sealed(text.decode("latin-1")) for text in notes.values()):
+            raise damaged(path, "what it says of itself has lost its name")
 
     @property
     def names(self) -> tuple[str, ...]:  # noqa: D102
@@ -56,6 +60,12 @@ class ParquetFile(RecordedFile):
                     start += values.size
                     if progress is not None:
                         progress((position + start / rows) / len(columns))
+                if start != rows:
+                    raise FileError(
+                        f"{self.path} promises {rows} rows of {name} and holds {start}. It was "
+                        "damaged; copy it again."
+                    )
+        verify(columns, self.metadata, self.path)
         if progress is not None:
             progress(1.0)
         return columns

@@ -2,6 +2,8 @@
 
 When one process dies, loky gives up all of its pool. The runs that were in flight are then done
 again, one at a time: so a run that kills its process is found out without blaming its neighbours.
+A busy machine kills processes that have done nothing, so what dies is tried again for a minute,
+with pauses in which other runs go on.
 """
 
 import os
@@ -11,10 +13,10 @@ import threading
 import time
 from collections import deque
 from concurrent.futures import BrokenExecutor, Future
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
-from ematwin.comparison.study.engines.base import DEATHS, Engine, EngineError, gave_up
+from ematwin.comparison.study.engines.base import PATIENCE, Engine, EngineError, Trials, gave_up
 from ematwin.comparison.study.execute import execute, hard_limit, warm_up
 from ematwin.comparison.study.run import RunResult, RunSpec
 from ematwin.optimizers.catalogue import Algorithm
@@ -38,7 +40,7 @@ _LEAK = 2_000_000_000
 class _Flight:
     spec: RunSpec
     since: float = 0.0
-    deaths: int = 0  # when it was the only one in flight
+    trials: Trials = field(default_factory=Trials)  # that ended in a death, it flying alone
 
 
 class LocalEngine(Engine):
@@ -48,20 +50,34 @@ class LocalEngine(Engine):
     ----------
     workers : int
     time_limit : float, s, of a run, or None
+    patience : float, s, for which processes that die are started again
     """
 
     name = "local"
 
-    def __init__(self, workers: int, time_limit: float | None = None) -> None:
+    def __init__(
+        self, workers: int, time_limit: float | None = None, patience: float = PATIENCE
+    ) -> None:
         self._workers = workers
         self._limit = time_limit
+        self._patience = patience
+        self._starts = Trials()
         self._pool: Any = None
         self._generation = 0
         self._events: queue.SimpleQueue[tuple[int, str, Future[RunResult]]] = queue.SimpleQueue()
         self._flights: dict[str, _Flight] = {}
         self._suspects: deque[_Flight] = deque()
 
-    def start(self, attempts: int = DEATHS) -> None:  # noqa: D102
+    def start(self) -> None:  # noqa: D102
+        while not self._started():
+            time.sleep(0.1)
+
+    def _started(self) -> bool:
+        """Whether there are processes; starts them if it is time to try."""
+        if self._pool is not None:
+            return True
+        if not self._starts.is_due:
+            return False
         from joblib.externals.loky import ProcessPoolExecutor
 
         self._pool = ProcessPoolExecutor(
@@ -74,14 +90,18 @@ class LocalEngine(Engine):
         try:
             # a run's clock starts when it is submitted: somebody must be there to take it
             self._pool.submit(warm_up).result()
-        except (BrokenExecutor, RuntimeError) as error:
+        except (BrokenExecutor, RuntimeError, OSError) as error:
             self._end_pool()
-            if attempts > 1:
-                return self.start(attempts - 1)
+            self._starts.failed()
+            if not self._starts.over(self._patience):
+                return False
             raise EngineError(
-                f"The worker processes die as soon as they start ({type(error).__name__}). "
-                "Finished runs are kept; see whether there is enough memory."
+                f"The worker processes die as soon as they start ({type(error).__name__}), "
+                f"{self._starts.failures} times in {self._patience:g} s. Finished runs are kept; "
+                "see whether there is enough memory, and give the same command again."
             ) from None
+        self._starts = Trials()
+        return True
 
     @property
     def busy(self) -> int:  # noqa: D102
@@ -89,14 +109,19 @@ class LocalEngine(Engine):
 
     @property
     def free(self) -> int:  # noqa: D102
-        alone = any(flight.deaths for flight in self._flights.values())
-        return 0 if self._suspects or alone else self._workers - len(self._flights)
+        alone = any(flight.trials.failures for flight in self._flights.values())
+        waited_for = any(flight.trials.is_due for flight in self._suspects)
+        if self._pool is None or alone or waited_for:
+            return 0
+        return self._workers - len(self._flights)
 
     def submit(self, spec: RunSpec) -> None:  # noqa: D102
         self._launch(_Flight(spec))
 
     def finished(self, timeout: float) -> list[RunResult]:  # noqa: D102
         results: list[RunResult] = []
+        if self._started():
+            self._next_suspect()
         try:
             while True:
                 event = self._events.get(timeout=0.0 if results else timeout)
@@ -129,14 +154,13 @@ class LocalEngine(Engine):
             cause = "" if future.cancelled() else str(future.exception())
             # loky names the signals that ended processes; the watchdog exits without one
             return self._recover(by_signal="SIG" in cause)
-        flight = self._flights.pop(id)
+        self._flights.pop(id)
         error = future.exception()
         if error is not None:  # the result could not be carried back
             result = RunResult(id, "failed", stopped=f"{type(error).__name__}: {error}")
         else:
             result = future.result()
-        if flight.deaths or self._suspects:
-            self._next_suspect()
+        self._next_suspect()
         return [result]
 
     def _recover(self, by_signal: bool) -> list[RunResult]:
@@ -145,28 +169,29 @@ class LocalEngine(Engine):
         self._flights.clear()
         self._generation += 1
         self._end_pool()
-        self.start()
-        results = []
-        if len(flights) == 1:
-            flight = flights[0]
-            flight.deaths += 1
-            overdue = (
-                self._limit is not None
-                and not by_signal
-                and time.monotonic() - flight.since >= hard_limit(self._limit)
-            )  # fmt: skip
-            if overdue or flight.deaths >= DEATHS:
-                results.append(gave_up(flight.spec, self.name, self._limit, overdue))
-            else:
-                self._suspects.append(flight)
-        else:
+        if len(flights) > 1:
             self._suspects.extend(flights)
-        self._next_suspect()
-        return results
+            return []
+        flight = flights[0]
+        flight.trials.failed()
+        overdue = (
+            self._limit is not None
+            and not by_signal
+            and time.monotonic() - flight.since >= hard_limit(self._limit)
+        )
+        if overdue or flight.trials.over(self._patience):
+            deaths = flight.trials.failures
+            return [gave_up(flight.spec, self.name, self._limit, overdue, deaths)]
+        self._suspects.append(flight)
+        return []
 
     def _next_suspect(self) -> None:
-        if self._suspects and not self._flights:
-            self._launch(self._suspects.popleft())
+        if self._flights:
+            return
+        due = next((flight for flight in self._suspects if flight.trials.is_due), None)
+        if due is not None:
+            self._suspects.remove(due)
+            self._launch(due)
 
     def _end_pool(self) -> None:
         if self._pool is not None:
