@@ -1,4 +1,4 @@
-"""How the preset `improved` was tuned: the same effort for each of the six, on no actuator.
+"""How the preset `improved` was tuned: one effort for each of the six, on no actuator.
 
     python benchmarks/tuning.py [--json] [--configurations 32] [--seeds 5] [ga pso de gwo da woa]
 

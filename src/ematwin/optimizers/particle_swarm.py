@@ -143,9 +143,7 @@ STANDARD_2006 = Coefficients(
 CONSTRICTION = Coefficients(inertia=0.72984, own=0.72984 * 2.05, neighbours=0.72984 * 2.05)
 """Clerc and Kennedy (2002)."""
 
-INERTIA_1998 = Coefficients(
-    inertia=0.9, own=2.0, neighbours=2.0, speed_limit=0.5, last_inertia=0.4
-)
+INERTIA_1998 = Coefficients(inertia=0.9, own=2.0, neighbours=2.0, speed_limit=0.5, last_inertia=0.4)
 """Shi and Eberhart (1998), A Modified Particle Swarm Optimizer, Proc. IEEE ICEC, 69-73; the inertia
 falls as in their study of 1999, Proc. CEC, 1945-1950, and the speed limit is half the box."""
 

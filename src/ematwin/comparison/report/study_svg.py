@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.comparison.analysis.conclusions import shown
 from ematwin.comparison.analysis.ranks import ALPHA
 from ematwin.comparison.analysis.study import StudyAnalysis
 from ematwin.comparison.report.study_figures import (
@@ -59,7 +58,7 @@ def critical_difference(analysis: StudyAnalysis) -> str:
     import pandas
     import scikit_posthocs
 
-    names = [shown(name) for name in ranks.algorithms]
+    names = [name for name in ranks.algorithms]
     significance = pandas.DataFrame(ranks.significance(), index=names, columns=names)
 
     def draw(figure: Any) -> None:

@@ -85,6 +85,8 @@ def _algorithm(name: str, title: str, **options: Any) -> Algorithm:
         "pygmo",
         partial(_load, name, **options),
         requires="pygmo",
+        departures="goes on, or restarts, where it ends",
+        tuned_on="nothing here: the library's own settings",
     )
 
 
