@@ -1,7 +1,7 @@
 """The BBOB suite of COCO: shares of targets met, for the table of docs/optimizers.md.
 
     pip install coco-experiment
-    python benchmarks/bbob.py [--dimensions 2,5,10] [--instances 5] [--data FOLDER] [--json] [NAME ...]
+    python benchmarks/bbob.py [--dimensions 2,5,10] [--instances 5] [--data FOLDER] [NAME ...]
 
 NAME is a method or a preset of ``ematwin algorithms``; paper and improved if none is given. All 24
 functions, one run an instance, population 50, a budget of 1,000 evaluations a variable. As COCO
