@@ -223,3 +223,19 @@ def test_claims_are_judged_with_the_forms_as_published():
 def test_senseless_misfits_are_refused(misfits):
     with pytest.raises(InputError, match="Misfits"):
         analyse(study(runs=1), misfits=misfits)
+
+
+def test_the_six_of_a_preset_are_also_tested_among_themselves():
+    six = ("ga-holland", "pso-inertia", "de-rand", "gwo", "da", "woa")
+    alone = analyse(study(runs=2, algorithms=six, seed=3))
+    assert alone.within == {}
+    many = analyse(study(runs=2, algorithms=(*six, "pso", "de", "ga", "random"), seed=3))
+    ranks = many.within["paper"]
+    assert (len(ranks.pairs), len(many.ranks.pairs)) == (15, 45)
+    errors = np.array([[cell.metrics["err"].mean for cell in row] for row in many.cells])
+    for pair in ranks.pairs:
+        first, second = (
+            errors[:, many.table.algorithms.index(n)] for n in (pair.first, pair.second)
+        )
+        assert pair.p == pytest.approx(stats.wilcoxon(first, second).pvalue)
+    assert any("preset paper alone" in sentence for sentence in many.conclusions)

@@ -26,6 +26,7 @@ def conclude(
     table: RunTable,
     cells: list[list[Cell]],
     ranks: RankComparison,
+    within: dict[str, RankComparison],
     diagnosis: list[Diagnosis],
     threshold: float,
 ) -> list[str]:
@@ -33,6 +34,7 @@ def conclude(
     return [
         *_runs(table, cells),
         *_differences(ranks),
+        *_within(within),
         *_diagnosis(diagnosis, threshold, table.subject),
         *_mixtures(table),
         *_limits(table),
@@ -83,21 +85,36 @@ def _differences(ranks: RankComparison) -> list[str]:
             )
             return [*sentences, *ranks.notes]
         sentences.append(f"{test}: the algorithms differ in Err%.")
+    return [*sentences, *_pairs(ranks), *ranks.notes]
+
+
+def _within(within: dict[str, RankComparison]) -> list[str]:
+    """The same among the methods of a preset, which makes fewer pairs."""
+    return [
+        f"Among the methods of the preset {preset} alone: {sentence[0].lower()}{sentence[1:]}"
+        for preset, ranks in within.items()
+        for sentence in _pairs(ranks)
+    ]
+
+
+def _pairs(ranks: RankComparison) -> list[str]:
+    """Which pairs differ after Holm's correction."""
+    order = np.argsort(ranks.average_ranks)
     pairs = [pair for pair in ranks.pairs if pair.p_holm < ALPHA]
     if pairs:
         rest = (
             " Nothing can be concluded about the others." if len(pairs) < len(ranks.pairs) else ""
         )
-        sentences.append(
+        return [
             f"Of {len(ranks.pairs)} pairs, {len(pairs)} differ after Holm's correction (p at most "
             f"{max(pair.p_holm for pair in pairs):.2g}): {_before(ranks, order)}.{rest}"
-        )
-    elif ranks.pairs:
-        sentences.append(
+        ]
+    if ranks.pairs:
+        return [
             "No pair of algorithms differs significantly after Holm's correction: which of two is "
             "the better cannot be concluded."
-        )
-    return [*sentences, *ranks.notes]
+        ]
+    return []
 
 
 def _before(ranks: RankComparison, order: np.ndarray) -> str:

@@ -33,6 +33,7 @@ from ematwin.comparison.analysis.runs import RunTable, collect
 from ematwin.comparison.analysis.summary import TARGETS, Cell, matrix, summarise
 from ematwin.comparison.study.run import StoredRun
 from ematwin.errors import InputError
+from ematwin.optimizers.presets import PRESETS
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,8 @@ class StudyAnalysis:
     ranks : tests over the case means of Err%
     ranks_by : (A,) average ranks by "mean Err%", by "median Err%" and by the expected running time
         to ``misfits[len // 2]``
+    within : the same tests among the methods of each preset that the study has wholly, beside
+        others: more methods make more pairs, and Holm's correction then allows less
     a12 : (C, A, A) array, effect sizes of each case
     misfits : relative misfits whose running times are stated
     to_target, diagnosis : one an algorithm
@@ -82,6 +85,7 @@ class StudyAnalysis:
     likeness: PaperLikeness
     ranks: RankComparison
     ranks_by: dict[str, np.ndarray]
+    within: dict[str, RankComparison]
     a12: np.ndarray
     misfits: tuple[float, ...]
     to_target: list[ToTarget]
@@ -133,6 +137,10 @@ class StudyAnalysis:
                     for by, values in self.ranks_by.items()
                 },
                 "smallest_p_holm": self.ranks.smallest_holm,
+                "within_presets": {
+                    preset: [asdict(pair) for pair in ranks.pairs]
+                    for preset, ranks in self.within.items()
+                },
                 "pairs": [asdict(pair) for pair in self.ranks.pairs],
                 "notes": self.ranks.notes,
             },
@@ -185,6 +193,7 @@ def analyse(
     shared_coefficients = performance_coefficients(seconds[:, places], errors[:, places])
     a12 = effect_sizes(table)
     ranks = compare_ranks(errors, mean_effect(a12), table.cases, table.algorithms)
+    within = _within_presets(errors, mean_effect(a12), table)
     middle = misfits[len(misfits) // 2]
     ranks_by = {
         "mean Err%": average_ranks(errors),
@@ -209,9 +218,23 @@ def analyse(
         table, cells, performance_coefficients(seconds, errors),
         performance_coefficients(matrix(cells, "evaluations"), errors), forms, shared,
         shared_coefficients, likeness_to_paper(shared_coefficients, table.cases, shared, kind),
-        ranks, ranks_by, a12, misfits, evaluations_to_target(table, misfits, seed), diagnosis,
-        threshold, failures, claims, conclude(table, cells, ranks, diagnosis, threshold),
+        ranks, ranks_by, within, a12, misfits, evaluations_to_target(table, misfits, seed),
+        diagnosis, threshold, failures, claims, conclude(table, cells, ranks, within, diagnosis, threshold),
     )  # fmt: skip
+
+
+def _within_presets(
+    errors: np.ndarray, a12: np.ndarray, table: RunTable
+) -> dict[str, RankComparison]:
+    """The tests among the methods of each preset, where the study has them all and others."""
+    found = {}
+    for preset, names in PRESETS.items():
+        if set(names) < set(table.algorithms):
+            places = [table.algorithms.index(name) for name in names]
+            found[preset] = compare_ranks(
+                errors[:, places], a12[np.ix_(places, places)], table.cases, list(names)
+            )
+    return found
 
 
 def _as_paper(cells: list[list[Cell]], forms: dict[str, str]) -> list[list[Cell]]:

@@ -215,7 +215,16 @@ def _ranks(analysis: StudyAnalysis, diagram: str) -> list[Section]:
             else "",
             svg=diagram,
         ),
-        Section(table=tables.pairs(analysis)),
+        Section(table=tables.pairs(analysis.ranks)),
+        *(
+            Section(
+                text=f"Among the methods of the preset {preset} alone, which makes "
+                f"{_counted(len(ranks.pairs), 'pair')} and a smallest corrected p of "
+                f"{ranks.smallest_holm:.2g}:",
+                table=tables.pairs(ranks),
+            )
+            for preset, ranks in analysis.within.items()
+        ),
         Section(
             "Effect sizes, case by case",
             text="A12 of the algorithm with the lowest average rank against each other one: the "
@@ -369,7 +378,7 @@ def latex_tables(analysis: StudyAnalysis) -> dict[str, tuple[Table, str]]:
         ),
         "ranks": (tables.ranks(analysis), "Average ranks"),
         "effects": (tables.effects(analysis), "Effect sizes (A12) by case"),
-        "pairs": (tables.pairs(analysis), "Pairs of algorithms: Wilcoxon, Holm, A12"),
+        "pairs": (tables.pairs(analysis.ranks), "Pairs of algorithms: Wilcoxon, Holm, A12"),
         "to_target": (tables.to_target(analysis), "Evaluations to target"),
         "diagnosis": (tables.diagnosis(analysis), f"Diagnosis at {analysis.threshold:g}"),
         "failures": (tables.failures(analysis), "Failed runs"),

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from ematwin.comparison.analysis.paper import PAPER_ALGORITHMS, TABLE_2_AVERAGE, paper_coefficients
-from ematwin.comparison.analysis.ranks import ALPHA
+from ematwin.comparison.analysis.ranks import ALPHA, RankComparison
 from ematwin.comparison.analysis.study import StudyAnalysis
 from ematwin.comparison.analysis.summary import Cell
 from ematwin.estimation.search import methods as all_methods
@@ -192,7 +192,7 @@ def likeness(analysis: StudyAnalysis) -> Table:
     )
 
 
-def pairs(analysis: StudyAnalysis) -> Table:
+def pairs(ranks: RankComparison) -> Table:
     """Every two algorithms; significant pairs are marked."""
     return Table(
         ["pair", "p, Wilcoxon", "p, Holm", "A12"],
@@ -206,7 +206,7 @@ def pairs(analysis: StudyAnalysis) -> Table:
                 ],
                 marked=pair.p_holm < ALPHA,
             )
-            for pair in analysis.ranks.pairs
+            for pair in ranks.pairs
         ],
     )
 
