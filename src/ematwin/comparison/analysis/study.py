@@ -219,7 +219,8 @@ def analyse(
         performance_coefficients(matrix(cells, "evaluations"), errors), forms, shared,
         shared_coefficients, likeness_to_paper(shared_coefficients, table.cases, shared, kind),
         ranks, ranks_by, within, a12, misfits, evaluations_to_target(table, misfits, seed),
-        diagnosis, threshold, failures, claims, conclude(table, cells, ranks, within, diagnosis, threshold),
+        diagnosis, threshold, failures, claims,
+        conclude(table, cells, ranks, within, diagnosis, threshold),
     )  # fmt: skip
 
 
