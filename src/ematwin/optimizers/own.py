@@ -36,8 +36,8 @@ _WOLF = "Mirjalili, Mirjalili and Lewis (2014), Adv. Eng. Softw. 69, 46-61"
 _DRAGONFLY = "Mirjalili (2016), Neural Comput. Appl. 27, 1053-1073"
 _WHALE = "Mirjalili and Lewis (2016), Adv. Eng. Softw. 95, 51-67"
 
-_BOUND = "stops at a bound, where the paper has none"
-_BOUNCE = "bounces back from a bound, where the paper has none"
+_BOUND = "stops at a bound, where the source has none"
+_BOUNCE = "bounces back from a bound, where the source has none"
 _REAL = "real numbers for bits, tournaments, best of parents and children survive (after Holland)"
 _CRAZY = "10 % of the particles are crazy"
 _PUBLISHED = "nothing: settings as published"
@@ -85,7 +85,7 @@ ALGORITHMS = (
         "pso", "Particle swarm, growing ring", _CLERC,
         f"a ring that grows (after Suganthan 1999); {_CRAZY}",
         "coefficients: the four functions of docs/optimizers.md; ring and craziness: these and "
-        "cases of the paper's Table 1, with other seeds",
+        "cases of Table 1 of ESREL 2020, with other seeds",
         ParticleSwarm, "particle-swarm",
     ),
     _own(
@@ -120,7 +120,7 @@ ALGORITHMS = (
     ),
     _own(
         "de", "Differential evolution, best/1/bin, mixed CR", _STORN,
-        f"CR is drawn between the paper's two for each trial; {_BOUNCE}", _FOUR,
+        f"CR is drawn between the two of the source for each trial; {_BOUNCE}", _FOUR,
         DifferentialEvolution, "differential-evolution",
     ),
     _own(
