@@ -88,8 +88,12 @@ def test_bash_completes_options():
         (("actuators", "rm"), {"rm1605"}),
         (("simulate", "--scenario", "ra"), {"ramp"}),
         (("compare", "--scenario", "ra"), {"ramp"}),
-        (("identify", "--algorithm", "pso-"), {"pso-global", "pso-ring", "pso-plain"}),
+        (
+            ("identify", "--algorithm", "pso-"),
+            {"pso-1995", "pso-global", "pso-inertia", "pso-plain", "pso-ring", "pso-tuned"},
+        ),
         (("compare", "--algorithms", "ga,pso-r"), {"ga,pso-ring"}),
+        (("compare", "--algorithms", "cma,imp"), {"cma,improved"}),
     ],
     ids=lambda value: " ".join(sorted(value) if isinstance(value, set) else value),
 )

@@ -94,6 +94,9 @@ def test_algorithms_are_listed_with_their_sources(ematwin) -> None:
     listed = {row["name"]: row for row in json.loads(ematwin("algorithms", "--json").out)}
     assert {"multistart", "ga", "pso", "de", "gwo", "da", "woa", "cma"} <= set(listed)
     assert "Mirjalili" in listed["gwo"]["source"]
+    assert "Table 1" in listed["pso"]["tuned_on"]
+    assert "author" in listed["gwo"]["departures"]
+    assert "improved             in a study: ga-tuned" in ematwin("algorithms").out
 
 
 def test_channels_of_a_test_bench_are_mapped_by_name(

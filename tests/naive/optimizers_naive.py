@@ -149,7 +149,17 @@ def dragonfly(cost, lower, upper, population, iterations, rng):
 
 
 def particle_swarm(
-    cost, lower, upper, population, iterations, rng, inertia, weight, ring=None, limit=math.inf
+    cost,
+    lower,
+    upper,
+    population,
+    iterations,
+    rng,
+    inertia,
+    weight,
+    ring=None,
+    limit=math.inf,
+    last=None,
 ):
     d = len(lower)
     X = [_random_point(rng, lower, upper) for _ in range(population)]
@@ -175,8 +185,9 @@ def particle_swarm(
             else:
                 informers = [(i + k) % population for k in range(-reach, reach + 1)]
             g = best[min(informers, key=f_best.__getitem__)]
+            heaviness = inertia if last is None else inertia + t / iterations * (last - inertia)
             for j in range(d):
-                v = inertia * V[i][j]
+                v = heaviness * V[i][j]
                 v += weight * rng.random() * (best[i][j] - X[i][j])
                 v += weight * rng.random() * (g[j] - X[i][j])
                 most = limit * (upper[j] - lower[j])
@@ -253,3 +264,43 @@ def binary_genetic_algorithm(cost, lower, upper, population, iterations, rng, bi
         order = sorted(range(len(pool)), key=pool_costs.__getitem__)[:population]
         parents, costs = [pool[k] for k in order], [pool_costs[k] for k in order]
     return min(costs)
+
+
+def holland(cost, lower, upper, population, iterations, rng, bits=16, crossed=0.6, flipped=0.001):
+    """Holland's plan: roulette over window-scaled fitness, children in their parents' places."""
+    d = len(lower)
+
+    def point(string):
+        x = []
+        for j in range(d):
+            number = int("".join(map(str, string[j * bits : (j + 1) * bits])), 2)
+            x.append(lower[j] + number / (2**bits - 1) * (upper[j] - lower[j]))
+        return x
+
+    def parent():
+        turn = rng.random() * sum(fitness)
+        for string, share in zip(strings, fitness, strict=True):
+            turn -= share
+            if turn < 0:
+                return string
+        return strings[-1]
+
+    length = d * bits
+    strings = [[rng.randrange(2) for _ in range(length)] for _ in range(population)]
+    best = math.inf
+    for _ in range(iterations):
+        costs = [cost(point(string)) for string in strings]
+        best = min(best, *costs)
+        fitness = [max(costs) - f for f in costs]
+        if not any(fitness):
+            fitness = [1.0] * population
+        children = []
+        while len(children) < population:
+            one, two = list(parent()), list(parent())
+            if rng.random() < crossed:
+                cut = rng.randrange(1, length)
+                one[cut:], two[cut:] = two[cut:], one[cut:]
+            for child in (one, two):
+                children.append([bit ^ (rng.random() < flipped) for bit in child])
+        strings = children
+    return best

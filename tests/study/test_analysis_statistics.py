@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 from synthetic import done, failed, spec, study, vector
 
-from ematwin.comparison.analysis.convergence import bands, evaluations_to_target
+from ematwin.comparison.analysis.convergence import bands
 from ematwin.comparison.analysis.diagnosis import diagnose
 from ematwin.comparison.analysis.paper import (
     PAPER_ALGORITHMS,
@@ -155,7 +155,7 @@ def test_a_failed_run_loses_to_every_other():
     runs = [done(spec(algorithm="de"), vector(friction=0.9)), failed(spec(algorithm="ga"))]
     table = collect(runs)
     a12 = effect_sizes(table)
-    assert a12[table.algorithms.index("de"), table.algorithms.index("ga")] == 1.0
+    assert a12[0, table.algorithms.index("de"), table.algorithms.index("ga")] == 1.0
 
 
 def test_columns_do_not_depend_on_the_order_of_the_runs():
@@ -190,30 +190,6 @@ def test_thinning_drops_what_is_not_finite():
 
 def _with_history(algorithm: str, run: int, *pairs: tuple[int, float]):
     return done(spec(algorithm=algorithm, run=run), vector(friction=0.25), history=pairs)
-
-
-def test_evaluations_to_target_of_a_worked_example():
-    table = collect([
-        _with_history("de", 0, (10, 11.0), (100, 1.0)),  # closes the gap after 100
-        _with_history("ga", 0, (10, 11.0), (1000, 2.5)),  # to 0.15: meets no target
-    ])  # fmt: skip
-    ga, de = evaluations_to_target(table)
-    assert (ga.algorithm, de.algorithm) == ("ga", "de")
-    assert ga.share[-1] == 0.0
-    assert de.share[-1] == 1.0
-    assert de.share[de.evaluations < 100].max() == 0.0
-    assert de.expected[0.1] == 100.0
-    assert ga.expected[0.1] == math.inf
-
-
-def test_expected_evaluations_include_those_of_runs_that_did_not_get_there():
-    table = collect([
-        _with_history("de", 0, (10, 11.0), (100, 1.0)),
-        _with_history("de", 1, (10, 11.0), (400, 11.0)),
-    ])  # fmt: skip
-    (de,) = evaluations_to_target(table)
-    assert de.reached[0.1] == 0.5
-    assert de.expected[0.1] == 500.0
 
 
 def test_band_is_the_quartiles_of_the_runs():

@@ -10,9 +10,10 @@ from ematwin.cli.options import print_json
 def algorithms(
     json: Annotated[bool, typer.Option("--json", help="Answer as JSON.")] = False,
 ) -> None:
-    """List the search algorithms, their sources, and whether each is installed."""
+    """List the search algorithms: sources, departures, what they were tuned on, presets."""
     from ematwin.estimation.search import methods
     from ematwin.optimizers.catalogue import EXTRA
+    from ematwin.optimizers.presets import PRESETS
 
     found = methods()
     if json:
@@ -20,4 +21,10 @@ def algorithms(
         return
     for one in found:
         state = "" if one.installed else f'  not installed: pip install "ematwin[{EXTRA}]"'
-        typer.echo(f"{one.name:<16} {one.title}  [{one.source}]{state}")
+        typer.echo(f"{one.name:<20} {one.title}{state}")
+        for label, text in (
+            ("from", one.source), ("departures", one.departures), ("tuned on", one.tuned_on)
+        ):  # fmt: skip
+            typer.echo(f"{'':<20}   {label}: {text}")
+    for name, members in PRESETS.items():
+        typer.echo(f"{name:<20} in a study: {', '.join(members)}")

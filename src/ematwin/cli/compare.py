@@ -29,10 +29,11 @@ def compare(
     algorithms: Annotated[
         str,
         typer.Option(
-            help="Names from `ematwin algorithms`, separated by commas.",
+            help="Names from `ematwin algorithms`, separated by commas; paper (the paper's six as "
+            "first published), improved (the six, tuned alike) and best stand for several.",
             autocompletion=complete.several_algorithms,
         ),
-    ] = "ga,pso,de,gwo,da,woa",
+    ] = "paper",
     runs: Annotated[int, typer.Option(help="Repetitions of each case and algorithm.")] = 10,
     population: Annotated[int, typer.Option(help="Size of the population.")] = 50,
     iterations: Annotated[int, typer.Option(help="The budget is population times this.")] = 200,

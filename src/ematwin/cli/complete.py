@@ -40,9 +40,15 @@ def algorithms(incomplete: str) -> list[str]:
 
 
 def several_algorithms(incomplete: str) -> list[str]:
-    """Search methods with commas between them."""
+    """Search methods and presets with commas between them."""
+
+    def names() -> Iterable[str]:
+        from ematwin.optimizers.presets import PRESETS
+
+        return PRESETS
+
     before, comma, last = incomplete.rpartition(",")
-    return [f"{before}{comma}{name}" for name in algorithms(last)]
+    return [f"{before}{comma}{name}" for name in [*algorithms(last), *_starting(last, names)]]
 
 
 def _starting(incomplete: str, names: Callable[[], Iterable[str]]) -> list[str]:

@@ -31,6 +31,12 @@ def report(
         list[float] | None,
         typer.Option(help="Err% to give success rates for. Repeatable; default 0.5, 1, 2, 5."),
     ] = None,
+    misfit: Annotated[
+        list[float] | None,
+        typer.Option(
+            help="Relative misfit to give the evaluations to. Repeatable; default 0.1, 0.02, 0.005."
+        ),
+    ] = None,
     threshold: Annotated[
         float,
         typer.Option(
@@ -41,6 +47,7 @@ def report(
     json: Annotated[bool, typer.Option("--json", help="Answer with all tables as JSON.")] = False,
 ) -> None:
     """Report a study: errors, times, ranks, tests, convergence and diagnosis, from its store."""
+    from ematwin.comparison.analysis.convergence import STATED_MISFITS
     from ematwin.comparison.analysis.study import analyse
     from ematwin.comparison.analysis.summary import TARGETS
     from ematwin.comparison.study.store import open_store
@@ -55,6 +62,7 @@ def report(
         analysis = analyse(
             opened.runs(),
             targets=tuple(sorted(set(target))) if target else TARGETS,
+            misfits=tuple(sorted(set(misfit), reverse=True)) if misfit else STATED_MISFITS,
             threshold=threshold,
             seed=seed,
         )

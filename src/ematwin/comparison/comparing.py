@@ -14,7 +14,7 @@ from ematwin.comparison.study.cases import Cases, cases_of
 from ematwin.comparison.study.compare import Tally
 from ematwin.comparison.study.compare import compare as carry_out
 from ematwin.comparison.study.engines.local import LocalEngine
-from ematwin.comparison.study.plan import PAPER_ALGORITHMS, Plan
+from ematwin.comparison.study.plan import Plan
 from ematwin.comparison.study.store import Store
 from ematwin.comparison.study.subject import Subject
 from ematwin.errors import InputError
@@ -26,7 +26,7 @@ Progress = Callable[[Tally], None]
 
 
 def compare(
-    algorithms: str | Iterable[str] = PAPER_ALGORITHMS,
+    algorithms: str | Iterable[str] = "paper",
     cases: str | Mapping[str, Mapping[str, float]] = "own",
     *,
     runs: int = 10,
@@ -49,7 +49,8 @@ def compare(
 
     Parameters
     ----------
-    algorithms : names of ``ematwin algorithms``, those of `ematwin.register` among them
+    algorithms : names of ``ematwin algorithms``, those of `ematwin.register` among them, or
+        presets: paper, improved, best
     cases : "own" (those of the kind), "multi" (random faults at once), a TOML file, or a mapping
         of names to faults: ``{"worn": {"friction": 0.4}}``
     runs : repetitions of each case with each algorithm

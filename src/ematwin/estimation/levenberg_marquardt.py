@@ -15,7 +15,7 @@ Residuals = Callable[[np.ndarray], np.ndarray]
 
 # Trial dampings, as factors of the current one.
 DAMPINGS = np.array([0.1, 1.0, 10.0])
-_LONGEST_DIFFERENCE = 5e-3  # impacts make the misfit rough: shorter differences see only that
+LONGEST_DIFFERENCE = 5e-3  # impacts make the misfit rough: shorter differences see only that
 _SHORTEST_DIFFERENCE = 2e-4
 _STALLED = 1e-4  # relative gain of an iteration below which a point is left alone
 _HOPELESS = 1e5  # damping at which no step helps
@@ -49,7 +49,7 @@ class LevenbergMarquardt:
             points.copy(),
             residuals(points),
             np.full(count, damping),
-            np.full(count, _LONGEST_DIFFERENCE),
+            np.full(count, LONGEST_DIFFERENCE),
             np.zeros(count, dtype=bool),
         )
 
@@ -129,7 +129,7 @@ class LevenbergMarquardt:
             moved = float(np.abs(trials[t] - self.points[n]).max())
             self.points[n], self.residuals[n] = trials[t], tried[t]
             self.damping[n] = max(self.damping[n] * DAMPINGS[t], 1e-7)
-            self.difference[n] = np.clip(0.2 * moved, _SHORTEST_DIFFERENCE, _LONGEST_DIFFERENCE)
+            self.difference[n] = np.clip(0.2 * moved, _SHORTEST_DIFFERENCE, LONGEST_DIFFERENCE)
         self.finished[n] = (before - after) < _STALLED * before
 
 

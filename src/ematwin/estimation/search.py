@@ -8,7 +8,7 @@ far when it is interrupted.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, cast
@@ -89,7 +89,8 @@ class Method:
 
     Attributes
     ----------
-    name, title, source, origin, installed, aliases : as in `ematwin.optimizers.Algorithm`
+    name, title, source, origin, installed, aliases, departures, tuned_on : as in
+        `ematwin.optimizers.Algorithm`
     """
 
     name: str
@@ -98,6 +99,8 @@ class Method:
     origin: str
     installed: bool = True
     aliases: tuple[str, ...] = ()
+    departures: str = "none"
+    tuned_on: str = "not known"
 
 
 @dataclass(frozen=True)
@@ -173,6 +176,8 @@ def own_methods() -> dict[str, Method]:
             "Sobol samples, then Levenberg-Marquardt (default for the brushless actuator)",
             "this project, docs/results.md",
             "ematwin",
+            tuned_on="mixtures of faults with seeds of their own, of which some stand in tables of "
+            "docs/results.md",
         ),
         "levenberg-marquardt": Method(
             "levenberg-marquardt",
@@ -180,6 +185,15 @@ def own_methods() -> dict[str, Method]:
             "Levenberg (1944), Marquardt (1963)",
             "ematwin",
             aliases=("lm", "descent"),
+            departures="forward differences in batches; bounds by projection (Bertsekas 1982)",
+        ),
+        "scipy-trf": Method(
+            "scipy-trf",
+            "Trust-region least squares of SciPy from random starts",
+            "scipy.optimize.least_squares; Branch, Coleman and Li (1999)",
+            "scipy",
+            departures="forward differences as long as the default method's; restarts",
+            tuned_on="nothing here: the library's own settings",
         ),
     }
 
@@ -191,10 +205,21 @@ def methods() -> tuple[Method, ...]:
     return (
         *own_methods().values(),
         *(
-            Method(a.name, a.title, a.source, a.origin, a.installed, tuple(a.aliases))
+            Method(
+                a.name, a.title, a.source, a.origin, a.installed, tuple(a.aliases), a.departures,
+                a.tuned_on,
+            )
             for a in algorithms()
         ),
-    )
+    )  # fmt: skip
+
+
+def expanded(names: Iterable[str]) -> tuple[str, ...]:
+    """Names of methods, each once, with presets such as ``paper`` as what they stand for."""
+    from ematwin.optimizers.presets import PRESETS
+
+    found = [one for name in names for one in PRESETS.get(name.strip().lower(), (name,))]
+    return tuple(dict.fromkeys(method_name(name) for name in found))
 
 
 def method_name(text: str) -> str:
@@ -244,6 +269,10 @@ def named(
             from ematwin.estimation.multistart import Multistart
 
             return Multistart()
+        if name == "scipy-trf":
+            from ematwin.estimation.scipy_least_squares import ScipyLeastSquares
+
+            return ScipyLeastSquares()
         from ematwin.estimation.local import LocalDescent
 
         return LocalDescent()

@@ -287,3 +287,17 @@ def whole_number(value: object, name: str, least: int) -> int:
     if value < least:
         raise InputError(f"The {name} must be at least {least}, received {value}.")
     return int(value)
+
+
+def positive(value: float, name: str) -> float:
+    """Check that a value is a positive number."""
+    if not 0.0 < value < np.inf:
+        raise InputError(f"The {name} must be a positive number, received {value!r}.")
+    return float(value)
+
+
+def falling(start: float, step: int, iterations: int, power: float) -> float:
+    """Give start (1 - (step / iterations)^power): evenly falling to zero where the power is 1."""
+    # with a power of 1 in the programs' own order of operations, so that no digit differs
+    gone = step if power == 1.0 else iterations * (step / iterations) ** power
+    return start - gone * (start / iterations)

@@ -1,4 +1,4 @@
-"""What is known of an algorithm before it runs: name, source, and the library it needs."""
+"""What is known of an algorithm before it runs: name, source, departures, what it needs."""
 
 from __future__ import annotations
 
@@ -21,6 +21,8 @@ class Algorithm:
     name : str
     title : str
     source : str, the paper or library that it follows
+    departures : str, where it leaves its source; "none", or "not checked" where nobody looked
+    tuned_on : str, what its settings were chosen on, where not by its source
     origin : str, "ematwin", the library that an adapter drives, or the package of an entry point
     load : callable, gives the factory; imports no other library
     requires : str or None, package to import; None if it comes with ematwin
@@ -34,6 +36,8 @@ class Algorithm:
     load: Callable[[], OptimizerFactory]
     requires: str | None = None
     aliases: tuple[str, ...] = ()
+    departures: str = "not checked"
+    tuned_on: str = "not known"
 
     @property
     def installed(self) -> bool:

@@ -4,6 +4,13 @@ Holland (1973), Genetic Algorithms and the Optimal Allocation of Trials, SIAM J.
 88-105: parents are chosen by their fitness, pairs exchange parts of their strings, single places
 mutate.
 
+`HOLLAND` is that form: bits, parents in proportion to fitness, one-point crossover, children in
+their parents' places. Holland gives no numbers; crossover of 0.6 of the pairs and mutation of 0.001
+of the bits are those of De Jong (1975), An Analysis of the Behavior of a Class of Genetic Adaptive
+Systems, thesis, University of Michigan, plan R1, as Goldberg (1989) reports them.
+
+The defaults depart from it:
+
 Departure: Holland chooses parents in proportion to a positive fitness to be maximised; a cost to be
 minimised has no such scale, so parents win tournaments instead (Goldberg and Deb 1991).
 Departure: Holland's children replace their parents. Here the best of parents and children survive
@@ -16,17 +23,22 @@ to act on numbers as crossover and mutation act on bits: Deb and Agrawal (1995),
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
 from ematwin.errors import InputError
 from ematwin.optimizers.base import Box, FloatArray, PopulationOptimizer, whole_number
 from ematwin.optimizers.genetic_operators import (
+    BestOfBoth,
     BitCrossover,
+    Children,
     OnePoint,
     Polynomial,
+    Roulette,
+    Selection,
     SimulatedBinary,
+    Survival,
     Tournament,
     decode,
     probability,
@@ -122,15 +134,24 @@ class Binary:
         return decode(strings, box, self.bits, self.gray)
 
 
+HOLLAND: dict[str, Any] = {
+    "encoding": Binary(gray=False, crossed=0.6, flipped=0.001),
+    "selection": Roulette(),
+    "survival": Children(),
+}
+"""Arguments of the first form: Holland (1973), rates of De Jong (1975)."""
+
+
 class GeneticAlgorithm(PopulationOptimizer):
-    """Genetic algorithm; parents and children compete for survival.
+    """Genetic algorithm.
 
     Parameters
     ----------
     box : Box
     population, iterations, seed : int; ``iterations`` changes nothing: the method has no schedule
     encoding : Encoding, ``Real()`` (default) or ``Binary()``
-    selection : Tournament
+    selection : Selection, ``Tournament()`` (default) or ``Roulette()``
+    survival : Survival, ``BestOfBoth()`` (default) or ``Children()``
     """
 
     minimum_population = 2
@@ -143,11 +164,13 @@ class GeneticAlgorithm(PopulationOptimizer):
         iterations: int = 200,
         seed: int = 1,
         encoding: Encoding | None = None,
-        selection: Tournament | None = None,
+        selection: Selection | None = None,
+        survival: Survival | None = None,
     ) -> None:
         super().__init__(box, population=population, iterations=iterations, seed=seed)
         self.encoding: Encoding = Real() if encoding is None else encoding
-        self.selection = Tournament() if selection is None else selection
+        self.selection: Selection = Tournament() if selection is None else selection
+        self.survival: Survival = BestOfBoth() if survival is None else survival
         self.parents: np.ndarray = np.empty((0, box.dimension))
         self.costs = np.empty(0)
         self._children: np.ndarray = np.empty((0, box.dimension))
@@ -162,7 +185,7 @@ class GeneticAlgorithm(PopulationOptimizer):
             return
         pool = np.concatenate([self.parents, self._children])
         pool_costs = np.concatenate([self.costs, costs])
-        survivors = np.argsort(pool_costs, kind="stable")[: self.population]
+        survivors = self.survival.survivors(self.costs, costs)
         self.parents, self.costs = pool[survivors], pool_costs[survivors]
 
     def _move(self) -> FloatArray:

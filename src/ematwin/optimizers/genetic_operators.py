@@ -17,6 +17,31 @@ from ematwin.optimizers.base import Box, FloatArray, whole_number
 BitArray = np.ndarray
 
 
+class Selection(Protocol):
+    """Who becomes a parent."""
+
+    def select(self, rng: np.random.Generator, costs: FloatArray, count: int) -> np.ndarray:
+        """(count,) indices of the parents."""
+        ...  # pragma: no cover
+
+
+@dataclass(frozen=True)
+class Roulette:
+    """Selection in proportion to fitness: Holland's, with independent turns of a wheel.
+
+    A cost becomes a fitness as in Goldberg (1989), Genetic Algorithms, p. 76: how far it lies below
+    the worst cost of the generation. A cost that is not finite has no fitness.
+    """
+
+    def select(self, rng: np.random.Generator, costs: FloatArray, count: int) -> np.ndarray:
+        """(count,) indices; all alike where no individual is fitter than another."""
+        known = np.isfinite(costs)
+        fitness = np.where(known, np.max(costs, where=known, initial=-np.inf) - costs, 0.0)
+        wheel = np.cumsum(fitness if np.any(fitness > 0.0) else np.ones(len(costs)))
+        places = np.searchsorted(wheel, rng.random(count) * wheel[-1], side="right")
+        return np.minimum(places, len(costs) - 1)
+
+
 @dataclass(frozen=True)
 class Tournament:
     """Selection: the best of ``size`` individuals drawn at random (Goldberg and Deb 1991)."""
@@ -122,6 +147,32 @@ class Polynomial:
         moved = points.copy()
         moved[rows, columns] = x + np.where(down, -step, step) * span
         return box.clip(moved)
+
+
+class Survival(Protocol):
+    """Who of parents and children goes on."""
+
+    def survivors(self, parents: FloatArray, children: FloatArray) -> np.ndarray:
+        """(N,) indices of the survivors from their costs (N,), counted on from parents."""
+        ...  # pragma: no cover
+
+
+@dataclass(frozen=True)
+class BestOfBoth:
+    """The best of parents and children survive (mu + lambda)."""
+
+    def survivors(self, parents: FloatArray, children: FloatArray) -> np.ndarray:
+        """(N,) indices; parents first where costs are equal."""
+        return np.argsort(np.concatenate([parents, children]), kind="stable")[: len(parents)]
+
+
+@dataclass(frozen=True)
+class Children:
+    """Children take their parents' places, whatever their costs: Holland's."""
+
+    def survivors(self, parents: FloatArray, children: FloatArray) -> np.ndarray:
+        """(N,) indices of all children."""
+        return len(parents) + np.arange(len(children))
 
 
 class BitCrossover(Protocol):

@@ -12,29 +12,42 @@ with fresh r1, r2 for every wolf, leader and variable.
 
 Departure: none. As in the program, and unlike the paper's text: a wolf that takes a leader's place
 does not push the old leader down a rank; a leader not yet found stands at the coordinates' zero;
-positions outside the box are clipped before they are evaluated.
+positions outside the box are clipped before they are evaluated. ``start`` and ``power`` other than
+2 and 1 are departures: a = start (1 - (t / T)^power), as in Mittal, Singh and Sohi (2016), Modified
+Grey Wolf Optimizer, Appl. Comput. Intell. Soft Comput. 2016, 7950348, where the power is 2.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from ematwin.optimizers.base import Box, FloatArray, PopulationOptimizer
+from ematwin.optimizers.base import Box, FloatArray, PopulationOptimizer, falling, positive
 
 
 class GreyWolf(PopulationOptimizer):
-    """Grey wolf optimiser; it has no settings of its own.
+    """Grey wolf optimiser.
 
     Parameters
     ----------
     box : Box
     population, iterations, seed : int
+    start : float, of a; 2 in the paper
+    power : float, of the share of the iterations by which a falls to 0; 1 in the paper
     """
 
     def __init__(
-        self, box: Box, *, population: int = 50, iterations: int = 200, seed: int = 1
+        self,
+        box: Box,
+        *,
+        population: int = 50,
+        iterations: int = 200,
+        seed: int = 1,
+        start: float = 2.0,
+        power: float = 1.0,
     ) -> None:
         super().__init__(box, population=population, iterations=iterations, seed=seed)
+        self.start = positive(start, "start of a")
+        self.power = positive(power, "power by which a falls")
         self.leaders = np.zeros((3, box.dimension))
         self.leader_costs = np.full(3, np.inf)
         self._wolves = np.empty((0, box.dimension))
@@ -66,7 +79,7 @@ class GreyWolf(PopulationOptimizer):
     def _move(self) -> FloatArray:
         # The batch just told is number iteration - 1, counted from zero as in the program.
         step = min(self.iteration - 1, self.iterations)
-        a = 2.0 - step * (2.0 / self.iterations)
+        a = falling(self.start, step, self.iterations, self.power)
         r1, r2 = self._rng.random((2, 3, *self._wolves.shape))
         leaders = self.leaders[:, None, :]
         A = 2.0 * a * r1 - a

@@ -114,6 +114,8 @@ class Coefficients:
     Attributes
     ----------
     inertia : float, factor of the old velocity, chi
+    last_inertia : float or None, what ``inertia`` falls to, evenly over the iterations; None: it
+        stays
     own, neighbours : float, factors of the pull to the own and to the neighbours' best point,
         chi phi1 and chi phi2
     speed_limit : float, spans of the box per iteration, largest speed; infinite for none
@@ -123,6 +125,13 @@ class Coefficients:
     own: float
     neighbours: float
     speed_limit: float = np.inf
+    last_inertia: float | None = None
+
+    def inertia_at(self, progress: float) -> float:
+        """Give the inertia when a share ``progress``, 0 to 1, of the iterations has gone."""
+        if self.last_inertia is None:
+            return self.inertia
+        return self.inertia + progress * (self.last_inertia - self.inertia)
 
 
 _WEIGHT = 0.5 + float(np.log(2.0))
@@ -133,6 +142,10 @@ STANDARD_2006 = Coefficients(
 
 CONSTRICTION = Coefficients(inertia=0.72984, own=0.72984 * 2.05, neighbours=0.72984 * 2.05)
 """Clerc and Kennedy (2002)."""
+
+INERTIA_1998 = Coefficients(inertia=0.9, own=2.0, neighbours=2.0, speed_limit=0.5, last_inertia=0.4)
+"""Shi and Eberhart (1998), A Modified Particle Swarm Optimizer, Proc. IEEE ICEC, 69-73; the inertia
+falls as in their study of 1999, Proc. CEC, 1945-1950, and the speed limit is half the box."""
 
 ORIGINAL_1995 = Coefficients(inertia=1.0, own=2.0, neighbours=2.0, speed_limit=0.5)
 """Kennedy and Eberhart (1995); the speed limit that this form needs is half the box."""
@@ -222,7 +235,7 @@ class ParticleSwarm(PopulationOptimizer):
         g = p[self.topology.informants(self.best_costs, progress)]
         r1, r2 = self._rng.random((2, *x.shape))
         v = (
-            weights.inertia * self._velocity
+            weights.inertia_at(progress) * self._velocity
             + weights.own * r1 * (p - x)
             + weights.neighbours * r2 * (g - x)
         )

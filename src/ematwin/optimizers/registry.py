@@ -9,132 +9,16 @@ from __future__ import annotations
 
 import difflib
 import importlib.metadata
-from collections.abc import Callable
 from functools import partial
 
 from ematwin.errors import InputError
+from ematwin.optimizers import own
 from ematwin.optimizers.adapters import cma_es, nevergrad, pygmo, pymoo, scipy_de
 from ematwin.optimizers.base import Box, Optimizer, OptimizerFactory
 from ematwin.optimizers.catalogue import Algorithm
-from ematwin.optimizers.differential_evolution import Best1, DifferentialEvolution, Rand1
-from ematwin.optimizers.dragonfly import Dragonfly
-from ematwin.optimizers.genetic_algorithm import Binary, GeneticAlgorithm
-from ematwin.optimizers.grey_wolf import GreyWolf
-from ematwin.optimizers.particle_swarm import CONSTRICTION, Global, ParticleSwarm, Ring
-from ematwin.optimizers.random_search import RandomSearch
-from ematwin.optimizers.whale import Whale
 
 ENTRY_POINT_GROUP = "ematwin.optimizers"
 
-
-def _own(factory: OptimizerFactory) -> Callable[[], OptimizerFactory]:
-    return lambda: factory
-
-
-_HOLLAND = "Holland (1973), SIAM J. Comput. 2(2), 88-105"
-_KENNEDY = "Kennedy and Eberhart (1995), Proc. IEEE ICNN 4, 1942-1948"
-_STORN = "Storn and Price (1997), J. Global Optim. 11, 341-359"
-
-_SIX = (
-    Algorithm(
-        "ga",
-        "Genetic algorithm, real encoding",
-        _HOLLAND,
-        "ematwin",
-        _own(GeneticAlgorithm),
-        aliases=("genetic", "genetic-algorithm", "ga-real"),
-    ),
-    Algorithm(
-        "ga-binary",
-        "Genetic algorithm, binary encoding",
-        _HOLLAND,
-        "ematwin",
-        _own(partial(GeneticAlgorithm, encoding=Binary())),
-    ),
-    Algorithm(
-        "pso",
-        "Particle swarm, growing ring",
-        _KENNEDY,
-        "ematwin",
-        _own(ParticleSwarm),
-        aliases=("particle-swarm",),
-    ),
-    Algorithm(
-        "pso-global",
-        "Particle swarm, global topology",
-        _KENNEDY,
-        "ematwin",
-        _own(partial(ParticleSwarm, topology=Global())),
-    ),
-    Algorithm(
-        "pso-ring",
-        "Particle swarm, ring topology",
-        _KENNEDY,
-        "ematwin",
-        _own(partial(ParticleSwarm, topology=Ring())),
-    ),
-    Algorithm(
-        "pso-plain",
-        "Particle swarm, global topology, constriction, no craziness",
-        "Clerc and Kennedy (2002), IEEE Trans. Evol. Comput. 6, 58-73",
-        "ematwin",
-        _own(partial(ParticleSwarm, topology=Global(), coefficients=CONSTRICTION, craziness=None)),
-    ),
-    Algorithm(
-        "de",
-        "Differential evolution, best/1/bin, mixed CR",
-        _STORN,
-        "ematwin",
-        _own(DifferentialEvolution),
-        aliases=("differential-evolution",),
-    ),
-    Algorithm(
-        "de-rand",
-        "Differential evolution, rand/1/bin",
-        _STORN,
-        "ematwin",
-        _own(partial(DifferentialEvolution, strategy=Rand1(), CR=0.9)),
-    ),
-    Algorithm(
-        "de-best",
-        "Differential evolution, best/1/bin",
-        _STORN,
-        "ematwin",
-        _own(partial(DifferentialEvolution, strategy=Best1(), F=0.8, CR=0.9)),
-    ),
-    Algorithm(
-        "gwo",
-        "Grey wolf optimiser",
-        "Mirjalili, Mirjalili and Lewis (2014), Adv. Eng. Softw. 69, 46-61",
-        "ematwin",
-        _own(GreyWolf),
-        aliases=("grey-wolf",),
-    ),
-    Algorithm(
-        "da",
-        "Dragonfly algorithm",
-        "Mirjalili (2016), Neural Comput. Appl. 27, 1053-1073",
-        "ematwin",
-        _own(Dragonfly),
-        aliases=("dragonfly",),
-    ),
-    Algorithm(
-        "woa",
-        "Whale optimisation algorithm",
-        "Mirjalili and Lewis (2016), Adv. Eng. Softw. 95, 51-67",
-        "ematwin",
-        _own(Whale),
-        aliases=("whale",),
-    ),
-    Algorithm(
-        "random",
-        "Random search",
-        "Brooks (1958), Oper. Res. 6, 244-251",
-        "ematwin",
-        _own(RandomSearch),
-        aliases=("random-search",),
-    ),
-)
 
 _ADAPTED = (
     *cma_es.ALGORITHMS,
@@ -169,7 +53,7 @@ def register(name: str, factory: OptimizerFactory, *, title: str = "", source: s
         If the name is one that comes with ematwin, or the factory cannot be called.
     """
     key = _normal(name)
-    taken = {known for one in (*_SIX, *_ADAPTED) for known in (one.name, *one.aliases)}
+    taken = {known for one in (*own.ALGORITHMS, *_ADAPTED) for known in (one.name, *one.aliases)}
     if not key or key in taken:
         raise InputError(
             f"The name {name!r} is taken by an algorithm of ematwin; choose another."
@@ -184,7 +68,7 @@ def register(name: str, factory: OptimizerFactory, *, title: str = "", source: s
     said = (factory.__doc__ or "").strip().partition("\n")[0].rstrip(".")
     _REGISTERED[key] = Algorithm(
         key, title or said or name, source or getattr(factory, "__module__", ""), "registered",
-        _own(factory),
+        lambda: factory,
     )  # fmt: skip
 
 
@@ -195,7 +79,7 @@ def registered() -> tuple[Algorithm, ...]:
 
 def algorithms() -> tuple[Algorithm, ...]:
     """All that can be named: this package's, the adapters', registered ones, entry points'."""
-    listed = [*_SIX, *_ADAPTED, *registered()]
+    listed = [*own.ALGORITHMS, *_ADAPTED, *registered()]
     taken = {name for algorithm in listed for name in (algorithm.name, *algorithm.aliases)}
     for point in importlib.metadata.entry_points(group=ENTRY_POINT_GROUP):
         package = point.dist.name if point.dist is not None else point.value.partition(".")[0]

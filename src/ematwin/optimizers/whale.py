@@ -13,14 +13,15 @@ draws A = 2 a r1 - a, C = 2 r2, l = (a2 - 1) r + 1 and p, each once for all its 
 Departure: none. As in the program, and unlike the paper's text: the whale r is drawn anew for
 every variable; whales move one after another, so that a whale drawn from among those before it has
 moved already (and may be outside the box); l is uniform in [a2, 1]; a leader not yet found stands
-at the coordinates' zero; positions are clipped before they are evaluated.
+at the coordinates' zero; positions are clipped before they are evaluated. ``start`` and ``power``
+other than 2 and 1 are departures: a = start (1 - (t / T)^power), as for the grey wolf.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from ematwin.optimizers.base import Box, FloatArray, PopulationOptimizer
+from ematwin.optimizers.base import Box, FloatArray, PopulationOptimizer, falling, positive
 
 
 class Whale(PopulationOptimizer):
@@ -30,7 +31,9 @@ class Whale(PopulationOptimizer):
     ----------
     box : Box
     population, iterations, seed : int
-    spiral : float, the constant b of the logarithmic spiral
+    spiral : float, the constant b of the logarithmic spiral; 1 in the paper
+    start : float, of a; 2 in the paper
+    power : float, of the share of the iterations by which a falls to 0; 1 in the paper
     """
 
     def __init__(
@@ -41,9 +44,13 @@ class Whale(PopulationOptimizer):
         iterations: int = 200,
         seed: int = 1,
         spiral: float = 1.0,
+        start: float = 2.0,
+        power: float = 1.0,
     ) -> None:
         super().__init__(box, population=population, iterations=iterations, seed=seed)
         self.spiral = float(spiral)
+        self.start = positive(start, "start of a")
+        self.power = positive(power, "power by which a falls")
         self.leader = np.zeros(box.dimension)
         self.leader_cost = np.inf
         self._whales = np.empty((0, box.dimension))
@@ -64,7 +71,7 @@ class Whale(PopulationOptimizer):
 
     def _move(self) -> FloatArray:
         step = min(self.iteration - 1, self.iterations)
-        a = 2.0 - step * (2.0 / self.iterations)
+        a = falling(self.start, step, self.iterations, self.power)
         a2 = -1.0 - step / self.iterations
         r1, r2, r3, p = self._rng.random((4, self.population, 1))
         A = 2.0 * a * r1 - a

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ematwin import BldcActuator, Faults, Noise, Problem, Recording, identify, simulate
-from ematwin.errors import InputError
+from ematwin.errors import InputError, RecordError
 from ematwin.estimation.problem import unknowns_of
 from ematwin.estimation.search import find, method_name, methods, named
 from ematwin.models.comparison import Comparison
@@ -47,7 +47,9 @@ def record() -> Recording:
     return simulate("monitor", faults=FAULTY)
 
 
-@pytest.mark.parametrize("algorithm", ["multistart", "levenberg-marquardt", "de", "cma"])
+@pytest.mark.parametrize(
+    "algorithm", ["multistart", "levenberg-marquardt", "scipy-trf", "de", "cma"]
+)
 def test_every_method_solves_a_problem_without_any_actuator(algorithm: str) -> None:
     problem = Problem([Line(2.0, -1.0)], [SLOPE, OFFSET])
     found = find(problem, named(algorithm), budget=3000, seed=1)
@@ -153,3 +155,42 @@ def test_methods_are_listed_once_and_found_by_name_or_alias() -> None:
     assert method_name("grey-wolf") == "gwo"
     with pytest.raises(InputError, match="pso"):
         method_name("pzo")
+
+
+def test_least_squares_of_scipy_start_anew_until_the_budget_is_spent() -> None:
+    problem = Problem([Line(2.0, -1.0)], [SLOPE, OFFSET])
+    spent: list[int] = []
+    search = named("scipy-trf")
+    found = search.run(problem, budget=100, seed=1, report=lambda n, cost: spent.append(n))
+    assert found.evaluations == spent[-1] == 99  # a residual and its slopes are three
+    assert np.all(np.diff(found.history[:, 1]) <= 0.0)
+    again = search.run(problem, budget=100, seed=1, report=lambda n, cost: None)
+    assert np.array_equal(found.history, again.history)
+    with pytest.raises(InputError, match="at least 3 evaluations, received 2"):
+        search.run(problem, budget=2, seed=1, report=lambda n, cost: None)
+
+
+def test_least_squares_of_scipy_give_the_best_so_far_when_interrupted() -> None:
+    problem = Problem([Line(2.0, -1.0)], [SLOPE, OFFSET])
+
+    def report(spent: int, cost: float) -> None:
+        if spent > 20:
+            raise KeyboardInterrupt
+
+    found = named("scipy-trf").run(problem, budget=1000, seed=1, report=report)
+    assert found.stopped == "interrupted"
+    assert found.evaluations < 30
+
+
+def test_a_twin_that_diverges_everywhere_is_told() -> None:
+    class Diverging(Line):
+        def residuals(self, candidates, count):  # type: ignore[no-untyped-def]
+            return np.full((count, 50), np.nan)
+
+    with pytest.raises(RecordError, match="diverged for each"):
+        named("scipy-trf").run(
+            Problem([Diverging(2.0, -1.0)], [SLOPE, OFFSET]),
+            budget=90,
+            seed=1,
+            report=lambda n, cost: None,
+        )

@@ -16,6 +16,7 @@ from ematwin.optimizers import (
     ParticleSwarm,
     Whale,
 )
+from ematwin.optimizers.base import falling
 from ematwin.optimizers.differential_evolution import (
     Best1,
     Best2,
@@ -27,15 +28,18 @@ from ematwin.optimizers.differential_evolution import (
     others,
 )
 from ematwin.optimizers.genetic_operators import (
+    BestOfBoth,
+    Children,
     OnePoint,
     Polynomial,
+    Roulette,
     SimulatedBinary,
     Tournament,
     TwoPoint,
     Uniform,
     decode,
 )
-from ematwin.optimizers.particle_swarm import Coefficients, Global, GrowingRing, Ring
+from ematwin.optimizers.particle_swarm import INERTIA_1998, Coefficients, Global, GrowingRing, Ring
 from naive import optimizers_naive as naive
 
 WIDE = Box([-100.0, -100.0], [100.0, 100.0])
@@ -398,3 +402,38 @@ def test_the_best_of_parents_and_children_survive():
 def test_impossible_settings_are_refused(make):
     with pytest.raises(InputError):
         make()
+
+
+def test_a_roulette_draws_in_proportion_to_the_distance_from_the_worst():
+    costs = np.array([4.0, 1.0, 3.0, np.inf])
+    drawn = Roulette().select(np.random.default_rng(1), costs, 40_000)
+    shares = np.bincount(drawn, minlength=4) / 40_000
+    assert shares == pytest.approx([0.0, 3.0 / 4.0, 1.0 / 4.0, 0.0], abs=0.01)
+
+
+def test_a_roulette_of_equals_or_of_none_finite_draws_all_alike():
+    for costs in (np.full(4, 2.0), np.full(4, np.inf)):
+        drawn = Roulette().select(np.random.default_rng(1), costs, 8_000)
+        assert np.bincount(drawn) / 8_000 == pytest.approx([0.25] * 4, abs=0.02)
+
+
+def test_children_survive_whatever_their_costs_or_the_best_of_both_do():
+    parents, children = np.array([1.0, 5.0]), np.array([9.0, 2.0])
+    assert Children().survivors(parents, children).tolist() == [2, 3]
+    assert BestOfBoth().survivors(parents, children).tolist() == [0, 3]
+
+
+def test_inertia_falls_evenly_and_a_by_its_power():
+    assert [INERTIA_1998.inertia_at(p) for p in (0.0, 0.5, 1.0)] == pytest.approx([0.9, 0.65, 0.4])
+    assert falling(2.0, 3, 4, 1.0) == 0.5
+    assert falling(2.0, 2, 4, 2.0) == 1.5
+    assert falling(2.0, 4, 4, 0.3) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("method", "wrong"),
+    [(GreyWolf, {"start": 0.0}), (Whale, {"power": math.nan}), (Dragonfly, {"step_limit": -1.0})],
+)
+def test_settings_that_must_be_positive_are_refused(method, wrong):
+    with pytest.raises(InputError, match="positive"):
+        method(WIDE, **wrong)

@@ -11,7 +11,14 @@ from ematwin.comparison.analysis.runs import RunTable
 from ematwin.comparison.analysis.summary import Cell
 from ematwin.comparison.study.subject import Subject
 
-_TO_ZERO = {"gwo", "woa", "da"}  # their moves scale the coordinates themselves
+_TO_ZERO = {
+    "gwo",
+    "woa",
+    "da",
+    "gwo-tuned",
+    "woa-tuned",
+    "da-tuned",
+}  # their moves scale the coordinates themselves
 _NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
 
 
@@ -19,6 +26,7 @@ def conclude(
     table: RunTable,
     cells: list[list[Cell]],
     ranks: RankComparison,
+    within: dict[str, RankComparison],
     diagnosis: list[Diagnosis],
     threshold: float,
 ) -> list[str]:
@@ -26,15 +34,11 @@ def conclude(
     return [
         *_runs(table, cells),
         *_differences(ranks),
+        *_within(within),
         *_diagnosis(diagnosis, threshold, table.subject),
         *_mixtures(table),
         *_limits(table),
     ]
-
-
-def shown(name: str) -> str:
-    """An algorithm's name for people: the paper's in capitals."""
-    return name.upper() if len(name) <= 3 else name
 
 
 def _runs(table: RunTable, cells: list[list[Cell]]) -> list[str]:
@@ -51,10 +55,7 @@ def _runs(table: RunTable, cells: list[list[Cell]]) -> list[str]:
     fewest = min(sizes)
     if fewest == 0:
         missing = [
-            f"{shown(cell.algorithm)} on {cell.case}"
-            for row in cells
-            for cell in row
-            if not cell.done
+            f"{cell.algorithm} on {cell.case}" for row in cells for cell in row if not cell.done
         ]
         more = f" and {len(missing) - 5} more" if len(missing) > 5 else ""
         sentences.append(f"No result yet: {', '.join(missing[:5])}{more}.")
@@ -70,7 +71,7 @@ def _differences(ranks: RankComparison) -> list[str]:
     if not np.isfinite(ranks.average_ranks).all():
         return list(ranks.notes)
     order = np.argsort(ranks.average_ranks)
-    listed = ", ".join(f"{shown(ranks.algorithms[n])} {ranks.average_ranks[n]:.2f}" for n in order)
+    listed = ", ".join(f"{ranks.algorithms[n]} {ranks.average_ranks[n]:.2f}" for n in order)
     sentences = [
         f"Average rank by mean Err% over {_counted(len(ranks.blocks), 'case')}, 1 the best: "
         f"{listed}."
@@ -84,21 +85,36 @@ def _differences(ranks: RankComparison) -> list[str]:
             )
             return [*sentences, *ranks.notes]
         sentences.append(f"{test}: the algorithms differ in Err%.")
+    return [*sentences, *_pairs(ranks), *ranks.notes]
+
+
+def _within(within: dict[str, RankComparison]) -> list[str]:
+    """The same among the methods of a preset, which makes fewer pairs."""
+    return [
+        f"Among the methods of the preset {preset} alone: {sentence[0].lower()}{sentence[1:]}"
+        for preset, ranks in within.items()
+        for sentence in _pairs(ranks)
+    ]
+
+
+def _pairs(ranks: RankComparison) -> list[str]:
+    """Which pairs differ after Holm's correction."""
+    order = np.argsort(ranks.average_ranks)
     pairs = [pair for pair in ranks.pairs if pair.p_holm < ALPHA]
     if pairs:
         rest = (
             " Nothing can be concluded about the others." if len(pairs) < len(ranks.pairs) else ""
         )
-        sentences.append(
+        return [
             f"Of {len(ranks.pairs)} pairs, {len(pairs)} differ after Holm's correction (p at most "
             f"{max(pair.p_holm for pair in pairs):.2g}): {_before(ranks, order)}.{rest}"
-        )
-    elif ranks.pairs:
-        sentences.append(
+        ]
+    if ranks.pairs:
+        return [
             "No pair of algorithms differs significantly after Holm's correction: which of two is "
             "the better cannot be concluded."
-        )
-    return [*sentences, *ranks.notes]
+        ]
+    return []
 
 
 def _before(ranks: RankComparison, order: np.ndarray) -> str:
@@ -106,15 +122,15 @@ def _before(ranks: RankComparison, order: np.ndarray) -> str:
     p = ranks.significance()
     told = []
     for n, better in enumerate(order):
-        worse = [shown(ranks.algorithms[m]) for m in order[n + 1 :] if p[better, m] < ALPHA]
+        worse = [ranks.algorithms[m] for m in order[n + 1 :] if p[better, m] < ALPHA]
         if worse:
-            told.append(f"{shown(ranks.algorithms[better])} before {', '.join(worse)}")
+            told.append(f"{ranks.algorithms[better]} before {', '.join(worse)}")
     return "; ".join(told)
 
 
 def _diagnosis(diagnosis: list[Diagnosis], threshold: float, subject: Subject) -> list[str]:
     told = [
-        f"{shown(row.algorithm)} {100.0 * row.exact / row.runs:.0f} %"
+        f"{row.algorithm} {100.0 * row.exact / row.runs:.0f} %"
         for row in sorted(diagnosis, key=lambda row: -row.exact / max(row.runs, 1))
         if row.runs
     ]
@@ -151,7 +167,7 @@ def _limits(table: RunTable) -> list[str]:
     corner = (subject.healthy == subject.lower) | (subject.healthy == subject.upper)
     zero = subject.healthy == 0.0
     if "plain" in boxes and (corner | zero).any():
-        drawn = [shown(name) for name in table.algorithms if name in _TO_ZERO]
+        drawn = [name for name in table.algorithms if name in _TO_ZERO]
         favoured = [f"{', '.join(drawn)}, drawn to the origin,"] if drawn and zero.any() else []
         favoured += ["every method that clips at the bounds"] if corner.any() else []
         where = ["in the corner of this search box"] if corner.any() else []

@@ -9,7 +9,10 @@ carry no numbers, so none of them are here; what the text says of them is in
 import numpy as np
 
 from ematwin.comparison.study.cases import PAPER_KIND as PAPER_KIND
-from ematwin.comparison.study.plan import PAPER_ALGORITHMS as PAPER_ALGORITHMS
+from ematwin.optimizers.presets import PRESETS
+
+# in the order of the columns of Table 2
+PAPER_ALGORITHMS = ("ga", "pso", "de", "gwo", "da", "woa")
 
 TABLE_2 = {
     "Low F": (74, 87, 90, 87, 89, 74),
@@ -28,6 +31,22 @@ TABLE_2_AVERAGE = (76, 91, 93, 92, 85, 63)
 # The cases of figures 4 and 6, and of figures 5 and 7. The paper calls 0.30 and 0.25 low.
 LOW_CASES = ("Low F", "Low B", "Low Na", "Low Z", "Low Gain")
 HIGH_CASES = ("High F", "High B", "High Na", "High Z", "High Gain")
+
+
+def standing_for(algorithms: list[str]) -> dict[str, str]:
+    """Which method of a study stands for each of the paper's six, in the order of Table 2.
+
+    The form as first published where the study has it, else this package's own form, which goes by
+    the paper's name; none where the study has neither.
+    """
+    published = dict(zip(PAPER_ALGORITHMS, PRESETS["paper"], strict=True))
+    found = {}
+    for name in PAPER_ALGORITHMS:
+        for form in (published[name], name):
+            if form in algorithms:
+                found[name] = form
+                break
+    return found
 
 
 def paper_coefficients(

@@ -48,6 +48,7 @@ class RankComparison:
     blocks : cases used; left_out : cases in which an algorithm has no result
     friedman : statistic, friedman_p : NaN where the test could not be made
     pairs : every two algorithms
+    smallest_holm : float, the least corrected p that so many cases and pairs allow (`least_p`)
     notes : what could not be computed, as sentences
     """
 
@@ -58,6 +59,7 @@ class RankComparison:
     friedman: float
     friedman_p: float
     pairs: list[Pair]
+    smallest_holm: float = math.nan
     notes: list[str] = field(default_factory=list)
 
     def significance(self) -> np.ndarray:
@@ -77,7 +79,7 @@ def compare_ranks(
     Parameters
     ----------
     means : (C, A) array, mean Err% of each case and algorithm, NaN where there is none
-    a12 : (A, A) array of `effect_sizes`
+    a12 : (A, A) array of `mean_effect`
     """
     complete = np.isfinite(means).all(axis=1)
     blocks = means[complete]
@@ -97,7 +99,7 @@ def compare_ranks(
     elif not len(blocks):
         notes.append("No case has results of all algorithms: no ranks.")
     else:
-        ranks = rankdata(blocks, axis=1).mean(axis=0)
+        ranks = average_ranks(means)
     if count >= 2 and (count < 3 or len(blocks) < 3):
         notes.append(
             f"The Friedman test needs three algorithms and three cases; here are {count} and "
@@ -111,6 +113,12 @@ def compare_ranks(
             "significant, whatever the data: the Wilcoxon test needs at least six."
         )
     pairs = list(combinations(range(count), 2))
+    smallest = min(1.0, len(pairs) * least_p(len(blocks))) if pairs else math.nan
+    if len(blocks) >= 6 and smallest >= ALPHA:
+        notes.append(
+            f"With {len(blocks)} cases and {len(pairs)} pairs no corrected p can fall below "
+            f"{smallest:.2g}: no pair can come out significant, whatever the data."
+        )
     plain = [_wilcoxon(blocks[:, i], blocks[:, j]) for i, j in pairs]
     corrected = holm(np.array(plain))
     return RankComparison(
@@ -119,8 +127,24 @@ def compare_ranks(
             Pair(algorithms[i], algorithms[j], plain[n], float(corrected[n]), float(a12[i, j]))
             for n, (i, j) in enumerate(pairs)
         ],
-        notes,
+        smallest, notes,
     )  # fmt: skip
+
+
+def average_ranks(values: np.ndarray) -> np.ndarray:
+    """(A,) mean ranks over the rows of (C, A) without NaN, 1 the lowest; equal values share theirs.
+
+    NaN where no row is whole.
+    """
+    blocks = values[~np.isnan(values).any(axis=1)]
+    if not len(blocks):
+        return np.full(values.shape[1], np.nan)
+    return np.asarray(rankdata(blocks, axis=1).mean(axis=0))
+
+
+def least_p(blocks: int) -> float:
+    """Least two-sided p of Wilcoxon's exact test: every difference of one sign, 2 of 2^n ways."""
+    return min(1.0, 2.0 ** (1 - blocks))
 
 
 def _wilcoxon(x: np.ndarray, y: np.ndarray) -> float:
@@ -152,7 +176,7 @@ def vargha_delaney(x: np.ndarray, y: np.ndarray) -> float:
 
 
 def effect_sizes(table: RunTable) -> np.ndarray:
-    """(A, A) array of A12 by Err%, the mean over the cases in which both have runs."""
+    """(C, A, A) array of A12 by Err% in each case, NaN where one of the two has no run."""
     err = np.where(table.done, table.scalars["err"], np.inf)
     count = len(table.algorithms)
     found = np.full((len(table.cases), count, count), np.nan)
@@ -161,7 +185,12 @@ def effect_sizes(table: RunTable) -> np.ndarray:
         for i, j in combinations(range(count), 2):
             found[c, i, j] = vargha_delaney(samples[i], samples[j])
             found[c, j, i] = 1.0 - found[c, i, j]
-    known = np.isfinite(found)
-    total = np.where(known, found, 0.0).sum(axis=0)
+    return found
+
+
+def mean_effect(a12: np.ndarray) -> np.ndarray:
+    """(A, A) array, the mean of (C, A, A) over the cases in which both have runs."""
+    known = np.isfinite(a12)
+    total = np.where(known, a12, 0.0).sum(axis=0)
     return np.divide(total, known.sum(axis=0), out=np.full(total.shape, np.nan),
                      where=known.any(axis=0))  # fmt: skip

@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from ematwin.comparison.study.history import PackedHistory
 from ematwin.comparison.study.run import StoredRun
 from ematwin.comparison.study.subject import Subject
 from ematwin.errors import InputError
+from ematwin.optimizers.presets import PRESETS
 
 HISTORY_POINTS = 100  # kept of a run: improvements, evenly thinned
 _SCALARS = (
@@ -138,6 +140,10 @@ def collect(runs: Iterable[StoredRun]) -> RunTable:
     )  # fmt: skip
 
 
+# the paper's six in its order, as published before this package's own form, then the others
+_ORDER = list(dict.fromkeys(chain(
+    *zip(PRESETS["paper"], PAPER_ALGORITHMS, strict=True), PRESETS["improved"], PRESETS["best"]
+)))  # fmt: skip
 _WHOLE = ("run", "seed", "record_seed", "population", "iterations")
 
 
@@ -187,7 +193,7 @@ def _ordered(
     """The table in an order that does not depend on which run ended first."""
     own = [*TABLE_2] if subject.kind == PAPER_KIND else [*subject.model.cases(subject.actuator)]
     cases = _in_order({case for case, _ in names}, own)
-    algorithms = _in_order({algorithm for _, algorithm in names}, list(PAPER_ALGORITHMS))
+    algorithms = _in_order({algorithm for _, algorithm in names}, _ORDER)
     case_place = {name: n for n, name in enumerate(cases)}
     algorithm_place = {name: n for n, name in enumerate(algorithms)}
     case = np.array([case_place[name] for name, _ in names])

@@ -2,26 +2,38 @@
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from ematwin.comparison.analysis.claims import Claim, check_claims
 from ematwin.comparison.analysis.conclusions import conclude
-from ematwin.comparison.analysis.convergence import ToTarget, evaluations_to_target
+from ematwin.comparison.analysis.convergence import (
+    STATED_MISFITS,
+    ToTarget,
+    evaluations_to_target,
+    expected_by_case,
+)
 from ematwin.comparison.analysis.diagnosis import THRESHOLD, Diagnosis, diagnose
-from ematwin.comparison.analysis.paper import PAPER_ALGORITHMS, PAPER_KIND
+from ematwin.comparison.analysis.paper import PAPER_KIND, standing_for
 from ematwin.comparison.analysis.performance import (
     PaperLikeness,
     likeness_to_paper,
     performance_coefficients,
 )
-from ematwin.comparison.analysis.ranks import RankComparison, compare_ranks, effect_sizes
+from ematwin.comparison.analysis.ranks import (
+    RankComparison,
+    average_ranks,
+    compare_ranks,
+    effect_sizes,
+    mean_effect,
+)
 from ematwin.comparison.analysis.runs import RunTable, collect
 from ematwin.comparison.analysis.summary import TARGETS, Cell, matrix, summarise
 from ematwin.comparison.study.run import StoredRun
 from ematwin.errors import InputError
+from ematwin.optimizers.presets import PRESETS
 from ematwin.showing import markup
 from ematwin.showing.drawing import drawn
 from ematwin.showing.frames import frame, frame_of_rows
@@ -48,10 +60,18 @@ class StudyAnalysis:
     table : the runs
     cells : [case][algorithm]
     coefficients : (C, A) array, PC over all algorithms of the study
-    shared_coefficients : (C, S) array, PC over those of the paper's six that are in the study,
-        which are ``shared``
+    coefficients_by_evaluations : (C, A) array, PC with evaluations in place of seconds
+    forms : which method stands for each of the paper's six, by the paper's name
+    shared : the paper's names of those
+    shared_coefficients : (C, S) array, PC over them
     likeness : of ``shared_coefficients`` and the paper's Table 2
     ranks : tests over the case means of Err%
+    ranks_by : (A,) average ranks by "mean Err%", by "median Err%" and by the expected running time
+        to ``misfits[len // 2]``
+    within : the same tests among the methods of each preset that the study has wholly, beside
+        others: more methods make more pairs, and Holm's correction then allows less
+    a12 : (C, A, A) array, effect sizes of each case
+    misfits : relative misfits whose running times are stated
     to_target, diagnosis : one an algorithm
     threshold : of the diagnosis
     failures : every run that did not end well
@@ -61,11 +81,16 @@ class StudyAnalysis:
     table: RunTable
     cells: list[list[Cell]]
     coefficients: np.ndarray
+    coefficients_by_evaluations: np.ndarray
+    forms: dict[str, str]
     shared: list[str]
     shared_coefficients: np.ndarray
     likeness: PaperLikeness
     ranks: RankComparison
+    ranks_by: dict[str, np.ndarray]
+    within: dict[str, RankComparison]
     a12: np.ndarray
+    misfits: tuple[float, ...]
     to_target: list[ToTarget]
     diagnosis: list[Diagnosis]
     threshold: float
@@ -166,6 +191,10 @@ class StudyAnalysis:
                 {**asdict(cell), "failed": cell.failed} for row in self.cells for cell in row
             ],
             "performance_coefficient": _named(self.coefficients, table.cases, table.algorithms),
+            "performance_coefficient_by_evaluations": _named(
+                self.coefficients_by_evaluations, table.cases, table.algorithms
+            ),
+            "forms_of_papers_algorithms": self.forms,
             "performance_coefficient_of_papers_algorithms": _named(
                 self.shared_coefficients, table.cases, self.shared
             ),
@@ -178,6 +207,15 @@ class StudyAnalysis:
                 "left_out": self.ranks.left_out,
                 "friedman": self.ranks.friedman,
                 "friedman_p": self.ranks.friedman_p,
+                "average_by": {
+                    by: dict(zip(table.algorithms, values.tolist(), strict=True))
+                    for by, values in self.ranks_by.items()
+                },
+                "smallest_p_holm": self.ranks.smallest_holm,
+                "within_presets": {
+                    preset: [asdict(pair) for pair in ranks.pairs]
+                    for preset, ranks in self.within.items()
+                },
                 "pairs": [asdict(pair) for pair in self.ranks.pairs],
                 "notes": self.ranks.notes,
             },
@@ -196,6 +234,7 @@ def analyse(
     runs: Iterable[StoredRun],
     *,
     targets: tuple[float, ...] = TARGETS,
+    misfits: tuple[float, ...] = STATED_MISFITS,
     threshold: float = THRESHOLD,
     seed: int = 1,
 ) -> StudyAnalysis:
@@ -204,28 +243,39 @@ def analyse(
     Parameters
     ----------
     targets : Err% whose success rates are given
+    misfits : relative misfits whose expected running times are given; ranks are by the middle one
     threshold : deviation from healthy, as a share of the range, that counts as a fault
     seed : of the bootstrap
 
     Raises
     ------
     InputError
-        If there is no run, a target is not positive or the threshold not in (0, 0.5).
+        If there is no run, a target or misfit is not positive, or the threshold not in (0, 0.5).
     """
     if not (targets and all(target > 0.0 and math.isfinite(target) for target in targets)):
         raise InputError(f"Targets of Err% must be positive, received {targets}.")
+    if not (misfits and all(0.0 < misfit < 1.0 for misfit in misfits)):
+        raise InputError(f"Misfits to reach must lie between 0 and 1, received {misfits}.")
     if not 0.0 < threshold < 0.5:
         raise InputError(f"The threshold must lie between 0 and 0.5, received {threshold:g}.")
     table = collect(runs)
     cells = summarise(table, targets, seed)
     errors, seconds = matrix(cells, "err"), matrix(cells, "seconds")
-    places = [a for a, name in enumerate(table.algorithms) if name in PAPER_ALGORITHMS]
-    shared = [table.algorithms[a] for a in places]
+    kind = table.subject.kind
+    forms = standing_for(table.algorithms) if kind == PAPER_KIND else {}
+    shared = list(forms)
+    places = [table.algorithms.index(form) for form in forms.values()]
     shared_coefficients = performance_coefficients(seconds[:, places], errors[:, places])
     a12 = effect_sizes(table)
-    ranks = compare_ranks(errors, a12, table.cases, table.algorithms)
-    kind = table.subject.kind
-    claims = check_claims(cells, shared, shared_coefficients) if kind == PAPER_KIND else []
+    ranks = compare_ranks(errors, mean_effect(a12), table.cases, table.algorithms)
+    within = _within_presets(errors, mean_effect(a12), table)
+    middle = misfits[len(misfits) // 2]
+    ranks_by = {
+        "mean Err%": average_ranks(errors),
+        "median Err%": average_ranks(matrix(cells, "err", "median")),
+        f"evaluations to {100.0 * middle:g} %": average_ranks(expected_by_case(table, middle)),
+    }
+    claims = check_claims(_as_paper(cells, forms), shared, shared_coefficients) if shared else []
     diagnosis = diagnose(table, threshold)
     done = table.done
     failures = [
@@ -240,11 +290,36 @@ def analyse(
         for n in np.flatnonzero(~done)
     ]
     return StudyAnalysis(
-        table, cells, performance_coefficients(seconds, errors), shared, shared_coefficients,
-        likeness_to_paper(shared_coefficients, table.cases, shared, kind), ranks, a12,
-        evaluations_to_target(table), diagnosis, threshold, failures, claims,
-        conclude(table, cells, ranks, diagnosis, threshold),
+        table, cells, performance_coefficients(seconds, errors),
+        performance_coefficients(matrix(cells, "evaluations"), errors), forms, shared,
+        shared_coefficients, likeness_to_paper(shared_coefficients, table.cases, shared, kind),
+        ranks, ranks_by, within, a12, misfits, evaluations_to_target(table, misfits, seed),
+        diagnosis, threshold, failures, claims,
+        conclude(table, cells, ranks, within, diagnosis, threshold),
     )  # fmt: skip
+
+
+def _within_presets(
+    errors: np.ndarray, a12: np.ndarray, table: RunTable
+) -> dict[str, RankComparison]:
+    """The tests among the methods of each preset, where the study has them all and others."""
+    found = {}
+    for preset, names in PRESETS.items():
+        if set(names) < set(table.algorithms):
+            places = [table.algorithms.index(name) for name in names]
+            found[preset] = compare_ranks(
+                errors[:, places], a12[np.ix_(places, places)], table.cases, list(names)
+            )
+    return found
+
+
+def _as_paper(cells: list[list[Cell]], forms: dict[str, str]) -> list[list[Cell]]:
+    """The cells of the methods that stand for the paper's, by its names and in its order."""
+    return [
+        [replace(cell, algorithm=name) for name, form in forms.items() for cell in row
+         if cell.algorithm == form]
+        for row in cells
+    ]  # fmt: skip
 
 
 def _named(values: np.ndarray, cases: list[str], algorithms: list[str]) -> dict[str, Any]:

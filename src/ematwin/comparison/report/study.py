@@ -6,7 +6,6 @@ from collections.abc import Callable
 from typing import Any
 
 from ematwin.comparison.analysis.claims import OPEN
-from ematwin.comparison.analysis.conclusions import shown
 from ematwin.comparison.analysis.diagnosis import THRESHOLD
 from ematwin.comparison.analysis.ranks import ALPHA
 from ematwin.comparison.analysis.study import StudyAnalysis
@@ -14,7 +13,8 @@ from ematwin.comparison.analysis.summary import RESAMPLES
 from ematwin.comparison.report import study_tables as tables
 from ematwin.comparison.report.study_figures import MOST_CASES, MOST_POINTS, StudyFigures
 from ematwin.comparison.report.study_svg import DIAGRAM
-from ematwin.plots.panels import Figure
+from ematwin.optimizers.presets import SINGLE
+from ematwin.plots.panels import Figure, Spread
 from ematwin.plots.study import interactive
 from ematwin.report.page import Section, Table, render
 
@@ -47,6 +47,12 @@ def study_page(
     )
     sections = [
         Section("What can and cannot be concluded", text=counted, points=analysis.conclusions),
+        Section(
+            "The methods",
+            text="Forms with settings as published stand beside improved ones; the last column "
+            "says what settings were chosen on, where a source does not give them.",
+            table=tables.methods(analysis),
+        ),
         *_claims(analysis),
         *_bars(figures, draw),
         *_coefficients(analysis),
@@ -76,7 +82,7 @@ def lead_of(analysis: StudyAnalysis) -> str:
     tied = [name for name, won in wins.items() if won == count]
     if len(tied) > 1:
         return (
-            f"{' and '.join(map(shown, tied))} have the lowest mean Err% equally often, on {count} "
+            f"{' and '.join(tied)} have the lowest mean Err% equally often, on {count} "
             f"of {_counted(judged, 'case')} each."
         )
     told = [pair for pair in analysis.ranks.pairs if best in (pair.first, pair.second)]
@@ -88,7 +94,7 @@ def lead_of(analysis: StudyAnalysis) -> str:
         else "no test tells that from chance"
     )
     where = f"{count} of {_counted(judged, 'case')}"
-    return f"{shown(best)} has the lowest mean Err% on {where}; {sure}."
+    return f"{best} has the lowest mean Err% on {where}; {sure}."
 
 
 def _within_page(svg: str) -> str:
@@ -105,10 +111,17 @@ def _claims(analysis: StudyAnalysis) -> list[Section]:
             text="ESREL 2020, sections 7.2 and 8. A claim about one number is decided only where "
             f"its 95 % bootstrap interval (±, half its width) lies on one side of it, one about an "
             "order of means only where they differ by more than their intervals allow; otherwise "
-            f"it “{OPEN}”. Coefficients and wins have no intervals and are read as they are.",
+            f"it “{OPEN}”. Coefficients and wins have no intervals and are read as they are. "
+            f"{_forms(analysis)}",
             table=tables.claims(analysis),
         )
     ]
+
+
+def _forms(analysis: StudyAnalysis) -> str:
+    """Which methods stand for the paper's."""
+    told = [f"{name.upper()} is {form}" for name, form in analysis.forms.items()]
+    return f"Here {', '.join(told)}."
 
 
 def _bars(figures: StudyFigures, draw: Draw) -> list[Section]:
@@ -133,7 +146,7 @@ def _coefficients(analysis: StudyAnalysis) -> list[Section]:
                 "Err% of an algorithm on a case, the sum over the paper's algorithms that the "
                 "study has. It is 100 % less the algorithm's share in the sum of time times error "
                 "of all of them, so a number depends on who else takes part; with six, a case adds "
-                "up to 500 %.",
+                f"up to 500 %. {_forms(analysis)}",
                 table=beside,
             ),
             Section(
@@ -142,15 +155,35 @@ def _coefficients(analysis: StudyAnalysis) -> list[Section]:
                 table=tables.likeness(analysis),
             ),
         ]
-    others = analysis.shared != analysis.table.algorithms or not sections
-    if others and len(analysis.table.algorithms) >= 2:
+    if len(analysis.table.algorithms) < 2:
+        return sections
+    if [*analysis.forms.values()] != analysis.table.algorithms or not sections:
         sections.append(
             Section(
                 "Performance coefficient over all algorithms of the study",
                 table=tables.coefficients(analysis),
             )
         )
+    sections.append(
+        Section(
+            "Performance coefficient by evaluations",
+            text="The same with evaluations in place of seconds, which no machine and no other "
+            f"work on it changes.{_one_by_one(analysis)}",
+            table=tables.coefficients_by_evaluations(analysis),
+        )
+    )
     return sections
+
+
+def _one_by_one(analysis: StudyAnalysis) -> str:
+    """A word on methods whose library evaluates one point at a time."""
+    single = [name for name in analysis.table.algorithms if name in SINGLE]
+    if not single:
+        return ""
+    return (
+        f" {', '.join(single)}: the library asks for one point at a time, which takes 13 "
+        "times as long as in a batch, so the seconds say little of the method."
+    )
 
 
 def _errors(analysis: StudyAnalysis, figures: StudyFigures, draw: Draw) -> list[Section]:
@@ -196,7 +229,10 @@ def _ranks(analysis: StudyAnalysis, diagram: str) -> list[Section]:
             "two algorithms over the cases, Holm's correction allows for the number of pairs. A12 "
             "is the chance that a run of the first has the lower Err% than one of the second on "
             "the same case; 0.5 is no difference. Pairs that differ at "
-            f"{ALPHA:g} after correction stand out.",
+            f"{ALPHA:g} after correction stand out. {_least(analysis)} Ranks by the mean are "
+            "ruled by single bad runs; those by the median forget them; those by evaluations "
+            "count all that was spent until runs explained the recording to a stated misfit "
+            "(cases in which no algorithm did count as ties). The tests are of the means.",
             table=tables.ranks(analysis),
         ),
         Section(
@@ -206,8 +242,32 @@ def _ranks(analysis: StudyAnalysis, diagram: str) -> list[Section]:
             else "",
             svg=diagram,
         ),
-        Section(table=tables.pairs(analysis)),
+        Section(table=tables.pairs(analysis.ranks)),
+        *(
+            Section(
+                text=f"Among the methods of the preset {preset} alone, which makes "
+                f"{_counted(len(ranks.pairs), 'pair')} and a smallest corrected p of "
+                f"{ranks.smallest_holm:.2g}:",
+                table=tables.pairs(ranks),
+            )
+            for preset, ranks in analysis.within.items()
+        ),
+        Section(
+            "Effect sizes, case by case",
+            text="A12 of the algorithm with the lowest average rank against each other one: the "
+            "chance that its run has the lower Err%. effects.csv has all pairs.",
+            table=tables.effects(analysis),
+        ),
     ]
+
+
+def _least(analysis: StudyAnalysis) -> str:
+    """How small a corrected p can be at all."""
+    ranks = analysis.ranks
+    return (
+        f"With {_counted(len(ranks.blocks), 'case')} and {_counted(len(ranks.pairs), 'pair')} no "
+        f"corrected p can fall below {ranks.smallest_holm:.2g}."
+    )
 
 
 def _convergence(analysis: StudyAnalysis, figures: StudyFigures, draw: Draw) -> list[Section]:
@@ -226,18 +286,25 @@ def _convergence(analysis: StudyAnalysis, figures: StudyFigures, draw: Draw) -> 
         ),
         Section(
             figures.to_target.heading,
-            text="The gap of a run is its best misfit above the lowest that any run found on the "
-            "case, as a share of where searches start there. Targets are 31 gaps from 0.1 to "
-            "0.0001; the curve is the share of all pairs of run and target met, over all cases. A "
-            "small gap in misfit need not mean a small Err% where the twin itself is off.",
+            text="A target is a misfit relative to a twin that does not answer: 31 of them, "
+            "evenly spaced in their logarithm from 50 % to 0.3 %, the same in every study. The "
+            "curve is the share of all pairs of run and target met, over all cases"
+            f"{_bands(figures)}. Where the twin itself is farther from the record than a target, "
+            "nobody meets it; and a small misfit need not mean a small Err%.",
             **draw(figures.to_target),
         ),
         Section(
-            text="Share of the runs that met a target, and evaluations to expect: all that were "
-            "spent over the number of runs that met it.",
+            text="Share of the runs that met a misfit, and evaluations to expect: all that were "
+            "spent over the number of runs that met it. Intervals by bootstrap over the runs "
+            "within each case; cases are not drawn anew.",
             table=tables.to_target(analysis),
         ),
     ]
+
+
+def _bands(figures: StudyFigures) -> str:
+    drawn = isinstance(figures.to_target.panels[0].series[0], Spread)
+    return ", with 95 % bootstrap intervals" if drawn else ""
 
 
 def _wrapped(analysis: StudyAnalysis) -> str:
@@ -331,8 +398,14 @@ def latex_tables(analysis: StudyAnalysis) -> dict[str, tuple[Table, str]]:
             tables.beside_paper(analysis),
             "Performance coefficient beside the paper's Table 2",
         ),
-        "ranks": (tables.ranks(analysis), "Average ranks by mean Err%"),
-        "pairs": (tables.pairs(analysis), "Pairs of algorithms: Wilcoxon, Holm, A12"),
+        "methods": (tables.methods(analysis), "Methods, their sources and departures"),
+        "coefficients_by_evaluations": (
+            tables.coefficients_by_evaluations(analysis),
+            "Performance coefficient by evaluations",
+        ),
+        "ranks": (tables.ranks(analysis), "Average ranks"),
+        "effects": (tables.effects(analysis), "Effect sizes (A12) by case"),
+        "pairs": (tables.pairs(analysis.ranks), "Pairs of algorithms: Wilcoxon, Holm, A12"),
         "to_target": (tables.to_target(analysis), "Evaluations to target"),
         "diagnosis": (tables.diagnosis(analysis), f"Diagnosis at {analysis.threshold:g}"),
         "failures": (tables.failures(analysis), "Failed runs"),

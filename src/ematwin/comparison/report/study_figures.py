@@ -8,15 +8,18 @@ from functools import cached_property
 
 import numpy as np
 
-from ematwin.comparison.analysis.conclusions import shown
 from ematwin.comparison.analysis.convergence import bands
 from ematwin.comparison.analysis.paper import HIGH_CASES, LOW_CASES
 from ematwin.comparison.analysis.study import StudyAnalysis
 from ematwin.plots.panels import Bars, Box, Figure, Panel, Spread, Stairs
 
-# Okabe and Ito, told apart by colour-blind readers; the last two for a seventh and eighth method.
-PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#8c959f")
+# Okabe and Ito, told apart by colour-blind readers; from the ninth on Tol's muted ones.
+PALETTE = (
+    "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#8c959f",
+    "#332288", "#882255", "#117733", "#999933", "#44aa99", "#aa4499", "#ddcc77", "#661100",
+)  # fmt: skip
 MOST_CASES = 12  # with a panel of their own
+MOST_BANDS = 8  # in one panel, above which only the lines are drawn
 MOST_POINTS = 30  # runs of a cell drawn one by one
 LEAST_ERROR = 1e-6  # per cent: the axis is a logarithm
 
@@ -48,7 +51,7 @@ class StudyFigures:
     def distributions(self) -> Figure:
         """Boxes of Err%, with the runs themselves where they are few; a panel for each case."""
         table = self._analysis.table
-        names = tuple(shown(name) for name in table.algorithms)
+        names = tuple(table.algorithms)
         panels = []
         for c, case in enumerate(table.cases[:MOST_CASES]):
             boxes: list[Bars | Spread | Box | Stairs] = []
@@ -77,7 +80,7 @@ class StudyFigures:
                 place = table.algorithms.index(band.algorithm)
                 values = (band.evaluations, band.median, band.q1, band.q3)
                 lines.append(
-                    Spread(shown(band.algorithm), color(place), *(part[known] for part in values))
+                    Spread(band.algorithm, color(place), *(part[known] for part in values))
                 )
             panels.append(Panel(case, lines))
         unit = ", A s" if self._analysis.of_paper else ""
@@ -89,10 +92,19 @@ class StudyFigures:
     @cached_property
     def to_target(self) -> Figure:
         """Share of runs and targets met over the evaluations."""
+        curves = self._analysis.to_target
+        banded = len(curves) <= MOST_BANDS and all(
+            np.isfinite(curve.share_low).all() for curve in curves
+        )
         stairs: list[Bars | Spread | Box | Stairs] = [
-            Stairs(shown(curve.algorithm), color(a), curve.evaluations, curve.share)
-            for a, curve in enumerate(self._analysis.to_target)
-        ]
+            Spread(
+                curve.algorithm, color(a), curve.evaluations, curve.share, curve.share_low,
+                curve.share_high,
+            )
+            if banded
+            else Stairs(curve.algorithm, color(a), curve.evaluations, curve.share)
+            for a, curve in enumerate(curves)
+        ]  # fmt: skip
         return Figure(
             "evaluations_to_target.svg", "Evaluations to target", [Panel("", stairs)],
             y_title="share of (run, target) pairs met", x_title="simulations", log_x=True,
@@ -124,7 +136,7 @@ class StudyFigures:
             spreads = [self._analysis.cells[c][a].metrics[metric] for c in cases]
             mean = np.array([spread.mean for spread in spreads])
             low, high = np.array([spread.mean_interval for spread in spreads]).T
-            series.append(Bars(shown(algorithm), color(a), mean, low, high))
+            series.append(Bars(algorithm, color(a), mean, low, high))
         heading, axis = _METRICS[metric]
         heading = f"{heading}, {title}"
         number = _PAPER.get((name, metric))

@@ -7,7 +7,10 @@ not at all. In a folder that is already there, only files that a report makes ar
 import csv
 import os
 from collections.abc import Iterator
+from itertools import combinations
 from pathlib import Path
+
+import numpy as np
 
 from ematwin.comparison.analysis.study import StudyAnalysis
 from ematwin.comparison.analysis.summary import METRICS
@@ -80,6 +83,8 @@ def _fill(analysis: StudyAnalysis, draft: Path, slim: bool) -> None:
         write_text(draft / "claims.md", claims_markdown(analysis))
     _write_csv(draft / "results.csv", _run_rows(analysis))
     _write_csv(draft / "cells.csv", _cell_rows(analysis))
+    _write_csv(draft / "effects.csv", _effect_rows(analysis))
+    _write_csv(draft / "targets.csv", _target_rows(analysis))
     write_text(draft / "index.html", study_page(analysis, figures, stills, slim=slim))
 
 
@@ -123,7 +128,7 @@ def _cell_rows(analysis: StudyAnalysis) -> Iterator[list[object]]:
             f"{metric}_{of}_{end}" for of in ("mean", "median") for end in ("low_95", "high_95")
         ]
     header += [f"share_err_at_most_{target:g}" for target in targets]
-    header.append("performance_coefficient")
+    header += ["performance_coefficient", "performance_coefficient_by_evaluations"]
     yield header
     for c, row in enumerate(analysis.cells):
         for a, cell in enumerate(row):
@@ -134,7 +139,26 @@ def _cell_rows(analysis: StudyAnalysis) -> Iterator[list[object]]:
                 values += [*spread.mean_interval, *spread.median_interval]
             values += [cell.success[target] for target in targets]
             values.append(float(analysis.coefficients[c, a]))
+            values.append(float(analysis.coefficients_by_evaluations[c, a]))
             yield values
+
+
+def _effect_rows(analysis: StudyAnalysis) -> Iterator[list[object]]:
+    """One row a case and pair: A12 of the first against the second."""
+    names = analysis.table.algorithms
+    yield ["case", "first", "second", "a12"]
+    for c, case in enumerate(analysis.table.cases):
+        for i, j in combinations(range(len(names)), 2):
+            yield [case, names[i], names[j], float(analysis.a12[c, i, j])]
+
+
+def _target_rows(analysis: StudyAnalysis) -> Iterator[list[object]]:
+    """One row an algorithm and number of evaluations: share of pairs of run and target met."""
+    yield ["algorithm", "evaluations", "share", "low_95", "high_95"]
+    for curve in analysis.to_target:
+        columns = (curve.evaluations, curve.share, curve.share_low, curve.share_high)
+        for row in np.stack(columns, axis=1).tolist():
+            yield [curve.algorithm, *row]
 
 
 def _write_csv(path: Path, rows: Iterator[list[object]]) -> None:

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.comparison.analysis.conclusions import shown
 from ematwin.comparison.analysis.ranks import ALPHA
 from ematwin.comparison.analysis.study import StudyAnalysis
 from ematwin.comparison.report.study_figures import color
@@ -20,6 +19,9 @@ from ematwin.errors import MissingExtraError
 from ematwin.plots.panels import Bars, Box, Figure, Panel, Spread, Stairs
 
 DIAGRAM = "critical_difference.svg"
+_LINES = 8  # of a legend in one column
+_IN_A_LINE = 7  # entries of a legend above bars
+_LETTERS = 30  # of all names below a narrow panel, above which they stand upright
 _FINE = re.compile(r"(\d\.\d\d)\d+")
 
 
@@ -52,7 +54,7 @@ def critical_difference(analysis: StudyAnalysis) -> str:
     import pandas
     import scikit_posthocs
 
-    names = [shown(name) for name in ranks.algorithms]
+    names = [name for name in ranks.algorithms]
     significance = pandas.DataFrame(ranks.significance(), index=names, columns=names)
 
     def draw(figure: Any) -> None:
@@ -123,7 +125,8 @@ def _draw_alone(canvas: Any, figure: Figure) -> None:
     if panel.title:
         axes.set_title(panel.title, loc="left")
     if _has_data(panel):
-        axes.legend(ncols=len(panel.series) if panel.categories else 1, frameon=False, fontsize=8)
+        columns = -(-len(panel.series) // _LINES) if not panel.categories else _IN_A_LINE
+        axes.legend(ncols=min(columns, len(panel.series)), frameon=False, fontsize=8)
 
 
 def _draw_grid(canvas: Any, figure: Figure, rows: int) -> None:
@@ -134,14 +137,15 @@ def _draw_grid(canvas: Any, figure: Figure, rows: int) -> None:
     for n, (axes, panel) in enumerate(zip(grid, figure.panels, strict=False)):
         _series(axes, panel)
         if panel.categories:
-            _name_categories(axes, panel, fontsize=7)
+            crowded = sum(map(len, panel.categories)) > _LETTERS
+            _name_categories(axes, panel, fontsize=7, rotation=90 if crowded else 0)
         axes.set_title(panel.title, loc="left", fontsize=9)
         if figure.log_x and _has_data(panel):
             axes.set_xscale("log")
         if figure.log_y and _has_data(panel):
             axes.set_yscale("log")
         if n == 0 and panel.series and not panel.categories:
-            axes.legend(frameon=False, fontsize=7, ncols=2)
+            axes.legend(frameon=False, fontsize=5 if len(panel.series) > _LINES else 7, ncols=2)
     if figure.x_title:
         canvas.supxlabel(figure.x_title, fontsize=9)
     canvas.supylabel(figure.y_title, fontsize=9)

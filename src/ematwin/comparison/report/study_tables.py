@@ -4,12 +4,11 @@ import math
 
 import numpy as np
 
-from ematwin.comparison.analysis.conclusions import shown
-from ematwin.comparison.analysis.convergence import STATED_GAPS
 from ematwin.comparison.analysis.paper import PAPER_ALGORITHMS, TABLE_2_AVERAGE, paper_coefficients
-from ematwin.comparison.analysis.ranks import ALPHA
+from ematwin.comparison.analysis.ranks import ALPHA, RankComparison
 from ematwin.comparison.analysis.study import StudyAnalysis
 from ematwin.comparison.analysis.summary import Cell
+from ematwin.estimation.search import methods as all_methods
 from ematwin.report.page import Row, Table
 
 MOST_ROWS = 600  # of a table on the page; cells.csv and results.csv hold all
@@ -54,7 +53,7 @@ def errors(analysis: StudyAnalysis) -> Table:
                 Row(
                     [
                         cell.case,
-                        shown(cell.algorithm),
+                        cell.algorithm,
                         f"{cell.done} of {cell.runs}",
                         number(err.mean),
                         _between(err.mean_interval),
@@ -80,7 +79,7 @@ def effort(analysis: StudyAnalysis) -> Table:
         spent, wall, cpu = (cell.metrics[m] for m in ("evaluations", "seconds", "cpu_seconds"))
         rows.append(
             Row([
-                cell.case, shown(cell.algorithm), _whole(spent.mean),
+                cell.case, cell.algorithm, _whole(spent.mean),
                 _between_whole(spent.mean_interval), number(wall.mean),
                 _between(wall.mean_interval), number(wall.median), number(wall.iqr),
                 number(cpu.mean), _between(cpu.mean_interval),
@@ -100,7 +99,7 @@ def success(analysis: StudyAnalysis) -> Table:
     for a, algorithm in enumerate(analysis.table.algorithms):
         column = [row[a] for row in analysis.cells]
         runs = sum(cell.runs for cell in column)
-        rows.append(Row([shown(algorithm), str(runs), *(_share(column, t, runs) for t in targets)]))
+        rows.append(Row([algorithm, str(runs), *(_share(column, t, runs) for t in targets)]))
     return Table(["algorithm", "runs", *(f"Err% ≤ {target:g}" for target in targets)], rows)
 
 
@@ -109,16 +108,38 @@ def _share(column: list[Cell], target: float, runs: int) -> str:
     return f"{100.0 * reached / runs:.0f} %" if runs else _NONE
 
 
+def methods(analysis: StudyAnalysis) -> Table:
+    """What ran: form, source, departures, and what its settings were chosen on."""
+    known = {one.name: one for one in all_methods()}
+    standing = {form: name for name, form in analysis.forms.items()}
+    rows = []
+    for name in analysis.table.algorithms:
+        one = known.get(name)
+        told = [one.title, one.source, one.departures, one.tuned_on] if one else [_NONE] * 4
+        as_paper = [standing[name].upper() if name in standing else ""] if standing else []
+        rows.append(Row([name, *as_paper, *told]))
+    header = ["algorithm", *(["stands for"] if standing else [])]
+    header += ["form", "from", "departures", "tuned on"]
+    return Table(header, rows, last_is_text=True, texts=tuple(range(len(header))))
+
+
 def coefficients(analysis: StudyAnalysis) -> Table:
     """PC over all algorithms of the study, with the average over the cases."""
+    return _by_case(analysis, analysis.coefficients)
+
+
+def coefficients_by_evaluations(analysis: StudyAnalysis) -> Table:
+    """The same with evaluations in place of seconds."""
+    return _by_case(analysis, analysis.coefficients_by_evaluations)
+
+
+def _by_case(analysis: StudyAnalysis, values: np.ndarray) -> Table:
     return Table(
-        ["case", *(shown(name) for name in analysis.table.algorithms)],
+        ["case", *analysis.table.algorithms],
         [
             Row([case, *(_percent(value) for value in row)])
             for case, row in zip(
-                [*analysis.table.cases, "Average"],
-                [*analysis.coefficients, _mean(analysis.coefficients)],
-                strict=True,
+                [*analysis.table.cases, "Average"], [*values, _mean(values)], strict=True
             )
         ],
     )
@@ -146,7 +167,7 @@ def beside_paper(analysis: StudyAnalysis) -> Table:
         rows = []
     header = ["case"]
     for name in analysis.shared:
-        header += [shown(name), "paper"]
+        header += [analysis.forms[name], "paper"]
     return Table(header, rows)
 
 
@@ -171,47 +192,71 @@ def likeness(analysis: StudyAnalysis) -> Table:
     )
 
 
-def pairs(analysis: StudyAnalysis) -> Table:
+def pairs(ranks: RankComparison) -> Table:
     """Every two algorithms; significant pairs are marked."""
     return Table(
         ["pair", "p, Wilcoxon", "p, Holm", "A12"],
         [
             Row(
                 [
-                    f"{shown(pair.first)} and {shown(pair.second)}",
+                    f"{pair.first} and {pair.second}",
                     number(pair.p, 2),
                     number(pair.p_holm, 2),
                     number(pair.a12, 2),
                 ],
                 marked=pair.p_holm < ALPHA,
             )
-            for pair in analysis.ranks.pairs
+            for pair in ranks.pairs
         ],
     )
 
 
 def ranks(analysis: StudyAnalysis) -> Table:
-    """Average ranks, best first."""
+    """Average ranks, best first by mean Err%; beside them those by other middles."""
     order = np.argsort(analysis.ranks.average_ranks)
     return Table(
-        ["algorithm", "average rank"],
+        ["algorithm", *(f"rank by {by}" for by in analysis.ranks_by)],
         [
-            Row([shown(analysis.table.algorithms[n]), number(analysis.ranks.average_ranks[n])])
+            Row([
+                analysis.table.algorithms[n],
+                *(number(values[n]) for values in analysis.ranks_by.values()),
+            ])
             for n in order
+        ],
+    )  # fmt: skip
+
+
+def effects(analysis: StudyAnalysis) -> Table:
+    """A12 of the best algorithm by rank against each other one, case by case."""
+    names, average = analysis.table.algorithms, analysis.ranks.average_ranks
+    if len(names) < 2 or not np.isfinite(average).all():
+        return Table(["case"], [])
+    best = int(np.argmin(average))
+    others = [n for n in range(len(names)) if n != best]
+    return Table(
+        [f"{names[best]} against", *(names[n] for n in others)],
+        [
+            Row([case, *(number(analysis.a12[c, best, n], 2) for n in others)])
+            for c, case in enumerate(analysis.table.cases[:MOST_ROWS])
         ],
     )
 
 
 def to_target(analysis: StudyAnalysis) -> Table:
-    """Share of runs that closed the gap, and the expected evaluations to it."""
+    """Share of runs that met a misfit, and the expected evaluations to it with their interval."""
     header = ["algorithm"]
-    for gap in STATED_GAPS:
-        header += [f"gap {gap:g}: met", "evaluations"]
+    for misfit in analysis.misfits:
+        header += [f"{100.0 * misfit:g} %: met", "evaluations", "95 % interval"]
     rows = []
     for curve in analysis.to_target:
-        cells = [shown(curve.algorithm)]
-        for gap in STATED_GAPS:
-            cells += [f"{100.0 * curve.reached[gap]:.0f} %", _whole(curve.expected[gap])]
+        cells = [curve.algorithm]
+        for misfit in analysis.misfits:
+            low, high = curve.interval[misfit]
+            cells += [
+                f"{100.0 * curve.reached[misfit]:.0f} %",
+                _whole(curve.expected[misfit]),
+                f"{_whole(low)} to {_whole(high)}" if math.isfinite(low) else _NONE,
+            ]
         rows.append(Row(cells))
     return Table(header, rows)
 
@@ -226,7 +271,7 @@ def diagnosis(analysis: StudyAnalysis) -> Table:
         common = list(row.confusions.items())[:2]
         rows.append(
             Row([
-                shown(row.algorithm),
+                row.algorithm,
                 number(float(err.mean())) if len(err) else _NONE,
                 _of(row.exact, row.runs),
                 _of(row.missed, row.faults),
@@ -253,7 +298,7 @@ def failures(analysis: StudyAnalysis) -> Table:
     return Table(
         ["case", "algorithm", "run", "status", "message"],
         [
-            Row([one.case, shown(one.algorithm), str(one.run), one.status, one.message])
+            Row([one.case, one.algorithm, str(one.run), one.status, one.message])
             for one in analysis.failures[:MOST_ROWS]
         ],
         last_is_text=True,

@@ -16,15 +16,12 @@ from ematwin.comparison.study.cases import Cases
 from ematwin.comparison.study.run import RunSpec
 from ematwin.comparison.study.subject import Subject
 from ematwin.errors import InputError
-from ematwin.estimation.search import method_name, named
+from ematwin.estimation.search import expanded, named
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.recorded import recorded_columns
 from ematwin.models.scenario import KINDS_OF_HISTORY, Profile, Scenario
 from ematwin.models.simulating import check_seed
 from ematwin.recordings.noise import Noise
-
-# in the order of the columns of the paper's Table 2
-PAPER_ALGORITHMS = ("ga", "pso", "de", "gwo", "da", "woa")
 
 
 @dataclass(frozen=True)
@@ -34,7 +31,8 @@ class Plan:
     Parameters
     ----------
     cases : mapping of names to vectors (d,) of the actuator's faults and nuisances
-    algorithms : names of ``ematwin algorithms``; aliases become names
+    algorithms : names of ``ematwin algorithms``, or presets: paper, improved, best; aliases
+        become names
     runs : int, repetitions of each case with each algorithm
     population, iterations : int; their product is the budget of each run
     seed : int
@@ -52,7 +50,7 @@ class Plan:
     """
 
     cases: Cases
-    algorithms: tuple[str, ...] = PAPER_ALGORITHMS
+    algorithms: tuple[str, ...] = ("paper",)
     runs: int = 10
     population: int = 50
     iterations: int = 200
@@ -73,7 +71,7 @@ class Plan:
         subject = Subject.of(self.actuator)
         scenario = subject.model.load_scenario(self.scenario)
         subject.model.check_scenario(scenario, subject.actuator)
-        names = tuple(dict.fromkeys(method_name(name) for name in self.algorithms))
+        names = expanded(self.algorithms)
         if not names or not self.cases:
             raise InputError("A study needs at least one case and one algorithm.")
         for case, vector in self.cases.items():

@@ -110,6 +110,8 @@ ALGORITHMS = (
         "cma",
         _load,
         requires="cma",
+        departures="first mean and step as this package draws them; restarts",
+        tuned_on="nothing here: the library's own settings",
         aliases=("cma-es", "cmaes"),
     ),
 )

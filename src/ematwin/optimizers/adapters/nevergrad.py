@@ -94,6 +94,8 @@ def _algorithm(name: str, registered: str, title: str) -> Algorithm:
         "nevergrad",
         partial(_load, registered),
         requires="nevergrad",
+        departures="none",
+        tuned_on="nothing here: the library's own settings",
     )
 
 

@@ -1,8 +1,10 @@
 """Algorithms of pygmo, with their own defaults.
 
-pygmo evaluates one point at a time, so a batch is one point. Where an algorithm ends of itself
-(its tolerances are set to zero where it has any) it goes on from its population, and from a new
-one when it finds nothing left to do.
+Most of pygmo's algorithms evaluate one point at a time, so a batch is one point, whose simulation
+takes 13 times as long as in a batch of fifty; its generational swarm takes whole generations
+(`pygmo.bfe`), and so does its adapter. Where an algorithm ends of itself (its tolerances are set to
+zero where it has any) it goes on from its population, and from a new one when it finds nothing left
+to do.
 """
 
 from __future__ import annotations
@@ -33,12 +35,16 @@ class _Problem:
     def fitness(self, x: FloatArray) -> list[float]:
         return [min(float(self._evaluate(np.asarray(x)[None, :])[0]), _WORST)]
 
+    def batch_fitness(self, points: FloatArray) -> FloatArray:
+        rows = np.asarray(points).reshape(-1, self._box.dimension)
+        return np.minimum(self._evaluate(rows), _WORST)
+
     def get_bounds(self) -> tuple[list[float], list[float]]:
         return self._box.lower.tolist(), self._box.upper.tolist()
 
 
 class Pygmo(ThreadedOptimizer):
-    """An algorithm of pygmo, named as in pygmo."""
+    """An algorithm of pygmo, named as in pygmo; ``batched`` if it takes whole generations."""
 
     minimum_population: ClassVar[int] = 7
 
@@ -50,10 +56,12 @@ class Pygmo(ThreadedOptimizer):
         iterations: int = 200,
         seed: int = 1,
         name: str = "de",
+        batched: bool = False,
         **options: Any,
     ) -> None:
         super().__init__(box, population=population, iterations=iterations, seed=seed)
         self.name = name
+        self.batched = batched
         self.options = options
 
     def _search(self, evaluate: Evaluate) -> None:
@@ -63,9 +71,13 @@ class Pygmo(ThreadedOptimizer):
         make = getattr(pygmo, self.name)
         seed = self.seed % _SEEDS
         while True:
-            population = pygmo.population(problem, self.population, seed=seed)
+            together = pygmo.bfe(pygmo.member_bfe()) if self.batched else None
+            population = pygmo.population(problem, self.population, b=together, seed=seed)
             generations = max(3, self.iterations - 1)
-            algorithm = pygmo.algorithm(make(gen=generations, seed=seed, **self.options))
+            chosen = make(gen=generations, seed=seed, **self.options)
+            if together is not None:
+                chosen.set_bfe(together)
+            algorithm = pygmo.algorithm(chosen)
             spent = -1
             while population.problem.get_fevals() != spent:
                 spent = population.problem.get_fevals()
@@ -79,12 +91,14 @@ def _load(name: str, **options: Any) -> OptimizerFactory:
 
 def _algorithm(name: str, title: str, **options: Any) -> Algorithm:
     return Algorithm(
-        f"pygmo-{name}",
+        f"pygmo-{name.replace('_', '-')}",
         f"{title} of pygmo",
         f"pygmo.{name}",
         "pygmo",
         partial(_load, name, **options),
         requires="pygmo",
+        departures="goes on, or restarts, where it ends",
+        tuned_on="nothing here: the library's own settings",
     )
 
 
@@ -94,5 +108,6 @@ ALGORITHMS = (
     _algorithm("sade", "Self-adaptive differential evolution", ftol=0.0, xtol=0.0),
     _algorithm("de1220", "Differential evolution, adaptive variant", ftol=0.0, xtol=0.0),
     _algorithm("pso", "Particle swarm"),
+    _algorithm("pso_gen", "Generational particle swarm", batched=True),
     _algorithm("gwo", "Grey wolf"),
 )

@@ -110,6 +110,8 @@ def _algorithm(name: str, title: str) -> Algorithm:
         "pymoo",
         partial(_load, name),
         requires="pymoo",
+        departures="restarts where it has no new point left",
+        tuned_on="nothing here: the library's own settings",
     )
 
 

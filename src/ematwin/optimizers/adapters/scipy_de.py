@@ -56,5 +56,7 @@ ALGORITHMS = (
         "scipy",
         _load,
         requires="scipy",
+        departures="no convergence test, no polishing; restarts",
+        tuned_on="nothing here: the library's own settings",
     ),
 )
