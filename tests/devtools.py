@@ -9,6 +9,7 @@ import json
 import os
 import shutil
 import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -54,6 +55,7 @@ class Tab:
         )  # fmt: skip
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         self.call("Emulation.setEmulatedMedia", features=[scheme])
+        self.call("Emulation.setScrollbarsHidden", hidden=True)
         self.call("Page.navigate", url=address)
 
     def value(self, expression: str) -> Any:
@@ -96,6 +98,16 @@ class Tab:
         return json.loads(message)
 
 
+# Moves the pipes to the two descriptors that the browser expects, and becomes the browser.
+_START = """
+import fcntl, os, sys
+high = [fcntl.fcntl(int(end), fcntl.F_DUPFD, 10) for end in sys.argv[1:3]]
+for n, end in enumerate(high):
+    os.dup2(end, 3 + n)
+os.execv(sys.argv[3], sys.argv[3:])
+"""
+
+
 @contextmanager
 def browser(folder: Path) -> Iterator[Tab]:
     """A tab of a browser of its own, with its profile in a folder."""
@@ -107,10 +119,9 @@ def browser(folder: Path) -> Iterator[Tab]:
         "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-sync "
         "--disable-background-networking --disable-component-update --remote-debugging-pipe"
     )
-    # the shell moves the pipes to the two descriptors that the browser expects
-    line = f'exec "$0" {options} "$1" 3<&{commands_in} 4>&{answers_out}'
     process = subprocess.Popen(
-        ["sh", "-c", line, program, f"--user-data-dir={folder / 'profile'}"],
+        [sys.executable, "-c", _START, str(commands_in), str(answers_out),
+         program, *options.split(), f"--user-data-dir={folder / 'profile'}"],
         pass_fds=(commands_in, answers_out), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
     )  # fmt: skip
     os.close(commands_in)

@@ -5,6 +5,7 @@ channels and shipped scenarios that the explorer knows, and give numbers within 
 Nothing else gets through, and no file can be named.
 """
 
+import sys
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -79,7 +80,8 @@ def _values(explorer: Explorer, question: Mapping[str, Any]) -> dict[str, float]
         one = explorer.unknowns.get(name)
         if one is None:
             raise InputError(f"There is no slider {str(name)[:40]!r}.")
-        if isinstance(value, bool) or not isinstance(value, int | float):
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        if not number or not abs(value) <= sys.float_info.max:  # NaN fails this as well
             raise InputError(f"{name} must be a number, received {str(value)[:40]!r}.")
         found[name] = one.check(value)
     return found

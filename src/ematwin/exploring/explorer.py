@@ -27,6 +27,7 @@ from ematwin.recordings.recording import Recording
 _SHOWN = 1500  # points of a trace: more than a screen has columns for it
 _PROFILE = 33  # points of a profile; a bound at either end
 _DIGITS = 5  # of a trace's largest value
+_AT_ONCE = 20_000_000  # residuals, 8 bytes each
 
 
 class StoppedError(Exception):
@@ -106,8 +107,11 @@ class Explorer:
         self._shown = slice(None, None, max(1, -(-len(recording) // _SHOWN)))
         self._healthy = self._comparison.responses(self._batch({}, 1), 1)
         self._target = self._comparison.measured()
-        if not self.recorded:
+        if not self.recorded:  # its noise and its sensors are of no interest here
+            recorded = self._target
             self._target = {name: rows[0] for name, rows in self._healthy.items()}
+            missed = {name: recorded[name] - trace for name, trace in self._target.items()}
+            self._comparison = self._comparison.with_missed(missed)
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -128,7 +132,11 @@ class Explorer:
             "scenarios": [] if self.recorded else sorted(self.model.scenarios()),
             "sliders": [self._slider(one) for one in self.unknowns.values()],
             "channels": [
-                {"name": name, "title": captions[name][0], "unit": _unit(captions[name][1])}
+                {
+                    "name": name,
+                    "title": _sentence(captions[name][0]),
+                    "unit": _unit(captions[name][1]),
+                }
                 for name in self._target
             ],
             "inputs": self._inputs(),
@@ -182,21 +190,28 @@ class Explorer:
         }
 
     def fit(self, values: Mapping[str, float], fitted: bool) -> dict[str, Any]:
-        """Descend from where the sliders stand; load and sensors stay unless they are searched."""
+        """Descend from where the sliders stand; load and sensors stay unless they are searched.
+
+        Where the kind has a smoother misfit, that is descended first: its valleys are wider.
+        """
         problem = self._problem
         every = {**(self._fitted if fitted else {}), **values}
         held = {n: x for n, x in every.items() if n not in problem.names}
-        descended = Problem(
-            problem.comparisons, problem.unknowns, held={**problem.held, **held},
+        sharp = Problem(
+            [self._comparison], problem.unknowns, held={**problem.held, **held},
             prior=problem.prior,
         )  # fmt: skip
-        start = np.array([values.get(one.name, one.healthy) for one in problem.unknowns])
-        found = find(descended, LocalDescent(starts=start[None]), progress=self._still_wanted)
+        starts = np.array([[values.get(one.name, one.healthy) for one in problem.unknowns]])
+        evaluations = 0
+        if (smooth := sharp.smoothed()) is not sharp:
+            first = find(smooth, LocalDescent(starts=starts), progress=self._still_wanted)
+            starts = np.vstack([starts, first.point])
+            evaluations = first.evaluations
+        found = find(sharp, LocalDescent(starts=starts), progress=self._still_wanted)
         point = np.clip(found.point, problem.lower, problem.upper)
         return {
             "values": dict(zip(problem.names, point.tolist(), strict=True)),
-            "evaluations": found.evaluations,
-            "stopped": found.stopped,
+            "evaluations": evaluations + found.evaluations,
         }
 
     def verdict(self) -> dict[str, Any]:
@@ -237,9 +252,14 @@ class Explorer:
 
     def _misfits(self, batch: Mapping[str, np.ndarray], count: int) -> list[float | None]:
         """Relative misfits; None where the twin diverged."""
-        costs = self._comparison.costs(batch, count)
-        found = [self._problem.relative_misfit(float(cost)) for cost in costs]
-        return [x if math.isfinite(x) else None for x in found]
+        found: list[float | None] = []
+        most = max(1, _AT_ONCE // (len(self.recording) * len(self._target)))
+        for start in range(0, count, most):
+            part = {name: values[start : start + most] for name, values in batch.items()}
+            costs = self._comparison.costs(part, min(most, count - start))
+            misfits = [self._problem.relative_misfit(float(cost)) for cost in costs]
+            found += [x if math.isfinite(x) else None for x in misfits]
+        return found
 
     def _said(self, name: str, values: Mapping[str, float]) -> str:
         """A value in its physical unit: "0.045 N m"."""
@@ -252,7 +272,7 @@ class Explorer:
         return {
             "name": one.name,
             "title": one.name.replace("_", " ").capitalize(),
-            "meaning": one.meaning,
+            "meaning": _sentence(one.meaning),
             "fault": one.role == "fault",
             "lower": one.lower,
             "upper": one.upper,
@@ -278,7 +298,7 @@ class Explorer:
             one = self.model.channel(name)
             found.append(
                 {
-                    "title": one.meaning[:1].upper() + one.meaning[1:],
+                    "title": _sentence(one.meaning),
                     "unit": _unit(one.unit),
                     "values": _plain(trace[self._shown]),
                 }
@@ -288,6 +308,10 @@ class Explorer:
     def _source(self) -> str:
         rate = f"{len(self.recording)} samples at {self.recording.sample_rate:g} Hz"
         return f"{self.recording.name}, {rate}" if self.recorded else rate
+
+
+def _sentence(text: str) -> str:
+    return text[:1].upper() + text[1:]
 
 
 def _unit(text: str) -> str:

@@ -2,6 +2,7 @@
 // or that of page.js. uPlot stands above this text.
 
 const STEPS = 1000; // of a slider
+const FONT = "12px system-ui, sans-serif";
 
 class Explorer {
   constructor(model, root) {
@@ -306,43 +307,43 @@ class Explorer {
     this.parts.figures.replaceChildren();
     const { setup } = this;
     const channel = setup.channels.find((one) => one.name === this.channel);
-    const style = getComputedStyle(this.body);
-    const color = (name) => style.getPropertyValue(`--ee-${name}`).trim();
     const seen = setup.recorded ? [["recorded", "recorded"]] : [];
-    const shared = uPlot.sync(`ematwin-${this.number}`);
-    const over = { text: "s", cursor: { sync: { key: shared.key }, drag: { x: true, y: false } } };
-    this.figure("answer", channel.title, channel.unit, over, 250,
-      [["healthy", "healthy", [2, 4]], ...seen, ["twin", "twin"]], color);
+    const time = { cursor: { sync: { key: `ematwin-${channel.name}` }, drag: { x: true, y: false } } };
+    this.figure("answer", channel.title, channel.unit, 240, time,
+      [["healthy", "healthy", [2, 4]], ...seen, ["twin", "twin"]]);
     this.figure("residual", setup.recorded ? "Recording less twin" : "Healthy less twin",
-      channel.unit, over, 150, [["recorded", "residual"]], color, () => this.span());
-    const inputs = setup.inputs.map((one, n) =>
-      this.figure(`input${n}`, one.title, one.unit, over, 120, [["input", one.title]], color));
-    this.plotOfProfile = this.figure("profile", "", "%", { text: "", cursor: { sync: null } }, 200,
-      [["twin", "misfit"]], color, null, (plot) => this.markers(plot, color));
-    inputs.forEach((plot, n) => plot.setData([setup.time, setup.inputs[n].values]));
+      channel.unit, 140, { ...time, label: "time, s", range: () => this.span() }, [["recorded", "residual"]]);
+    this.figure("profile", "Misfit", "%", 190, { label: " ", marks: true }, [["twin", "misfit"]]);
+    setup.inputs.forEach((one, n) => this.figure("input", one.title, one.unit, 110,
+      { ...time, label: n + 1 < setup.inputs.length ? "" : "time, s" }, [["input", one.title]])
+      .setData([setup.time, one.values]));
     this.paint();
   }
 
-  figure(name, title, unit, over, height, lines, color, range = null, drawn = null) {
+  // A figure: heading, legend of the lines [tone, label, dash], and a plot that `paint` fills.
+  figure(name, title, unit, height, { label = "", cursor, range, marks }, lines) {
     const heading = make("h2", {}, title, unit ? make("small", {}, ` ${unit}`) : "");
     const place = make("div", { class: "ee-plot" });
-    const legend = lines.length > 1 ? make("p", { class: "ee-legend" }, ...lines.map(([tone, text]) =>
+    const truth = this.setup.sliders.some((one) => one.truth !== null) ? [["truth", "injected"]] : [];
+    const told = marks ? [["twin", "here"], ["healthy", "healthy"], ...truth] : lines;
+    const legend = told.length > 1 ? make("p", { class: "ee-legend" }, ...told.map(([tone, text]) =>
       make("span", { style: `--ee-tone: var(--ee-${tone})` }, text))) : "";
     this.parts.figures.append(
-      make("section", { class: `ee-figure ee-${name}`, "data-figure": name }, heading, legend, place));
-    const axis = { stroke: color("text"), grid: { stroke: color("grid"), width: 1 },
-      ticks: { stroke: color("grid"), width: 1 }, font: "12px system-ui, sans-serif" };
+      make("section", { class: `ee-figure ee-${name}` }, heading, legend, place));
+    const color = (tone) => getComputedStyle(this.body).getPropertyValue(`--ee-${tone}`).trim();
+    const rule = { stroke: color("grid"), width: 1 };
+    const axis = { stroke: color("text"), grid: rule, ticks: rule, font: FONT };
+    const below = label ? { label, labelSize: 16, labelFont: FONT } : {};
     const plot = new uPlot({
-      width: Math.max(place.clientWidth, 200), height, legend: { show: false }, cursor: over.cursor,
+      width: Math.max(place.clientWidth, 200), height, legend: { show: false }, cursor,
       scales: { x: { time: false }, y: range ? { range } : {} },
-      axes: [{ ...axis, label: over.text, labelSize: 16, labelFont: axis.font, size: 32 },
-        { ...axis, size: 56 }],
-      series: [{}, ...lines.map(([tone, label, dash]) =>
-        ({ label, stroke: color(tone), width: tone === "twin" ? 2 : 1.4, dash, points: { show: false } }))],
-      hooks: drawn ? { draw: [drawn] } : {},
+      axes: [{ ...axis, ...below, size: 28 }, { ...axis, size: 52, space: 24 }],
+      series: [{}, ...lines.map(([tone, text, dash]) => ({
+        label: text, stroke: color(tone), width: tone === "twin" ? 2 : 1.4, dash, points: { show: false },
+      }))],
+      hooks: marks ? { draw: [(one) => this.mark(one, color)] } : {},
     }, [[], ...lines.map(() => [])], place);
-    plot.ee = { name, heading };
-    this.plots.push(plot);
+    this.plots.push(Object.assign(plot, { figure: name, heading }));
     return plot;
   }
 
@@ -355,7 +356,8 @@ class Explorer {
     return [-most, most];
   }
 
-  markers(plot, color) {
+  // Where the slider of a profile stands, and where it would be healthy.
+  mark(plot, color) {
     const { profile } = this;
     if (!profile) return;
     const { ctx, bbox } = plot;
@@ -380,15 +382,14 @@ class Explorer {
   paint() {
     const { answer, traces, profile, setup } = this;
     for (const plot of this.plots) {
-      const { name, heading } = plot.ee;
-      if (name === "answer") {
+      if (plot.figure === "answer") {
         const seen = setup.recorded ? [traces.recorded] : [];
         plot.setData([setup.time, traces.healthy, ...seen, answer.twin]);
-      } else if (name === "residual") {
+      } else if (plot.figure === "residual") {
         plot.setData([setup.time, answer.residual]);
-      } else if (name === "profile" && profile) {
+      } else if (plot.figure === "profile" && profile) {
         const { one } = this.rows.get(profile.along);
-        heading.firstChild.textContent = `Misfit along ${one.title.toLowerCase()}`;
+        plot.heading.firstChild.textContent = `Misfit along ${one.title.toLowerCase()}`;
         plot.axes[0].label = profile.unit || one.title.toLowerCase();
         plot.setData([profile.x, profile.misfit.map((x) => (x === null ? null : 100 * x))]);
       }
@@ -420,7 +421,8 @@ function between(xs, ys, x) {
 }
 
 function percent(x) {
-  return x === null ? "diverged" : `${(100 * x).toPrecision(3)} %`;
+  if (x === null) return "diverged";
+  return x < 1e-4 ? "< 0.01 %" : `${(100 * x).toPrecision(3)} %`;
 }
 
 function at(element, share) {
