@@ -1,11 +1,10 @@
 """A local page: one explorer behind a small server of the standard library.
 
 Who may ask. The server listens on the loopback address only, and every address begins with a
-random token, which other users of the machine and other pages do not know. The Host must be the
-loopback one, so that no foreign name that resolves to it gets an answer (DNS rebinding); a question
-must come from the page itself (Origin) and be JSON, which no other page may send without being
-asked for leave, which nobody gives. Files are read once, at the start: no path of a request reaches
-the disk.
+random token, which no other page knows. The Host must be the loopback one, so that no foreign name
+that resolves to it gets an answer (DNS rebinding). A question must come from the page itself
+(Origin) and be JSON, for which other pages need a leave that nobody gives. Files are read once, at
+the start: no path of a request reaches the disk.
 """
 
 import errno
