@@ -22,23 +22,23 @@ class Tab:
 
     Attributes
     ----------
-    said : errors and warnings of the console, of scripts and of the network
+    said : messages of the console, of scripts that failed and of the network
     """
 
     def __init__(self, commands: int, answers: int) -> None:
         self._commands, self._answers = commands, answers
-        self._rest, self._number, self._session = b"", 0, {}
+        self._rest, self._number, self._where = b"", 0, {}
         self.said: list[str] = []
         target = self.call("Target.createTarget", url="about:blank")["targetId"]
         attached = self.call("Target.attachToTarget", targetId=target, flatten=True)
-        self._session = {"sessionId": attached["sessionId"]}
+        self._where = {"sessionId": attached["sessionId"]}
         for domain in ("Page", "Runtime", "Log"):
             self.call(f"{domain}.enable")
 
     def call(self, method: str, **parameters: Any) -> Any:
         """The answer to a command."""
         self._number += 1
-        message = {"id": self._number, "method": method, "params": parameters, **self._session}
+        message = {"id": self._number, "method": method, "params": parameters, **self._where}
         os.write(self._commands, json.dumps(message).encode() + b"\0")
         while True:
             heard = self._read()

@@ -25,7 +25,7 @@ from ematwin.plots.style import BLUE, GREEN, GREY, ORANGE
 from ematwin.recordings.recording import Recording
 
 _SHOWN = 1500  # points of a trace: more than a screen has columns for it
-_PROFILE = 33  # points of a profile; a bound at either end
+_PROFILE = 64  # points of a profile, full lanes; a bound at either end
 _DIGITS = 5  # of a trace's largest value
 _AT_ONCE = 20_000_000  # residuals, 8 bytes each
 

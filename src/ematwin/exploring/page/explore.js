@@ -8,7 +8,8 @@ class Explorer {
   constructor(model, root) {
     this.model = model;
     this.root = root;
-    this.waiting = new Map(); // questions by number
+    this.waiting = new Map(); // questions by their ids
+    this.name = Math.random().toString(36).slice(2); // several views of a widget share its messages
     this.number = 0;
     this.plots = [];
     this.hear = (message) => this.heard(message);
@@ -29,7 +30,7 @@ class Explorer {
   // Questions: one answer each, in any order
 
   ask(question) {
-    const id = ++this.number;
+    const id = `${this.name}-${++this.number}`;
     return new Promise((resolve, reject) => {
       this.waiting.set(id, { resolve, reject });
       this.model.send({ id, ...question });
@@ -38,7 +39,7 @@ class Explorer {
 
   heard({ id, answer }) {
     const one = this.waiting.get(id);
-    if (!one) return; // of another view of the same widget
+    if (!one) return; // asked by another view
     this.waiting.delete(id);
     if (answer.error) one.reject(new Error(answer.error));
     else one.resolve(answer);
@@ -84,11 +85,11 @@ class Explorer {
     while (this.moved) {
       this.moved = false;
       const { values, channel, along, fitted } = this;
+      const key = this.others(); // now: sliders move on while an answer is awaited
       try {
         this.answer = await this.ask({ ask: "answer", values, channel, fitted });
         this.tell();
         this.paint();
-        const key = this.others();
         if (this.profile?.key !== key) {
           const profile = await this.ask({ ask: "profile", values, along, fitted });
           this.profile = { ...profile, key };
@@ -308,7 +309,7 @@ class Explorer {
     const { setup } = this;
     const channel = setup.channels.find((one) => one.name === this.channel);
     const seen = setup.recorded ? [["recorded", "recorded"]] : [];
-    const time = { cursor: { sync: { key: `ematwin-${channel.name}` }, drag: { x: true, y: false } } };
+    const time = { cursor: { sync: { key: this.name }, drag: { x: true, y: false } } };
     this.figure("answer", channel.title, channel.unit, 240, time,
       [["healthy", "healthy", [2, 4]], ...seen, ["twin", "twin"]]);
     this.figure("residual", setup.recorded ? "Recording less twin" : "Healthy less twin",
@@ -337,7 +338,7 @@ class Explorer {
     const plot = new uPlot({
       width: Math.max(place.clientWidth, 200), height, legend: { show: false }, cursor,
       scales: { x: { time: false }, y: range ? { range } : {} },
-      axes: [{ ...axis, ...below, size: 28 }, { ...axis, size: 52, space: 24 }],
+      axes: [{ ...axis, ...below, size: 28 }, { ...axis, size: 56, space: 24 }],
       series: [{}, ...lines.map(([tone, text, dash]) => ({
         label: text, stroke: color(tone), width: tone === "twin" ? 2 : 1.4, dash, points: { show: false },
       }))],
