@@ -73,6 +73,11 @@ SAID = """(name) => document.querySelector(`input[data-name=${name}]`)
 MISFIT = "parseFloat(document.querySelector('.ee-misfit strong').textContent)"
 PRESS = """(text) =>
   [...document.querySelectorAll("button")].find((one) => one.textContent === text).click()"""
+CHOOSE = """(name) => {
+  const list = [...document.querySelectorAll("select")].at(-1);
+  list.value = name;
+  list.dispatchEvent(new Event("change"));
+}"""
 AT_REST = "!document.querySelector('[aria-busy]')"
 INK = """(figure) => {
   const canvas = document.querySelector(`.ee-${figure} canvas`);
@@ -133,6 +138,10 @@ def test_the_page_follows_a_slider_fits_and_gives_its_verdict(page, tmp_path):
         tab.value(f"({PRESS})('Healthy')")
         tab.wait(f"({SAID})('friction') === '20.38 N' && {MISFIT} === {healthy}")
         assert tab.value("document.querySelector('.ee-verdict').hidden")
+
+        tab.value(f"({CHOOSE})('position_error')")
+        tab.wait("document.querySelector('.ee-answer h2').textContent.includes('Reference less')")
+        assert tab.value("document.querySelectorAll('canvas').length") == 4
         assert tab.value("document.querySelector('.ee-source').textContent").startswith("<b>")
         assert tab.said == []
 

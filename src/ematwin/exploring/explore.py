@@ -25,8 +25,8 @@ def explore(
 
     Returns
     -------
-    anywidget.AnyWidget, shown where it is the last line of a cell; from a shell, ``ematwin
-    explore`` opens the same in a browser
+    anywidget.AnyWidget, shown where it is the last line of a cell. ``ematwin explore`` opens the
+    same from a shell
 
     Raises
     ------

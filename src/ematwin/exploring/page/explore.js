@@ -24,7 +24,13 @@ class Explorer {
     this.model.off("msg:custom", this.hear);
     this.dark.removeEventListener("change", this.repaint);
     this.sized.disconnect();
+    this.clear();
+  }
+
+  clear() {
     this.plots.forEach((plot) => plot.destroy());
+    this.plots = [];
+    this.parts?.figures.replaceChildren();
   }
 
   // Questions: one answer each, in any order
@@ -149,6 +155,7 @@ class Explorer {
 
   build() {
     const { setup } = this;
+    this.clear();
     this.rows = new Map();
     const faults = setup.sliders.filter((one) => one.fault);
     const rest = setup.sliders.filter((one) => !one.fault);
@@ -304,8 +311,7 @@ class Explorer {
 
   draw() {
     if (!this.answer) return;
-    this.plots.forEach((plot) => plot.destroy());
-    this.parts.figures.replaceChildren();
+    this.clear();
     const { setup } = this;
     const channel = setup.channels.find((one) => one.name === this.channel);
     const seen = setup.recorded ? [["recorded", "recorded"]] : [];
