@@ -146,6 +146,24 @@ def test_the_page_follows_a_slider_fits_and_gives_its_verdict(page, tmp_path):
         assert tab.said == []
 
 
+def test_another_scenario_is_chosen_on_the_page(tmp_path):
+    with Server(Explorer(None, "servo48")) as server, browser(tmp_path) as tab:
+        thread = threading.Thread(target=server.serve_forever, args=(0.05,))
+        thread.start()
+        tab.open(server.address)
+        tab.wait("document.querySelectorAll('.ee-input').length === 2")  # command and load
+        assert tab.value("document.querySelectorAll('button').length") == 1
+        tab.value(f"({MOVE})('friction', 0.5)")
+        tab.wait(f"{MISFIT} > 1")
+        tab.value(f"({CHOOSE})('sine')")
+        tab.wait("document.querySelectorAll('.ee-input').length === 1")
+        assert tab.value("document.querySelector('select').value") == "sine"
+        assert tab.value(f"({SAID})('friction')") == "0.03 N m"
+        server.shutdown()
+        thread.join()
+        assert tab.said == []
+
+
 def test_the_page_fits_its_window(page, tmp_path):
     with browser(tmp_path) as tab:
         for width, dark in product((1400, 768, 390), (False, True)):
