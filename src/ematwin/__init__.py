@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from ematwin.estimation.identifiability import Identifiability, identifiability
     from ematwin.estimation.identify import Identification, identify
     from ematwin.estimation.problem import Problem
+    from ematwin.exploring.explore import explore
     from ematwin.models.ball_screw.parameters import BallScrew
     from ematwin.models.base import Model
     from ematwin.models.bldc.faults import Faults, error_percent, error_percent_wrapped
@@ -65,6 +66,7 @@ _HOMES = {
     "detect": "ematwin.monitoring.detect",
     "error_percent": "ematwin.models.bldc.faults",
     "error_percent_wrapped": "ematwin.models.bldc.faults",
+    "explore": "ematwin.exploring.explore",
     "identifiability": "ematwin.estimation.identifiability",
     "identify": "ematwin.estimation.identify",
     "load_actuator": "ematwin.models.registry",
@@ -102,6 +104,7 @@ __all__ = [
     "detect",
     "error_percent",
     "error_percent_wrapped",
+    "explore",
     "identifiability",
     "identify",
     "load_actuator",

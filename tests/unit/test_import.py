@@ -11,7 +11,7 @@ PROJECT = Path(__file__).parents[2]
 HEAVY = {"numba", "numpy", "scipy", "plotly", "pandas", "pyarrow", "pydantic", "pint", "typer",
          "rich", "jinja2"}  # fmt: skip
 EXTRAS = {"asammdf", "nptdms", "pymatreader", "h5py", "cma", "pymoo", "pygmo", "nevergrad",
-          "pandas", "psutil", "sphinx", "hypothesis", "pytest"}  # fmt: skip
+          "pandas", "psutil", "sphinx", "hypothesis", "pytest", "anywidget"}  # fmt: skip
 
 
 def python(code: str, *arguments: str) -> str:

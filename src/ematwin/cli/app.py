@@ -19,6 +19,7 @@ from ematwin.cli import (
     compare,
     demo,
     detect,
+    explore,
     identifiability,
     identify,
     report,
@@ -56,6 +57,7 @@ app.command("demo")(demo.demo)
 app.command("identify")(identify.identify)
 app.command("calibrate")(calibrate.calibrate)
 app.command("detect")(detect.detect)
+app.command("explore")(explore.explore)
 app.command("identifiability")(identifiability.identifiability)
 app.command("simulate")(simulate.simulate)
 app.command("channels")(channels.channels)

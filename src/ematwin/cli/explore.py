@@ -1,0 +1,67 @@
+"""``ematwin explore``: the interactive twin, on a local page."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ematwin.cli import complete
+
+
+def explore(
+    record: Annotated[
+        Path | None,
+        typer.Argument(
+            help="A recording: Parquet, CSV, MAT, MDF4, TDMS or HDF5; without one the twin is "
+            "shown beside the healthy one."
+        ),
+    ] = None,
+    actuator: Annotated[
+        str,
+        typer.Option(
+            help="A shipped parameter set of any kind, a TOML file, or a calibrated actuator.",
+            autocompletion=complete.actuators,
+        ),
+    ] = "servo48",
+    scenario: Annotated[
+        str | None,
+        typer.Option(
+            help="Without a recording: a shipped scenario, or a TOML, CSV or Parquet file.",
+            autocompletion=complete.scenarios,
+        ),
+    ] = None,
+    column: Annotated[
+        list[str] | None,
+        typer.Option(help='Which channel is what, e.g. i_a="Phase A [A]". Repeatable.'),
+    ] = None,
+    map_file: Annotated[
+        Path | None, typer.Option("--map", help="The same in a TOML file (docs/recordings.md).")
+    ] = None,
+    port: Annotated[
+        int, typer.Option(help="Port of the page on this machine; 0 takes a free one.")
+    ] = 0,
+    no_browser: Annotated[
+        bool, typer.Option("--no-browser", help="Print the address and open nothing.")
+    ] = False,
+) -> None:
+    """Drag the faults of the twin, and see its answer beside a recording's, in the browser."""
+    import webbrowser
+
+    from ematwin.cli.channels import map_of
+    from ematwin.exploring.explorer import Explorer
+    from ematwin.exploring.server import Server
+    from ematwin.models.reading import read
+    from ematwin.models.registry import load_actuator
+
+    recording = None
+    if record is not None:
+        chosen = load_actuator(actuator)
+        recording = read(record, map_of(column, map_file, chosen), actuator=chosen)
+    with Server(Explorer(recording, actuator, scenario), port) as server:
+        typer.echo(f"{server.address}\nThe twin is on this page. Ctrl-C ends it.")
+        if not no_browser:
+            webbrowser.open(server.address)
+        try:
+            server.serve_forever()
+        except KeyboardInterrupt:
+            typer.echo("Ended.")

@@ -1,0 +1,328 @@
+"""Explorer: what the twin answers where the sliders stand.
+
+It knows no page and no widget: `ematwin.exploring.door` checks what either asks and calls it.
+Everything is asked of the kind's comparison, as a search does.
+"""
+
+import math
+import threading
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ematwin.errors import InputError
+from ematwin.estimation.identify import identify
+from ematwin.estimation.local import LocalDescent
+from ematwin.estimation.problem import Problem
+from ematwin.estimation.search import find
+from ematwin.models.reading import read
+from ematwin.models.registry import load_actuator, model_of
+from ematwin.models.scenario import Scenario
+from ematwin.models.unknown import Unknown
+from ematwin.plots.style import BLUE, GREEN, GREY, ORANGE
+from ematwin.recordings.recording import Recording
+
+_SHOWN = 1500  # points of a trace: more than a screen has columns for it
+_PROFILE = 64  # points of a profile, full lanes; a bound at either end
+_DIGITS = 5  # of a trace's largest value
+_AT_ONCE = 20_000_000  # residuals, 8 bytes each
+
+
+class StoppedError(Exception):
+    """Nobody waits for the answer any more."""
+
+
+class Explorer:
+    """A recording, its actuator's twin, and the unknowns that one may move.
+
+    Parameters
+    ----------
+    record : a `Recording`, a file that `ematwin.read` knows, or None: a shipped scenario, with the
+        healthy twin in place of a recording
+    actuator : as `ematwin.identify` takes it
+    scenario : where there is no recording, of what the healthy twin is asked; None takes the kind's
+        default
+
+    Attributes
+    ----------
+    unknowns : by name, what has a slider: faults, then load and sensors where they matter
+    stopped : set it to end a search that is under way
+
+    Raises
+    ------
+    RecordError
+        If candidates cannot be compared with the recording.
+    InputError
+        If an argument cannot be used.
+    """
+
+    def __init__(
+        self,
+        record: Recording | str | Path | None = None,
+        actuator: Any = None,
+        scenario: Scenario | str | Path | None = None,
+    ) -> None:
+        if record is not None and scenario is not None:
+            raise InputError("A recording has its own command; leave the scenario out.")
+        self._given = actuator
+        self.actuator = load_actuator(actuator)
+        self.model = model_of(self.actuator)
+        self.recorded = record is not None
+        self.stopped = threading.Event()
+        self.scenario = ""
+        if record is None:
+            self.choose(scenario)
+        elif isinstance(record, Recording):
+            self._take(record)
+        else:
+            self._take(read(record, actuator=self.actuator))
+
+    def choose(self, scenario: Scenario | str | Path | None) -> None:
+        """Ask the healthy twin for another scenario."""
+        if self.recorded:
+            raise InputError("A recording has its own command; explore without one instead.")
+        asked = self.model.load_scenario(scenario)
+        healthy = self.model.values_of(self.actuator, None)
+        twin = self.model.fidelities[-1]  # that which candidates are simulated with
+        self._take(self.model.simulate(self.actuator, asked, healthy, fidelity=twin))
+        self.scenario = asked.name
+
+    def _take(self, recording: Recording) -> None:
+        self.recording = recording
+        self.warnings = [
+            *recording.provenance.get("warnings", []),
+            *self.model.check(recording, self.actuator),
+        ]
+        self._problem = Problem.of(recording, self.actuator)
+        self._comparison = self._problem.comparisons[0]
+        searched = set(self._problem.names)
+        self.unknowns = {
+            one.name: one
+            for one in self.model.unknowns(self.actuator)
+            if one.name in searched or (one.marginal and one.name not in self._comparison.ignores)
+        }
+        self._fitted: dict[str, float] = {}
+        self._shown = slice(None, None, max(1, -(-len(recording) // _SHOWN)))
+        self._healthy = self._comparison.responses(self._batch({}, 1), 1)
+        self._target = self._comparison.measured()
+        if not self.recorded:  # its noise and its sensors are of no interest here
+            recorded = self._target
+            self._target = {name: rows[0] for name, rows in self._healthy.items()}
+            missed = {name: recorded[name] - trace for name, trace in self._target.items()}
+            self._comparison = self._comparison.with_missed(missed)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the compared channels."""
+        return tuple(self._target)
+
+    # What is asked
+
+    def setup(self) -> dict[str, Any]:
+        """What a page is made of: sliders, channels, and what does not change as they move."""
+        captions = self._comparison.captions()
+        return {
+            "title": f"{self.actuator.name}: {self.model.title}",
+            "recorded": self.recorded,
+            "source": self._source(),
+            "warnings": self.warnings,
+            "scenario": self.scenario,
+            "scenarios": [] if self.recorded else sorted(self.model.scenarios()),
+            "sliders": [self._slider(one) for one in self.unknowns.values()],
+            "channels": [
+                {
+                    "name": name,
+                    "title": _sentence(captions[name][0]),
+                    "unit": _unit(captions[name][1]),
+                }
+                for name in self._target
+            ],
+            "inputs": self._inputs(),
+            "time": _plain(self.recording.time[self._shown], exact=True),
+            "colors": {"recorded": GREY, "twin": ORANGE, "healthy": BLUE, "truth": GREEN},
+        }
+
+    def traces(self, channel: str) -> dict[str, Any]:
+        """What the sliders do not move of a channel: the recording's side and the healthy twin."""
+        return {
+            "recorded": _plain(self._target[channel][self._shown]),
+            "healthy": _plain(self._healthy[channel][0][self._shown]),
+            "healthy_misfit": self._misfits(self._batch({}, 1), 1)[0],
+        }
+
+    def answer(self, values: Mapping[str, float], channel: str, fitted: bool) -> dict[str, Any]:
+        """The twin's answer where the sliders stand.
+
+        Parameters
+        ----------
+        values : by name of `unknowns`; what is not named is healthy
+        channel : one of `channels`
+        fitted : whether parameters, load and sensors are those of the last `verdict`
+        """
+        one = self._batch(values, 1, fitted)
+        answer = self._comparison.responses(one, 1)[channel][0]
+        return {
+            "twin": _plain(answer[self._shown]),
+            "residual": _plain((self._target[channel] - answer)[self._shown]),
+            "misfit": self._misfits(one, 1)[0],
+            "said": {name: self._said(name, values) for name in self.unknowns},
+        }
+
+    def profile(self, values: Mapping[str, float], along: str, fitted: bool) -> dict[str, Any]:
+        """The misfit over the range of one unknown, the others where the sliders stand."""
+        one = self.unknowns[along]
+        space = np.geomspace if one.logarithmic else np.linspace
+        grid = space(one.lower, one.upper, _PROFILE)
+        batch = self._batch(values, _PROFILE, fitted)
+        batch[along] = grid
+        rows = [one.physical_value(self.actuator, float(x)) for x in grid]
+        x, unit = np.array([row.value for row in rows]), rows[0].unit
+        if not (np.diff(x) > 0.0).all():
+            x, unit = grid, one.unit  # no axis: the physical value turns back
+        return {
+            "along": along,
+            "position": _plain(grid, exact=True),
+            "x": _plain(x, exact=True),
+            "unit": _unit(unit),
+            "misfit": self._misfits(batch, _PROFILE),
+        }
+
+    def fit(self, values: Mapping[str, float], fitted: bool) -> dict[str, Any]:
+        """Descend from where the sliders stand; load and sensors stay unless they are searched.
+
+        Where the kind has a smoother misfit, that is descended first: its valleys are wider.
+        """
+        problem = self._problem
+        every = {**(self._fitted if fitted else {}), **values}
+        held = {n: x for n, x in every.items() if n not in problem.names}
+        sharp = Problem(
+            [self._comparison], problem.unknowns, held={**problem.held, **held},
+            prior=problem.prior,
+        )  # fmt: skip
+        starts = np.array([[values.get(one.name, one.healthy) for one in problem.unknowns]])
+        evaluations = 0
+        if (smooth := sharp.smoothed()) is not sharp:
+            first = find(smooth, LocalDescent(starts=starts), progress=self._still_wanted)
+            starts = np.vstack([starts, first.point])
+            evaluations = first.evaluations
+        found = find(sharp, LocalDescent(starts=starts), progress=self._still_wanted)
+        point = np.clip(found.point, problem.lower, problem.upper)
+        return {
+            "values": dict(zip(problem.names, point.tolist(), strict=True)),
+            "evaluations": evaluations + found.evaluations,
+        }
+
+    def verdict(self) -> dict[str, Any]:
+        """A whole identification: its verdict, and values with intervals."""
+        if not self.recorded:
+            raise InputError("There is no recording to judge; explore one.")
+        found = identify(self.recording, self._given, progress=self._still_wanted)
+        known = {**found.fitted, **found.values}
+        self._fitted = {n: x for n, x in known.items() if n not in self.unknowns}
+        return {
+            "grade": found.verdict.grade,
+            "sentence": found.verdict.sentence,
+            "warnings": found.warnings,
+            "values": {
+                name: min(max(known[name], one.lower), one.upper)
+                for name, one in self.unknowns.items()
+                if name in known
+            },
+            "intervals": {n: list(e) for n, e in found.intervals.items() if n in self.unknowns},
+            "present": list(found.present),
+            "fitted": bool(self._fitted),
+            "evaluations": found.evaluations,
+            "seconds": found.seconds,
+        }
+
+    # How it is answered
+
+    def _still_wanted(self, evaluations: int, cost: float, budget: int) -> None:
+        if self.stopped.is_set():
+            raise StoppedError
+
+    def _batch(
+        self, values: Mapping[str, float], count: int, fitted: bool = False
+    ) -> dict[str, np.ndarray]:
+        healthy = {name: one.healthy for name, one in self.unknowns.items()}
+        every = {**healthy, **(self._fitted if fitted else {}), **values}
+        return {name: np.full(count, value) for name, value in every.items()}
+
+    def _misfits(self, batch: Mapping[str, np.ndarray], count: int) -> list[float | None]:
+        """Relative misfits; None where the twin diverged."""
+        found: list[float | None] = []
+        most = max(1, _AT_ONCE // (len(self.recording) * len(self._target)))
+        for start in range(0, count, most):
+            part = {name: values[start : start + most] for name, values in batch.items()}
+            costs = self._comparison.costs(part, min(most, count - start))
+            misfits = [self._problem.relative_misfit(float(cost)) for cost in costs]
+            found += [x if math.isfinite(x) else None for x in misfits]
+        return found
+
+    def _said(self, name: str, values: Mapping[str, float]) -> str:
+        """A value in its physical unit: "0.045 N m"."""
+        one = self.unknowns[name]
+        row = one.physical_value(self.actuator, values.get(name, one.healthy))
+        return f"{row.value:.4g} {_unit(row.unit)}".rstrip()
+
+    def _slider(self, one: Unknown) -> dict[str, Any]:
+        truth = self._truth().get(one.name)
+        return {
+            "name": one.name,
+            "title": one.name.replace("_", " ").capitalize(),
+            "meaning": _sentence(one.meaning),
+            "fault": one.role == "fault",
+            "lower": one.lower,
+            "upper": one.upper,
+            "healthy": one.healthy,
+            "logarithmic": one.logarithmic,
+            "ends": [self._said(one.name, {one.name: x}) for x in (one.lower, one.upper)],
+            "truth": truth if truth is not None and one.lower <= truth <= one.upper else None,
+        }
+
+    def _truth(self) -> Mapping[str, float]:
+        """The injected faults of a simulated recording."""
+        source = self.recording.provenance
+        known = self.recorded and source.get("source") == "simulated"
+        return source.get("faults") or {} if known else {}
+
+    def _inputs(self) -> list[dict[str, Any]]:
+        """Command and load over time; a load of zero is left out."""
+        found = []
+        for name in (self.model.command, self.model.load):
+            trace = None if name is None else self.recording.channels.get(name)
+            if name is None or trace is None or (name == self.model.load and not trace.any()):
+                continue
+            one = self.model.channel(name)
+            found.append(
+                {
+                    "title": _sentence(one.meaning),
+                    "unit": _unit(one.unit),
+                    "values": _plain(trace[self._shown]),
+                }
+            )
+        return found
+
+    def _source(self) -> str:
+        rate = f"{len(self.recording)} samples at {self.recording.sample_rate:g} Hz"
+        return f"{self.recording.name}, {rate}" if self.recorded else rate
+
+
+def _sentence(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def _unit(text: str) -> str:
+    return text.replace("*", " ")
+
+
+def _plain(values: np.ndarray, exact: bool = False) -> list[float | None]:
+    """Numbers for JSON, short unless they must be exact; None for what is not finite."""
+    finite = np.isfinite(values)
+    if not exact and finite.any():
+        largest = float(np.abs(values[finite]).max())
+        if largest > 0.0:
+            values = np.round(values, _DIGITS - math.ceil(math.log10(largest)))
+    return [x if ok else None for x, ok in zip(values.tolist(), finite.tolist(), strict=True)]
