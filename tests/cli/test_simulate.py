@@ -26,6 +26,7 @@ def test_the_main_job_writes_a_record_and_a_plot(ematwin, tmp_path):
     assert record.provenance["seed"] == 1
     page = (tmp_path / "rec.html").read_text(encoding="utf-8")
     assert "faulty and healthy" in page
+    assert len(page) < 1.5e6
     assert "The faults change the equivalent current by" in page
     assert sorted(path.name for path in tmp_path.iterdir()) == ["rec.html", "rec.parquet"]
 

@@ -246,6 +246,22 @@ def test_words_of_benches_are_known(name: str, quantity: str, place: str, phase:
     assert (said.place, said.phase) == (place, phase)
 
 
+def test_what_may_be_something_else_is_no_load_and_no_voltage(tmp_path: Path) -> None:
+    path = ugly(
+        tmp_path / "bench.csv",
+        {
+            "t [s]": TIME, "Sollwinkel [deg]": DEGREES, "Phase A [mV]": 100.0 * A,
+            "Phase B [mV]": 100.0 * B, "Torque actual value": C, "Load position": COMMAND,
+            "Motordrehzahl [1/min]": A,
+        },
+    )  # fmt: skip
+    proposal = propose_map(path)
+    assert channel_of(proposal) == {
+        "time": "t [s]", "command": "Sollwinkel [deg]", "motor_speed": "Motordrehzahl [1/min]",
+    }  # fmt: skip
+    assert any("the motor's own torque" in one.sentence for one in proposal.questions)
+
+
 def test_thinning_keeps_every_spike() -> None:
     values = np.sin(np.linspace(0.0, 30.0, 100_003))
     values[54_321], values[777] = 9.0, -9.0

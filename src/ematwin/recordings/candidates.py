@@ -1,5 +1,6 @@
 """How well a channel of a file fits a channel of a recording, by its name and unit, and why."""
 
+import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
@@ -15,6 +16,7 @@ from ematwin.recordings.words import Said, said_by
 OWN_NAME, IN_WORDS, NAMED, UNIT_ONLY = 4.0, 3.0, 2.0, 1.0
 _DIMENSIONS = {"s": "time", "A": "current", "V": "voltage", "rad/s": "speed", "m/s": "speed",
                "rad": "position", "m": "position", "N*m": "load"}  # fmt: skip
+_PROBE = 1.0  # V: less is no voltage of a motor
 _WITH_PLACE = ("position", "speed")  # what both shafts have
 
 
@@ -77,6 +79,8 @@ def _fit(
     said, wanted = said_by(text), _wanted(channel)
     if said.other or said.phase != wanted.phase:
         return 0.0, ""
+    if channel.unit == "V" and not said.quantities and _largest(one, channel) < _PROBE:
+        return 0.0, ""  # more likely what a probe makes of a current
     dimension = _DIMENSIONS.get(channel.unit, "") if one.unit else ""
     score, because = _by_quantity(said, wanted, dimension, text)
     if not score:
@@ -107,9 +111,13 @@ def _by_quantity(said: Said, wanted: Said, dimension: str, text: str) -> tuple[f
         return 0.0, ""
     told -= {"position"} if "error" in goal else set()
     quantity = next(iter(goal))
+    if quantity == "load" and told - {"load", "torque"}:
+        return 0.0, ""
+    if quantity == "load" and told == {"torque"}:
+        return UNIT_ONLY, f"“{text}” may be the motor's own torque as well"
     if quantity in told:
         # a name that holds two quantities, such as "motor torque current", says less
-        clear = not (told - goal - {"position", "load"})
+        clear = not (told - goal - {"position", "load", "torque"})
         return (IN_WORDS if clear else NAMED), f"“{text}” is a word for a {quantity}"
     if told:
         return 0.0, ""
@@ -120,6 +128,13 @@ def _by_quantity(said: Said, wanted: Said, dimension: str, text: str) -> tuple[f
     if said.place:
         return IN_WORDS, f"“{text}” names the place and its unit is that of a {quantity}"
     return UNIT_ONLY, f"its unit is that of a {quantity}, and nothing else speaks for it"
+
+
+def _largest(one: Surveyed, channel: Channel) -> float:
+    """Largest magnitude, SI; infinite where no unit is stated."""
+    if not one.unit:
+        return math.inf
+    return max(abs(one.low), abs(one.high)) * unit_factor(one.unit, channel.unit, one.name)
 
 
 def _wanted(channel: Channel) -> Said:

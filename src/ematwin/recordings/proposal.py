@@ -229,6 +229,8 @@ def _chosen(
     rivals: dict[str, list[str]] = {}  # channel of the file -> what it may be, equally well
     for name, all_of in ranked.items():
         if not all_of or all_of[0].score < NAMED:
+            if all_of and channels[name].unit == "N*m":
+                questions.append(_torque(name, [found[one.name] for one in all_of]))
             continue
         best = [one for one in all_of if one.score >= all_of[0].score - _ALIKE]
         if len(best) > 1:
@@ -268,6 +270,14 @@ def _chosen(
         )
     order = list(ranked)
     return dict(sorted(chosen.items(), key=lambda pair: order.index(pair[0]))), questions
+
+
+def _torque(name: str, may_be: Sequence[Surveyed]) -> Question:
+    listed = " or ".join(f"“{one.name}”" for one in may_be)
+    return Question(
+        f"{listed} may be the {name}, or the motor's own torque: the name does not tell which.",
+        tuple(toml_line(name, _line(one)) for one in may_be),
+    )
 
 
 def _line(one: Surveyed) -> dict[str, Any]:

@@ -17,7 +17,8 @@ _QUANTITIES = {
     "carriage",
     "command": "command cmd setpoint demand reference ref soll sollwert target desired commanded "
     "set vorgabe fuehrung",
-    "load": "load torque moment last lastmoment drehmoment",
+    "load": "load last lastmoment",
+    "torque": "torque moment drehmoment",
     "error": "error deviation following schleppfehler abweichung",
 }  # fmt: skip
 _PLACES = {
@@ -96,6 +97,15 @@ def _is_phase(word: str, before: str, words: list[str]) -> bool:
     return before in _SERIES or (_QUANTITY_OF.get(before) in electric and before != word)
 
 
+def _parts(word: str) -> list[str]:
+    """A German compound in its parts: ``sollwinkel`` as soll and winkel."""
+    known = {**_QUANTITY_OF, **_PLACE_OF}
+    for head in ("soll", "ist", "motor", "last", "abtriebs", "phasen"):
+        if word not in known and word.startswith(head) and word[len(head) :] in known:
+            return [head, word[len(head) :]]
+    return [word]
+
+
 def _words(name: str) -> list[str]:
     """``phiMotor_soll`` as phi, motor, soll; ``L1`` and ``I_a`` whole."""
     for letter, spelled in (("ä", "ae"), ("ö", "oe"), ("ü", "ue"), ("ß", "ss")):
@@ -104,8 +114,7 @@ def _words(name: str) -> list[str]:
     name = re.sub(r"(?i)set[\s_-]?point", "setpoint", name)
     words = re.findall(r"[A-Za-z]+\d*|\d+", name)
     found: list[str] = []
-    for word in words:
-        lower = word.casefold()
-        tail = re.fullmatch(r"([a-z]{3,})(\d)", lower)  # current1, but l1 and ia1 stay
-        found += [tail[1], tail[2]] if tail else [lower]
+    for word in (part for whole in words for part in _parts(whole.casefold())):
+        tail = re.fullmatch(r"([a-z]{3,})(\d)", word)  # current1, but l1 and ia1 stay
+        found += [tail[1], tail[2]] if tail else [word]
     return found

@@ -85,14 +85,16 @@ def lead_of(analysis: StudyAnalysis) -> str:
             f"{' and '.join(tied)} have the lowest mean Err% equally often, on {count} "
             f"of {_counted(judged, 'case')} each."
         )
-    told = [pair for pair in analysis.ranks.pairs if best in (pair.first, pair.second)]
-    told = [pair for pair in told if pair.p_holm < ALPHA]
     others = len(analysis.table.algorithms) - 1
-    sure = (
-        f"it differs from {len(told)} of {_counted(others, 'other')} by more than chance"
-        if told
-        else "no test tells that from chance"
+    surely = sum(
+        pair.p_holm < ALPHA and (pair.a12 > 0.5) == (pair.first == best)
+        for pair in analysis.ranks.pairs
+        if best in (pair.first, pair.second)
     )
+    sure = "no test tells that from chance"
+    if surely:
+        whom = "the other" if others == 1 else f"{surely} of the {others} others"
+        sure = f"it is better than {whom} by more than chance"
     where = f"{count} of {_counted(judged, 'case')}"
     return f"{best} has the lowest mean Err% on {where}; {sure}."
 

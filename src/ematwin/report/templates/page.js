@@ -12,6 +12,10 @@
     layout.hoverlabel = { bgcolor: night ? "#161b22" : "#ffffff" };
     layout.modebar = { ...layout.modebar, bgcolor: "rgba(0,0,0,0)",
       color: night ? "#6e7781" : "#aeb8c2", activecolor: night ? "#e6edf3" : "#24292f" };
+    for (const menu of layout.updatemenus || []) {
+      menu.font = { ...menu.font, color: "#24292f" };
+      menu.bgcolor = "#c6cdd5";
+    }
     layout.autosize = true;
     if (width < narrow) {
       layout.font.size = 11;
@@ -23,6 +27,12 @@
         layout.margin.b = ((layout.margin || {}).b ?? 50) + extra;
         layout.legend = { orientation: "h", x: 0, xanchor: "left", yanchor: "bottom",
           yref: "container", y: 0, font: { size: 10 } };
+      }
+      for (const axis of Object.values(layout)) {
+        if (!axis || !Array.isArray(axis.tickvals) || axis.tickvals.length < 10) continue;
+        const step = Math.ceil(axis.tickvals.length / 8), kept = (_, n) => n % step === 0;
+        axis.tickvals = axis.tickvals.filter(kept);
+        axis.ticktext = axis.ticktext.filter(kept);
       }
       for (const note of layout.annotations || []) note.font = { ...note.font, size: 12 };
     }
