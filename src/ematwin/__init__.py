@@ -16,6 +16,8 @@ __version__ = "0.2.0.dev0"
 
 if TYPE_CHECKING:
     from ematwin.errors import EmatwinError
+    from ematwin.estimation.design import Design, design
+    from ematwin.estimation.discriminate import Discrimination, discriminate
     from ematwin.estimation.estimate import Estimate
     from ematwin.estimation.identifiability import Identifiability, identifiability
     from ematwin.estimation.identify import Identification, identify
@@ -44,6 +46,8 @@ _HOMES = {
     "BldcActuator": "ematwin.models.bldc.parameters",
     "Calibration": "ematwin.monitoring.calibration",
     "Channel": "ematwin.recordings.channel",
+    "Design": "ematwin.estimation.design",
+    "Discrimination": "ematwin.estimation.discriminate",
     "EmatwinError": "ematwin.errors",
     "Estimate": "ematwin.estimation.estimate",
     "Faults": "ematwin.models.bldc.faults",
@@ -56,7 +60,9 @@ _HOMES = {
     "Scenario": "ematwin.models.scenario",
     "Unknown": "ematwin.models.unknown",
     "calibrate": "ematwin.monitoring.calibrate",
+    "design": "ematwin.estimation.design",
     "detect": "ematwin.monitoring.detect",
+    "discriminate": "ematwin.estimation.discriminate",
     "error_percent": "ematwin.models.bldc.faults",
     "error_percent_wrapped": "ematwin.models.bldc.faults",
     "identifiability": "ematwin.estimation.identifiability",
@@ -76,6 +82,8 @@ __all__ = [
     "BldcActuator",
     "Calibration",
     "Channel",
+    "Design",
+    "Discrimination",
     "EmatwinError",
     "Estimate",
     "Faults",
@@ -89,7 +97,9 @@ __all__ = [
     "Scenario",
     "Unknown",
     "calibrate",
+    "design",
     "detect",
+    "discriminate",
     "error_percent",
     "error_percent_wrapped",
     "identifiability",

@@ -17,6 +17,7 @@ from ematwin.cli import (
     calibrate,
     compare,
     demo,
+    design,
     detect,
     identifiability,
     identify,
@@ -55,6 +56,7 @@ app.command("identify")(identify.identify)
 app.command("calibrate")(calibrate.calibrate)
 app.command("detect")(detect.detect)
 app.command("identifiability")(identifiability.identifiability)
+app.command("design")(design.design)
 app.command("simulate")(simulate.simulate)
 app.command("actuators")(actuators.actuators)
 app.command("scenarios")(actuators.scenarios)
