@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from ematwin.estimation.identifiability import Identifiability, identifiability
     from ematwin.estimation.identify import Identification, identify
     from ematwin.estimation.problem import Problem
+    from ematwin.estimation.sensitivity import Sensitivity, sensitivity
     from ematwin.models.ball_screw.parameters import BallScrew
     from ematwin.models.base import Model
     from ematwin.models.bldc.faults import Faults, error_percent, error_percent_wrapped
@@ -57,6 +58,7 @@ _HOMES = {
     "Noise": "ematwin.recordings.noise",
     "Problem": "ematwin.estimation.problem",
     "Recording": "ematwin.recordings.recording",
+    "Sensitivity": "ematwin.estimation.sensitivity",
     "Scenario": "ematwin.models.scenario",
     "Unknown": "ematwin.models.unknown",
     "calibrate": "ematwin.monitoring.calibrate",
@@ -71,6 +73,7 @@ _HOMES = {
     "minimize": "ematwin.optimizers.loop",
     "read": "ematwin.models.reading",
     "read_motions": "ematwin.models.reading",
+    "sensitivity": "ematwin.estimation.sensitivity",
     "simulate": "ematwin.models.simulating",
     "write": "ematwin.models.reading",
 }
@@ -95,6 +98,7 @@ __all__ = [
     "Problem",
     "Recording",
     "Scenario",
+    "Sensitivity",
     "Unknown",
     "calibrate",
     "design",
@@ -108,6 +112,7 @@ __all__ = [
     "minimize",
     "read",
     "read_motions",
+    "sensitivity",
     "simulate",
     "write",
 ]

@@ -260,7 +260,7 @@ def _print(found: "Design") -> None:
             table.add_row(*row.cells)
         print_table(table, 150)
     if found.held:
-        typer.echo(f"Held, because no command tells them from a fault: {', '.join(found.held)}")
+        typer.echo(f"Counted as known, because no command tells them: {', '.join(found.held)}")
     if found.stopped == "interrupted":
         typer.echo("Warning: The search was interrupted; this is the best command until then.")
     if found.observed_gain is not None:

@@ -102,10 +102,9 @@ class Design:
     fault : the fault it was made for; None for the weakest
     limits : that it keeps, by name, SI
     demands : their units, in order
-    held : parameters that no command tells from a fault, held while commands are compared
+    held : what counts as known while commands are compared, because none of them tells it
     evaluations, seconds, stopped, seed : of the search
     judge : what judged the commands, with the actuator, what is known of it, and the noise
-    given : the actuator as it was given, a calibration among others
     """
 
     promised: Promise
@@ -120,7 +119,6 @@ class Design:
     stopped: str
     seed: int
     judge: Judge = field(repr=False)
-    given: Any = field(repr=False)
 
     @property
     def scenario(self) -> Scenario:
@@ -188,7 +186,7 @@ class Design:
             raise InputError(f"recordings must be at least 1, received {recordings}.")
         scenarios = {"promised": self.scenario, "default": self.default.scenario}
         errors = observe(
-            self.judge, self.given, list(scenarios.values()), recordings, seed=seed, step=step,
+            self.judge, list(scenarios.values()), recordings, seed=seed, step=step,
             progress=progress,
         )  # fmt: skip
         if not len(errors):
@@ -327,7 +325,6 @@ def design(
         stopped=search.stopped,
         seed=seed,
         judge=final,
-        given=actuator,
     )
 
 

@@ -1,8 +1,8 @@
 """The command that tells two explanations apart: `discriminate`.
 
 A recording may leave two explanations that fit alike, such as turns missing from all phases and
-warm magnets. T-optimality (Atkinson and Fedorov 1975, Biometrika 62, 57-70) asks for the command under
-which the answer of the one is furthest from the best fit of the other:
+warm magnets. T-optimality (Atkinson and Fedorov 1975, Biometrika 62, 57-70) asks for the command
+under which the answer of the one is furthest from the best fit of the other:
 
     T = min_theta [ |r_1 - r_2(theta)|^2 + priors ] / (f sigma)^2,   distance = sqrt(T)
 

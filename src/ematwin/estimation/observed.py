@@ -2,15 +2,16 @@
 
 Each recording is one of another actuator: faults from their prior, and parameters from what is
 known of them, so that an actuator that is only known by its data sheet is as uncertain here as it
-is on a bench. The finest model answers, and `identify` sees nothing but its recording. Parameters
-that no command tells from a fault stay nominal, as they are held in the promise.
+is on a bench. The finest model answers, and `identify` sees nothing but its recording. What counts
+as known in the promise (`Judge.held`) is known here as well.
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from ematwin.estimation.baseline import Baseline
 from ematwin.estimation.identify import identify
 from ematwin.estimation.interrupt import noting_interrupts
 from ematwin.estimation.promise import Judge, drawn_faults
@@ -18,9 +19,15 @@ from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.scenario import Scenario
 
 
+class Known(NamedTuple):
+    """An actuator with what is known of it, as `identify` takes it."""
+
+    actuator: ParameterSet
+    baseline: Baseline
+
+
 def observe(
     judge: Judge,
-    given: Any,
     scenarios: Sequence[Scenario],
     recordings: int,
     *,
@@ -33,7 +40,6 @@ def observe(
     Parameters
     ----------
     judge : the actuator, what is known of it, noise and sample rate
-    given : the actuator as `identify` is to know it
     scenarios : the commands, (C,); each actuator answers all of them
     recordings : N
     seed : of faults, parameters and noise
@@ -49,6 +55,7 @@ def observe(
     shares = rng.random((recordings, len(model.faults(twin))))
     vectors = drawn_faults(model, twin, shares, {})
     settings: dict[str, Any] = {} if step is None else {"step": step}
+    known = Known(twin, judge.baseline)
     found: list[list[list[float]]] = []
     with noting_interrupts() as interrupts:
         try:
@@ -63,7 +70,7 @@ def observe(
                         **settings,
                     )  # fmt: skip
                     answer = identify(
-                        record, given, exact=judge.baseline.exact, threads=judge.threads
+                        record, known, exact=judge.baseline.exact, threads=judge.threads
                     )
                     if answer.stopped == "interrupted":
                         raise KeyboardInterrupt
@@ -81,8 +88,6 @@ def drawn_actuator(judge: Judge, rng: np.random.Generator) -> ParameterSet:
     model, twin = judge.model, judge.actuator
     prior = judge.baseline.prior
     prior = prior.of(name for name in prior.names if "." in name)
-    fixed = {n: float(prior.mean[k]) for k, n in enumerate(prior.names) if n in judge.held}
-    prior = prior.given(fixed) if fixed else prior
     if not prior.names:
         return twin
     drawn = rng.multivariate_normal(prior.mean, prior.covariance)

@@ -12,8 +12,8 @@ J : Jacobian (d, K) of the weighted residuals at the true values; r : the residu
 the twin against the answer of the kind's finest model; sigma : noise of an independent residual.
 Where a kind has one model only, b is zero and sigma `Model.model_error` times larger.
 
-Parameters that no command tells from a fault (`Alias`) are held: their tolerance widens the
-errors of all commands alike, and would hide what commands differ in.
+What no command tells apart (the pivots of `Model.aliases`) counts as known: its tolerance widens
+the errors of all commands alike, and would hide what they differ in.
 """
 
 import os
@@ -109,6 +109,8 @@ class Judge:
     Attributes
     ----------
     magnitudes : faults but directions, (n,)
+    held : what counts as known, because no command tells it from something else
+    baseline : what is known, with these
     """
 
     def __init__(
@@ -123,29 +125,21 @@ class Judge:
         seed: int = 1,
         threads: int | None = None,
     ) -> None:
-        self.model, self.actuator, self.baseline = model, actuator, baseline
+        self.model, self.actuator = model, actuator
         self.vectors = [dict(values) for values in vectors]
         self.noise, self.sample_rate, self.seed = noise, sample_rate, seed
         self.threads = threads or os.cpu_count() or 1
         self.magnitudes = tuple(o for o in model.faults(actuator) if o.direction_of is None)
         self._steps: dict[int, np.ndarray] = {}
-        named = {one.name for one in self.magnitudes}
-        self._pivots = {
-            one.pivot for one in model.aliases(actuator, model.healthy(actuator)) if one.held
-        } - named
-
-    @property
-    def held(self) -> tuple[str, ...]:
-        """Parameters and sensors that no command tells from a fault."""
-        known = () if self.baseline.exact else self.baseline.prior.names
-        nuisances = [o.name for o in self.model.unknowns(self.actuator) if o.role == "nuisance"]
-        free = {*known, *(() if self.baseline.exact else nuisances)}
-        return tuple(sorted(self._pivots & free))
+        held = () if baseline.exact else _blind(model, actuator, baseline)
+        self._given = baseline
+        self.held = tuple(one.name for one in held)
+        self.baseline = baseline.knowing(held)
 
     def at(self, vectors: Sequence[Mapping[str, float]]) -> "Judge":
         """The same judge at other fault vectors."""
         return Judge(
-            self.model, self.actuator, self.baseline, vectors, noise=self.noise,
+            self.model, self.actuator, self._given, vectors, noise=self.noise,
             sample_rate=self.sample_rate, seed=self.seed, threads=self.threads,
         )  # fmt: skip
 
@@ -204,7 +198,8 @@ class Judge:
         """Squared errors (n,) of the magnitudes at fault vector ``n``, and what was demanded."""
         model, actuator, values = self.model, self.actuator, self.vectors[n]
         record = self._record(scenario, values, draft)
-        full = self.problem(record)
+        own = Problem.of(record, actuator, threads=1)  # the vectors share the cores
+        full = with_all_free(model, actuator, own, self.baseline)
         has_finer = len(model.fidelities) > 1
         point = np.array([values.get(one.name, one.healthy) for one in full.unknowns])
         peak = width_at(
@@ -220,10 +215,15 @@ class Judge:
         squares = (errors**2 + off**2)[[full.names.index(one.name) for one in self.magnitudes]]
         return np.where(np.isfinite(squares), squares, np.inf), model.demanded(record)
 
-    def problem(self, record: Recording) -> Problem:
-        """All that is unknown but the pivots of aliases, which no command tells from the faults."""
-        model, actuator = self.model, self.actuator
-        own = Problem.of(record, actuator, threads=1)  # the vectors share the cores
-        full = with_all_free(model, actuator, own, self.baseline)
-        still = {one.name: one.healthy for one in full.unknowns if one.name in self._pivots}
-        return full.holding(still) if still else full
+
+def _blind(model: Model, actuator: ParameterSet, baseline: Baseline) -> list[Unknown]:
+    """Parameters, load and sensors that no command tells from faults or from one another."""
+    pivots = {one.pivot for one in model.aliases(actuator, model.healthy(actuator))}
+    every = {one.name: one for one in model.unknowns(actuator)}
+    known = [model.unknown(actuator, name) for name in baseline.prior.names if name in pivots]
+    more = [
+        one
+        for name, one in every.items()
+        if name in pivots and name not in baseline.prior.names and one.spread is not None
+    ]
+    return sorted((*known, *more), key=lambda one: one.name)

@@ -94,12 +94,16 @@ class DesignSpace:
         tables = {
             history: [part.model_dump() for part in parts] for history, parts in self._parts.items()
         }
-        for one, share in zip(self.numbers, point.tolist(), strict=True):
+        for one, share, own in zip(self.numbers, point.tolist(), self.start, strict=True):
             table = tables[one.history][one.part]
+            # the scenario itself to the last digit, where it is meant
+            value = (
+                min(max(one.start, one.lower), one.upper) if share == own else _value(one, share)
+            )
             if one.point is None:
-                table[one.name] = _value(one, share)
+                table[one.name] = value
             else:
-                table[one.name][one.point] = _value(one, share)
+                table[one.name][one.point] = value
         time = np.linspace(0.0, self._base.duration, _GRID)
         parts = {}
         for history, bound in (("command", "travel"), ("load", "load")):

@@ -19,7 +19,7 @@ def design_page(found: Design) -> str:
     text += "twin misses."
     if found.held:
         text += (
-            " Held at their nominal values, because no command tells them from a fault: "
+            " Counted as known, because no command tells them from something else: "
             f"{', '.join(found.held)}."
         )
     if found.promised.checks:
