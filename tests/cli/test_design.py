@@ -8,7 +8,7 @@ import pytest
 
 from ematwin.models.scenario import Scenario
 
-QUICK = ("--exact", "--budget", "5")
+QUICK = ("--exact", "--budget", "3")
 
 
 def test_a_command_is_written_shown_and_checked(ematwin, tmp_path: Path) -> None:

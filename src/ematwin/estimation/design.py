@@ -240,6 +240,7 @@ def design(
     exact: bool = False,
     sample_rate: float | None = None,
     draws: int = DRAWS,
+    fresh: int = FRESH,
     budget: int = BUDGET,
     seed: int = 1,
     threads: int | None = None,
@@ -259,7 +260,8 @@ def design(
     noise : of the sensors; None for that which the kind simulates by itself
     exact : parameters, load and sensors are known exactly
     sample_rate : float, Hz; None takes the kind's
-    draws : fault vectors over which errors are averaged
+    draws : fault vectors over which errors are averaged in the search
+    fresh : others, on which the best commands and the given one are judged anew
     budget : commands that are looked at
     seed : of the fault vectors, the noise and the search
     threads : that share a batch; None takes one for each core
@@ -282,8 +284,9 @@ def design(
     given = begun(model, scenario, duration)
     magnitudes = tuple(one for one in model.faults(chosen) if one.direction_of is None)
     wanted = _places(model, chosen, magnitudes, fault)
-    if draws < 1:
-        raise InputError(f"draws must be at least 1, received {draws}.")
+    for name, count in (("draws", draws), ("fresh", fresh)):
+        if count < 1:
+            raise InputError(f"{name} must be at least 1, received {count}.")
     known = model.values_of(chosen, faults or {})
     held = {name: known[name] for name in faults or {}}
     vectors = drawn_faults(model, chosen, fault_shares(model, chosen, draws, seed), held)
@@ -302,8 +305,9 @@ def design(
 
     search = CommandSearch(DesignSpace(model, given, within), within, look)
     search.run(budget, seed, progress)
-    fresh = drawn_faults(model, chosen, fault_shares(model, chosen, FRESH, seed + 1), held)
-    final = judge.at(fresh)
+    final = judge.at(
+        drawn_faults(model, chosen, fault_shares(model, chosen, fresh, seed + 1), held)
+    )
     found, default = _decided(search, final, given, limits, wanted)
     told = [
         identifiability(

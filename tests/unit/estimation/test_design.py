@@ -14,7 +14,7 @@ from ematwin.models.registry import load_actuator, model_of
 from ematwin.models.scenario import Chirp, Scenario
 
 NOISE = ematwin.Noise(white=0.02, bits=12)
-quick = partial(ematwin.design, exact=True, draws=1, budget=8, noise=NOISE, threads=1)
+quick = partial(ematwin.design, exact=True, draws=1, fresh=1, budget=8, noise=NOISE, threads=1)
 
 
 @pytest.fixture(scope="module")
@@ -71,8 +71,8 @@ def test_the_promise_is_the_mean_squared_error_of_a_linear_fit() -> None:
     off = np.linalg.lstsq(slopes.T, -here, rcond=None)[0]
     expected = np.sqrt(np.diag(covariance) + off**2)
     for one, error in zip(judge.magnitudes, promised, strict=True):
-        # a magnitude with a direction is taken apart otherwise, and impacts make slopes rough
-        within = 0.6 if one.name == "eccentricity" else 0.3
+        # impacts make slopes over the gap depend on the length of the step
+        within = 0.5 if one.name == "backlash" else 0.25
         assert error == pytest.approx(expected[names.index(one.name)], rel=within)
 
 
@@ -128,7 +128,7 @@ def test_what_is_observed_stands_beside_what_was_promised(found) -> None:
 
 
 def test_another_kind_and_a_data_sheet_are_designed_for_alike() -> None:
-    other = ematwin.design("rm1605", draws=1, budget=6, threads=1)
+    other = ematwin.design("rm1605", draws=1, fresh=1, budget=6, threads=1)
     assert set(other.promised.errors) == {"friction", "backlash", "gain"}
     assert other.gain >= 1.0
     assert all(place not in other.promised.errors for place in other.held)

@@ -44,11 +44,11 @@ def test_times_count_by_their_variance() -> None:
 
 def test_faults_of_an_actuator_share_its_current() -> None:
     found = ematwin.sensitivity(actuator="rm1605", exact=True, samples=32)
-    assert set(found.names) == {"friction", "backlash", "gain"}
+    assert {"friction", "backlash", "gain"} <= set(found.names)
     for total in found.total.values():
         assert np.all(total > -0.05)
         assert total.sum() > 0.5
-    assert found.answers == 32 * 5
+    assert found.answers == 32 * (len(found.names) + 2)
     json.dumps(found.as_dict(), allow_nan=False)
     assert found.rows("current")
 
