@@ -25,9 +25,9 @@ BUDGET, POPULATION = 400, 20
 BEYOND = "beyond its limits"
 _SCATTER = 0.15  # of the first commands about the given one, share of the box
 _NEAR = 0.3  # share of the first commands that lie near the given one
-_APART = 0.02  # share of the box by which commands differ
+_APART = 0.05  # share of the box by which commands differ
 _IMPOSSIBLE = 1e6  # cost of a command that cannot be judged; more, the further beyond its limits
-_ROUNDING = 1e-9
+_SLACK = 1e-3  # share of a limit: motions that differ by rounding keep it alike
 
 Progress = Callable[[int, float, int], object]
 """Takes commands looked at, the best value so far, and the budget."""
@@ -189,7 +189,7 @@ def excess(demands: Mapping[str, float], limits: Mapping[str, float]) -> float:
     return sum(
         demands[name] / limit - 1.0
         for name, limit in limits.items()
-        if demands.get(name, 0.0) > limit * (1.0 + _ROUNDING)
+        if demands.get(name, 0.0) > limit * (1.0 + _SLACK)
     )
 
 

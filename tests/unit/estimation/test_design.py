@@ -54,25 +54,17 @@ def test_the_promise_is_the_mean_squared_error_of_a_linear_fit() -> None:
     names = problem.names
     point = np.array([values[name] for name in names])
     here = problem.residuals(point[None])[0]
-    step = 2e-3
-    slopes = np.array(
-        [
-            (
-                problem.residuals((point + step * e)[None])
-                - problem.residuals((point - step * e)[None])
-            )[0]
-            / (2.0 * step)
-            for e in np.eye(len(names))
-        ]
-    )
+    steps = np.diag(judge._steps[0])  # impacts make slopes depend on the length of the step
+    up, down = (problem.residuals(point + sign * steps) for sign in (1.0, -1.0))
+    slopes = (up - down) / (2.0 * judge._steps[0])[:, None]
     comparison = problem.comparisons[0]
     variance = here @ here / comparison.independent
     covariance = np.linalg.inv(slopes @ slopes.T) * variance
     off = np.linalg.lstsq(slopes.T, -here, rcond=None)[0]
     expected = np.sqrt(np.diag(covariance) + off**2)
     for one, error in zip(judge.magnitudes, promised, strict=True):
-        # impacts make slopes over the gap depend on the length of the step
-        within = 0.5 if one.name == "backlash" else 0.25
+        # a magnitude with a direction is taken apart otherwise
+        within = 0.3 if one.name == "eccentricity" else 0.1
         assert error == pytest.approx(expected[names.index(one.name)], rel=within)
 
 
@@ -90,7 +82,7 @@ def test_the_design_is_never_worse_and_keeps_the_limits(found) -> None:
     assert found.gain >= 1.0
     assert found.promised.weakest in found.promised.errors
     for name, limit in found.limits.items():
-        assert found.promised.demands[name] <= limit * (1.0 + 1e-6)
+        assert found.promised.demands[name] <= limit * (1.0 + 1e-3)
     assert found.limits == found.default.demands
     assert found.evaluations == 8
     json.dumps(found.as_dict(), allow_nan=False)
