@@ -48,9 +48,9 @@ def design(
     duration: Annotated[
         str | None, typer.Option(help='Length of the command, e.g. "0.5 s"; as given otherwise.')
     ] = None,
-    known: Annotated[
+    at: Annotated[
         list[str] | None,
-        typer.Option(help="A fault that is known, e.g. friction=0.25. Repeatable."),
+        typer.Option(help="A fault at which to look, e.g. friction=0.25. Repeatable."),
     ] = None,
     noise: Annotated[
         str | None, typer.Option(help="Sensor noise, e.g. white=0.02,bits=12.")
@@ -101,9 +101,9 @@ def design(
         **_limits(limit or [], model_of(chosen)),
     }
     if discriminate:
-        if fault is not None or known or check:
+        if fault is not None or at or check:
             raise InputError(
-                "--discriminate takes no --fault, --known or --check; it compares two explanations."
+                "--discriminate takes no --fault, --at or --check; it compares two explanations."
             )
         from ematwin.estimation.discriminate import discriminate as tell_apart
         from ematwin.report.design import discrimination_page
@@ -124,7 +124,7 @@ def design(
 
         with _bar(not json, "expected error") as progress:
             found = run(
-                actuator, fault=fault, faults=numbers(known or [], "--known"), progress=progress,
+                actuator, fault=fault, faults=numbers(at or [], "--at"), progress=progress,
                 **options,
             )  # fmt: skip
         found.save(out)

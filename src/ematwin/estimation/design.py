@@ -152,6 +152,10 @@ class Design:
         what = f"the standard error of {self.fault}"
         if self.fault is None:
             what = "the largest standard error (share of the range)"
+        if not math.isfinite(self.gain):
+            return (
+                f"The given command tells no faults; this one does, {self.promised.weakest} least."
+            )
         if self.gain < 1.005:
             return (
                 f"No command within the limits was found that lowers {what}; the given one stays."
@@ -216,7 +220,7 @@ class Design:
             "actuator": self.actuator.name,
             "fault": self.fault,
             "sentence": self.sentence,
-            "gain": self.gain,
+            "gain": self.gain if math.isfinite(self.gain) else None,
             "observed_gain": self.observed_gain,
             "limits": self.limits,
             "held": list(self.held),
@@ -256,7 +260,7 @@ def design(
     scenario : the command to begin from, of which the numbers are chosen; a `Scenario`, the name of
         a shipped one, or a file. None takes the kind's default
     duration : float, s; None takes that of the scenario
-    faults : values of faults that are known; the others are drawn
+    faults : values at which to look of some faults; the others are drawn
     noise : of the sensors; None for that which the kind simulates by itself
     exact : parameters, load and sensors are known exactly
     sample_rate : float, Hz; None takes the kind's
@@ -282,6 +286,7 @@ def design(
     chosen = load_actuator(actuator)
     model = model_of(chosen)
     given = begun(model, scenario, duration)
+    model.check_scenario(given, chosen)
     magnitudes = tuple(one for one in model.faults(chosen) if one.direction_of is None)
     wanted = _places(model, chosen, magnitudes, fault)
     for name, count in (("draws", draws), ("fresh", fresh)):
@@ -365,7 +370,7 @@ def _decided(
         best = default
     with noting_interrupts() as interrupts:
         try:
-            for one in search.best(_FINALISTS):
+            for one in search.best(1 if search.stopped == "interrupted" else _FINALISTS):
                 interrupts.check()
                 judged = judge.judge(one, final)
                 if not judged.obstacle and (

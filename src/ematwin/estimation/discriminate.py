@@ -51,6 +51,8 @@ from ematwin.recordings.recording import Recording
 
 BUDGET = 200
 _ITERATIONS = 4  # of the fit of an explanation to the other: they start near
+_WHOLE = 16  # of a fit that is followed to its end
+_FINALISTS = 3
 _DIFFERENT = 1e-12  # share of a range
 
 Explanation = Mapping[str, float]
@@ -172,7 +174,7 @@ def discriminate(
     baseline = Baseline.of_simulation() if exact else baseline_of(actuator, chosen)
     pair = _Pair(model, chosen, baseline, first, second, noise, sample_rate, seed, threads)
     record = pair.record(given)
-    default = pair.distance(record)
+    default = pair.distance(record, _WHOLE)
     within = limits_of(model, model.demanded(record), limits)
 
     def look(command: Scenario, limit: float) -> Looked:
@@ -180,20 +182,27 @@ def discriminate(
 
     search = CommandSearch(DesignSpace(model, given, within), within, look)
     search.run(budget, seed, lambda n, cost, total: progress and progress(n, -cost, total))
-    best = search.best(1)
-    if not best:
+    # fits of a search stop early: the best few are fitted to the end, beside the given command
+    whole = {}
+    for one in [*search.best(_FINALISTS), given]:
+        if math.isfinite(pair.look(one, within).cost):
+            record = pair.record(one)
+            distance = pair.distance(record, _WHOLE)
+            whole[distance] = (one, model.demanded(record))
+    if not whole:
         raise search.refusal(chosen.name, limits)
-    record = pair.record(best[0])
+    distance = max(whole)
+    command, demands = whole[distance]
     return Discrimination(
-        scenario=best[0],
-        distance=pair.distance(record),
+        scenario=command,
+        distance=distance,
         default=given,
         default_distance=default,
         first=pair.values[0],
         second=pair.values[1],
         actuator=chosen,
         limits=within,
-        demands=model.demanded(record),
+        demands=demands,
         evaluations=search.evaluations,
         seconds=time.perf_counter() - started,
         stopped=search.stopped,
@@ -259,14 +268,17 @@ class _Pair:
         except (DivergedError, ParameterError, RecordError) as error:
             return Looked(math.inf, demands, str(error))
 
-    def distance(self, record: Recording) -> float:
+    def distance(self, record: Recording, iterations: int = _ITERATIONS) -> float:
         """Standard deviations between the two, each fitted to the other; the smaller counts."""
         a, b = self._whole()
         own_a, own_b = (
             [name for name in one if name not in other]
             for one, other in (self.values, self.values[::-1])
         )
-        return min(self._distance(record, a, b, own_b), self._distance(record, b, a, own_a))
+        return min(
+            self._distance(record, a, b, own_b, iterations),
+            self._distance(record, b, a, own_a, iterations),
+        )
 
     def _distance(
         self,
@@ -274,6 +286,7 @@ class _Pair:
         truth: Mapping[str, float],
         other: Mapping[str, float],
         own: Iterable[str],
+        iterations: int,
     ) -> float:
         """Standard deviations from ``truth`` to the best fit of ``other``, with ``own`` free."""
         comparison = self.model.compare(record, self.actuator, threads=self._threads)
@@ -312,7 +325,7 @@ class _Pair:
 
         start = np.array([[nominal[name] for name in names]])
         fit = LevenbergMarquardt.start(chart.from_values(start), residuals, damping=1e-2)
-        for _ in range(_ITERATIONS):
+        for _ in range(iterations):
             fit.iterate(residuals, chart.lower, chart.upper, chart.project)
         return float(np.sqrt(fit.best(1).costs[0])) / noise
 

@@ -1,5 +1,6 @@
 """Pages: a designed command, what it tells beside the given one, and its price."""
 
+import math
 from collections.abc import Mapping
 
 from ematwin.estimation.design import Design, Promise
@@ -108,7 +109,7 @@ def price_table(found: Design) -> Table:
 
     def asked(one: Promise, demand: Demand) -> str:
         more = one.faulty.get(demand.name)
-        text = f"{one.demands[demand.name]:.4g} {demand.unit}"
+        text = f"{one.demands.get(demand.name, math.nan):.4g} {demand.unit}"
         return text if more is None else f"{text} ({more:.4g})"
 
     rows = [
