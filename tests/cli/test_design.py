@@ -8,18 +8,18 @@ import pytest
 
 from ematwin.models.scenario import Scenario
 
-QUICK = ("--exact", "--budget", "3")
+QUICK = ("--exact", "--budget", "3", "--actuator", "rm1605")
 
 
 def test_a_command_is_written_shown_and_checked(ematwin, tmp_path: Path) -> None:
     answer = ematwin(
         "design", *QUICK, "--out", "test.toml", "--report", "page.html", "--check", "1",
-        "--limit", "current=6 A",
+        "--limit", "travel=130 mm",
     )  # fmt: skip
     assert answer.code == 0, answer.err
-    assert "eccentricity" in answer.out
+    assert "backlash" in answer.out
     assert "Observed on 1 simulated recordings" in answer.out
-    assert Scenario.load_file(tmp_path / "test.toml").duration == 0.5
+    assert Scenario.load_file(tmp_path / "test.toml").duration == 12.96
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert "The price" in page
     assert "times better" in page
@@ -27,7 +27,7 @@ def test_a_command_is_written_shown_and_checked(ematwin, tmp_path: Path) -> None
 
 def test_two_explanations_are_told_apart(ematwin, tmp_path: Path) -> None:
     answer = ematwin(
-        "design", "--budget", "5", "--out", "next.toml", "--json", "--report", "next.html",
+        "design", "--budget", "2", "--out", "next.toml", "--json", "--report", "next.html",
         "--discriminate", "friction=0.05", "--discriminate", "transmission.efficiency_opposing=0.8",
     )  # fmt: skip
     told = json.loads(answer.out)
@@ -37,8 +37,8 @@ def test_two_explanations_are_told_apart(ematwin, tmp_path: Path) -> None:
 
 
 def test_what_identify_leaves_is_taken_from_its_answer(ematwin, tmp_path: Path) -> None:
-    known = {"friction": 0.1, "backlash": 0.0}
-    left = {"faults": known, "other_answers": [{"friction": 0.0, "backlash": 0.1}]}
+    known = {"friction": 1.2, "gain": 1.0}
+    left = {"faults": known, "other_answers": [{"friction": 1.0, "gain": 0.9}]}
     (tmp_path / "found.json").write_text(json.dumps(left), encoding="utf-8")
     answer = ematwin(
         "design", *QUICK, "--out", "next.toml", "--json", "--discriminate", "found.json"
@@ -58,7 +58,7 @@ def test_what_identify_leaves_is_taken_from_its_answer(ematwin, tmp_path: Path) 
         (["--limit", "current=0.01"], "keeps the limits (current 0.01)"),
         (["--limit", "torque=3"], "There is no limit 'torque'"),
         (["--limit", "current=3 V"], "--limit current must have a unit of the kind A"),
-        (["--scenario", "out-and-back"], "There is no scenario 'out-and-back'"),
+        (["--scenario", "ramp"], "There is no scenario 'ramp'"),
         (["--discriminate", "friction=1"], "needs two explanations"),
         (["--duration", "0 s"], "--duration must be a positive number"),
     ],

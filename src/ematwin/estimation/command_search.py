@@ -21,7 +21,7 @@ from ematwin.optimizers.differential_evolution import DifferentialEvolution, Dit
 from ematwin.optimizers.loop import minimize
 from ematwin.optimizers.stopping import Progress as SearchProgress
 
-BUDGET, POPULATION = 400, 20
+BUDGET, POPULATION = 500, 12
 BEYOND = "beyond its limits"
 _SCATTER = 0.15  # of the first commands about the given one, share of the box
 _NEAR = 0.3  # share of the first commands that lie near the given one

@@ -38,7 +38,7 @@ from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
 
 SEVEREST = 0.5  # share of the way from healthy to a bound: a test is for faults that begin
-DRAWS = 10
+DRAWS = 6
 FRESH = 16  # fault vectors on which the best commands are compared anew
 
 

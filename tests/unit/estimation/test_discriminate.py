@@ -51,7 +51,7 @@ def test_a_load_tells_efficiency_from_friction() -> None:
 
 
 def test_warm_magnets_and_equal_shorts_stay_one_whatever_the_command() -> None:
-    found = ematwin.discriminate(SHORTS, {"motor.emf_constant": WARM}, budget=8, threads=1)
+    found = ematwin.discriminate(SHORTS, {"motor.emf_constant": WARM}, budget=3, threads=1)
     assert not found.told
     assert found.distance < 1.0
     assert "No command within the limits" in found.sentence
@@ -60,7 +60,7 @@ def test_warm_magnets_and_equal_shorts_stay_one_whatever_the_command() -> None:
 
 def test_the_best_command_is_never_worse_than_the_given_one(tmp_path) -> None:
     found = ematwin.discriminate(
-        {"friction": 0.05}, {"load_offset": 1.0}, exact=True, budget=12, threads=1
+        {"friction": 0.05}, {"load_offset": 1.0}, exact=True, budget=6, threads=1
     )
     assert found.told
     assert found.distance >= found.default_distance * (1.0 - 1e-3)
