@@ -18,10 +18,13 @@ if TYPE_CHECKING:
     from ematwin.comparison.analysis.study import StudyAnalysis
     from ematwin.comparison.comparing import compare
     from ematwin.errors import EmatwinError
+    from ematwin.estimation.design import Design, design
+    from ematwin.estimation.discriminate import Discrimination, discriminate
     from ematwin.estimation.estimate import Estimate
     from ematwin.estimation.identifiability import Identifiability, identifiability
     from ematwin.estimation.identify import Identification, identify
     from ematwin.estimation.problem import Problem
+    from ematwin.estimation.sensitivity import Sensitivity, sensitivity
     from ematwin.exploring.explore import explore
     from ematwin.models.ball_screw.parameters import BallScrew
     from ematwin.models.base import Model
@@ -45,10 +48,11 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "BallScrew": "ematwin.models.ball_screw.parameters",
-    "PmsmActuator": "ematwin.models.pmsm.parameters",
     "BldcActuator": "ematwin.models.bldc.parameters",
     "Calibration": "ematwin.monitoring.calibration",
     "Channel": "ematwin.recordings.channel",
+    "Design": "ematwin.estimation.design",
+    "Discrimination": "ematwin.estimation.discriminate",
     "EmatwinError": "ematwin.errors",
     "Estimate": "ematwin.estimation.estimate",
     "Faults": "ematwin.models.bldc.faults",
@@ -56,14 +60,18 @@ _HOMES = {
     "Identification": "ematwin.estimation.identify",
     "Model": "ematwin.models.base",
     "Noise": "ematwin.recordings.noise",
+    "PmsmActuator": "ematwin.models.pmsm.parameters",
     "Problem": "ematwin.estimation.problem",
     "Recording": "ematwin.recordings.recording",
     "Scenario": "ematwin.models.scenario",
-    "Unknown": "ematwin.models.unknown",
+    "Sensitivity": "ematwin.estimation.sensitivity",
     "StudyAnalysis": "ematwin.comparison.analysis.study",
+    "Unknown": "ematwin.models.unknown",
     "calibrate": "ematwin.monitoring.calibrate",
     "compare": "ematwin.comparison.comparing",
+    "design": "ematwin.estimation.design",
     "detect": "ematwin.monitoring.detect",
+    "discriminate": "ematwin.estimation.discriminate",
     "error_percent": "ematwin.models.bldc.faults",
     "error_percent_wrapped": "ematwin.models.bldc.faults",
     "explore": "ematwin.exploring.explore",
@@ -75,6 +83,7 @@ _HOMES = {
     "read": "ematwin.models.reading",
     "read_motions": "ematwin.models.reading",
     "register": "ematwin.optimizers.registry",
+    "sensitivity": "ematwin.estimation.sensitivity",
     "simulate": "ematwin.models.simulating",
     "write": "ematwin.models.reading",
 }
@@ -86,6 +95,8 @@ __all__ = [
     "BldcActuator",
     "Calibration",
     "Channel",
+    "Design",
+    "Discrimination",
     "EmatwinError",
     "Estimate",
     "Faults",
@@ -97,11 +108,14 @@ __all__ = [
     "Problem",
     "Recording",
     "Scenario",
+    "Sensitivity",
     "StudyAnalysis",
     "Unknown",
     "calibrate",
     "compare",
+    "design",
     "detect",
+    "discriminate",
     "error_percent",
     "error_percent_wrapped",
     "explore",
@@ -113,6 +127,7 @@ __all__ = [
     "read",
     "read_motions",
     "register",
+    "sensitivity",
     "simulate",
     "write",
 ]

@@ -22,6 +22,16 @@ def test_programs_get_all_of_it(ematwin) -> None:
     assert {"friction", "backlash", "gain"} <= {one["name"] for one in told["told"]}
 
 
+def test_indices_of_sobol_are_shown_on_request(ematwin, tmp_path: Path) -> None:
+    options = ("--actuator", "rm1605", "--exact", "--sobol", "--report", "page.html")
+    answer = ematwin("identifiability", *options)
+    assert answer.code == 0, answer.err
+    assert "Sobol indices" in answer.out
+    assert "by itself" in (tmp_path / "page.html").read_text(encoding="utf-8")
+    told = json.loads(ematwin("identifiability", *options[:4], "--json").out)["commands"][0]
+    assert set(told["sobol"]["total"]) == {"position_error", "current"}
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [

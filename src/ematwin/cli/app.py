@@ -18,6 +18,7 @@ from ematwin.cli import (
     channels,
     compare,
     demo,
+    design,
     detect,
     explore,
     identifiability,
@@ -59,6 +60,7 @@ app.command("calibrate")(calibrate.calibrate)
 app.command("detect")(detect.detect)
 app.command("explore")(explore.explore)
 app.command("identifiability")(identifiability.identifiability)
+app.command("design")(design.design)
 app.command("simulate")(simulate.simulate)
 app.command("channels")(channels.channels)
 app.command("actuators")(actuators.actuators)

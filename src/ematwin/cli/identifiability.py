@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ematwin.cli import complete
-from ematwin.cli.options import numbers, print_json, print_notes, print_table
+from ematwin.cli.options import numbers, print_json, print_notes, print_table, progress_bar
 
 if TYPE_CHECKING:
     from ematwin.estimation.identifiability import Identifiability
+    from ematwin.estimation.sensitivity import Sensitivity
 
 
 def identifiability(
@@ -50,6 +51,14 @@ def identifiability(
     miss: Annotated[
         float | None, typer.Option(help="Probability that the smallest fault is overlooked; 0.1.")
     ] = None,
+    sobol: Annotated[
+        bool,
+        typer.Option(
+            "--sobol",
+            help="Also say how much of the answer's variance goes back to each unknown "
+            '(pip install "ematwin[sensitivity]").',
+        ),
+    ] = False,
     report: Annotated[
         Path | None, typer.Option(help="Write a self-contained page here (.html).")
     ] = None,
@@ -77,16 +86,33 @@ def identifiability(
         )
         for command in given
     ])  # fmt: skip
+    parts = {}
+    if sobol:
+        from ematwin.estimation.sensitivity import sensitivity
+
+        for one in found:
+            with progress_bar(f"Varying all of {one.scenario.name}", not json) as progress:
+                parts[one.scenario.name] = sensitivity(
+                    one.scenario, actuator, exact=exact, progress=progress
+                )
     if report is not None:
         from ematwin.report.identifiability import identifiability_page
 
-        write_text(report, identifiability_page(found))
+        write_text(report, identifiability_page(found, parts))
     if json:
-        commands_told = [one.as_dict() for one in found]
+        commands_told = [
+            {
+                **one.as_dict(),
+                **({"sobol": parts[one.scenario.name].as_dict()} if parts else {}),
+            }
+            for one in found
+        ]
         print_json({"commands": commands_told, "report": None if report is None else str(report)})
         return
     for one in found:
         _print(one)
+        if parts:
+            _print_sobol(parts[one.scenario.name])
     if len(found) > 1:
         names = ", ".join(f"{one.scenario.name} ({one.weakest.name})" for one in found)
         typer.echo(f"Most telling first, with the fault of which each tells least: {names}")
@@ -115,3 +141,17 @@ def _print(found: "Identifiability") -> None:
     )
     print_notes("No verdict", found.obstacles)
     typer.echo("")
+
+
+def _print_sobol(parts: "Sensitivity") -> None:
+    from rich.table import Table
+
+    for channel, caption in parts.captions.items():
+        table = Table(title=f"Sobol indices: {caption}", title_justify="left")
+        table.add_column("unknown")
+        for heading in ("by itself", "in all"):
+            table.add_column(heading, justify="right")
+        for row in parts.rows(channel):
+            table.add_row(*row)
+        print_table(table, 150)
+    typer.echo(f"From {parts.answers} answers; what is below 1 % is left out.\n")

@@ -25,6 +25,7 @@ from ematwin.validation import load_toml
 FORMAT = 1
 
 _TWO_SIGMA = 2.0  # a tolerance holds 95 %
+_KNOWN = 1e-3  # share of its spread that is left of what counts as known
 _WIDEST = 3.0  # standard deviations of the prior that a search looks at
 
 
@@ -65,6 +66,18 @@ class Baseline:
     def of_template(cls, model: Model, actuator: ParameterSet) -> "Baseline":
         """That of an actuator of which only the parameter file is known."""
         return cls(Prior.independent(uncertain(model, actuator)))
+
+    def knowing(self, unknowns: Iterable[Unknown]) -> "Baseline":
+        """The same, with some parameters, load or sensors known as good as exactly."""
+        if self.exact:
+            return self
+        chosen = list(unknowns)
+        prior = with_nuisances(self.prior, (o for o in chosen if o.spread is not None))
+        names = {one.name for one in chosen}
+        tight = np.array([_KNOWN if name in names else 1.0 for name in prior.names])
+        return replace(
+            self, prior=replace(prior, covariance=prior.covariance * np.outer(tight, tight))
+        )
 
     def drifted(self, actuator: ParameterSet) -> Prior:
         """The prior of a later recording: parameters may have drifted since."""

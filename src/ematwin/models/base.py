@@ -16,7 +16,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from ematwin.errors import InputError, RecordError
 from ematwin.models.comparison import Candidates as Candidates  # authors have it from here
 from ematwin.models.comparison import Comparison, TraceComparison
 from ematwin.models.parameter_set import ParameterSet, not_searchable
-from ematwin.models.scenario import Scenario, shipped_scenarios
+from ematwin.models.scenario import Component, Scenario, shipped_scenarios
 from ematwin.models.unknown import Alias, Contrast, PhysicalValue, Unknown
 from ematwin.recordings.channel import Channel
 from ematwin.recordings.noise import Noise
@@ -80,6 +80,22 @@ class Signal:
     reference: np.ndarray | None = None
 
 
+class Demand(NamedTuple):
+    """What a motion asks of an actuator, and a test may limit: the largest magnitude.
+
+    Parameters
+    ----------
+    name, unit : str; of travel, speed, current, load or what else the kind can be strained by
+    channels : of those that a recording has, the largest counts
+    is_rate : of the channel's change with time
+    """
+
+    name: str
+    unit: str
+    channels: tuple[str, ...]
+    is_rate: bool = False
+
+
 @dataclass(frozen=True)
 class Statistic:
     """A number that a comparison measures beside the values, such as noise shared by sensors.
@@ -132,6 +148,11 @@ class Model(ABC):
     noisy : whether `simulate` adds the noise of usual sensors where none is asked for
     severities : by name, how severe a random fault of a study is: least and most, as shares of the
         way from healthy to a bound; `SEVERITY` where a fault is not named
+    demands : what a motion asks of it and a designed test may limit, the travel first; that of the
+        command where none is given
+    designable : by "command" and "load", parts that a design may add to those that a scenario has
+        (`Scenario`; each with the size of zero from which the design begins); the numbers that may
+        be chosen of each part are those that the part names (`Component.designed`)
     """
 
     kind: ClassVar[str]
@@ -156,6 +177,8 @@ class Model(ABC):
     short: ClassVar[Mapping[str, str]] = {}
     noisy: ClassVar[bool] = False
     severities: ClassVar[Mapping[str, tuple[float, float]]] = {}
+    demands: ClassVar[tuple[Demand, ...]] = ()
+    designable: ClassVar[Mapping[str, tuple[Component, ...]]] = {}
 
     # What an author gives
 
@@ -434,6 +457,22 @@ class Model(ABC):
             "" if self.load is None else self.channel(self.load).unit,
         )
         return Scenario.load_file(name_or_path, self.scenarios(), units)
+
+    def draft(self, actuator: Any) -> dict[str, Any]:
+        """Arguments of `simulate` that are quicker and nearly as good, where many are simulated."""
+        return {}
+
+    def demanded(self, recording: Recording) -> dict[str, float]:
+        """What a recorded motion asks of an actuator, SI, by the name of the demand."""
+        travel = Demand("travel", self.channel(self.command).unit, (self.command,))
+        found = {}
+        for one in self.demands or (travel,):
+            seen = [recording.channels[name] for name in one.channels if name in recording.channels]
+            if one.is_rate:
+                seen = [np.gradient(values, recording.time) for values in seen]
+            if seen:
+                found[one.name] = max(float(np.abs(values).max()) for values in seen)
+        return found
 
     # What reports ask for
 

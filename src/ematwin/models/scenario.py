@@ -10,7 +10,7 @@ a unit; from Python the same components are objects:
 from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
@@ -44,9 +44,15 @@ Hertz = Annotated[float, _unit("Hz"), Field(allow_inf_nan=False, ge=0)]
 
 
 class Component(BaseModel):
-    """A part of a history. Amplitudes are in SI: rad for the command of a rotary actuator."""
+    """A part of a history. Amplitudes are in SI: rad for the command of a rotary actuator.
+
+    ``designed`` says which of its numbers a design may choose, and what each is: a "size" or "rate"
+    of the history, which has a sign; an "amplitude", which has none; a "frequency"; a "time"; or a
+    "phase".
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+    designed: ClassVar[Mapping[str, str]] = {}
 
     def __init__(self, **values: Any) -> None:
         try:
@@ -56,6 +62,10 @@ class Component(BaseModel):
 
     def within(self, duration: float) -> Self:
         """The component as it is in a scenario of this duration, s."""
+        return self
+
+    def stretched(self, factor: float) -> Self:
+        """The component with all its times so many times longer; frequencies stay."""
         return self
 
     def at(self, time: np.ndarray) -> np.ndarray:
@@ -69,6 +79,10 @@ class Step(Component):
     type: Literal["step"] = "step"
     value: Finite
     time: Seconds = 0.0
+    designed: ClassVar[Mapping[str, str]] = {"value": "size", "time": "time"}
+
+    def stretched(self, factor: float) -> Self:  # noqa: D102
+        return self.model_copy(update={"time": factor * self.time})
 
     def at(self, time: np.ndarray) -> np.ndarray:  # noqa: D102
         return np.where(time >= self.time, self.value, 0.0)
@@ -81,6 +95,13 @@ class Ramp(Component):
     rate: Finite
     start: Seconds = 0.0
     stop: Seconds | None = None
+    designed: ClassVar[Mapping[str, str]] = {"rate": "rate", "start": "time", "stop": "time"}
+
+    def stretched(self, factor: float) -> Self:  # noqa: D102
+        stop = None if self.stop is None else factor * self.stop
+        return self.model_copy(
+            update={"rate": self.rate / factor, "start": factor * self.start, "stop": stop}
+        )
 
     def at(self, time: np.ndarray) -> np.ndarray:  # noqa: D102
         stop = np.inf if self.stop is None else self.stop
@@ -95,6 +116,12 @@ class Sine(Component):
     frequency: Hertz
     phase: Finite = 0.0
     start: Seconds = 0.0
+    designed: ClassVar[Mapping[str, str]] = {
+        "amplitude": "amplitude", "frequency": "frequency", "phase": "phase",
+    }  # fmt: skip
+
+    def stretched(self, factor: float) -> Self:  # noqa: D102
+        return self.model_copy(update={"start": factor * self.start})
 
     def at(self, time: np.ndarray) -> np.ndarray:  # noqa: D102
         wave = np.sin(2.0 * np.pi * self.frequency * (time - self.start) + self.phase)
@@ -113,6 +140,13 @@ class Chirp(Component):
     f_end: Hertz
     start: Seconds = 0.0
     duration: Annotated[float, _unit("s"), Field(gt=0, allow_inf_nan=False)] | None = None
+    designed: ClassVar[Mapping[str, str]] = {
+        "amplitude": "amplitude", "f_start": "frequency", "f_end": "frequency",
+    }  # fmt: skip
+
+    def stretched(self, factor: float) -> Self:  # noqa: D102
+        duration = None if self.duration is None else factor * self.duration
+        return self.model_copy(update={"start": factor * self.start, "duration": duration})
 
     def within(self, duration: float) -> Self:  # noqa: D102
         if self.duration is not None:
@@ -144,6 +178,14 @@ class Profile(Component):
     value: list[float] | None = None
     file: Path | None = None
     column: str | None = None
+    designed: ClassVar[Mapping[str, str]] = {"value": "size"}
+
+    def stretched(self, factor: float) -> Self:  # noqa: D102
+        if self.time is None:
+            raise ValueError(
+                "a profile from a file has the times of the file; give time and value instead"
+            )
+        return self.model_copy(update={"time": [factor * t for t in self.time]})
 
     @model_validator(mode="after")
     def _has_one_source(self) -> Self:
@@ -289,6 +331,48 @@ class Scenario(BaseModel):
         if load is not None:
             histories["load"] = [Profile(time=start, value=np.asarray(load, dtype=float).tolist())]
         return cls(name=name, duration=start[-1], **histories)
+
+    def lasting(self, duration: float) -> "Scenario":
+        """The scenario in another duration, s: times in proportion, frequencies as they are.
+
+        Raises
+        ------
+        ParameterError
+            If its times are those of a file.
+        """
+        if duration == self.duration:
+            return self
+        factor = duration / self.duration
+        try:
+            command, load = (
+                [part.stretched(factor) for part in parts] for parts in (self.command, self.load)
+            )
+        except ValueError as error:
+            raise ParameterError(f"scenario {self.name}: {error}.") from None
+        return Scenario(
+            name=self.name, description=self.description, duration=duration, command=command,
+            load=load,
+        )  # fmt: skip
+
+    def save(self, path: str | Path) -> None:
+        """Write a TOML file, whole or not at all; numbers are in SI.
+
+        Raises
+        ------
+        InputError
+            If the name does not end in .toml.
+        FileError
+            If it cannot be written.
+        """
+        import tomli_w
+
+        from ematwin.files import check_target, write_text
+
+        check_target(Path(path), (".toml",))
+        table = self.model_dump(mode="json", exclude_none=True)
+        if not table["load"]:
+            del table["load"]
+        write_text(path, tomli_w.dumps(table))
 
     def histories(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Command (rad) and load (N m) at times (s) from the start."""

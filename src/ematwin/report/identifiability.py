@@ -1,14 +1,20 @@
 """Page: what commands can tell of an actuator's faults, before any test."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from ematwin.estimation.identifiability import HEADINGS, Identifiability
+from ematwin.estimation.sensitivity import Sensitivity
 from ematwin.plots.identifiability import plot_correlation, plot_smallest
 from ematwin.report.page import Row, Section, Table, render
 
 
-def identifiability_page(found: Sequence[Identifiability]) -> str:
-    """HTML page of one or several commands, the most telling first."""
+def identifiability_page(
+    found: Sequence[Identifiability], parts: Mapping[str, Sensitivity] | None = None
+) -> str:
+    """HTML page of one or several commands, the most telling first.
+
+    ``parts`` are Sobol indices by the name of the command, where they were asked for.
+    """
     best = found[0]
     sections = [Section("Smallest fault that is found", figure=plot_smallest(found))]
     for one in found:
@@ -23,10 +29,28 @@ def identifiability_page(found: Sequence[Identifiability]) -> str:
             Section(one.scenario.name, text=text, points=obstacles, table=told_table(one)),
             Section(figure=plot_correlation(one)),
         ]
+        if parts:
+            sections += sobol_sections(parts[one.scenario.name])
     lead = f"{best.scenario.name}: {best.weakest.name} {best.weakest.sentence}."
     if all(one.how == "pinned" for one in best.told):
         lead = f"{best.scenario.name} tells all faults."
     return render(f"{best.actuator.name}: what a command tells", lead, sections)
+
+
+def sobol_sections(parts: Sensitivity) -> list[Section]:
+    """Sobol indices of each channel."""
+    text = (
+        f"How much of the variance of the answer goes back to each unknown, from {parts.answers} "
+        "answers: by itself, and with all in which it takes part; standard errors."
+    )
+    return [
+        Section(
+            f"{parts.scenario.name}: {caption}",
+            text=text,
+            table=Table(["unknown", "by itself", "in all"], [Row(r) for r in parts.rows(channel)]),
+        )
+        for channel, caption in parts.captions.items()
+    ]
 
 
 def told_table(found: Identifiability) -> Table:

@@ -10,7 +10,7 @@ from ematwin.models.ball_screw.channels import CHANNELS, check_spans
 from ematwin.models.ball_screw.constants import FIXED
 from ematwin.models.ball_screw.parameters import BallScrew
 from ematwin.models.ball_screw.unknowns import aliases, unknowns
-from ematwin.models.base import Model, Progress, Reported, Signal, Statistic, Values
+from ematwin.models.base import Demand, Model, Progress, Reported, Signal, Statistic, Values
 from ematwin.models.comparison import Candidates
 from ematwin.models.scenario import Scenario
 from ematwin.models.unknown import Alias, Unknown
@@ -58,6 +58,12 @@ class BallScrewModel(Model):
         ),
     )  # fmt: skip
     short: ClassVar[Mapping[str, str]] = {"position_error": "error"}
+
+    demands: ClassVar[tuple[Demand, ...]] = (
+        Demand("travel", "m", ("set_point",)),
+        Demand("speed", "m/s", ("set_point",), is_rate=True),
+        Demand("current", "A", ("current",)),
+    )
 
     def unknowns(self, actuator: Any) -> tuple[Unknown, ...]:
         """Friction, backlash and gain; load and first error; roughness."""

@@ -5,8 +5,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ematwin.models.base import Model, Progress, Reported, Signal, Values
-from ematwin.models.bldc.channels import CHANNELS, ON_REQUEST, PHASES
+from ematwin.models.base import Demand, Model, Progress, Reported, Signal, Values
+from ematwin.models.bldc.channels import CHANNELS, CURRENTS, ON_REQUEST, PHASES
 from ematwin.models.bldc.faults import (
     PAPER_CASES,
     Faults,
@@ -16,7 +16,7 @@ from ematwin.models.bldc.faults import (
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.unknowns import CONTRASTS, FAULTS, FIXED, UNKNOWNS, aliases, nuisances
 from ematwin.models.comparison import Candidates
-from ematwin.models.scenario import Scenario
+from ematwin.models.scenario import Chirp, Component, Ramp, Scenario, Step
 from ematwin.models.unknown import Alias, Contrast, PhysicalValue, Unknown
 from ematwin.recordings.channel import Channel
 from ematwin.recordings.noise import Noise
@@ -58,6 +58,20 @@ class BldcModel(Model):
         "backlash": (0.05, 1.0),
         "gain": (0.2, 1.0),
     }
+
+    demands: ClassVar[tuple[Demand, ...]] = (
+        Demand("travel", "rad", ("command", "output_position")),
+        Demand("speed", "rad/s", ("output_speed",)),
+        Demand("current", "A", CURRENTS),
+        Demand("load", "N*m", ("load",)),
+    )
+    # an offset that is gone to and stays, a second chirp, and a second step of the load
+    designable: ClassVar[dict[str, tuple[Component, ...]]] = {
+        "command": (
+            Ramp(rate=0.0, stop=0.05), Chirp(amplitude=0.0, f_start=10.0, f_end=10.0),
+        ),
+        "load": (Step(value=0.0),),
+    }  # fmt: skip
 
     def unknowns(self, actuator: Any) -> tuple[Unknown, ...]:
         """The eight components of the paper's fault vector; load and sensors."""
@@ -160,6 +174,10 @@ class BldcModel(Model):
             also=also,
             progress=progress,
         )
+
+    def draft(self, actuator: Any) -> dict[str, Any]:
+        """Twice the step of the reference model: what the twin misses of it hardly changes."""
+        return {"step": 2.0 * actuator.steps.reference}
 
     def check_scenario(self, scenario: Scenario, actuator: Any) -> None:
         """Raise `ParameterError` if the command leaves the travel."""

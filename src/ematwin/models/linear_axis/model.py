@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ematwin.errors import DivergedError, InputError
-from ematwin.models.base import Model, Progress, Signal, Values, simulated_provenance
+from ematwin.models.base import Demand, Model, Progress, Signal, Values, simulated_provenance
 from ematwin.models.comparison import Candidates
 from ematwin.models.linear_axis.channels import CHANNELS
 from ematwin.models.linear_axis.constants import FIXED
@@ -47,6 +47,12 @@ class LinearAxisModel(Model):
     }
     fixed: ClassVar[tuple[str, ...]] = FIXED
     short: ClassVar[Mapping[str, str]] = {"position_error": "error"}
+
+    demands: ClassVar[tuple[Demand, ...]] = (
+        Demand("travel", "m", ("reference", "position")),
+        Demand("speed", "m/s", ("position",), is_rate=True),
+        Demand("voltage", "V", ("voltage",)),
+    )
 
     @property
     def outputs(self) -> tuple[str, ...]:

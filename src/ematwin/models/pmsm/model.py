@@ -5,9 +5,16 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ematwin.models.base import Model, Progress, Reported, Signal, Values
+from ematwin.models.base import Demand, Model, Progress, Reported, Signal, Values
 from ematwin.models.comparison import Candidates
-from ematwin.models.pmsm.channels import CHANNELS, NEEDS, ON_REQUEST, in_rotor_frame
+from ematwin.models.pmsm.channels import (
+    CHANNELS,
+    NEEDS,
+    ON_REQUEST,
+    PHASES,
+    ROTATING,
+    in_rotor_frame,
+)
 from ematwin.models.pmsm.parameters import PmsmActuator
 from ematwin.models.pmsm.unknowns import CONTRASTS, FIXED, UNKNOWNS, aliases, unknowns
 from ematwin.models.scenario import Scenario
@@ -56,6 +63,13 @@ class PmsmModel(Model):
     severities: ClassVar[dict[str, tuple[float, float]]] = {
         one.name: (0.1, 0.8) for one in UNKNOWNS if one.direction_of is None
     }
+
+    demands: ClassVar[tuple[Demand, ...]] = (
+        Demand("travel", "rad", ("command", "output_position")),
+        Demand("speed", "rad/s", ("output_position",), is_rate=True),
+        Demand("current", "A", (*PHASES, *ROTATING)),
+        Demand("load", "N*m", ("load",)),
+    )
 
     def unknowns(self, actuator: Any) -> tuple[Unknown, ...]:
         """Mechanical, electrical and sensor faults; contact of a short, and load."""

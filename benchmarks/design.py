@@ -1,0 +1,75 @@
+"""Whether a designed command keeps its promise: docs/design.md.
+
+    python benchmarks/design.py --recordings 12
+    python benchmarks/design.py --recordings 12 --command benchmarks/designed.toml
+
+The command for the weakest fault of an actuator that is known by its data sheet, within the travel,
+speed, current and load of the default command and in its 0.5 s; or, with ``--command``, one that
+was found before. Both commands are recorded from simulated actuators with other faults, parameters
+and noise than those of the search, by the reference model at half its step, and identified. Printed
+are the errors promised and observed.
+"""
+
+import argparse
+import time
+
+import numpy as np
+
+import ematwin
+from ematwin.estimation.command_search import BUDGET, excess
+from ematwin.estimation.observed import observe
+from ematwin.recordings.noise import Noise
+
+NOISE = Noise(white=0.02, bits=12)
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--recordings", type=int, default=12)
+    parser.add_argument("--budget", type=int, default=BUDGET)
+    parser.add_argument("--command")
+    parser.add_argument("--fault")
+    parser.add_argument("--exact", action="store_true")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--check-seed", type=int, default=101)
+    parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--out", default="designed.toml")
+    given = parser.parse_args()
+    started = time.process_time()
+    found = ematwin.design(
+        "servo48", fault=given.fault, exact=given.exact, noise=NOISE, seed=given.seed,
+        budget=1 if given.command else given.budget, threads=given.threads,
+    )  # fmt: skip
+    command, judge = found.scenario, found.judge
+    if given.command:
+        command = ematwin.Scenario.load_file(given.command)
+    else:
+        spent = time.process_time() - started
+        found.save(given.out)
+        print(f"{found.evaluations} commands, {found.seconds:.0f} s, {spent:.0f} s of processor")
+    promised = judge.judge(command)
+    print(
+        "demands", promised.demands, "beyond the limits by", excess(promised.demands, found.limits)
+    )
+    told = np.array([list(found.default.errors.values()), promised.errors])
+    print("promised", told.round(5).tolist(), flush=True)
+    step = 0.5 * found.actuator.value("steps.reference")
+    errors = observe(
+        judge, [found.default.scenario, command], given.recordings, seed=given.check_seed, step=step
+    )
+    seen = np.sqrt((errors**2).mean(axis=0))
+    middle = np.median(np.abs(errors), axis=0)
+    print("| fault | default | designed | times | default, observed | designed, observed | times |")
+    print("|---|--:|--:|--:|--:|--:|--:|")
+    for n, one in enumerate(judge.magnitudes):
+        cells = [f"{x[0, n]:.2g} | {x[1, n]:.2g} | {x[0, n] / x[1, n]:.2f}" for x in (told, seen)]
+        print(f"| {one.name} | {' | '.join(cells)} |")
+    widths = np.array([one.width for one in judge.magnitudes])
+    for what, x in (("promised", told), ("observed", seen), ("median observed", middle)):
+        largest = (x / widths).max(axis=1)
+        print(f"largest, {what}: {largest[0]:.2g}, {largest[1]:.2g}: {largest[0] / largest[1]:.2f}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,270 @@
+"""``ematwin design``: the test command that tells faults best, or two explanations apart."""
+
+import json as json_text
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ematwin.cli import complete
+from ematwin.cli.options import numbers, pairs, print_json, print_table, progress_bar
+
+if TYPE_CHECKING:
+    from ematwin.estimation.design import Design
+    from ematwin.models.base import Model
+    from ematwin.models.parameter_set import ParameterSet
+
+_RECORDED = (".csv", ".parquet")
+
+
+def design(
+    out: Annotated[Path, typer.Option(help="Write the command here (.toml).")],
+    actuator: Annotated[
+        str,
+        typer.Option(
+            help="A shipped parameter set of any kind, a TOML file, or a calibrated actuator.",
+            autocompletion=complete.actuators,
+        ),
+    ] = "servo48",
+    scenario: Annotated[
+        str | None,
+        typer.Option(
+            help="The command to begin from: a shipped scenario or a TOML file; the kind's default "
+            "if not given.",
+            autocompletion=complete.scenarios,
+        ),
+    ] = None,
+    fault: Annotated[
+        str | None,
+        typer.Option(help="The fault to tell; the one that is told least if not given."),
+    ] = None,
+    limit: Annotated[
+        list[str] | None,
+        typer.Option(
+            help='The most that a healthy actuator may be asked for, e.g. "current=6 A"; also '
+            "travel, speed, load. As the given command if not given. Repeatable."
+        ),
+    ] = None,
+    duration: Annotated[
+        str | None, typer.Option(help='Length of the command, e.g. "0.5 s"; as given otherwise.')
+    ] = None,
+    at: Annotated[
+        list[str] | None,
+        typer.Option(help="A fault at which to look, e.g. friction=0.25. Repeatable."),
+    ] = None,
+    noise: Annotated[
+        str | None, typer.Option(help="Sensor noise, e.g. white=0.02,bits=12.")
+    ] = None,
+    exact: Annotated[
+        bool, typer.Option("--exact", help="Parameters, load and sensors are known exactly.")
+    ] = False,
+    check: Annotated[
+        int, typer.Option(help="Identify so many simulated recordings of each command.", min=0)
+    ] = 0,
+    discriminate: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Tell two explanations apart instead: given twice, e.g. short_a=0.05,short_b=0.05 "
+            "and motor.emf_constant=0.071; or once, an answer of identify --json or a recording."
+        ),
+    ] = None,
+    budget: Annotated[
+        int | None, typer.Option(help="Commands to look at; about a minute's worth.", min=1)
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Seed of faults, noise and search.", min=0)] = 1,
+    report: Annotated[
+        Path | None, typer.Option(help="Write a self-contained page here (.html).")
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="Answer as JSON.")] = False,
+) -> None:
+    """Find the test command that tells the faults of an actuator best."""
+    from ematwin.errors import InputError
+    from ematwin.files import check_target, write_text
+    from ematwin.models.registry import load_actuator, model_of
+    from ematwin.quantities import parse_quantity
+    from ematwin.recordings.noise import Noise
+
+    check_target(out, (".toml",))
+    for source in (scenario or "", actuator):
+        if Path(source).is_file() and out.exists() and out.samefile(source):
+            raise InputError(f"--out {out} would overwrite its own input. Give another name.")
+    if report is not None:
+        check_target(report, (".html",))
+    chosen = load_actuator(actuator)
+    options: dict[str, Any] = {
+        "scenario": scenario,
+        "duration": None if duration is None else parse_quantity(duration, "s", "--duration"),
+        "noise": None if noise is None else Noise.parse(noise),
+        "exact": exact,
+        "seed": seed,
+        **({} if budget is None else {"budget": budget}),
+        **_limits(limit or [], model_of(chosen)),
+    }
+    if discriminate:
+        if fault is not None or at or check:
+            raise InputError(
+                "--discriminate takes no --fault, --at or --check; it compares two explanations."
+            )
+        from ematwin.estimation.discriminate import discriminate as tell_apart
+        from ematwin.report.design import discrimination_page
+
+        first, second = _explanations(discriminate, actuator, chosen)
+        with _bar(not json, "distance") as progress:
+            told = tell_apart(first, second, actuator, progress=progress, **options)
+        told.save(out)
+        if report is not None:
+            write_text(report, discrimination_page(told))
+        if json:
+            print_json({**told.as_dict(), **_written(out, report)})
+            return
+        typer.echo(told.sentence)
+    else:
+        from ematwin.estimation.design import design as run
+        from ematwin.report.design import design_page
+
+        with _bar(not json, "expected error") as progress:
+            found = run(
+                actuator, fault=fault, faults=numbers(at or [], "--at"), progress=progress,
+                **options,
+            )  # fmt: skip
+        found.save(out)
+        if check:
+            with progress_bar(f"Identifying {2 * check} recordings", not json) as share:
+                found = found.check(check, seed=seed + 1, progress=share)
+        if report is not None:
+            write_text(report, design_page(found))
+        if json:
+            print_json({**found.as_dict(), **_written(out, report)})
+            return
+        _print(found)
+    typer.echo(f"wrote {out}")
+    if report is not None:
+        typer.echo(f"wrote {report}")
+
+
+def _written(out: Path, report: Path | None) -> dict[str, str | None]:
+    return {"out": str(out), "report": None if report is None else str(report)}
+
+
+def _limits(texts: list[str], model: "Model") -> dict[str, float]:
+    """Limits in SI, from numbers with or without units."""
+    from ematwin.estimation.command_search import demands_of
+    from ematwin.quantities import parse_quantity
+
+    units = {one.name: one.unit for one in demands_of(model)}
+    found = {}
+    for name, text in pairs(texts, "--limit").items():
+        # a name that there is not is refused below, with those that there are
+        found[name] = parse_quantity(text, units.get(name, ""), f"--limit {name}")
+    return found
+
+
+def _explanations(
+    texts: list[str], actuator: str, chosen: "ParameterSet"
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Two explanations, from two lists of values, an answer of identify, or a recording."""
+    from ematwin.errors import InputError
+
+    if len(texts) == 2:
+        first, second = (
+            numbers([part.strip() for part in text.split(",")], "--discriminate") for text in texts
+        )
+        return first, second
+    if len(texts) != 1 or "=" in texts[0]:
+        raise InputError(
+            "--discriminate needs two explanations, received "
+            f"{len(texts)}; give it twice, or once with a file."
+        )
+    path = Path(texts[0])
+    if path.suffix.lower() == ".json":
+        answer, others = _answer(path)
+    elif path.suffix.lower() in _RECORDED:
+        from ematwin.estimation.identify import identify
+        from ematwin.models.reading import read
+
+        found = identify(read(path, actuator=chosen), actuator)
+        answer, others = {**found.values, **found.fitted}, list(found.others)
+    else:
+        raise InputError(
+            f"--discriminate cannot read {path}; give an answer of identify --json (.json) or a "
+            f"recording ({', '.join(_RECORDED)})."
+        )
+    if not others:
+        raise InputError(
+            f"{path} leaves one explanation only; give two, each as --discriminate name=value,..."
+        )
+    # points of one space: nothing of them is free
+    common = [name for name in others[0] if name in answer]
+    return {n: answer[n] for n in common}, {n: others[0][n] for n in common}
+
+
+def _answer(path: Path) -> tuple[dict[str, float], list[dict[str, float]]]:
+    """Values and other answers from what ``identify --json`` wrote."""
+    from ematwin.errors import FileError, InputError
+
+    try:
+        table = json_text.loads(path.read_text(encoding="utf-8"))
+        return dict(table["faults"]), list(table["other_answers"])
+    except OSError as error:
+        raise FileError(f"Cannot read {path}: {error.strerror}.") from None
+    except (ValueError, KeyError, TypeError):
+        raise InputError(
+            f"{path} is no answer of ematwin identify --json; write one with it."
+        ) from None
+
+
+def _bar(shown: bool, what: str) -> Any:
+    """A live line on standard error: commands looked at, and the best so far."""
+    from contextlib import contextmanager
+
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    @contextmanager
+    def live() -> Any:
+        console = Console(stderr=True)
+        with Progress(
+            TextColumn("searching"),
+            BarColumn(),
+            TextColumn("{task.completed:.0f}/{task.total:.0f} commands"),
+            TextColumn(f"best {what} {{task.fields[best]}}"),
+            TimeRemainingColumn(),
+            console=console,
+            transient=True,
+            disable=not (shown and console.is_terminal),
+        ) as bar:
+            task = bar.add_task("", total=1.0, best="-")
+
+            def update(count: int, best: float, total: int) -> None:
+                bar.update(task, completed=count, total=total, best=f"{best:.3g}")
+
+            yield update
+
+    return live()
+
+
+def _print(found: "Design") -> None:
+    from rich.table import Table
+
+    from ematwin.report.design import errors_table, price_table
+
+    typer.echo(found.sentence)
+    for title, content in (
+        ("Expected error of each fault", errors_table(found)),
+        ("The price, on a healthy actuator (with faults)", price_table(found)),
+    ):
+        table = Table(title=title, title_justify="left")
+        for n, heading in enumerate(content.header):
+            table.add_column(heading, justify="right" if n else "left")
+        for row in content.rows:
+            table.add_row(*row.cells)
+        print_table(table, 150)
+    if found.held:
+        typer.echo(f"Counted as known, because no command tells them: {', '.join(found.held)}")
+    if found.stopped == "interrupted":
+        typer.echo("Warning: The search was interrupted; this is the best command until then.")
+    if found.observed_gain is not None:
+        typer.echo(
+            f"Observed on {found.promised.checks} simulated recordings of each command: "
+            f"{found.observed_gain:.2g} times better."
+        )

@@ -1,0 +1,99 @@
+"""The errors that `identify` makes on simulated recordings: what a promise is set beside.
+
+Each recording is one of another actuator: faults from their prior, and parameters from what is
+known of them, so that an actuator that is only known by its data sheet is as uncertain here as it
+is on a bench. The finest model answers, and `identify` sees nothing but its recording. What counts
+as known in the promise (`Judge.held`) is known here as well.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ematwin.estimation.baseline import Baseline
+from ematwin.estimation.identify import identify
+from ematwin.estimation.interrupt import noting_interrupts
+from ematwin.estimation.promise import Judge, drawn_faults
+from ematwin.models.parameter_set import ParameterSet
+from ematwin.models.scenario import Scenario
+
+
+class Known(NamedTuple):
+    """An actuator with what is known of it, as `identify` takes it."""
+
+    actuator: ParameterSet
+    baseline: Baseline
+
+
+def observe(
+    judge: Judge,
+    scenarios: Sequence[Scenario],
+    recordings: int,
+    *,
+    seed: int = 2,
+    step: float | None = None,
+    progress: Callable[[float], object] | None = None,
+) -> np.ndarray:
+    """Errors (N, C, n): of N actuators, C commands, n magnitudes.
+
+    Parameters
+    ----------
+    judge : the actuator, what is known of it, noise and sample rate
+    scenarios : the commands, (C,); each actuator answers all of them
+    recordings : N
+    seed : of faults, parameters and noise
+    step : float, s, of the model that is recorded; None takes the actuator's
+    progress : called with the share done
+
+    Returns
+    -------
+    (N, C, n) array; after Ctrl-C of fewer actuators
+    """
+    model, twin = judge.model, judge.actuator
+    rng = np.random.default_rng(seed)
+    shares = rng.random((recordings, len(model.faults(twin))))
+    vectors = drawn_faults(model, twin, shares, {})
+    settings: dict[str, Any] = {} if step is None else {"step": step}
+    known = Known(twin, judge.baseline)
+    found: list[list[list[float]]] = []
+    with noting_interrupts() as interrupts:
+        try:
+            for n, values in enumerate(vectors):
+                actual = drawn_actuator(judge, rng)
+                rows = []
+                for c, scenario in enumerate(scenarios):
+                    interrupts.check()
+                    record = model.simulate(
+                        actual, scenario, values, fidelity=model.fidelities[0], noise=judge.noise,
+                        seed=seed * 10_000 + n, sample_rate=judge.sample_rate,
+                        **settings,
+                    )  # fmt: skip
+                    answer = identify(
+                        record, known, exact=judge.baseline.exact, threads=judge.threads
+                    )
+                    if answer.stopped == "interrupted":
+                        raise KeyboardInterrupt
+                    rows.append([answer.values[o.name] - values[o.name] for o in judge.magnitudes])
+                    if progress is not None:
+                        progress((n * len(scenarios) + c + 1) / (recordings * len(scenarios)))
+                found.append(rows)
+        except KeyboardInterrupt:
+            interrupts.pressed = False
+    return np.array(found)
+
+
+def drawn_actuator(judge: Judge, rng: np.random.Generator) -> ParameterSet:
+    """An actuator as it may be: parameters from what is known of them."""
+    model, twin = judge.model, judge.actuator
+    prior = judge.baseline.prior
+    prior = prior.of(name for name in prior.names if "." in name)
+    if not prior.names:
+        return twin
+    drawn = rng.multivariate_normal(prior.mean, prior.covariance)
+    values = {}
+    for name, x in zip(prior.names, drawn.tolist(), strict=True):
+        one = model.unknown(twin, name)
+        value = float(np.exp(x)) if one.logarithmic else x
+        values[name] = float(np.clip(value, one.lower, one.upper))
+    return twin.changed(values)

@@ -1,0 +1,229 @@
+"""What a command promises: the errors of faults that nobody knows yet.
+
+`identifiability` looks at one vector of faults. A command that is to be chosen has to be good for
+faults that are still unknown: mean squared errors are averaged over vectors drawn from the prior of
+the faults (Chaloner and Verdinelli 1995, Statistical Science 10, 273-304: "on-average" designs).
+What a twin misses errs in the same way however long one measures, so that it counts as a bias, not
+as noise (Box and Draper 1959, J. Am. Stat. Assoc. 54, 622-654):
+
+    error_i^2 = 1/M sum_m [ (C_m)_ii + b_mi^2 ],   C = (J J^T/sigma^2 + P)^-1,   b = -C J r/sigma^2
+
+J : Jacobian (d, K) of the weighted residuals at the true values; r : the residuals there (K,), of
+the twin against the answer of the kind's finest model; sigma : noise of an independent residual.
+Where a kind has one model only, b is zero and sigma `Model.model_error` times larger.
+
+What no command tells apart (the pivots of `Model.aliases`) counts as known: its tolerance widens
+the errors of all commands alike, and would hide what they differ in.
+"""
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+
+from ematwin.errors import DivergedError, ParameterError, RecordError
+from ematwin.estimation.baseline import Baseline, with_all_free
+from ematwin.estimation.command_search import BEYOND, excess
+from ematwin.estimation.laplace import standard_errors, step_lengths, width_at
+from ematwin.estimation.problem import Problem
+from ematwin.estimation.significance import SMALLEST
+from ematwin.models.base import Model
+from ematwin.models.parameter_set import ParameterSet
+from ematwin.models.scenario import Scenario
+from ematwin.models.unknown import Unknown
+from ematwin.numerics.sobol import Sobol
+from ematwin.recordings.noise import Noise
+from ematwin.recordings.recording import Recording
+
+SEVEREST = 0.5  # share of the way from healthy to a bound: a test is for faults that begin
+DRAWS = 6
+FRESH = 16  # fault vectors on which the best commands are compared anew
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A command, simulated at each fault vector.
+
+    Attributes
+    ----------
+    scenario : Scenario
+    errors : (n,) array, expected error of each magnitude; infinite where nothing is told
+    demands, faulty : what the motion demands of a healthy actuator, and of any of those that were
+        simulated, by name, SI
+    obstacle : why no verdict would be given on such a recording, or ""
+    """
+
+    scenario: Scenario
+    errors: np.ndarray
+    demands: dict[str, float]
+    faulty: dict[str, float]
+    obstacle: str = ""
+
+
+def drawn_faults(
+    model: Model, actuator: ParameterSet, shares: np.ndarray, given: Mapping[str, float]
+) -> list[dict[str, float]]:
+    """Fault vectors from shares (M, n) in [0, 1), one column for each fault; ``given`` are held.
+
+    Magnitudes lie between `SMALLEST` of their range and `SEVEREST` of the way to a bound, to either
+    side where healthy lies inside; directions anywhere.
+    """
+    every = model.faults(actuator)
+    found = []
+    for row in shares:
+        values = {one.name: _value(one, u) for one, u in zip(every, row.tolist(), strict=True)}
+        found.append(model.values_of(actuator, {**values, **given}))
+    return found
+
+
+def _value(one: Unknown, share: float) -> float:
+    if one.direction_of is not None:
+        return one.lower + share * one.width
+    up, down = one.upper - one.healthy, one.healthy - one.lower
+    if min(up, down) > 2.0 * SMALLEST * one.width:
+        sign, share = (1.0, 2.0 * share) if share < 0.5 else (-1.0, 2.0 * share - 1.0)
+    else:
+        sign = 1.0 if up >= down else -1.0
+    reach = SEVEREST * (up if sign > 0.0 else down)
+    least = min(SMALLEST * one.width, reach)
+    return one.healthy + sign * (least + share * (reach - least))
+
+
+def fault_shares(model: Model, actuator: ParameterSet, count: int, seed: int) -> np.ndarray:
+    """Shares (M, n) that cover the prior of the faults evenly."""
+    return Sobol(len(model.faults(actuator)), np.random.default_rng(seed)).random(count)
+
+
+class Judge:
+    """Expected standard errors of commands for one actuator, at the same fault vectors.
+
+    Parameters
+    ----------
+    model, actuator, baseline : of the twin, and what is known of it
+    vectors : values by name, at each of which slopes are taken
+    noise, sample_rate, seed : of the simulated recordings
+    threads : that share the fault vectors; None takes one for each core
+
+    Attributes
+    ----------
+    magnitudes : faults but directions, (n,)
+    held : what counts as known, because no command tells it from something else
+    baseline : what is known, with these
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        actuator: ParameterSet,
+        baseline: Baseline,
+        vectors: Sequence[Mapping[str, float]],
+        *,
+        noise: Noise | None = None,
+        sample_rate: float | None = None,
+        seed: int = 1,
+        threads: int | None = None,
+    ) -> None:
+        self.model, self.actuator = model, actuator
+        self.vectors = [dict(values) for values in vectors]
+        self.noise, self.sample_rate, self.seed = noise, sample_rate, seed
+        self.threads = threads or os.cpu_count() or 1
+        self.magnitudes = tuple(o for o in model.faults(actuator) if o.direction_of is None)
+        self._steps: dict[int, np.ndarray] = {}
+        held = () if baseline.exact else _blind(model, actuator, baseline)
+        self._given = baseline
+        self.held = tuple(one.name for one in held)
+        self.baseline = baseline.knowing(held)
+
+    def at(self, vectors: Sequence[Mapping[str, float]]) -> "Judge":
+        """The same judge at other fault vectors."""
+        return Judge(
+            self.model, self.actuator, self._given, vectors, noise=self.noise,
+            sample_rate=self.sample_rate, seed=self.seed, threads=self.threads,
+        )  # fmt: skip
+
+    def judge(
+        self,
+        scenario: Scenario,
+        limits: Mapping[str, float] | None = None,
+        *,
+        draft: bool = False,
+        enough: Callable[[np.ndarray], bool] = lambda errors: False,
+    ) -> Judged:
+        """What a command promises, or what is in its way; one beyond its limits is not judged.
+
+        Parameters
+        ----------
+        scenario : the command
+        limits : what it may demand of a healthy actuator, by name, SI
+        draft : simulate with the settings of `Model.draft`, for the many commands of a search
+        enough : whether errors (n,), of which the true ones can only be larger, are large enough to
+            know that the command is worse than another
+        """
+        nothing = np.full(len(self.magnitudes), np.inf)
+        demands: dict[str, float] = {}
+        try:
+            self.model.check_scenario(scenario, self.actuator)
+            record = self._record(scenario, self.model.healthy(self.actuator), draft)
+            demands = self.model.demanded(record)
+            if excess(demands, limits or {}) > 0.0:
+                return Judged(scenario, nothing, demands, {}, BEYOND)
+            obstacles = self.model.excitation(record, self.actuator)
+            if obstacles:
+                return Judged(scenario, nothing, demands, {}, obstacles[0])
+            total, faulty = np.zeros(len(self.magnitudes)), demands
+            with ThreadPoolExecutor(self.threads) as pool:
+                places = range(len(self.vectors))
+                for first in range(0, len(places), self.threads):
+                    some = places[first : first + self.threads]
+                    for squares, asked in pool.map(lambda n: self._at(n, scenario, draft), some):
+                        total += squares
+                        faulty = {name: max(x, asked[name]) for name, x in faulty.items()}
+                    errors = np.sqrt(total / len(places))
+                    if enough(errors):
+                        break
+        except (DivergedError, ParameterError, RecordError) as error:
+            return Judged(scenario, nothing, demands, {}, str(error))
+        return Judged(scenario, errors, demands, faulty)
+
+    def _record(self, scenario: Scenario, values: Mapping[str, float], draft: bool) -> Recording:
+        settings = self.model.draft(self.actuator) if draft else {}
+        return self.model.simulate(
+            self.actuator, scenario, values, fidelity=self.model.fidelities[0], noise=self.noise,
+            seed=self.seed, sample_rate=self.sample_rate, **settings,
+        )  # fmt: skip
+
+    def _at(self, n: int, scenario: Scenario, draft: bool) -> tuple[np.ndarray, dict[str, float]]:
+        """Squared errors (n,) of the magnitudes at fault vector ``n``, and what was demanded."""
+        model, actuator, values = self.model, self.actuator, self.vectors[n]
+        record = self._record(scenario, values, draft)
+        own = Problem.of(record, actuator, threads=1)  # the vectors share the cores
+        full = with_all_free(model, actuator, own, self.baseline)
+        has_finer = len(model.fidelities) > 1
+        point = np.array([values.get(one.name, one.healthy) for one in full.unknowns])
+        peak = width_at(
+            full, point, aliases=lambda named: model.aliases(actuator, named),
+            least_noise=0.0 if has_finer else full.comparisons[0].noise,
+            steps=self._steps.get(n),
+        )  # fmt: skip
+        self._steps.setdefault(n, step_lengths(peak.covariance))
+        covariance = peak.widened(1.0 if has_finer else model.model_error)
+        errors = standard_errors(full.chart, peak.z, covariance)
+        chart = full.chart
+        off = chart.to_values(chart.project(peak.mean[None]))[0] - point if has_finer else 0.0
+        squares = (errors**2 + off**2)[[full.names.index(one.name) for one in self.magnitudes]]
+        return np.where(np.isfinite(squares), squares, np.inf), model.demanded(record)
+
+
+def _blind(model: Model, actuator: ParameterSet, baseline: Baseline) -> list[Unknown]:
+    """Parameters, load and sensors that no command tells from faults or from one another."""
+    pivots = {one.pivot for one in model.aliases(actuator, model.healthy(actuator))}
+    every = {one.name: one for one in model.unknowns(actuator)}
+    known = [model.unknown(actuator, name) for name in baseline.prior.names if name in pivots]
+    more = [
+        one
+        for name, one in every.items()
+        if name in pivots and name not in baseline.prior.names and one.spread is not None
+    ]
+    return sorted((*known, *more), key=lambda one: one.name)

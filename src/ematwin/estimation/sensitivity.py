@@ -1,0 +1,214 @@
+"""What an answer depends on: Sobol indices of the compared channels.
+
+How much of the variance of an answer goes back to each unknown, over the faults that begin and all
+that is known of parameters, load and sensors (each evenly over its range): by itself (first order),
+and with all in which it takes part (total). `identifiability` looks at slopes,
+this at ranges.
+
+An answer is a function of time. Its indices are those of its samples, weighed by their variance
+(Gamboa, Janon, Klein and Lagnoux 2014, Electron. J. Stat. 8, 575-603, "generalised" indices):
+
+    S_i = sum_t V_i(t) / sum_t V(t),
+
+with SALib's samples and estimators (Saltelli et al. 2010, Comput. Phys. Commun. 181, 259-270).
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ematwin.errors import InputError, MissingExtraError
+from ematwin.estimation.baseline import Baseline, baseline_of, with_all_free
+from ematwin.estimation.problem import Problem
+from ematwin.estimation.promise import SEVEREST
+from ematwin.models.parameter_set import ParameterSet
+from ematwin.models.registry import load_actuator, model_of
+from ematwin.models.scenario import Scenario
+from ematwin.models.unknown import Unknown
+from ematwin.recordings.noise import Noise
+
+SAMPLES = 256  # a power of two; an answer is simulated for each and each unknown
+_AT_A_TIME = 512  # answers that are held whole
+_KEPT = 200  # samples of an answer
+_RESAMPLES = 100  # of a bootstrap
+_RANGE = 2.0  # standard deviations of a prior that are drawn from, to both sides: 95 %
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """Sobol indices of an answer.
+
+    Attributes
+    ----------
+    scenario, actuator : of the command, and of the twin
+    names : unknowns, (d,)
+    first, total : by channel, (d,) arrays
+    first_error, total_error : by channel, (d,) arrays: standard errors, by bootstrap
+    captions : title of each channel
+    answers : how many were simulated
+    """
+
+    scenario: Scenario
+    actuator: ParameterSet
+    names: tuple[str, ...]
+    first: dict[str, np.ndarray]
+    total: dict[str, np.ndarray]
+    first_error: dict[str, np.ndarray]
+    total_error: dict[str, np.ndarray]
+    captions: dict[str, str]
+    answers: int
+
+    def rows(self, channel: str, least: float = 0.01) -> list[list[str]]:
+        """Name, first and total index with standard errors, the largest first, down to a least."""
+        first, total = self.first[channel], self.total[channel]
+        return [
+            [
+                self.names[n],
+                f"{first[n]:.2f} +- {self.first_error[channel][n]:.2f}",
+                f"{total[n]:.2f} +- {self.total_error[channel][n]:.2f}",
+            ]
+            for n in np.argsort(-total)
+            if total[n] >= least
+        ]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain JSON values."""
+        return {
+            "names": list(self.names),
+            "answers": self.answers,
+            **{
+                what: {name: values.tolist() for name, values in getattr(self, what).items()}
+                for what in ("first", "total", "first_error", "total_error")
+            },
+        }
+
+
+def sensitivity(
+    scenario: Scenario | str | Path | None = None,
+    actuator: ParameterSet | str | Path | Any | None = None,
+    *,
+    exact: bool = False,
+    samples: int = SAMPLES,
+    sample_rate: float | None = None,
+    seed: int = 1,
+    threads: int | None = None,
+    progress: Callable[[float], object] | None = None,
+) -> Sensitivity:
+    """Sobol indices of the answer to a command.
+
+    Parameters
+    ----------
+    scenario, actuator, sample_rate, threads : as in `ematwin.identifiability`
+    exact : only faults are drawn
+    samples : N; (d + 2) N answers are simulated
+    seed : of the samples
+    progress : called with the share done
+
+    Raises
+    ------
+    InputError
+        If an argument cannot be used.
+    MissingExtraError
+        If SALib is not installed.
+    """
+    try:
+        from SALib.analyze.sobol import first_order, total_order
+        from SALib.sample.sobol import sample
+    except ImportError:
+        raise MissingExtraError("SALib", "sensitivity", "A Sobol index") from None
+    if samples < 2 or samples & (samples - 1):
+        raise InputError(f"samples must be a power of two, received {samples}.")
+    chosen = load_actuator(actuator)
+    model = model_of(chosen)
+    asked = model.load_scenario(scenario)
+    record = model.simulate(
+        chosen, asked, model.healthy(chosen), noise=Noise(), sample_rate=sample_rate
+    )
+    problem = Problem.of(record, chosen, threads=threads)
+    baseline = Baseline.of_simulation() if exact else baseline_of(actuator, chosen)
+    full = with_all_free(model, chosen, problem, baseline)
+    unknowns = [_drawn_from(full, one) for one in full.unknowns]
+    space = {
+        "num_vars": len(unknowns),
+        "names": [one.name for one in unknowns],
+        "bounds": [_ends(one) for one in unknowns],
+    }
+    points = sample(space, samples, calc_second_order=False, seed=seed)
+    logarithmic = np.array([one.logarithmic for one in unknowns])
+    points[:, logarithmic] = np.exp(points[:, logarithmic])
+    comparison = full.comparisons[0]
+    thin = slice(None, None, max(1, len(record) // _KEPT))
+    answers: dict[str, list[np.ndarray]] = {}
+    for begin in range(0, len(points), _AT_A_TIME):
+        some = points[begin : begin + _AT_A_TIME]
+        for name, trace in comparison.responses(full.candidates(some), len(some)).items():
+            answers.setdefault(name, []).append(trace[:, thin].copy())
+        if progress is not None:
+            progress((begin + len(some)) / len(points))
+    rng = np.random.default_rng(seed)
+    found: dict[str, dict[str, np.ndarray]] = {"first": {}, "total": {}}
+    errors: dict[str, dict[str, np.ndarray]] = {"first": {}, "total": {}}
+    for name, parts in answers.items():
+        # rows are, for each of N: one of A, d in which a column is one of B, one of B
+        rows = np.concatenate(parts).reshape(samples, len(unknowns) + 2, -1)
+        rows = rows[np.isfinite(rows).all(axis=(1, 2))]
+        if len(rows) < samples // 2:
+            raise InputError(
+                f"The twin of {chosen.name} diverged in most of its range; narrow its tolerances."
+            )
+        picks = [np.arange(len(rows)), *rng.integers(len(rows), size=(_RESAMPLES, len(rows)))]
+        for what, estimator in (("first", first_order), ("total", total_order)):
+            drawn = np.array([_indices(rows[pick], estimator) for pick in picks])
+            found[what][name], errors[what][name] = drawn[0], drawn[1:].std(axis=0)
+    return Sensitivity(
+        scenario=asked,
+        actuator=chosen,
+        names=tuple(one.name for one in unknowns),
+        first=found["first"],
+        total=found["total"],
+        first_error=errors["first"],
+        total_error=errors["total"],
+        captions={name: caption[0] for name, caption in comparison.captions().items()},
+        answers=len(points),
+    )
+
+
+def _indices(rows: np.ndarray, estimator: Callable[..., np.ndarray]) -> np.ndarray:
+    """Generalised indices (d,) of answers (N, d + 2, S)."""
+    a, b = rows[:, 0], rows[:, -1]
+    variance = np.var(np.concatenate([a, b]), axis=0)
+    seen = variance > 0.0
+    return np.array(
+        [
+            float(estimator(a[:, seen], rows[:, k + 1][:, seen], b[:, seen]) @ variance[seen])
+            / float(variance.sum())
+            for k in range(rows.shape[1] - 2)
+        ]
+    )
+
+
+def _drawn_from(full: Problem, one: Unknown) -> Unknown:
+    """The unknown with the range from which it is drawn."""
+    names = full.prior.names
+    if one.name not in names and one.direction_of is not None:
+        return one
+    if one.name not in names:
+        low = one.healthy - SEVEREST * (one.healthy - one.lower)
+        return replace(one, lower=low, upper=one.healthy + SEVEREST * (one.upper - one.healthy))
+    n = names.index(one.name)
+    mean, reach = full.prior.mean[n], _RANGE * math.sqrt(full.prior.covariance[n, n])
+    low, high = mean - reach, mean + reach
+    if one.logarithmic:
+        low, high = math.exp(low), math.exp(high)
+    low, high = max(low, one.lower), min(high, one.upper)
+    return replace(one, lower=low, upper=high, healthy=min(max(one.healthy, low), high))
+
+
+def _ends(one: Unknown) -> list[float]:
+    if one.logarithmic:
+        return [math.log(one.lower), math.log(one.upper)]
+    return [one.lower, one.upper]

@@ -1,0 +1,71 @@
+"""Figures of a designed command: the command beside the given one, and what each tells."""
+
+from typing import Any
+
+import numpy as np
+
+from ematwin.estimation.design import Design
+from ematwin.models.base import Model
+from ematwin.models.parameter_set import ParameterSet
+from ematwin.models.scenario import Scenario
+from ematwin.plots.style import BLUE, GREEN, GREY, ORANGE, line, stacked, styled
+
+_POINTS = 2000  # of a curve
+
+
+def command_figure(
+    model: Model, actuator: ParameterSet, designed: Scenario, default: Scenario
+) -> Any:
+    """Command and load of both scenarios, and what a healthy twin answers."""
+    histories = []
+    for name, color, scenario in (("given", GREY, default), ("designed", BLUE, designed)):
+        time = np.linspace(0.0, scenario.duration, _POINTS)
+        record = model.simulate(
+            actuator, scenario, model.healthy(actuator), fidelity=model.fidelities[-1]
+        )
+        histories.append((name, color, time, scenario.histories(time), record))
+    command = model.channel(model.command)
+    titles, units = ["Command"], [command.unit]
+    if model.load is not None:
+        titles.append("Load")
+        units.append(model.channel(model.load).unit)
+    shown = [model.signals(record, actuator)[0] for *_, record in histories]
+    titles.append(f"{shown[0].title}, healthy")
+    units.append(shown[0].unit)
+    figure = stacked(titles, units, "time, s", height=230 * len(titles))
+    for (name, color, time, curves, record), signal in zip(histories, shown, strict=True):
+        for row in range(len(titles) - 1):
+            line(figure, row + 1, time, curves[row], name, color)
+        thin = slice(None, None, max(1, len(record) // _POINTS))
+        line(figure, len(titles), record.time[thin], signal.values[thin], name, color)
+    return figure
+
+
+def errors_figure(found: Design) -> Any:
+    """Expected and observed errors of each fault, as shares of its range."""
+    import plotly.graph_objects as go
+
+    figure = go.Figure()
+    widths = {one.name: one.width for one in found.judge.magnitudes}
+    for name, color, seen, promise in (
+        ("given", GREY, "#57606a", found.default),
+        ("designed", BLUE, GREEN, found.promised),
+    ):
+        faults = list(promise.shares)
+        figure.add_bar(
+            x=faults,
+            y=[100.0 * promise.shares[fault] for fault in faults],
+            name=f"{name}, expected",
+            marker_color=color,
+        )
+        if promise.observed:
+            figure.add_scatter(
+                x=faults,
+                y=[100.0 * promise.observed[fault] / widths[fault] for fault in faults],
+                name=f"{name}, observed",
+                mode="markers",
+                marker={"color": seen if name == "given" else ORANGE, "size": 11,
+                        "symbol": "x" if name == "given" else "diamond"},
+            )  # fmt: skip
+    figure.update_yaxes(title_text="error, % of the range", rangemode="tozero")
+    return styled(figure, 360)

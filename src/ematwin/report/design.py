@@ -1,0 +1,158 @@
+"""Pages: a designed command, what it tells beside the given one, and its price."""
+
+import math
+from collections.abc import Mapping
+
+from ematwin.estimation.design import Design, Promise
+from ematwin.estimation.discriminate import Discrimination
+from ematwin.models.base import Demand
+from ematwin.models.registry import model_of
+from ematwin.models.scenario import Scenario
+from ematwin.plots.design import command_figure, errors_figure
+from ematwin.report.identifiability import told_table
+from ematwin.report.page import Row, Section, Table, render
+
+
+def design_page(found: Design) -> str:
+    """HTML page of a design."""
+    model = model_of(found.actuator)
+    text = "Expected error of each fault over faults that are not known yet: noise, and what the "
+    text += "twin misses."
+    if found.held:
+        text += (
+            " Counted as known, because no command tells them from something else: "
+            f"{', '.join(found.held)}."
+        )
+    if found.promised.checks:
+        text += (
+            f" Observed: root mean square of what identify erred on {found.promised.checks} "
+            "simulated recordings of each command."
+        )
+    sections = [
+        Section(
+            "Command",
+            table=parts_table(found.scenario),
+            figure=command_figure(model, found.actuator, found.scenario, found.default.scenario),
+        ),
+        Section("What it tells", text=text, table=errors_table(found)),
+        Section(figure=errors_figure(found)),
+        Section(
+            "The price",
+            text="On a healthy actuator; in brackets the most that was seen with faults.",
+            table=price_table(found),
+        ),
+        *(
+            Section(
+                f"What {title} command tells of faults that are only just ones",
+                text="With all that is unknown, what no command tells apart included.",
+                table=told_table(one.told),
+            )
+            for title, one in (("the designed", found.promised), ("the given", found.default))
+        ),
+        Section("How it was found", facts=_facts(found)),
+    ]
+    return render(f"{found.actuator.name}: designed command", found.sentence, sections)
+
+
+def discrimination_page(found: Discrimination) -> str:
+    """HTML page of a command that is to tell two explanations apart."""
+    model = model_of(found.actuator)
+    rows = [
+        Row([name, _shown(found.first.get(name)), _shown(found.second.get(name))])
+        for name in {**found.first, **found.second}
+    ]
+    facts = {
+        "distance": f"{found.distance:.3g} standard deviations",
+        f"distance with {found.default.name}": f"{found.default_distance:.3g}",
+        "limits": _listed(found.limits),
+        "demands": _listed(found.demands),
+        "search": f"{found.evaluations} commands in {found.seconds:.1f} s, seed {found.seed}, "
+        f"{found.stopped}",
+    }
+    return render(
+        f"{found.actuator.name}: command to tell two explanations apart",
+        found.sentence,
+        [
+            Section("Explanations", table=Table(["", "first", "second"], rows)),
+            Section(
+                "Command",
+                table=parts_table(found.scenario),
+                figure=command_figure(model, found.actuator, found.scenario, found.default),
+            ),
+            Section("How it was found", facts=facts),
+        ],
+    )
+
+
+def errors_table(found: Design) -> Table:
+    """Each fault with its expected and observed errors."""
+    checked = bool(found.promised.observed and found.default.observed)
+    header = ["fault", "given", "designed", "times better"]
+    header += ["given, observed", "designed, observed", "times better"] if checked else []
+    rows = []
+    for name in found.promised.errors:
+        pairs = [(found.default.errors[name], found.promised.errors[name])]
+        if checked:
+            pairs.append((found.default.observed[name], found.promised.observed[name]))
+        cells = [text for pair in pairs for text in compared(*pair)]
+        rows.append(Row([name, *cells], marked=name == (found.fault or found.default.weakest)))
+    return Table(header, rows)
+
+
+def compared(before: float, after: float) -> tuple[str, str, str]:
+    """Two errors, and how many times better the second is."""
+    return f"{before:.2g}", f"{after:.2g}", f"{before / after:.2f}"
+
+
+def price_table(found: Design) -> Table:
+    """Duration and motion of both commands beside the limits."""
+
+    def asked(one: Promise, demand: Demand) -> str:
+        more = one.faulty.get(demand.name)
+        text = f"{one.demands.get(demand.name, math.nan):.4g} {demand.unit}"
+        return text if more is None else f"{text} ({more:.4g})"
+
+    rows = [
+        Row(["duration", *(f"{one.scenario.duration:g} s"
+                           for one in (found.default, found.promised)), ""]),
+        *(
+            Row([one.name, asked(found.default, one), asked(found.promised, one),
+                 f"{found.limits[one.name]:.4g} {one.unit}"])
+            for one in found.demands
+            if one.name in found.limits
+        ),
+    ]  # fmt: skip
+    return Table(["", "given", "designed", "limit"], rows)
+
+
+def parts_table(scenario: Scenario) -> Table:
+    """What command and load are made of."""
+    rows = []
+    for history in ("command", "load"):
+        for part in getattr(scenario, history):
+            values = part.model_dump(exclude={"type"}, exclude_none=True)
+            told = ", ".join(f"{name} {_shown(x)}" for name, x in values.items())
+            rows.append(Row([history, part.type, told]))
+    return Table(["", "part", "SI"], rows, last_is_text=True, texts=(1,))
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, list):
+        return f"[{', '.join(_shown(x) for x in value)}]"
+    return (
+        f"{value:.4g}" if isinstance(value, float | int) else ("" if value is None else str(value))
+    )
+
+
+def _listed(values: Mapping[str, float]) -> str:
+    return ", ".join(f"{name} {x:.4g}" for name, x in values.items())
+
+
+def _facts(found: Design) -> dict[str, str]:
+    return {
+        "made for": found.fault or "the fault with the largest expected error, as a share of range",
+        "search": f"{found.evaluations} commands in {found.seconds:.1f} s, seed {found.seed}, "
+        f"{found.stopped}",
+        "faults": f"{len(found.judge.vectors)} vectors drawn from their prior",
+        "limits": _listed(found.limits),
+    }

@@ -1,0 +1,73 @@
+"""``ematwin design`` from the shell."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from ematwin.models.scenario import Scenario
+
+QUICK = ("--exact", "--budget", "3", "--actuator", "rm1605")
+
+
+def test_a_command_is_written_shown_and_checked(ematwin, tmp_path: Path) -> None:
+    answer = ematwin(
+        "design", *QUICK, "--out", "test.toml", "--report", "page.html", "--check", "1",
+        "--limit", "travel=130 mm",
+    )  # fmt: skip
+    assert answer.code == 0, answer.err
+    assert "backlash" in answer.out
+    assert "Observed on 1 simulated recordings" in answer.out
+    assert Scenario.load_file(tmp_path / "test.toml").duration == 12.96
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "The price" in page
+    assert "times better" in page
+
+
+def test_two_explanations_are_told_apart(ematwin, tmp_path: Path) -> None:
+    answer = ematwin(
+        "design", "--budget", "2", "--out", "next.toml", "--json", "--report", "next.html",
+        "--discriminate", "friction=0.05", "--discriminate", "transmission.efficiency_opposing=0.8",
+    )  # fmt: skip
+    told = json.loads(answer.out)
+    assert told["told"] is True
+    assert told["distance"] >= 0.999 * told["default_distance"]
+    assert (tmp_path / "next.toml").is_file()
+
+
+def test_what_identify_leaves_is_taken_from_its_answer(ematwin, tmp_path: Path) -> None:
+    known = {"friction": 1.2, "gain": 1.0}
+    left = {"faults": known, "other_answers": [{"friction": 1.0, "gain": 0.9}]}
+    (tmp_path / "found.json").write_text(json.dumps(left), encoding="utf-8")
+    answer = ematwin(
+        "design", *QUICK, "--out", "next.toml", "--json", "--discriminate", "found.json"
+    )
+    assert json.loads(answer.out)["first"] == known
+    (tmp_path / "found.json").write_text(json.dumps({**left, "other_answers": []}))
+    answer = ematwin("design", *QUICK, "--out", "other.toml", "--discriminate", "found.json")
+    assert answer.code == 2
+    assert "leaves one explanation only" in answer.err
+    assert not (tmp_path / "other.toml").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--fault", "wear"], "Unknown fault 'wear'"),
+        (["--limit", "current=0.01"], "keeps the limits (current 0.01)"),
+        (["--limit", "torque=3"], "There is no limit 'torque'"),
+        (["--limit", "current=3 V"], "--limit current must have a unit of the kind A"),
+        (["--scenario", "ramp"], "There is no scenario 'ramp'"),
+        (["--discriminate", "friction=1"], "needs two explanations"),
+        (["--duration", "0 s"], "--duration must be a positive number"),
+    ],
+)
+def test_wrong_input_gets_one_sentence(
+    ematwin, tmp_path: Path, options: list[str], said: str
+) -> None:
+    answer = ematwin("design", *QUICK, "--out", "test.toml", *options)
+    assert answer.code == 2
+    assert re.fullmatch(r"Error: [^\n]*[.?]\n", answer.err), answer.err
+    assert said in answer.err
+    assert not (tmp_path / "test.toml").exists()

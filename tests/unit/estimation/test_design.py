@@ -1,0 +1,147 @@
+"""A designed command: what it promises, what it keeps, and what it does with bad input."""
+
+import json
+from functools import partial
+
+import numpy as np
+import pytest
+
+import ematwin
+from ematwin.errors import InputError
+from ematwin.estimation.baseline import Baseline
+from ematwin.estimation.promise import Judge, drawn_faults, fault_shares
+from ematwin.models.registry import load_actuator, model_of
+from ematwin.models.scenario import Chirp, Scenario
+
+NOISE = ematwin.Noise(white=0.02, bits=12)
+quick = partial(ematwin.design, exact=True, draws=1, fresh=1, budget=6, noise=NOISE, threads=1)
+
+
+@pytest.fixture(scope="module")
+def found() -> ematwin.Design:
+    return quick("servo48")
+
+
+def judge_of(vectors: int = 1) -> Judge:
+    actuator = load_actuator(None)
+    model = model_of(actuator)
+    drawn = drawn_faults(model, actuator, fault_shares(model, actuator, vectors, 1), {})
+    return Judge(model, actuator, Baseline.of_simulation(), drawn, noise=NOISE, threads=1)
+
+
+def test_drawn_faults_begin_and_lie_to_either_side() -> None:
+    actuator = load_actuator(None)
+    model = model_of(actuator)
+    drawn = drawn_faults(model, actuator, fault_shares(model, actuator, 64, 1), {"friction": 0.3})
+    short = [one["short_a"] for one in drawn]
+    gain = np.array([one["gain"] for one in drawn])
+    assert 0.02 <= min(short) < 0.06
+    assert 0.45 < max(short) <= 0.5
+    assert np.sum(gain < 0.48) == np.sum(gain > 0.52) == 32
+    assert all(one["friction"] == 0.3 for one in drawn)
+
+
+def test_the_promise_is_the_mean_squared_error_of_a_linear_fit() -> None:
+    """Written out for one vector: a step of least squares from the truth, and its variance."""
+    judge = judge_of()
+    given = judge.model.load_scenario()
+    promised = judge.judge(given).errors
+    values = judge.vectors[0]
+    record = judge.model.simulate(
+        judge.actuator, given, values, fidelity="reference", noise=NOISE, seed=1
+    )
+    problem = ematwin.Problem.of(record, judge.actuator, threads=1)
+    names = problem.names
+    point = np.array([values[name] for name in names])
+    here = problem.residuals(point[None])[0]
+    steps = np.diag(judge._steps[0])  # impacts make slopes depend on the length of the step
+    up, down = (problem.residuals(point + sign * steps) for sign in (1.0, -1.0))
+    slopes = (up - down) / (2.0 * judge._steps[0])[:, None]
+    comparison = problem.comparisons[0]
+    variance = here @ here / comparison.independent
+    covariance = np.linalg.inv(slopes @ slopes.T) * variance
+    off = np.linalg.lstsq(slopes.T, -here, rcond=None)[0]
+    expected = np.sqrt(np.diag(covariance) + off**2)
+    for one, error in zip(judge.magnitudes, promised, strict=True):
+        # a magnitude with a direction is taken apart otherwise
+        within = 0.3 if one.name == "eccentricity" else 0.1
+        assert error == pytest.approx(expected[names.index(one.name)], rel=within)
+
+
+def test_a_command_beyond_its_limits_is_not_judged() -> None:
+    judge = judge_of()
+    given = judge.model.load_scenario()
+    one = judge.judge(given, {"travel": 0.001}, draft=True)
+    assert one.obstacle
+    assert np.isinf(one.errors).all()
+    still = Scenario(duration=0.5, command=[Chirp(amplitude=20e-6, f_start=5.0, f_end=9.0)])
+    assert "turn" in judge.judge(still, draft=True).obstacle
+
+
+def test_the_design_is_never_worse_and_keeps_the_limits(found) -> None:
+    assert found.gain >= 1.0
+    assert found.promised.weakest in found.promised.errors
+    for name, limit in found.limits.items():
+        assert found.promised.demands[name] <= limit * (1.0 + 1e-3)
+    assert found.limits == found.default.demands
+    assert found.evaluations == 6
+    json.dumps(found.as_dict(), allow_nan=False)
+
+
+def test_one_seed_gives_one_command() -> None:
+    first, again, other = (quick("rm1605", noise=None, seed=seed) for seed in (1, 1, 2))
+    assert first.scenario == again.scenario
+    assert first.promised.errors != other.promised.errors
+
+
+def test_one_named_fault_counts_alone() -> None:
+    named = quick("rm1605", fault="backlash", noise=None)
+    ratio = named.default.errors["backlash"] / named.promised.errors["backlash"]
+    assert named.gain == pytest.approx(ratio)
+    assert "backlash" in named.sentence
+
+
+def test_an_interrupted_search_keeps_its_best() -> None:
+    def stop(count: int, best: float, budget: int) -> None:
+        raise KeyboardInterrupt
+
+    kept = quick("rm1605", noise=None, budget=200, progress=stop)
+    assert kept.stopped == "interrupted"
+    assert kept.evaluations < 200
+    assert kept.gain >= 1.0
+
+
+def test_what_is_observed_stands_beside_what_was_promised(found) -> None:
+    checked = found.check(1, seed=3)
+    assert checked.promised.checks == checked.default.checks == 1
+    for one in (checked.promised, checked.default):
+        assert set(one.observed) == set(one.errors)
+        assert 0.0 < max(one.observed.values()) < 0.05
+    assert checked.observed_gain > 0.0
+    assert found.observed_gain is None
+
+
+def test_another_kind_and_a_data_sheet_are_designed_for_alike() -> None:
+    other = ematwin.design("rm1605", draws=1, fresh=1, budget=6, threads=1)
+    assert set(other.promised.errors) == {"friction", "backlash", "gain"}
+    assert other.gain >= 1.0
+    assert all(place not in other.promised.errors for place in other.held)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"fault": "wear"}, "Unknown fault 'wear'"),
+        ({"fault": "eccentricity_phase"}, "direction of eccentricity"),
+        ({"duration": -1.0}, "duration must be a positive number"),
+        ({"torque": 1.0}, "no limit 'torque'.*travel, speed, current, load"),
+        ({"travel": 0.0}, "limit of travel must be a positive number"),
+        ({"current": 0.01}, "No command of servo48 keeps the limits"),
+        ({"travel": 1e-5}, "No command of servo48 keeps the limits"),
+        ({"scenario": "out-and-back"}, "no scenario 'out-and-back'"),
+        ({"draws": 0}, "draws must be at least 1"),
+    ],
+)
+def test_wrong_input_gets_one_sentence(options: dict, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        quick("servo48", **{"budget": 5, **options})
