@@ -16,7 +16,7 @@ import numpy as np
 
 GROUPS = 4  # of walkers
 RHAT = 1.01  # Vehtari et al. (2021), section 4
-_LONG_ENOUGH = 15.0  # autocorrelation times that a chain must last for its own to be believed
+_LONG_ENOUGH = 10.0  # autocorrelation times that a chain must last for its own to be believed
 
 
 @dataclass(frozen=True)
