@@ -24,7 +24,8 @@ from ematwin.models.chart import Chart
 from ematwin.models.unknown import Unknown
 
 LIMIT = 3.841  # quantile of the chi-squared distribution of one degree, 95 %
-_FAR_ENOUGH = 6.0  # rise at which a walk ends
+_FAR_ENOUGH = 9.0  # rise at which a walk ends
+_NEAR, _FEWEST = 16.0, 5  # rise of points to which a parabola is fitted, and how many it needs
 _STRIDE = 0.9  # of the root of the rise
 _STEPS, _DESCENTS = 16, 4  # at most
 _TOO_STEEP = 2.5  # strides that one may climb; else it is taken anew, half as long
@@ -34,7 +35,7 @@ _SHORTEST = 1e-6  # share of a range
 _DAMPING = 1e-2
 _AT_BOUND = 2e-3  # share of the range
 _TRADED = 3.0  # times the width with all else known, from which others are named
-_MOVED = 1.0  # standard errors by which others move that are named
+_MOVED = 0.7  # standard errors by which others move to each side that are named
 _PARTNERS = 2
 _BETTER = 1.0  # fall of the deviance that says that the search had not reached the bottom
 _TAIL = 40.0  # rise up to which a walk is continued for probabilities
@@ -351,7 +352,8 @@ class _Walkers:
         if self.polar[key[0]]:
             return self._ahead(key)
         valley = self.joint.valleys[0]
-        root = np.linalg.cholesky(valley.precision).T
+        sizes, vectors = np.linalg.eigh(valley.precision)
+        root = np.sqrt(np.maximum(sizes, 0.0))[:, None] * vectors.T
         rest = np.arange(len(valley.z)) != n
         left = root @ valley.mean - root[:, n] * target
         bounds = self.chart.lower[rest], self.chart.upper[rest]
@@ -388,7 +390,7 @@ class _Walkers:
         down, up = self.trails[fault, -1], self.trails[fault, 1]
         trail = sorted([*down[1:], *up], key=lambda point: float(point[0][n]))
         u = np.array([point for point, _ in trail])
-        rise = np.array([deviance for _, deviance in trail]) - self.least
+        rise = _smoothed(u[:, n], np.array([deviance for _, deviance in trail]) - self.least)
         points = self.chart.to_values(self._z(u, polar))
         values = one.lower + u[:, n] * one.width
         best = int(np.argmin(rise))
@@ -402,7 +404,8 @@ class _Walkers:
             away = math.hypot(end - values[best], reach)
             ends.append(min(max(values[best] + sign * away, one.lower), one.upper))
         shape = _shape(crossed, values[best], one)
-        wide = ends[1] - ends[0] > _TRADED * 2.0 * 1.96 * self.sharp[fault] * one.width
+        alone = one.width / math.sqrt(self.joint.valleys[0].precision[n, n])
+        wide = ends[1] - ends[0] > _TRADED * 2.0 * 1.96 * alone
         partners = self._partners(fault, u, rise) if wide else ()
         return Walk(one.name, values, rise, points, (ends[0], ends[1]), shape, partners)
 
@@ -410,9 +413,12 @@ class _Walkers:
         """Names of what moves along, what is no fault first."""
         if self.polar[fault]:
             return ()
-        near = u[rise < LIMIT + 1.0]
-        moved = np.ptp(near, axis=0) / 2.0 / self.errors
-        unknowns, n = self.chart.unknowns, self.places[fault]
+        near = u[rise < _NEAR]
+        n = self.places[fault]
+        # what moves as far as it is uncertain while the fault does
+        slopes = np.abs(np.polyfit(near[:, n], near, 1)[0]) if np.ptp(near[:, n]) > 0.0 else 0.0
+        moved = slopes * self.errors[n] / self.errors
+        unknowns = self.chart.unknowns
         along = [k for k in range(len(moved)) if k != n and moved[k] > _MOVED]
         along.sort(key=lambda k: (unknowns[k].role == "fault", -moved[k]))
         return tuple(self.chart.names[k] for k in along[:_PARTNERS])
@@ -435,6 +441,25 @@ class _Walkers:
     def _own_all(self, z: np.ndarray, polar: bool) -> np.ndarray:
         """Coordinates of a walk (B, d) of those of the chart."""
         return self.plain.from_values(self.chart.to_values(z)) if polar else z
+
+
+def _smoothed(u: np.ndarray, rise: np.ndarray) -> np.ndarray:
+    """Rises (n,) over the bottom of a parabola through them, at least 0.
+
+    Impacts make the misfit rough. The least of many rough values is a lucky one, and an interval
+    that began there would be too short.
+    """
+    near = rise < _NEAR
+    if near.sum() < _FEWEST:
+        return rise
+    at = u[near] - u[near].mean()
+    size = float(np.abs(at).max()) or 1.0
+    c, b, a = np.polyfit(at / size, rise[near], 2)
+    if c <= 0.0:
+        return rise
+    lowest = float(np.clip(-b / (2.0 * c), at.min() / size, at.max() / size))
+    bottom = a + b * lowest + c * lowest**2
+    return np.asarray(np.maximum(rise - max(bottom, 0.0), 0.0))
 
 
 def _crossing(values: np.ndarray, rise: np.ndarray, way: list[int]) -> float | None:
