@@ -9,10 +9,18 @@ from typing import TYPE_CHECKING, Annotated, cast
 import typer
 
 from ematwin.cli import complete
-from ematwin.cli.options import numbers, print_json, print_notes, print_table, progress_bar
+from ematwin.cli.options import (
+    numbers,
+    pairs,
+    print_json,
+    print_notes,
+    print_table,
+    progress_bar,
+)
 
 if TYPE_CHECKING:
     from ematwin.estimation.identify import Identification
+    from ematwin.estimation.uncertainty import Uncertainty
     from ematwin.models.parameter_set import ParameterSet
     from ematwin.monitoring.calibration import Calibration
     from ematwin.monitoring.detect import Detection
@@ -89,6 +97,19 @@ def identify(
             help='What simulates the candidates: cpu, or cuda (a GPU; pip install "ematwin[gpu]").'
         ),
     ] = "cpu",
+    uncertainty: Annotated[
+        str | None,
+        typer.Option(
+            help="How sure the answer is: laplace, profile or posterior (docs/certainty.md)."
+        ),
+    ] = None,
+    threshold: Annotated[
+        list[str] | None,
+        typer.Option(
+            help='From what value on a fault matters, e.g. friction=0.2 or friction="0.04 N*m": '
+            "tells the probability that it is beyond. Repeatable."
+        ),
+    ] = None,
     checkpoint: Annotated[
         Path | None, typer.Option(help="Keep a population method's state here; resume from it.")
     ] = None,
@@ -137,6 +158,8 @@ def identify(
             load=None if load is None else _load(load, chosen),
             exact=exact,
             backend=backend,
+            uncertainty=uncertainty,
+            thresholds=pairs(threshold or [], "--threshold"),
         )
     judged = None
     if calibration is not None:
@@ -268,8 +291,25 @@ def print_findings(found: "Identification", verdict: str | None = None) -> None:
     )
     if found.stopped == "interrupted":
         typer.echo("Interrupted: this is the best found so far.")
+    if found.uncertainty is not None:
+        print_uncertainty(found.uncertainty)
     print_notes("Assumed", found.assumed)
     print_notes("Warning", found.warnings)
+
+
+def print_uncertainty(sure: "Uncertainty") -> None:
+    """Intervals of the faults by the method that was asked for, and its probabilities."""
+    from rich.table import Table
+
+    table = Table(title=f"95 % by {sure.method}", title_justify="left")
+    for heading in sure.headings:
+        table.add_column(heading)
+    for row in sure.rows:
+        table.add_row(*row)
+    print_table(table, 150)
+    for sentence in sure.sentences:
+        typer.echo(sentence)
+    print_notes("Doubt", sure.doubts)
 
 
 def _range(ends: "Sequence[float] | None") -> str:

@@ -14,6 +14,7 @@ import numpy as np
 
 from ematwin.estimation.baseline import Baseline, with_all_free
 from ematwin.estimation.intervals import Draws, draws, quantiles
+from ematwin.estimation.joint import Joint
 from ematwin.estimation.laplace import Laplace, laplace, profiled, sharp_errors
 from ematwin.estimation.learn import frees_parameters
 from ematwin.estimation.problem import Problem
@@ -61,6 +62,8 @@ class Assessment:
     others : values by name of other answers that explain the recording nearly as well
     trust : how far the evidence of further channels counted (`Problem.trust`); 1 if there was none
     evaluations : int
+    joint : the joint density of which these are the peak and its width; None after an interruption
+    drawn : draws from that width within the bounds; None after an interruption
     """
 
     values: dict[str, float]
@@ -75,6 +78,8 @@ class Assessment:
     others: tuple[dict[str, float], ...]
     evaluations: int
     trust: float = 1.0
+    joint: Joint | None = None
+    drawn: Draws | None = None
 
 
 def assess(
@@ -127,7 +132,8 @@ def assess(
         name: Interval(*drawn.interval(name, one.lower, one.upper)) for name, one in free.items()
     }
     for name, error in errors.items():
-        intervals[name] = _with_corner(intervals[name], error, free[name])
+        ends = with_corner((intervals[name].low, intervals[name].high), error, free[name])
+        intervals[name] = Interval(*ends)
     return Assessment(
         values=values,
         covariance=_covariance_of(drawn, problem),
@@ -141,6 +147,10 @@ def assess(
         others=_other_answers(problem, peak, rivals, model.model_error),
         evaluations=spent,
         trust=peak.problem.trust,
+        joint=Joint(
+            (peak, *rivals), model.model_error, own, full.comparisons[0].noise, scatter(baseline)
+        ),
+        drawn=drawn,
     )
 
 
@@ -202,13 +212,17 @@ def _height(peak: Laplace, noise: float) -> float:
 def _with_scatter(peak: Laplace, baseline: Baseline, model_error: float) -> np.ndarray:
     """The covariance with what the twin misses, and what healthy recordings differed by."""
     covariance = peak.widened(model_error)
-    widths = peak.problem.chart.widths
+    widths, differ = peak.problem.chart.widths, scatter(baseline)
     for n, name in enumerate(peak.problem.names):
-        if name in baseline.scatter:
-            covariance[n, n] += (baseline.scatter[name] / widths[n]) ** 2 * (
-                1.0 + 1.0 / max(1, baseline.recordings)
-            )
+        if name in differ:
+            covariance[n, n] += (differ[name] / widths[n]) ** 2
     return covariance
+
+
+def scatter(baseline: Baseline) -> dict[str, float]:
+    """By fault, how far a recording may be off the mean of the healthy ones."""
+    more = math.sqrt(1.0 + 1.0 / max(1, baseline.recordings))
+    return {name: more * value for name, value in baseline.scatter.items()}
 
 
 def _covariance_of(drawn: Draws, problem: Problem) -> np.ndarray:
@@ -237,18 +251,18 @@ def _covariance_of(drawn: Draws, problem: Problem) -> np.ndarray:
     return found
 
 
-def _with_corner(interval: Interval, sharp_error: float, one: Unknown) -> Interval:
+def with_corner(
+    interval: tuple[float, float], sharp_error: float, one: Unknown
+) -> tuple[float, float]:
     """The interval with a margin for noise where bounds of other unknowns end it.
 
     What cannot be told from the faults of other phases ends where those are healthy, and there the
     truth often is: in a corner, which draws within the bounds do not straddle.
     """
-    if one.direction_of is not None or interval.high - interval.low < _WIDE * sharp_error:
+    low, high = interval
+    if one.direction_of is not None or high - low < _WIDE * sharp_error:
         return interval
-    return Interval(
-        max(one.lower, interval.low - 1.96 * sharp_error),
-        min(one.upper, interval.high + 1.96 * sharp_error),
-    )
+    return max(one.lower, low - 1.96 * sharp_error), min(one.upper, high + 1.96 * sharp_error)
 
 
 def _physical(

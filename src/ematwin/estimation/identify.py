@@ -17,6 +17,9 @@ from ematwin.estimation.estimate import Estimate
 from ematwin.estimation.findings import doubts_of, obstacles_to, remarks_on, verdict_on
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Progress, Search, find, named
+from ematwin.estimation.thresholds import thresholds_of
+from ematwin.estimation.uncertainty import Method, Question, Uncertainty
+from ematwin.estimation.uncertainty import named as how
 from ematwin.estimation.verdict import Verdict
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
@@ -62,6 +65,7 @@ class Identification:
     fitted : values of parameters, load and sensors with which the twin answers, by name
     calibrated : whether the twin was fitted to healthy recordings of the actuator
     recording : what was identified from, for figures; None where it was not kept
+    uncertainty : what is sure of it, where that was asked for; None after an interruption
     """
 
     verdict: Verdict
@@ -87,6 +91,7 @@ class Identification:
     fitted: dict[str, float] = field(default_factory=dict)
     calibrated: bool = False
     recording: Recording | None = field(default=None, repr=False, compare=False)
+    uncertainty: Uncertainty | None = None
 
     @property
     def model(self) -> Model:
@@ -176,6 +181,7 @@ class Identification:
             "kind": self.estimate.kind,
             "estimate": self.estimate.as_dict(),
             "provenance": self.provenance,
+            "uncertainty": None if self.uncertainty is None else self.uncertainty.as_dict(),
         }
 
     def _physical_ends(self, name: str) -> dict[str, float]:
@@ -246,6 +252,8 @@ class Identification:
         )
         lines += [f"Assumed: {sentence}" for sentence in self.assumed]
         lines += [f"Warning: {warning}" for warning in self.warnings]
+        if self.uncertainty is not None:
+            lines += ["", str(self.uncertainty)]
         return "\n".join(lines)
 
 
@@ -267,6 +275,8 @@ def identify(
     load: float | None = None,
     exact: bool = False,
     backend: str = "cpu",
+    uncertainty: str | Method | None = None,
+    thresholds: Mapping[str, float | str] | None = None,
 ) -> Identification:
     """Find the values with which the twin answers as the recorded actuator did.
 
@@ -294,6 +304,10 @@ def identify(
         noise, as in a simulation; no tolerances count
     backend : what simulates the candidates: "cpu"; or "cuda", a GPU (brushless actuators only;
         needs ``ematwin[gpu]``)
+    uncertainty : how sure the answer is: "laplace", "profile" or "posterior" (docs/certainty.md),
+        or such a method with settings of its own, e.g. ``Posterior(most=50_000)``
+    thresholds : by fault, the value from which on it matters; a text with a unit is physical, e.g.
+        ``"0.05 N*m"``. Tells the probability of each to be beyond; "laplace" if no method is given
 
     Returns
     -------
@@ -311,10 +325,14 @@ def identify(
     model = model_of(chosen)
     if isinstance(record, Recording) and columns is not None:
         raise InputError("A Recording has its channels already; leave columns out.")
+    if thresholds and uncertainty is None:
+        uncertainty = "laplace"
+    method = None if uncertainty is None else how(uncertainty)
     recording = record if isinstance(record, Recording) else read(record, columns, actuator=chosen)
     recording = _loaded(model, recording, load)
     warnings = [*recording.provenance.get("warnings", []), *model.check(recording, chosen)]
     problem = Problem.of(recording, chosen, only=only, held=held, threads=threads, backend=backend)
+    limits = thresholds_of(thresholds or {}, problem.unknowns, chosen)
     search: Search = named(
         model.default_search if algorithm is None else algorithm,
         population=population, iterations=iterations, checkpoint=checkpoint,
@@ -322,9 +340,18 @@ def identify(
     started = time.perf_counter()
     with _told(progress) as tell:
         found = find(problem, search, budget=budget, seed=seed, progress=tell)
-    interrupted = found.stopped == "interrupted"
-    assess_with = unassessed if interrupted else assess
-    assessed = assess_with(model, chosen, problem, found, baseline)
+        interrupted = found.stopped == "interrupted"
+        assess_with = unassessed if interrupted else assess
+        assessed = assess_with(model, chosen, problem, found, baseline)
+        sure = None
+        if method is not None and assessed.joint is not None:
+            question = Question(problem, chosen, assessed, assessed.joint, limits)
+
+            def tell_more(spent: int, most: int) -> None:
+                if tell is not None:
+                    tell(spent, found.cost, most)
+
+            sure = method.run(question, seed=seed, report=tell_more)
     seconds = time.perf_counter() - started
     point = np.array([assessed.values[name] for name in problem.names])
     cost = found.cost if found.problem is not None else assessed.cost
@@ -363,6 +390,7 @@ def identify(
         fitted={n: x for n, x in assessed.values.items() if n not in problem.names},
         calibrated=baseline.calibrated,
         recording=recording,
+        uncertainty=sure,
     )
 
 

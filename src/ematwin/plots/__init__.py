@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from ematwin.plots.identification import plot_convergence, plot_faults, plot_fit
     from ematwin.plots.simulation import plot_response
     from ematwin.plots.study import plot_study
+    from ematwin.plots.uncertainty import plot_posterior, plot_profile
 
 _HOMES = {
     "plot_channels": "channels",
@@ -25,6 +26,8 @@ _HOMES = {
     "plot_faults": "identification",
     "plot_fit": "identification",
     "plot_index": "detection",
+    "plot_posterior": "uncertainty",
+    "plot_profile": "uncertainty",
     "plot_recording": "channels",
     "plot_response": "simulation",
     "plot_smallest": "identifiability",
@@ -39,6 +42,8 @@ __all__ = [
     "plot_faults",
     "plot_fit",
     "plot_index",
+    "plot_posterior",
+    "plot_profile",
     "plot_recording",
     "plot_response",
     "plot_smallest",

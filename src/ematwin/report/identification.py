@@ -8,6 +8,7 @@ from ematwin.plots.identification import plot_convergence, plot_faults, plot_fit
 from ematwin.recordings.recording import Recording
 from ematwin.report.detection import verdict_table
 from ematwin.report.page import Row, Section, Table, columns_in_words, listed, render
+from ematwin.report.uncertainty import uncertainty_sections
 
 
 def identification_page(
@@ -27,6 +28,7 @@ def identification_page(
         ),
         Section("Faults", table=fault_table(found)),
         *([Section("Parts", table=parts_table(found))] if found.contrasts else []),
+        *uncertainty_sections(found, record),
         Section(
             "Measured and fitted",
             text="Both went through the same filter. A pattern in the residual is something that "

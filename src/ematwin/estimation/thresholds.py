@@ -1,0 +1,117 @@
+"""Thresholds: from what value on a fault matters, as its own value or in physical units."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ematwin.errors import InputError
+from ematwin.estimation.intervals import Draws
+from ematwin.models.parameter_set import ParameterSet
+from ematwin.models.unknown import Unknown
+from ematwin.quantities import parse_quantity
+
+
+@dataclass(frozen=True)
+class Threshold:
+    """What a fault must not exceed.
+
+    Attributes
+    ----------
+    unknown : the fault
+    value : in its own unit, or in `Unknown.physical_unit`
+    physical : whether the value is physical
+    above : whether values above are beyond it; else those below are, because healthy lies above
+    """
+
+    unknown: Unknown
+    value: float
+    physical: bool
+    above: bool
+
+    @property
+    def text(self) -> str:
+        """The value with its unit."""
+        unit = (self.unknown.physical_unit if self.physical else self.unknown.unit) or ""
+        return f"{self.value:g} {unit}".rstrip()
+
+    def share(self, actuator: ParameterSet, drawn: Draws) -> float:
+        """The share of draws beyond it."""
+        x = drawn.of(self.unknown.name)
+        if self.physical:
+            x = physical_draws(self.unknown, actuator, drawn)
+        return float(np.mean(x > self.value if self.above else x < self.value))
+
+    def along(
+        self, actuator: ParameterSet, names: Sequence[str], points: np.ndarray, values: np.ndarray
+    ) -> float:
+        """The value of the fault at which points (n, d) along its values (n,) pass it."""
+        if not self.physical:
+            return self.value
+        drawn = Draws(tuple(names), points, {})
+        physical = physical_draws(self.unknown, actuator, drawn)
+        order = np.argsort(physical)
+        # beyond the ends of a walk: as on the actuator as it is
+        ends = np.array([self.unknown.lower, self.unknown.upper])
+        own = [self.unknown.physical_value(actuator, float(end)).value for end in ends]
+        if not physical.min() <= self.value <= physical.max():
+            way = np.argsort(own)
+            return float(np.interp(self.value, np.array(own)[way], ends[way]))
+        return float(np.interp(self.value, physical[order], values[order]))
+
+
+def thresholds_of(
+    given: Mapping[str, float | str], unknowns: Sequence[Unknown], actuator: ParameterSet
+) -> dict[str, Threshold]:
+    """Thresholds of searched faults by name; a text with a unit is physical.
+
+    Raises
+    ------
+    InputError
+        If there is no such fault, it was held, or the threshold lies outside its range.
+    """
+    known = {one.name: one for one in unknowns if one.role == "fault" and one.direction_of is None}
+    found = {}
+    for name, value in given.items():
+        if name not in known:
+            raise InputError(
+                f"There is no searched fault {name!r} to compare with a threshold; name one of "
+                f"{', '.join(known)}."
+            )
+        found[name] = _threshold(known[name], value, actuator)
+    return found
+
+
+def _threshold(one: Unknown, given: float | str, actuator: ParameterSet) -> Threshold:
+    what, unit, physical = f"The threshold of {one.name}", one.unit, False
+    if isinstance(given, str):
+        head, _, tail = given.strip().partition(" ")
+        physical = bool(tail) and one.physical_unit is not None
+        unit = (one.physical_unit or unit) if tail else unit
+        if tail.strip().replace(" ", "*") == unit.replace(" ", "*"):
+            given, unit = head, ""  # as it is: some units, such as turns, are no unit of SI
+        value = parse_quantity(given, unit.replace(" ", "*"), what)
+    else:
+        value = float(given)
+    ends = [one.lower, one.healthy, one.upper]
+    if physical:
+        ends = [one.physical_value(actuator, end).value for end in ends]
+    low, high = min(ends), max(ends)
+    threshold = Threshold(one, value, physical, value >= ends[1])
+    if not low <= value <= high:
+        raise InputError(
+            f"{what} must lie in its range [{low:.4g}, {high:.4g}], received {threshold.text}."
+        )
+    return threshold
+
+
+def physical_draws(one: Unknown, actuator: ParameterSet, drawn: Draws) -> np.ndarray:
+    """(N,) physical values of draws, of products where a fault is a multiple of a parameter."""
+    x = drawn.of(one.name)
+    if one.physical is None:
+        return x
+    places = {name: drawn.of(name) for name in drawn.names if "." in name}
+    try:
+        return np.asarray(one.physical(actuator.with_arrays(places), x), dtype=float)
+    except TypeError:  # a kind that takes no arrays
+        return np.array([one.physical(actuator, value) for value in x.tolist()], dtype=float)

@@ -1,0 +1,269 @@
+"""Uncertainty: what is sure of an identification, whichever way it was found out.
+
+Three ways, one promise: `LaplaceIntervals` here, `ematwin.estimation.profile.Profiles` and
+`ematwin.estimation.posterior.Posterior`. Each takes a `Question` and answers with an `Uncertainty`:
+intervals, probabilities, and what is doubtful about them.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+
+from ematwin.errors import InputError
+from ematwin.estimation.assess import Assessment
+from ematwin.estimation.intervals import Draws
+from ematwin.estimation.joint import Joint
+from ematwin.estimation.problem import Problem
+from ematwin.estimation.significance import ANYTHING, SMALLEST
+from ematwin.estimation.thresholds import Threshold
+from ematwin.models.comparison import Comparison
+from ematwin.models.parameter_set import ParameterSet
+from ematwin.models.unknown import Unknown
+
+Report = Callable[[int, int], None]
+"""Called with simulations and how many there may be; may raise to end the work."""
+
+METHODS = ("laplace", "profile", "posterior")
+_PREDICTED = 80  # draws of a band
+_UNINFORMED = 0.9  # of its prior's width that a value has afterwards
+
+
+@dataclass(frozen=True)
+class Question:
+    """What is asked: the answer of a search with everything that nobody knows exactly.
+
+    Attributes
+    ----------
+    problem : that was searched
+    actuator : of the twin
+    assessed : its values with Laplace's intervals
+    joint : the joint density of all that is free
+    thresholds : by fault
+    """
+
+    problem: Problem
+    actuator: ParameterSet
+    assessed: Assessment
+    joint: Joint
+    thresholds: Mapping[str, Threshold] = field(default_factory=dict)
+
+    @property
+    def faults(self) -> tuple[Unknown, ...]:
+        """Magnitudes of the faults that were searched."""
+        every = self.problem.unknowns
+        return tuple(one for one in every if one.role == "fault" and one.direction_of is None)
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """What is sure of an identification.
+
+    Attributes
+    ----------
+    method : "laplace", "profile" or "posterior"
+    intervals : by name, ends of what holds the true value in 95 %
+    present : by fault, the probability that it deviates by `significance.SMALLEST` of its range
+    healthy : the probability that none does; None where the method tells of no two together
+    exceeds : by fault, the probability that it lies beyond its threshold
+    thresholds : by fault, as it was given, with its unit
+    doubts : sentences on why not to believe it
+    draws : values as likely as the method finds them; None where it draws none
+    """
+
+    method: str
+    intervals: dict[str, tuple[float, float]]
+    present: dict[str, float]
+    healthy: float | None
+    exceeds: dict[str, float]
+    thresholds: dict[str, str]
+    doubts: tuple[str, ...]
+    draws: Draws | None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain JSON values, without the draws."""
+        return {
+            "method": self.method,
+            "intervals": {name: list(ends) for name, ends in self.intervals.items()},
+            "present": self.present,
+            "healthy": self.healthy,
+            "exceeds": {
+                name: {"threshold": self.thresholds[name], "probability": share}
+                for name, share in self.exceeds.items()
+            },
+            "doubts": list(self.doubts),
+        }
+
+    @property
+    def headings(self) -> tuple[str, ...]:
+        """Of `rows`."""
+        return "fault", "95 %", "probability of a fault"
+
+    @property
+    def rows(self) -> list[tuple[str, ...]]:
+        """A row for each fault, for people."""
+        return [
+            (name, "{:.4g} to {:.4g}".format(*self.intervals[name]), as_probability(share))
+            for name, share in self.present.items()
+        ]
+
+    @property
+    def sentences(self) -> list[str]:
+        """What it says beside the intervals."""
+        said = []
+        if self.healthy is not None:
+            said.append(
+                f"No fault of {100 * SMALLEST:g} % of its range or more: "
+                f"{as_probability(self.healthy)}."
+            )
+        for name, share in self.exceeds.items():
+            said.append(f"{name} is beyond {self.thresholds[name]}: {as_probability(share)}.")
+        return said
+
+    def __str__(self) -> str:
+        rows = ["".join(f"{cell:<24}" for cell in row) for row in (self.headings, *self.rows)]
+        doubts = [f"Doubt: {sentence}" for sentence in self.doubts]
+        return "\n".join([f"By {self.method}:", *rows, *self.sentences, *doubts])
+
+
+class Method(Protocol):
+    """A way to an `Uncertainty`."""
+
+    @property
+    def name(self) -> str:
+        """One of `METHODS`."""
+        ...
+
+    def run(self, question: Question, *, seed: int, report: Report) -> Uncertainty:
+        """The answer; after Ctrl-C with the best until then, which its doubts say."""
+        ...
+
+
+@dataclass(frozen=True)
+class LaplaceIntervals:
+    """The intervals of `assess`: a normal distribution around the best point, within the bounds."""
+
+    name: str = "laplace"
+
+    def run(self, question: Question, *, seed: int, report: Report) -> Uncertainty:
+        """The answer, without a simulation."""
+        assessed = question.assessed
+        assert assessed.drawn is not None
+        ends = {name: (one.low, one.high) for name, one in assessed.intervals.items()}
+        doubts = [*strained(question), *uninformed(question, assessed.drawn)]
+        if assessed.others:
+            doubts.append(
+                "Other answers explain the recording nearly as well, and these intervals leave "
+                "them out; use the posterior, which does not."
+            )
+        return Uncertainty(self.name, ends, **told(question, assessed.drawn), doubts=tuple(doubts))
+
+
+def named(method: "str | Method") -> Method:
+    """The method that a name or a method means.
+
+    Raises
+    ------
+    InputError
+        If there is none of that name.
+    """
+    if not isinstance(method, str):
+        return method
+    if method == "laplace":
+        return LaplaceIntervals()
+    if method == "profile":
+        from ematwin.estimation.profile import Profiles
+
+        return Profiles()
+    if method == "posterior":
+        from ematwin.estimation.posterior import Posterior
+
+        return Posterior()
+    raise InputError(f"uncertainty must be {', '.join(METHODS)}, received {method!r}.")
+
+
+def told(question: Question, drawn: Draws) -> dict[str, Any]:
+    """Probabilities by draws, as arguments of `Uncertainty`."""
+    deviates = {
+        one.name: np.abs(drawn.of(one.name) - one.healthy) >= SMALLEST * one.width
+        for one in question.faults
+    }
+    limits = question.thresholds
+    every = np.array(list(deviates.values()))
+    return {
+        "present": {name: float(share.mean()) for name, share in deviates.items()},
+        "healthy": float(1.0 - every.any(axis=0).mean()) if len(every) else None,
+        "exceeds": {n: one.share(question.actuator, drawn) for n, one in limits.items()},
+        "thresholds": {name: one.text for name, one in limits.items()},
+        "draws": drawn,
+    }
+
+
+def predicted(
+    drawn: Draws, held: Mapping[str, float], comparison: Comparison, count: int = _PREDICTED
+) -> dict[str, np.ndarray]:
+    """Bands of the twin's answers by compared channel: (3, S), 2.5 %, half and 97.5 % of draws.
+
+    Parameters
+    ----------
+    drawn : of what is unknown
+    held : values of what was held, by name
+    comparison : beside the recording
+    count : draws that are simulated
+    """
+    chosen = np.linspace(0, len(drawn.values) - 1, count).astype(int)
+    candidates = {name: np.full(count, value) for name, value in held.items()}
+    candidates |= {name: drawn.of(name)[chosen] for name in drawn.names}
+    answers = comparison.responses(candidates, count)
+    return {n: np.quantile(one, [0.025, 0.5, 0.975], axis=0) for n, one in answers.items()}
+
+
+def strained(question: Question) -> list[str]:
+    """A sentence for each prior that the recording contradicts."""
+    return [
+        f"What was known of {name} excludes this recording, which puts it {away:.1f} standard "
+        "deviations off: correct the value, widen its tolerance, or check the channels."
+        for name, away in question.assessed.strained.items()
+    ]
+
+
+def uninformed(question: Question, drawn: Draws) -> list[str]:
+    """A sentence on faults of which the recording tells nothing, and one on parameters."""
+    faults: list[str] = []
+    rest: list[str] = []
+    prior = question.joint.problem.prior
+    widths = dict(zip(prior.names, np.sqrt(np.diag(prior.covariance)).tolist(), strict=True))
+    for one in question.joint.problem.unknowns:
+        x = drawn.of(one.name)
+        if one.direction_of is not None:
+            continue
+        if one.name in widths:
+            spread = float(np.std(np.log(x) if one.logarithmic else x))
+            if spread > _UNINFORMED * widths[one.name]:
+                (faults if one.role == "fault" else rest).append(one.name)
+        elif float(np.std(x)) > ANYTHING * one.width:
+            faults.append(one.name)
+    said = []
+    if faults:
+        said.append(
+            f"The recording tells nothing of {listed(faults)}; the interval is all that was "
+            "possible before. Use a command that moves the actuator more."
+        )
+    if rest:
+        said.append(f"The recording adds nothing to what was known of {listed(rest)}.")
+    return said
+
+
+def as_probability(share: float) -> str:
+    """ "34 %"; never quite 0 or 100, which no finite number of draws tells."""
+    if share < 0.005:
+        return "below 1 %"
+    if share > 0.995:
+        return "above 99 %"
+    return f"{100.0 * share:.0f} %"
+
+
+def listed(names: Sequence[str]) -> str:
+    """ "a, b and c"."""
+    return ", ".join(names[:-1]) + (" and " if len(names) > 1 else "") + names[-1]
