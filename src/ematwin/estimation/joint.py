@@ -93,7 +93,10 @@ class Joint:
 
     def rises(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Sums of squares (B,) over those of data at the best peak, and of evidence and priors."""
-        found = self.residuals(z)
+        return self.rises_of(self.residuals(z))
+
+    def rises_of(self, found: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same of residuals (B, K)."""
         parts = self.problem.split(found)
         data = np.einsum("bk,bk->b", parts.data, parts.data)
         rest = found[:, parts.data.shape[1] :]

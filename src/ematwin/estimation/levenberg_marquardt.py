@@ -82,22 +82,28 @@ class LevenbergMarquardt:
         upper: np.ndarray,
         project: Callable[[np.ndarray], np.ndarray],
     ) -> None:
-        """Move every point that is not finished by one Levenberg-Marquardt step."""
+        """Move every point that is not finished by one Levenberg-Marquardt step.
+
+        Bounds are (d,), or (M, d) where each point has its own; a coordinate whose bounds are equal
+        stays where it is.
+        """
         moving = np.flatnonzero(~self.finished)
         if moving.size == 0:
             return
         count, d = len(moving), self.points.shape[1]
         here = self.points[moving]
         h = self.difference[moving][:, None]
-        signed = np.where(here + h <= upper, h, -h)
+        low, high = (np.broadcast_to(end, self.points.shape)[moving] for end in (lower, upper))
+        signed = np.where(high > low, np.where(here + h <= high, h, -h), 0.0)
         shifted = here[:, None, :] + signed[:, :, None] * np.eye(d)
         beside = residuals(shifted.reshape(-1, d)).reshape(count, d, -1)
         trials = np.empty((count, len(DAMPINGS), d))
         for m, n in enumerate(moving):
-            jacobian = (beside[m] - self.residuals[n]) / signed[m][:, None]
+            size = np.where(signed[m] == 0.0, 1.0, signed[m])
+            jacobian = (beside[m] - self.residuals[n]) / size[:, None]
             dampings = self.damping[n] * DAMPINGS
             trials[m] = here[m] + _steps(
-                jacobian, self.residuals[n], here[m], dampings, lower, upper
+                jacobian, self.residuals[n], here[m], dampings, low[m], high[m]
             )
         trials = project(trials.reshape(-1, d)).reshape(trials.shape)
         tried = residuals(trials.reshape(-1, d)).reshape(count, len(DAMPINGS), -1)

@@ -192,10 +192,14 @@ def sampled(
             first = _starts(joint, counted, count, rng)
             state = emcee.State(first, random_state=rng.get_state())
             while True:
-                while sampler.iteration < steps and counted.spent < most:
-                    state = next(sampler.sample(state, skip_initial_state_check=True))
+                rest = steps - sampler.iteration
+                for moved in sampler.sample(state, iterations=rest, skip_initial_state_check=True):
+                    state_now = moved
                     interrupts.check()
                     report(counted.spent, most)
+                    if counted.spent >= most:
+                        break
+                state = state_now
                 chains = looked_at()
                 if chains.diagnostics.converged or counted.spent >= most:
                     stopped = "converged" if chains.diagnostics.converged else "limit"

@@ -42,6 +42,23 @@ class Threshold:
             x = physical_draws(self.unknown, actuator, drawn)
         return float(np.mean(x > self.value if self.above else x < self.value))
 
+    def along(
+        self, actuator: ParameterSet, names: Sequence[str], points: np.ndarray, values: np.ndarray
+    ) -> float:
+        """The value of the fault at which points (n, d) along its values (n,) pass it."""
+        if not self.physical:
+            return self.value
+        drawn = Draws(tuple(names), points, {})
+        physical = physical_draws(self.unknown, actuator, drawn)
+        order = np.argsort(physical)
+        # beyond the ends of a walk: as on the actuator as it is
+        ends = np.array([self.unknown.lower, self.unknown.upper])
+        own = [self.unknown.physical_value(actuator, float(end)).value for end in ends]
+        if not physical.min() <= self.value <= physical.max():
+            way = np.argsort(own)
+            return float(np.interp(self.value, np.array(own)[way], ends[way]))
+        return float(np.interp(self.value, physical[order], values[order]))
+
 
 def thresholds_of(
     given: Mapping[str, float | str], unknowns: Sequence[Unknown], actuator: ParameterSet

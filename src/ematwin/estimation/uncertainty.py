@@ -226,11 +226,11 @@ def uninformed(question: Question, drawn: Draws) -> list[str]:
     said = []
     if faults:
         said.append(
-            f"The recording tells nothing of {_listed(faults)}; the interval is all that was "
+            f"The recording tells nothing of {listed(faults)}; the interval is all that was "
             "possible before. Use a command that moves the actuator more."
         )
     if rest:
-        said.append(f"The recording adds nothing to what was known of {_listed(rest)}.")
+        said.append(f"The recording adds nothing to what was known of {listed(rest)}.")
     return said
 
 
@@ -243,5 +243,6 @@ def as_probability(share: float) -> str:
     return f"{100.0 * share:.0f} %"
 
 
-def _listed(names: Sequence[str]) -> str:
+def listed(names: Sequence[str]) -> str:
+    """ "a, b and c"."""
     return ", ".join(names[:-1]) + (" and " if len(names) > 1 else "") + names[-1]

@@ -1,0 +1,391 @@
+"""Profiles: how much worse the best answer becomes when a fault is held somewhere else.
+
+Each fault is walked to both sides in steps of about equal rise, from where the search ended. After
+each step everything else descends again (Levenberg-Marquardt), from where the tangent puts it. All
+walks go together, as one batch of the lanes. Where the rise passes 3.84 the 95 % interval ends
+(Wilks 1938; Venzon and Moolgavkar 1988, J. R. Stat. Soc. C 37, 87-94); Raue et al. (2009,
+Bioinformatics 25, 1923-1929) read from its shape what a recording cannot tell.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from ematwin.estimation.interrupt import noting_interrupts
+from ematwin.estimation.joint import Joint
+from ematwin.estimation.levenberg_marquardt import LevenbergMarquardt
+from ematwin.estimation.significance import SMALLEST
+from ematwin.estimation.uncertainty import Question, Report, Uncertainty, listed, strained
+from ematwin.models.chart import Chart
+from ematwin.models.unknown import Unknown
+
+LIMIT = 3.841  # quantile of the chi-squared distribution of one degree, 95 %
+_FAR_ENOUGH = 6.0  # rise at which a walk ends
+_STRIDE = 0.9  # of the root of the rise
+_STEPS, _DESCENTS = 12, 1
+_DAMPING = 1e-2
+_AT_BOUND = 2e-3  # share of the range
+_TRADED = 3.0  # times the width with all else known, from which others are named
+_MOVED = 1.0  # standard errors by which others move that are named
+_PARTNERS = 2
+_BETTER = 1.0  # fall of the deviance that says that the search had not reached the bottom
+_TAIL = 40.0  # rise up to which a walk is continued for probabilities
+_FINE = 40  # points between two of a walk
+
+
+@dataclass(frozen=True)
+class Walk:
+    """The profile of one fault.
+
+    Attributes
+    ----------
+    name : of the fault
+    values : (n,) array, ascending
+    rise : (n,) array, of the deviance over the least one
+    points : (n, d) array, values of everything that is free, in the order of the problem
+    interval : ends of 95 %
+    shape : "bounded", "one-sided", "flat", or "at its bound"
+    partners : what it is traded off against: others that make up for it, the strongest first
+    """
+
+    name: str
+    values: np.ndarray
+    rise: np.ndarray
+    points: np.ndarray
+    interval: tuple[float, float]
+    shape: str
+    partners: tuple[str, ...]
+
+    @property
+    def sentence(self) -> str:
+        """The shape, in words."""
+        if self.partners:
+            return f"{self.shape}, traded off against {' and '.join(self.partners)}"
+        return self.shape
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain JSON values."""
+        return {
+            "values": self.values.tolist(),
+            "rise": self.rise.tolist(),
+            "interval": list(self.interval),
+            "shape": self.shape,
+            "partners": list(self.partners),
+        }
+
+    def share_beyond(self, low: float, high: float, bounds: tuple[float, float]) -> float:
+        """The share of the normalised profile likelihood outside low and high."""
+        x, density = self._density(bounds)
+        middle = 0.5 * (x[1:] + x[:-1])
+        mass = 0.5 * (density[1:] + density[:-1]) * np.diff(x)
+        return float(mass[(middle < low) | (middle > high)].sum() / mass.sum())
+
+    def _density(self, bounds: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
+        """Values and exp(-rise/2), between the points of the walk by the root of the rise."""
+        best = int(np.argmin(self.rise))
+        root = np.sqrt(self.rise) * np.where(np.arange(len(self.rise)) < best, -1.0, 1.0)
+        x, root = _continued(self.values, root, bounds)
+        fine = np.unique(
+            np.concatenate([
+                np.linspace(a, b, _FINE) for a, b in pairwise(x)
+            ])
+        )  # fmt: skip
+        return fine, np.exp(-0.5 * np.interp(fine, x, root) ** 2)
+
+
+def _continued(
+    x: np.ndarray, root: np.ndarray, bounds: tuple[float, float]
+) -> tuple[np.ndarray, np.ndarray]:
+    """The walk and what lies between its ends and the bounds, straight on to `_TAIL`."""
+    reach = math.sqrt(_TAIL)
+    first, last = (max((root[n + 1] - root[n]) / (x[n + 1] - x[n]), 1e-12) for n in (0, -2))
+    low = max(bounds[0], x[0] - max(reach + root[0], 0.0) / first)
+    high = min(bounds[1], x[-1] + max(reach - root[-1], 0.0) / last)
+    if low < x[0]:
+        x, root = np.append(low, x), np.append(root[0] + first * (low - x[0]), root)
+    if high > x[-1]:
+        root, x = np.append(root, root[-1] + last * (high - x[-1])), np.append(x, high)
+    return x, root
+
+
+@dataclass(frozen=True)
+class ProfileUncertainty(Uncertainty):
+    """Profiles of the faults.
+
+    Attributes
+    ----------
+    walks : by fault
+    evaluations : int
+    """
+
+    walks: dict[str, Walk] = field(default_factory=dict)
+    evaluations: int = 0
+
+    @property
+    def headings(self) -> tuple[str, ...]:
+        """Of `rows`."""
+        return (*super().headings, "profile")
+
+    @property
+    def rows(self) -> list[tuple[str, ...]]:
+        """A row for each fault, with the shape of its profile."""
+        return [
+            (*row, walk.sentence)
+            for row, walk in zip(super().rows, self.walks.values(), strict=True)
+        ]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain JSON values."""
+        walks = {name: one.as_dict() for name, one in self.walks.items()}
+        return {**super().as_dict(), "walks": walks, "evaluations": self.evaluations}
+
+
+@dataclass(frozen=True)
+class Profiles:
+    """A profile of each fault that was searched; of directions only the magnitudes."""
+
+    name: str = "profile"
+
+    def run(self, question: Question, *, seed: int, report: Report) -> Uncertainty:
+        """Walk; Ctrl-C ends the walks where they are."""
+        joint, faults = question.joint, question.faults
+        walkers = _Walkers(joint, faults, question.assessed.sharp_errors)
+        finished = walkers.run(report)
+        walks = {one.name: walkers.walk(n) for n, one in enumerate(faults)}
+        doubts = strained(question)
+        flat = [name for name, one in walks.items() if one.shape == "flat"]
+        if flat:
+            doubts.append(
+                f"The recording tells nothing of {listed(flat)}; the interval is all that was "
+                "possible before. Use a command that moves the actuator more."
+            )
+        if walkers.fall > _BETTER:
+            doubts.append(
+                f"The walks found a better answer than the search (by {walkers.fall:.1f} in the "
+                "deviance): search again with another seed, or use the posterior."
+            )
+        if len(joint.valleys) > 1:
+            doubts.append(
+                "The search found other answers apart from this one, and profiles walk through "
+                "this one only; use the posterior, which weighs them all."
+            )
+        if not finished:
+            doubts.append("The walks were interrupted; intervals end where these had come to.")
+        present, exceeds = {}, {}
+        for one in faults:
+            ends, reach = (one.lower, one.upper), SMALLEST * one.width
+            walk = walks[one.name]
+            present[one.name] = walk.share_beyond(one.healthy - reach, one.healthy + reach, ends)
+            if one.name in question.thresholds:
+                limit = question.thresholds[one.name]
+                at = limit.along(question.actuator, joint.problem.names, walk.points, walk.values)
+                inside = (-math.inf, at) if limit.above else (at, math.inf)
+                exceeds[one.name] = walk.share_beyond(*inside, ends)
+        return ProfileUncertainty(
+            self.name, {name: one.interval for name, one in walks.items()}, present, None, exceeds,
+            {name: one.text for name, one in question.thresholds.items()}, tuple(doubts), None,
+            walks=walks, evaluations=walkers.spent,
+        )  # fmt: skip
+
+
+class _Walkers:
+    """Two walks for each fault, down and up, all of them together.
+
+    A magnitude with a direction is walked in both as they are (`plain`): in the components of its
+    vector it is no coordinate. The others are walked in those, where a magnitude of zero may grow
+    to every side.
+    """
+
+    def __init__(self, joint: Joint, faults: Sequence[Unknown], sharp: dict[str, float]) -> None:
+        self.joint, self.faults, self.spent = joint, faults, 0
+        self.chart = joint.problem.chart
+        self.plain = Chart([replace(one, direction_of=None) for one in self.chart.unknowns])
+        self.best = joint.valleys[0].z
+        self.places = [joint.problem.names.index(one.name) for one in faults]
+        polar = {radius for radius, _ in self.chart.pairs}
+        self.polar = [n in polar for n in self.places]
+        covariance = joint.valleys[0].covariance
+        self.errors = np.sqrt(np.diag(covariance))
+        self.sharp = [sharp[one.name] / self.chart.widths[n] for one, n in
+                      zip(faults, self.places, strict=True)]  # fmt: skip
+        # along a tangent of the valley everything else follows what is held
+        self.tangents = [
+            None if polar else covariance[n] / covariance[n, n]
+            for n, polar in zip(self.places, self.polar, strict=True)
+        ]
+        start = joint.deviance(self.best[None])[0]
+        self.trails = {
+            (n, sign): [(self._own(self.best, polar), float(start))]
+            for n, polar in enumerate(self.polar) for sign in (-1, 1)
+        }  # fmt: skip
+        self.strides = {
+            (n, sign): _STRIDE * (self.sharp[n] if self.polar[n] else self.errors[self.places[n]])
+            for n, sign in self.trails
+        }
+
+    @property
+    def least(self) -> float:
+        """The least deviance so far."""
+        return min(deviance for trail in self.trails.values() for _, deviance in trail)
+
+    @property
+    def fall(self) -> float:
+        """By how much a walk went below where the search ended."""
+        return next(iter(self.trails.values()))[0][1] - self.least
+
+    def run(self, report: Report) -> bool:
+        """Walk until all rises are far enough; False if Ctrl-C ended it."""
+        with noting_interrupts() as interrupts:
+            try:
+                for step in range(_STEPS):
+                    for polar in (False, True):
+                        going = [key for key in self.trails if self.polar[key[0]] == polar
+                                 and self._goes_on(key)]  # fmt: skip
+                        if going:
+                            self._step(going, polar)
+                        interrupts.check()
+                    report(self.spent, self.spent * _STEPS // (step + 1))
+            except KeyboardInterrupt:
+                return False
+        return True
+
+    def _goes_on(self, key: tuple[int, int]) -> bool:
+        fault, sign = key
+        u, deviance = self.trails[key][-1]
+        n = self.places[fault]
+        ended = u[n] <= 0.0 if sign < 0 else u[n] >= 1.0
+        return not ended and deviance - self.least < _FAR_ENOUGH
+
+    def _step(self, going: list[tuple[int, int]], polar: bool) -> None:
+        """One stride of some walks, and a descent of everything else."""
+        lower, upper = self._bounds(polar)
+        points = np.array([self._ahead(key) for key in going])
+        low, high = np.tile(lower, (len(going), 1)), np.tile(upper, (len(going), 1))
+        for m, (fault, _) in enumerate(going):
+            n = self.places[fault]
+            low[m, n] = high[m, n] = points[m, n]
+
+        def residuals(u: np.ndarray) -> np.ndarray:
+            self.spent += len(u)
+            return self.joint.residuals(self._z(u, polar))
+
+        def project(u: np.ndarray) -> np.ndarray:
+            return self._own_all(self.chart.project(self._z(u, polar)), polar)
+
+        descent = LevenbergMarquardt.start(points, residuals, damping=_DAMPING)
+        for _ in range(_DESCENTS):
+            descent.iterate(residuals, low, high, project)
+        found = self.joint.deviance_of(*self.joint.rises_of(descent.residuals))
+        for key, u, deviance in zip(going, descent.points, found, strict=True):
+            self.trails[key].append((u, float(deviance)))
+            self._adapt(key)
+
+    def _ahead(self, key: tuple[int, int]) -> np.ndarray:
+        """Where a walk sets its next foot (d,): along its last stride, the first by the tangent."""
+        fault, sign = key
+        trail, n, tangent = self.trails[key], self.places[fault], self.tangents[fault]
+        u = trail[-1][0].copy()
+        target = float(np.clip(u[n] + sign * self.strides[key], 0.0, 1.0))
+        if len(trail) > 1 and trail[-1][0][n] != trail[-2][0][n]:
+            gone = trail[-1][0] - trail[-2][0]
+            u += gone * (target - u[n]) / gone[n]
+        elif tangent is not None:
+            u += tangent * (target - u[n])
+        polar = self.polar[fault]
+        lower, upper = self._bounds(polar)
+        u = np.clip(u, lower, upper)
+        if not polar:
+            u = self.chart.project(u[None])[0]
+        u[n] = target
+        return u
+
+    def _adapt(self, key: tuple[int, int]) -> None:
+        """The next stride: as long as the rise of the last ones lets it be."""
+        n, least = self.places[key[0]], self.least
+        (before, first), (after, then) = self.trails[key][-2:]
+        gone = abs(after[n] - before[n])
+        climbed = math.sqrt(max(then - least, 0.0)) - math.sqrt(max(first - least, 0.0))
+        if not math.isfinite(then):
+            # the twin diverged: a shorter stride from where it had not
+            self.trails[key].pop()
+            self.strides[key] *= 0.5
+            return
+        ratio = _STRIDE / max(climbed, 1e-9)
+        self.strides[key] = gone * min(max(ratio, 0.5), 3.0)
+
+    def walk(self, fault: int) -> Walk:
+        """What two walks tell of a fault."""
+        one, n, polar = self.faults[fault], self.places[fault], self.polar[fault]
+        down, up = self.trails[fault, -1], self.trails[fault, 1]
+        trail = sorted([*down[1:], *up], key=lambda point: float(point[0][n]))
+        u = np.array([point for point, _ in trail])
+        rise = np.array([deviance for _, deviance in trail]) - self.least
+        points = self.chart.to_values(self._z(u, polar))
+        values = one.lower + u[:, n] * one.width
+        best = int(np.argmin(rise))
+        ends, crossed = [], []
+        for sign, bound in ((-1, one.lower), (1, one.upper)):
+            way = range(best, -1, -1) if sign < 0 else range(best, len(rise))
+            end = _crossing(values, rise, list(way))
+            crossed.append(end is not None)
+            end = bound if end is None else end
+            reach = 1.96 * self.joint.scatter.get(one.name, 0.0)
+            away = math.hypot(end - values[best], reach)
+            ends.append(min(max(values[best] + sign * away, one.lower), one.upper))
+        shape = _shape(crossed, values[best], one)
+        wide = ends[1] - ends[0] > _TRADED * 2.0 * 1.96 * self.sharp[fault] * one.width
+        partners = self._partners(fault, u, rise) if wide else ()
+        return Walk(one.name, values, rise, points, (ends[0], ends[1]), shape, partners)
+
+    def _partners(self, fault: int, u: np.ndarray, rise: np.ndarray) -> tuple[str, ...]:
+        """Names of what moves along, what is no fault first."""
+        if self.polar[fault]:
+            return ()
+        near = u[rise < LIMIT + 1.0]
+        moved = np.ptp(near, axis=0) / 2.0 / self.errors
+        unknowns, n = self.chart.unknowns, self.places[fault]
+        along = [k for k in range(len(moved)) if k != n and moved[k] > _MOVED]
+        along.sort(key=lambda k: (unknowns[k].role == "fault", -moved[k]))
+        return tuple(self.chart.names[k] for k in along[:_PARTNERS])
+
+    def _bounds(self, polar: bool) -> tuple[np.ndarray, np.ndarray]:
+        if not polar:
+            return self.chart.lower, self.chart.upper
+        lower, upper = self.plain.lower.copy(), self.plain.upper.copy()
+        for _, direction in self.chart.pairs:  # once round and further
+            lower[direction], upper[direction] = -np.inf, np.inf
+        return lower, upper
+
+    def _z(self, u: np.ndarray, polar: bool) -> np.ndarray:
+        """Coordinates of the chart (B, d) of those of a walk."""
+        return self.chart.from_values(self.plain.to_values(u)) if polar else u
+
+    def _own(self, z: np.ndarray, polar: bool) -> np.ndarray:
+        return self._own_all(z[None], polar)[0]
+
+    def _own_all(self, z: np.ndarray, polar: bool) -> np.ndarray:
+        """Coordinates of a walk (B, d) of those of the chart."""
+        return self.plain.from_values(self.chart.to_values(z)) if polar else z
+
+
+def _crossing(values: np.ndarray, rise: np.ndarray, way: list[int]) -> float | None:
+    """Where the root of the rise passes that of the limit, along places from the best one on."""
+    root, limit = np.sqrt(rise), math.sqrt(LIMIT)
+    for a, b in pairwise(way):
+        if root[b] >= limit:
+            share = (limit - root[a]) / (root[b] - root[a])
+            return float(values[a] + share * (values[b] - values[a]))
+    return None
+
+
+def _shape(crossed: list[bool], best: float, one: Unknown) -> str:
+    if all(crossed):
+        return "bounded"
+    if not any(crossed):
+        return "flat"
+    bound = one.lower if crossed[1] else one.upper
+    return "at its bound" if abs(best - bound) < _AT_BOUND * one.width else "one-sided"
