@@ -96,8 +96,16 @@ def marginal(rng: np.random.Generator) -> dict[str, float]:
     return _some(rng, _MARGINAL)
 
 
+def flat(rng: np.random.Generator) -> dict[str, float]:
+    """All faults at once, of any size up to `_SLIGHT`: near healthy, the prior of the box."""
+    found = {name: _SLIGHT * rng.random() for name in MAGNITUDES}
+    found["gain"] = 0.5 + 0.5 * found["gain"] * rng.choice([-1.0, 1.0])
+    found["eccentricity_phase"] = rng.random()
+    return {name: float(found[name]) for name in FAULTS}
+
+
 POPULATIONS: Mapping[str, Callable[[np.random.Generator], dict[str, float]]] = {
-    one.__name__: one for one in (healthy, box, middle, mixture, slight, marginal)
+    one.__name__: one for one in (healthy, box, middle, mixture, slight, marginal, flat)
 }
 
 

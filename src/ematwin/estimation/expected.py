@@ -10,6 +10,8 @@ noise of an independent residual, and P what is known beforehand,
 
 the first-order bias of a least squares estimate (Box and Draper 1959, J. Am. Stat. Assoc. 54,
 622-654) over M answers near the point, for what is missed changes from one impact to the next.
+Slopes are taken over the steps with which a descent looks; over shorter ones the roughness that
+impacts make counts as information, and errors of gap and gain come out half as large.
 Where a kind has no finer model than its twin, r is noise alone.
 """
 
@@ -18,13 +20,14 @@ from collections.abc import Mapping
 import numpy as np
 
 from ematwin.estimation.baseline import Baseline, with_all_free
-from ematwin.estimation.laplace import Laplace, standard_errors
+from ematwin.estimation.laplace import standard_errors, width_at
 from ematwin.estimation.problem import Problem
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.scenario import Scenario
 from ematwin.recordings.noise import Noise
 
+_STEP = 5e-3  # of slopes, share of a range: as far as a descent looks past what impacts make rough
 _ANSWERS = 8  # whose mean square is known to a quarter
 _AROUND = 0.01  # of its range, how far each fault lies from the point
 
@@ -35,24 +38,32 @@ def expected_errors(
     scenario: Scenario,
     values: Mapping[str, float],
     baseline: Baseline,
-    peak: Laplace,
+    problem: Problem,
     *,
     noise: Noise | None,
     sample_rate: float | None,
     seed: int,
     threads: int | None = None,
 ) -> np.ndarray:
-    """Root mean square errors (d,) of all that is free, in values, where the truth is at a peak.
+    """Root mean square errors (d,) of all that is free, in values.
 
     Parameters
     ----------
     model, actuator, baseline : of the twin, and what is known of it
     scenario, noise, sample_rate : of the recordings
-    values : of the faults at the peak, by name
-    peak : slopes there
+    values : of the faults, by name
+    problem : a recording there, with all that is unknown, and its noise
     seed : of the first recording; the others follow
     threads : that share a batch
     """
+    at = np.array([values.get(one.name, one.healthy) for one in problem.unknowns])
+    peak = width_at(
+        problem,
+        at,
+        aliases=lambda named: model.aliases(actuator, named),
+        least_noise=problem.noise,
+        steps=np.full(len(at), _STEP),
+    )
     rng = np.random.default_rng([41, seed])
     errors = []
     for n in range(_ANSWERS):
@@ -63,13 +74,13 @@ def expected_errors(
         recording = model.simulate(
             actuator, scenario, near, noise=noise, seed=seed + n, sample_rate=sample_rate
         )
-        problem = Problem.of(recording, actuator, threads=threads)
-        full = with_all_free(model, actuator, problem, baseline).with_noise(peak.problem.noise)
+        own = Problem.of(recording, actuator, threads=threads)
+        full = with_all_free(model, actuator, own, baseline).with_noise(peak.problem.noise)
         point = np.array([near.get(one.name, one.healthy) for one in full.unknowns])
         errors.append(full.residuals(point[None])[0])
     pulls = peak.covariance @ peak.jacobian @ np.array(errors).T / peak.problem.noise**2
     known = peak.covariance @ peak.priors @ peak.covariance
-    return standard_errors(peak.problem.chart, peak.z, pulls @ pulls.T / _ANSWERS + known)
+    return standard_errors(problem.chart, peak.z, pulls @ pulls.T / _ANSWERS + known)
 
 
 def _near(value: float, lower: float, upper: float, share: float) -> float:

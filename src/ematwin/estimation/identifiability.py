@@ -223,8 +223,8 @@ def identifiability(
     errors = standard_errors(full.chart, peak.z, covariance)
     sharp = sharp_errors(peak, len(problem.names), model.model_error)
     expected = expected_errors(
-        model, chosen, asked, values, baseline, peak, noise=noise, sample_rate=sample_rate,
-        seed=seed, threads=threads,
+        model, chosen, asked, values, baseline, peak.problem, noise=noise,
+        sample_rate=sample_rate, seed=seed, threads=threads,
     )  # fmt: skip
     spread = np.sqrt(np.diag(covariance))
     correlation = covariance / np.outer(spread, spread)

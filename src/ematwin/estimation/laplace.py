@@ -118,12 +118,26 @@ def laplace(
 
 
 def width_at(
-    problem: Problem, point: np.ndarray, *, aliases: Aliases | None = None, least_noise: float = 0.0
+    problem: Problem,
+    point: np.ndarray,
+    *,
+    aliases: Aliases | None = None,
+    least_noise: float = 0.0,
+    steps: np.ndarray | None = None,
 ) -> Laplace:
-    """The width of a peak that is known to lie at a point (d,), without a descent."""
+    """The width of a peak that is known to lie at a point (d,), without a descent.
+
+    ``steps`` (d,), shares of the ranges, are those of the differences where they are known already,
+    from a peak that is about as wide (`step_lengths`): one batch is enough then.
+    """
     z = problem.chart.project(problem.chart.from_values(point[None]))[0]
     seen = _Seen(problem, z, least_noise)
-    return _peak(seen.problem, z, _slopes(seen.problem, seen, z, aliases), seen.spent)
+    return _peak(seen.problem, z, _slopes(seen.problem, seen, z, aliases, steps), seen.spent)
+
+
+def step_lengths(covariance: np.ndarray) -> np.ndarray:
+    """Steps (d,) of differences, as long as a peak of this covariance (d, d) is wide."""
+    return np.clip(np.sqrt(np.diag(covariance)), _SHORTEST, _LONGEST)
 
 
 class _Seen:
@@ -225,13 +239,14 @@ def _slopes(
     residuals: Callable[[np.ndarray], np.ndarray],
     z: np.ndarray,
     aliases: Aliases | None,
+    known_steps: np.ndarray | None = None,
 ) -> _Slopes:
     """Differences over steps as long as the peak is wide; known directions by what is known."""
     chart = problem.chart
     known = _known_directions(problem, chart.to_values(z[None])[0], aliases)
     shown = [_shown(problem, residuals, z, pivot, same) for pivot, same, _ in known]
-    steps = np.full(len(z), _SHORTEST)
-    for _ in range(2):
+    steps = np.full(len(z), _SHORTEST) if known_steps is None else known_steps
+    for _ in range(2 if known_steps is None else 1):
         here, jacobian = central(residuals, z, steps, chart.lower, chart.upper)
         parts = problem.split(jacobian)
         for (pivot, same, _), change in zip(known, shown, strict=True):
@@ -240,7 +255,7 @@ def _slopes(
         data = (parts.data @ parts.data.T + parts.evidence @ parts.evidence.T) / problem.noise**2
         priors = parts.priors @ parts.priors.T / problem.noise**2
         covariance = inverse(data + priors)
-        steps = np.clip(np.sqrt(np.diag(covariance)), _SHORTEST, _LONGEST)
+        steps = step_lengths(covariance)
     return _Slopes(here, jacobian, data, priors, covariance)
 
 
