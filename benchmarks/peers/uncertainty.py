@@ -33,7 +33,7 @@ FREE = ("friction", "backlash", "short_a", "short_b", "short_c", "gain")
 SHOWN = ("friction", "backlash", "short_b", "gain")
 INJECTED = {"friction": 0.3, "backlash": 0.2, "short_a": 0.05, "short_b": 0.25, "gain": 0.45}
 STEP = 1e-3  # of differences, share of a range
-SAMPLES, WALKERS = 6000, 24
+SAMPLES, WALKERS = 3000, 24
 EFFECTIVE, QUICK = 400.0, 20
 LIMIT = 0.1465  # ratio of likelihoods at the end of an interval of 95 %, exp(-3.841/2)
 
