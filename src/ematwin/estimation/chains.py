@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 
 GROUPS = 4  # of walkers
-RHAT = 1.01  # Vehtari et al. (2021), section 4
-_LONG_ENOUGH = 15.0  # autocorrelation times that a chain must last for its own to be believed
+# 1.01 is for one quantity; the largest of some thirty is more where each has 400 effective samples
+RHAT = 1.02
+_LONG_ENOUGH = 10.0  # autocorrelation times that a chain must last for its own to be believed
 
 
 @dataclass(frozen=True)
@@ -82,8 +83,10 @@ def diagnosed(
     from emcee.autocorr import integrated_time
 
     steps, walkers, _ = chains.shape
-    tau = np.maximum(integrated_time(chains, tol=0, quiet=True), 1.0)
+    with np.errstate(invalid="ignore"):
+        tau = np.maximum(integrated_time(chains, tol=0, quiet=True), 1.0)
     tau = np.where(np.isfinite(tau), tau, float(steps))
+    tau = np.where(np.ptp(chains, axis=(0, 1)) > 0.0, tau, 1.0)  # a valley where nobody is
     each = [split_rhat(grouped(chains[:, :, n])) for n in range(len(names))]
     return Diagnostics(
         rhat=dict(zip(names, each, strict=True)),

@@ -21,7 +21,7 @@ _STEPS = (2, 8, 30)  # in units of dimensions: one of these, at random
 
 @dataclass(frozen=True)
 class Surrogate:
-    """Steps on the normal approximation of one valley, drawn anew for each move.
+    """Steps on the normal approximation of a valley that each walker draws anew.
 
     Parameters
     ----------
@@ -32,12 +32,19 @@ class Surrogate:
 
     def __call__(self, even: np.ndarray, rng: Any) -> tuple[np.ndarray, np.ndarray]:
         """New walkers (W, d) and the logarithms (W,) of what makes up for the proposal."""
-        valley = self.joint.valleys[rng.randint(len(self.joint.valleys))]
+        valleys = self.joint.valleys
         z = self.joint.to_chart(even)
-        before = valley.log_density(z)
+        change = np.zeros(len(z))
         steps = _STEPS[rng.randint(len(_STEPS))]
-        z = walked(self.joint, valley, z, steps, rng)
-        return self.joint.to_even(z), before - valley.log_density(z)
+        # each walker for itself: walkers that choose alike are not worth as many
+        own = rng.randint(len(valleys), size=len(z))
+        for n, valley in enumerate(valleys):
+            here = own == n
+            if here.any():
+                before = valley.log_density(z[here])
+                z[here] = walked(self.joint, valley, z[here], steps, rng)
+                change[here] = before - valley.log_density(z[here])
+        return self.joint.to_even(z), change
 
 
 @dataclass(frozen=True)
@@ -49,13 +56,17 @@ class Jump:
     def __call__(self, even: np.ndarray, rng: Any) -> tuple[np.ndarray, np.ndarray]:
         """New walkers (W, d) and the logarithms (W,) of what makes up for the proposal."""
         valleys = self.joint.valleys
-        first = rng.randint(len(valleys))
-        other = (first + 1 + rng.randint(len(valleys) - 1)) % len(valleys)
-        here, there = valleys[first], valleys[other]
         z = self.joint.to_chart(even)
-        root, to = np.linalg.cholesky(here.covariance), np.linalg.cholesky(there.covariance)
-        moved = there.z + (z - here.z) @ np.linalg.solve(root.T, to.T)
-        stretch = float(np.log(np.diag(to)).sum() - np.log(np.diag(root)).sum())
+        moved, stretch = z.copy(), np.zeros(len(z))
+        first = rng.randint(len(valleys), size=len(z))
+        other = (first + 1 + rng.randint(len(valleys) - 1, size=len(z))) % len(valleys)
+        for a, here in enumerate(valleys):
+            for b, there in enumerate(valleys):
+                chosen = (first == a) & (other == b)
+                root, to = (np.linalg.cholesky(one.covariance) for one in (here, there))
+                map_ = np.linalg.solve(root.T, to.T)
+                moved[chosen] = there.z + (z[chosen] - here.z) @ map_
+                stretch[chosen] = np.log(np.diag(to)).sum() - np.log(np.diag(root)).sum()
         # even coordinates are not those of the map: an area of the chart is 1/r of theirs
         change = stretch + _log_radii(self.joint, z) - _log_radii(self.joint, moved)
         return self.joint.to_even(moved), change

@@ -1,10 +1,10 @@
 """Posterior: draws of everything that is unknown, by an ensemble of walkers.
 
 emcee (Foreman-Mackey et al. 2013, Publ. Astron. Soc. Pac. 125, 306-312) moves all walkers as one
-batch of the lanes. Half of the moves are its differential evolution (ter Braak 2006, Stat. Comput.
-16, 239-249; ter Braak and Vrugt 2008, ibid. 18, 435-446), which needs no knowledge of the density;
-the other half know its valleys (`ematwin.estimation.moves`) and need a tenth of the simulations
-where these are nearly normal. Walkers set out from all valleys that the search found.
+batch of the lanes. A quarter of the moves are its differential evolution (ter Braak 2006, Stat.
+Comput. 16, 239-249), which needs no knowledge of the density; the others know its valleys
+(`ematwin.estimation.moves`) and need a tenth of the simulations where these are nearly normal.
+Walkers set out from all valleys that the search found.
 """
 
 from collections.abc import Sequence
@@ -35,6 +35,7 @@ _LEAST_WALKERS, _LANES = 64, 32
 _FIRST, _GROWTH = 150, 1.5  # steps until chains are looked at, and how many times more then
 _SETTLING = 1.0 / 3.0  # share of the steps that is left out
 _KEPT = 8000  # draws
+_BESIDE = 1e-2  # standard errors
 _HALVINGS = 8  # of the way to the peak, for walkers that set out too far away
 _TOO_FAR = 4.0  # standard deviations of a chi-squared distribution
 
@@ -173,17 +174,24 @@ def sampled(
         )
     rng = np.random.RandomState(seed)  # emcee takes no generator
     counted = _Counted(joint)
-    names = joint.problem.chart.names
+    names = (
+        *joint.problem.chart.names,
+        *(f"valley {n + 1}" for n in range(1, len(joint.valleys))),
+    )
 
     def looked_at() -> Chains:
         gone = int(_SETTLING * sampler.iteration)
         even = sampler.get_chain(discard=gone)
+        z = joint.to_chart(even.reshape(-1, size))
+        told = even
+        if len(joint.valleys) > 1:  # how often walkers change their valleys decides the weights
+            within = [_nearest(joint, z) == n for n in range(1, len(joint.valleys))]
+            told = np.concatenate([even, *(w.reshape(*even.shape[:2], 1) for w in within)], axis=2)
         found = diagnosed(
-            even, names, evaluations=counted.spent, wanted=effective,
+            told, names, evaluations=counted.spent, wanted=effective,
             acceptance=float(sampler.acceptance_fraction.mean()),
         )  # fmt: skip
-        z = joint.to_chart(even.reshape(-1, size)).reshape(even.shape)
-        return Chains(z, sampler.get_log_prob(discard=gone), found, "limit")
+        return Chains(z.reshape(even.shape), sampler.get_log_prob(discard=gone), found, "limit")
 
     sampler = emcee.EnsembleSampler(count, size, counted, moves=_moves(joint), vectorize=True)
     stopped, steps = "limit", _FIRST
@@ -227,13 +235,13 @@ def _moves(joint: Joint) -> list[tuple[Any, float]]:
     """Moves with their shares; the map between valleys only where there are several."""
     from emcee import moves
 
-    own = [(moves.MHMove(Surrogate(joint)), 0.5)]
-    if len(joint.valleys) > 1:
-        own = [(moves.MHMove(Surrogate(joint)), 0.4), (moves.MHMove(Jump(joint)), 0.1)]
-    return [
-        *own, (moves.DEMove(), 0.4), (moves.DESnookerMove(), 0.05),
-        (moves.DEMove(gamma0=1.0), 0.05),
-    ]  # fmt: skip
+    jump = 0.15 if len(joint.valleys) > 1 else 0.0
+    own = [(moves.MHMove(Surrogate(joint)), 0.75 - jump)]
+    if jump:
+        own.append((moves.MHMove(Jump(joint)), jump))
+    # no snooker: that of emcee 3.1.6 scales its steps by a distance that it changes, without making
+    # up for it, and does not leave the weights of two valleys as they are
+    return [*own, (moves.DEMove(), 0.2), (moves.DEMove(gamma0=1.0), 0.05)]
 
 
 def _starts(joint: Joint, counted: _Counted, count: int, rng: Any) -> np.ndarray:
@@ -241,7 +249,10 @@ def _starts(joint: Joint, counted: _Counted, count: int, rng: Any) -> np.ndarray
     share = np.array_split(np.arange(count), len(joint.valleys))
     found = []
     for valley, places in zip(joint.valleys, share, strict=True):
+        # off the middle of a vector, which no step leaves
         first = np.repeat(valley.z[None], len(places), axis=0)
+        beside = np.sqrt(np.diag(valley.covariance)) * rng.standard_normal(first.shape)
+        first = joint.problem.chart.project(first + _BESIDE * np.minimum(beside, 1.0))
         z = walked(joint, valley, first, 10 * len(valley.z), rng)
         size = len(valley.z)
         least = float(counted(joint.to_even(valley.z[None]))[0])
@@ -266,11 +277,13 @@ def _answer(question: Question, chains: Chains, seed: int, method: str) -> Poste
         _with_scatter(joint, values[chosen], rng),
         {one.name: one.direction_of for one in problem.unknowns if one.direction_of},
     )
+    cornered = _at_bounds(question, drawn)
     intervals = {}
     for one in problem.unknowns:
         ends = drawn.interval(one.name, one.lower, one.upper)
-        error = question.assessed.sharp_errors.get(one.name)
-        intervals[one.name] = ends if error is None else with_corner(ends, error, one)
+        if one.name in question.assessed.sharp_errors and cornered - {one.name}:
+            ends = with_corner(ends, question.assessed.sharp_errors[one.name], one)
+        intervals[one.name] = ends
     nearest = _nearest(joint, chains.z.reshape(-1, size))
     shares = np.bincount(nearest, minlength=len(joint.valleys)) / len(nearest)
     return PosteriorUncertainty(
@@ -279,6 +292,17 @@ def _answer(question: Question, chains: Chains, seed: int, method: str) -> Poste
         diagnostics=chains.diagnostics, valleys=tuple(shares.tolist()),
         chains=values.reshape(steps, walkers, size), log_density=chains.log_density,
     )  # fmt: skip
+
+
+def _at_bounds(question: Question, drawn: Draws) -> set[str]:
+    """Names of faults of which draws reach a bound: the truth may lie in a corner of them."""
+    found = set()
+    for one in question.faults:
+        low, high = np.quantile(drawn.of(one.name), [0.05, 0.95])
+        reach = question.assessed.sharp_errors[one.name]
+        if low - one.lower < reach or one.upper - high < reach:
+            found.add(one.name)
+    return found
 
 
 def _with_scatter(joint: Joint, values: np.ndarray, rng: np.random.Generator) -> np.ndarray:

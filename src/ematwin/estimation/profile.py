@@ -24,13 +24,18 @@ from ematwin.models.chart import Chart
 from ematwin.models.unknown import Unknown
 
 LIMIT = 3.841  # quantile of the chi-squared distribution of one degree, 95 %
-_FAR_ENOUGH = 6.0  # rise at which a walk ends
+_FAR_ENOUGH = 9.0  # rise at which a walk ends
+_NEAR, _FEWEST = 16.0, 5  # rise of points to which a parabola is fitted, and how many it needs
 _STRIDE = 0.9  # of the root of the rise
-_STEPS, _DESCENTS = 12, 1
+_STEPS, _DESCENTS = 16, 4  # at most
+_TOO_STEEP = 2.5  # strides that one may climb; else it is taken anew, half as long
+_TO_THE_BOTTOM = 10  # iterations, before the first stride
+_TIMES = 3  # that all set out anew, where a walk found a lower point
+_SHORTEST = 1e-6  # share of a range
 _DAMPING = 1e-2
 _AT_BOUND = 2e-3  # share of the range
 _TRADED = 3.0  # times the width with all else known, from which others are named
-_MOVED = 1.0  # standard errors by which others move that are named
+_MOVED = 0.7  # standard errors by which others move to each side that are named
 _PARTNERS = 2
 _BETTER = 1.0  # fall of the deviance that says that the search had not reached the bottom
 _TAIL = 40.0  # rise up to which a walk is continued for probabilities
@@ -102,6 +107,8 @@ def _continued(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The walk and what lies between its ends and the bounds, straight on to `_TAIL`."""
     reach = math.sqrt(_TAIL)
+    if len(x) == 1:  # nowhere to go: all within the bounds is alike
+        return np.array(bounds), np.zeros(2)
     first, last = (max((root[n + 1] - root[n]) / (x[n + 1] - x[n]), 1e-12) for n in (0, -2))
     low = max(bounds[0], x[0] - max(reach + root[0], 0.0) / first)
     high = min(bounds[1], x[-1] + max(reach - root[-1], 0.0) / last)
@@ -165,8 +172,8 @@ class Profiles:
             )
         if walkers.fall > _BETTER:
             doubts.append(
-                f"The walks found a better answer than the search (by {walkers.fall:.1f} in the "
-                "deviance): search again with another seed, or use the posterior."
+                f"The misfit is rough: walks still found better answers than the one they set out "
+                f"from (by {walkers.fall:.1f} in the deviance). Use the posterior."
             )
         if len(joint.valleys) > 1:
             doubts.append(
@@ -212,20 +219,35 @@ class _Walkers:
         self.errors = np.sqrt(np.diag(covariance))
         self.sharp = [sharp[one.name] / self.chart.widths[n] for one, n in
                       zip(faults, self.places, strict=True)]  # fmt: skip
-        # along a tangent of the valley everything else follows what is held
-        self.tangents = [
-            None if polar else covariance[n] / covariance[n, n]
-            for n, polar in zip(self.places, self.polar, strict=True)
-        ]
-        start = joint.deviance(self.best[None])[0]
-        self.trails = {
-            (n, sign): [(self._own(self.best, polar), float(start))]
-            for n, polar in enumerate(self.polar) for sign in (-1, 1)
-        }  # fmt: skip
-        self.strides = {
-            (n, sign): _STRIDE * (self.sharp[n] if self.polar[n] else self.errors[self.places[n]])
-            for n, sign in self.trails
-        }
+        self.trails: dict[tuple[int, int], list[tuple[np.ndarray, float]]] = {}
+        self.strides: dict[tuple[int, int], float] = {}
+
+    def _set_out(self, z: np.ndarray, deviance: float) -> None:
+        """All walks stand at z (d,)."""
+        self.best = z
+        for n, polar in enumerate(self.polar):
+            stride = self.sharp[n] if polar else self.errors[self.places[n]]
+            for sign in (-1, 1):
+                self.trails[n, sign] = [(self._own(z, polar), deviance)]
+                self.strides[n, sign] = _STRIDE * min(stride, 1.0)
+
+    def _bottom(self, starts: np.ndarray) -> tuple[np.ndarray, float]:
+        """The lowest point (d,) below starts (M, d), and its deviance.
+
+        The search minimises the misfit; with the model's own error priors count for more.
+        """
+        chart = self.chart
+
+        def residuals(z: np.ndarray) -> np.ndarray:
+            self.spent += len(z)
+            return self.joint.residuals(z)
+
+        descent = LevenbergMarquardt.start(chart.project(starts), residuals, damping=_DAMPING)
+        for _ in range(_TO_THE_BOTTOM):
+            descent.iterate(residuals, chart.lower, chart.upper, chart.project)
+        found = self.joint.deviance_of(*self.joint.rises_of(descent.residuals))
+        best = int(np.argmin(found))
+        return chart.project(descent.points[best][None])[0], float(found[best])
 
     @property
     def least(self) -> float:
@@ -234,24 +256,39 @@ class _Walkers:
 
     @property
     def fall(self) -> float:
-        """By how much a walk went below where the search ended."""
+        """By how much a walk went below where all set out."""
         return next(iter(self.trails.values()))[0][1] - self.least
 
     def run(self, report: Report) -> bool:
         """Walk until all rises are far enough; False if Ctrl-C ended it."""
+        valley = self.joint.valleys[0]
+        starts = np.stack([valley.z, valley.mean])
         with noting_interrupts() as interrupts:
             try:
-                for step in range(_STEPS):
-                    for polar in (False, True):
-                        going = [key for key in self.trails if self.polar[key[0]] == polar
-                                 and self._goes_on(key)]  # fmt: skip
-                        if going:
-                            self._step(going, polar)
-                        interrupts.check()
-                    report(self.spent, self.spent * _STEPS // (step + 1))
+                for _ in range(_TIMES):
+                    self._set_out(*self._bottom(starts))
+                    for step in range(_STEPS):
+                        for polar in (False, True):
+                            going = [key for key in self.trails if self.polar[key[0]] == polar
+                                     and self._goes_on(key)]  # fmt: skip
+                            if going:
+                                self._step(going, polar)
+                            interrupts.check()
+                        report(self.spent, self.spent * _STEPS // (step + 1))
+                    if self.fall < _BETTER:
+                        break
+                    starts = self._lowest()[None]
             except KeyboardInterrupt:
+                if not self.trails:
+                    raise
                 return False
         return True
+
+    def _lowest(self) -> np.ndarray:
+        """The point (d,) of least deviance so far."""
+        ends = [(deviance, key, u) for key, trail in self.trails.items() for u, deviance in trail]
+        _, (fault, _), u = min(ends, key=lambda end: end[0])
+        return self._z(u[None], self.polar[fault])[0]
 
     def _goes_on(self, key: tuple[int, int]) -> bool:
         fault, sign = key
@@ -263,7 +300,10 @@ class _Walkers:
     def _step(self, going: list[tuple[int, int]], polar: bool) -> None:
         """One stride of some walks, and a descent of everything else."""
         lower, upper = self._bounds(polar)
-        points = np.array([self._ahead(key) for key in going])
+        points = self._better(
+            np.array([self._ahead(key) for key in going]),
+            np.array([self._expected(key) for key in going]), polar,
+        )  # fmt: skip
         low, high = np.tile(lower, (len(going), 1)), np.tile(upper, (len(going), 1))
         for m, (fault, _) in enumerate(going):
             n = self.places[fault]
@@ -284,38 +324,65 @@ class _Walkers:
             self.trails[key].append((u, float(deviance)))
             self._adapt(key)
 
-    def _ahead(self, key: tuple[int, int]) -> np.ndarray:
-        """Where a walk sets its next foot (d,): along its last stride, the first by the tangent."""
+    def _target(self, key: tuple[int, int]) -> float:
+        """Where a walk sets its next foot."""
         fault, sign = key
-        trail, n, tangent = self.trails[key], self.places[fault], self.tangents[fault]
+        here = self.trails[key][-1][0][self.places[fault]]
+        return float(np.clip(here + sign * self.strides[key], 0.0, 1.0))
+
+    def _ahead(self, key: tuple[int, int]) -> np.ndarray:
+        """The point (d,) there that lies along the last stride."""
+        trail, n, target = self.trails[key], self.places[key[0]], self._target(key)
         u = trail[-1][0].copy()
-        target = float(np.clip(u[n] + sign * self.strides[key], 0.0, 1.0))
-        if len(trail) > 1 and trail[-1][0][n] != trail[-2][0][n]:
-            gone = trail[-1][0] - trail[-2][0]
+        if len(trail) > 1 and u[n] != trail[-2][0][n]:
+            gone = u - trail[-2][0]
             u += gone * (target - u[n]) / gone[n]
-        elif tangent is not None:
-            u += tangent * (target - u[n])
-        polar = self.polar[fault]
-        lower, upper = self._bounds(polar)
-        u = np.clip(u, lower, upper)
+        polar = self.polar[key[0]]
+        u = np.clip(u, *self._bounds(polar))
         if not polar:
             u = self.chart.project(u[None])[0]
         u[n] = target
         return u
 
+    def _expected(self, key: tuple[int, int]) -> np.ndarray:
+        """The point (d,) there at which the valley's normal approximation is lowest."""
+        from scipy.optimize import lsq_linear
+
+        n, target = self.places[key[0]], self._target(key)
+        if self.polar[key[0]]:
+            return self._ahead(key)
+        valley = self.joint.valleys[0]
+        sizes, vectors = np.linalg.eigh(valley.precision)
+        root = np.sqrt(np.maximum(sizes, 0.0))[:, None] * vectors.T
+        rest = np.arange(len(valley.z)) != n
+        left = root @ valley.mean - root[:, n] * target
+        bounds = self.chart.lower[rest], self.chart.upper[rest]
+        u = np.full(len(rest), target)
+        u[rest] = lsq_linear(root[:, rest], left, bounds, method="bvls").x
+        u = self.chart.project(u[None])[0]
+        u[n] = target
+        return u
+
+    def _better(self, some: np.ndarray, others: np.ndarray, polar: bool) -> np.ndarray:
+        """Of each pair of points (M, d) the lower one."""
+        self.spent += 2 * len(some)
+        both = self.joint.deviance(self._z(np.vstack([some, others]), polar))
+        first = both[: len(some)] <= both[len(some) :]
+        return np.where(first[:, None], some, others)
+
     def _adapt(self, key: tuple[int, int]) -> None:
         """The next stride: as long as the rise of the last ones lets it be."""
-        n, least = self.places[key[0]], self.least
-        (before, first), (after, then) = self.trails[key][-2:]
+        n, least, trail = self.places[key[0]], self.least, self.trails[key]
+        (before, first), (after, then) = trail[-2:]
         gone = abs(after[n] - before[n])
         climbed = math.sqrt(max(then - least, 0.0)) - math.sqrt(max(first - least, 0.0))
-        if not math.isfinite(then):
-            # the twin diverged: a shorter stride from where it had not
-            self.trails[key].pop()
-            self.strides[key] *= 0.5
+        if climbed > _TOO_STEEP * _STRIDE and gone > _SHORTEST:
+            # also where the twin diverged: nothing is known of what lies between
+            trail.pop()
+            self.strides[key] = 0.5 * gone
             return
         ratio = _STRIDE / max(climbed, 1e-9)
-        self.strides[key] = gone * min(max(ratio, 0.5), 3.0)
+        self.strides[key] = gone * min(max(ratio, 0.5), 2.5)
 
     def walk(self, fault: int) -> Walk:
         """What two walks tell of a fault."""
@@ -323,7 +390,7 @@ class _Walkers:
         down, up = self.trails[fault, -1], self.trails[fault, 1]
         trail = sorted([*down[1:], *up], key=lambda point: float(point[0][n]))
         u = np.array([point for point, _ in trail])
-        rise = np.array([deviance for _, deviance in trail]) - self.least
+        rise = _smoothed(u[:, n], np.array([deviance for _, deviance in trail]) - self.least)
         points = self.chart.to_values(self._z(u, polar))
         values = one.lower + u[:, n] * one.width
         best = int(np.argmin(rise))
@@ -337,7 +404,8 @@ class _Walkers:
             away = math.hypot(end - values[best], reach)
             ends.append(min(max(values[best] + sign * away, one.lower), one.upper))
         shape = _shape(crossed, values[best], one)
-        wide = ends[1] - ends[0] > _TRADED * 2.0 * 1.96 * self.sharp[fault] * one.width
+        alone = one.width / math.sqrt(self.joint.valleys[0].precision[n, n])
+        wide = ends[1] - ends[0] > _TRADED * 2.0 * 1.96 * alone
         partners = self._partners(fault, u, rise) if wide else ()
         return Walk(one.name, values, rise, points, (ends[0], ends[1]), shape, partners)
 
@@ -345,9 +413,12 @@ class _Walkers:
         """Names of what moves along, what is no fault first."""
         if self.polar[fault]:
             return ()
-        near = u[rise < LIMIT + 1.0]
-        moved = np.ptp(near, axis=0) / 2.0 / self.errors
-        unknowns, n = self.chart.unknowns, self.places[fault]
+        near = u[rise < _NEAR]
+        n = self.places[fault]
+        # what moves as far as it is uncertain while the fault does
+        slopes = np.abs(np.polyfit(near[:, n], near, 1)[0]) if np.ptp(near[:, n]) > 0.0 else 0.0
+        moved = slopes * self.errors[n] / self.errors
+        unknowns = self.chart.unknowns
         along = [k for k in range(len(moved)) if k != n and moved[k] > _MOVED]
         along.sort(key=lambda k: (unknowns[k].role == "fault", -moved[k]))
         return tuple(self.chart.names[k] for k in along[:_PARTNERS])
@@ -370,6 +441,25 @@ class _Walkers:
     def _own_all(self, z: np.ndarray, polar: bool) -> np.ndarray:
         """Coordinates of a walk (B, d) of those of the chart."""
         return self.plain.from_values(self.chart.to_values(z)) if polar else z
+
+
+def _smoothed(u: np.ndarray, rise: np.ndarray) -> np.ndarray:
+    """Rises (n,) over the bottom of a parabola through them, at least 0.
+
+    Impacts make the misfit rough. The least of many rough values is a lucky one, and an interval
+    that began there would be too short.
+    """
+    near = rise < _NEAR
+    if near.sum() < _FEWEST:
+        return rise
+    at = u[near] - u[near].mean()
+    size = float(np.abs(at).max()) or 1.0
+    c, b, a = np.polyfit(at / size, rise[near], 2)
+    if c <= 0.0:
+        return rise
+    lowest = float(np.clip(-b / (2.0 * c), at.min() / size, at.max() / size))
+    bottom = a + b * lowest + c * lowest**2
+    return np.asarray(np.maximum(rise - max(bottom, 0.0), 0.0))
 
 
 def _crossing(values: np.ndarray, rise: np.ndarray, way: list[int]) -> float | None:

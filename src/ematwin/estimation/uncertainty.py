@@ -18,6 +18,7 @@ from ematwin.estimation.joint import Joint
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.significance import ANYTHING, SMALLEST
 from ematwin.estimation.thresholds import Threshold
+from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
 
@@ -25,6 +26,7 @@ Report = Callable[[int, int], None]
 """Called with simulations and how many there may be; may raise to end the work."""
 
 METHODS = ("laplace", "profile", "posterior")
+_PREDICTED = 80  # draws of a band
 _UNINFORMED = 0.9  # of its prior's width that a value has afterwards
 
 
@@ -196,6 +198,25 @@ def told(question: Question, drawn: Draws) -> dict[str, Any]:
         "thresholds": {name: one.text for name, one in limits.items()},
         "draws": drawn,
     }
+
+
+def predicted(
+    drawn: Draws, held: Mapping[str, float], comparison: Comparison, count: int = _PREDICTED
+) -> dict[str, np.ndarray]:
+    """Bands of the twin's answers by compared channel: (3, S), 2.5 %, half and 97.5 % of draws.
+
+    Parameters
+    ----------
+    drawn : of what is unknown
+    held : values of what was held, by name
+    comparison : beside the recording
+    count : draws that are simulated
+    """
+    chosen = np.linspace(0, len(drawn.values) - 1, count).astype(int)
+    candidates = {name: np.full(count, value) for name, value in held.items()}
+    candidates |= {name: drawn.of(name)[chosen] for name in drawn.names}
+    answers = comparison.responses(candidates, count)
+    return {n: np.quantile(one, [0.025, 0.5, 0.975], axis=0) for n, one in answers.items()}
 
 
 def strained(question: Question) -> list[str]:

@@ -10,6 +10,7 @@ from ematwin.plots.style import BLUE, GREY, ORANGE, line, stacked, styled
 from ematwin.recordings.recording import Recording
 from ematwin.report.detection import verdict_table
 from ematwin.report.page import Row, Section, Table, render
+from ematwin.report.uncertainty import uncertainty_sections
 
 _SHOWN_POINTS = 20_000  # of a curve; more make the page slow and show nothing more
 
@@ -25,6 +26,7 @@ def identification_page(
         Section("Faults", table=fault_table(found)),
         Section(figure=fault_bars(found)),
         *([Section("Parts", table=parts_table(found))] if found.contrasts else []),
+        *uncertainty_sections(found, record),
         Section(
             "Measured and fitted",
             text="Both went through the same filter. A pattern in the residual is something that "

@@ -1,0 +1,109 @@
+"""How sure an identification is: joint picture, profiles, and the band of answers."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ematwin.estimation.intervals import Draws
+from ematwin.estimation.profile import LIMIT, Walk
+from ematwin.plots.style import BLUE, GREEN, GREY, ORANGE, line, stacked, styled
+
+_BINS, _SHOWN = 32, 0.002  # of a histogram; share of the draws left out at each end
+_COLUMNS = 3  # of profiles
+_HIGHEST = 8.0  # rise that is shown
+
+
+def corner_figure(
+    drawn: Draws, names: Sequence[str], limits: Mapping[str, float] | None = None
+) -> Any:
+    """Corner plot: each pair of unknowns as a density, each alone as a histogram.
+
+    ``limits`` are thresholds by name, in the unit of the unknown.
+    """
+    from plotly.subplots import make_subplots
+
+    size = len(names)
+    figure = make_subplots(
+        rows=size, cols=size, shared_xaxes=True, horizontal_spacing=0.012, vertical_spacing=0.012
+    )
+    edges = {name: _edges(drawn.of(name)) for name in names}
+    for row, across in enumerate(names):
+        for column, along in enumerate(names[: row + 1]):
+            place = {"row": row + 1, "col": column + 1}
+            middle = 0.5 * (edges[along][1:] + edges[along][:-1])
+            if row == column:
+                counts, _ = np.histogram(drawn.of(along), edges[along])
+                figure.add_bar(x=middle, y=counts, marker_color=BLUE, showlegend=False, **place)
+                limit = (limits or {}).get(along, np.nan)
+                if edges[along][0] < limit < edges[along][-1]:
+                    figure.add_vline(limit, line_color=ORANGE, line_dash="dot", **place)
+                figure.update_yaxes(showticklabels=False, **place)
+            else:
+                ends = [edges[across], edges[along]]
+                density, _, _ = np.histogram2d(drawn.of(across), drawn.of(along), ends)
+                figure.add_heatmap(
+                    x=middle, y=0.5 * (ends[0][1:] + ends[0][:-1]), z=density, colorscale="Blues",
+                    showscale=False, **place,
+                )  # fmt: skip
+                figure.update_yaxes(showticklabels=column == 0, **place)
+            if row == size - 1:
+                figure.update_xaxes(title_text=along, **place)
+            if column == 0 and row:
+                figure.update_yaxes(title_text=across, **place)
+    figure = styled(figure, 160 + 110 * size)
+    figure.update_layout(hovermode="closest", bargap=0.0)
+    return figure
+
+
+def _edges(x: np.ndarray) -> np.ndarray:
+    low, high = np.quantile(x, [_SHOWN, 1.0 - _SHOWN])
+    return np.linspace(low, high if high > low else low + 1e-12, _BINS + 1)
+
+
+def profile_figure(walks: Mapping[str, Walk]) -> Any:
+    """The rise of the deviance along each fault, and where it ends the 95 % interval."""
+    from plotly.subplots import make_subplots
+
+    rows = -(-len(walks) // _COLUMNS)
+    titles = [f"{name}: {one.shape}" for name, one in walks.items()]
+    figure = make_subplots(rows=rows, cols=_COLUMNS, subplot_titles=titles, vertical_spacing=0.12)
+    for n, (name, one) in enumerate(walks.items()):
+        place = {"row": n // _COLUMNS + 1, "col": n % _COLUMNS + 1}
+        figure.add_scatter(
+            x=one.values, y=one.rise, mode="lines+markers", name=name, showlegend=False,
+            line={"color": BLUE, "width": 1.4}, **place,
+        )  # fmt: skip
+        figure.add_hline(LIMIT, line_color=GREY, line_dash="dot", **place)
+        figure.add_vrect(*one.interval, fillcolor=GREEN, opacity=0.12, line_width=0, **place)
+        figure.update_yaxes(range=[-0.2, _HIGHEST], title_text="rise", **place)
+    titles_at = [(a.x, a.xanchor) for a in figure.layout.annotations]
+    figure = styled(figure, 90 + 250 * rows)
+    for annotation, (x, anchor) in zip(figure.layout.annotations, titles_at, strict=True):
+        annotation.update(x=x, xanchor=anchor)
+    figure.update_layout(hovermode="closest")
+    return figure
+
+
+def band_figure(
+    time: np.ndarray,
+    measured: Mapping[str, np.ndarray],
+    bands: Mapping[str, np.ndarray],
+    captions: Mapping[str, tuple[str, str]],
+) -> Any:
+    """Measured channels (S,) over the band of answers (3, S) that are as likely as not.
+
+    Bands hold the lower end, the middle and the upper end.
+    """
+    titles = [captions[name][0] for name in bands]
+    figure = stacked(titles, [captions[name][1] for name in bands], "time, s", 330 * len(bands))
+    for n, (name, (low, middle, high)) in enumerate(bands.items()):
+        line(figure, n + 1, time, measured[name], "measured", GREY)
+        edge = {"row": n + 1, "col": 1, "mode": "lines", "line": {"width": 0}}
+        figure.add_scatter(x=time, y=high, showlegend=False, hoverinfo="skip", **edge)
+        figure.add_scatter(
+            x=time, y=low, fill="tonexty", fillcolor="rgba(213, 94, 0, 0.3)", showlegend=n == 0,
+            name="95 % of answers", **edge,
+        )  # fmt: skip
+        line(figure, n + 1, time, middle, "median answer", ORANGE)
+    return figure

@@ -1,0 +1,62 @@
+"""Sections of a page: how sure an identification is."""
+
+from ematwin.estimation.identify import Identification
+from ematwin.estimation.profile import ProfileUncertainty
+from ematwin.estimation.uncertainty import predicted
+from ematwin.plots.uncertainty import band_figure, corner_figure, profile_figure
+from ematwin.recordings.recording import Recording
+from ematwin.report.page import Row, Section, Table
+
+_SHOWN_POINTS = 5_000  # of a band: more make the page slow and show nothing more
+
+
+def uncertainty_sections(found: Identification, record: Recording) -> list[Section]:
+    """Intervals and probabilities, then the pictures that the method has."""
+    sure = found.uncertainty
+    if sure is None:
+        return []
+    rows = [Row(list(row), marked=sure.present[row[0]] > 0.5) for row in sure.rows]
+    points = [*sure.sentences, *(f"Doubt: {sentence}" for sentence in sure.doubts)]
+    sections = [
+        Section(f"How sure: {sure.method}", table=Table(list(sure.headings), rows, True)),
+        Section(points=points),
+    ]
+    if isinstance(sure, ProfileUncertainty):
+        text = "Where the rise passes the dotted line the 95 % interval ends."
+        figure = profile_figure(sure.walks)
+        sections.append(Section("Profiles of the faults", text=text, figure=figure))
+    if sure.draws is None:
+        return sections
+    limits = {
+        name: one for name, text in sure.thresholds.items() if (one := _number(text)) is not None
+    }
+    comparison = found.model.compare(record, found.actuator)
+    bands = predicted(sure.draws, found.estimate.held, comparison)
+    thin = slice(None, None, max(1, len(record) // _SHOWN_POINTS))
+    return [
+        *sections,
+        Section(
+            "Faults together",
+            text="Each pair of faults by draws: a slanted cloud is two that are traded off.",
+            figure=corner_figure(sure.draws, list(sure.present), limits),
+        ),
+        Section(
+            "What the twin may answer",
+            text="The recording over the answers of the twin to draws of everything that is "
+            "unknown. Noise of the sensors is not in the band.",
+            figure=band_figure(
+                record.time[thin],
+                {name: trace[thin] for name, trace in comparison.measured().items()},
+                {name: band[:, thin] for name, band in bands.items()},
+                comparison.captions(),
+            ),
+        ),
+    ]
+
+
+def _number(text: str) -> float | None:
+    """A threshold in the fault's own unit; None where it has a physical one."""
+    try:
+        return float(text)
+    except ValueError:
+        return None

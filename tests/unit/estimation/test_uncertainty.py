@@ -1,0 +1,369 @@
+"""Laplace, profile and posterior where the right answer can be worked out by hand."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import ematwin
+from ematwin import Recording
+from ematwin.errors import InputError, MissingExtraError
+from ematwin.estimation.chains import diagnosed, split_rhat
+from ematwin.estimation.intervals import draws
+from ematwin.estimation.joint import Joint
+from ematwin.estimation.laplace import laplace, sharp_errors
+from ematwin.estimation.posterior import Posterior, PosteriorUncertainty, sampled
+from ematwin.estimation.problem import Problem
+from ematwin.estimation.profile import Profiles
+from ematwin.estimation.thresholds import thresholds_of
+from ematwin.estimation.uncertainty import LaplaceIntervals, Question, named
+from ematwin.models.comparison import Comparison
+from ematwin.models.unknown import Unknown
+
+NOISE, SAMPLES, FACTOR = 0.1, 400, 2.0
+BASES = np.linalg.qr(np.random.default_rng(5).standard_normal((SAMPLES, 4)))[0].T * np.sqrt(SAMPLES)
+ERROR = FACTOR * NOISE / np.sqrt(SAMPLES)  # of what answers by one basis alone
+QUICK = Posterior(effective=300.0, most=60_000)
+
+
+class Toy(Comparison):
+    """Answers with features (B, 4) of its unknowns on orthogonal bases of mean square 1."""
+
+    def __init__(self, features, seed=1, noise=None, **truth):
+        self.features = features
+        here = {name: np.array([value]) for name, value in truth.items()}
+        noise = NOISE * np.random.default_rng(seed).standard_normal(SAMPLES)
+        noise -= BASES.T @ (BASES @ noise) / SAMPLES  # the best point is the truth
+        y = np.asarray(features(here))[0] @ BASES + noise
+        self.recording = Recording(1e-3 * np.arange(SAMPLES), {"y": y})
+        self.actuator, self.noise, self.independent = None, NOISE, float(SAMPLES)
+        self.scale = float((y**2).sum())
+
+    def responses(self, candidates, count):
+        return {"y": self.features(candidates) @ BASES}
+
+    def measured(self):
+        return {"y": self.recording.y}
+
+    def captions(self):
+        return {"y": ("y", "")}
+
+    def residuals(self, candidates, count):
+        return self.responses(candidates, count)["y"] - self.recording.y
+
+
+def fault(name, **more):
+    given = {"healthy": 0.0, "lower": 0.0, "upper": 1.0} | more
+    return Unknown(name, "", "", **given)
+
+
+def question(comparison, unknowns, *starts, thresholds=None):
+    """What is asked of a toy whose search ended at ``starts``, the best first."""
+    problem = Problem([comparison], unknowns)
+    peaks = [laplace(problem, np.array(start, dtype=float)) for start in starts]
+    own = sum(one.role == "fault" for one in unknowns)
+    joint = Joint(tuple(peaks), FACTOR, own)
+    names = problem.names[:own]
+    sharp = dict(zip(names, sharp_errors(peaks[0], own, FACTOR).tolist(), strict=True))
+    drawn = draws(problem.chart, peaks[0].z, peaks[0].widened(FACTOR))
+    ends = {
+        one.name: drawn.interval(one.name, one.lower, one.upper) for one in problem.unknowns
+    }  # fmt: skip
+    intervals = {n: SimpleNamespace(low=low, high=high) for n, (low, high) in ends.items()}
+    assessed = SimpleNamespace(
+        intervals=intervals, drawn=drawn, sharp_errors=sharp, strained={}, others=()
+    )
+    limits = thresholds_of(thresholds or {}, unknowns, None)  # type: ignore[arg-type]
+    return Question(problem, None, assessed, joint, limits)  # type: ignore[arg-type]
+
+
+def run(method, asked, seed=1):
+    return method.run(asked, seed=seed, report=lambda spent, most: None)
+
+
+def stacked(*columns):
+    count = max(np.size(one) for one in columns)
+    rows = [np.broadcast_to(one, count) for one in columns]
+    return np.stack([*rows, *[np.zeros(count)] * (4 - len(rows))], axis=1)
+
+
+# wear times a size that is known to 5 %, and another fault on a basis of its own
+SPREAD = 0.05
+LINEAR = (fault("wear"), fault("gap"), Unknown(
+    "part.size", "m", "", 1.0, 0.2, 5.0, "nominal", spread=SPREAD, logarithmic=True))  # fmt: skip
+
+
+def linear(values):
+    return stacked(values["wear"] + np.log(values["part.size"]), values["gap"])
+
+
+@pytest.fixture(scope="module")
+def asked():
+    toy = Toy(linear, wear=0.4, gap=0.5, **{"part.size": 1.0})
+    return question(toy, LINEAR, (0.41, 0.5, 1.0), thresholds={"wear": 0.45, "gap": 0.49})
+
+
+@pytest.fixture(scope="module")
+def by_posterior(asked):
+    return run(QUICK, asked)
+
+
+def test_three_methods_give_the_known_posterior_of_a_linear_problem(asked, by_posterior):
+    wear = 1.96 * np.hypot(SPREAD, ERROR)
+    for found in (run(LaplaceIntervals(), asked), run(Profiles(), asked), by_posterior):
+        for name, middle, reach in (("wear", 0.4, wear), ("gap", 0.5, 1.96 * ERROR)):
+            low, high = found.intervals[name]
+            assert 0.5 * (low + high) == pytest.approx(middle, abs=0.2 * reach), found.method
+            assert 0.5 * (high - low) == pytest.approx(reach, rel=0.12), found.method
+        assert found.exceeds["wear"] == pytest.approx(0.165, abs=0.05), found.method
+        assert found.exceeds["gap"] == pytest.approx(0.841, abs=0.05), found.method
+        assert found.present == {"wear": pytest.approx(1.0), "gap": pytest.approx(1.0)}
+
+
+def test_converged_chains_say_so_and_their_size(by_posterior):
+    assert by_posterior.diagnostics.converged
+    assert not any("converged" in doubt for doubt in by_posterior.doubts)
+    assert "effective samples" in str(by_posterior)
+    told = by_posterior.as_dict()
+    assert told["diagnostics"]["converged"] is True
+    assert told["exceeds"]["wear"]["threshold"] == "0.45"
+
+
+def test_same_seed_same_draws(asked, by_posterior):
+    again = run(QUICK, asked)
+    np.testing.assert_array_equal(again.draws.values, by_posterior.draws.values)
+    other = run(QUICK, asked, seed=2)
+    assert not np.array_equal(other.draws.values[:50], by_posterior.draws.values[:50])
+
+
+def test_what_only_the_prior_tells_is_named(by_posterior):
+    assert any("adds nothing" in doubt and "part.size" in doubt for doubt in by_posterior.doubts)
+
+
+def test_fault_without_information_is_named_and_its_interval_is_the_prior():
+    toy = Toy(lambda v: stacked(v["gap"], 0.0 * v["wear"]), wear=0.3, gap=0.5)
+    case = question(toy, LINEAR[:2], (0.3, 0.5))
+    for method in (Profiles(), QUICK):
+        found = run(method, case)
+        low, high = found.intervals["wear"]
+        assert low == 0.0
+        assert high > 0.9
+        assert any("tells nothing of wear" in doubt for doubt in found.doubts), found.method
+
+
+def test_uniform_prior_of_a_magnitude_is_uniform_on_its_circle():
+    """In components a flat density would favour large magnitudes (Rayleigh: median 1.18 errors)."""
+    size = fault("size")
+    turn = fault("turn", healthy=0.5, direction_of="size")
+
+    def components(values):
+        phi = 2.0 * np.pi * values["turn"]
+        return stacked(values["size"] * np.cos(phi), values["size"] * np.sin(phi))
+
+    case = question(Toy(components, size=0.0, turn=0.5), (size, turn), (0.0, 0.5))
+    found = run(Posterior(effective=800.0, most=80_000), case)
+    assert np.median(found.draws.of("size")) == pytest.approx(0.674 * ERROR, rel=0.12)
+    assert found.intervals["size"][0] == 0.0
+    quarters = np.histogram(found.draws.of("turn"), 4, (0.0, 1.0))[0] / len(found.draws.values)
+    np.testing.assert_allclose(quarters, 0.25, atol=0.06)
+    assert run(Profiles(), case).intervals["size"] == pytest.approx((0, 1.96 * ERROR), rel=0.1)
+
+
+def test_fault_at_its_bound_has_half_a_normal_distribution():
+    toy = Toy(lambda v: stacked(v["wear"], v["gap"]), wear=0.0, gap=0.5)
+    case = question(toy, LINEAR[:2], (0.001, 0.5))
+    for method in (LaplaceIntervals(), Profiles(), QUICK):
+        low, high = run(method, case).intervals["wear"]
+        assert low == 0.0
+        assert high == pytest.approx(1.96 * ERROR, rel=0.12), method.name
+
+
+def two_valleys():
+    """Two gaps that answer alike but for a little: exact weights by integration."""
+    curve = 3.0
+
+    def features(values):
+        gap = values["gap"]
+        return stacked(curve * (gap - 0.5) ** 2, 0.012 * (gap > 0.5))
+
+    toy = Toy(features, gap=0.25)
+    case = question(toy, (fault("gap"),), (0.25,), (0.75,))
+    fine = np.linspace(0.0, 1.0, 20_001)[:, None]
+    density = case.joint.log_density(case.joint.to_even(fine))
+    weight = np.exp(density - density.max())
+    return case, float(weight[fine[:, 0] > 0.5].sum() / weight.sum())
+
+
+def test_posterior_weighs_two_valleys_as_the_exact_integral_does():
+    case, exact = two_valleys()
+    assert 0.1 < exact < 0.4
+    found = run(Posterior(effective=600.0, most=100_000), case)
+    assert found.diagnostics.converged
+    share = float((found.draws.of("gap") > 0.5).mean())
+    assert share == pytest.approx(exact, abs=0.05)
+    assert found.valleys[1] == pytest.approx(exact, abs=0.05)
+    assert any("Several answers" in sentence for sentence in found.sentences)
+    assert any("this one only" in doubt for doubt in run(Profiles(), case).doubts)
+
+
+def test_shapes_of_profiles_say_what_a_recording_cannot_tell():
+    def features(values):
+        return stacked(
+            values["first"] + values["second"], values["bounded"],
+            0.02 * np.minimum(values["capped"], 0.5), 0.0,
+        )  # fmt: skip
+
+    names = ("first", "second", "bounded", "capped")
+    truth = {"first": 0.5, "second": 0.5, "bounded": 0.0, "capped": 0.9}
+    unknowns = tuple(fault(name) for name in names)
+    case = question(Toy(features, **truth), unknowns, tuple(truth.values()))
+    walks = run(Profiles(), case).walks
+    assert walks["bounded"].shape == "at its bound"
+    assert walks["first"].shape == "flat"
+    assert walks["first"].partners == ("second",)
+    assert walks["capped"].shape == "flat"
+
+
+def test_faults_that_make_up_for_one_another_are_named():
+    def features(values):
+        return stacked(values["first"] + values["second"], 0.1 * values["first"])
+
+    toy = Toy(features, first=0.5, second=0.5)
+    case = question(toy, (fault("first"), fault("second")), (0.5, 0.5))
+    walk = run(Profiles(), case).walks["first"]
+    assert walk.shape == "bounded"
+    assert walk.partners == ("second",)
+    reach = 1.96 * ERROR / 0.1
+    assert walk.interval == pytest.approx((0.5 - reach, 0.5 + reach), abs=0.15 * reach)
+
+
+def test_chains_that_have_not_arrived_are_said_to_be_so(asked):
+    found = run(Posterior(most=500), asked)
+    assert not found.diagnostics.converged
+    assert any("have not converged: sampling reached its limit" in one for one in found.doubts)
+
+
+def test_interrupted_chains_keep_what_they_have(asked):
+    def pressed(spent, most):
+        if spent > 2000:
+            raise KeyboardInterrupt
+
+    found = Posterior(effective=1e6).run(asked, seed=1, report=pressed)
+    assert isinstance(found, PosteriorUncertainty)
+    assert len(found.draws.values) > 100
+    assert any("was interrupted" in doubt for doubt in found.doubts)
+
+
+def test_interrupted_walks_keep_what_they_have(asked):
+    def pressed(spent, most):
+        raise KeyboardInterrupt
+
+    found = Profiles().run(asked, seed=1, report=pressed)
+    assert any("interrupted" in doubt for doubt in found.doubts)
+
+
+def test_intervals_hold_the_truth_as_often_as_they_promise():
+    """Truth from the prior, noise as assumed: ranks are uniform, 95 % hold (16 records)."""
+    rng = np.random.default_rng(3)
+    held, ranks = [], []
+    for _ in range(16):
+        wear, gap, size = rng.uniform(0.3, 0.7), rng.random(), np.exp(SPREAD * rng.normal())
+        toy = Toy(linear, wear=wear, gap=gap, **{"part.size": size})
+        # noise of the size that the model's own error promises
+        shift = FACTOR * NOISE * rng.standard_normal(SAMPLES) / 1.0
+        y = toy.recording.y + BASES.T @ (BASES @ shift) / SAMPLES
+        toy.recording = Recording(toy.recording.time, {"y": y})
+        case = question(toy, LINEAR, (wear, gap, 1.0))
+        found = run(Posterior(effective=100.0, most=6_500), case)
+        for name, truth in (("wear", wear), ("gap", gap), ("part.size", size)):
+            low, high = found.intervals[name]
+            held.append(low <= truth <= high)
+            ranks.append(float((found.draws.of(name) < truth).mean()))
+    assert 0.87 <= np.mean(held) <= 1.0
+    # chi-squared of four bins of 48 ranks: 99.9 % below 16.3 for three degrees of freedom
+    counts, _ = np.histogram(ranks, 4, (0.0, 1.0))
+    assert ((counts - 12.0) ** 2 / 12.0).sum() < 16.3
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"wear": 1.5}, r"threshold of wear must lie in its range \[0, 1\], received 1.5\."),
+        ({"tear": 0.5}, "no searched fault 'tear'.*name one of wear, gap"),
+        ({"wear": "much"}, "must be a number"),
+    ],
+)
+def test_thresholds_that_mean_nothing_are_refused(given, said):
+    with pytest.raises(InputError, match=said):
+        thresholds_of(given, LINEAR, None)  # type: ignore[arg-type]
+
+
+def test_unknown_method_is_refused():
+    with pytest.raises(InputError, match="laplace, profile, posterior, received 'guess'"):
+        named("guess")
+
+
+def test_too_few_walkers_are_refused(asked):
+    with pytest.raises(InputError, match="at least twice the 3 unknowns; received 4"):
+        sampled(asked.joint, walkers=4)
+
+
+def test_arviz_is_asked_for_where_it_is_missing(by_posterior, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "arviz", None)
+    with pytest.raises(MissingExtraError, match=r'pip install "ematwin\[arviz\]"'):
+        by_posterior.to_arviz()
+
+
+def test_chains_go_to_arviz_by_name(by_posterior, monkeypatch):
+    taken = SimpleNamespace(from_dict=lambda **groups: groups)
+    monkeypatch.setitem(__import__("sys").modules, "arviz", taken)
+    groups = by_posterior.to_arviz()
+    steps, walkers, _ = by_posterior.chains.shape
+    assert groups["posterior"]["wear"].shape == (walkers, steps)
+    assert groups["sample_stats"]["lp"].shape == (walkers, steps)
+
+
+def test_rhat_is_one_where_chains_agree_and_large_where_they_do_not():
+    rng = np.random.default_rng(1)
+    alike = rng.standard_normal((8, 1000))
+    assert split_rhat(alike) == pytest.approx(1.0, abs=0.01)
+    apart = alike + np.repeat([0.0, 1.0], 4)[:, None]
+    assert split_rhat(apart) > 1.1
+    wider = alike * np.repeat([1.0, 3.0], 4)[:, None]  # same means: the folded one sees it
+    assert split_rhat(wider) > 1.1
+
+
+def test_autocorrelation_time_of_a_known_process():
+    """AR(1) with coefficient a: tau = (1 + a)/(1 - a)."""
+    rng, a = np.random.default_rng(2), 0.8
+    x = np.zeros((3000, 16, 1))
+    for t in range(1, len(x)):
+        x[t] = a * x[t - 1] + rng.standard_normal((16, 1))
+    found = diagnosed(x, ["x"], evaluations=1, acceptance=1.0, wanted=100.0)
+    assert found.tau["x"] == pytest.approx(9.0, rel=0.15)
+    assert found.effective["x"] == pytest.approx(3000 * 16 / 9.0, rel=0.15)
+
+
+def test_three_methods_agree_on_a_short_monitor_record():
+    scenario = ematwin.Scenario(
+        duration=0.12,
+        command=[{"type": "chirp", "amplitude": 0.005, "f_start": 10.0, "f_end": 30.0}],
+    )
+    noise = ematwin.Noise(white=0.02)
+    record = ematwin.simulate("monitor", scenario, {"friction": 0.3}, noise=noise, seed=3)
+    only = ("friction", "gain")
+    found = {
+        how if isinstance(how, str) else how.name: ematwin.identify(
+            record, exact=True, only=only, uncertainty=how, thresholds={"friction": "0.04 N*m"}
+        ).uncertainty
+        for how in ("laplace", "profile", Posterior(effective=200.0, most=8000))
+    }
+    assert found["posterior"].diagnostics.effective["friction"] > 200.0
+    for name in only:
+        low, high = found["laplace"].intervals[name]
+        for one in found.values():
+            assert one.intervals[name] == pytest.approx((low, high), abs=0.35 * (high - low))
+    for one in found.values():
+        assert one.exceeds["friction"] > 0.99
+        assert one.thresholds["friction"] == "0.04 N m"
+        assert one.intervals["friction"][0] < 0.3 < one.intervals["friction"][1]
