@@ -27,7 +27,7 @@ from joblib import Parallel, delayed
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-import certainty_methods as methods
+import certainty_answers as answers
 import certainty_tables as tables
 from populations import KNOWLEDGE, POPULATIONS
 
@@ -77,7 +77,7 @@ def task_of(row: dict[str, Any]) -> Task:
 
 def done(task: Task) -> dict[str, Any]:
     """The row of a task."""
-    return task._asdict() | methods.judged(*task)
+    return task._asdict() | answers.judged(*task)
 
 
 def run(tasks: Sequence[Task], store: Store, workers: int) -> list[dict[str, Any]]:
@@ -122,7 +122,7 @@ def main(arguments: Sequence[str] | None = None) -> str:
     parser.add_argument("--populations", nargs="+", choices=POPULATIONS)
     parser.add_argument("--knowledge", nargs="+", choices=KNOWLEDGE)
     parser.add_argument("--fidelity", nargs="+", choices=("monitor", "reference"))
-    parser.add_argument("--methods", nargs="+", choices=methods.METHODS)
+    parser.add_argument("--methods", nargs="+", choices=answers.METHODS)
     parser.add_argument("--store", type=Path, default=Path("certainty"), help="folder of results")
     parser.add_argument("--figure", type=Path, help="write the picture of the experiment here, SVG")
     parser.add_argument("--workers", type=int, default=1)

@@ -1,115 +1,83 @@
-"""What each method says of a recording that was drawn, as a row of plain values.
+"""Whether intervals of the three methods hold the truth on the same recordings: docs/certainty.md.
 
-``laplace``, ``profile`` and ``posterior`` are those of `ematwin.identify`. Those with ``own``
-behind them count the noise of the recording alone, without the factor for what the twin gets wrong
-in the same way throughout (`Model.model_error`): on recordings of the twin itself it gets nothing
-wrong, and ranks tell whether draws are right only without it.
+    python benchmarks/certainty_methods.py calibrated --actuators 4 --faulty 3 --first 300
+    python benchmarks/certainty_methods.py uncalibrated --actuators 4 --faulty 3 --first 300
+
+Actuators, faults and recordings (reference model, 2 % noise, 12 bits) are those of
+benchmarks/unknown_actuator.py. Prints a line for each recording, then how often each method held
+the truth, how wide its intervals were beside Laplace's, and seconds of processor time, the search
+included.
 """
 
+import argparse
+import sys
 import time
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ematwin import identify
-from ematwin.estimation.intervals import Draws, draws
 from ematwin.estimation.posterior import Posterior
-from ematwin.estimation.uncertainty import (
-    LaplaceIntervals,
-    Method,
-    Question,
-    Report,
-    Uncertainty,
-    told,
-)
-from populations import MAGNITUDES, drawn
+from ematwin.estimation.profile import Profiles
 
-EFFECTIVE = 100.0  # samples of the worst component: enough to count, and a quarter of the default
-_SAME = 1e-9  # draws and truth at one bound
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+import unknown_actuator as rig
+
+METHODS = ("laplace", "profile", "posterior")
 
 
-@dataclass(frozen=True)
-class LaplaceOwn:
-    """Laplace's intervals from the noise of the recording alone."""
-
-    name: str = "laplace own"
-
-    def run(self, question: Question, *, seed: int, report: Report) -> Uncertainty:
-        """The answer, without a simulation."""
-        peak = question.joint.peaks[0]
-        found = draws(peak.problem.chart, peak.z, peak.widened(1.0))
-        ends = {
-            one.name: found.interval(one.name, one.lower, one.upper)
-            for one in peak.problem.unknowns
-        }
-        return Uncertainty(self.name, ends, **told(question, found), doubts=())
-
-
-@dataclass(frozen=True)
-class PosteriorOwn:
-    """The posterior from the noise of the recording alone."""
-
-    name: str = "posterior own"
-
-    def run(self, question: Question, *, seed: int, report: Report) -> Uncertainty:
-        """Its draws."""
-        own = replace(question.joint, factor=1.0)
-        return Posterior(EFFECTIVE).run(replace(question, joint=own), seed=seed, report=report)
-
-
-METHODS: Mapping[str, str | Method] = {
-    "laplace": LaplaceIntervals(), "profile": "profile", "posterior": Posterior(EFFECTIVE),
-    "laplace own": LaplaceOwn(), "posterior own": PosteriorOwn(),
-}  # fmt: skip
-
-
-def judged(
-    population: str, knowledge: str, fidelity: str, seed: int, method: str
-) -> dict[str, Any]:
-    """Values, intervals, probabilities, ranks and verdict beside the truth."""
-    one = drawn(population, knowledge, fidelity, seed)
-    started = time.process_time()
-    found = identify(
-        one.recording, one.known, exact=one.exact, threads=1, uncertainty=METHODS[method], seed=seed
-    )
-    seconds = time.process_time() - started
-    sure = found.uncertainty
-    assert sure is not None
-    return {
-        "truth": one.faults,
-        "others": one.others,
-        "values": {name: found.values[name] for name in one.faults},
-        "errors": {name: found.standard_error[name] for name in MAGNITUDES},
-        "intervals": {name: sure.intervals.get(name, found.intervals[name]) for name in one.faults},
-        "present": sure.present,
-        "healthy": sure.healthy,
-        "ranks": None if sure.draws is None else ranks(sure.draws, one.faults),
-        "converged": _converged(sure),
-        "fitted": found.fitted,
-        "grade": found.verdict.grade,
-        "named": found.verdict.faults,
-        "reason": found.verdict.reason,
-        "misfit": found.relative_misfit,
-        "seconds": seconds,
-    }
+def main() -> None:
+    """Compare on some actuators."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("mode", choices=("calibrated", "uncalibrated"))
+    parser.add_argument("--actuators", type=int, default=4)
+    parser.add_argument("--faulty", type=int, default=3, help="recordings of each actuator")
+    parser.add_argument("--first", type=int, default=300, help="seed of the first actuator")
+    parser.add_argument("--most", type=int, default=60_000, help="simulations of a posterior")
+    given = parser.parse_args()
+    rows: dict[str, list[Any]] = {name: [] for name in METHODS}
+    for seed in range(given.first, given.first + given.actuators):
+        true = rig.actuator_off(seed)
+        known: Any = rig.SHEET
+        if given.mode == "calibrated":
+            healthy = [rig.recorded(true, {}, 10 + n, {}) for n in range(rig.HEALTHY_RECORDINGS)]
+            known = rig.learnt(healthy, rig.SHEET)
+        for n, faults in enumerate(rig.cases(given.faulty, seed)):
+            record = rig.recorded(true, faults, 100 + n, {})
+            injected = {name: 0.5 if name == "gain" else 0.0 for name in rig.COMPARED} | faults
+            widths: dict[str, float] = {}
+            for method in (*METHODS[:1], Profiles(), Posterior(most=given.most)):
+                name = method if isinstance(method, str) else method.name
+                started = time.process_time()
+                sure = identify(record, known, uncertainty=method).uncertainty
+                spent = time.process_time() - started
+                ends = sure.intervals
+                out = [
+                    f"{one} {injected[one]:.3f} not in {ends[one][0]:.4f} to {ends[one][1]:.4f}"
+                    for one in rig.COMPARED
+                    if not ends[one][0] - 1e-9 <= injected[one] <= ends[one][1] + 1e-9
+                ]
+                size = {one: ends[one][1] - ends[one][0] for one in rig.COMPARED}
+                widths = widths or size
+                beside = float(np.median([size[one] / widths[one] for one in rig.COMPARED]))
+                finished = not any("not converged" in one for one in sure.doubts)
+                rows[name].append((len(out), beside, spent, finished))
+                print(
+                    f"{seed} {n} {name} {spent:.0f} s {'' if finished else 'not converged '}"
+                    f"width {beside:.2f} {'; '.join(out) or 'all held'}",
+                    flush=True,
+                )
+    print("| | intervals that hold, % | median width over Laplace's | s | converged, % |")
+    print("|---|--:|--:|--:|--:|")
+    for name, found in rows.items():
+        out, beside, spent, finished = (np.array(one) for one in zip(*found, strict=True))
+        held = 100.0 * (1.0 - out.sum() / (len(out) * len(rig.COMPARED)))
+        print(
+            f"| {name} | {held:.1f} of {len(out) * len(rig.COMPARED)} | {np.median(beside):.2f} | "
+            f"{np.median(spent):.0f} | {100.0 * finished.mean():.0f} |"
+        )
 
 
-def ranks(found: Draws, truth: Mapping[str, float]) -> dict[str, float]:
-    """Share of draws below the truth, by name; of a direction, of those up to half a turn before.
-
-    Draws that equal the truth, at a bound, count by half.
-    """
-    shares = {}
-    for name, value in truth.items():
-        away = found.of(name) - value
-        if name in found.directions:
-            away = (away + 0.5) % 1.0 - 0.5
-        shares[name] = float(np.mean((away < -_SAME) + 0.5 * (np.abs(away) <= _SAME)))
-    return shares
-
-
-def _converged(sure: Uncertainty) -> bool | None:
-    diagnostics = getattr(sure, "diagnostics", None)
-    return None if diagnostics is None else bool(diagnostics.converged)
+if __name__ == "__main__":
+    main()

@@ -7,7 +7,7 @@ import pytest
 from benchmarks import certainty
 
 # the scripts import one another by the folder that they lie in
-import certainty_methods as methods  # isort: skip
+import certainty_answers as answers  # isort: skip
 import certainty_tables as tables  # isort: skip
 import populations  # isort: skip
 
@@ -40,7 +40,7 @@ def test_a_stored_row_is_not_worked_out_again(tmp_path, monkeypatch):
         calls.append(task)
         return {"value": len(calls)}
 
-    monkeypatch.setattr(certainty.methods, "judged", judged)
+    monkeypatch.setattr(certainty.answers, "judged", judged)
     store = certainty.Store(tmp_path)
     first = certainty.run([TASK], store, workers=1)
     second = certainty.run([TASK, TASK._replace(seed=2)], store, workers=1)
@@ -49,7 +49,7 @@ def test_a_stored_row_is_not_worked_out_again(tmp_path, monkeypatch):
 
 
 def test_a_row_cut_off_by_the_end_of_the_power_is_worked_out_again(tmp_path, monkeypatch):
-    monkeypatch.setattr(certainty.methods, "judged", lambda *task: {"value": task[3]})
+    monkeypatch.setattr(certainty.answers, "judged", lambda *task: {"value": task[3]})
     store = certainty.Store(tmp_path)
     certainty.run([TASK, TASK._replace(seed=2)], store, workers=1)
     path = tmp_path / "rows.jsonl"
@@ -143,14 +143,14 @@ def test_ranks_of_draws_around_the_truth_are_uniform_and_of_narrow_ones_not():
         draws = 0.5 * seen + np.sqrt(0.5) * rng.standard_normal((500, 1))
         for found, scale in ((right, 1.0), (narrow, 0.4)):
             spread = 0.5 * seen + scale * (draws - 0.5 * seen)
-            found.append(methods.ranks(methods.Draws(("friction",), spread, {}), truth)["friction"])
+            found.append(answers.ranks(answers.Draws(("friction",), spread, {}), truth)["friction"])
     assert tables.uniformity(right).p > 0.01
     assert tables.uniformity(narrow).p < 1e-6
 
 
 def test_draws_at_the_bound_of_a_healthy_fault_count_by_half():
-    drawn = methods.Draws(("friction",), np.array([[0.0], [0.0], [0.1], [0.2]]), {})
-    assert methods.ranks(drawn, {"friction": 0.0}) == {"friction": 0.25}
+    drawn = answers.Draws(("friction",), np.array([[0.0], [0.0], [0.1], [0.2]]), {})
+    assert answers.ranks(drawn, {"friction": 0.0}) == {"friction": 0.25}
 
 
 def test_verdicts_on_recordings_of_the_reference_model(tmp_path, capsys):
