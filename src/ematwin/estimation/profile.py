@@ -404,7 +404,7 @@ class _Walkers:
             away = math.hypot(end - values[best], reach)
             ends.append(min(max(values[best] + sign * away, one.lower), one.upper))
         shape = _shape(crossed, values[best], one)
-        alone = one.width / math.sqrt(self.joint.valleys[0].precision[n, n])
+        alone = one.width / math.sqrt(max(self.joint.valleys[0].precision[n, n], 1e-12))
         wide = ends[1] - ends[0] > _TRADED * 2.0 * 1.96 * alone
         partners = self._partners(fault, u, rise) if wide else ()
         return Walk(one.name, values, rise, points, (ends[0], ends[1]), shape, partners)
