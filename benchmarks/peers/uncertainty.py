@@ -33,6 +33,7 @@ FREE = ("friction", "backlash", "short_a", "short_b", "short_c", "gain")
 SHOWN = ("friction", "backlash", "short_b", "gain")
 INJECTED = {"friction": 0.3, "backlash": 0.2, "short_a": 0.05, "short_b": 0.25, "gain": 0.45}
 STEP = 1e-3  # of differences, share of a range
+STEPS = (1e-5, 2e-4, 2e-3)  # of pyPESTO's profiles; its own, 1e-3 and up, are wider than a profile
 SAMPLES, WALKERS = 3000, 24
 EFFECTIVE, QUICK = 400.0, 20
 LIMIT = 0.1465  # ratio of likelihoods at the end of an interval of 95 %, exp(-3.841/2)
@@ -139,14 +140,17 @@ def _pypesto(density: Density, start: np.ndarray) -> tuple[Any, Any]:
 
 
 def profiles_by_pypesto(asked: Question) -> Answer:
-    """Its profiles with its defaults, ends where the likelihood ratio says."""
+    """Its profiles, in steps as short as these need; ends where the likelihood ratio says."""
     import pypesto.optimize
     import pypesto.profile
 
     density = Density(asked.joint)
     started = time.process_time()
     problem, result = _pypesto(density, asked.joint.peaks[0].z)
-    options = pypesto.profile.ProfileOptions(ratio_min=LIMIT)
+    shortest, usual, longest = STEPS
+    options = pypesto.profile.ProfileOptions(
+        ratio_min=LIMIT, min_step_size=shortest, default_step_size=usual, max_step_size=longest
+    )
     result = pypesto.profile.parameter_profile(
         problem, result, pypesto.optimize.ScipyOptimizer("L-BFGS-B"),
         profile_options=options, progress_bar=False, filename=None,
@@ -161,16 +165,18 @@ def profiles_by_pypesto(asked: Question) -> Answer:
 
 
 def _ends(values: np.ndarray, ratios: np.ndarray) -> Interval:
-    """Where a profile falls through the limit, or ends."""
+    """Where a profile falls through the limit, or ends; the root of its logarithm is straight."""
     order = np.argsort(values)
-    values, logs = values[order], np.log(np.maximum(ratios[order], 1e-300))
-    inside = np.flatnonzero(logs >= np.log(LIMIT))
+    values = values[order]
+    roots = np.sqrt(np.maximum(-np.log(np.maximum(ratios[order], 1e-300)), 0.0))
+    limit = np.sqrt(-np.log(LIMIT))
+    inside = np.flatnonzero(roots <= limit)
     ends = []
     for edge, beyond in ((inside[0], inside[0] - 1), (inside[-1], inside[-1] + 1)):
         if not 0 <= beyond < len(values):
             ends.append(float(values[edge]))
             continue
-        share = (np.log(LIMIT) - logs[edge]) / (logs[beyond] - logs[edge])
+        share = (limit - roots[edge]) / (roots[beyond] - roots[edge])
         ends.append(float(values[edge] + share * (values[beyond] - values[edge])))
     return ends[0], ends[1]
 
