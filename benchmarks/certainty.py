@@ -104,12 +104,24 @@ def tasks_of(given: argparse.Namespace, populations: Sequence[str]) -> Iterator[
                         yield Task(population, knowledge, fidelity, seed, method)
 
 
+def stored(given: argparse.Namespace, populations: Sequence[str], store: Store) -> list[Any]:
+    """Rows of an experiment that are there, whatever their seeds."""
+    wanted = (populations, given.knowledge, given.fidelity, given.methods)
+    found = []
+    for row in store.rows():
+        task = task_of(row)
+        have = (task.population, task.knowledge, task.fidelity, task.method)
+        if all(one in several for one, several in zip(have, wanted, strict=True)):
+            found.append(row)
+    return found
+
+
 METHODS = ("laplace", "profile", "posterior")
 # experiment -> populations, knowledge, fidelities and methods unless others are asked for
 EXPERIMENTS: dict[str, tuple[Sequence[str], ...]] = {
     "coverage": (("mixture",), ("exact", "drifted"), ("monitor", "reference"), METHODS),
     "calibration": (("middle",), ("exact",), ("monitor",), ("laplace own", "posterior own")),
-    "verdicts": (("healthy", "slight"), ("drifted",), ("reference",), ("laplace",)),
+    "verdicts": (("healthy", "slight"), ("exact", "drifted"), ("reference",), ("laplace",)),
 }
 
 
@@ -125,6 +137,7 @@ def main(arguments: Sequence[str] | None = None) -> str:
     parser.add_argument("--methods", nargs="+", choices=answers.METHODS)
     parser.add_argument("--store", type=Path, default=Path("certainty"), help="folder of results")
     parser.add_argument("--figure", type=Path, help="write the picture of the experiment here, SVG")
+    parser.add_argument("--stored", action="store_true", help="tables of what is stored, no more")
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--quick", action="store_true", help=f"{QUICK} recordings")
     given = parser.parse_args(arguments)
@@ -132,10 +145,14 @@ def main(arguments: Sequence[str] | None = None) -> str:
     given.knowledge = given.knowledge or knowledge
     given.fidelity = given.fidelity or fidelity
     given.methods = given.methods or which
+    populations = given.populations or populations
     if given.quick:
         given.records = min(given.records, QUICK)
-    tasks = list(tasks_of(given, given.populations or populations))
-    rows = run(tasks, Store(given.store), given.workers)
+    store = Store(given.store)
+    if given.stored:
+        rows = stored(given, populations, store)
+    else:
+        rows = run(list(tasks_of(given, populations)), store, given.workers)
     text = tables.TABLES[given.experiment](rows)
     if given.figure is not None:
         given.figure.write_text(tables.FIGURES[given.experiment](rows), encoding="utf-8")

@@ -11,6 +11,7 @@ from populations import FAULTS, MAGNITUDES
 
 Row = dict[str, Any]
 
+AS_PRIOR = ("flat", "middle", "box")  # populations in which no value is likelier than another
 EDGES = (0.0, 0.01, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 1.0)  # of probabilities that count as alike
 PROMISED = (0.01, 0.05)  # of healthy recordings that may be called faulty: rule, and promise
 BINS = 8  # of ranks, at most
@@ -124,13 +125,22 @@ def reliability(rows: Sequence[Row]) -> list[Bin]:
 def verdicts(rows: Sequence[Row]) -> str:
     """Probabilities beside frequencies, what verdicts name, and false alarms."""
     parts = []
-    for (knowledge, fidelity, method), part in groups(
-        rows, "knowledge", "fidelity", "method"
-    ).items():
-        parts.append(f"**{knowledge}, {fidelity}: {method}**")
+    for (knowledge, fidelity, method, faults), part in settings(rows).items():
+        parts.append(
+            f"**{knowledge}, {fidelity}, faults {faults}: {method}**, {len(part)} recordings"
+        )
         parts.append(_reliability_table(part))
         parts.append(_named_table(part))
     return "\n\n".join(parts)
+
+
+def settings(rows: Sequence[Row]) -> dict[tuple[str, ...], list[Row]]:
+    """Rows by what is known, what was simulated, method, and how faults were drawn."""
+    told = [
+        row | {"faults": "as the prior" if row["population"] in AS_PRIOR else "half absent"}
+        for row in rows
+    ]
+    return groups(told, "knowledge", "fidelity", "method", "faults")
 
 
 def _reliability_table(part: Sequence[Row]) -> str:
@@ -234,14 +244,14 @@ def calibration_figure(rows: Sequence[Row]) -> str:
 
 def reliability_figure(rows: Sequence[Row]) -> str:
     """Frequency over probability, each with 95 % of its binomial share, as SVG."""
-    lines = list(groups(rows, "knowledge", "fidelity", "method").items())
+    lines = list(settings(rows).items())
     figure, axes = _axes(1, len(lines), size=2.8)
-    for axis, (key, part) in zip(axes[0], lines, strict=True):
+    for axis, ((knowledge, _, method, faults), part) in zip(axes[0], lines, strict=True):
         axis.plot([0, 1], [0, 1], color="0.7")
         for one in reliability(part):
             axis.plot([one.said] * 2, wilson(one.came, one.count), color="#1f5a99")
             axis.plot(one.said, one.came / one.count, "o", color="#1f5a99")
-        axis.set_title(", ".join(key), fontsize=9)
+        axis.set_title(f"{knowledge}, faults {faults}: {method}", fontsize=8)
         axis.set(xlabel="probability said", ylabel="came true", xlim=(-0.03, 1.03))
     return _svg(figure)
 

@@ -164,6 +164,8 @@ def test_verdicts_on_recordings_of_the_reference_model(tmp_path, capsys):
     assert not any(one["grade"] == "fault" for one in rows if one["population"] == "healthy")
     assert not any(tables.silently_wrong(one) for one in rows)
     assert "<svg" in (tmp_path / "reliability.svg").read_text()
+    again = certainty.main(["verdicts", "--stored", "--store", str(tmp_path)])
+    assert again == text
 
 
 def test_coverage_and_ranks_on_recordings_of_the_twin(tmp_path):
