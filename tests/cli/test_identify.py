@@ -290,3 +290,34 @@ def test_a_parameter_is_searched_from_the_shell(ematwin, folder: Path) -> None:
     nominal = library.BldcActuator.load().motor.emf_constant
     assert told["faults"]["motor.emf_constant"] == pytest.approx(nominal, rel=0.01)
     assert told["physical"]["motor.emf_constant"]["unit"] == "V*s/rad"
+
+
+def test_uncertainty_is_told_to_people_and_programs(ematwin, folder: Path) -> None:
+    asked = (
+        "identify", "rec.parquet", "--exact", "--only", "friction,backlash", "--uncertainty",
+        "profile", "--threshold", "friction=0.2", "--threshold", "backlash=0.07 rad",
+    )  # fmt: skip
+    answer = ematwin(*asked, "--report", "page.html")
+    assert answer.code == 0, answer.err
+    assert "95 % by profile" in answer.out
+    assert "friction is beyond 0.2: above 99 %." in answer.out
+    page = (folder / "page.html").read_text(encoding="utf-8")
+    assert "How sure: profile" in page
+    assert "Profiles of the faults" in page
+    told = json.loads(ematwin(*asked, "--json").out)["uncertainty"]
+    assert told["method"] == "profile"
+    assert told["walks"]["friction"]["shape"] == "bounded"
+    assert told["exceeds"]["backlash"]["threshold"] == "0.07 rad"
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--uncertainty", "guess"), "uncertainty must be laplace, profile, posterior"),
+        (("--threshold", "friction=2"), r"threshold of friction must lie in its range \[0, 1\]"),
+        (("--threshold", "friction"), "--threshold needs name=value"),
+        (("--threshold", "friction=3 N*m"), r"in its range \[0.03, 0.09\]"),
+    ],
+)
+def test_uncertainty_that_cannot_be_given_is_refused(ematwin, folder, options, said) -> None:
+    refused(ematwin("identify", "rec.parquet", "--exact", *options), said)

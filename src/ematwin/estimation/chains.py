@@ -63,8 +63,9 @@ class Diagnostics:
         )
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain JSON values."""
-        return {**vars(self), "converged": self.converged}
+        """Plain JSON values; what is infinite is null."""
+        rhat = {name: one if np.isfinite(one) else None for name, one in self.rhat.items()}
+        return {**vars(self), "rhat": rhat, "converged": self.converged}
 
     def __str__(self) -> str:
         name, largest = self.largest_rhat

@@ -392,22 +392,30 @@ class _Walkers:
         u = np.array([point for point, _ in trail])
         rise = _smoothed(u[:, n], np.array([deviance for _, deviance in trail]) - self.least)
         points = self.chart.to_values(self._z(u, polar))
-        values = one.lower + u[:, n] * one.width
         best = int(np.argmin(rise))
         ends, crossed = [], []
-        for sign, bound in ((-1, one.lower), (1, one.upper)):
-            way = range(best, -1, -1) if sign < 0 else range(best, len(rise))
-            end = _crossing(values, rise, list(way))
+        for bound in (0, 1):
+            way = list(range(best, len(rise)) if bound else range(best, -1, -1))
+            end = _crossing(u[:, n], rise, way)
             crossed.append(end is not None)
-            end = bound if end is None else end
-            reach = 1.96 * self.joint.scatter.get(one.name, 0.0)
-            away = math.hypot(end - values[best], reach)
-            ends.append(min(max(values[best] + sign * away, one.lower), one.upper))
-        shape = _shape(crossed, values[best], one)
-        alone = one.width / math.sqrt(max(self.joint.valleys[0].precision[n, n], 1e-12))
-        wide = ends[1] - ends[0] > _TRADED * 2.0 * 1.96 * alone
+            ends.append(float(bound) if end is None else end)
+        wide = ends[1] - ends[0] > _TRADED * 2.0 * 1.96 / self._sharpness(n)
         partners = self._partners(fault, u, rise) if wide else ()
-        return Walk(one.name, values, rise, points, (ends[0], ends[1]), shape, partners)
+        values = points[:, n]
+        low, high = self._with_scatter(one, values[best], [_value(one, end) for end in ends])
+        shape = _shape(crossed, float(values[best]), one)
+        return Walk(one.name, values, rise, points, (low, high), shape, partners)
+
+    def _sharpness(self, n: int) -> float:
+        """One over the error of an unknown if all others were known, as shares of its range."""
+        return math.sqrt(max(self.joint.valleys[0].precision[n, n], 1e-12))
+
+    def _with_scatter(self, one: Unknown, best: float, ends: list[float]) -> tuple[float, float]:
+        """Ends with what healthy recordings differed by, within the bounds."""
+        reach = 1.96 * self.joint.scatter.get(one.name, 0.0)
+        low = best - math.hypot(best - ends[0], reach)
+        high = best + math.hypot(ends[1] - best, reach)
+        return max(float(low), one.lower), min(float(high), one.upper)
 
     def _partners(self, fault: int, u: np.ndarray, rise: np.ndarray) -> tuple[str, ...]:
         """Names of what moves along, what is no fault first."""
@@ -470,6 +478,13 @@ def _crossing(values: np.ndarray, rise: np.ndarray, way: list[int]) -> float | N
             share = (limit - root[a]) / (root[b] - root[a])
             return float(values[a] + share * (values[b] - values[a]))
     return None
+
+
+def _value(one: Unknown, share: float) -> float:
+    """The value of an unknown at a share of its range, or of that of its logarithm."""
+    if one.logarithmic:
+        return float(one.lower * (one.upper / one.lower) ** share)
+    return float(one.lower + share * one.width)
 
 
 def _shape(crossed: list[bool], best: float, one: Unknown) -> str:

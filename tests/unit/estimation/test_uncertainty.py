@@ -237,6 +237,14 @@ def test_faults_that_make_up_for_one_another_are_named():
     assert walk.interval == pytest.approx((0.5 - reach, 0.5 + reach), abs=0.15 * reach)
 
 
+def test_profile_of_a_logarithmic_fault_is_in_its_own_values():
+    toy = Toy(lambda v: stacked(np.log(v["wear"])), wear=2.0)
+    wear = fault("wear", healthy=1.0, lower=0.25, upper=4.0, logarithmic=True)
+    found = run(Profiles(), question(toy, (wear,), (2.0,)))
+    reach = np.exp(1.96 * ERROR)
+    assert found.intervals["wear"] == pytest.approx((2.0 / reach, 2.0 * reach), rel=3e-3)
+
+
 def test_chains_that_have_not_arrived_are_said_to_be_so(asked):
     found = run(Posterior(most=500), asked)
     assert not found.diagnostics.converged
