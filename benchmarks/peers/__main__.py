@@ -9,6 +9,7 @@ simulators      the monitor model in numpy, numba, scipy, JAX and C++
 ngspice         the same electrics in a circuit simulator
 identification  the same recordings identified by pyPESTO, PINTS, DFO-LS, scipy and cma
 optimisers      the own time of population methods
+uncertainty     profiles and posterior of pyPESTO on the same density
 
 Peers beside numpy, scipy and numba: pip install "jax[cpu]" DFO-LS pints pypesto fides pymoo pygmo
 cma nevergrad; programs: g++, ngspice. What is missing is left out, and said. Run it on a machine
@@ -21,7 +22,7 @@ import os
 import sys
 from pathlib import Path
 
-PARTS = ("simulators", "ngspice", "identification", "optimisers")
+PARTS = ("simulators", "ngspice", "identification", "optimisers", "uncertainty")
 
 
 def main() -> int:

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from benchmarks.peers import numba_single, numpy_batch, simulators
+from benchmarks.peers import numba_single, numpy_batch, simulators, uncertainty
 from benchmarks.peers.measure import Line, Part, number
 from benchmarks.peers.page import markdown
 from benchmarks.peers.task import Task
@@ -57,3 +57,17 @@ def test_numbers_have_three_digits():
     assert [number(x) for x in (0.0123456, 1.2345, 123.456, 12345.6)] == [
         "0.0123", "1.23", "123", "12346",
     ]  # fmt: skip
+
+
+def test_the_ends_of_a_profile_are_where_a_parabola_falls_through_the_limit():
+    values = np.linspace(-4.0, 4.0, 9)
+    ratios = np.exp(-0.5 * values**2)
+    # a normal distribution: 1.96 standard deviations, whatever the steps
+    assert uncertainty._ends(values[::-1], ratios[::-1]) == pytest.approx((-1.96, 1.96), abs=1e-2)
+
+
+def test_a_profile_that_ends_at_a_bound_ends_there():
+    values = np.linspace(0.0, 4.0, 9)
+    low, high = uncertainty._ends(values, np.exp(-0.5 * values**2))
+    assert low == 0.0
+    assert high == pytest.approx(1.96, abs=1e-2)

@@ -8,7 +8,8 @@ would find, without a search (Van Trees 1968, eq. 2.4.246; docs/identifiability.
 
 J : Jacobian (d, K) of the weighted residuals; sigma : their noise, what the twin leaves unexplained
 of a simulated recording with that noise; f : `Model.model_error`; P : inverse covariance of what is
-known of parameters, load and sensors.
+known of parameters, load and sensors. What the twin gets wrong pulls more at some faults than at
+others; the error that is to be expected of each is in `ematwin.estimation.expected`.
 """
 
 import math
@@ -22,6 +23,7 @@ import numpy as np
 
 from ematwin.errors import InputError
 from ematwin.estimation.baseline import Baseline, baseline_of, with_all_free
+from ematwin.estimation.expected import expected_errors
 from ematwin.estimation.laplace import sharp_errors, standard_errors, width_at
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.significance import ANYTHING, SIGMAS, SMALLEST
@@ -36,7 +38,9 @@ from ematwin.showing.drawing import drawn
 from ematwin.showing.frames import frame_of_rows
 
 FALSE_ALARM, MISS = 1.0 - NormalDist().cdf(SIGMAS), 0.1
-HEADINGS = ("fault", "standard error", "all else known", "smallest found", "that is", "")
+HEADINGS = (
+    "fault", "standard error", "all else known", "to be expected", "smallest found", "that is", "",
+)  # fmt: skip
 _TRADED = 3.0  # times the error with all else known, from which others are named
 _PARTNER = 0.5  # correlation from which another is named
 _PARTNERS = 2  # named at most
@@ -52,6 +56,8 @@ class Told:
     value, range : where it was looked at, and upper less lower bound
     error : standard error, with parameters, load and sensors as uncertain as they are
     sharp_error : standard error if all of them were known exactly
+    expected : root mean square error that an estimate will have (`estimation.expected`); ``error``
+        is what it will state, which has to hold for any fault
     smallest : float, least deviation from healthy that is found with the rates that were asked for;
         infinite if none within the range is
     physical : the value that deviates so much, in physical units; None if there is none
@@ -66,6 +72,7 @@ class Told:
     range: float
     error: float
     sharp_error: float
+    expected: float
     smallest: float
     physical: PhysicalValue | None
     how: str
@@ -96,6 +103,7 @@ class Told:
             self.name,
             f"{self.error:.2g}",
             f"{self.sharp_error:.2g}",
+            f"{self.expected:.2g}",
             f"{self.smallest:.2g}" if math.isfinite(self.smallest) else "none",
             "" if shown is None else f"{shown.value:.4g} {shown.unit}".rstrip(),
             self.sentence,
@@ -252,6 +260,10 @@ def identifiability(
     covariance = peak.widened(model.model_error)
     errors = standard_errors(full.chart, peak.z, covariance)
     sharp = sharp_errors(peak, len(problem.names), model.model_error)
+    expected = expected_errors(
+        model, chosen, asked, values, baseline, peak.problem, noise=noise,
+        sample_rate=sample_rate, seed=seed, threads=threads,
+    )  # fmt: skip
     spread = np.sqrt(np.diag(covariance))
     correlation = covariance / np.outer(spread, spread)
     needed = NormalDist().inv_cdf(1.0 - false_alarm) + NormalDist().inv_cdf(1.0 - miss)
@@ -262,7 +274,8 @@ def identifiability(
     for n, one in enumerate(problem.unknowns):
         if one.role == "fault" and one.direction_of is None:
             others = _partners(full, n, correlation[n])
-            told.append(_told(chosen, one, values[one.name], errors[n], sharp[n], needed, others))
+            found = (float(errors[n]), float(sharp[n]), float(expected[n]))
+            told.append(_told(chosen, one, values[one.name], found, needed, others))
     return Identifiability(
         scenario=asked,
         actuator=chosen,
@@ -297,12 +310,15 @@ def _told(
     actuator: ParameterSet,
     one: Unknown,
     value: float,
-    error: float,
-    sharp_error: float,
+    errors: tuple[float, float, float],
     needed: float,
     others: tuple[tuple[str, float], ...],
 ) -> Told:
-    """What errors mean for a fault; ``needed`` standard errors are a detectable deviation."""
+    """What errors mean for a fault: stated, if all else were known, and to be expected.
+
+    ``needed`` stated ones are a detectable deviation.
+    """
+    error, sharp_error, expected = errors
     smallest = max(SMALLEST * one.width, needed * error)
     up, down = one.upper - one.healthy, one.healthy - one.lower
     physical = None
@@ -317,8 +333,8 @@ def _told(
     else:
         how = "traded" if error > _TRADED * sharp_error else "pinned"
     return Told(
-        one.name, one.meaning, value, one.width, float(error), float(sharp_error), smallest,
-        physical, how, others if how in ("open", "traded") else (),
+        one.name, one.meaning, value, one.width, error, sharp_error, expected, smallest, physical,
+        how, others if how in ("open", "traded") else (),
     )  # fmt: skip
 
 
@@ -351,7 +367,8 @@ def _told_as_dict(one: Told) -> dict[str, Any]:
     finite = {
         name: value if math.isfinite(value) else None
         for name, value in (
-            ("error", one.error), ("sharp_error", one.sharp_error), ("smallest", one.smallest)
+            ("error", one.error), ("sharp_error", one.sharp_error), ("expected", one.expected),
+            ("smallest", one.smallest),
         )
     }  # fmt: skip
     shown = None

@@ -51,6 +51,7 @@ class Laplace:
     cost : float, of the data that a search sees
     evidence : float, sum of squares of the evidence of further channels
     evaluations : int
+    jacobian : (d, K) array, of all residuals
     """
 
     problem: Problem
@@ -62,6 +63,7 @@ class Laplace:
     cost: float
     evidence: float
     evaluations: int
+    jacobian: np.ndarray
 
     @property
     def point(self) -> np.ndarray:
@@ -217,8 +219,9 @@ def _peak(problem: Problem, z: np.ndarray, slopes: "_Slopes", spent: int) -> Lap
     left = problem.split(slopes.here)
     cost, evidence = (float(part @ part) for part in left[:2])
     return Laplace(
-        problem, z, mean, slopes.covariance, slopes.data, slopes.priors, cost, evidence, spent
-    )
+        problem, z, mean, slopes.covariance, slopes.data, slopes.priors, cost, evidence, spent,
+        slopes.jacobian,
+    )  # fmt: skip
 
 
 class _Slopes(NamedTuple):

@@ -1,0 +1,184 @@
+"""The benchmark of intervals and probabilities counts what it says it counts."""
+
+import json
+
+import numpy as np
+import pytest
+from benchmarks import certainty
+
+# the scripts import one another by the folder that they lie in
+import certainty_answers as answers  # isort: skip
+import certainty_tables as tables  # isort: skip
+import populations  # isort: skip
+
+TASK = certainty.Task("healthy", "exact", "monitor", 1, "laplace")
+
+
+def row(**changed):
+    """A recording with a friction of 0.1, found right and named."""
+    names = populations.FAULTS
+    truth = populations.healthy(np.random.default_rng(0)) | {"friction": 0.1}
+    made = {
+        **TASK._asdict(),
+        "population": "slight",
+        "truth": truth,
+        "values": dict(truth),
+        "intervals": {name: [truth[name] - 0.01, truth[name] + 0.01] for name in names},
+        "present": {name: float(name == "friction") for name in populations.MAGNITUDES},
+        "ranks": dict.fromkeys(names, 0.5),
+        "grade": "fault",
+        "named": ["friction"],
+        "seconds": 1.0,
+    }
+    return made | changed
+
+
+def test_a_stored_row_is_not_worked_out_again(tmp_path, monkeypatch):
+    calls = []
+
+    def judged(*task):
+        calls.append(task)
+        return {"value": len(calls)}
+
+    monkeypatch.setattr(certainty.answers, "judged", judged)
+    store = certainty.Store(tmp_path)
+    first = certainty.run([TASK], store, workers=1)
+    second = certainty.run([TASK, TASK._replace(seed=2)], store, workers=1)
+    assert [task[3] for task in calls] == [1, 2]
+    assert second[0] == first[0]
+
+
+def test_a_row_cut_off_by_the_end_of_the_power_is_worked_out_again(tmp_path, monkeypatch):
+    monkeypatch.setattr(certainty.answers, "judged", lambda *task: {"value": task[3]})
+    store = certainty.Store(tmp_path)
+    certainty.run([TASK, TASK._replace(seed=2)], store, workers=1)
+    path = tmp_path / "rows.jsonl"
+    path.write_text(path.read_text()[:-10])
+    assert [one["seed"] for one in store.rows()] == [1]
+    found = certainty.run([TASK, TASK._replace(seed=2)], store, workers=1)
+    assert [one["seed"] for one in found] == [1, 2]
+    assert all(json.loads(one) for one in path.read_text().splitlines()[-1:])
+
+
+def test_the_same_seed_draws_the_same_truth_whatever_is_simulated():
+    one, other = (populations.drawn("mixture", "drifted", f, 5) for f in ("monitor", "reference"))
+    assert one.faults == other.faults
+    assert one.others == other.others
+
+
+def test_parameters_spread_as_widely_as_the_prior_says():
+    drawn = [
+        populations._values(
+            populations.Known(populations.SHEET, populations._baseline("drifted")),
+            np.random.default_rng(n),
+        )[1]
+        for n in range(300)
+    ]
+    healthy = populations.SHEET.motor.resistance
+    spread = np.std([np.log(one["motor.resistance"] / healthy) for one in drawn])
+    # learnt to 1 %, and a drift of 35 % with 95 %
+    assert spread == pytest.approx(np.hypot(0.01, np.log1p(0.35) / 2.0), rel=0.12)
+
+
+def test_the_twin_with_the_true_sensors_answers_as_recorded():
+    from ematwin.estimation.baseline import with_all_free
+    from ematwin.estimation.problem import Problem
+    from ematwin.models.registry import model_of
+
+    drawn = populations.drawn("mixture", "drifted", "monitor", 4)
+    actuator = drawn.known.actuator
+    problem = Problem.of(drawn.recording, actuator, threads=1)
+    full = with_all_free(model_of(actuator), actuator, problem, drawn.known.baseline)
+    true = drawn.faults | drawn.others
+    nominal = true | {"load_offset": 0.0, "current_offset": 0.0, "skew": 0.0}
+    points = np.array([[values[name] for name in full.names] for values in (true, nominal)])
+    data = full.split(full.residuals(points)).data
+    right, wrong = (full.relative_misfit(float(one @ one)) for one in data)
+    assert right < 0.01 < wrong
+
+
+def test_an_interval_holds_a_direction_a_turn_further():
+    turned = row()
+    turned["intervals"]["eccentricity_phase"] = [0.9, 1.1]
+    turned["truth"]["eccentricity_phase"] = 0.05
+    assert tables.holds(turned, "eccentricity_phase")
+    turned["truth"]["eccentricity_phase"] = 0.2
+    assert not tables.holds(turned, "eccentricity_phase")
+
+
+def test_wrong_is_silent_only_with_a_verdict():
+    wrong = row()
+    wrong["truth"]["gain"] = 0.6
+    assert tables.silently_wrong(wrong)
+    assert not tables.silently_wrong(wrong | {"grade": "none"})
+    assert not tables.silently_wrong(row())
+
+
+def test_the_interval_of_a_share_is_that_of_wilson():
+    # Brown, Cai and DasGupta (2001), Statist. Sci. 16, 101-133: none of ten
+    assert tables.wilson(0, 10) == pytest.approx((0.0, 0.2775), abs=1e-3)
+
+
+def test_probabilities_are_counted_by_what_came_true():
+    missed = row()
+    missed["present"] = missed["present"] | {"gain": 0.6}  # and the gain was healthy
+    bins = {(one.low, one.high): one for one in tables.reliability([row(), missed])}
+    assert bins[(0.99, 1.0)].came == bins[(0.99, 1.0)].count == 2
+    assert bins[(0.5, 0.7)].came == 0
+    assert bins[(0.5, 0.7)].said == pytest.approx(0.6)
+
+
+def test_a_false_alarm_is_counted():
+    alarm = row(population="healthy", truth=populations.healthy(np.random.default_rng(0)))
+    text = tables.verdicts([alarm, row()])
+    assert "| 1, 95 %: 20.7 to 100.0 % |" in text
+
+
+def test_ranks_of_draws_around_the_truth_are_uniform_and_of_narrow_ones_not():
+    rng = np.random.default_rng(3)
+    right, narrow = [], []
+    for _ in range(200):
+        truth = {"friction": rng.standard_normal()}
+        seen = truth["friction"] + rng.standard_normal()
+        draws = 0.5 * seen + np.sqrt(0.5) * rng.standard_normal((500, 1))
+        for found, scale in ((right, 1.0), (narrow, 0.4)):
+            spread = 0.5 * seen + scale * (draws - 0.5 * seen)
+            found.append(answers.ranks(answers.Draws(("friction",), spread, {}), truth)["friction"])
+    assert tables.uniformity(right).p > 0.01
+    assert tables.uniformity(narrow).p < 1e-6
+
+
+def test_draws_at_the_bound_of_a_healthy_fault_count_by_half():
+    drawn = answers.Draws(("friction",), np.array([[0.0], [0.0], [0.1], [0.2]]), {})
+    assert answers.ranks(drawn, {"friction": 0.0}) == {"friction": 0.25}
+
+
+def test_verdicts_on_recordings_of_the_reference_model(tmp_path, capsys):
+    text = certainty.main(
+        ["verdicts", "--quick", "--knowledge", "exact", "--store", str(tmp_path),
+         "--figure", str(tmp_path / "reliability.svg")]
+    )  # fmt: skip
+    assert text in capsys.readouterr().out
+    rows = certainty.Store(tmp_path).rows()
+    assert len(rows) == 2 * certainty.QUICK
+    assert not any(one["grade"] == "fault" for one in rows if one["population"] == "healthy")
+    assert not any(tables.silently_wrong(one) for one in rows)
+    assert "<svg" in (tmp_path / "reliability.svg").read_text()
+    again = certainty.main(["verdicts", "--stored", "--store", str(tmp_path)])
+    assert again == text
+
+
+def test_coverage_and_ranks_on_recordings_of_the_twin(tmp_path):
+    common = ["--quick", "--knowledge", "exact", "--store", str(tmp_path)]
+    text = certainty.main(
+        ["coverage", *common, "--fidelity", "monitor", "--methods", "laplace", "profile"]
+    )
+    assert text.count("mixture, exact, monitor") == 2
+    figure = tmp_path / "ranks.svg"
+    text = certainty.main(
+        ["calibration", *common, "--methods", "laplace own", "--figure", str(figure)]
+    )
+    assert "laplace own" in text
+    ranks = [one["ranks"] for one in certainty.Store(tmp_path).rows() if one["ranks"]]
+    assert all(0.0 <= share <= 1.0 for one in ranks for share in one.values())
+    assert "<svg" in figure.read_text()
