@@ -18,6 +18,7 @@ import numpy as np
 from ematwin.estimation.interrupt import noting_interrupts
 from ematwin.estimation.joint import Joint
 from ematwin.estimation.levenberg_marquardt import LevenbergMarquardt
+from ematwin.estimation.presence import odds, weight
 from ematwin.estimation.significance import SMALLEST
 from ematwin.estimation.uncertainty import Question, Report, Uncertainty, listed, strained
 from ematwin.models.chart import Chart
@@ -186,12 +187,16 @@ class Profiles:
         for one in faults:
             ends, reach = (one.lower, one.upper), SMALLEST * one.width
             walk = walks[one.name]
-            present[one.name] = walk.share_beyond(one.healthy - reach, one.healthy + reach, ends)
+            share = walk.share_beyond(one.healthy - reach, one.healthy + reach, ends)
+            present[one.name] = odds(share, one)
             if one.name in question.thresholds:
                 limit = question.thresholds[one.name]
                 at = limit.along(question.actuator, joint.problem.names, walk.points, walk.values)
                 inside = (-math.inf, at) if limit.above else (at, math.inf)
-                exceeds[one.name] = walk.share_beyond(*inside, ends)
+                beyond = walk.share_beyond(*inside, ends)
+                faulty = min(beyond, share)  # what lies within healthy counts more
+                counted = faulty + (beyond - faulty) * weight(one)
+                exceeds[one.name] = counted / (share + (1.0 - share) * weight(one))
         return ProfileUncertainty(
             self.name, {name: one.interval for name, one in walks.items()}, present, None, exceeds,
             {name: one.text for name, one in question.thresholds.items()}, tuple(doubts), None,

@@ -35,12 +35,12 @@ class Threshold:
         unit = (self.unknown.physical_unit if self.physical else self.unknown.unit) or ""
         return f"{self.value:g} {unit}".rstrip()
 
-    def share(self, actuator: ParameterSet, drawn: Draws) -> float:
-        """The share of draws beyond it."""
+    def share(self, actuator: ParameterSet, drawn: Draws, weights: np.ndarray) -> float:
+        """The share of draws beyond it, with weights (N,) of sum 1."""
         x = drawn.of(self.unknown.name)
         if self.physical:
             x = physical_draws(self.unknown, actuator, drawn)
-        return float(np.mean(x > self.value if self.above else x < self.value))
+        return float(weights @ (x > self.value if self.above else x < self.value))
 
     def along(
         self, actuator: ParameterSet, names: Sequence[str], points: np.ndarray, values: np.ndarray

@@ -15,6 +15,7 @@ from ematwin.errors import InputError
 from ematwin.estimation.assess import Assessment
 from ematwin.estimation.intervals import Draws
 from ematwin.estimation.joint import Joint
+from ematwin.estimation.presence import is_absent, weights
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.significance import ANYTHING, SMALLEST
 from ematwin.estimation.thresholds import Threshold
@@ -64,8 +65,10 @@ class Uncertainty:
     ----------
     method : "laplace", "profile" or "posterior"
     intervals : by name, ends of what holds the true value in 95 %
-    present : by fault, the probability that it deviates by `significance.SMALLEST` of its range
-    healthy : the probability that none does; None where the method tells of no two together
+    present : by fault, the probability that it deviates by `significance.SMALLEST` of its range,
+        where it is as likely as not beforehand (`ematwin.estimation.presence`)
+    healthy : the probability that none does; None where the method, or so few draws, tell of each
+        fault alone
     exceeds : by fault, the probability that it lies beyond its threshold
     thresholds : by fault, as it was given, with its unit
     doubts : sentences on why not to believe it
@@ -185,19 +188,26 @@ def named(method: "str | Method") -> Method:
 
 def told(question: Question, drawn: Draws) -> dict[str, Any]:
     """Probabilities by draws, as arguments of `Uncertainty`."""
-    deviates = {
-        one.name: np.abs(drawn.of(one.name) - one.healthy) >= SMALLEST * one.width
-        for one in question.faults
-    }
-    limits = question.thresholds
-    every = np.array(list(deviates.values()))
+    limits, faults = question.thresholds, question.faults
+    counting = weights(faults, drawn)
+    absent = {one.name: is_absent(one, drawn) for one in faults}
     return {
-        "present": {name: float(share.mean()) for name, share in deviates.items()},
-        "healthy": float(1.0 - every.any(axis=0).mean()) if len(every) else None,
-        "exceeds": {n: one.share(question.actuator, drawn) for n, one in limits.items()},
+        "present": {name: 1.0 - float(counting[name] @ here) for name, here in absent.items()},
+        "healthy": _none_present(list(absent.values()), list(counting.values())),
+        "exceeds": {
+            name: one.share(question.actuator, drawn, counting[name])
+            for name, one in limits.items()
+        },
         "thresholds": {name: one.text for name, one in limits.items()},
         "draws": drawn,
     }
+
+
+def _none_present(absent: list[np.ndarray], counting: list[np.ndarray]) -> float | None:
+    """The probability that all faults are absent; None where draws tell of each alone."""
+    if not absent or any(one is not counting[0] for one in counting):
+        return None
+    return float(counting[0] @ np.all(absent, axis=0))
 
 
 def predicted(

@@ -1,0 +1,60 @@
+"""How probable a fault is, where a healthy actuator is as likely as a faulty one.
+
+Draws and profiles take each fault to be as likely anywhere in its range, as its interval wants it.
+For a probability that is too much: where a recording leaves a fault wide open, "anywhere" is nearly
+all outside of healthy, and a healthy gain would be faulty with 80 %. So a fault is also taken to be
+absent, within `SMALLEST` of its range, with a probability of its own beforehand: a spike and a slab
+(Mitchell and Beauchamp 1988, J. Am. Stat. Assoc. 83, 1023-1032), the spike as wide as that. Draws
+within it then count `weight` times.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ematwin.estimation.intervals import Draws
+from ematwin.estimation.significance import SMALLEST
+from ematwin.models.unknown import Unknown
+
+BEFOREHAND = 0.5  # that a fault is present, before the recording is seen
+_FEWEST = 20.0  # draws that all together must be worth; else each fault is weighed alone
+
+
+def weight(one: Unknown) -> float:
+    """How many times likelier "absent" is beforehand than its share of the range makes it."""
+    reach = SMALLEST * one.width
+    ends = np.clip([one.healthy - reach, one.healthy + reach], one.lower, one.upper)
+    if one.logarithmic:
+        share = float(np.diff(np.log(ends))[0] / np.log(one.upper / one.lower))
+    else:
+        share = float(np.diff(ends)[0] / one.width)
+    return (1.0 - BEFOREHAND) / BEFOREHAND * (1.0 - share) / share
+
+
+def is_absent(one: Unknown, drawn: Draws) -> np.ndarray:
+    """(N,) whether draws of a fault deviate from healthy by less than `SMALLEST` of its range."""
+    return np.asarray(np.abs(drawn.of(one.name) - one.healthy) < SMALLEST * one.width)
+
+
+def weights(faults: Sequence[Unknown], drawn: Draws) -> dict[str, np.ndarray]:
+    """Weights (N,) of draws by fault, of sum 1: of all faults together, where draws allow it.
+
+    Where a few draws would outweigh all others, each fault is weighed as if it were the only one
+    that may be absent.
+    """
+    absent = {one.name: is_absent(one, drawn) for one in faults}
+    logs = {one.name: np.log(weight(one)) * absent[one.name] for one in faults}
+    together = _normalised(np.sum(list(logs.values()), axis=0))
+    if 1.0 / float(together @ together) >= _FEWEST:
+        return dict.fromkeys(absent, together)
+    return {name: _normalised(log) for name, log in logs.items()}
+
+
+def odds(share: float, one: Unknown) -> float:
+    """The probability of a fault from its share of a flat density."""
+    return share / (share + (1.0 - share) * weight(one))
+
+
+def _normalised(log: np.ndarray) -> np.ndarray:
+    found = np.exp(log - log.max())
+    return np.asarray(found / found.sum())
