@@ -267,3 +267,13 @@ def test_the_example_report_is_small_and_says_how_it_was_made():
     commands = (folder / "README.md").read_text(encoding="utf-8")
     assert "ematwin compare --cases paper --algorithms ga,pso,de,gwo,da,woa --runs 10" in commands
     assert "ematwin report paper.db --out report --slim" in commands
+
+
+def test_the_example_with_published_forms_is_small_and_names_them():
+    folder = Path(__file__).parents[2] / "examples" / "paper-study-published"
+    page = (folder / "index.html").read_text(encoding="utf-8")
+    assert len(page) < 1.1e6
+    assert "600 runs: 6 algorithms on 10 cases" in page
+    assert "Here GA is ga-holland, PSO is pso-inertia, DE is de-rand" in page
+    commands = (folder / "README.md").read_text(encoding="utf-8")
+    assert "ematwin compare --cases paper --algorithms paper --runs 10" in commands
