@@ -11,7 +11,7 @@ from populations import FAULTS, MAGNITUDES
 
 Row = dict[str, Any]
 
-AS_PRIOR = ("flat", "middle", "box")  # populations in which no value is likelier than another
+ALL_PRESENT = ("flat", "middle", "box")  # populations that leave no fault out
 EDGES = (0.0, 0.01, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 1.0)  # of probabilities that count as alike
 PROMISED = (0.01, 0.05)  # of healthy recordings that may be called faulty: rule, and promise
 BINS = 8  # of ranks, at most
@@ -137,7 +137,7 @@ def verdicts(rows: Sequence[Row]) -> str:
 def settings(rows: Sequence[Row]) -> dict[tuple[str, ...], list[Row]]:
     """Rows by what is known, what was simulated, method, and how faults were drawn."""
     told = [
-        row | {"faults": "as the prior" if row["population"] in AS_PRIOR else "half absent"}
+        row | {"faults": "all present" if row["population"] in ALL_PRESENT else "half absent"}
         for row in rows
     ]
     return groups(told, "knowledge", "fidelity", "method", "faults")

@@ -72,7 +72,7 @@ def healthy(rng: np.random.Generator) -> dict[str, float]:
 
 
 def box(rng: np.random.Generator) -> dict[str, float]:
-    """Any values of the box, all equally likely: the prior of the faults."""
+    """Any values of the box, all equally likely: the prior of the intervals."""
     return dict(zip(FAULTS, rng.random(len(FAULTS)).tolist(), strict=True))
 
 
@@ -97,7 +97,7 @@ def marginal(rng: np.random.Generator) -> dict[str, float]:
 
 
 def flat(rng: np.random.Generator) -> dict[str, float]:
-    """All faults at once, of any size up to `_SLIGHT`: near healthy, the prior of the box."""
+    """All faults at once, of any size up to `_SLIGHT`: near healthy, the prior of the intervals."""
     found = {name: _SLIGHT * rng.random() for name in MAGNITUDES}
     found["gain"] = 0.5 + 0.5 * found["gain"] * rng.choice([-1.0, 1.0])
     found["eccentricity_phase"] = rng.random()

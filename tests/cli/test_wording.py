@@ -1,5 +1,6 @@
 """Sentences of the library become sentences of the shell."""
 
+import sys
 from pathlib import Path
 
 import pytest
@@ -106,7 +107,8 @@ def test_names_in_tables_and_bars_are_no_markup(capsys, monkeypatch):
     shown = capsys.readouterr().out
     for text in ("of [mm]", "run [/x]", "[bold]demand[/bold] [mm] :warning:"):
         assert text in shown
-    monkeypatch.setenv("FORCE_COLOR", "1")  # as in a terminal
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    monkeypatch.setenv("TERM", "xterm")
     with progress_bar("Reading rec[/b].csv") as progress:
         progress(0.5)
     assert "rec[/b].csv" in capsys.readouterr().err

@@ -4,10 +4,10 @@
   const narrow = 640;
 
   // Figures: the theme of the page, and less room for margins on a phone.
-  function draw(box, paper) {
+  function draw(box, printed) {
     const figure = JSON.parse(box.querySelector("script").textContent);
     const layout = figure.layout, width = box.clientWidth || 800;
-    const night = dark.matches && !paper;
+    const night = dark.matches && !printed;
     layout.font = { ...layout.font, color: night ? "#c9d1d9" : "#24292f" };
     layout.hoverlabel = { bgcolor: night ? "#161b22" : "#ffffff" };
     layout.modebar = { ...layout.modebar, bgcolor: "rgba(0,0,0,0)",
@@ -51,7 +51,7 @@
       { displaylogo: false, responsive: true, displayModeBar: width < narrow ? false : "hover" });
   }
   const boxes = [...document.querySelectorAll(".figure")];
-  const all = (paper) => boxes.forEach((box) => draw(box, paper));
+  const all = (printed) => boxes.forEach((box) => draw(box, printed));
   let last = 0;
   if (boxes.length) {
     all(false);

@@ -26,7 +26,7 @@ from ematwin.numerics.low_pass import LowPass
 from ematwin.testing.store_contract import small_plan
 
 C = kernel_constants(BldcActuator.load())
-RATE, SUBSTEPS, SAMPLES, KEPT = 20_000.0, 2, 201, 41
+RATE, SUBSTEPS, SAMPLES, KEPT = 20_000.0, 2, 101, 21
 STEP = 1.0 / (RATE * SUBSTEPS)
 
 
