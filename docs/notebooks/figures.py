@@ -1,5 +1,6 @@
 """Figures of notebooks as these pages show them: the script that draws them comes with the site."""
 
+import re
 from typing import Any
 
 from plotly.io import renderers, to_html
@@ -12,9 +13,7 @@ class Page(MimetypeRenderer):
     def to_mimebundle(self, fig_dict: dict[str, Any]) -> dict[str, str]:
         """The figure as HTML without plotly's script."""
         html = to_html(fig_dict, include_plotlyjs=False, full_html=False)
-        return {
-            "text/html": html.replace('<script type="text/javascript">', '<script type="module">')
-        }
+        return {"text/html": re.sub("<script[^>]*>", '<script type="module">', html)}
 
 
 renderers["page"] = Page()
