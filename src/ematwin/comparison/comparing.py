@@ -20,7 +20,7 @@ from ematwin.comparison.study.subject import Subject
 from ematwin.errors import InputError
 from ematwin.models.scenario import Scenario
 from ematwin.recordings.noise import Noise
-from ematwin.showing.bars import bar
+from ematwin.showing.bars import told
 
 Progress = Callable[[Tally], None]
 
@@ -96,7 +96,7 @@ def compare(
         scenario=scenario,
     )
     engine = LocalEngine(workers or os.cpu_count() or 1, time_limit)
-    with _kept(store) as opened, _told(progress) as tell:
+    with _kept(store) as opened, told(progress, "runs", _shown) as tell:
         carry_out(plan, opened, engine, retry_failed=retry_failed, progress=tell)
         return analyse(opened.runs(), targets=targets, threshold=threshold)
 
@@ -124,14 +124,6 @@ def _kept(store: str | Path | None) -> Iterator[Store]:
         yield opened
 
 
-@contextmanager
-def _told(progress: Progress | bool | None) -> Iterator[Progress | None]:
-    if not isinstance(progress, bool):
-        yield progress
-    elif not progress:
-        yield None
-    else:
-        with bar("runs") as show:
-            yield lambda tally: show(
-                tally.complete / max(tally.planned, 1), f"{tally.complete} of {tally.planned}"
-            )
+def _shown(tally: Tally) -> tuple[float, str]:
+    """The share done of a study, and words beside it."""
+    return tally.complete / max(tally.planned, 1), f"{tally.complete} of {tally.planned}"

@@ -2,8 +2,7 @@
 
 import math
 import time
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -30,7 +29,7 @@ from ematwin.optimizers.base import ITERATIONS, POPULATION, Optimizer
 from ematwin.recordings.read import Columns, assumptions
 from ematwin.recordings.recording import Recording
 from ematwin.showing import markup
-from ematwin.showing.bars import bar
+from ematwin.showing.bars import told
 from ematwin.showing.drawing import drawn
 from ematwin.showing.frames import frame_of_rows
 
@@ -338,7 +337,7 @@ def identify(
         population=population, iterations=iterations, checkpoint=checkpoint,
     )  # fmt: skip
     started = time.perf_counter()
-    with _told(progress) as tell:
+    with told(progress, "searching", _shown) as tell:
         found = find(problem, search, budget=budget, seed=seed, progress=tell)
         interrupted = found.stopped == "interrupted"
         assess_with = unassessed if interrupted else assess
@@ -394,16 +393,9 @@ def identify(
     )
 
 
-@contextmanager
-def _told(progress: Progress | bool | None) -> Iterator[Progress | None]:
-    """What is called during the search: a bar if that is asked for."""
-    if not isinstance(progress, bool):
-        yield progress
-    elif not progress:
-        yield None
-    else:
-        with bar("searching") as show:
-            yield lambda done, cost, budget: show(done / budget, f"best misfit {cost:.4g}")
+def _shown(done: int, cost: float, budget: int) -> tuple[float, str]:
+    """The share done of a search, and words beside it."""
+    return done / budget, f"best misfit {cost:.4g}"
 
 
 def _loaded(model: Model, recording: Recording, load: float | None) -> Recording:

@@ -50,9 +50,15 @@ def weights(faults: Sequence[Unknown], drawn: Draws) -> dict[str, np.ndarray]:
     return {name: _normalised(log) for name, log in logs.items()}
 
 
-def odds(share: float, one: Unknown) -> float:
-    """The probability of a fault from its share of a flat density."""
-    return share / (share + (1.0 - share) * weight(one))
+def odds(share: float, one: Unknown, beyond: float | None = None) -> float:
+    """The probability of a fault from its share of a flat density.
+
+    Where the share ``beyond`` a threshold is given, the probability of that.
+    """
+    beyond = share if beyond is None else beyond
+    faulty = min(beyond, share)  # what lies within healthy counts more
+    counted = faulty + (beyond - faulty) * weight(one)
+    return counted / (share + (1.0 - share) * weight(one))
 
 
 def _normalised(log: np.ndarray) -> np.ndarray:

@@ -18,9 +18,15 @@ import numpy as np
 from ematwin.estimation.interrupt import noting_interrupts
 from ematwin.estimation.joint import Joint
 from ematwin.estimation.levenberg_marquardt import LevenbergMarquardt
-from ematwin.estimation.presence import odds, weight
+from ematwin.estimation.presence import odds
 from ematwin.estimation.significance import SMALLEST
-from ematwin.estimation.uncertainty import Question, Report, Uncertainty, listed, strained
+from ematwin.estimation.uncertainty import (
+    Question,
+    Report,
+    Uncertainty,
+    strained,
+    tells_nothing,
+)
 from ematwin.models.chart import Chart
 from ematwin.models.unknown import Unknown
 
@@ -167,10 +173,7 @@ class Profiles:
         doubts = strained(question)
         flat = [name for name, one in walks.items() if one.shape == "flat"]
         if flat:
-            doubts.append(
-                f"The recording tells nothing of {listed(flat)}; the interval is all that was "
-                "possible before. Use a command that moves the actuator more."
-            )
+            doubts.append(tells_nothing(flat))
         if walkers.fall > _BETTER:
             doubts.append(
                 f"The misfit is rough: walks still found better answers than the one they set out "
@@ -194,9 +197,7 @@ class Profiles:
                 at = limit.along(question.actuator, joint.problem.names, walk.points, walk.values)
                 inside = (-math.inf, at) if limit.above else (at, math.inf)
                 beyond = walk.share_beyond(*inside, ends)
-                faulty = min(beyond, share)  # what lies within healthy counts more
-                counted = faulty + (beyond - faulty) * weight(one)
-                exceeds[one.name] = counted / (share + (1.0 - share) * weight(one))
+                exceeds[one.name] = odds(share, one, beyond)
         return ProfileUncertainty(
             self.name, {name: one.interval for name, one in walks.items()}, present, None, exceeds,
             {name: one.text for name, one in question.thresholds.items()}, tuple(doubts), None,

@@ -256,13 +256,18 @@ def uninformed(question: Question, drawn: Draws) -> list[str]:
             faults.append(one.name)
     said = []
     if faults:
-        said.append(
-            f"The recording tells nothing of {listed(faults)}; the interval is all that was "
-            "possible before. Use a command that moves the actuator more."
-        )
+        said.append(tells_nothing(faults))
     if rest:
         said.append(f"The recording adds nothing to what was known of {listed(rest)}.")
     return said
+
+
+def tells_nothing(faults: Sequence[str]) -> str:
+    """That a recording has no information on faults."""
+    return (
+        f"The recording tells nothing of {listed(faults)}; the interval is all that was "
+        "possible before. Use a command that moves the actuator more."
+    )
 
 
 def as_probability(share: float) -> str:

@@ -31,15 +31,22 @@ def bar(title: str) -> Iterator[Bar]:
 
 
 @contextmanager
-def told(progress: Callable[[float], None] | bool | None, title: str) -> Iterator[Any]:
-    """What takes the share done: what was given, a bar where that is True, else None."""
+def told(
+    progress: Callable[..., None] | bool | None,
+    title: str,
+    shown: Callable[..., tuple[Any, ...]] = lambda share: (share,),
+) -> Iterator[Any]:
+    """What takes the progress: what was given, a bar where that is True, else None.
+
+    ``shown`` makes of what is reported the share done, and the words beside it if there are any.
+    """
     if not isinstance(progress, bool):
         yield progress
     elif not progress:
         yield None
     else:
         with bar(title) as show:
-            yield show
+            yield lambda *reported: show(*shown(*reported))
 
 
 def in_notebook() -> bool:
