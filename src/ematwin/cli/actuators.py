@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from ematwin.cli import complete
-from ematwin.cli.options import print_json
+from ematwin.cli.options import JsonOption, print_json
 
 
 def actuators(
@@ -21,7 +21,7 @@ def actuators(
         Path | None,
         typer.Option(help="Write its parameters to this file (.toml), as a start for your own."),
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Answer as JSON.")] = False,
+    json: JsonOption = False,
 ) -> None:
     """List the actuators of all kinds, or show one: parameters, channels, faults."""
     from ematwin.errors import InputError
@@ -93,7 +93,7 @@ def actuators(
 
 
 def scenarios(
-    json: Annotated[bool, typer.Option("--json", help="Answer as JSON.")] = False,
+    json: JsonOption = False,
 ) -> None:
     """List the shipped scenarios of all kinds."""
     from ematwin.models.registry import models

@@ -1,14 +1,12 @@
 """``ematwin algorithms``: what can search, where it comes from, whether it is installed."""
 
-from typing import Annotated
-
 import typer
 
-from ematwin.cli.options import print_json
+from ematwin.cli.options import JsonOption, print_json
 
 
 def algorithms(
-    json: Annotated[bool, typer.Option("--json", help="Answer as JSON.")] = False,
+    json: JsonOption = False,
 ) -> None:
     """List the search algorithms: sources, departures, what they were tuned on, presets."""
     from ematwin.estimation.search import methods

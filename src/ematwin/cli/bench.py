@@ -4,12 +4,12 @@ from typing import Annotated
 
 import typer
 
-from ematwin.cli.options import print_json
+from ematwin.cli.options import JsonOption, print_json
 
 
 def bench(
     repeats: Annotated[int, typer.Option(min=1, help="Repetitions of most measurements.")] = 7,
-    json: Annotated[bool, typer.Option("--json", help="Answer as JSON.")] = False,
+    json: JsonOption = False,
 ) -> None:
     """Measure speed and memory of the twin on this machine against the project's targets."""
     from rich.console import Console

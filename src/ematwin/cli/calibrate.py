@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ematwin.cli import complete
-from ematwin.cli.options import print_json, print_notes, print_table, progress_bar
+from ematwin.cli.options import JsonOption, print_json, print_notes, print_table, progress_bar
 from ematwin.cli.recordings import choice, known_fault, load, remarks
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def calibrate(
         list[str] | None,
         typer.Option(help='Which channel is what, e.g. set_point="Demand [mm]". Repeatable.'),
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Answer as JSON.")] = False,
+    json: JsonOption = False,
 ) -> None:
     """Learn from healthy recordings how an actuator behaves and how far healthy runs differ."""
     from ematwin.files import check_target

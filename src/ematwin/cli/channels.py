@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ematwin.cli import complete
-from ematwin.cli.options import print_json, print_notes, print_table, progress_bar
+from ematwin.cli.options import JsonOption, print_json, print_notes, print_table, progress_bar
 
 if TYPE_CHECKING:
     from ematwin.recordings.proposal import Proposal
@@ -44,7 +44,7 @@ def channels(
     plot: Annotated[
         Path | None, typer.Option(help="Write a page with every channel here (.html).")
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Answer as JSON.")] = False,
+    json: JsonOption = False,
 ) -> None:
     """List the channels of a file, and propose which is which, with reasons.
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ematwin.cli import complete
-from ematwin.cli.options import print_json
+from ematwin.cli.options import JsonOption, print_json
 
 if TYPE_CHECKING:
     from ematwin.comparison.study.compare import Progress, Tally
@@ -91,7 +91,7 @@ def compare(
     retry_failed: Annotated[
         bool, typer.Option("--retry-failed", help="Repeat failed and timed-out runs.")
     ] = False,
-    json: Annotated[bool, typer.Option("--json", help="Answer as JSON.")] = False,
+    json: JsonOption = False,
 ) -> None:
     """Compare search algorithms over fault cases; continue where an earlier call stopped."""
     from ematwin import Noise, load_actuator

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from ematwin.cli.identify import print_findings, search_bar
-from ematwin.cli.options import print_json, progress_bar
+from ematwin.cli.options import JsonOption, print_json, progress_bar
 
 SHEET = "servo48"
 # How the actuator differs from its data sheet, as factors: nobody knows these numbers.
@@ -29,7 +29,7 @@ def demo(
         "ematwin-demo"
     ),
     seed: Annotated[int, typer.Option(help="Seed of the sensor noise and of the search.")] = 1,
-    json: Annotated[bool, typer.Option("--json", help="Answer as JSON.")] = False,
+    json: JsonOption = False,
 ) -> None:
     """Calibrate an unknown actuator on healthy records, and find the faults of a later one."""
     from ematwin import BldcActuator, Faults, Noise, simulate

@@ -7,7 +7,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ematwin.cli import complete
-from ematwin.cli.options import numbers, pairs, print_json, print_table, progress_bar
+from ematwin.cli.options import (
+    ActuatorOption,
+    JsonOption,
+    NoiseOption,
+    ReportOption,
+    numbers,
+    pairs,
+    print_json,
+    print_table,
+    progress_bar,
+)
 
 if TYPE_CHECKING:
     from ematwin.estimation.design import Design
@@ -19,13 +29,7 @@ _RECORDED = (".csv", ".parquet")
 
 def design(
     out: Annotated[Path, typer.Option(help="Write the command here (.toml).")],
-    actuator: Annotated[
-        str,
-        typer.Option(
-            help="A shipped parameter set of any kind, a TOML file, or a calibrated actuator.",
-            autocompletion=complete.actuators,
-        ),
-    ] = "servo48",
+    actuator: ActuatorOption = "servo48",
     scenario: Annotated[
         str | None,
         typer.Option(
@@ -52,9 +56,7 @@ def design(
         list[str] | None,
         typer.Option(help="A fault at which to look, e.g. friction=0.25. Repeatable."),
     ] = None,
-    noise: Annotated[
-        str | None, typer.Option(help="Sensor noise, e.g. white=0.02,bits=12.")
-    ] = None,
+    noise: NoiseOption = None,
     exact: Annotated[
         bool, typer.Option("--exact", help="Parameters, load and sensors are known exactly.")
     ] = False,
@@ -72,10 +74,8 @@ def design(
         int | None, typer.Option(help="Commands to look at; about a minute's worth.", min=1)
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of faults, noise and search.", min=0)] = 1,
-    report: Annotated[
-        Path | None, typer.Option(help="Write a self-contained page here (.html).")
-    ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Answer as JSON.")] = False,
+    report: ReportOption = None,
+    json: JsonOption = False,
 ) -> None:
     """Find the test command that tells the faults of an actuator best."""
     from ematwin.errors import InputError

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ematwin.cli.options import print_json, print_notes, print_table
+from ematwin.cli.options import JsonOption, ReportOption, print_json, print_notes, print_table
 from ematwin.cli.recordings import choice, load, remarks
 from ematwin.errors import InputError
 
@@ -36,13 +36,11 @@ def detect(
         list[str] | None,
         typer.Option(help='Which channel is what, e.g. set_point="Demand [mm]". Repeatable.'),
     ] = None,
-    report: Annotated[
-        Path | None, typer.Option(help="Write a self-contained page here (.html).")
-    ] = None,
+    report: ReportOption = None,
     table: Annotated[
         Path | None, typer.Option(help="Write all verdicts as a table (.csv or .parquet).")
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Answer as JSON.")] = False,
+    json: JsonOption = False,
 ) -> None:
     """Judge recordings against the healthy actuator: value, interval, alarm, name of the fault.
 

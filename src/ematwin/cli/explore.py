@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from ematwin.cli import complete
+from ematwin.cli.options import ActuatorOption, ColumnOption, MapOption
 
 
 def explore(
@@ -16,13 +17,7 @@ def explore(
             "shown beside the healthy one."
         ),
     ] = None,
-    actuator: Annotated[
-        str,
-        typer.Option(
-            help="A shipped parameter set of any kind, a TOML file, or a calibrated actuator.",
-            autocompletion=complete.actuators,
-        ),
-    ] = "servo48",
+    actuator: ActuatorOption = "servo48",
     scenario: Annotated[
         str | None,
         typer.Option(
@@ -30,13 +25,8 @@ def explore(
             autocompletion=complete.scenarios,
         ),
     ] = None,
-    column: Annotated[
-        list[str] | None,
-        typer.Option(help='Which channel is what, e.g. i_a="Phase A [A]". Repeatable.'),
-    ] = None,
-    map_file: Annotated[
-        Path | None, typer.Option("--map", help="The same in a TOML file (docs/recordings.md).")
-    ] = None,
+    column: ColumnOption = None,
+    map_file: MapOption = None,
     port: Annotated[
         int, typer.Option(help="Port of the page on this machine; 0 takes a free one.")
     ] = 0,

@@ -1,12 +1,21 @@
 """``ematwin identifiability``: what a command can tell of the faults, before any test."""
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ematwin.cli import complete
-from ematwin.cli.options import numbers, print_json, print_notes, print_table, progress_bar
+from ematwin.cli.options import (
+    ActuatorOption,
+    JsonOption,
+    NoiseOption,
+    ReportOption,
+    numbers,
+    print_json,
+    print_notes,
+    print_table,
+    progress_bar,
+)
 
 if TYPE_CHECKING:
     from ematwin.estimation.identifiability import Identifiability
@@ -22,13 +31,7 @@ def identifiability(
             autocompletion=complete.scenarios,
         ),
     ] = None,
-    actuator: Annotated[
-        str,
-        typer.Option(
-            help="A shipped parameter set of any kind, a TOML file, or a calibrated actuator.",
-            autocompletion=complete.actuators,
-        ),
-    ] = "servo48",
+    actuator: ActuatorOption = "servo48",
     fault: Annotated[
         list[str] | None,
         typer.Option(
@@ -36,9 +39,7 @@ def identifiability(
             "Repeatable."
         ),
     ] = None,
-    noise: Annotated[
-        str | None, typer.Option(help="Sensor noise, e.g. white=0.02,bits=12.")
-    ] = None,
+    noise: NoiseOption = None,
     exact: Annotated[
         bool, typer.Option("--exact", help="Parameters, load and sensors are known exactly.")
     ] = False,
@@ -59,10 +60,8 @@ def identifiability(
             '(pip install "ematwin[sensitivity]").',
         ),
     ] = False,
-    report: Annotated[
-        Path | None, typer.Option(help="Write a self-contained page here (.html).")
-    ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Answer as JSON.")] = False,
+    report: ReportOption = None,
+    json: JsonOption = False,
 ) -> None:
     """Say which faults a command can reveal, and the smallest that it would.
 

@@ -10,6 +10,11 @@ import typer
 
 from ematwin.cli import complete
 from ematwin.cli.options import (
+    ActuatorOption,
+    ColumnOption,
+    JsonOption,
+    MapOption,
+    ReportOption,
     numbers,
     pairs,
     print_json,
@@ -31,13 +36,7 @@ def identify(
     record: Annotated[
         Path, typer.Argument(help="A recording: Parquet, CSV, MAT, MDF4, TDMS or HDF5.")
     ],
-    actuator: Annotated[
-        str,
-        typer.Option(
-            help="A shipped parameter set of any kind, a TOML file, or a calibrated actuator.",
-            autocompletion=complete.actuators,
-        ),
-    ] = "servo48",
+    actuator: ActuatorOption = "servo48",
     algorithm: Annotated[
         str | None,
         typer.Option(
@@ -63,13 +62,8 @@ def identify(
         list[str] | None,
         typer.Option(help="Hold a fault that is not searched at a value, e.g. gain=0.6."),
     ] = None,
-    column: Annotated[
-        list[str] | None,
-        typer.Option(help='Which channel is what, e.g. i_a="Phase A [A]". Repeatable.'),
-    ] = None,
-    map_file: Annotated[
-        Path | None, typer.Option("--map", help="The same in a TOML file (docs/recordings.md).")
-    ] = None,
+    column: ColumnOption = None,
+    map_file: MapOption = None,
     resample_to: Annotated[
         str | None, typer.Option(help='Bring the record to this rate first, e.g. "20 kHz".')
     ] = None,
@@ -113,10 +107,8 @@ def identify(
     checkpoint: Annotated[
         Path | None, typer.Option(help="Keep a population method's state here; resume from it.")
     ] = None,
-    report: Annotated[
-        Path | None, typer.Option(help="Write a self-contained page here (.html).")
-    ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Answer as JSON.")] = False,
+    report: ReportOption = None,
+    json: JsonOption = False,
 ) -> None:
     """Find the faults with which the digital twin behaves like the recorded actuator."""
     from ematwin.cli.channels import map_of

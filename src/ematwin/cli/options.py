@@ -4,12 +4,35 @@ import json
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from pathlib import Path
+from typing import Annotated, Any
 
 import typer
 
+from ematwin.cli import complete
 from ematwin.cli.wording import for_shell
 from ematwin.errors import InputError
+
+# Options that several commands have.
+ActuatorOption = Annotated[
+    str,
+    typer.Option(
+        help="A shipped parameter set of any kind, a TOML file, or a calibrated actuator.",
+        autocompletion=complete.actuators,
+    ),
+]
+ColumnOption = Annotated[
+    list[str] | None,
+    typer.Option(help='Which channel is what, e.g. i_a="Phase A [A]". Repeatable.'),
+]
+MapOption = Annotated[
+    Path | None, typer.Option("--map", help="The same in a TOML file (docs/recordings.md).")
+]
+NoiseOption = Annotated[str | None, typer.Option(help="Sensor noise, e.g. white=0.02,bits=12.")]
+ReportOption = Annotated[
+    Path | None, typer.Option(help="Write a self-contained page here (.html).")
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="Answer as JSON.")]
 
 
 def pairs(texts: list[str], what: str) -> dict[str, str]:

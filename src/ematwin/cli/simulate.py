@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from ematwin.cli import complete
-from ematwin.cli.options import numbers, print_json, progress_bar
+from ematwin.cli.options import JsonOption, numbers, print_json, progress_bar
 
 
 def simulate(
@@ -61,7 +61,7 @@ def simulate(
             help="Further channels, with commas, e.g. voltage_a,voltage_b,voltage_c or bus_current."
         ),
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Answer as JSON.")] = False,
+    json: JsonOption = False,
 ) -> None:
     """Simulate an actuator with any mix of its faults."""
     from ematwin.errors import InputError

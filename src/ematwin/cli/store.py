@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from ematwin.cli.options import print_json
+from ematwin.cli.options import JsonOption, print_json
 from ematwin.errors import FileError
 
 app = typer.Typer(
@@ -22,7 +22,7 @@ Where = Annotated[
 @app.command("check")
 def check(
     store: Where,
-    json: Annotated[bool, typer.Option("--json", help="Answer as JSON.")] = False,
+    json: JsonOption = False,
 ) -> None:
     """Verify every run of a store by its checksum."""
     from ematwin.comparison.study.rescue import check as looked
@@ -54,7 +54,7 @@ def check(
 def rescue(
     store: Where,
     out: Annotated[str, typer.Option(help="The new store, a file or a database URL.")],
-    json: Annotated[bool, typer.Option("--json", help="Answer as JSON.")] = False,
+    json: JsonOption = False,
 ) -> None:
     """Carry what is whole to a new store; the old one is not touched."""
     from ematwin.comparison.study.rescue import rescue as carried
