@@ -5,7 +5,7 @@ import time
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,9 +16,6 @@ from ematwin.estimation.estimate import Estimate
 from ematwin.estimation.findings import doubts_of, obstacles_to, remarks_on, verdict_on
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Progress, Search, find, named
-from ematwin.estimation.thresholds import thresholds_of
-from ematwin.estimation.uncertainty import Method, Question, Uncertainty
-from ematwin.estimation.uncertainty import named as how
 from ematwin.estimation.verdict import Verdict
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
@@ -32,6 +29,10 @@ from ematwin.showing import markup
 from ematwin.showing.bars import told
 from ematwin.showing.drawing import drawn
 from ematwin.showing.frames import frame_of_rows
+
+if TYPE_CHECKING:
+    from ematwin.estimation.thresholds import Threshold
+    from ematwin.estimation.uncertainty import Method, Uncertainty
 
 
 @dataclass(frozen=True)
@@ -90,7 +91,7 @@ class Identification:
     fitted: dict[str, float] = field(default_factory=dict)
     calibrated: bool = False
     recording: Recording | None = field(default=None, repr=False, compare=False)
-    uncertainty: Uncertainty | None = None
+    uncertainty: "Uncertainty | None" = None
 
     @property
     def model(self) -> Model:
@@ -274,7 +275,7 @@ def identify(
     load: float | None = None,
     exact: bool = False,
     backend: str = "cpu",
-    uncertainty: str | Method | None = None,
+    uncertainty: "str | Method | None" = None,
     thresholds: Mapping[str, float | str] | None = None,
 ) -> Identification:
     """Find the values with which the twin answers as the recorded actuator did.
@@ -326,12 +327,20 @@ def identify(
         raise InputError("A Recording has its channels already; leave columns out.")
     if thresholds and uncertainty is None:
         uncertainty = "laplace"
-    method = None if uncertainty is None else how(uncertainty)
+    method = None
+    if uncertainty is not None:  # imported where it is asked for: most identifications are not
+        from ematwin.estimation.uncertainty import named as way_of
+
+        method = way_of(uncertainty)
     recording = record if isinstance(record, Recording) else read(record, columns, actuator=chosen)
     recording = _loaded(model, recording, load)
     warnings = [*recording.provenance.get("warnings", []), *model.check(recording, chosen)]
     problem = Problem.of(recording, chosen, only=only, held=held, threads=threads, backend=backend)
-    limits = thresholds_of(thresholds or {}, problem.unknowns, chosen)
+    limits: dict[str, Threshold] = {}
+    if thresholds:
+        from ematwin.estimation.thresholds import thresholds_of
+
+        limits = thresholds_of(thresholds, problem.unknowns, chosen)
     search: Search = named(
         model.default_search if algorithm is None else algorithm,
         population=population, iterations=iterations, checkpoint=checkpoint,
@@ -344,6 +353,8 @@ def identify(
         assessed = assess_with(model, chosen, problem, found, baseline)
         sure = None
         if method is not None and assessed.joint is not None:
+            from ematwin.estimation.uncertainty import Question
+
             question = Question(problem, chosen, assessed, assessed.joint, limits)
 
             def tell_more(spent: int, most: int) -> None:
