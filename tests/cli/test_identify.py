@@ -237,7 +237,8 @@ def test_missing_extra_names_the_command_that_installs_it(ematwin_process, folde
 
 
 def test_ctrl_c_keeps_the_best_found_and_says_so(ematwin, folder: Path) -> None:
-    ematwin("identify", "rec.parquet", "--algorithm", "de", "--budget", "100")  # compiles
+    compiled = ematwin("identify", "rec.parquet", "--algorithm", "de", "--budget", "100")
+    assert compiled.code == 0, compiled.err
     process = subprocess.Popen(
         [
             sys.executable, "-m", "ematwin", "identify", "rec.parquet", "--algorithm", "de",
