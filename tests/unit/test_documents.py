@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from ematwin import plots
+
 PROJECT = Path(__file__).parents[2]
 PAGES = [PROJECT / "README.md", *sorted((PROJECT / "docs").rglob("*.md"))]
 
@@ -50,6 +52,12 @@ def test_every_page_is_in_the_table_of_contents():
     docs = PROJECT / "docs"
     pages = {str(path.relative_to(docs).with_suffix("")) for path in docs.rglob("*.md")} - {"index"}
     assert pages == set(listed)
+
+
+def test_the_gallery_shows_every_figure():
+    code = "".join(blocks(PROJECT / "docs" / "gallery.md", r"\{code-cell\} ipython3"))
+    missing = [name for name in plots.__all__ if f"plots.{name}(" not in code]
+    assert not missing, f"docs/gallery.md does not show {', '.join(missing)}"
 
 
 def test_the_shell_commands_of_the_readme_exist():
