@@ -123,12 +123,12 @@ def recordings() -> Names:
 
     record = servo("record.parquet", 1, "reference", friction=0.2)
     file = MDF(version="4.10")
-    for name, values, unit in (
+    channels = (
         ("Setpoint [deg]", np.degrees(record.command), "deg"),
         ("Phase A [A]", record.current_a, "A"),
         ("Phase B [A]", record.current_b, "A"),
-    ):
-        file.append(Signal(values, record.time, name=name, unit=unit))
+    )
+    file.append([Signal(values, record.time, unit, name) for name, values, unit in channels])
     file.save("run7.mf4", overwrite=True)
     file.close()
     bench_csv("bench.csv", record)

@@ -14,6 +14,7 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Callable, Iterator
+from glob import glob
 from pathlib import Path
 from typing import Any
 
@@ -89,7 +90,7 @@ class Shell:
             If it fails, or is none that a test may start.
         """
         if words[0] == "ematwin":
-            files = [sorted(map(str, Path().glob(w))) if "*" in w else [w] for w in words]
+            files = [sorted(glob(word)) or [word] for word in words]
             self._patch.setattr(sys, "argv", [word for found in files for word in found])
             self._capsys.readouterr()
             code = run()
@@ -194,7 +195,18 @@ def _commands(block: Block, names: dict[str, Any], shell: Shell) -> None:
             answer = " ".join(shell.answer(block, words).split())
         for line in [] if "run with" in block.said else shown:
             said = " ".join(line.split())
-            assert said == "..." or said in answer, f"{block}: {said!r} is not in: {answer}"
+            assert said == "..." or _says(answer, said), f"{block}: {said!r} is not in: {answer}"
+
+
+def _says(answer: str, said: str) -> bool:
+    """Whether an answer has these words; numbers may differ by 2 %, as processors round."""
+    number = r"-?\d+(?:\.\d+)?"
+    words = re.split(number, said)
+    given = [float(text) for text in re.findall(number, said)]
+    for found in re.finditer(f"({number})".join(map(re.escape, words)), answer):
+        if [float(text) for text in found.groups()] == pytest.approx(given, rel=0.02):
+            return True
+    return False
 
 
 def _toml(block: Block, names: dict[str, Any], shell: Shell) -> None:
