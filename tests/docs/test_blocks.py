@@ -268,3 +268,38 @@ def test_every_extra_that_a_page_installs_exists() -> None:
     for page in PAGES:
         for extras in re.findall(r"ematwin\[([\w,]+)\]", page.read_text(encoding="utf-8")):
             assert set(extras.split(",")) <= set(EXTRAS["optional-dependencies"]), page.name
+
+
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [
+        ("ematwin compare --wrokers 2", "No such option: --wrokers"),
+        ("ematwin comapre", "there is no command 'comapre'"),
+        ("python benchmarks/identification.py --paper --sedes 3", "unrecognized arguments"),
+        ("python benchmarks/peers simulators --quikc", "unrecognized arguments"),
+        ("python benchmarks/nothing.py", "there is no benchmarks/nothing.py"),
+    ],
+)
+def test_a_command_that_does_not_exist_is_found_without_running_it(
+    command: str,
+    said: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    block = Block("page.md", 1, "indented", f"{command}\n", {"not run": "hours"})
+    with pytest.raises(AssertionError, match=said):
+        Shell(monkeypatch, capsys).check(block)
+
+
+def test_a_command_of_another_program_has_to_be_marked(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    block = Block("page.md", 1, "console", "$ pip install ematwin\n", {})
+    with pytest.raises(AssertionError, match="say why this is not run"):
+        _commands(block, {}, Shell(monkeypatch, capsys))
+
+
+def test_numbers_of_an_answer_may_differ_by_what_processors_round() -> None:
+    assert _says("a Friction +50 % (0.0449 N m) b", "Friction +50 % (0.045 N m)")
+    assert not _says("Friction +50 % (0.0449 N m)", "Friction +40 % (0.0449 N m)")
+    assert not _says("Friction +50 % (0.0449 N m)", "Backlash +50 % (0.0449 N m)")
