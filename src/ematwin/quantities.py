@@ -12,6 +12,8 @@ _ANGULAR = re.compile(r"rad|deg|°|turn|rpm|rev|arcmin|arcsec|gon|cycle", re.IGN
 _ANGLES = {"rad", "rad/s"}
 _NO_ANGLES = {"", "Hz", "s"}
 _NEWTON_METRE = re.compile(r"\b([kmu\N{MICRO SIGN}]?)Nm\b")  # nautical mile to pint
+# gcm², kgcm2 and kgm² of data sheets; the dot and the space are left to pint
+_INERTIA = re.compile(r"\b([mk]?g)\s?([cm]?m)(?:\^2|2|\N{SUPERSCRIPT TWO})(?!\d)")
 # Factors of usual units, as pint has them: importing it takes longer than reading a file.
 _USUAL = {
     ("ms", "s"): 1e-3, ("us", "s"): 1e-6, ("mm", "m"): 1e-3, ("um", "m"): 1e-6,
@@ -47,7 +49,7 @@ def to_si(value: float, unit: str, si_unit: str, what: str) -> float:
     try:
         if not isinstance(unit, str) or _is_mistaken(unit, si_unit):
             raise ValueError(unit)
-        spelled = _NEWTON_METRE.sub(r"\1N*m", unit)
+        spelled = _INERTIA.sub(r"\1*\2^2", _NEWTON_METRE.sub(r"\1N*m", unit))
         return float(_registry().Quantity(value, spelled).to(si_unit).magnitude)
     except Exception:
         # pint raises a family of unrelated types here (undefined unit, dimension, syntax)

@@ -10,6 +10,8 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.csv
 import pytest
 
 import ematwin as ematwin_module
@@ -186,6 +188,44 @@ def test_where_and_column_choose_what_is_judged(ematwin, files):
     assert answer.code == 0, answer.err
     runs = [verdict["labels"]["run"] for verdict in json.loads(answer.out)["verdicts"]]
     assert runs == ["60", "60", "62", "62"]
+
+
+def test_a_map_serves_calibrate_and_detect(ematwin, files):
+    healthy = ematwin_module.read(files / "bench.csv", actuator="rm1605", split=True)
+    healthy = [one for one in healthy if one.labels["condition"] == "normal"]
+    names = {"set_point": "Demand", "position_error": "Lag", "current": "Strom"}
+    columns = {
+        "time": np.concatenate([one.time for one in healthy]),
+        **{label: np.concatenate([[one.labels[label]] * len(one) for one in healthy])
+           for label in healthy[0].labels},
+        **{theirs: 1e3 * np.concatenate([one.channels[ours] for one in healthy])
+           for ours, theirs in names.items()},
+    }  # fmt: skip
+    pa.csv.write_csv(pa.table(columns), files / "theirs.csv")
+    units = ("mm", "mm", "mA")
+    lines = [
+        f'{ours} = "{theirs} [{unit}]"'
+        for (ours, theirs), unit in zip(names.items(), units, strict=True)
+    ]
+    (files / "map.toml").write_text("\n".join(["[columns]", *lines, ""]), encoding="utf-8")
+    told = {}
+    for record, mapped in (("theirs.csv", ("--map", "map.toml")), ("bench.csv", ())):
+        answer = ematwin("detect", record, "--actuator", "rig.toml", *mapped, "--json")
+        assert answer.code == 0, answer.err
+        told[record] = [
+            verdict for verdict in json.loads(answer.out)["verdicts"]
+            if verdict["labels"].get("condition", "normal") == "normal"
+        ]  # fmt: skip
+    assert len(told["theirs.csv"]) == len(told["bench.csv"]) > 3
+    for theirs, ours in zip(told["theirs.csv"], told["bench.csv"], strict=True):
+        assert theirs["index"] == pytest.approx(ours["index"], rel=1e-6)
+    refused(
+        ematwin("calibrate", "theirs.csv", "--actuator", "rm1605", "--out", "x.toml"), "no channel"
+    )
+    answer = ematwin(
+        "calibrate", "theirs.csv", "--map", "map.toml", "--actuator", "rm1605", "--out", "x.toml"
+    )
+    assert answer.code == 0, answer.err
 
 
 def test_detect_writes_all_verdicts_as_a_table(ematwin, files):

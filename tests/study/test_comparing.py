@@ -30,6 +30,9 @@ def test_a_study_of_an_own_algorithm_in_one_call(tmp_path: Path) -> None:
     figures = study.plot()
     assert {"Convergence", "Distribution of Err%"} <= set(figures)
     assert all(figure.data for figure in figures.values())
+    assert repr(study) == "StudyAnalysis(4 runs of own, random on 1 cases)"
+    assert str(study).startswith("4 runs, 4 ended well; lowest mean Err%: ")
+    assert str(study).splitlines()[1:] == study.conclusions
     html = study._repr_html_()
     assert html.index("4 runs, 4 ended well") < html.index("<table")
     with pytest.raises(InputError, match="each must be cell or run"):

@@ -518,3 +518,11 @@ def test_a_value_that_was_changed_is_not_written_as_it_stood_before():
     written = tomllib.loads(changed.template(tomllib.loads(SHIPPED)))["motor"]
     assert (written["inductance"]["value"], written["inductance"]["unit"]) == (1e-3, "H")
     assert written["inertia"]["unit"] == "g*cm^2"
+
+
+def test_an_output_inertia_that_was_not_reflected_is_refused():
+    shipped = BldcActuator.load()
+    with pytest.raises(ParameterError, match=r"1e\+05 times that of the rotor.*square of the rat"):
+        shipped.changed({"transmission.output_inertia": 0.25})
+    direct = {"transmission.output_inertia": 0.0026, "transmission.ratio": 1}
+    assert shipped.changed(direct).transmission.output_inertia == 0.0026

@@ -120,6 +120,30 @@ def test_a_signal_is_no_label(tmp_path):
         assert [motion.labels for motion in found] == [{"run": "a"}] * 2
 
 
+@pytest.mark.parametrize("stated", ["name", "file"])
+def test_a_load_that_steps_within_a_motion_is_no_label(tmp_path, stated):
+    """A load that nobody mapped would cut each motion where it sets in."""
+    step = np.tile(np.repeat([0.0, 10.0], SAMPLES // 2), 2)
+    name = "force [N]" if stated == "name" else "force"
+    path = saved(tmp_path / "bench.parquet", table(**{name: step}))
+    if stated == "file":
+        columns = pq.read_table(path)
+        place = columns.column_names.index(name)
+        pq.write_table(
+            columns.cast(
+                columns.schema.set(place, columns.field(place).with_metadata({"unit": "N"}))
+            ),
+            path,
+        )
+    assert [motion.labels for motion in read_motions(path)] == [{"run": "a"}] * 2
+
+
+def test_a_load_that_holds_through_each_motion_labels_it(tmp_path):
+    loads = np.repeat([0.0, 10.0], SAMPLES)
+    found = read_motions(saved(tmp_path / "bench.parquet", table(**{"force [N]": loads})))
+    assert [motion.labels["force [N]"] for motion in found] == ["0", "10"]
+
+
 def test_several_files_are_read_in_their_order(tmp_path):
     first = saved(tmp_path / "b.parquet", table(run=None))
     second = saved(tmp_path / "a.csv", table(run=None))

@@ -237,6 +237,7 @@ def test_a_file_of_text_and_holes_is_still_listed(tmp_path: Path) -> None:
         ("iL2", "current", "", "b"), ("current3", "current", "", "c"), ("Iq", "current", "", "q"),
         ("theta_m", "position", "motor", ""), ("n_mot", "speed", "motor", ""),
         ("U_dc", "voltage", "bus", ""), ("M_Last", "load", "", ""), ("Zeit", "time", "", ""),
+        ("Hinge force", "load", "", ""),
         ("SetPoint", "command", "", ""), ("Schleppfehler", "error", "", ""),
     ],
 )  # fmt: skip
@@ -244,6 +245,12 @@ def test_words_of_benches_are_known(name: str, quantity: str, place: str, phase:
     said = said_by(name)
     assert said.quantities == ({quantity} if quantity else set())
     assert (said.place, said.phase) == (place, phase)
+
+
+def test_a_hinge_moment_is_a_load(tmp_path: Path) -> None:
+    names = {"t [s]": TIME, "Demand [deg]": DEGREES, "I [A]": A, "Hinge moment [Nm]": LOAD}
+    proposal = propose_map(ugly(tmp_path / "bench.csv", names))
+    assert channel_of(proposal)["load"] == "Hinge moment [Nm]"
 
 
 def test_what_may_be_something_else_is_no_load_and_no_voltage(tmp_path: Path) -> None:

@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ematwin.cli import complete
-from ematwin.cli.options import JsonOption, print_json, print_notes, print_table, progress_bar
+from ematwin.cli.options import (
+    JsonOption,
+    MapOption,
+    print_json,
+    print_notes,
+    print_table,
+    progress_bar,
+)
 from ematwin.cli.recordings import choice, known_fault, load, remarks
 
 if TYPE_CHECKING:
@@ -62,6 +69,7 @@ def calibrate(
         list[str] | None,
         typer.Option(help='Which channel is what, e.g. set_point="Demand [mm]". Repeatable.'),
     ] = None,
+    map_file: MapOption = None,
     json: JsonOption = False,
 ) -> None:
     """Learn from healthy recordings how an actuator behaves and how far healthy runs differ."""
@@ -76,7 +84,9 @@ def calibrate(
     template = load_actuator(actuator) if before is None else before.actuator
     wanted = choice(where or [], "--where")
     taught = [(text, *known_fault(text)) for text in known or []]
-    recordings = load(records, column, template, wanted, *(labels for _, _, labels in taught))
+    recordings = load(
+        records, column, map_file, template, wanted, *(labels for _, _, labels in taught)
+    )
     faults = {
         f"{fault}: {text.partition(':')[2]}": fitting(recordings, labels)
         for text, fault, labels in taught

@@ -5,7 +5,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ematwin.cli.options import JsonOption, ReportOption, print_json, print_notes, print_table
+from ematwin.cli.options import (
+    JsonOption,
+    MapOption,
+    ReportOption,
+    print_json,
+    print_notes,
+    print_table,
+)
 from ematwin.cli.recordings import choice, load, remarks
 from ematwin.errors import InputError
 
@@ -36,6 +43,7 @@ def detect(
         list[str] | None,
         typer.Option(help='Which channel is what, e.g. set_point="Demand [mm]". Repeatable.'),
     ] = None,
+    map_file: MapOption = None,
     report: ReportOption = None,
     table: Annotated[
         Path | None, typer.Option(help="Write all verdicts as a table (.csv or .parquet).")
@@ -59,7 +67,9 @@ def detect(
         check_target(table, (".csv", ".parquet"))
     calibration = Calibration.load(actuator)
     wanted = choice(where or [], "--where")
-    recordings = load(records, column, calibration.actuator, *([wanted] if wanted else []))
+    recordings = load(
+        records, column, map_file, calibration.actuator, *([wanted] if wanted else [])
+    )
     answer(run(recordings, calibration), recordings, each, table, report, json)
 
 

@@ -14,16 +14,20 @@ Choices = dict[str, list[str]]
 
 
 def load(
-    files: list[Path], column: list[str] | None, actuator: Any, *choices: Choices
+    files: list[Path],
+    column: list[str] | None,
+    map_file: Path | None,
+    actuator: Any,
+    *choices: Choices,
 ) -> "list[Recording]":
     """Recordings of an actuator in files, each motion of a table, that fit one of the choices.
 
-    ``column`` holds texts such as ``set_point=Demand [mm]``.
+    ``column`` holds texts such as ``set_point=Demand [mm]``, ``map_file`` the same for all files.
     """
     from ematwin.cli.channels import map_of
     from ematwin.models.reading import read
 
-    columns = map_of(column, None, actuator)
+    columns = map_of(column, map_file, actuator)
     return read(files, columns, actuator=actuator, split=True, where=choices or None)
 
 

@@ -117,6 +117,9 @@ def _bound(values: ArrayLike, name: str) -> FloatArray:
 class Optimizer(ABC):
     """Ask for a batch of points, tell their costs, until the caller has had enough.
 
+    A class of it is called with ``(box, *, population, iterations, seed)`` and keeps these.
+    `PopulationOptimizer` does so, and the bookkeeping of batches.
+
     Attributes
     ----------
     box : Box
@@ -206,7 +209,9 @@ class OptimizerFactory(Protocol):
 class PopulationOptimizer(Optimizer):
     """The bookkeeping that every method of this package shares.
 
-    A method gives ``_start`` (first batch), ``_learn`` (take in costs) and ``_move`` (next batch).
+    A method gives ``_start`` (first batch), ``_learn`` (take in costs) and ``_move`` (next batch),
+    and finds ``box``, ``population``, ``iterations``, ``seed``, ``iteration`` (batches told) and
+    ``rng`` in place. Methods that need no more than these have no ``__init__`` of their own.
     ``_learn`` receives costs in which everything that is not finite has become +inf, for the whole
     batch, so that no method needs to know of NaN or of a batch cut short.
     """

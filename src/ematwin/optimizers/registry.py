@@ -11,6 +11,8 @@ import difflib
 import importlib.metadata
 from functools import partial
 
+import numpy as np
+
 from ematwin.errors import InputError
 from ematwin.optimizers import own
 from ematwin.optimizers.adapters import cma_es, nevergrad, pygmo, pymoo, scipy_de
@@ -50,7 +52,7 @@ def register(name: str, factory: OptimizerFactory, *, title: str = "", source: s
     Raises
     ------
     InputError
-        If the name is one that comes with ematwin, or the factory cannot be called.
+        If the name is one that comes with ematwin, or the factory makes no `Optimizer`.
     """
     key = _normal(name)
     taken = {known for one in (*own.ALGORITHMS, *_ADAPTED) for known in (one.name, *one.aliases)}
@@ -65,11 +67,40 @@ def register(name: str, factory: OptimizerFactory, *, title: str = "", source: s
             f"An algorithm is a class of Optimizer or a function that makes one, received "
             f"{factory!r}."
         )
+    _try(name, factory)
     said = (factory.__doc__ or "").strip().partition("\n")[0].rstrip(".")
     _REGISTERED[key] = Algorithm(
         key, title or said or name, source or getattr(factory, "__module__", ""), "registered",
         lambda: factory,
     )  # fmt: skip
+
+
+def _try(name: str, factory: OptimizerFactory) -> None:
+    """Make one for a small box and ask it once: a study would find out only run by run."""
+    box = Box(np.zeros(3), np.ones(3))
+    called = f"{name!r} is called with (box, population=20, iterations=10, seed=1)"
+    try:
+        made = factory(box, population=20, iterations=10, seed=1)
+        batch = made.ask() if isinstance(made, Optimizer) else None
+    except Exception as error:
+        raise InputError(
+            f"The algorithm {called} and asked for a batch: {type(error).__name__}: {error}. "
+            "Correct the class or function."
+        ) from error
+    if batch is None:
+        raise InputError(
+            f"The algorithm {called} and must give an Optimizer, but gave {type(made).__name__}."
+        )
+    made.close()
+    if np.ndim(batch) != 2 or np.shape(batch)[1] != box.dimension:
+        raise InputError(
+            f"The algorithm {name!r} must ask for an (N, 3) array in a box of 3 variables, but "
+            f"asked for one of shape {np.shape(batch)}. Correct its ask()."
+        )
+    if not box.contains(batch):
+        raise InputError(
+            f"The algorithm {name!r} asked for points outside the box. Clip them: box.clip(points)."
+        )
 
 
 def registered() -> tuple[Algorithm, ...]:

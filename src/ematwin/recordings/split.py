@@ -1,7 +1,8 @@
 """Tables of motions: where one ends and the next begins, and what each is called.
 
 A new motion begins where time falls back or a label changes. Labels are the columns that do not
-change within a motion, such as condition, run and motion.
+change within a motion, such as condition, run and motion. A column with a unit is a label where it
+stays the same through each motion; a load that steps within one is a signal that nobody mapped.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,6 +17,7 @@ from ematwin.errors import InputError, RecordError
 from ematwin.recordings.collect import Collected
 from ematwin.recordings.formats.base import RecordedFile
 from ematwin.recordings.recording import label_text
+from ematwin.recordings.units import is_unit, says_nothing, unit_beside_name
 
 Choice = Mapping[str, Sequence[str]]  # label to the values that are wanted
 _SHORTEST = 20  # samples of a motion
@@ -64,9 +66,13 @@ def pieces(found: Collected, file: RecordedFile) -> list[Piece]:
         return [Piece(found, {}, file.path)]
     key, time = next(iter(found.times.items()))
     labels = _labels(file, found, key, time.size)
+    measured = {name for name in labels if _has_unit(file, name)}
     starts = np.r_[True, np.diff(time) < 0.0]
-    for text in labels.values():
-        starts[1:] |= text[1:] != text[:-1]
+    for name in labels.keys() - measured:
+        starts[1:] |= _changes(labels[name])
+    for name in measured:
+        if np.any(_changes(labels[name]) & ~starts[1:]):
+            del labels[name]
     return [
         Piece(
             found.part(slice(int(first), int(end))),
@@ -157,5 +163,16 @@ def _labels(file: RecordedFile, found: Collected, key: str, rows: int) -> dict[s
 
 def _is_label(text: np.ndarray) -> bool:
     """Whether a column stays as it is for many rows: it names a condition, it is no signal."""
-    changes = int(np.sum(text[1:] != text[:-1]))
-    return changes * _SHORTEST <= text.size
+    return int(np.sum(_changes(text))) * _SHORTEST <= text.size
+
+
+def _changes(text: np.ndarray) -> np.ndarray:
+    """Whether each row but the first differs from the one before it."""
+    changed: np.ndarray = text[1:] != text[:-1]
+    return changed
+
+
+def _has_unit(file: RecordedFile, name: str) -> bool:
+    """Whether the file, or brackets in the name, state a unit."""
+    beside = unit_beside_name(name)
+    return not says_nothing(file.unit(name)) or (beside is not None and is_unit(beside))

@@ -17,7 +17,7 @@ _QUANTITIES = {
     "carriage",
     "command": "command cmd setpoint demand reference ref soll sollwert target desired commanded "
     "set vorgabe fuehrung",
-    "load": "load last lastmoment",
+    "load": "load last lastmoment hinge",
     "torque": "torque moment drehmoment",
     "error": "error deviation following schleppfehler abweichung",
 }  # fmt: skip

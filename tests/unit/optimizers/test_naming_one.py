@@ -6,6 +6,7 @@ import pytest
 import ematwin
 from ematwin.errors import InputError
 from ematwin.optimizers import registry
+from ematwin.optimizers.base import Optimizer
 from ematwin.optimizers.random_search import RandomSearch
 
 
@@ -37,6 +38,35 @@ def test_a_name_of_ours_or_what_cannot_be_called_is_refused() -> None:
         ematwin.register("gwo", Mine)
     with pytest.raises(InputError, match="function that makes one"):
         ematwin.register("mine", 3)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="no algorithm 'mine'"):
+        registry.find("mine")
+
+
+def test_what_cannot_search_is_refused_before_a_study_begins() -> None:
+    class NoInit(Optimizer):
+        """Its bases take no arguments."""
+
+        def ask(self) -> np.ndarray:
+            return np.zeros((1, 3))
+
+        def tell(self, points: np.ndarray, costs: np.ndarray) -> None: ...
+
+    class Flat(RandomSearch):
+        def ask(self) -> np.ndarray:
+            return super().ask()[0]
+
+    class Outside(RandomSearch):
+        def ask(self) -> np.ndarray:
+            return super().ask() + 2.0
+
+    with pytest.raises(InputError, match=r"'mine' is called with .* TypeError: NoInit"):
+        ematwin.register("mine", NoInit)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"of shape \(3,\)\. Correct its ask"):
+        ematwin.register("mine", Flat)
+    with pytest.raises(InputError, match="asked for points outside the box"):
+        ematwin.register("mine", Outside)
+    with pytest.raises(InputError, match="must give an Optimizer, but gave dict"):
+        ematwin.register("mine", lambda box, **given: dict(given))  # type: ignore[arg-type]
     with pytest.raises(InputError, match="no algorithm 'mine'"):
         registry.find("mine")
 

@@ -51,7 +51,7 @@ class Failure:
     message: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class StudyAnalysis:
     """Everything a report says.
 
@@ -151,6 +151,17 @@ class StudyAnalysis:
 
     to_dataframe = to_frame
 
+    def __repr__(self) -> str:
+        table = self.table
+        return (
+            f"StudyAnalysis({len(table)} runs of {', '.join(table.algorithms)} on "
+            f"{len(table.cases)} cases)"
+        )
+
+    def __str__(self) -> str:
+        """What was run, then the conclusions."""
+        return "\n".join([f"{self._lead()}.", *self.conclusions])
+
     def _repr_html_(self) -> str:
         """The conclusions, then the mean Err% of each case and algorithm, in a notebook."""
         names = self.table.algorithms
@@ -158,22 +169,27 @@ class StudyAnalysis:
             (row[0].case, *(f"{cell.metrics['err'].mean:.3g}" for cell in row))
             for row in self.cells
         ]
-        best = sorted(
-            ((float(np.nanmean([row[n].metrics["err"].mean for row in self.cells])), name)
-             for n, name in enumerate(names) if self.table.done.any()),
-            key=lambda pair: (math.isnan(pair[0]), pair[0]),
-        )  # fmt: skip
-        lead = f"{len(self.table)} runs, {int(self.table.done.sum())} ended well"
-        if best and math.isfinite(best[0][0]):
-            lead += f"; lowest mean Err%: {best[0][1]} with {best[0][0]:.3g}"
         return "".join(
             [
-                markup.heading(f"{lead}."),
+                markup.heading(f"{self._lead()}."),
                 markup.note("Mean Err% by case and algorithm"),
                 markup.table(("case", *names), rows),
                 *(markup.note(sentence) for sentence in self.conclusions),
             ]
         )
+
+    def _lead(self) -> str:
+        """How many runs, and which method erred least."""
+        lead = f"{len(self.table)} runs, {int(self.table.done.sum())} ended well"
+        means = {
+            name: np.mean([row[n].metrics["err"].mean for row in self.cells])
+            for n, name in enumerate(self.table.algorithms)
+        }
+        known = {name: float(mean) for name, mean in means.items() if math.isfinite(mean)}
+        if known:
+            best = min(known, key=known.__getitem__)
+            lead += f"; lowest mean Err%: {best} with {known[best]:.3g}"
+        return lead
 
     def as_dict(self) -> dict[str, Any]:
         """All tables as plain values, None for what could not be computed."""

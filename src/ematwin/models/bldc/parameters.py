@@ -31,6 +31,7 @@ DEFAULT_ACTUATOR = "servo48"
 TRUER_FORMS = ("shorted_turns", "eccentricity", "emf", "cogging", "speed_loop", "compliance")
 _STIFFEST = 0.1  # K dt^2 (1/J_m + 1/J_o) of a step of the monitor model with a compliant gear
 SHORTEST_STEP = 1e-9  # s: nothing in an actuator is so fast; a shorter one is a slip of the unit
+_UNMOVABLE = 1000.0  # times the inertia of the rotor: no gear is chosen so
 _UNREACHABLE = 100.0  # times the current that the supply can drive: mA taken for A give 1000
 
 
@@ -306,6 +307,16 @@ class BldcActuator(ParameterSet):
             raise ValueError(
                 f"drive.current_limit is {self.drive.current_limit:g} A, but the supply can "
                 f"drive only {drivable:.3g} A; it looks like mA, correct its unit"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _output_inertia_is_reflected(self) -> Self:
+        times = self.transmission.output_inertia / self.motor.inertia
+        if self.transmission.ratio > 1.0 and times > _UNMOVABLE:
+            raise ValueError(
+                f"transmission.output_inertia is {times:.3g} times that of the rotor: it is stated "
+                "as the motor feels it; divide the inertia of the output by the square of the ratio"
             )
         return self
 
