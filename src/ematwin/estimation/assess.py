@@ -116,8 +116,8 @@ def assess(
     rivals = [peak_from(point) for point in _worth_a_look(full, found, problem)]
     spent = sum(one.evaluations for one in (peak, *rivals))
     noise = min(one.problem.noise for one in (peak, *rivals))
-    rivals.sort(key=lambda one: _height(one, noise))
-    if rivals and _height(rivals[0], noise) < _height(peak, noise):
+    rivals.sort(key=lambda one: height(one, noise))
+    if rivals and height(rivals[0], noise) < height(peak, noise):
         rivals.append(peak)
         peak = rivals.pop(0)
     own = len(problem.names)
@@ -202,7 +202,7 @@ def _worth_a_look(full: Problem, found: Found, problem: Problem) -> list[np.ndar
     ]
 
 
-def _height(peak: Laplace, noise: float) -> float:
+def height(peak: Laplace, noise: float) -> float:
     """How far a peak lies from the recording and from the priors, squared standard deviations."""
     distances = peak.problem.prior_distances(peak.point[None])[0] / peak.problem.noise
     data = (peak.cost + peak.evidence) / noise**2
@@ -362,7 +362,7 @@ def _other_answers(
     found = []
     for one in rivals:
         noise = peak.problem.noise * model_error
-        rise = _height(one, noise) - _height(peak, noise)
+        rise = height(one, noise) - height(peak, noise)
         away = np.abs(one.z[:own] - peak.z[:own]).max()
         if rise < _NEARLY and away > _APART:
             found.append(dict(zip(problem.names, one.point[:own].tolist(), strict=True)))

@@ -150,7 +150,7 @@ def aliases(actuator: Any, values: Mapping[str, float]) -> list[Alias]:
     ]  # fmt: skip
 
 
-_SHORTS = ("short_a", "short_b", "short_c")
+SHORTS = ("short_a", "short_b", "short_c")
 
 
 def _aliases_of_turns(actuator: Any, k: Mapping[str, float]) -> list[Alias]:
@@ -161,14 +161,14 @@ def _aliases_of_turns(actuator: Any, k: Mapping[str, float]) -> list[Alias]:
     """
     contact = actuator.shorted_turns
     if contact is None:
-        fewer = {name: -(1.0 - k[name]) for name in _SHORTS}
+        fewer = {name: -(1.0 - k[name]) for name in SHORTS}
         more = {name: -change for name, change in fewer.items()}
         return [
             Alias("motor.emf_constant", {**fewer, "controller.speed_gain": -1.0}),
             Alias("current_gain", {**more, "controller.speed_gain": 1.0}),
         ]
     r_f, r = contact.resistance, 0.5 * actuator.motor.resistance
-    same = {name: -r_f * k[name] / (2.0 * r_f + k[name] * r) for name in _SHORTS if k[name] > 0.0}
+    same = {name: -r_f * k[name] / (2.0 * r_f + k[name] * r) for name in SHORTS if k[name] > 0.0}
     return [
         Alias("current_gain", {"motor.emf_constant": -1.0}),
         *([Alias("shorted_turns.resistance", same)] if same else []),
@@ -177,17 +177,17 @@ def _aliases_of_turns(actuator: Any, k: Mapping[str, float]) -> list[Alias]:
 
 CONTRASTS = (
     Contrast(
-        "short_common", dict.fromkeys(_SHORTS, 1.0 / 3.0), "turns missing from all phases alike",
+        "short_common", dict.fromkeys(SHORTS, 1.0 / 3.0), "turns missing from all phases alike",
         "Turns missing from all phases alike cannot be told from warm magnets nor, unless phase "
         "voltages are recorded, from the gain of a current sensor.",
     ),
     *(
         Contrast(
             f"{name}_beyond_common",
-            {one: (2.0 if one == name else -1.0) / 3.0 for one in _SHORTS},
+            {one: (2.0 if one == name else -1.0) / 3.0 for one in SHORTS},
             f"shorted turns in phase {name[-1]} beyond the mean of the phases",
         )
-        for name in _SHORTS
+        for name in SHORTS
     ),
 )  # fmt: skip
 
