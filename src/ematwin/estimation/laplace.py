@@ -52,6 +52,7 @@ class Laplace:
     evidence : float, sum of squares of the evidence of further channels
     evaluations : int
     jacobian : (d, K) array, of all residuals
+    residuals : (K,) array, at ``z``
     """
 
     problem: Problem
@@ -64,6 +65,7 @@ class Laplace:
     evidence: float
     evaluations: int
     jacobian: np.ndarray
+    residuals: np.ndarray
 
     @property
     def point(self) -> np.ndarray:
@@ -220,7 +222,7 @@ def _peak(problem: Problem, z: np.ndarray, slopes: "_Slopes", spent: int) -> Lap
     cost, evidence = (float(part @ part) for part in left[:2])
     return Laplace(
         problem, z, mean, slopes.covariance, slopes.data, slopes.priors, cost, evidence, spent,
-        slopes.jacobian,
+        slopes.jacobian, slopes.here,
     )  # fmt: skip
 
 
