@@ -131,10 +131,12 @@ def design(
         from ematwin.estimation.design import design as run
         from ematwin.report.design import design_page
 
+        if trials is not None:
+            options["trials"] = trials
         with _bar(not json, "expected error") as progress:
             found = run(
                 actuator, fault=fault, faults=numbers(at or [], "--at"), progress=progress,
-                **({} if trials is None else {"trials": trials}), **options,
+                **options,
             )  # fmt: skip
         found.save(out)
         if check:
