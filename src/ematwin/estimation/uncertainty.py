@@ -193,7 +193,7 @@ def told(question: Question, drawn: Draws) -> dict[str, Any]:
     absent = {one.name: is_absent(one, drawn) for one in faults}
     by_fault = counting.by_fault
     return {
-        "present": {name: 1.0 - float(by_fault[name] @ here) for name, here in absent.items()},
+        "present": {name: float(by_fault[name] @ ~here) for name, here in absent.items()},
         "healthy": _none_present(absent, counting),
         "exceeds": {
             name: one.share(question.actuator, drawn, by_fault[name])
