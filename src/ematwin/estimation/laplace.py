@@ -360,6 +360,11 @@ def _known_directions(
     return found
 
 
+def held_by(problem: Problem, point: np.ndarray, aliases: Aliases | None) -> set[str]:
+    """Names of the unknowns that aliases hold where they are while the others are fitted."""
+    return _pivots_held(problem, _known_directions(problem, point, aliases))
+
+
 def _pivots_held(problem: Problem, known: list[tuple[int, np.ndarray, bool]]) -> set[str]:
     """Names of the pivots that stay while the others are fitted."""
     return {problem.names[n] for n, _, is_held in known if is_held}
