@@ -8,7 +8,8 @@ import numpy as np
 from ematwin.errors import InputError
 from ematwin.estimation.identify import Identification
 from ematwin.estimation.intervals import Draws
-from ematwin.estimation.profile import LIMIT, ProfileUncertainty, Walk
+from ematwin.estimation.profile import ProfileUncertainty
+from ematwin.estimation.walk import LIMIT, Walk
 from ematwin.plots.style import BLUE, GREEN, GREY, ORANGE, line, stacked, styled
 
 _BINS, _SHOWN = 32, 0.002  # of a histogram; share of the draws left out at each end

@@ -6,6 +6,7 @@ physical ones are those that the kernel calls (`ematwin.models.bldc.state`).
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -103,7 +104,10 @@ def nuisances(actuator: Any) -> tuple[Unknown, ...]:
     return (
         nuisance("skew", "s", "how late the command was recorded", 0.0, 1e-3, 2e-4),
         nuisance("load_gain", "", "actual over recorded load", 1.0, 0.5, 0.06),
-        nuisance("load_offset", "N*m", "load beside the recorded one", 0.0, 40.0 * load, load),
+        replace(
+            nuisance("load_offset", "N*m", "load beside the recorded one", 0.0, 40.0 * load, load),
+            valleys=7,  # stiction holds elsewhere
+        ),
         nuisance("current_gain", "", "gain of the current sensor", 1.0, 0.1, 0.01),
         nuisance("current_offset", "A", "offset of the current sensor", 0.0, 20 * current, current),
         nuisance("power_gain", "", "recorded over actual electrical power", 1.0, 0.2, 0.005),
