@@ -37,6 +37,7 @@ def ematwin(tmp_path: Path) -> Callable[..., Answer]:
     """
 
     def run(*arguments: object, **environment: str) -> Answer:
+        assert "PYTHONPATH" not in environment, "read at the start of a process: ematwin_process"
         out, err = (io.TextIOWrapper(io.BytesIO(), encoding="utf-8") for _ in range(2))
         with pytest.MonkeyPatch.context() as here, warnings.catch_warnings():
             here.chdir(tmp_path)
