@@ -13,10 +13,13 @@ Recordings are drawn as `populations` says, from the distributions that the answ
                  recordings are called faulty
 
 Each recording and method is a line of ``FOLDER/rows.jsonl``; what is there already is not done
-again, so that a run can be stopped and continued, or extended. ``--quick`` is a size for tests.
+again, so that a run can be stopped and continued, or extended. A line holds the fingerprint of the
+code that it was made with, and counts for that code alone, but for ``--stored``. ``--quick`` is a
+size for tests.
 """
 
 import argparse
+import hashlib
 import json
 import sys
 from collections.abc import Iterable, Iterator, Sequence
@@ -29,9 +32,11 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 import certainty_answers as answers
 import certainty_tables as tables
+import ematwin
 from populations import KNOWLEDGE, POPULATIONS
 
 QUICK = 2  # recordings
+_PARTS = ("estimation", "models", "numerics", "optimizers")  # that answers depend on
 
 
 class Task(NamedTuple):
@@ -80,18 +85,26 @@ def done(task: Task) -> dict[str, Any]:
     return task._asdict() | answers.judged(*task)
 
 
+def code() -> str:
+    """Fingerprint of the code that gives the answers."""
+    package = Path(ematwin.__file__).parent
+    files = sorted(file for part in _PARTS for file in (package / part).rglob("*.py"))
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:12]
+
+
 def run(tasks: Sequence[Task], store: Store, workers: int) -> list[dict[str, Any]]:
     """The rows of tasks, those that are missing worked out first."""
-    have = {task_of(row) for row in store.rows()}
+    own = code()
+    have = {task_of(row) for row in store.rows() if row.get("code") == own}
     missing = [task for task in tasks if task not in have]
     found: Iterable[dict[str, Any]] = map(done, missing)
     if workers > 1:
         found = Parallel(workers, return_as="generator")(delayed(done)(task) for task in missing)
     for n, row in enumerate(found, start=1):
-        store.add(row)
+        store.add(row | {"code": own})
         print(f"{n}/{len(missing)}", file=sys.stderr, end="\r", flush=True)
     wanted = set(tasks)
-    return [row for row in store.rows() if task_of(row) in wanted]
+    return [row for row in store.rows() if task_of(row) in wanted and row.get("code") == own]
 
 
 def tasks_of(given: argparse.Namespace, populations: Sequence[str]) -> Iterator[Task]:

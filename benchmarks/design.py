@@ -3,9 +3,9 @@
     python benchmarks/design.py --recordings 12
     python benchmarks/design.py --recordings 12 --command benchmarks/designed.toml
 
-The command for the weakest fault of an actuator that is known by its data sheet, within the travel,
-speed, current and load of the default command and in its 0.5 s; or, with ``--command``, one that
-was found before. Both commands are recorded from simulated actuators with other faults, parameters
+The command for the weakest fault of an actuator that is known by its data sheet, within the travel
+and the current of the default command and in its 0.5 s; or, with ``--command``, one that was found
+before. Speed and load may be what the rig allows (``--speed``, ``--load``). Both commands are recorded from simulated actuators with other faults, parameters
 and noise than those of the search, by the reference model at half its step, and identified. Printed
 are the errors promised and observed.
 """
@@ -35,11 +35,14 @@ def main() -> None:
     parser.add_argument("--check-seed", type=int, default=101)
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--out", default="designed.toml")
+    parser.add_argument("--speed", type=float, default=10.0, help="rad/s")
+    parser.add_argument("--load", type=float, default=40.0, help="N*m")
     given = parser.parse_args()
     started = time.process_time()
     found = ematwin.design(
         "servo48", fault=given.fault, exact=given.exact, noise=NOISE, seed=given.seed,
-        budget=1 if given.command else given.budget, threads=given.threads,
+        budget=1 if given.command else given.budget, threads=given.threads, speed=given.speed,
+        load=given.load,
     )  # fmt: skip
     command, judge = found.scenario, found.judge
     if given.command:
@@ -48,6 +51,7 @@ def main() -> None:
         spent = time.process_time() - started
         found.save(given.out)
         print(f"{found.evaluations} commands, {found.seconds:.0f} s, {spent:.0f} s of processor")
+        print(found.sentence, flush=True)
     promised = judge.judge(command)
     print(
         "demands", promised.demands, "beyond the limits by", excess(promised.demands, found.limits)

@@ -262,24 +262,25 @@ def table(found: dict[str, Any]) -> str:
 
 
 def held_back(test: Test) -> None:
-    """Each half of the first period judges the other half of all periods.
+    """Each half of the first period judges the other half of all periods, then the whole recording.
 
     One half moves forward at its fastest and backward at the middle speed, the other the other way
     round, over the same places; every part is a recording of its own, simulated from its first
-    samples on.
+    samples on. Of the whole recording an eighth was learnt from.
     """
-    columns = ("mass", "force", "position", "open loop", "interval", "inside")
+    columns = ("judged", "mass", "force", "position", "open loop", "interval", "inside")
     print(f"{'learnt from':<14}" + "".join(f"{title:>15}" for title in columns))
     for half, other in (("upper", "lower"), ("lower", "upper")):
         report = ematwin.calibrate(parts(test, half)[:1], test.actuator)
         axis, prior = report.actuator, report.baseline.prior
         mass = parameters(axis, prior)["mass"]
-        for part in parts(test, other):
+        for part in (*parts(test, other), test.recording):
+            title = f"{part.time[-1] - part.time[0]:.1f} s"
             row = scores(part, axis, prior)
             band = row["open_loop_interval"]
             interval = f"{mass['low']:.1f}-{mass['high']:.1f} kg"
             print(
-                f"{half:<14}{interval:>15}{row['force_percent']:>13.2f} %"
+                f"{half:<14}{title:>15}{interval:>15}{row['force_percent']:>13.2f} %"
                 f"{row['position_percent']:>13.5f} %{row['open_loop_rmse_mm']:>12.2f} mm"
                 f"{band['half_width_mm']:>12.1f} mm{band['inside_percent']:>13.0f} %"
             )

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from ematwin.models.pmsm.parameters import PmsmActuator
     from ematwin.models.proposing import propose_map
     from ematwin.models.reading import read, read_motions, write
-    from ematwin.models.registry import load_actuator
+    from ematwin.models.registry import load_actuator, register_model
     from ematwin.models.scenario import Scenario
     from ematwin.models.simulating import simulate
     from ematwin.models.unknown import Unknown
@@ -83,6 +83,7 @@ _HOMES = {
     "read": "ematwin.models.reading",
     "read_motions": "ematwin.models.reading",
     "register": "ematwin.optimizers.registry",
+    "register_model": "ematwin.models.registry",
     "sensitivity": "ematwin.estimation.sensitivity",
     "simulate": "ematwin.models.simulating",
     "write": "ematwin.models.reading",
@@ -127,6 +128,7 @@ __all__ = [
     "read",
     "read_motions",
     "register",
+    "register_model",
     "sensitivity",
     "simulate",
     "write",

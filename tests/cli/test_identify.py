@@ -11,6 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 
 import ematwin as library
@@ -223,19 +224,21 @@ def test_option_that_cannot_be_used_is_refused(
     refused(ematwin("identify", *arguments), said)
 
 
-def test_missing_extra_names_the_command_that_installs_it(ematwin, folder: Path) -> None:
+def test_missing_extra_names_the_command_that_installs_it(ematwin_process, folder: Path) -> None:
     # a package of that name that cannot be imported stands for one that is not installed
     (folder / "block").mkdir()
     (folder / "block" / "sitecustomize.py").write_text(
         "import sys\nsys.modules['cma'] = None\n", encoding="utf-8"
     )
-    answer = ematwin(
+    answer = ematwin_process(
         "identify", "rec.parquet", "--algorithm", "cma", PYTHONPATH=str(folder / "block")
     )
     refused(answer, r'pip install "ematwin\[bench\]"')
 
 
-def test_ctrl_c_keeps_the_best_found_and_says_so(folder: Path) -> None:
+def test_ctrl_c_keeps_the_best_found_and_says_so(ematwin, folder: Path) -> None:
+    compiled = ematwin("identify", "rec.parquet", "--algorithm", "de", "--budget", "100")
+    assert compiled.code == 0, compiled.err
     process = subprocess.Popen(
         [
             sys.executable, "-m", "ematwin", "identify", "rec.parquet", "--algorithm", "de",
@@ -248,7 +251,9 @@ def test_ctrl_c_keeps_the_best_found_and_says_so(folder: Path) -> None:
         text=True,
         env=os.environ.copy(),
     )  # fmt: skip
-    time.sleep(15.0)  # imports, loads kernels, searches
+    while psutil.Process(process.pid).cpu_times().user < 5.0:  # imports, loads kernels, searches
+        assert process.poll() is None
+        time.sleep(0.1)
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=60)
     assert "Interrupted: this is the best found so far." in out, err

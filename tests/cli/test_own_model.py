@@ -57,11 +57,11 @@ def healthy(days: Path, tmp_path: Path) -> list[str]:
 
 
 @pytest.fixture
-def shell(ematwin, site: Path) -> Callable:
+def shell(ematwin_process, site: Path) -> Callable:
     """`ematwin` in a process that finds the package; gives its output."""
 
     def run(*arguments: object, code: int = 0) -> str:
-        answer = ematwin(*arguments, PYTHONPATH=str(site))
+        answer = ematwin_process(*arguments, PYTHONPATH=str(site))
         assert answer.code == code, answer.out + answer.err
         return answer.err if code else answer.out
 

@@ -46,8 +46,9 @@ class Run:
         self.state = np.zeros(11)
         self.state[7] = 1.0
         trace = batch.reference_trace(
-            faults.vector, command * gear.ratio, load / gear.ratio, self.state, C, DT, 1, 1
-        )
+            faults.vector, command * gear.ratio, load / gear.ratio, self.state, C, DT, 1, 1,
+            None, None,
+        )  # fmt: skip
         self.current = trace[:, :3]  # A, mean of each step
         self.after = dict(zip(("theta_m", "w_m", "theta_o", "w_o"), trace[:, 3:7].T, strict=True))
         # the equations of a step use the state before it

@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 
 from ematwin.models.bldc import batch
 from ematwin.models.bldc.constants import kernel_constants
-from ematwin.models.bldc.faults import HEALTHY, Faults
+from ematwin.models.bldc.faults import Faults
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.scenario import Scenario
 from ematwin.numerics.backlash import advance_rigid_play
@@ -25,7 +25,7 @@ from naive.hybrid import Mass, TwoMasses
 ACTUATOR = BldcActuator.load()
 C = kernel_constants(ACTUATOR)
 INTERVAL = 1e-4  # s, between compared instants
-HEALTHY_FAULTS = Faults()
+HEALTHY = Faults()
 
 
 def relative(seen, expected):
@@ -136,7 +136,9 @@ def test_current_rises_to_its_reference_as_the_supply_allows(speed):
     # the state holds the current in the middle of the step before
     slope = (ACTUATOR.drive.supply_voltage - motor.emf_constant * speed) / motor.inductance
     start = np.array([-0.5 * dt * slope, speed, 0.0, speed, 0.0, 0.0])
-    trace = batch.monitor_trace(HEALTHY, command, np.zeros_like(command), start, c, dt, 1, 1)
+    trace = batch.monitor_trace(
+        HEALTHY.vector, command, np.zeros_like(command), start, c, dt, 1, 1, None, None, None
+    )
 
     def reached(t, i):
         return i[0] - wanted
@@ -173,7 +175,7 @@ def test_healthy_monitor_model_is_that_of_an_integrator_with_events():
 
     def current(t, y):
         wanted = np.interp(t, grid, command) * gear.ratio
-        return naive_motor.current_reference(wanted, y[2], y[1], HEALTHY_FAULTS, ACTUATOR)
+        return naive_motor.current_reference(wanted, y[2], y[1], HEALTHY, ACTUATOR)
 
     ripple = kappa * ACTUATOR.drive.hysteresis_band / 2.0
     static = max(motor.friction_torque, gear.static_ratio * motor.friction_torque - ripple)
@@ -199,8 +201,8 @@ def test_healthy_monitor_model_is_that_of_an_integrator_with_events():
         dt = INTERVAL / substeps
         steps = np.linspace(0.0, times[-1], substeps * (times.size - 1) + 1)
         trace = batch.monitor_trace(
-            HEALTHY, np.interp(steps, grid, command) * gear.ratio, np.zeros_like(steps),
-            np.zeros(6), C, dt, 1, substeps,
+            HEALTHY.vector, np.interp(steps, grid, command) * gear.ratio, np.zeros_like(steps),
+            np.zeros(6), C, dt, 1, substeps, None, None, None,
         )  # fmt: skip
         errors.append(
             [

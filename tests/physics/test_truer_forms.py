@@ -1,6 +1,7 @@
 """The truer forms: energy, limits, convergence, both models alike, and a simulator not ours."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -281,3 +282,28 @@ def test_faults_beside_every_form_are_identified():
     found = ematwin.identify(record, actuator=EVERYTHING, exact=True)
     for name, value in faults.items():
         assert found.estimate[name] == pytest.approx(value, abs=0.02)
+
+
+def test_an_offset_fixed_in_space_is_not_called_a_short_where_the_file_has_no_section_for_it():
+    record = simulate("reference", faults=OFFSET, actuator=FIXED, noise=NOISE)
+    found = ematwin.identify(record, actuator=PLAIN)
+    print(found.verdict)
+    assert found.verdict.grade == "none"
+    assert "[eccentricity] with turning_share = 0" in found.verdict.reason
+    assert re.search(r"\(eccentricity 0\.(19|2)", found.verdict.reason)
+
+
+def test_a_loop_of_shorted_turns_is_told_where_the_file_has_no_section_for_it():
+    loop = PLAIN.changed({"shorted_turns.resistance": 0.1})
+    record = simulate("reference", faults=SHORT, actuator=loop, noise=NOISE)
+    found = ematwin.identify(record, actuator=PLAIN)
+    said = " ".join(found.warnings)
+    print(found.verdict, said)
+    assert not set(found.verdict.faults) - {"short_a"}
+    assert "[shorted_turns]" in said
+    assert "short a" in said
+
+
+def test_missing_turns_are_named_although_there_are_other_forms():
+    record = simulate("reference", faults=SHORT, actuator=PLAIN, noise=NOISE)
+    assert ematwin.identify(record, actuator=PLAIN).verdict.faults == ("short_a",)

@@ -16,7 +16,9 @@ from ematwin.comparison.report.study import study_page
 from ematwin.comparison.report.study_figures import StudyFigures
 from ematwin.comparison.study.store import open_store
 from ematwin.report.comparison import comparison_page
+from ematwin.report.design import design_page, discrimination_page
 from ematwin.report.detection import detection_page
+from ematwin.report.identifiability import identifiability_page
 from ematwin.report.identification import identification_page
 from ematwin.report.page import Row, Section, Table, columns_in_words, listed, render
 from synthetic_detection import detection
@@ -33,15 +35,30 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     shutil.copy(STORE, folder / "study.db")
     with open_store(folder / "study.db") as store:
         study = analyse(store.runs())
+    sure = {
+        way: ematwin.identify(faulty, "rm1605", exact=True, uncertainty=way)
+        for way in ("profile", "posterior")
+    }
     return {
         "identify": identification_page(found, faulty),
+        "identify, profile": identification_page(sure["profile"], faulty),
+        "identify, posterior": identification_page(sure["posterior"], faulty),
+        "identifiability": identifiability_page([ematwin.identifiability(actuator="rm1605")]),
+        "design": design_page(ematwin.design("rm1605", budget=2).check(1)),
+        "discriminate": discrimination_page(
+            ematwin.discriminate({"friction": 1.5}, {"gain": 0.8}, "rm1605", budget=2)
+        ),
         "simulate": comparison_page(faulty, healthy, {"friction": 2.0}, found.actuator),
         "detect": detection_page(detection(30)),
         "compare": study_page(study, StudyFigures(study), {}),
     }
 
 
-@pytest.mark.parametrize("name", ["identify", "simulate", "detect", "compare"])
+@pytest.mark.parametrize(
+    "name",
+    ["identify", "identify, profile", "identify, posterior", "simulate", "detect", "compare",
+     "identifiability", "design", "discriminate"],
+)  # fmt: skip
 def test_nothing_is_cut_or_wrong_at_any_width(
     pages: dict[str, str], tmp_path: Path, name: str
 ) -> None:

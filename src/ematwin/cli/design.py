@@ -63,6 +63,14 @@ def design(
     check: Annotated[
         int, typer.Option(help="Identify so many simulated recordings of each command.", min=0)
     ] = 0,
+    trials: Annotated[
+        int | None,
+        typer.Option(
+            help="Recordings on which the most promising commands are tried before one is chosen; "
+            "0 for none.",
+            min=0,
+        ),
+    ] = None,
     discriminate: Annotated[
         list[str] | None,
         typer.Option(
@@ -101,9 +109,10 @@ def design(
         **_limits(limit or [], model_of(chosen)),
     }
     if discriminate:
-        if fault is not None or at or check:
+        if fault is not None or at or check or trials is not None:
             raise InputError(
-                "--discriminate takes no --fault, --at or --check; it compares two explanations."
+                "--discriminate takes no --fault, --at, --check or --trials; it compares two "
+                "explanations."
             )
         from ematwin.estimation.discriminate import discriminate as tell_apart
         from ematwin.report.design import discrimination_page
@@ -122,6 +131,8 @@ def design(
         from ematwin.estimation.design import design as run
         from ematwin.report.design import design_page
 
+        if trials is not None:
+            options["trials"] = trials
         with _bar(not json, "expected error") as progress:
             found = run(
                 actuator, fault=fault, faults=numbers(at or [], "--at"), progress=progress,
@@ -263,8 +274,3 @@ def _print(found: "Design") -> None:
         typer.echo(f"Counted as known, because no command tells them: {', '.join(found.held)}")
     if found.stopped == "interrupted":
         typer.echo("Warning: The search was interrupted; this is the best command until then.")
-    if found.observed_gain is not None:
-        typer.echo(
-            f"Observed on {found.promised.checks} simulated recordings of each command: "
-            f"{found.observed_gain:.2g} times better."
-        )

@@ -7,7 +7,7 @@ valleys that the search found are compared, and the misfit is looked at along ea
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,9 +20,10 @@ from ematwin.estimation.learn import frees_parameters
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found
 from ematwin.estimation.significance import ANYTHING
+from ematwin.estimation.valleys import beside
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
-from ematwin.models.unknown import Unknown
+from ematwin.models.unknown import Alias, Unknown
 
 _REACHES = (2.0,)  # standard errors at which the misfit along a fault is looked at
 _APART = 0.05  # share of a range by which another answer differs
@@ -100,13 +101,16 @@ def assess(
     if baseline.exact:
         settled = math.inf
 
+    def aliases(values: Mapping[str, float]) -> Sequence[Alias]:
+        return model.aliases(actuator, values)
+
     def peak_from(point: np.ndarray) -> Laplace:
         known = dict(zip(problem.names, point.tolist(), strict=True))
         start = np.array([known.get(one.name, one.healthy) for one in full.unknowns])
         return laplace(
             full,
             start,
-            aliases=lambda values: model.aliases(actuator, values),
+            aliases=aliases,
             held=still,
             least_noise=full.comparisons[0].noise,
             settled=settled,
@@ -114,10 +118,12 @@ def assess(
 
     peak = peak_from(found.point)
     rivals = [peak_from(point) for point in _worth_a_look(full, found, problem)]
+    if _strained(peak) or full.relative_misfit(peak.cost) > settled:
+        rivals += beside(peak, aliases, still, full.comparisons[0].noise)
     spent = sum(one.evaluations for one in (peak, *rivals))
     noise = min(one.problem.noise for one in (peak, *rivals))
-    rivals.sort(key=lambda one: _height(one, noise))
-    if rivals and _height(rivals[0], noise) < _height(peak, noise):
+    rivals.sort(key=lambda one: height(one, noise))
+    if rivals and height(rivals[0], noise) < height(peak, noise):
         rivals.append(peak)
         peak = rivals.pop(0)
     own = len(problem.names)
@@ -202,7 +208,7 @@ def _worth_a_look(full: Problem, found: Found, problem: Problem) -> list[np.ndar
     ]
 
 
-def _height(peak: Laplace, noise: float) -> float:
+def height(peak: Laplace, noise: float) -> float:
     """How far a peak lies from the recording and from the priors, squared standard deviations."""
     distances = peak.problem.prior_distances(peak.point[None])[0] / peak.problem.noise
     data = (peak.cost + peak.evidence) / noise**2
@@ -362,7 +368,7 @@ def _other_answers(
     found = []
     for one in rivals:
         noise = peak.problem.noise * model_error
-        rise = _height(one, noise) - _height(peak, noise)
+        rise = height(one, noise) - height(peak, noise)
         away = np.abs(one.z[:own] - peak.z[:own]).max()
         if rise < _NEARLY and away > _APART:
             found.append(dict(zip(problem.names, one.point[:own].tolist(), strict=True)))

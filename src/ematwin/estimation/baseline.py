@@ -42,6 +42,7 @@ class Baseline:
     recordings : how many healthy ones
     has_load : whether they held the load
     exact : whether parameters, load and sensors are exactly as given, as those of a simulation are
+    known : what counts as known as good as exactly, and does not drift
     """
 
     prior: Prior
@@ -51,6 +52,7 @@ class Baseline:
     recordings: int = 0
     has_load: bool = True
     exact: bool = False
+    known: frozenset[str] = frozenset()
 
     @property
     def calibrated(self) -> bool:
@@ -76,14 +78,17 @@ class Baseline:
         names = {one.name for one in chosen}
         tight = np.array([_KNOWN if name in names else 1.0 for name in prior.names])
         return replace(
-            self, prior=replace(prior, covariance=prior.covariance * np.outer(tight, tight))
+            self,
+            prior=replace(prior, covariance=prior.covariance * np.outer(tight, tight)),
+            known=self.known | names,
         )
 
     def drifted(self, actuator: ParameterSet) -> Prior:
         """The prior of a later recording: parameters may have drifted since."""
         covariance = self.prior.covariance.copy()
         for n, name in enumerate(self.prior.names):
-            drift = actuator.drift(name) if "." in name else None
+            drifts = "." in name and name not in self.known
+            drift = actuator.drift(name) if drifts else None
             if drift is not None and self.calibrated:
                 covariance[n, n] += (math.log1p(drift) / _TWO_SIGMA) ** 2
         return Prior(self.prior.names, self.prior.mean, covariance)

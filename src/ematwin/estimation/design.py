@@ -7,8 +7,8 @@ error (`ematwin.estimation.promise`)
     of one named fault, everything else being a nuisance (Ds-optimal), or
     of the fault that is worst in share of its range (min-max),
 
-is least. Differential evolution searches the box of `DesignSpace`, from the scenario itself, with
-the twin; the best few are judged again by records of the finest model, as `identify` will see them.
+is least. Differential evolution searches the box of `DesignSpace`, from the scenario itself; the
+best few are judged again at other faults, and tried (`ematwin.estimation.trial`).
 """
 
 import math
@@ -35,6 +35,7 @@ from ematwin.estimation.command_search import (
 from ematwin.estimation.identifiability import Identifiability, identifiability
 from ematwin.estimation.interrupt import noting_interrupts
 from ematwin.estimation.promise import DRAWS, FRESH, Judge, Judged, drawn_faults, fault_shares
+from ematwin.estimation.trial import TRIALS, TRIED, Tried, best_of, tried
 from ematwin.models.base import Demand, Model, no_unknown
 from ematwin.models.designed import DesignSpace
 from ematwin.models.parameter_set import ParameterSet
@@ -44,6 +45,7 @@ from ematwin.models.unknown import Unknown
 from ematwin.recordings.noise import Noise
 
 _FINALISTS = 5  # commands that are judged thoroughly
+_OTHERS = 7919  # seeds of trials lie so far from those of a search and of `Design.check`
 
 
 @dataclass(frozen=True)
@@ -105,6 +107,8 @@ class Design:
     held : what counts as known while commands are compared, because none of them tells it
     evaluations, seconds, stopped, seed : of the search
     judge : what judged the commands, with the actuator, what is known of it, and the noise
+    checked : whether the errors observed are those of `check`; else they are of the recordings by
+        which the command was chosen
     """
 
     promised: Promise
@@ -119,6 +123,7 @@ class Design:
     stopped: str
     seed: int
     judge: Judge = field(repr=False)
+    checked: bool = False
 
     @property
     def scenario(self) -> Scenario:
@@ -156,12 +161,17 @@ class Design:
             return (
                 f"The given command tells no faults; this one does, {self.promised.weakest} least."
             )
-        if self.gain < 1.005:
+        if self.scenario == self.default.scenario:
             return (
                 f"No command within the limits was found that lowers {what}; the given one stays."
             )
-        name = "" if self.fault else f", then of {self.promised.weakest}"
-        return f"It lowers {what} {self.gain:.2g} times{name}."
+        expected = f"It is expected to lower {what} {self.gain:.2g} times"
+        if self.observed_gain is None:
+            return f"{expected}; no recording was identified to see whether it does."
+        which = "other simulated recordings" if self.checked else "simulated recordings"
+        return (
+            f"{expected}; on {self.promised.checks} {which} it was {self.observed_gain:.2g} times."
+        )
 
     def check(
         self,
@@ -208,7 +218,7 @@ class Design:
             )
             for n, name in enumerate(scenarios)
         }
-        return replace(self, **found)
+        return replace(self, **found, checked=True)
 
     def save(self, path: str | Path) -> None:
         """Write the command as a scenario file (TOML), whole or not at all."""
@@ -245,6 +255,7 @@ def design(
     sample_rate: float | None = None,
     draws: int = DRAWS,
     fresh: int = FRESH,
+    trials: int = TRIALS,
     budget: int = BUDGET,
     seed: int = 1,
     threads: int | None = None,
@@ -266,6 +277,9 @@ def design(
     sample_rate : float, Hz; None takes the kind's
     draws : fault vectors over which errors are averaged in the search
     fresh : others, on which the best commands and the given one are judged anew
+    trials : simulated recordings of each of the most promising commands, and of the given one, that
+        are identified before one is chosen: the given one stays unless another errs clearly less.
+        0 takes the promise as it is
     budget : commands that are looked at
     seed : of the fault vectors, the noise and the search
     threads : that share a batch; None takes one for each core
@@ -289,9 +303,9 @@ def design(
     model.check_scenario(given, chosen)
     magnitudes = tuple(one for one in model.faults(chosen) if one.direction_of is None)
     wanted = _places(model, chosen, magnitudes, fault)
-    for name, count in (("draws", draws), ("fresh", fresh)):
-        if count < 1:
-            raise InputError(f"{name} must be at least 1, received {count}.")
+    for name, count, least in (("draws", draws, 1), ("fresh", fresh, 1), ("trials", trials, 0)):
+        if count < least:
+            raise InputError(f"{name} must be at least {least}, received {count}.")
     known = model.values_of(chosen, faults or {})
     held = {name: known[name] for name in faults or {}}
     vectors = drawn_faults(model, chosen, fault_shares(model, chosen, draws, seed), held)
@@ -313,10 +327,10 @@ def design(
     final = judge.at(
         drawn_faults(model, chosen, fault_shares(model, chosen, fresh, seed + 1), held)
     )
-    found, default = _decided(search, final, given, limits, wanted)
+    found, default = _decided(search, final, given, limits, wanted, trials, _OTHERS + seed)
     told = [
         identifiability(
-            one.scenario, actuator, faults=held, noise=noise, exact=exact,
+            one.judged.scenario, actuator, faults=held, noise=noise, exact=exact,
             sample_rate=sample_rate, seed=seed, threads=threads,
         )
         for one in (found, default)
@@ -326,7 +340,7 @@ def design(
         default=_promise(default, judge.magnitudes, told[1]),
         actuator=chosen,
         fault=fault,
-        limits=limits_of(model, default.demands, limits),
+        limits=limits_of(model, default.judged.demands, limits),
         demands=demands_of(model),
         held=judge.held,
         evaluations=search.evaluations,
@@ -358,31 +372,39 @@ def _decided(
     given: Scenario,
     limits: Mapping[str, float],
     wanted: np.ndarray,
-) -> tuple[Judged, Judged]:
-    """The best of the finalists and the given command, both at fresh faults and whole.
+    trials: int,
+    seed: int,
+) -> tuple[Tried, Tried]:
+    """The best of the finalists and the given command: judged at fresh faults, whole, then tried.
 
     The search has fitted its best commands to the few faults that it looked at.
     """
     default = judge.judge(given)
     final = limits_of(judge.model, default.demands, limits)
-    best = None
-    if not default.obstacle and excess(default.demands, final) == 0.0:
-        best = default
+    usable = not default.obstacle and excess(default.demands, final) == 0.0
+    least = _worst_of(default.errors, wanted) if usable else math.inf
+    better: list[Judged] = []
     with noting_interrupts() as interrupts:
         try:
             for one in search.best(1 if search.stopped == "interrupted" else _FINALISTS):
                 interrupts.check()
                 judged = judge.judge(one, final)
-                if not judged.obstacle and (
-                    best is None
-                    or _worst_of(judged.errors, wanted) < _worst_of(best.errors, wanted)
-                ):
-                    best = judged
+                if not judged.obstacle and _worst_of(judged.errors, wanted) < least:
+                    better.append(judged)
         except KeyboardInterrupt:
             interrupts.pressed, search.stopped = False, "interrupted"
-    if best is None:
-        raise search.refusal(judge.actuator.name, limits)
-    return best, default
+    better.sort(key=lambda one: _worst_of(one.errors, wanted))
+    commands = [default, *better[:TRIED]]
+    if not better:
+        if not usable:
+            raise search.refusal(judge.actuator.name, limits)
+        commands = commands[:1]
+    asked = trials if better and search.stopped != "interrupted" else 0
+    first, *others = tried(judge, commands, asked, seed)
+    if first.recordings < asked:
+        search.stopped = "interrupted"
+    best = best_of(first if usable else None, others, lambda errors: _worst_of(errors, wanted))
+    return best, first
 
 
 def _worst_of(errors: np.ndarray, wanted: np.ndarray) -> float:
@@ -390,15 +412,18 @@ def _worst_of(errors: np.ndarray, wanted: np.ndarray) -> float:
     return float(np.max(errors[wanted > 0.0] * wanted[wanted > 0.0]))
 
 
-def _promise(one: Judged, magnitudes: tuple[Unknown, ...], told: Identifiability) -> Promise:
-    errors = {o.name: float(e) for o, e in zip(magnitudes, one.errors, strict=True)}
+def _promise(one: Tried, magnitudes: tuple[Unknown, ...], told: Identifiability) -> Promise:
+    judged = one.judged
+    errors = {o.name: float(e) for o, e in zip(magnitudes, judged.errors, strict=True)}
     return Promise(
-        scenario=one.scenario,
+        scenario=judged.scenario,
         errors=errors,
         shares={o.name: errors[o.name] / o.width for o in magnitudes},
-        demands=one.demands,
-        faulty=one.faulty,
+        demands=judged.demands,
+        faulty=judged.faulty,
         told=told,
+        observed=one.observed([o.name for o in magnitudes]),
+        checks=one.recordings,
     )
 
 

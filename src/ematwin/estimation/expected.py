@@ -9,10 +9,10 @@ noise of an independent residual, and P what is known beforehand,
     e = -C J r/sigma^2,   C = (J J^T/sigma^2 + P)^-1,   cov = 1/M sum_m e_m e_m^T + C P C
 
 the first-order bias of a least squares estimate (Box and Draper 1959, J. Am. Stat. Assoc. 54,
-622-654) over M answers near the point, for what is missed changes from one impact to the next.
-Slopes are taken over the steps with which a descent looks; over shorter ones the roughness that
-impacts make counts as information, and errors of gap and gain come out half as large.
-Where a kind has no finer model than its twin, r is noise alone.
+622-654) over M answers, for what is missed changes from one impact to the next; C P C is the share
+of what nobody knows exactly. Slopes are taken over the steps with which a descent looks; over
+shorter ones the roughness that impacts make counts as information, and errors of gap and gain come
+out half as large. Where a kind has no finer model than its twin, r is noise alone.
 """
 
 from collections.abc import Mapping
@@ -20,16 +20,27 @@ from collections.abc import Mapping
 import numpy as np
 
 from ematwin.estimation.baseline import Baseline, with_all_free
-from ematwin.estimation.laplace import standard_errors, width_at
+from ematwin.estimation.laplace import Laplace, standard_errors, width_at
+from ematwin.estimation.levenberg_marquardt import LONGEST_DIFFERENCE
 from ematwin.estimation.problem import Problem
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.scenario import Scenario
 from ematwin.recordings.noise import Noise
 
-_STEP = 5e-3  # of slopes, share of a range: as far as a descent looks past what impacts make rough
+STEP = LONGEST_DIFFERENCE  # of slopes, share of a range
 _ANSWERS = 8  # whose mean square is known to a quarter
 _AROUND = 0.01  # of its range, how far each fault lies from the point
+
+
+def pulled(peak: Laplace, residuals: np.ndarray) -> np.ndarray:
+    """Covariance (d, d) of the errors that residuals (M, K) at the true values pull to.
+
+    In the coordinates of the chart of the peak's problem, whose Jacobian and noise count.
+    """
+    pulls = peak.covariance @ peak.jacobian @ residuals.T / peak.problem.noise**2
+    known = peak.covariance @ peak.priors @ peak.covariance
+    return np.asarray(pulls @ pulls.T / len(residuals) + known)
 
 
 def expected_errors(
@@ -62,7 +73,7 @@ def expected_errors(
         at,
         aliases=lambda named: model.aliases(actuator, named),
         least_noise=problem.noise,
-        steps=np.full(len(at), _STEP),
+        steps=np.full(len(at), STEP),
     )
     rng = np.random.default_rng([41, seed])
     errors = []
@@ -78,9 +89,7 @@ def expected_errors(
         full = with_all_free(model, actuator, own, baseline).with_noise(peak.problem.noise)
         point = np.array([near.get(one.name, one.healthy) for one in full.unknowns])
         errors.append(full.residuals(point[None])[0])
-    pulls = peak.covariance @ peak.jacobian @ np.array(errors).T / peak.problem.noise**2
-    known = peak.covariance @ peak.priors @ peak.covariance
-    return standard_errors(problem.chart, peak.z, pulls @ pulls.T / _ANSWERS + known)
+    return standard_errors(problem.chart, peak.z, pulled(peak, np.array(errors)))
 
 
 def _near(value: float, lower: float, upper: float, share: float) -> float:

@@ -15,6 +15,7 @@ from ematwin.estimation.baseline import Baseline, baseline_of
 from ematwin.estimation.estimate import Estimate
 from ematwin.estimation.findings import doubts_of, obstacles_to, remarks_on, verdict_on
 from ematwin.estimation.problem import Problem
+from ematwin.estimation.rivals import hints, objections, rivals_of
 from ematwin.estimation.search import Progress, Search, find, named
 from ematwin.estimation.verdict import Verdict
 from ematwin.models.base import Model
@@ -376,6 +377,11 @@ def identify(
         *obstacles_to(model.load, recording, problem, found, estimate.misfit, assessed, baseline),
     ]
     verdict = verdict_on(model, chosen, problem, estimate, assessed, baseline, obstacles)
+    if found.problem is None:
+        rivals = rivals_of(model, chosen, problem, assessed, baseline, verdict, threads)
+        warnings += hints(rivals, verdict)
+        if objected := objections(rivals, verdict):
+            verdict = verdict_on(model, chosen, problem, estimate, assessed, baseline, objected)
     return Identification(
         verdict=verdict,
         estimate=estimate,

@@ -52,6 +52,7 @@ class Laplace:
     evidence : float, sum of squares of the evidence of further channels
     evaluations : int
     jacobian : (d, K) array, of all residuals
+    residuals : (K,) array, at ``z``
     """
 
     problem: Problem
@@ -64,6 +65,7 @@ class Laplace:
     evidence: float
     evaluations: int
     jacobian: np.ndarray
+    residuals: np.ndarray
 
     @property
     def point(self) -> np.ndarray:
@@ -220,7 +222,7 @@ def _peak(problem: Problem, z: np.ndarray, slopes: "_Slopes", spent: int) -> Lap
     cost, evidence = (float(part @ part) for part in left[:2])
     return Laplace(
         problem, z, mean, slopes.covariance, slopes.data, slopes.priors, cost, evidence, spent,
-        slopes.jacobian,
+        slopes.jacobian, slopes.here,
     )  # fmt: skip
 
 
@@ -356,6 +358,11 @@ def _known_directions(
         if complete:
             found.append((pivot, same / widths * widths[pivot], one.held))
     return found
+
+
+def held_by(problem: Problem, point: np.ndarray, aliases: Aliases | None) -> set[str]:
+    """Names of the unknowns that aliases hold where they are while the others are fitted."""
+    return _pivots_held(problem, _known_directions(problem, point, aliases))
 
 
 def _pivots_held(problem: Problem, known: list[tuple[int, np.ndarray, bool]]) -> set[str]:

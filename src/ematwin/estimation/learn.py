@@ -283,11 +283,14 @@ def _check_template(problem: Problem, peak: Laplace, nominals: Sequence[Unknown]
         assert one.spread is not None
         away = np.log(peak.point[n] / one.healthy) / one.spread
         if abs(away) > _BEYOND:
+            unit = f" {one.unit}".rstrip()
             raise RecordError(
-                f"The recordings put {one.name} at {peak.point[n]:.4g} {one.unit}, where the "
-                f"template allows {one.healthy:.4g} within {100.0 * np.expm1(2 * one.spread):.0f} "
-                "%. Check that they are of this actuator, or correct the value or widen its "
-                "tolerance."
+                f"The recordings put {one.name} at {peak.point[n]:.4g}{unit}, where the template "
+                f"allows {one.healthy:.4g}{unit} within {100.0 * np.expm1(2 * one.spread):.0f} %. "
+                "Check that they are of this actuator. If it is one and may be worn, do not learn "
+                "from it: identify judges the recordings by the template and names what is off. "
+                f"If it is healthy so, set {one.name} to {peak.point[n]:.4g} in its file, or widen "
+                "its tolerance, and calibrate again."
             )
 
 

@@ -1,9 +1,10 @@
 """The errors that `identify` makes on simulated recordings: what a promise is set beside.
 
 Each recording is one of another actuator: faults from their prior, and parameters from what is
-known of them, so that an actuator that is only known by its data sheet is as uncertain here as it
-is on a bench. The finest model answers, and `identify` sees nothing but its recording. What counts
-as known in the promise (`Judge.held`) is known here as well.
+known of them and how far they may have drifted since, so that an actuator that is only known by its
+data sheet is as uncertain here as it is on a bench. The finest model answers, with ideal sensors
+but for their noise, and `identify` sees nothing but its recording. What counts as known in the
+promise (`Judge.held`) is known here as well.
 """
 
 from collections.abc import Callable, Sequence
@@ -84,9 +85,9 @@ def observe(
 
 
 def drawn_actuator(judge: Judge, rng: np.random.Generator) -> ParameterSet:
-    """An actuator as it may be: parameters from what is known of them."""
+    """An actuator as it may be: parameters from what is known of them today."""
     model, twin = judge.model, judge.actuator
-    prior = judge.baseline.prior
+    prior = judge.baseline.drifted(twin)
     prior = prior.of(name for name in prior.names if "." in name)
     if not prior.names:
         return twin

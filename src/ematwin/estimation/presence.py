@@ -9,6 +9,7 @@ within it then count `weight` times.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,6 +19,21 @@ from ematwin.models.unknown import Unknown
 
 BEFOREHAND = 0.5  # that a fault is present, before the recording is seen
 _FEWEST = 20.0  # draws that all together must be worth; else each fault is weighed alone
+
+
+@dataclass(frozen=True)
+class Weights:
+    """How much draws count where faults may be absent.
+
+    Attributes
+    ----------
+    by_fault : (N,) arrays of sum 1
+    together : whether one array weighs all faults together; else each is weighed as if it were the
+        only one that may be absent, and nothing is told of several at once
+    """
+
+    by_fault: dict[str, np.ndarray]
+    together: bool
 
 
 def weight(one: Unknown) -> float:
@@ -36,18 +52,14 @@ def is_absent(one: Unknown, drawn: Draws) -> np.ndarray:
     return np.asarray(np.abs(drawn.of(one.name) - one.healthy) < SMALLEST * one.width)
 
 
-def weights(faults: Sequence[Unknown], drawn: Draws) -> dict[str, np.ndarray]:
-    """Weights (N,) of draws by fault, of sum 1: of all faults together, where draws allow it.
-
-    Where a few draws would outweigh all others, each fault is weighed as if it were the only one
-    that may be absent.
-    """
+def weights(faults: Sequence[Unknown], drawn: Draws) -> Weights:
+    """Weights of draws: of all faults together, unless a few draws would outweigh all others."""
     absent = {one.name: is_absent(one, drawn) for one in faults}
     logs = {one.name: np.log(weight(one)) * absent[one.name] for one in faults}
     together = _normalised(np.sum(list(logs.values()), axis=0))
     if 1.0 / float(together @ together) >= _FEWEST:
-        return dict.fromkeys(absent, together)
-    return {name: _normalised(log) for name, log in logs.items()}
+        return Weights(dict.fromkeys(absent, together), True)
+    return Weights({name: _normalised(log) for name, log in logs.items()}, False)
 
 
 def odds(share: float, one: Unknown, beyond: float | None = None) -> float:

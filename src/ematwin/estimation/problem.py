@@ -129,7 +129,7 @@ class Problem:
     ) -> None:
         if not free:
             raise InputError("No unknown is left to search; name at least one, e.g. friction.")
-        self.comparisons = tuple(comparisons)
+        self.comparisons = tuple(one.beside(comparisons) for one in comparisons)
         self.held = dict(held or {})
         count = len(self.comparisons)
         mine = set(own) if count > 1 else set()

@@ -2,15 +2,13 @@
 
 Each fault is walked to both sides in steps of about equal rise, from where the search ended. After
 each step everything else descends again (Levenberg-Marquardt), from where the tangent puts it. All
-walks go together, as one batch of the lanes. Where the rise passes 3.84 the 95 % interval ends
-(Wilks 1938; Venzon and Moolgavkar 1988, J. R. Stat. Soc. C 37, 87-94); Raue et al. (2009,
-Bioinformatics 25, 1923-1929) read from its shape what a recording cannot tell.
+walks go together, as one batch of the lanes. What they tell is for `ematwin.estimation.walk`; Raue
+et al. (2009, Bioinformatics 25, 1923-1929) read from the shape what a recording cannot tell.
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -24,15 +22,15 @@ from ematwin.estimation.uncertainty import (
     Question,
     Report,
     Uncertainty,
+    listed,
     strained,
     tells_nothing,
 )
+from ematwin.estimation.walk import NEAR, Walk, crossing, shape_of, smoothed, value_at
 from ematwin.models.chart import Chart
 from ematwin.models.unknown import Unknown
 
-LIMIT = 3.841  # quantile of the chi-squared distribution of one degree, 95 %
 _FAR_ENOUGH = 9.0  # rise at which a walk ends
-_NEAR, _FEWEST = 16.0, 5  # rise of points to which a parabola is fitted, and how many it needs
 _STRIDE = 0.9  # of the root of the rise
 _STEPS, _DESCENTS = 16, 4  # at most
 _TOO_STEEP = 2.5  # strides that one may climb; else it is taken anew, half as long
@@ -40,90 +38,11 @@ _TO_THE_BOTTOM = 10  # iterations, before the first stride
 _TIMES = 3  # that all set out anew, where a walk found a lower point
 _SHORTEST = 1e-6  # share of a range
 _DAMPING = 1e-2
-_AT_BOUND = 2e-3  # share of the range
 _TRADED = 3.0  # times the width with all else known, from which others are named
 _MOVED = 0.7  # standard errors by which others move to each side that are named
 _PARTNERS = 2
+_LONGER = 1.25  # times that an interval is longer than its walk, which is said then
 _BETTER = 1.0  # fall of the deviance that says that the search had not reached the bottom
-_TAIL = 40.0  # rise up to which a walk is continued for probabilities
-_FINE = 40  # points between two of a walk
-
-
-@dataclass(frozen=True)
-class Walk:
-    """The profile of one fault.
-
-    Attributes
-    ----------
-    name : of the fault
-    values : (n,) array, ascending
-    rise : (n,) array, of the deviance over the least one
-    points : (n, d) array, values of everything that is free, in the order of the problem
-    interval : ends of 95 %
-    shape : "bounded", "one-sided", "flat", or "at its bound"
-    partners : what it is traded off against: others that make up for it, the strongest first
-    """
-
-    name: str
-    values: np.ndarray
-    rise: np.ndarray
-    points: np.ndarray
-    interval: tuple[float, float]
-    shape: str
-    partners: tuple[str, ...]
-
-    @property
-    def sentence(self) -> str:
-        """The shape, in words."""
-        if self.partners:
-            return f"{self.shape}, traded off against {' and '.join(self.partners)}"
-        return self.shape
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain JSON values."""
-        return {
-            "values": self.values.tolist(),
-            "rise": self.rise.tolist(),
-            "interval": list(self.interval),
-            "shape": self.shape,
-            "partners": list(self.partners),
-        }
-
-    def share_beyond(self, low: float, high: float, bounds: tuple[float, float]) -> float:
-        """The share of the normalised profile likelihood outside low and high."""
-        x, density = self._density(bounds)
-        middle = 0.5 * (x[1:] + x[:-1])
-        mass = 0.5 * (density[1:] + density[:-1]) * np.diff(x)
-        return float(mass[(middle < low) | (middle > high)].sum() / mass.sum())
-
-    def _density(self, bounds: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
-        """Values and exp(-rise/2), between the points of the walk by the root of the rise."""
-        best = int(np.argmin(self.rise))
-        root = np.sqrt(self.rise) * np.where(np.arange(len(self.rise)) < best, -1.0, 1.0)
-        x, root = _continued(self.values, root, bounds)
-        fine = np.unique(
-            np.concatenate([
-                np.linspace(a, b, _FINE) for a, b in pairwise(x)
-            ])
-        )  # fmt: skip
-        return fine, np.exp(-0.5 * np.interp(fine, x, root) ** 2)
-
-
-def _continued(
-    x: np.ndarray, root: np.ndarray, bounds: tuple[float, float]
-) -> tuple[np.ndarray, np.ndarray]:
-    """The walk and what lies between its ends and the bounds, straight on to `_TAIL`."""
-    reach = math.sqrt(_TAIL)
-    if len(x) == 1:  # nowhere to go: all within the bounds is alike
-        return np.array(bounds), np.zeros(2)
-    first, last = (max((root[n + 1] - root[n]) / (x[n + 1] - x[n]), 1e-12) for n in (0, -2))
-    low = max(bounds[0], x[0] - max(reach + root[0], 0.0) / first)
-    high = min(bounds[1], x[-1] + max(reach - root[-1], 0.0) / last)
-    if low < x[0]:
-        x, root = np.append(low, x), np.append(root[0] + first * (low - x[0]), root)
-    if high > x[-1]:
-        root, x = np.append(root, root[-1] + last * (high - x[-1])), np.append(x, high)
-    return x, root
 
 
 @dataclass(frozen=True)
@@ -171,6 +90,18 @@ class Profiles:
         finished = walkers.run(report)
         walks = {one.name: walkers.walk(n) for n, one in enumerate(faults)}
         doubts = strained(question)
+        longer = []
+        for name, walk in walks.items():
+            if walk.rough:
+                least = question.assessed.intervals[name]
+                walks[name] = walk.reaching(least.low, least.high)
+                if walks[name].length > _LONGER * walk.length:
+                    longer.append(name)
+        if longer:
+            doubts.append(
+                f"Impacts make the misfit rough along {listed(longer)}, where walks end too soon; "
+                "the interval is that of laplace. Use the posterior."
+            )
         flat = [name for name, one in walks.items() if one.shape == "flat"]
         if flat:
             doubts.append(tells_nothing(flat))
@@ -396,21 +327,21 @@ class _Walkers:
         down, up = self.trails[fault, -1], self.trails[fault, 1]
         trail = sorted([*down[1:], *up], key=lambda point: float(point[0][n]))
         u = np.array([point for point, _ in trail])
-        rise = _smoothed(u[:, n], np.array([deviance for _, deviance in trail]) - self.least)
+        rise, rough = smoothed(u[:, n], np.array([deviance for _, deviance in trail]) - self.least)
         points = self.chart.to_values(self._z(u, polar))
         best = int(np.argmin(rise))
         ends, crossed = [], []
         for bound in (0, 1):
             way = list(range(best, len(rise)) if bound else range(best, -1, -1))
-            end = _crossing(u[:, n], rise, way)
+            end = crossing(u[:, n], rise, way)
             crossed.append(end is not None)
             ends.append(float(bound) if end is None else end)
         wide = ends[1] - ends[0] > _TRADED * 2.0 * 1.96 / self._sharpness(n)
         partners = self._partners(fault, u, rise) if wide else ()
         values = points[:, n]
-        low, high = self._with_scatter(one, values[best], [_value(one, end) for end in ends])
-        shape = _shape(crossed, float(values[best]), one)
-        return Walk(one.name, values, rise, points, (low, high), shape, partners)
+        low, high = self._with_scatter(one, values[best], [value_at(one, end) for end in ends])
+        shape = shape_of(crossed, float(values[best]), one)
+        return Walk(one.name, values, rise, points, (low, high), shape, partners, rough)
 
     def _sharpness(self, n: int) -> float:
         """One over the error of an unknown if all others were known, as shares of its range."""
@@ -427,7 +358,7 @@ class _Walkers:
         """Names of what moves along, what is no fault first."""
         if self.polar[fault]:
             return ()
-        near = u[rise < _NEAR]
+        near = u[rise < NEAR]
         n = self.places[fault]
         # what moves as far as it is uncertain while the fault does
         slopes = np.abs(np.polyfit(near[:, n], near, 1)[0]) if np.ptp(near[:, n]) > 0.0 else 0.0
@@ -455,48 +386,3 @@ class _Walkers:
     def _own_all(self, z: np.ndarray, polar: bool) -> np.ndarray:
         """Coordinates of a walk (B, d) of those of the chart."""
         return self.plain.from_values(self.chart.to_values(z)) if polar else z
-
-
-def _smoothed(u: np.ndarray, rise: np.ndarray) -> np.ndarray:
-    """Rises (n,) over the bottom of a parabola through them, at least 0.
-
-    Impacts make the misfit rough. The least of many rough values is a lucky one, and an interval
-    that began there would be too short.
-    """
-    near = rise < _NEAR
-    if near.sum() < _FEWEST:
-        return rise
-    at = u[near] - u[near].mean()
-    size = float(np.abs(at).max()) or 1.0
-    c, b, a = np.polyfit(at / size, rise[near], 2)
-    if c <= 0.0:
-        return rise
-    lowest = float(np.clip(-b / (2.0 * c), at.min() / size, at.max() / size))
-    bottom = a + b * lowest + c * lowest**2
-    return np.asarray(np.maximum(rise - max(bottom, 0.0), 0.0))
-
-
-def _crossing(values: np.ndarray, rise: np.ndarray, way: list[int]) -> float | None:
-    """Where the root of the rise passes that of the limit, along places from the best one on."""
-    root, limit = np.sqrt(rise), math.sqrt(LIMIT)
-    for a, b in pairwise(way):
-        if root[b] >= limit:
-            share = (limit - root[a]) / (root[b] - root[a])
-            return float(values[a] + share * (values[b] - values[a]))
-    return None
-
-
-def _value(one: Unknown, share: float) -> float:
-    """The value of an unknown at a share of its range, or of that of its logarithm."""
-    if one.logarithmic:
-        return float(one.lower * (one.upper / one.lower) ** share)
-    return float(one.lower + share * one.width)
-
-
-def _shape(crossed: list[bool], best: float, one: Unknown) -> str:
-    if all(crossed):
-        return "bounded"
-    if not any(crossed):
-        return "flat"
-    bound = one.lower if crossed[1] else one.upper
-    return "at its bound" if abs(best - bound) < _AT_BOUND * one.width else "one-sided"

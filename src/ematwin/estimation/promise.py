@@ -2,15 +2,9 @@
 
 `identifiability` looks at one vector of faults. A command that is to be chosen has to be good for
 faults that are still unknown: mean squared errors are averaged over vectors drawn from the prior of
-the faults (Chaloner and Verdinelli 1995, Statistical Science 10, 273-304: "on-average" designs).
-What a twin misses errs in the same way however long one measures, so that it counts as a bias, not
-as noise (Box and Draper 1959, J. Am. Stat. Assoc. 54, 622-654):
-
-    error_i^2 = 1/M sum_m [ (C_m)_ii + b_mi^2 ],   C = (J J^T/sigma^2 + P)^-1,   b = -C J r/sigma^2
-
-J : Jacobian (d, K) of the weighted residuals at the true values; r : the residuals there (K,), of
-the twin against the answer of the kind's finest model; sigma : noise of an independent residual.
-Where a kind has one model only, b is zero and sigma `Model.model_error` times larger.
+the faults (Chaloner and Verdinelli 1995, Statistical Science 10, 273-304: "on-average" designs),
+each that of `ematwin.estimation.expected` with one answer of the kind's finest model. Where a kind
+has one model only, it is the variance that intervals have, noise `Model.model_error` times larger.
 
 What no command tells apart (the pivots of `Model.aliases`) counts as known: its tolerance widens
 the errors of all commands alike, and would hide what they differ in.
@@ -26,7 +20,8 @@ import numpy as np
 from ematwin.errors import DivergedError, ParameterError, RecordError
 from ematwin.estimation.baseline import Baseline, with_all_free
 from ematwin.estimation.command_search import BEYOND, excess
-from ematwin.estimation.laplace import standard_errors, step_lengths, width_at
+from ematwin.estimation.expected import STEP, pulled
+from ematwin.estimation.laplace import standard_errors, width_at
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.significance import SMALLEST
 from ematwin.models.base import Model
@@ -130,7 +125,6 @@ class Judge:
         self.noise, self.sample_rate, self.seed = noise, sample_rate, seed
         self.threads = threads or os.cpu_count() or 1
         self.magnitudes = tuple(o for o in model.faults(actuator) if o.direction_of is None)
-        self._steps: dict[int, np.ndarray] = {}
         held = () if baseline.exact else _blind(model, actuator, baseline)
         self._given = baseline
         self.held = tuple(one.name for one in held)
@@ -205,14 +199,13 @@ class Judge:
         peak = width_at(
             full, point, aliases=lambda named: model.aliases(actuator, named),
             least_noise=0.0 if has_finer else full.comparisons[0].noise,
-            steps=self._steps.get(n),
+            steps=np.full(len(point), STEP),
         )  # fmt: skip
-        self._steps.setdefault(n, step_lengths(peak.covariance))
-        covariance = peak.widened(1.0 if has_finer else model.model_error)
+        covariance = (
+            pulled(peak, peak.residuals[None]) if has_finer else peak.widened(model.model_error)
+        )
         errors = standard_errors(full.chart, peak.z, covariance)
-        chart = full.chart
-        off = chart.to_values(chart.project(peak.mean[None]))[0] - point if has_finer else 0.0
-        squares = (errors**2 + off**2)[[full.names.index(one.name) for one in self.magnitudes]]
+        squares = errors[[full.names.index(one.name) for one in self.magnitudes]] ** 2
         return np.where(np.isfinite(squares), squares, np.inf), model.demanded(record)
 
 

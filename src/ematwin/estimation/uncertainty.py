@@ -15,7 +15,7 @@ from ematwin.errors import InputError
 from ematwin.estimation.assess import Assessment
 from ematwin.estimation.intervals import Draws
 from ematwin.estimation.joint import Joint
-from ematwin.estimation.presence import is_absent, weights
+from ematwin.estimation.presence import Weights, is_absent, weights
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.significance import ANYTHING, SMALLEST
 from ematwin.estimation.thresholds import Threshold
@@ -191,11 +191,12 @@ def told(question: Question, drawn: Draws) -> dict[str, Any]:
     limits, faults = question.thresholds, question.faults
     counting = weights(faults, drawn)
     absent = {one.name: is_absent(one, drawn) for one in faults}
+    by_fault = counting.by_fault
     return {
-        "present": {name: 1.0 - float(counting[name] @ here) for name, here in absent.items()},
-        "healthy": _none_present(list(absent.values()), list(counting.values())),
+        "present": {name: float(by_fault[name] @ ~here) for name, here in absent.items()},
+        "healthy": _none_present(absent, counting),
         "exceeds": {
-            name: one.share(question.actuator, drawn, counting[name])
+            name: one.share(question.actuator, drawn, by_fault[name])
             for name, one in limits.items()
         },
         "thresholds": {name: one.text for name, one in limits.items()},
@@ -203,11 +204,11 @@ def told(question: Question, drawn: Draws) -> dict[str, Any]:
     }
 
 
-def _none_present(absent: list[np.ndarray], counting: list[np.ndarray]) -> float | None:
+def _none_present(absent: Mapping[str, np.ndarray], counting: Weights) -> float | None:
     """The probability that all faults are absent; None where draws tell of each alone."""
-    if not absent or any(one is not counting[0] for one in counting):
+    if not absent or not counting.together:
         return None
-    return float(counting[0] @ np.all(absent, axis=0))
+    return float(next(iter(counting.by_fault.values())) @ np.all(list(absent.values()), axis=0))
 
 
 def predicted(

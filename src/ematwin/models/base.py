@@ -96,6 +96,27 @@ class Demand(NamedTuple):
     is_rate: bool = False
 
 
+class OtherForm(NamedTuple):
+    """A form of a fault that an actuator's file leaves out, and that may pass for another fault.
+
+    Parameters
+    ----------
+    actuator : with the form
+    meaning : str, such as "an eccentricity that is fixed in space"
+    setting : str, what the file says to have it
+    names : of the faults that are said of it
+    mistaken : names of the faults that may be called in its place
+    starts : values by name, some of parameters by place, from which a descent may set out
+    """
+
+    actuator: ParameterSet
+    meaning: str
+    setting: str
+    names: tuple[str, ...]
+    mistaken: frozenset[str]
+    starts: tuple[Values, ...]
+
+
 @dataclass(frozen=True)
 class Statistic:
     """A number that a comparison measures beside the values, such as noise shared by sensors.
@@ -352,6 +373,13 @@ class Model(ABC):
 
     def contrasts(self, actuator: Any) -> tuple[Contrast, ...]:
         """Combinations of faults that are reported beside them."""
+        return ()
+
+    def other_forms(self, actuator: Any, found: Values) -> tuple[OtherForm, ...]:
+        """Forms of faults that the file leaves out and that may explain the same recording.
+
+        ``found`` holds the values, by name, with which the twin explains it.
+        """
         return ()
 
     def excitation(self, recording: Recording, actuator: Any) -> list[str]:

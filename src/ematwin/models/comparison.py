@@ -117,6 +117,14 @@ class Comparison(ABC):
         """The mean of this recording and others over the same command; itself by default."""
         return self
 
+    def beside(self, others: "Sequence[Comparison]") -> "Comparison":
+        """The same comparison where ``others`` (this one among them) count with it.
+
+        A kind whose twin misses the same in each repetition of a motion has fewer `independent`
+        residuals then. Itself by default.
+        """
+        return self
+
 
 class TraceComparison(Comparison):
     """Residuals of whole traces, each channel weighed by its noise.

@@ -1,8 +1,8 @@
 """The kinds of actuators that there are, and parameter sets of any kind.
 
 Some come with ematwin; others are found by the entry point group ``ematwin.models``, each of which
-names an instance of `Model` (or a class of one). A kind of another package never replaces one of
-ours, so that one of ours is found without loading the rest.
+names an instance of `Model` (or a class of one), or named by `register_model` in a process. A kind
+of someone else never replaces one of ours, so that one of ours is found without loading the rest.
 """
 
 import difflib
@@ -53,6 +53,44 @@ _OURS: dict[str, Callable[[], Model]] = {
     "pmsm": _pmsm,
 }
 
+_REGISTERED: dict[str, Model] = {}  # of this process, by kind
+
+
+def register_model(model: Model) -> None:
+    """Make a kind of actuator known, in this process and in the workers that it starts.
+
+        ematwin.register_model(MODEL)
+
+    It is for notebooks and for trying a model out. The same kind again replaces what there was. A
+    package registers by the entry point group ``ematwin.models`` instead, which the command line
+    finds as well.
+
+    Parameters
+    ----------
+    model : an instance of a class of `Model`
+
+    Raises
+    ------
+    InputError
+        If it is no model, or of a kind that comes with ematwin.
+    """
+    if not isinstance(model, Model):
+        raise InputError(
+            f"register_model takes an instance of a Model, received {model!r}; give the model "
+            "itself, such as MyModel()."
+        )
+    if model.kind in _OURS:
+        raise InputError(
+            f"The kind {model.kind!r} comes with ematwin; choose another name for yours."
+        )
+    _REGISTERED[model.kind] = model
+    models.cache_clear()
+
+
+def registered_models() -> tuple[Model, ...]:
+    """The kinds that `register_model` named in this process."""
+    return tuple(_REGISTERED.values())
+
 
 @cache
 def models() -> dict[str, Model]:
@@ -63,7 +101,7 @@ def models() -> dict[str, Model]:
     InputError
         If an installed package registers something that is no model.
     """
-    found: dict[str, Model] = {kind: load() for kind, load in _OURS.items()}
+    found: dict[str, Model] = {kind: load() for kind, load in _OURS.items()} | _REGISTERED
     for point in entry_points(group=ENTRY_POINTS):
         try:
             loaded = point.load()

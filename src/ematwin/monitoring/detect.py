@@ -20,6 +20,7 @@ import numpy as np
 
 from ematwin.errors import InputError
 from ematwin.estimation.estimate import Estimate
+from ematwin.estimation.verdict import EXPLAINED
 from ematwin.models.base import Reported
 from ematwin.monitoring.calibrate import CalibrationReport
 from ematwin.monitoring.calibration import Calibration
@@ -475,7 +476,13 @@ class _Judge:
         )
 
     def _is_strange(self, members: np.ndarray) -> bool:
-        """Whether what the twin leaves is so unlike health that no fault explains it."""
+        """Whether what the twin leaves is so unlike health that no fault explains it.
+
+        Healthy runs that differ by noise alone, as simulations do, leave so little that anything
+        is unlike them. A twin that explains a recording well has found the fault that does.
+        """
+        if max(self._measured.estimates[n].misfit for n in members) <= EXPLAINED:
+            return False
         left = [n for n, kind in enumerate(self._calibration.layout.kinds) if kind != "model"]
         unexplained = self._scores[members][:, left].mean(0)
         return float(np.sqrt(np.mean(unexplained**2))) > _STRANGE

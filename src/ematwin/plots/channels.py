@@ -47,8 +47,8 @@ def plot_channels(found: Survey, taken: tuple[str, ...] = (), rate: float | None
         return styled(Figure(), 120)
     timed = all(one.rate or rate for one in shown)
     figure = stacked(
-        [one.name for one in shown], [one.unit for one in shown], "sample",
-        110 + _PANEL * len(shown),
+        [one.name for one in shown], [one.unit for one in shown],
+        "time, s" if timed else "sample", 110 + _PANEL * len(shown),
     )  # fmt: skip
     for n, one in enumerate(shown):
         color = ORANGE if one.name in taken else BLUE

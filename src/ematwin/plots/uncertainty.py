@@ -8,7 +8,8 @@ import numpy as np
 from ematwin.errors import InputError
 from ematwin.estimation.identify import Identification
 from ematwin.estimation.intervals import Draws
-from ematwin.estimation.profile import LIMIT, ProfileUncertainty, Walk
+from ematwin.estimation.profile import ProfileUncertainty
+from ematwin.estimation.walk import LIMIT, Walk
 from ematwin.plots.style import BLUE, GREEN, GREY, ORANGE, line, stacked, styled
 
 _BINS, _SHOWN = 32, 0.002  # of a histogram; share of the draws left out at each end
@@ -121,7 +122,7 @@ def profile_figure(walks: Mapping[str, Walk]) -> Any:
     from plotly.subplots import make_subplots
 
     rows = -(-len(walks) // _COLUMNS)
-    titles = [f"{name}: {one.shape}" for name, one in walks.items()]
+    titles = [f"{name}<br>{one.shape}" for name, one in walks.items()]
     figure = make_subplots(rows=rows, cols=_COLUMNS, subplot_titles=titles, vertical_spacing=0.12)
     for n, (name, one) in enumerate(walks.items()):
         place = {"row": n // _COLUMNS + 1, "col": n % _COLUMNS + 1}
@@ -131,9 +132,10 @@ def profile_figure(walks: Mapping[str, Walk]) -> Any:
         )  # fmt: skip
         figure.add_hline(LIMIT, line_color=GREY, line_dash="dot", **place)
         figure.add_vrect(*one.interval, fillcolor=GREEN, opacity=0.12, line_width=0, **place)
-        figure.update_yaxes(range=[-0.2, _HIGHEST], title_text="rise", **place)
+        figure.update_yaxes(range=[-0.2, _HIGHEST], **place)
+    figure.update_yaxes(title_text="rise", col=1)
     titles_at = [(a.x, a.xanchor) for a in figure.layout.annotations]
-    figure = styled(figure, 90 + 250 * rows)
+    figure = styled(figure, 110 + 250 * rows)
     for annotation, (x, anchor) in zip(figure.layout.annotations, titles_at, strict=True):
         annotation.update(x=x, xanchor=anchor)
     figure.update_layout(hovermode="closest")

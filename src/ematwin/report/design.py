@@ -24,9 +24,10 @@ def design_page(found: Design) -> str:
             f"{', '.join(found.held)}."
         )
     if found.promised.checks:
+        which = "" if found.checked else ", by which it was chosen"
         text += (
             f" Observed: root mean square of what identify erred on {found.promised.checks} "
-            "simulated recordings of each command."
+            f"simulated recordings of each command{which}."
         )
     sections = [
         Section(

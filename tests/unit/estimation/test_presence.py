@@ -41,14 +41,16 @@ def test_a_fault_alone_has_the_probability_of_the_integral(healthy, middle, widt
     expected = 1.0 - absent_by_integral(likelihood, healthy - 0.02, healthy + 0.02)
     share = 1.0 - float(is_absent(one, draws).mean())
     assert odds(share, one) == pytest.approx(expected, abs=0.02)
-    counting = weights([one], draws)["wear"]
+    counting = weights([one], draws).by_fault["wear"]
     assert 1.0 - counting @ is_absent(one, draws) == pytest.approx(expected, abs=0.02)
 
 
 def test_a_fault_that_nothing_is_known_of_stays_as_likely_as_not():
     one = fault(healthy=0.5)
     draws = drawn(lambda points: np.ones(len(points)), ("wear",))
-    assert weights([one], draws)["wear"] @ is_absent(one, draws) == pytest.approx(0.5, abs=0.02)
+    assert weights([one], draws).by_fault["wear"] @ is_absent(one, draws) == pytest.approx(
+        0.5, abs=0.02
+    )
 
 
 def test_of_two_that_make_up_for_one_another_one_is_present():
@@ -59,8 +61,9 @@ def test_of_two_that_make_up_for_one_another_one_is_present():
 
     both = [fault("a"), fault("b")]
     draws = drawn(likelihood, ("a", "b"), count=20_000)
-    counting = weights(both, draws)
-    assert counting["a"] is counting["b"]
+    found = weights(both, draws)
+    assert found.together
+    counting = found.by_fault
     here = np.array([is_absent(one, draws) for one in both])
     assert counting["a"] @ here.all(axis=0) == 0.0
     # by integral over the four quarters of the prior
@@ -79,8 +82,9 @@ def test_few_draws_where_all_are_absent_leave_each_fault_to_itself():
     values[:5] = 0.0
     names = tuple("abcdef")
     faults = [fault(name) for name in names]
-    counting = weights(faults, Draws(names, values, {}))
-    assert counting["a"] is not counting["b"]
+    found = weights(faults, Draws(names, values, {}))
+    assert not found.together
+    counting = found.by_fault
     share = 5 / 4000
     expected = share * weight(faults[0]) / (share * weight(faults[0]) + 1.0 - share)
     assert counting["a"][:5].sum() == pytest.approx(expected)

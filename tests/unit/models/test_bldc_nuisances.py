@@ -99,12 +99,17 @@ def test_a_recording_without_a_load_takes_the_offset_for_one(record) -> None:
 def test_whole_traces_take_the_corrected_load_as_well() -> None:
     t = 1e-4 * np.arange(1001)
     command, load = 10.0 * np.sin(60.0 * t), 0.1 * np.cos(90.0 * t)
-    healthy = Faults().vector
+
+    def trace(load, constants):
+        return monitor_trace(
+            Faults().vector, command, load, np.zeros(6), constants, 1e-5, 10, 5, None, None, None
+        )
+
     changed = kernel_constants(ACTUATOR, load_gain=1.3, load_offset=0.7)
-    found = monitor_trace(healthy, command, load, np.zeros(6), changed, 1e-5, 10, 5)
+    found = trace(load, changed)
     by_hand = 1.3 * load + 0.7 / ACTUATOR.transmission.ratio
     neutral = kernel_constants(ACTUATOR)
-    expected = monitor_trace(healthy, command, by_hand, np.zeros(6), neutral, 1e-5, 10, 5)
+    expected = trace(by_hand, neutral)
     assert np.allclose(found, expected, rtol=1e-9, atol=1e-12)
 
 

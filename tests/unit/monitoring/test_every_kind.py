@@ -46,6 +46,16 @@ def test_what_the_current_tells_of_the_axis_is_found(report):
         assert found.value(place) / torque == pytest.approx(true.value(place), rel=0.1), place
 
 
+def test_a_fault_that_the_twin_explains_is_named_where_healthy_runs_hardly_differ(report):
+    """Simulations of one actuator differ by noise alone; all else then is unlike them."""
+    calm = report.calibration.population
+    calm = replace(calm, within=1e-2 * calm.within, between=1e-2 * calm.between)
+    faulty = [run(60 + n, **fault) for n, fault in enumerate(FAULTS.values())]
+    verdicts = ematwin.detect(faulty, replace(report.calibration, population=calm)).runs
+    assert [one.grade for one in verdicts] == ["fault"] * len(FAULTS)
+    assert [one.fault for one in verdicts] == list(FAULTS)
+
+
 def test_what_the_recordings_do_not_determine_stays_within_the_tolerance_of_the_template(report):
     undetermined = [p for p in report.parameters if not p.determined]
     assert undetermined

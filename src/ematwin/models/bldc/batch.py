@@ -4,6 +4,8 @@
 costs and nothing else: candidates run side by side in lanes of a processor's vector unit, one
 array for each state variable, and the current is filtered, sampled and compared as it arises.
 Candidates whose cost has passed a limit are left out; the others close ranks.
+
+No argument has a default: numba would compile None and an argument left out apart.
 """
 
 import math
@@ -63,7 +65,7 @@ def sample_at(values, place):
 
 
 @loop
-def reference_trace(k, command, load, state, c, dt, substeps, decimation, truer=None, more=None):
+def reference_trace(k, command, load, state, c, dt, substeps, decimation, truer, more):
     """Simulate the reference model from a state on.
 
     Parameters
@@ -149,8 +151,7 @@ def reference_trace(k, command, load, state, c, dt, substeps, decimation, truer=
 
 
 @loop
-def monitor_trace(k, command, load, state, c, dt, substeps, decimation, truer=None, more=None,
-                  compliant=None):  # fmt: skip
+def monitor_trace(k, command, load, state, c, dt, substeps, decimation, truer, more, compliant):
     """Simulate the monitor model; arguments as in `reference_trace`.
 
     ``state`` (6,) holds the fields of `MonitorState`; ``compliant`` is None for a rigid gear.
@@ -201,7 +202,7 @@ def monitor_trace(k, command, load, state, c, dt, substeps, decimation, truer=No
 @loop(interleave=2)
 def monitor_scores(
     k, command, load, state, c, by_candidate, dt, substeps, taps, rectify, target, weight,
-    costs, status, response, power, limits, truer=None, more=None, compliant=None,
+    costs, status, response, power, limits, truer, more, compliant,
 ):  # fmt: skip
     """Simulate and score a batch of candidates in one pass.
 

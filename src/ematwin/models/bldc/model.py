@@ -5,7 +5,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ematwin.models.base import Demand, Model, Progress, Reported, Signal, Values
+from ematwin.models.base import Demand, Model, OtherForm, Progress, Reported, Signal, Values
 from ematwin.models.bldc.channels import CHANNELS, CURRENTS, ON_REQUEST, PHASES
 from ematwin.models.bldc.faults import (
     PAPER_CASES,
@@ -84,6 +84,12 @@ class BldcModel(Model):
     def contrasts(self, actuator: Any) -> tuple[Contrast, ...]:
         """What the phases have lost alike, and each beyond that."""
         return CONTRASTS
+
+    def other_forms(self, actuator: Any, found: Values) -> tuple[OtherForm, ...]:
+        """An offset that is fixed in space, and shorted turns that are a loop."""
+        from ematwin.models.bldc.truer.rivals import other_forms
+
+        return other_forms(actuator, found)
 
     def excitation(self, recording: Recording, actuator: Any) -> list[str]:
         """Whether every phase conducts, and the gap is crossed."""

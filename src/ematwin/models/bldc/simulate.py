@@ -113,14 +113,14 @@ def _run(
 
     rest: ReferenceState | MonitorState
     names: tuple[str, ...]
-    gear: tuple[bool, ...]
+    gear: tuple[bool | None, ...]
     if model == "reference":
         run, names = batch.reference_trace, batch.REFERENCE_COLUMNS
         gear = ()  # its contact is compliant anyway
         rest = ReferenceState(0.0, 0.0, 0.0, 0.0, start, 0.0, start, 1.0, 0.0, 0.0, 0.0)
     else:
         run, names = batch.monitor_trace, batch.MONITOR_COLUMNS
-        gear = () if actuator.compliance is None else (True,)
+        gear = (None if actuator.compliance is None else True,)
         rest = MonitorState(0.0, 0.0, start, 0.0, start, 0.0)
     state = np.array(rest)
     constants, truer = kernel_constants(actuator), truer_constants(actuator)

@@ -6,6 +6,7 @@ physical ones are those that the kernel calls (`ematwin.models.bldc.state`).
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -103,7 +104,10 @@ def nuisances(actuator: Any) -> tuple[Unknown, ...]:
     return (
         nuisance("skew", "s", "how late the command was recorded", 0.0, 1e-3, 2e-4),
         nuisance("load_gain", "", "actual over recorded load", 1.0, 0.5, 0.06),
-        nuisance("load_offset", "N*m", "load beside the recorded one", 0.0, 40.0 * load, load),
+        replace(
+            nuisance("load_offset", "N*m", "load beside the recorded one", 0.0, 40.0 * load, load),
+            valleys=7,  # stiction holds elsewhere
+        ),
         nuisance("current_gain", "", "gain of the current sensor", 1.0, 0.1, 0.01),
         nuisance("current_offset", "A", "offset of the current sensor", 0.0, 20 * current, current),
         nuisance("power_gain", "", "recorded over actual electrical power", 1.0, 0.2, 0.005),
@@ -150,7 +154,7 @@ def aliases(actuator: Any, values: Mapping[str, float]) -> list[Alias]:
     ]  # fmt: skip
 
 
-_SHORTS = ("short_a", "short_b", "short_c")
+SHORTS = ("short_a", "short_b", "short_c")
 
 
 def _aliases_of_turns(actuator: Any, k: Mapping[str, float]) -> list[Alias]:
@@ -161,14 +165,14 @@ def _aliases_of_turns(actuator: Any, k: Mapping[str, float]) -> list[Alias]:
     """
     contact = actuator.shorted_turns
     if contact is None:
-        fewer = {name: -(1.0 - k[name]) for name in _SHORTS}
+        fewer = {name: -(1.0 - k[name]) for name in SHORTS}
         more = {name: -change for name, change in fewer.items()}
         return [
             Alias("motor.emf_constant", {**fewer, "controller.speed_gain": -1.0}),
             Alias("current_gain", {**more, "controller.speed_gain": 1.0}),
         ]
     r_f, r = contact.resistance, 0.5 * actuator.motor.resistance
-    same = {name: -r_f * k[name] / (2.0 * r_f + k[name] * r) for name in _SHORTS if k[name] > 0.0}
+    same = {name: -r_f * k[name] / (2.0 * r_f + k[name] * r) for name in SHORTS if k[name] > 0.0}
     return [
         Alias("current_gain", {"motor.emf_constant": -1.0}),
         *([Alias("shorted_turns.resistance", same)] if same else []),
@@ -177,17 +181,17 @@ def _aliases_of_turns(actuator: Any, k: Mapping[str, float]) -> list[Alias]:
 
 CONTRASTS = (
     Contrast(
-        "short_common", dict.fromkeys(_SHORTS, 1.0 / 3.0), "turns missing from all phases alike",
+        "short_common", dict.fromkeys(SHORTS, 1.0 / 3.0), "turns missing from all phases alike",
         "Turns missing from all phases alike cannot be told from warm magnets nor, unless phase "
         "voltages are recorded, from the gain of a current sensor.",
     ),
     *(
         Contrast(
             f"{name}_beyond_common",
-            {one: (2.0 if one == name else -1.0) / 3.0 for one in _SHORTS},
+            {one: (2.0 if one == name else -1.0) / 3.0 for one in SHORTS},
             f"shorted turns in phase {name[-1]} beyond the mean of the phases",
         )
-        for name in _SHORTS
+        for name in SHORTS
     ),
 )  # fmt: skip
 

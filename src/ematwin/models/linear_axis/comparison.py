@@ -5,15 +5,18 @@ reference is repeated, and alike over tens of milliseconds. `LinearAxisCompariso
 counts residuals accordingly, so that intervals do not shrink with the number of samples.
 """
 
+import copy
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from ematwin.models.comparison import Candidates, TraceComparison
+from ematwin.models.comparison import Candidates, Comparison, TraceComparison
 from ematwin.recordings.recording import Recording
 
 ALIKE = 0.065  # s; docs/linear-axis.md says how it was measured
 _AT_ONCE = 64  # candidates whose traces are held at a time
+_AS_LONG = 0.9  # of the longer of two references that are the same
 _SAME = 1e-4  # of the travel: references that differ less are repeated
 
 
@@ -33,8 +36,18 @@ class LinearAxisComparison(TraceComparison):
         error = channels["reference"] - channels["position"]
         super().__init__(model, recording.changed(position_error=error), actuator)
         self._threads = threads
-        times = repeats(channels["reference"])
-        self.independent = max(1.0, len(recording) * recording.interval / ALIKE / times)
+        self._once = len(recording) * recording.interval / ALIKE / repeats(channels["reference"])
+        self.independent = max(1.0, self._once)
+
+    def beside(self, others: Sequence[Comparison]) -> "LinearAxisComparison":
+        """Recordings of one motion count as its repetitions: once together."""
+        mine = self.recording.channels["reference"]
+        same = sum(is_same(mine, one.recording.channels["reference"]) for one in others)
+        if same < 2:
+            return self
+        other = copy.copy(self)
+        other.independent = max(1.0, self._once / same)
+        return other
 
     def costs(self, candidates: Candidates, count: int) -> np.ndarray:
         """Sums of squares (B,) of the residuals; infinite where a candidate diverged."""
@@ -46,6 +59,14 @@ class LinearAxisComparison(TraceComparison):
             for n in range(0, count, _AT_ONCE)
         ]
         return np.concatenate(parts)
+
+
+def is_same(command: np.ndarray, other: np.ndarray) -> bool:
+    """Whether two references (S,) and (S',) are one motion, of about the same length."""
+    size = min(command.size, other.size)
+    apart = float(np.abs(command[:size] - other[:size]).max())
+    longest = max(command.size, other.size)
+    return size > _AS_LONG * longest and apart <= _SAME * float(np.ptp(command))
 
 
 def repeats(command: np.ndarray) -> float:

@@ -79,8 +79,12 @@ class ParquetFile(RecordedFile):
                 return super().texts(name)
             return ["" if text is None else text for text in column.cast(pa.string()).to_pylist()]
 
-    def close(self) -> None:  # noqa: D102
+    def close(self) -> None:
+        """Close the file, and give back the memory that its pages were unpacked in."""
+        import pyarrow as pa
+
         self._file.close()
+        pa.default_memory_pool().release_unused()
 
     def _numbers(self, chunk: Any, name: str) -> np.ndarray:
         import pyarrow as pa

@@ -30,7 +30,10 @@ RATE, SUBSTEPS, SAMPLES, KEPT = 20_000.0, 2, 101, 21
 STEP = 1.0 / (RATE * SUBSTEPS)
 
 
-SHORT = ematwin.Scenario.load_file("step").model_copy(update={"duration": 0.06})
+# the simulator takes a tenth of a millisecond for a step
+SHORT = ematwin.Scenario(
+    name="short", duration=0.02, command=[{"type": "step", "value": 0.0175, "time": 0.005}]
+)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -67,7 +70,7 @@ def of_lanes(k, one, own, rectify):  # type: ignore[no-untyped-def]
     batch.monitor_scores(
         k, one.command, one.load, one.state, C, own, STEP, SUBSTEPS, one.taps, rectify,
         one.target, one.weights, costs, status, response, (one.power.state, watts),
-        np.full(len(k), np.inf),
+        np.full(len(k), np.inf), None, None, None,
     )  # fmt: skip
     return costs, response, watts
 

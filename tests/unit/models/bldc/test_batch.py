@@ -33,7 +33,7 @@ def scoring(
     batch.monitor_scores(
         k, command, load, np.zeros(6), c, by_candidate, 1.0 / (RATE * SUBSTEPS), SUBSTEPS,
         low_pass.taps(RATE, float(target[0])), rectify, target, weights, costs, status, response,
-        power, np.full(len(k), np.inf) if limits is None else limits,
+        power, np.full(len(k), np.inf) if limits is None else limits, None, None, None,
     )  # fmt: skip
     return costs, status, response, target
 
@@ -52,8 +52,9 @@ def test_scores_are_trace_then_filter_then_misfit(rectify):
     assert (status == batch.OK).all()
     for n in range(batch.LANES):
         trace = batch.monitor_trace(
-            k[n], command, load, np.zeros(6), C, 1.0 / (RATE * SUBSTEPS), SUBSTEPS, 1
-        )
+            k[n], command, load, np.zeros(6), C, 1.0 / (RATE * SUBSTEPS), SUBSTEPS, 1,
+            None, None, None,
+        )  # fmt: skip
         current = np.abs(trace[:, 0]) if rectify else trace[:, 0]
         filtered = naive_signals.low_pass([target[0], *current], 500.0, RATE)
         np.testing.assert_allclose(response[n], filtered, rtol=0.0, atol=1e-7)
@@ -72,8 +73,9 @@ def test_power_is_that_of_the_trace_filtered_like_the_current():
     command, load = history(SAMPLES - 1, 1.0 / RATE)
     for n in range(batch.LANES):
         trace = batch.monitor_trace(
-            k[n], command, load, np.zeros(6), C, 1.0 / (RATE * SUBSTEPS), SUBSTEPS, 1
-        )
+            k[n], command, load, np.zeros(6), C, 1.0 / (RATE * SUBSTEPS), SUBSTEPS, 1,
+            None, None, None,
+        )  # fmt: skip
         filtered = naive_signals.low_pass([3.0, *trace[:, 5]], 500.0, RATE)
         np.testing.assert_allclose(watts[n, 1:], filtered[1:], rtol=1e-9, atol=1e-6)
 
@@ -153,11 +155,10 @@ def test_candidates_above_their_limits_are_not_simulated_to_the_end(monkeypatch)
     monkeypatch.setattr(batch, "monitor_scores", batch.monitor_scores.py_func)
     monkeypatch.setattr(batch, "wide_vectors", lambda: None)
     steps = []
-    plain = batch.monitor_step
 
-    def counted(*arguments):
+    def counted(now, *_):  # no current ever flows, which costs something
         steps.append(1)
-        return plain(*arguments)
+        return now, 0.0
 
     monkeypatch.setattr(batch, "monitor_step", counted)
     scoring(random_faults(batch.LANES), keep=False, limits=np.zeros(batch.LANES))

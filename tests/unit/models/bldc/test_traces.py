@@ -6,7 +6,7 @@ import pytest
 from bldc_inputs import SEVERE, history
 from ematwin.models.bldc import batch
 from ematwin.models.bldc.constants import kernel_constants
-from ematwin.models.bldc.faults import HEALTHY, PAPER_CASES, Faults
+from ematwin.models.bldc.faults import PAPER_CASES, Faults
 from ematwin.models.bldc.parameters import BldcActuator
 from naive import monitor as naive_monitor
 from naive import reference as naive_reference
@@ -21,7 +21,7 @@ def test_reference_model_is_that_of_the_naive_loop(values):
     command, load = history(steps, dt)
     rest = np.zeros(11)
     rest[7] = 1.0
-    trace = batch.reference_trace(faults.vector, command, load, rest, C, dt, 1, 1)
+    trace = batch.reference_trace(faults.vector, command, load, rest, C, dt, 1, 1, None, None)
     slow = naive_reference.simulate(ACTUATOR, faults, command[:-1], load[:-1], dt)
     assert np.ptp(slow["motor"]) > 2.0  # more than one electrical sector
     np.testing.assert_allclose(trace[:, :3], slow["mean_currents"], rtol=0.0, atol=1e-9)
@@ -35,7 +35,9 @@ def test_reference_model_is_that_of_the_naive_loop(values):
 def test_monitor_model_is_that_of_the_naive_loop(values):
     faults, dt, steps = Faults(**values), 1e-5, 4_000
     command, load = history(steps, dt)
-    trace = batch.monitor_trace(faults.vector, command, load, np.zeros(6), C, dt, 1, 1)
+    trace = batch.monitor_trace(
+        faults.vector, command, load, np.zeros(6), C, dt, 1, 1, None, None, None
+    )
     command, load = (0.5 * (x[:-1] + x[1:]) for x in (command, load))  # of the middles
     slow = naive_monitor.simulate(ACTUATOR, faults, command, load, dt)
     assert np.ptp(slow["motor"]) > 2.0
@@ -51,7 +53,9 @@ def test_motor_is_stopped_half_a_gap_beyond_the_end_stop_of_the_output(way):
     half_gap = C.half_gap * (1.0 + 99.0 * backlash_share)
     end = C.travel_high if way > 0.0 else C.travel_low
     command = np.full(80_001, 2.0 * end)
-    trace = batch.monitor_trace(k, command, np.zeros_like(command), np.zeros(6), C, 1e-5, 1, 100)
+    trace = batch.monitor_trace(
+        k, command, np.zeros_like(command), np.zeros(6), C, 1e-5, 1, 100, None, None, None
+    )
     assert trace[-1, 3] == end
     assert trace[-1, 1] == pytest.approx(end + way * half_gap, rel=1e-12)
     assert trace[-1, 2] == 0.0
@@ -64,7 +68,8 @@ def test_reference_output_rests_on_its_end_stop_while_the_motor_pushes():
     command = np.full(80_001, 2.0 * C.travel_high)
     rest = np.zeros(11)
     rest[7] = 1.0
-    trace = batch.reference_trace(HEALTHY, command, 0.0 * command, rest, C, 1e-6, 10, 100)
+    k = Faults().vector
+    trace = batch.reference_trace(k, command, 0.0 * command, rest, C, 1e-6, 10, 100, None, None)
     assert trace[-1, 5] == C.travel_high
     assert trace[-1, 6] == 0.0
     # the motor stands where its torque bends the contact

@@ -89,8 +89,11 @@ def test_neutral_values_give_the_models_of_the_paper(model):
     if model == "reference":
         rest[7] = 1.0
     run = getattr(batch, f"{model}_trace")
-    paper = run(faults.vector, command, load, rest.copy(), c, dt, 1, 1)
-    truer = run(faults.vector, command, load, rest.copy(), c, dt, 1, 1, NEUTRAL, np.array(REST))
+    rigid = () if model == "reference" else (None,)
+    paper = run(faults.vector, command, load, rest.copy(), c, dt, 1, 1, None, None, *rigid)
+    truer = run(
+        faults.vector, command, load, rest.copy(), c, dt, 1, 1, NEUTRAL, np.array(REST), *rigid
+    )
     at = 3 if model == "reference" else 1
     assert np.ptp(paper[:, at]) > 2.0
     assert np.abs(truer[:, at] - paper[:, at]).max() < 2e-3 * np.ptp(paper[:, at])

@@ -5,6 +5,7 @@ import pytest
 
 import ematwin
 from ematwin.errors import InputError, ParameterError, RecordError
+from ematwin.estimation.problem import Problem
 from ematwin.models.linear_axis.comparison import ALIKE, repeats
 from ematwin.models.linear_axis.constants import constants_table
 from ematwin.models.linear_axis.parameters import LinearAxis
@@ -143,6 +144,21 @@ def test_a_repeated_reference_counts_once():
 def test_independent_residuals_are_counted_by_time_not_by_samples(recording):
     model = ematwin.models.registry.model_of(AXIS)
     assert model.compare(recording, AXIS).independent == pytest.approx(0.501 / ALIKE, rel=0.01)
+
+
+def test_recordings_of_one_motion_count_once_together(recording):
+    model = ematwin.models.registry.model_of(AXIS)
+    one = model.compare(recording, AXIS)
+    shorter = model.compare(recording.between(0.0, 0.49), AXIS)
+    other = model.compare(recording.between(0.2, 0.5), AXIS)
+    again = [one.beside([one, shorter, other]), shorter.beside([one, shorter, other])]
+    assert [x.independent / y.independent for x, y in zip(again, (one, shorter), strict=True)] == (
+        pytest.approx([0.5, 0.5])
+    )
+    assert other.beside([one, shorter, other]) is other
+    assert again[0].beside([one, shorter, other]).independent == again[0].independent
+    problem = Problem([one, one, one], [model.unknown(AXIS, "friction")])
+    assert sum(x.independent for x in problem.comparisons) == pytest.approx(one.independent)
 
 
 # Recordings that cannot be

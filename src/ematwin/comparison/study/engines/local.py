@@ -19,6 +19,8 @@ from typing import Any
 from ematwin.comparison.study.engines.base import PATIENCE, Engine, EngineError, Trials, gave_up
 from ematwin.comparison.study.execute import execute, hard_limit, warm_up
 from ematwin.comparison.study.run import RunResult, RunSpec
+from ematwin.models.base import Model
+from ematwin.models.registry import register_model, registered_models
 from ematwin.optimizers.catalogue import Algorithm
 from ematwin.optimizers.registry import register, registered
 
@@ -84,7 +86,7 @@ class LocalEngine(Engine):
             max_workers=self._workers,
             timeout=None,
             initializer=_prepare_worker,
-            initargs=(os.getpid(), registered()),
+            initargs=(os.getpid(), registered(), registered_models()),
             env=_ENVIRONMENT,
         )
         try:
@@ -204,15 +206,19 @@ class LocalEngine(Engine):
                 self._pool = None
 
 
-def _prepare_worker(parent: int, algorithms: tuple[Algorithm, ...]) -> None:
+def _prepare_worker(
+    parent: int, algorithms: tuple[Algorithm, ...], models: tuple[Model, ...]
+) -> None:
     """Leave Ctrl-C to the main process, end with it even if it is killed, and compile in peace.
 
-    ``algorithms`` are those that the main process has registered.
+    ``algorithms`` and ``models`` are those that the main process has registered.
     """
     from joblib.externals.loky import process_executor
 
     for one in algorithms:
         register(one.name, one.load(), title=one.title, source=one.source)
+    for model in models:
+        register_model(model)
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     process_executor._MAX_MEMORY_LEAK_SIZE = _LEAK

@@ -1,0 +1,211 @@
+"""Whether another form of a fault, which the parameter file leaves out, explains a recording.
+
+A twin names the fault that comes nearest among those that it has. A kind knows forms that its file
+may leave out (`Model.other_forms`). Each is descended to from where the first answer puts it, with
+all free that was free there, and the heights of both peaks are compared: how far each lies from
+the recording and from what was known before, in squared standard deviations.
+"""
+
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ematwin.estimation.assess import Assessment, height
+from ematwin.estimation.baseline import Baseline, uncertain, with_all_free, with_nuisances
+from ematwin.estimation.laplace import Laplace, laplace
+from ematwin.estimation.problem import Problem
+from ematwin.estimation.significance import SMALLEST
+from ematwin.estimation.verdict import EXPLAINED, Verdict
+from ematwin.models.base import Model, OtherForm
+from ematwin.models.parameter_set import ParameterSet
+from ematwin.models.unknown import Unknown
+
+_NEARLY = 9.0  # squared standard deviations that do not decide between two answers
+_HOPELESS = 5.0  # times the misfit that the best of several starts has, where none is worth it
+
+
+@dataclass(frozen=True)
+class Rival:
+    """Another form and how well it explains the recording.
+
+    Attributes
+    ----------
+    form : OtherForm
+    present : names of its faults that are there
+    said : str, the same with their values
+    rise : float, how much further it is from recording and priors than the first answer, squared
+        standard deviations; negative where it is nearer
+    """
+
+    form: OtherForm
+    present: tuple[str, ...]
+    said: str
+    rise: float
+
+
+def rivals_of(
+    model: Model,
+    actuator: ParameterSet,
+    problem: Problem,
+    assessed: Assessment,
+    baseline: Baseline,
+    verdict: Verdict,
+    threads: int | None = None,
+) -> list[Rival]:
+    """Forms that the file leaves out and that explain the recording as well, or nearly.
+
+    They are looked for where a fault is named that they may be mistaken for, and where there is no
+    verdict and the twin leaves more than a good fit does (`EXPLAINED`).
+    """
+    if assessed.joint is None or verdict.grade not in ("fault", "none"):
+        return []
+    if verdict.grade == "none" and problem.relative_misfit(assessed.cost) <= EXPLAINED:
+        return []
+    found = []
+    for form in model.other_forms(actuator, assessed.values):
+        is_asked = verdict.grade == "none" or form.mistaken & set(verdict.faults)
+        if is_asked and set(form.names) <= set(problem.names):
+            rival = _rival(model, actuator, form, problem, assessed, baseline, threads)
+            if rival is not None and rival.rise < _NEARLY:
+                found.append(rival)
+    return found
+
+
+def objections(rivals: Iterable[Rival], verdict: Verdict) -> list[str]:
+    """Sentences that forbid the verdict: another form is nearer, and says something else."""
+    return [
+        f"{_title(one)} ({one.said}) explains it better: if the actuator may have that, put "
+        f"{one.form.setting} into its file."
+        for one in rivals
+        if one.rise < -_NEARLY and verdict.grade == "fault" and not _agrees(one, verdict)
+    ]
+
+
+def hints(rivals: Iterable[Rival], verdict: Verdict) -> list[str]:
+    """Sentences on other forms that leave the verdict what it is."""
+    found = []
+    for one in rivals:
+        setting = f"put {one.form.setting} into the file of the actuator"
+        if verdict.grade == "none":
+            if one.rise < -_NEARLY:
+                found.append(
+                    f"{_title(one)}{f' ({one.said})' if one.said else ''} would explain this "
+                    f"recording far better: {setting} if it may have that."
+                )
+        elif _agrees(one, verdict):
+            if one.rise < -_NEARLY:
+                found.append(
+                    f"{_title(one)} ({one.said}) would explain this recording better; the same "
+                    f"fault, of another size: {setting} if it may have that."
+                )
+        elif abs(one.rise) <= _NEARLY and one.said:
+            found.append(
+                f"{_title(one)} ({one.said}) would explain this recording about as well: {setting} "
+                "if it may have that."
+            )
+    return found
+
+
+def _title(one: Rival) -> str:
+    return one.form.meaning[:1].upper() + one.form.meaning[1:]
+
+
+def _agrees(one: Rival, verdict: Verdict) -> bool:
+    """Whether both name the same."""
+    return set(one.present) == one.form.mistaken & set(verdict.faults)
+
+
+def _rival(
+    model: Model,
+    actuator: ParameterSet,
+    form: OtherForm,
+    problem: Problem,
+    assessed: Assessment,
+    baseline: Baseline,
+    threads: int | None,
+) -> Rival | None:
+    """The other form at its best; None where that would be far worse."""
+    assert assessed.joint is not None
+    peak = assessed.joint.peaks[0]
+    comparisons = [
+        model.compare(one.recording, form.actuator, threads=threads) for one in problem.comparisons
+    ]
+    other = Problem(comparisons, problem.unknowns, held=problem.held)
+    full = with_all_free(model, form.actuator, other, _with_form(baseline, model, actuator, form))
+    own = peak.problem.values(peak.point)
+    starts = np.stack([_start(full, problem.names, one) for one in form.starts])
+    costs = full.costs(starts)
+    best = int(np.argmin(costs))
+    # a start that follows from the first answer is right, and others may be far from their valley
+    if len(starts) > 1 and not costs[best] < _HOPELESS**2 * peak.cost:
+        return None
+    end = _descended(model, form.actuator, full, starts[best])
+    rise = _rise(model, peak, end)
+    if rise > 0.0:  # it may have stopped short: it gets the parameters of the first answer
+        as_found = _start(full, full.names, {**own, **form.starts[best]})
+        again = _descended(model, form.actuator, full, as_found)
+        if _rise(model, peak, again) < rise:
+            end, rise = again, _rise(model, peak, again)
+    values = full.values(end.point)
+    if rise < -_NEARLY:  # so may the first answer: it gets what the other found beside the fault
+        its = {one.name for one in problem.unknowns if _is_of(one, form)}
+        beside = {name: x for name, x in values.items() if name not in its}
+        for names in (problem.names, peak.problem.names):
+            point = _start(peak.problem, names, {**own, **beside})
+            rise = max(rise, _rise(model, _descended(model, actuator, peak.problem, point), end))
+            if rise >= -_NEARLY:
+                break
+    faults = [model.unknown(form.actuator, name) for name in form.names]
+    present = [one for one in faults if abs(values[one.name] - one.healthy) > SMALLEST * one.width]
+    there = tuple(one.name for one in present if one.direction_of is None)
+    said = ", ".join(
+        _said(one, form.actuator, values[one.name])
+        for one in present
+        if one.direction_of is None or one.direction_of in there
+    )
+    return Rival(form, there, said, rise)
+
+
+def _with_form(
+    baseline: Baseline, model: Model, actuator: ParameterSet, form: OtherForm
+) -> Baseline:
+    """What is known of the actuator, and of what the form adds to it."""
+    if baseline.exact:
+        return baseline
+    known = {one.name for one in uncertain(model, actuator)}
+    more = [one for one in uncertain(model, form.actuator) if one.name not in known]
+    return replace(baseline, prior=with_nuisances(baseline.prior, more))
+
+
+def _start(full: Problem, names: Collection[str], values: Mapping[str, float]) -> np.ndarray:
+    """(d,) where a descent sets out: ``names`` at ``values``, all else as it is known."""
+    point = [
+        values.get(one.name, one.healthy) if one.name in names else one.healthy
+        for one in full.unknowns
+    ]
+    return np.clip(point, full.lower, full.upper)
+
+
+def _descended(model: Model, actuator: ParameterSet, full: Problem, start: np.ndarray) -> Laplace:
+    return laplace(
+        full, start, aliases=lambda values: model.aliases(actuator, values),
+        least_noise=full.comparisons[0].noise,
+    )  # fmt: skip
+
+
+def _rise(model: Model, first: Laplace, other: Laplace) -> float:
+    """How much higher the second peak lies, squared standard deviations."""
+    noise = model.model_error * min(first.problem.noise, other.problem.noise)
+    return height(other, noise) - height(first, noise)
+
+
+def _is_of(one: Unknown, form: OtherForm) -> bool:
+    """Whether a fault, or its direction, is one that the form may be mistaken for."""
+    return one.name in form.mistaken or one.direction_of in form.mistaken
+
+
+def _said(one: Unknown, actuator: ParameterSet, value: float) -> str:
+    row = one.physical_value(actuator, value)
+    unit = f" {row.unit.replace('*', ' ')}" if row.unit else ""
+    return f"{one.name.replace('_', ' ')} {row.value:.3g}{unit}"

@@ -1,0 +1,87 @@
+"""Other valleys along what is held to its prior: those that a load beside the recorded one makes.
+
+A descent of everything together sets out from what was known before. Where an unknown makes the
+twin stick at other places of the motion, as an unrecorded load does, that start lies in another
+valley than the truth, and what stiction did is forced on other parameters. So the unknown is held
+at values all over its prior while everything else descends from the same place, all starts as one
+batch of the lanes; then once more near the best of them; then it is free.
+"""
+
+from collections.abc import Collection
+from dataclasses import replace
+
+import numpy as np
+
+from ematwin.estimation.laplace import Aliases, Laplace, held_by, laplace
+from ematwin.estimation.levenberg_marquardt import LevenbergMarquardt
+from ematwin.estimation.problem import Problem
+from ematwin.models.unknown import Unknown
+
+_REACH = 3.0  # standard deviations of the prior to both sides
+_SMOOTH, _SHARP = 5, 8  # iterations of a descent
+_DAMPING = 1e-2
+
+
+def beside(
+    peak: Laplace, aliases: Aliases, held: Collection[str], least_noise: float
+) -> list[Laplace]:
+    """Peaks of other valleys of the same problem, one for each unknown that has valleys.
+
+    Parameters
+    ----------
+    peak : from which descents set out
+    aliases, held, least_noise : as for `laplace`
+    """
+    problem, found = peak.problem, []
+    for one in problem.unknowns:
+        if one.spread is None or one.valleys == 1 or one.name in held:
+            continue
+        point, middle, reach, spent = peak.point, one.healthy, _REACH * one.spread, 0
+        for _ in range(2):
+            point, more = _across(problem, point, one, middle, reach, aliases, held)
+            middle = float(point[problem.names.index(one.name)])
+            reach, spent = 2.0 * reach / (one.valleys - 1), spent + more
+        end = laplace(problem, point, aliases=aliases, held=held, least_noise=least_noise)
+        found.append(replace(end, evaluations=end.evaluations + spent))
+    return found
+
+
+def _across(
+    problem: Problem,
+    start: np.ndarray,
+    along: Unknown,
+    middle: float,
+    reach: float,
+    aliases: Aliases,
+    held: Collection[str],
+) -> tuple[np.ndarray, int]:
+    """The lowest of descents from ``start`` (d,) with an unknown held all over a range.
+
+    And the simulations that they took.
+    """
+    names = list(problem.names)
+    known = dict(zip(names, start.tolist(), strict=True))
+    still = held_by(problem, start, aliases) | set(held)
+    small = problem.holding({name: known[name] for name in still}) if still else problem
+    chart, place = small.chart, small.names.index(along.name)
+    points = np.tile([known[name] for name in small.names], (along.valleys, 1))
+    points[:, place] = np.clip(
+        middle + np.linspace(-reach, reach, along.valleys), along.lower, along.upper
+    )
+    z, spent = chart.project(chart.from_values(points)), 0
+    low, high = (np.tile(end, (along.valleys, 1)) for end in (chart.lower, chart.upper))
+    low[:, place] = high[:, place] = z[:, place]
+    for seen, iterations in ((small.smoothed(), _SMOOTH), (small, _SHARP)):
+
+        def residuals(at: np.ndarray, seen: Problem = seen) -> np.ndarray:
+            nonlocal spent
+            spent += len(at)
+            return seen.residuals(chart.to_values(at))
+
+        descent = LevenbergMarquardt.start(z, residuals, _DAMPING)
+        for _ in range(iterations):
+            descent.iterate(residuals, low, high, chart.project)
+        z = descent.points
+    best = chart.project(descent.best(1).points)
+    values = small.values(chart.to_values(best)[0])
+    return np.array([values[name] for name in names]), spent

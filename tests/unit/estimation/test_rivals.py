@@ -1,0 +1,73 @@
+"""What is said where another form of a fault explains a recording as well, or better."""
+
+import math
+
+import numpy as np
+import pytest
+
+from ematwin.estimation.rivals import Rival, hints, objections
+from ematwin.estimation.verdict import Verdict
+from ematwin.models.base import OtherForm
+from ematwin.models.bldc.parameters import BldcActuator
+from ematwin.models.bldc.truer.rivals import fixed_in_space, other_forms
+
+PLAIN = BldcActuator.load()
+SHORTS = ("short_a", "short_b", "short_c")
+NAMED = Verdict("fault", ("short_b",), "", "Short b: fault.")
+NONE = Verdict("none", (), "bad fit", "No verdict: bad fit")
+
+
+def rival(rise, present=("eccentricity",)):
+    form = OtherForm(
+        PLAIN, "an eccentricity that is fixed in space", "[eccentricity]",
+        ("eccentricity", "eccentricity_phase"), frozenset((*SHORTS, "eccentricity")), (),
+    )  # fmt: skip
+    return Rival(form, present, ", ".join(f"{name} 0.2" for name in present), rise)
+
+
+@pytest.mark.parametrize(("zeta", "phi"), [(0.05, 0.0), (0.2, -1.3), (0.4, 3.0)])
+def test_the_offset_of_three_shorts_gives_each_phase_the_same_constant(zeta, phi):
+    gaps = np.array([1.0 + zeta * math.cos(phi - 2.0 * math.pi * k / 3.0) for k in range(3)])
+    shorts = 1.0 - gaps / gaps.max()
+    found = fixed_in_space({**dict(zip(SHORTS, shorts, strict=True)), "friction": 0.3})
+    assert found["eccentricity"] == pytest.approx(zeta)
+    turned = 2.0 * math.pi * (found["eccentricity_phase"] - 0.5) - phi
+    assert math.cos(turned) == pytest.approx(1.0)
+    assert [found[name] for name in SHORTS] == [0.0, 0.0, 0.0]
+    assert found["friction"] == 0.3
+
+
+def test_forms_that_a_file_has_are_no_rivals():
+    both = PLAIN.changed({"eccentricity.turning_share": 0.0, "shorted_turns.resistance": 0.1})
+    assert len(other_forms(PLAIN, {})) == 2
+    assert other_forms(both, {}) == ()
+    names = [one.actuator.truer_forms for one in other_forms(PLAIN, {})]
+    assert names == [("eccentricity",), ("shorted_turns",)]
+
+
+def test_a_nearer_form_that_says_something_else_forbids_the_verdict():
+    (said,) = objections([rival(-10.0)], NAMED)
+    assert "eccentricity 0.2" in said
+    assert "[eccentricity]" in said
+    assert hints([rival(-10.0)], NAMED) == []
+
+
+@pytest.mark.parametrize("rise", [-4.0, 4.0])
+def test_a_form_that_is_about_as_near_is_told_and_forbids_nothing(rise):
+    assert objections([rival(rise)], NAMED) == []
+    (said,) = hints([rival(rise)], NAMED)
+    assert "about as well" in said
+
+
+def test_a_nearer_form_of_the_same_fault_leaves_its_name():
+    same = rival(-50.0, ("short_b",))
+    assert objections([same], NAMED) == []
+    (said,) = hints([same], NAMED)
+    assert "of another size" in said
+
+
+def test_without_a_verdict_only_a_far_better_form_is_told():
+    assert hints([rival(-1.0)], NONE) == []
+    (said,) = hints([rival(-50.0)], NONE)
+    assert "far better" in said
+    assert objections([rival(-50.0)], NONE) == []

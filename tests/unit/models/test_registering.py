@@ -1,0 +1,64 @@
+"""A kind of actuator named in a process: the one that docs/notebooks/own-model.md writes."""
+
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import ematwin
+from ematwin.errors import InputError
+from ematwin.models import registry
+from ematwin.models.registry import models
+
+NOTEBOOK = Path(__file__).parents[3] / "docs" / "notebooks" / "own-model.md"
+CELLS = r"^```\{code-cell\} ipython3\n%%writefile (voice_coil/\S+)\n(.*?)^```"
+
+
+@pytest.fixture
+def voice_coil(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+    """The model of the notebook, from the files that it writes."""
+    (tmp_path / "voice_coil" / "scenarios").mkdir(parents=True)
+    (tmp_path / "voice_coil" / "__init__.py").touch()
+    for name, text in re.findall(CELLS, NOTEBOOK.read_text("utf-8"), re.DOTALL | re.MULTILINE):
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    from voice_coil.model import MODEL
+
+    yield MODEL
+    registry._REGISTERED.clear()
+    models.cache_clear()
+    for name in [name for name in sys.modules if name.startswith("voice_coil")]:
+        del sys.modules[name]
+
+
+def test_a_kind_is_known_once_it_is_registered(voice_coil: Any) -> None:
+    with pytest.raises(ematwin.EmatwinError, match="There is no actuator 'vc25'"):
+        ematwin.load_actuator("vc25")
+    ematwin.register_model(voice_coil)
+    record = ematwin.simulate(actuator="vc25", faults={"magnet": 0.9})
+    found = ematwin.identify(record, "vc25", exact=True)
+    assert found.verdict.faults == ("magnet",)
+    assert found.values["magnet"] == pytest.approx(0.9, abs=1e-3)
+
+
+def test_worker_processes_know_it_as_well(voice_coil: Any, tmp_path: Path) -> None:
+    ematwin.register_model(voice_coil)
+    study = ematwin.compare(
+        ["random"], {"weak": {"magnet": 0.9}}, runs=1, population=4, iterations=2,
+        actuator="vc25", workers=1, store=tmp_path / "study.db",
+    )  # fmt: skip
+    assert study.table.done.all()
+
+
+def test_what_is_no_model_of_ones_own_is_refused(voice_coil: Any) -> None:
+    with pytest.raises(InputError, match="takes an instance of a Model"):
+        ematwin.register_model(type(voice_coil))
+
+    class Brushless(type(voice_coil)):  # type: ignore[misc]
+        kind = "bldc"
+
+    with pytest.raises(InputError, match="'bldc' comes with ematwin"):
+        ematwin.register_model(Brushless())
