@@ -78,6 +78,12 @@ CHOOSE = """(name) => {
   list.value = name;
   list.dispatchEvent(new Event("change"));
 }"""
+WATCH = """() => {
+  window.shares = [];
+  const bar = document.querySelector(".ee-progress");
+  new MutationObserver(() => { if (!bar.hidden) window.shares.push(bar.position); })
+    .observe(bar, { attributes: true });
+}"""
 AT_REST = "!document.querySelector('[aria-busy]')"
 INK = """(figure) => {
   const canvas = document.querySelector(`.ee-${figure} canvas`);
@@ -129,8 +135,12 @@ def test_the_page_follows_a_slider_fits_and_gives_its_verdict(page, tmp_path):
         fitted = tab.value("+document.querySelector('input[data-name=friction]').value")
         assert fitted == pytest.approx(750, abs=10)
 
+        tab.value(f"({WATCH})()")
         tab.value(f"({PRESS})('Verdict')")
         tab.wait(AT_REST)
+        assert tab.value("window.shares.length") > 0
+        assert tab.value("window.shares.every((share) => share > 0 && share <= 1)")
+        tab.wait("document.querySelector('.ee-progress').hidden")
         verdict = tab.value("document.querySelector('.ee-verdict').textContent")
         assert "Friction +" in verdict
         assert tab.value("document.querySelectorAll('.ee-band:not([hidden])').length") == 6

@@ -188,6 +188,24 @@ def _as_arguments(question):
     return {"what": question["ask"], **rest}
 
 
+def test_a_verdict_under_way_tells_how_far_it_is(explorer, monkeypatch):
+    told = []
+    still_wanted = explorer._still_wanted
+
+    def told_too(*reported):
+        still_wanted(*reported)
+        told.append(answered(explorer, {"ask": "progress"}))
+
+    assert answered(explorer, {"ask": "progress"}) == {"evaluations": 0, "most": 0}
+    monkeypatch.setattr(explorer, "_still_wanted", told_too)
+    done = answered(explorer, {"ask": "verdict"})["evaluations"]
+    shares = [one["evaluations"] for one in told]
+    assert shares == sorted(shares)
+    assert 0 < shares[-1] <= done
+    assert all(one["evaluations"] <= one["most"] for one in told)
+    assert answered(explorer, {"ask": "progress"}) == {"evaluations": 0, "most": 0}
+
+
 def test_a_search_ends_when_nobody_waits_any_more(explorer):
     explorer.stopped.set()
     for what in ({"ask": "fit", "values": {}}, {"ask": "verdict"}):

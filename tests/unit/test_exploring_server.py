@@ -173,6 +173,15 @@ def test_a_port_that_there_is_not_is_said_in_one_sentence(port):
         Server(Standing(), port)
 
 
+def test_progress_is_answered_while_a_search_is_under_way(server):
+    with server.turn:
+        status, _, text = request(
+            server, "POST", f"/{server.token}/ask", json.dumps({"ask": "progress"})
+        )
+    assert status == 200
+    assert json.loads(text) == {"heard": {"ask": "progress"}}
+
+
 def test_closing_it_ends_the_search_that_is_under_way():
     server = Server(Standing())
     server.server_close()

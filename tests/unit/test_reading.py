@@ -2,10 +2,11 @@
 
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Any
+from typing import Any, get_overloads
 
 import h5py
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -17,6 +18,7 @@ from ematwin import Recording, read, read_motions, write
 from ematwin.errors import InputError, RecordError
 from ematwin.models.ball_screw.channels import CHANNELS as SCREW
 from ematwin.models.bldc.channels import CHANNELS as MOTOR
+from ematwin.models.reading import Frame
 from ematwin.testing.reader_contract import bench_channels
 
 OLD = Path(__file__).parents[1] / "data" / "0.1"
@@ -46,6 +48,18 @@ def same(found: Recording, wanted: Recording) -> None:
     assert set(found.channels) == set(wanted.channels)
     for name, values in wanted.columns():
         np.testing.assert_allclose(getattr(found, name), values, rtol=1e-12, atol=1e-15)
+
+
+def test_a_type_checker_tells_a_table_from_a_list_of_paths() -> None:
+    """A table stands for one recording, a list for several."""
+    members = [name for name in vars(Frame) if not name.startswith("_")]
+    assert len(members) > 1
+    assert all(hasattr(pd.DataFrame, name) or hasattr(pd.DataFrame(), name) for name in members)
+    assert not any(hasattr(list, name) for name in members if name != "index")
+    one, several, split = get_overloads(read)
+    assert one.__annotations__["path"] == str | Path | Frame
+    assert one.__annotations__["return"] is Recording
+    assert several.__annotations__["return"] == split.__annotations__["return"] == list[Recording]
 
 
 # Files of version 0.1

@@ -77,6 +77,24 @@ def test_headers(tmp_path: Path, head: str) -> None:
     record_of(tmp_path, head + table())
 
 
+@pytest.mark.parametrize("preamble", ["Rig;3;run;7", "Rig;blue;Smith;dry", "Rig 3;;;"])
+def test_names_of_one_letter_below_a_preamble_are_no_units(tmp_path: Path, preamble: str) -> None:
+    path = tmp_path / "letters.csv"
+    rows = [f"{n / 1000};{n % 7};{n % 5};{n % 3}" for n in range(50)]
+    path.write_text("\n".join([preamble, "t;A;v;B", *rows]), encoding="utf-8")
+    assert sniff(path).names == ["t", "A", "v", "B"]
+    assert not any(sniff(path).units)
+
+
+def test_units_of_one_letter_below_names_are_units(tmp_path: Path) -> None:
+    path = tmp_path / "letters.csv"
+    rows = [f"{n / 1000};{n % 7};{n % 5};{n % 3}" for n in range(50)]
+    for names in ("time;i;u;p", "t;I;U;P"):
+        path.write_text("\n".join([names, "s;A;V;W", *rows]), encoding="utf-8")
+        assert sniff(path).names == names.split(";")
+        assert sniff(path).units == ["s", "A", "V", "W"]
+
+
 def test_units_row_is_applied(tmp_path: Path) -> None:
     path = tmp_path / "units.csv"
     path.write_text("t,cmd,i_a,i_b\nms,deg,mA,mA\n0,1,5,-5\n0.1,2,6,-7\n0.2,3,7,-9\n")

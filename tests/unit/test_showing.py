@@ -1,6 +1,8 @@
 """Results in a notebook and in pandas: tables, HTML that is escaped, figures, bars."""
 
 import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -229,6 +231,25 @@ def test_progress_true_is_quiet_where_nobody_looks(
     ematwin.identify(record, "rm1605", exact=True, progress=True)
     ematwin.simulate(actuator="rm1605", progress=True)
     assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("wanted", [True, False, None])
+def test_calibrate_shows_one_bar_to_its_end(
+    record: ematwin.Recording, monkeypatch: pytest.MonkeyPatch, wanted: bool | None
+) -> None:
+    seen: list[tuple[str, list[float]]] = []
+
+    @contextmanager
+    def bar(title: str) -> Iterator[Callable[..., None]]:
+        seen.append((title, []))
+        yield lambda share, *words: seen[-1][1].append(share)
+
+    monkeypatch.setattr(bars, "bar", bar)
+    ematwin.calibrate([record], "rm1605", progress=wanted)
+    assert [title for title, _ in seen] == (["calibrating"] if wanted else [])
+    for _, shares in seen:
+        assert shares == sorted(shares)
+        assert shares[-1] == 1.0
 
 
 def test_detection_tells_faults_apart_and_names_runs(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from ematwin.exploring.explorer import Explorer
 def answered(explorer: Explorer, question: Any) -> dict[str, Any]:
     """The answer to a question, or ``{"error": sentence}``; safe to write as JSON.
 
-    One at a time: an explorer keeps no lock.
+    One at a time, but for those that do not `wait`: an explorer keeps no lock.
     """
     try:
         asked = question.get("ask") if isinstance(question, Mapping) else None
@@ -26,6 +26,11 @@ def answered(explorer: Explorer, question: Any) -> dict[str, Any]:
         return reply(explorer, question)
     except EmatwinError as error:
         return {"error": str(error)}
+
+
+def waits(question: Any) -> bool:
+    """Whether a question waits for the answer to the one before; progress is told meanwhile."""
+    return not (isinstance(question, Mapping) and question.get("ask") == "progress")
 
 
 def _setup(explorer: Explorer, question: Mapping[str, Any]) -> dict[str, Any]:
@@ -54,6 +59,10 @@ def _verdict(explorer: Explorer, question: Mapping[str, Any]) -> dict[str, Any]:
     return explorer.verdict()
 
 
+def _progress(explorer: Explorer, question: Mapping[str, Any]) -> dict[str, Any]:
+    return explorer.progress()
+
+
 def _scenario(explorer: Explorer, question: Mapping[str, Any]) -> dict[str, Any]:
     explorer.choose(_one_of(explorer.model.scenarios(), question, "name"))
     return explorer.setup()
@@ -66,6 +75,7 @@ _REPLIES: Mapping[str, Callable[[Explorer, Mapping[str, Any]], dict[str, Any]]] 
     "profile": _profile,
     "fit": _fit,
     "verdict": _verdict,
+    "progress": _progress,
     "scenario": _scenario,
 }
 

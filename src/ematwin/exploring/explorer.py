@@ -71,6 +71,7 @@ class Explorer:
         self.model = model_of(self.actuator)
         self.recorded = record is not None
         self.stopped = threading.Event()
+        self._searched = (0, 0)  # simulations of the search under way, and their maximum
         self.scenario = ""
         if record is None:
             self.choose(scenario)
@@ -208,6 +209,7 @@ class Explorer:
             starts = np.vstack([starts, first.point])
             evaluations = first.evaluations
         found = find(sharp, LocalDescent(starts=starts), progress=self._still_wanted)
+        self._searched = (0, 0)
         point = np.clip(found.point, problem.lower, problem.upper)
         return {
             "values": dict(zip(problem.names, point.tolist(), strict=True)),
@@ -218,7 +220,10 @@ class Explorer:
         """A whole identification: its verdict, and values with intervals."""
         if not self.recorded:
             raise InputError("There is no recording to judge; explore one.")
-        found = identify(self.recording, self._given, progress=self._still_wanted)
+        try:
+            found = identify(self.recording, self._given, progress=self._still_wanted)
+        finally:
+            self._searched = (0, 0)
         known = {**found.fitted, **found.values}
         self._fitted = {n: x for n, x in known.items() if n not in self.unknowns}
         return {
@@ -237,9 +242,15 @@ class Explorer:
             "seconds": found.seconds,
         }
 
+    def progress(self) -> dict[str, Any]:
+        """Simulations of the `verdict` under way, and their maximum; may be asked meanwhile."""
+        evaluations, most = self._searched
+        return {"evaluations": evaluations, "most": most}
+
     # How it is answered
 
     def _still_wanted(self, evaluations: int, cost: float, budget: int) -> None:
+        self._searched = (evaluations, budget)
         if self.stopped.is_set():
             raise StoppedError
 

@@ -13,12 +13,13 @@ import json
 import os
 import secrets
 import threading
+from contextlib import nullcontext
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 from ematwin.errors import InputError
 from ematwin.exploring import assets
-from ematwin.exploring.door import answered
+from ematwin.exploring.door import answered, waits
 from ematwin.exploring.explorer import Explorer, StoppedError
 
 _HOST = "127.0.0.1"
@@ -126,7 +127,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._refuse(HTTPStatus.BAD_REQUEST)
             return
         try:
-            with self.server.turn:
+            with self.server.turn if waits(question) else nullcontext():
                 answer = answered(self.server.explorer, question)
         except StoppedError:
             self.close_connection = True

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal, overload
+from typing import Any, Literal, Protocol, overload
 
 from ematwin.errors import RecordError
 from ematwin.models.base import Model
@@ -19,8 +19,19 @@ from ematwin.recordings.tables import write_recording, write_recordings
 from ematwin.showing.frames import is_frame
 
 WRITTEN = (".parquet", ".csv")  # endings that `write` knows
-Frame = Any  # a table of pandas, which is optional
 Paths = list[str] | list[Path] | list[str | Path] | tuple[str | Path, ...]
+
+
+class Frame(Protocol):
+    """A table of pandas, which is optional; what a list of paths does not look like."""
+
+    @property
+    def columns(self) -> Any: ...  # noqa: D102
+
+    @property
+    def index(self) -> Any: ...  # noqa: D102
+
+    def to_numpy(self) -> Any: ...  # noqa: D102
 
 
 @overload

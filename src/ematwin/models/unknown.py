@@ -162,6 +162,10 @@ class Unknown:
         bounds = f"[{self.lower:g}, {self.upper:g}]" + (f" {self.unit}" if self.unit else "")
         try:
             number = float(value)
+        except OverflowError:  # a whole number beyond the floats
+            raise InputError(
+                f"{what} must lie in {bounds}, received one of more than 300 digits."
+            ) from None
         except (TypeError, ValueError):
             raise InputError(f"{what} must be a number in {bounds}, received {value!r}.") from None
         if not self.lower <= number <= self.upper:  # NaN fails this as well

@@ -184,13 +184,24 @@ def calibrate(
     InputError
         If an option cannot be used.
     """
-    if isinstance(progress, bool):
-        with told(progress, "calibrating") as show:
-            return calibrate(
-                recordings, template, held_back=held_back, false_alarm_rate=false_alarm_rate,
-                known=known, name=name, progress=show, add_to=add_to,
-            )  # fmt: skip
-    tell = progress or (lambda share: None)
+    with told(progress, "calibrating") as show:
+        return _calibrated(
+            recordings, template, held_back, false_alarm_rate, known or {}, name,
+            show or (lambda share: None), add_to,
+        )  # fmt: skip
+
+
+def _calibrated(
+    recordings: Given,
+    template: ParameterSet | str | Path | Any,
+    held_back: int | None,
+    false_alarm_rate: float,
+    known: Mapping[str, Given],
+    name: str | None,
+    tell: Progress,
+    add_to: Calibration | str | Path | None,
+) -> CalibrationReport:
+    """Do what `calibrate` says, and tell ``tell`` of it."""
     if not 0.0 < false_alarm_rate < 0.5:
         raise InputError(
             f"The false alarm rate must lie between 0 and 0.5, received {false_alarm_rate:g}."
@@ -201,7 +212,7 @@ def calibrate(
                 f"Runs that are added are judged by all others, received held_back={held_back}; "
                 "leave it out."
             )
-        return _added(recordings, add_to, false_alarm_rate, known or {}, name, tell)
+        return _added(recordings, add_to, false_alarm_rate, known, name, tell)
     chosen = load_actuator(template)
     model = model_of(chosen)
     healthy = recordings_of(recordings, chosen)
@@ -271,9 +282,7 @@ def calibrate(
     )
     baseline = _with_population(baseline, calibration, measured)
     calibration = replace(calibration, learnt_baseline=baseline)
-    signatures = tuple(
-        signature(calibration, fault, examples) for fault, examples in (known or {}).items()
-    )
+    signatures = tuple(signature(calibration, fault, examples) for fault, examples in known.items())
     tell(1.0)
     return _report(
         replace(calibration, signatures=signatures), parameters, learnt.tied, learnt.notes

@@ -64,6 +64,7 @@ def test_names_are_unique_and_healthy_values_lie_within_bounds() -> None:
     ("value", "said"),
     [
         (1.5, r"must lie in \[0, 1\], received 1.5\.$"),
+        (10**400, r"must lie in \[0, 1\], received one of more than 300 digits\.$"),
         (25.0, r"received 25\. If this is a percentage, write 0\.25\.$"),
         (-0.1, r"received -0\.1\.$"),
         (float("nan"), "received nan"),

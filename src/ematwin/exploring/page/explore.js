@@ -120,8 +120,25 @@ class Explorer {
     this.follow();
   }
 
+  // Simulations of a search under way, until it ends. A notebook answers only then.
+  async watch() {
+    const { progress } = this.parts;
+    const searching = () => this.acting === "verdict";
+    while (searching()) {
+      await new Promise((wake) => setTimeout(wake, 200));
+      const { evaluations, most } = searching() ? await this.ask({ ask: "progress" }) : {};
+      if (!most || !searching()) continue;
+      progress.max = most;
+      progress.value = evaluations;
+      progress.hidden = false;
+      this.say(`Identifying: ${evaluations} simulations of at most ${most} …`);
+    }
+    progress.hidden = true;
+  }
+
   async act(what, button) {
     this.busy(true, what);
+    if (what === "verdict") this.watch().catch(() => {}); // what went wrong, the verdict says
     const { values, fitted } = this;
     const began = performance.now();
     try {
@@ -162,6 +179,7 @@ class Explorer {
     this.parts = {
       misfit: make("strong", {}, "–"),
       status: make("p", { class: "ee-status", role: "status" }),
+      progress: make("progress", { class: "ee-progress", hidden: "", "aria-label": "Search" }),
       verdict: make("div", { class: "ee-verdict", hidden: "" }),
       fitted: make("input", { type: "checkbox" }),
       figures: make("div", { class: "ee-figures" }),
@@ -211,7 +229,7 @@ class Explorer {
         parts.withFitted,
         rest.length ? make("details", {}, make("summary", {}, "Load and sensors"),
           ...rest.map((one) => this.slider(one))) : "",
-        parts.status,
+        parts.status, parts.progress,
         ...setup.warnings.map((text) => make("p", { class: "ee-warning" }, text))));
     this.root.replaceChildren(make("div", { class: "ematwin-explore" }, body));
     for (const [name, color] of Object.entries(setup.colors)) {
@@ -298,7 +316,7 @@ class Explorer {
   }
 
   busy(on, what) {
-    this.acting = on;
+    this.acting = on && what;
     this.root.toggleAttribute("aria-busy", on);
     this.parts.buttons.forEach((one) => { one.disabled = on; });
     this.rows.forEach(({ input }) => { input.disabled = on; });

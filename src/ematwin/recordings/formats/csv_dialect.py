@@ -25,6 +25,7 @@ _COMMENT = ("#", "%", "//")
 PLACEHOLDERS = ["-", "--", "---"]  # what programs write for a missing value, beside NaN and kin
 _MISSING = {"", "nan", "na", "n/a", "#n/a", "null", "inf", "-inf", *PLACEHOLDERS}
 _CLOCK = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(\.\d{1,9})?Z?")
+_UNITS_OF_A_LETTER = frozenset("smghACFHJKNTVW%°Ω1")
 _NUMBER = {
     ".": re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?"),
     ",": re.compile(r"[+-]?(\d+,?\d*|,\d+)([eE][+-]?\d+)?"),
@@ -258,7 +259,7 @@ def _header(
     for n in range(len(above) - 1, 0, -1):
         texts = [unbracketed(text) for text in above[n]]
         filled_texts = [text for text in texts if text and text != "-"]
-        if any(is_unit(text) for text in filled_texts) and len(set(filled_texts)) <= width:
+        if any(is_unit(text) for text in filled_texts) and not _is_header(texts, above[n - 1]):
             units = texts
             above = above[:n]
             break
@@ -267,6 +268,18 @@ def _header(
         name = name or f"column {n + 1}"
         names.append(name if name not in names else f"{name} ({n + 1})")
     return names, units, len(above)
+
+
+def _is_header(texts: Sequence[str], above: Sequence[str]) -> bool:
+    """Whether single letters are names, ``t;A;v``, and no units, ``s;A;m/s``, of the line above.
+
+    A letter is both. Units are units throughout, and each belongs to a name.
+    """
+    letters = [n for n, text in enumerate(texts) if text and text != "-"]
+    if any(len(texts[n]) > 1 for n in letters):
+        return False
+    named = all(above[n] and not _NUMBER["."].fullmatch(above[n]) for n in letters)
+    return not (named and all(texts[n] in _UNITS_OF_A_LETTER for n in letters))
 
 
 def _assumed(dialect: CsvDialect, skipped: int, header_lines: int) -> list[str]:
