@@ -1,104 +1,90 @@
-"""Open each page of the built documentation in Chromium: nothing cut off, nothing remote.
+"""Open each page of the built documentation in Chromium: nothing cut off, nothing remote, no error.
 
-    sphinx-build docs docs/_build && python docs/check_site.py docs/_build
+    sphinx-build docs docs/_build && python docs/check_site.py docs/_build [PICTURES]
 
-Each page is laid out at the widths of a desk, a tablet and a phone. A page fails if it is wider
-than its window, if the browser reports an error, or if it loads anything from elsewhere.
+Each page is opened in windows as wide as a desk's, a tablet's and a phone's. A page fails if it is
+wider than its window, if the browser reports an error, or if it loads anything from elsewhere. With
+a second folder a picture of each page at each width is left there, to be looked at.
 """
 
 import functools
-import html
-import json
-import re
-import shutil
-import subprocess
 import sys
 import tempfile
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+from devtools import Tab, browser
+
 WIDTHS = (1400, 768, 390)
-_HARNESS = """<!doctype html><title>check</title><pre id="found"></pre><script>
-const pages = PAGES, widths = WIDTHS, found = [];
-function laidOut(page, width) {
-  return new Promise(done => {
-    const frame = document.createElement("iframe");
-    frame.style = `width:${width}px;height:800px;border:0`;
-    frame.onload = () => {
-      const inner = frame.contentDocument.documentElement;
-      if (inner.scrollWidth > width) found.push([page, width, inner.scrollWidth]);
-      for (const each of frame.contentWindow.performance.getEntriesByType("resource"))
-        if (new URL(each.name).host !== location.host) found.push([page, width, each.name]);
-      frame.remove();
-      done();
-    };
-    frame.src = page;
-    document.body.append(frame);
-  });
-}
-(async () => {
-  for (const page of pages) for (const width of widths) await laidOut(page, width);
-  document.getElementById("found").textContent = JSON.stringify({opened: pages.length, found});
-})();
-</script>"""
+_LOADED = "performance.getEntriesByType('resource').map((each) => each.name)"
 
 
-def check(site: Path) -> list[str]:
+def check(site: Path, pictures: Path | None = None) -> list[str]:
     """What is wrong with the pages of a site, a sentence each."""
     pages = sorted(str(page.relative_to(site)) for page in site.rglob("*.html"))
     if not pages:
         return [f"{site} holds no page: build it first."]
-    harness = site / "check-site.html"
-    text = _HARNESS.replace("PAGES", json.dumps(pages)).replace("WIDTHS", json.dumps(WIDTHS))
-    harness.write_text(text, encoding="utf-8")
-    try:
-        shown, said = _browsed(site, harness.name)
-    finally:
-        harness.unlink()
-    answer = re.search(r'<pre id="found">(\{.*?\})</pre>', shown, re.DOTALL)
-    if answer is None:
-        return [f"The browser did not get through the {len(pages)} pages: {said[-500:]}"]
-    found = json.loads(html.unescape(answer[1]))["found"]
-    wrong = [f"{page} at {width} px: {what}" for page, width, what in found]
-    return wrong + [line for line in said.splitlines() if "CONSOLE" in line and "rror" in line]
+    wrong = []
+    with served(site) as address, tempfile.TemporaryDirectory() as own, browser(Path(own)) as tab:
+        for page in pages:
+            for width in WIDTHS:
+                found = _faults(tab, f"{address}/{page}", width)
+                wrong += [f"{page} at {width} px: {what}" for what in found]
+                if pictures is not None:
+                    name = page.removesuffix(".html").replace("/", "-")
+                    tab.picture(pictures / f"{name}-{width}.png")
+    return wrong
 
 
-def _browsed(site: Path, name: str) -> tuple[str, str]:
-    """A page of a served site as the browser holds it, and what the browser said."""
-    browser = shutil.which("chromium") or shutil.which("google-chrome")
-    if browser is None:
-        sys.exit("check_site.py needs Chromium: apt-get install chromium.")
+def _faults(tab: Tab, address: str, width: int) -> list[str]:
+    """What is wrong with a page in a window."""
+    tab.said.clear()
+    tab.open(address, width)
+    tab.wait("document.readyState === 'complete'")
+    inner = tab.value("document.documentElement.scrollWidth")
+    own = tab.value("location.origin")
+    remote = [each for each in tab.value(_LOADED) if not each.startswith(("data:", own))]
+    return [f"{inner} px wide"] * (inner > width) + remote + tab.said
+
+
+@contextmanager
+def served(site: Path) -> Iterator[str]:
+    """The address of a folder on the loopback address."""
     handler = functools.partial(_Quiet, directory=str(site))
-    with (
-        ThreadingHTTPServer(("127.0.0.1", 0), handler) as server,
-        tempfile.TemporaryDirectory() as own,
-    ):
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
-        done = subprocess.run(
-            [
-                browser, "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run",
-                f"--user-data-dir={own}", "--enable-logging=stderr", "--log-level=0",
-                "--window-size=1500,900", "--timeout=240000", "--virtual-time-budget=240000",
-                "--dump-dom", f"http://127.0.0.1:{server.server_port}/{name}",
-            ],
-            capture_output=True,
-            text=True,
-            timeout=300,
-            check=False,
-        )  # fmt: skip
+        yield f"http://127.0.0.1:{server.server_port}"
         server.shutdown()
-    return done.stdout, done.stderr
 
 
 class _Quiet(SimpleHTTPRequestHandler):
+    def do_GET(self) -> None:
+        """A file of the site; no icon, for which browsers ask on their own."""
+        if self.path == "/favicon.ico":
+            self.send_response(204)
+            self.end_headers()
+        else:
+            super().do_GET()
+
     def log_message(self, *arguments: object) -> None:
         """Say nothing of requests."""
 
 
-if __name__ == "__main__":
-    if len(sys.argv) != 2:
-        sys.exit("Usage: python docs/check_site.py SITE")
-    problems = check(Path(sys.argv[1]))
+def main() -> None:
+    """Check the site that is named."""
+    if len(sys.argv) not in (2, 3):
+        sys.exit("Usage: python docs/check_site.py SITE [PICTURES]")
+    folders = [Path(name) for name in sys.argv[1:]]
+    for pictures in folders[1:]:
+        pictures.mkdir(parents=True, exist_ok=True)
+    problems = check(*folders)
     print("\n".join(problems) or "All pages fit, and nothing is loaded from elsewhere.")
     sys.exit(bool(problems))
+
+
+if __name__ == "__main__":
+    main()

@@ -15,6 +15,7 @@ from ematwin import plots
 from ematwin.errors import InputError, MissingExtraError, RecordError
 from ematwin.estimation.identify import Identification
 from ematwin.monitoring.detect import Detection
+from ematwin.recordings.survey import survey
 from ematwin.showing import bars, markup
 from ematwin.testing.reader_contract import bench_channels
 
@@ -144,6 +145,12 @@ def test_figures_are_public_functions(record: ematwin.Recording, found: Identifi
         found.plot("pie")
     with pytest.raises(AttributeError, match="plot_nothing"):
         _ = plots.plot_nothing
+
+
+def test_channels_stand_over_time_where_a_rate_is_known():
+    found = survey(pd.DataFrame({"a": np.arange(4.0), "b": np.arange(4.0)}))
+    for rate, title in ((1000.0, "time, s"), (None, "sample")):
+        assert plots.plot_channels(found, rate=rate).layout.xaxis2.title.text == title
     assert set(plots.__all__) == set(dir(plots))
     for name in plots.__all__:
         assert callable(getattr(plots, name))
