@@ -13,7 +13,7 @@ from ematwin.errors import InputError
 from ematwin.estimation.assess import Interval, assess, unassessed
 from ematwin.estimation.baseline import Baseline, baseline_of
 from ematwin.estimation.estimate import Estimate
-from ematwin.estimation.findings import doubts_of, obstacles_to, remarks_on, verdict_on
+from ematwin.estimation.findings import caveats_of, doubts_of, obstacles_to, remarks_on, verdict_on
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.rivals import hints, objections, rivals_of
 from ematwin.estimation.search import Progress, Search, find, named
@@ -382,6 +382,7 @@ def identify(
         warnings += hints(rivals, verdict)
         if objected := objections(rivals, verdict):
             verdict = verdict_on(model, chosen, problem, estimate, assessed, baseline, objected)
+    warnings += caveats_of(problem, verdict)
     return Identification(
         verdict=verdict,
         estimate=estimate,

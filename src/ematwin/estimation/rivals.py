@@ -85,6 +85,8 @@ def objections(rivals: Iterable[Rival], verdict: Verdict) -> list[str]:
 def hints(rivals: Iterable[Rival], verdict: Verdict) -> list[str]:
     """Sentences on other forms that leave the verdict what it is."""
     found = []
+    if verdict.grade == "none":  # of several the nearest
+        rivals = sorted(rivals, key=lambda one: one.rise)[:1]
     for one in rivals:
         setting = f"put {one.form.setting} into the file of the actuator"
         if verdict.grade == "none":
