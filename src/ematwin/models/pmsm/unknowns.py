@@ -4,11 +4,12 @@ All faults are normalised to [0, 1]; `ematwin.models.pmsm.state` says what they 
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 from ematwin.models.pmsm import state
+from ematwin.models.servo import normalised_fault as _fault
 from ematwin.models.unknown import Alias, Contrast, Unknown
 
 _MOST_CONTACT = 20.0  # ohm, of a short; more than that is none
@@ -61,19 +62,6 @@ def _sensor_offset(actuator: Any, k: Any) -> Any:
 
 def _resolver(actuator: Any, k: Any) -> Any:
     return state.resolver_offset(k) * (180.0 / math.pi)
-
-
-def _fault(
-    name: str,
-    meaning: str,
-    unit: str,
-    physical: Callable[[Any, Any], Any] | None,
-    healthy: float = 0.0,
-    **more: Any,
-) -> Unknown:
-    return Unknown(
-        name, "", meaning, healthy, 0.0, 1.0, physical_unit=unit, physical=physical, **more
-    )
 
 
 UNKNOWNS = (
