@@ -363,7 +363,6 @@ def identify(
                     tell(spent, found.cost, most)
 
             sure = method.run(question, seed=seed, report=tell_more)
-    seconds = time.perf_counter() - started
     point = np.array([assessed.values[name] for name in problem.names])
     cost = found.cost if found.problem is not None else assessed.cost
     estimate = estimate_of(
@@ -383,6 +382,7 @@ def identify(
         if objected := objections(rivals, verdict):
             verdict = verdict_on(model, chosen, problem, estimate, assessed, baseline, objected)
     warnings += caveats_of(problem, verdict)
+    seconds = time.perf_counter() - started
     return Identification(
         verdict=verdict,
         estimate=estimate,
