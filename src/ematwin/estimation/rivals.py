@@ -159,12 +159,15 @@ def _rival(
             if rise >= -_NEARLY:
                 break
     faults = [model.unknown(form.actuator, name) for name in form.names]
-    present = [one for one in faults if abs(values[one.name] - one.healthy) > SMALLEST * one.width]
-    there = tuple(one.name for one in present if one.direction_of is None)
+    there = tuple(
+        one.name
+        for one in faults
+        if one.direction_of is None and abs(values[one.name] - one.healthy) > SMALLEST * one.width
+    )
     said = ", ".join(
         _said(one, form.actuator, values[one.name])
-        for one in present
-        if one.direction_of is None or one.direction_of in there
+        for one in faults
+        if one.name in there or one.direction_of in there
     )
     return Rival(form, there, said, rise)
 
