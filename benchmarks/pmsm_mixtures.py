@@ -1,16 +1,17 @@
 """Mixtures of up to five faults of a PMSM servo: error, verdict, intervals, time.
 
-    python benchmarks/pmsm_mixtures.py [--count 50] [--first 0] [--without-voltages] [--sheet]
-                                       [--out FILE]
+    python benchmarks/pmsm_mixtures.py [--count 50] [--first 0] [--sheet] [--out FILE]
+                                       [--without-voltages | --measured-voltages]
 
 The recordings are of the reference model (5 us, quantised sensors), with white noise of 2 % of the
-RMS and converters of 12 bits on phase currents and commanded voltages; the twin is told the
-parameters, not the faults. With ``--sheet`` each actuator is off its data sheet, within its
-tolerances, and the twin is told the sheet. Of each: Err% (the norm of the differences of the
-normalised magnitudes, in per cent; a direction counts by its magnitude), the grade of the verdict,
-how many of the 95 % intervals hold what was injected, and whether a verdict is silently wrong: a
-fault of 5 % or more is not mentioned, one is named that is not there, or a value lies outside its
-interval by half of its half width and 0.01, and nothing is said.
+RMS and converters of 12 bits on phase currents and voltages, those that the drive commands or, with
+``--measured-voltages``, those at the terminals; the twin is told the parameters, not the faults.
+With ``--sheet`` each actuator is off its data sheet, within its tolerances, and the twin is told
+the sheet. Of each: Err% (the norm of the differences of the normalised magnitudes, in per cent; a
+direction counts by its magnitude), the grade of the verdict, how many of the 95 % intervals hold
+what was injected, and whether a verdict is silently wrong: a fault of 5 % or more is not mentioned,
+one is named that is not there, or a value lies outside its interval by half of its half width and
+0.01, and nothing is said.
 """
 
 import argparse
@@ -23,6 +24,7 @@ from pathlib import Path
 import numpy as np
 
 from ematwin import Noise, identify, simulate
+from ematwin.models.pmsm.channels import TERMINALS
 from ematwin.models.registry import load_actuator, model_of
 
 NOISE, BITS = 0.02, 12
@@ -74,18 +76,21 @@ def mixture(model, actuator, seed):
     return values
 
 
-def measured(recording, actuator, seed):
-    """A simulation as converters would have given it."""
+COMMANDED = ("voltage_a", "voltage_b", "voltage_c")
+
+
+def measured(recording, actuator, seed, voltages):
+    """A simulation as converters would have given it, with some of its voltages."""
     seen = Noise(white=NOISE, bits=BITS, full_scale=actuator.drive.current_range).apply(
         recording, np.random.default_rng(seed)
     )
     random = np.random.default_rng(10_000 + seed)
     step = 2.0 * actuator.drive.supply_voltage / 2**BITS
-    changed = {}
-    for x in "abc":
-        volts = seen.channels[f"voltage_{x}"]
+    changed = dict.fromkeys(COMMANDED)
+    for name in voltages:
+        volts = seen.channels[name]
         noise = NOISE * np.sqrt(np.mean(volts**2)) * random.standard_normal(volts.size)
-        changed[f"voltage_{x}"] = step * np.round((volts + noise) / step)
+        changed[name] = step * np.round((volts + noise) / step)
     return seen.changed(**changed)
 
 
@@ -103,14 +108,13 @@ def off_sheet(actuator, seed):
     )
 
 
-def judged(actuator, seed, *, voltages=True, sheet=False):
+def judged(actuator, seed, *, voltages=COMMANDED, sheet=False):
     """The `Row` of a mixture."""
     model = model_of(actuator)
     values = mixture(model, actuator, seed)
     true = off_sheet(actuator, seed) if sheet else actuator
-    recording = measured(simulate(None, None, values, true), actuator, seed)
-    if not voltages:
-        recording = recording.changed(**{f"voltage_{x}": None for x in "abc"})
+    also = [name for name in voltages if name in model.on_request]
+    recording = measured(simulate(None, None, values, true, also=also), actuator, seed, voltages)
     start = time.process_time()
     found = identify(recording, actuator, exact=not sheet, threads=1)
     seconds = time.process_time() - start
@@ -148,7 +152,13 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--count", type=int, default=50)
     parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--without-voltages", action="store_true")
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument(
+        "--without-voltages", action="store_const", dest="voltages", const=(), default=COMMANDED
+    )
+    which.add_argument(
+        "--measured-voltages", action="store_const", dest="voltages", const=TERMINALS
+    )
     parser.add_argument("--sheet", action="store_true")
     parser.add_argument("--out", type=Path)
     given = parser.parse_args()
@@ -156,7 +166,7 @@ def main():
     judged(actuator, 0)  # compiles
     rows = []
     for seed in range(given.first, given.first + given.count):
-        row = judged(actuator, seed, voltages=not given.without_voltages, sheet=given.sheet)
+        row = judged(actuator, seed, voltages=given.voltages, sheet=given.sheet)
         rows.append(row)
         print(
             f"{seed:3d} Err {row.error:6.2f} %  {row.grade:7} held {row.held}/{row.intervals}  "

@@ -6,6 +6,7 @@
     python benchmarks/unknown_actuator.py uncalibrated --actuators 40 --faulty 3
     python benchmarks/unknown_actuator.py evidence --actuators 8 --faulty 6
     python benchmarks/unknown_actuator.py structure --actuators 12 --faulty 6
+    python benchmarks/unknown_actuator.py forms --actuators 12
     python benchmarks/unknown_actuator.py special
 
 Recordings have 2 % white noise and 12 bits. ``calibrated``: all parameters of the actuator are a
@@ -15,9 +16,10 @@ torque constant falls by 3 %, the resistance rises by 30 %, the supply falls by 
 by 10 % and the command is 200 us late, one of them or all. ``uncalibrated``: the template is
 trusted as far as its tolerances go. ``evidence``: calibrated and judged with phase voltages, with
 the supply's current, and with neither; the sensors of the phases drift by 2 % in every other
-recording. ``structure``: recordings of a simulator that shares no code
-with the twin and has what the twin lacks (tests/naive/another_actuator.py). ``special``: motions
-and recordings from which nothing can be told.
+recording. ``structure``: recordings of a simulator that shares no code with the twin and has what
+the twin lacks (tests/naive/another_actuator.py). ``forms``: an offset that is fixed in space, and a
+short that is a loop, judged by a data sheet that has neither form (docs/models.md, "Truer forms").
+``special``: motions and recordings from which nothing can be told.
 
 Each prints a Markdown table; ``--json FILE`` writes the runs.
 """
@@ -278,6 +280,23 @@ def of_structure(seed: int, faulty: int) -> list[Outcome]:
     ]
 
 
+def of_forms(seed: int) -> list[Outcome]:
+    """Faults of forms that the twin does not have, judged by the data sheet."""
+    true = actuator_off(seed)
+    rng = np.random.default_rng([7, seed])
+    offset = {"eccentricity": rng.uniform(0.05, 0.4), "eccentricity_phase": rng.random()}
+    short = {f"short_{'abc'[seed % 3]}": rng.uniform(0.05, 0.3)}
+    contact = float(np.exp(rng.uniform(np.log(0.02), np.log(0.5))))
+    forms = (
+        ("offset fixed in space", {"eccentricity.turning_share": 0.0}, offset),
+        ("short with its loop", {"shorted_turns.resistance": contact}, short),
+    )
+    return [
+        judged(title, recorded(true.changed(form), faults, 100, {}), SHEET, true, faults)
+        for title, form, faults in forms
+    ]
+
+
 def special(true: BldcActuator, known: Any) -> list[Outcome]:
     """Recordings from which nothing, or not everything, can be told; calibrated on usual ones."""
     from ematwin.models.scenario import Scenario
@@ -387,7 +406,8 @@ HEADER = f"| | {' | '.join(COLUMNS)} |\n|---|{'--:|' * len(COLUMNS)}"
 def main() -> None:
     """Run one part of the benchmark."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    modes = ("calibrated", "sheet", "drift", "uncalibrated", "evidence", "structure", "special")
+    modes = ("calibrated", "sheet", "drift", "uncalibrated", "evidence", "structure", "forms",
+             "special")  # fmt: skip
     parser.add_argument("mode", choices=modes)
     parser.add_argument("--actuators", type=int, default=10)
     parser.add_argument("--faulty", type=int, default=5, help="recordings of each actuator")
@@ -400,6 +420,8 @@ def main() -> None:
         true = actuator_off(given.first)
         healthy = [recorded(true, {}, 10 + n, {}) for n in range(HEALTHY_RECORDINGS)]
         parts = [special(true, learnt(healthy, SHEET))]
+    elif given.mode == "forms":
+        parts = Parallel(given.workers)(delayed(of_forms)(s) for s in seeds)
     elif given.mode in ("structure", "evidence"):
         of = of_structure if given.mode == "structure" else of_evidence
         parts = Parallel(given.workers)(delayed(of)(s, given.faulty) for s in seeds)
@@ -415,7 +437,7 @@ def main() -> None:
     if len(groups) > 1:
         for group in groups:
             print(row(group, [one for one in runs if one.group == group]))
-    if given.mode not in ("special", "evidence"):
+    if given.mode not in ("special", "evidence", "forms"):
         print(row(given.mode, runs))
     for one in runs if given.mode == "special" else ():
         print(f"\n{one.group}: {one.grade} {', '.join(one.faults)}. {one.reason}")

@@ -140,28 +140,44 @@ def legs_of(vector):
     return [(vector * cmath.exp(-1j * a)).real for a in PHASES]
 
 
+def at_terminals(p, legs, x):
+    """The vector of the voltages that dead time and devices leave, of x = (i_a, i_b, i_f)."""
+    left = [
+        leg - p["v_leg"] * max(-1.0, min(1.0, i / p["knee"]))
+        for leg, i in zip(legs, (x[0], x[1], -x[0] - x[1]), strict=True)
+    ]
+    return 2.0 / 3.0 * sum(v * cmath.exp(1j * a) for v, a in zip(left, PHASES, strict=True))
+
+
 def run(coils, drive, m, command, load, steps):
-    """The whole servo; gives i and v as logged (complex), motor and output angle, each tick.
+    """The whole servo, tick by tick.
+
+    Gives i and v as logged (complex), motor and output angle, speed, current of the short, and the
+    voltage at the terminals (complex), the mean over the tick before.
 
     ``m`` are the parameters of mechanics and sensors, ``command`` and ``load`` values at the ticks.
     """
     x = np.zeros(3)
     w_m = th_m = w_o = th_o = 0.0
     dt = drive.s["dt"] / steps
-    logged = []
+    logged, seen = [], 0j
     for tick in range(len(command)):
         reading = th_m + m["resolver"] / coils.p["pole_pairs"]
         i, v, vector = drive(
             command[tick], reading, th_o, m["gain_a"] * x[0] + m["offset_a"],
             m["gain_b"] * x[1] + m["offset_b"],
         )  # fmt: skip
-        logged.append((i, v, reading, th_o, w_m, x[2]))
+        frame = cmath.exp(1j * coils.p["pole_pairs"] * reading)
+        logged.append((i, v, reading, th_o, w_m, x[2], seen / frame))
         legs = legs_of(vector)
+        seen = 0j  # the mean over this tick of the voltage at the terminals
         for _ in range(steps):
             # Heun's rule
             one, _ = coils.change(x, th_m, w_m, legs)
             two, torque = coils.change(x + dt * one, th_m + dt * w_m, w_m, legs)
+            seen += 0.5 / steps * at_terminals(coils.p, legs, x)
             x = x + 0.5 * dt * (one + two)
+            seen += 0.5 / steps * at_terminals(coils.p, legs, x)
             twist = th_m - th_o
             spring = 0.0
             if abs(twist) > m["half_gap"]:

@@ -149,6 +149,12 @@ def remarks_on(model: Model, actuator: ParameterSet, assessed: Assessment) -> li
     return found
 
 
+def caveats_of(problem: Problem, verdict: Verdict) -> list[str]:
+    """What belongs to the faults that are named, each sentence once."""
+    said = (one.caveat for one in problem.unknowns if one.name in verdict.faults and one.caveat)
+    return list(dict.fromkeys(said))
+
+
 def doubts_of(
     estimate: Estimate, found: Found, problem: Problem, sharp_errors: Mapping[str, float]
 ) -> list[str]:

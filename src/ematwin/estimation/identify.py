@@ -13,7 +13,7 @@ from ematwin.errors import InputError
 from ematwin.estimation.assess import Interval, assess, unassessed
 from ematwin.estimation.baseline import Baseline, baseline_of
 from ematwin.estimation.estimate import Estimate
-from ematwin.estimation.findings import doubts_of, obstacles_to, remarks_on, verdict_on
+from ematwin.estimation.findings import caveats_of, doubts_of, obstacles_to, remarks_on, verdict_on
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.rivals import hints, objections, rivals_of
 from ematwin.estimation.search import Progress, Search, find, named
@@ -363,7 +363,6 @@ def identify(
                     tell(spent, found.cost, most)
 
             sure = method.run(question, seed=seed, report=tell_more)
-    seconds = time.perf_counter() - started
     point = np.array([assessed.values[name] for name in problem.names])
     cost = found.cost if found.problem is not None else assessed.cost
     estimate = estimate_of(
@@ -382,6 +381,8 @@ def identify(
         warnings += hints(rivals, verdict)
         if objected := objections(rivals, verdict):
             verdict = verdict_on(model, chosen, problem, estimate, assessed, baseline, objected)
+    warnings += caveats_of(problem, verdict)
+    seconds = time.perf_counter() - started
     return Identification(
         verdict=verdict,
         estimate=estimate,

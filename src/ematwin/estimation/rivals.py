@@ -85,6 +85,8 @@ def objections(rivals: Iterable[Rival], verdict: Verdict) -> list[str]:
 def hints(rivals: Iterable[Rival], verdict: Verdict) -> list[str]:
     """Sentences on other forms that leave the verdict what it is."""
     found = []
+    if verdict.grade == "none":  # of several the nearest
+        rivals = sorted(rivals, key=lambda one: one.rise)[:1]
     for one in rivals:
         setting = f"put {one.form.setting} into the file of the actuator"
         if verdict.grade == "none":
@@ -157,12 +159,15 @@ def _rival(
             if rise >= -_NEARLY:
                 break
     faults = [model.unknown(form.actuator, name) for name in form.names]
-    present = [one for one in faults if abs(values[one.name] - one.healthy) > SMALLEST * one.width]
-    there = tuple(one.name for one in present if one.direction_of is None)
+    there = tuple(
+        one.name
+        for one in faults
+        if one.direction_of is None and abs(values[one.name] - one.healthy) > SMALLEST * one.width
+    )
     said = ", ".join(
         _said(one, form.actuator, values[one.name])
-        for one in present
-        if one.direction_of is None or one.direction_of in there
+        for one in faults
+        if one.name in there or one.direction_of in there
     )
     return Rival(form, there, said, rise)
 

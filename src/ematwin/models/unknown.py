@@ -106,6 +106,7 @@ class Unknown:
     physical_unit : str, of ``physical``; None takes ``unit``
     physical : callable or None, ``(actuator, value) -> value in physical_unit``, floats or arrays;
         None where the value itself is physical
+    caveat : str, a sentence that is said where this fault is named; "" for none
 
     Raises
     ------
@@ -128,6 +129,7 @@ class Unknown:
     slack: float = 0.0
     physical_unit: str | None = None
     physical: Callable[[Any, Any], Any] | None = None
+    caveat: str = ""
 
     def __post_init__(self) -> None:
         if not self.lower < self.upper or not self.lower <= self.healthy <= self.upper:

@@ -17,6 +17,7 @@ from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.unknowns import CONTRASTS, FAULTS, FIXED, UNKNOWNS, aliases, nuisances
 from ematwin.models.comparison import Candidates
 from ematwin.models.scenario import Chirp, Component, Ramp, Scenario, Step
+from ematwin.models.servo import reported_magnitudes, tracking_signals
 from ematwin.models.unknown import Alias, Contrast, PhysicalValue, Unknown
 from ematwin.recordings.channel import Channel
 from ematwin.recordings.noise import Noise
@@ -206,30 +207,12 @@ class BldcModel(Model):
         from ematwin.models.bldc.envelope import shown_current
 
         current = shown_current(recording, actuator)
-        found = [Signal("Equivalent current, 500 Hz low-pass", "A", current)]
-        output = recording.output_position
-        if output is not None:
-            command = 1e3 * recording.command
-            found += [
-                Signal("Output position", "mrad", 1e3 * output, command),
-                Signal("Following error", "mrad", command - 1e3 * output),
-            ]
-        return found
+        shown = Signal("Equivalent current, 500 Hz low-pass", "A", current)
+        return [shown, *tracking_signals(recording)]
 
     def reported(self, actuator: Any) -> tuple[Reported, ...]:
         """Each magnitude as it is searched; a direction is no finding of its own."""
-        return tuple(
-            Reported(
-                one.name,
-                "",
-                one.meaning,
-                named=one.name,
-                least=0.2,
-                either=one.lower < one.healthy,
-            )
-            for one in UNKNOWNS
-            if one.direction_of is None
-        )
+        return reported_magnitudes(UNKNOWNS)
 
     def settling_time(self, actuator: Any) -> float:
         """Six time constants of the position loop."""

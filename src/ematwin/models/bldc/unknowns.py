@@ -5,11 +5,12 @@ physical ones are those that the kernel calls (`ematwin.models.bldc.state`).
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 from typing import Any
 
+from ematwin.models.servo import normalised_fault as _fault
 from ematwin.models.unknown import Alias, Contrast, Unknown
 
 
@@ -39,19 +40,6 @@ def _degrees(actuator: Any, k: Any) -> Any:
 
 def _gain(actuator: Any, k: Any) -> Any:
     return actuator.controller.position_gain * _law("gain_factor", k)
-
-
-def _fault(
-    name: str,
-    meaning: str,
-    unit: str,
-    physical: Callable[[Any, Any], Any] | None,
-    healthy: float = 0.0,
-    **more: Any,
-) -> Unknown:
-    return Unknown(
-        name, "", meaning, healthy, 0.0, 1.0, physical_unit=unit, physical=physical, **more
-    )
 
 
 UNKNOWNS = (

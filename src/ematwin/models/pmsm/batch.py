@@ -8,10 +8,16 @@ thinned and compared as it arises.
 import numpy as np
 
 from ematwin.models.pmsm.controller import ControlState, control_step
-from ematwin.models.pmsm.monitor_step import MonitorState, monitor_step, terminal_currents
+from ematwin.models.pmsm.monitor_step import (
+    MonitorState,
+    lost_in_legs,
+    monitor_step,
+    terminal_currents,
+)
 from ematwin.models.pmsm.reference_step import (
     ReferenceState,
     currents_of,
+    leg_errors,
     leg_voltages,
     reference_step,
 )
@@ -25,6 +31,7 @@ REFERENCE_COLUMNS = (
     "current_d", "current_q", "voltage_d", "voltage_q", "motor_position", "output_position",
     "motor_speed", "output_speed", "loop_a", "loop_b", "loop_c", "e_electrical", "e_copper",
     "e_mechanical", "terminal_a", "terminal_b", "terminal_c",
+    "terminal_voltage_a", "terminal_voltage_b", "terminal_voltage_c",
 )  # fmt: skip
 # What a candidate answers with; motor and output by how far they are from the command.
 ANSWERS = ("current_q", "current_d", "voltage_q", "voltage_d", "motor_speed", "output_error",
@@ -46,8 +53,8 @@ def reference_trace(command, load, state, control, c, dt, substeps, ticks, quant
     ----------
     command, load : (K + 1,) arrays, at the ticks of the current loops, rad and N m on the motor
         shaft; the load runs in straight lines between
-    state, control : arrays, the fields of `ReferenceState` (12,) and `ControlState` (9,); they hold
-        the last ones afterwards
+    state, control : (12,) arrays, the fields of `ReferenceState`; those of `ControlState` and the
+        voltages at the terminals in the tick before; they hold the last ones afterwards
     c : Constants, for the step
     dt, substeps : step (s), and how many make a tick
     ticks : (2,) integer array, ticks of the speed and the position loop
@@ -58,8 +65,9 @@ def reference_trace(command, load, state, control, c, dt, substeps, ticks, quant
 
     Returns
     -------
-    (ceil(count/every), 17) array, columns as in `REFERENCE_COLUMNS`; currents, voltages and
-    positions as the drive reads and commands them, the others as they are
+    (ceil(count/every), 20) array, columns as in `REFERENCE_COLUMNS`; currents, voltages and
+    positions as the drive reads and commands them, the others as they are; of the voltages at the
+    terminals the mean over the tick before, against the middle of the link (zero at first)
     """
     now = ReferenceState(
         state[0], state[1], state[2], state[3], state[4], state[5], state[6], state[7], state[8],
@@ -69,7 +77,10 @@ def reference_trace(command, load, state, control, c, dt, substeps, ticks, quant
         control[0], control[1], control[2], control[3], control[4], control[5], control[6],
         control[7], control[8],
     )  # fmt: skip
-    trace = np.empty(((count + every - 1) // every, 17))
+    trace = np.empty(((count + every - 1) // every, 20))
+    w_a = control[9]
+    w_b = control[10]
+    w_c = control[11]
     for tick in range(count):
         x, y, _, _ = currents_of(now.psi_alpha, now.psi_beta, c.pole_pairs * now.theta_m, c)
         drawn = (now.j_a + now.j_b + now.j_c) / 3.0
@@ -104,18 +115,32 @@ def reference_trace(command, load, state, control, c, dt, substeps, ticks, quant
             row[14] = i_a
             row[15] = i_b
             row[16] = -i_a - i_b
+            row[17] = w_a
+            row[18] = w_b
+            row[19] = w_c
         if tick + 1 < command.size:
             v_a, v_b, v_c = leg_voltages(v_alpha, v_beta, c.v_supply)
+            w_a, w_b, w_c = v_a, v_b, v_c
+            share = 0.5 / substeps
+            e_a, e_b, e_c = leg_errors(now, c)
             d_load = (load[tick + 1] - load[tick]) / substeps
             for j in range(substeps):
                 now = reference_step(
                     now, v_a, v_b, v_c,
                     c.load_gain * (load[tick] + (j + 0.5) * d_load) + c.load_offset, c, dt,
                 )  # fmt: skip
+                f_a, f_b, f_c = leg_errors(now, c)
+                w_a -= share * (e_a + f_a)
+                w_b -= share * (e_b + f_b)
+                w_c -= share * (e_c + f_c)
+                e_a, e_b, e_c = f_a, f_b, f_c
     for n, value in enumerate(now):
         state[n] = value
     for n, value in enumerate(loops):
         control[n] = value
+    control[9] = w_a
+    control[10] = w_b
+    control[11] = w_c
     return trace
 
 
@@ -153,10 +178,21 @@ def loops_of(loops, n):
     )  # fmt: skip
 
 
+@step
+def take_legs(own, plant, loops, share):
+    """Add a share of what the legs take now to what they take in a tick, for all lanes."""
+    for n in range(LANES):
+        c = lane(own, n)
+        s, co = sincos(c.pole_pairs * plant[6, n])
+        alpha, beta = lost_in_legs(s, co, plant_of(plant, n), c)
+        loops[11, n] += share * alpha
+        loops[12, n] += share * beta
+
+
 @loop(interleave=2)
 def monitor_scores(
     constants, command, load, before, start, dt, substeps, ticks, taps, target, weight, every,
-    costs, answer,
+    measured, costs, answer,
 ):  # fmt: skip
     """Simulate and score a batch of candidates in one pass.
 
@@ -174,6 +210,8 @@ def monitor_scores(
     target : (6, ceil((K + 1)/every)) array, the filtered recording, rows as in `ANSWERS`
     weight : (6,) array, of the squares of the differences
     every : int, ticks from one compared sample to the next
+    measured : bool, v_q and v_d are not those commanded, but at the terminals, the mean over the
+        tick before
     costs : (B,) array, filled with the weighted sums of squares
     answer : (B, 7, ceil((K + 1)/every)) array, filled with the filtered answers; or (0, 0, 0)
     """
@@ -184,7 +222,8 @@ def monitor_scores(
     # few arrays: LLVM gives up vectorising where it had to check too many for overlap
     own = np.empty((constants.shape[1], LANES))
     plant = np.empty((10, LANES))  # the fields of `MonitorState`
-    loops = np.empty((11, LANES))  # those of `ControlState`, and the voltage that is applied
+    # those of `ControlState`, the voltage that is applied, and what the legs take of it in a tick
+    loops = np.empty((13, LANES))
     cost = np.empty(LANES)
     out = np.empty((7, LANES))
     z1 = np.empty((7, LANES))
@@ -213,11 +252,23 @@ def monitor_scores(
             loops[6, n] = c.resistance * start[5]
             loops[7, n] = 0.0
             loops[8, n] = 0.0
+            loops[9, n] = 0.0
+            loops[10, n] = 0.0
+            loops[11, n] = 0.0
+            loops[12, n] = 0.0
             cost[n] = 0.0
         for tick in range(count):
             due_speed = tick % ticks[0] == 0
             due_position = tick % ticks[1] == 0
             command_now = command[tick]
+            if measured:
+                for n in range(LANES):
+                    c = lane(own, n)
+                    s, co = sincos(c.pole_pairs * plant[6, n] + c.resolver)
+                    x = loops[9, n] - loops[11, n]
+                    y = loops[10, n] - loops[12, n]
+                    out[3, n] = co * x + s * y
+                    out[2, n] = co * y - s * x
             for n in range(LANES):
                 c = lane(own, n)
                 s, co = sincos(c.pole_pairs * plant[6, n])
@@ -241,8 +292,8 @@ def monitor_scores(
                 loops[8, n] = after.v_beta
                 out[0, n] = seen.i_q
                 out[1, n] = seen.i_d
-                out[2, n] = seen.v_q
-                out[3, n] = seen.v_d
+                out[2, n] = out[2, n] if measured else seen.v_q
+                out[3, n] = out[3, n] if measured else seen.v_d
                 out[4, n] = plant[5, n]
                 out[5, n] = command_now - plant[8, n]
                 out[6, n] = command_now - reading
@@ -272,8 +323,14 @@ def monitor_scores(
                                 answer[first + n, m, place] = out[m, n]
             if tick + 1 < count:
                 d_load = (load[tick + 1] - load[tick]) / substeps
+                if measured:
+                    for n in range(LANES):
+                        loops[11, n] = 0.0
+                        loops[12, n] = 0.0
                 for j in range(substeps):
                     load_now = load[tick] + (j + 0.5) * d_load
+                    if measured:
+                        take_legs(own, plant, loops, 0.5 / substeps)
                     for n in range(LANES):
                         c = lane(own, n)
                         now = monitor_step(
@@ -290,5 +347,7 @@ def monitor_scores(
                         plant[7, n] = now.w_o
                         plant[8, n] = now.theta_o
                         plant[9, n] = now.dw_m
+                    if measured:
+                        take_legs(own, plant, loops, 0.5 / substeps)
         for n in range(LANES):
             costs[first + n] = cost[n]

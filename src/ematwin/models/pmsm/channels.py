@@ -7,12 +7,29 @@ from ematwin.recordings.recording import Recording
 
 PHASES = ("current_a", "current_b", "current_c")
 VOLTAGES = ("voltage_a", "voltage_b", "voltage_c")
+TERMINALS = ("terminal_voltage_a", "terminal_voltage_b", "terminal_voltage_c")
+LINES = ("line_voltage_ab", "line_voltage_bc")
 ROTATING = ("current_d", "current_q")
 ROTATING_VOLTAGES = ("voltage_d", "voltage_q")
 
 
 def _third(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     return -(first + second)
+
+
+def _terminal(letter: str) -> Channel:
+    """The measured voltage of a phase, against any point that the three have in common."""
+
+    def of_lines(ab: np.ndarray, bc: np.ndarray) -> np.ndarray:
+        found = {"a": 2.0 * ab + bc, "b": bc - ab, "c": -(ab + 2.0 * bc)}[letter]
+        return found / 3.0
+
+    text = {"a": "(2 ab + bc)/3", "b": "(bc - ab)/3", "c": "-(ab + 2 bc)/3"}[letter]
+    return Channel(
+        f"terminal_voltage_{letter}", "V",
+        f"measured voltage of phase {letter}, mean over the PWM period that ends at the sample",
+        (f"v_meas_{letter}",), derived=Derivation(text, LINES, of_lines),
+    )  # fmt: skip
 
 
 def _phase(quantity: str, unit: str, letter: str, meaning: str, symbols: str) -> Channel:
@@ -35,12 +52,18 @@ CHANNELS = (
     *(_phase("voltage", "V", x, "commanded voltage of phase", "vu") for x in "abc"),
     Channel("voltage_d", "V", "commanded voltage along the magnets", ("v_d", "u_d")),
     Channel("voltage_q", "V", "commanded voltage across the magnets", ("v_q", "u_q")),
+    *(_terminal(x) for x in "abc"),
+    *(
+        Channel(name, "V", f"measured voltage of phase {name[-2]} over phase {name[-1]}, mean over "
+                "the PWM period that ends at the sample", (f"v_{name[-2:]}",))
+        for name in LINES
+    ),
     Channel("motor_position", "rad", "motor shaft angle, as the drive reads it", ("theta_m",),
             "motor"),
     Channel("motor_speed", "rad/s", "motor shaft speed", ("omega_m",), "motor"),
     Channel("output_position", "rad", "output angle", ("theta_o",), "output"),
 )  # fmt: skip
-ON_REQUEST = (*ROTATING, *ROTATING_VOLTAGES, "motor_speed")  # of a simulation
+ON_REQUEST = (*ROTATING, *ROTATING_VOLTAGES, *TERMINALS, "motor_speed")  # of a simulation
 UNITS = {channel.name: channel.unit for channel in (TIME, *CHANNELS)}
 NEEDS = (((*PHASES, "motor_position"), ROTATING),)
 
@@ -61,7 +84,10 @@ def to_phases(d: np.ndarray, q: np.ndarray, angle: np.ndarray) -> np.ndarray:
 def in_rotor_frame(
     recording: Recording, quantity: str, pole_pairs: int
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """d and q (S,) of "current" or "voltage", recorded as such or by phases; None without."""
+    """d and q (S,) of "current", "voltage" or "terminal_voltage"; None without.
+
+    Recorded as such or by phases; what all phases have in common drops out.
+    """
     channels = recording.channels
     rotating = [f"{quantity}_d", f"{quantity}_q"]
     if set(rotating) <= channels.keys():

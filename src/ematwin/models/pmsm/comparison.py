@@ -1,10 +1,10 @@
 """How badly candidates explain a recording of a PMSM servo.
 
-Currents and commanded voltages are compared in the drive's own frame, where what a fault of one
-phase does stands as twice the electrical frequency beside the mean; with them the motor's speed and
-the following error of the output. All of them pass one low-pass, which leaves that frequency in,
-and are thinned as far as it allows. Each is weighed by the noise that its own recording shows and
-by what the twin may miss.
+Currents and voltages, those commanded or else those measured at the terminals, are compared in the
+drive's own frame, where what a fault of one phase does stands as twice the electrical frequency
+beside the mean; with them the motor's speed and the following error of the output. All of them pass
+one low-pass, which leaves that frequency in, and are thinned as far as it allows. Each is weighed
+by the noise that its own recording shows and by what the twin may miss.
 """
 
 import copy
@@ -17,7 +17,12 @@ import numpy as np
 
 from ematwin.errors import RecordError
 from ematwin.models.comparison import Candidates, Comparison
-from ematwin.models.pmsm.channels import in_rotor_frame
+from ematwin.models.pmsm.channels import (
+    ROTATING_VOLTAGES,
+    TERMINALS,
+    VOLTAGES,
+    in_rotor_frame,
+)
 from ematwin.models.pmsm.constants import constants_of
 from ematwin.models.pmsm.parameters import PmsmActuator
 from ematwin.numerics.low_pass import LowPass
@@ -36,8 +41,8 @@ COMPARED = ("current_q", "current_d", "voltage_q", "voltage_d", "motor_speed", "
 _CAPTIONS = {
     "current_q": ("Torque current", "A"),
     "current_d": ("Magnetising current", "A"),
-    "voltage_q": ("Commanded voltage, q", "V"),
-    "voltage_d": ("Commanded voltage, d", "V"),
+    "voltage_q": ("Voltage, q", "V"),
+    "voltage_d": ("Voltage, d", "V"),
     "motor_speed": ("Motor speed", "rad/s"),
     "following_error": ("Following error, on the motor shaft", "rad"),
 }
@@ -92,6 +97,7 @@ class PmsmComparison(Comparison):
         self.command = self._on_ticks(recording.channels["command"] * ratio)
         self.load = self._on_ticks(load / ratio)
         signals = signals_of(recording, actuator)
+        self._measured = only_measured(recording)
         if np.ptp(signals["current_q"]) == 0.0:
             raise RecordError(
                 f"The current of the record is constant ({signals['current_q'][0]:g} A): nothing "
@@ -230,7 +236,8 @@ class PmsmComparison(Comparison):
             part = slice(block * LANES, (block + 1) * LANES)
             monitor_scores(
                 lanes[part], self.command, self.load, self.before, self.start, self.step,
-                self.substeps, ticks, taps, target, self._weights, every, costs[part], answer[part],
+                self.substeps, ticks, taps, target, self._weights, every, self._measured,
+                costs[part], answer[part],
             )  # fmt: skip
 
         if self.threads == 1 or blocks == 1:
@@ -259,6 +266,13 @@ def whole_ticks(actuator: PmsmActuator, seconds: float, every: int = 1) -> int:
     return max(1, round(seconds / (actuator.controller.current_time * whole))) * whole
 
 
+def only_measured(recording: Recording) -> bool:
+    """Whether voltages were measured at the terminals, and those commanded are not recorded."""
+    commanded = (set(ROTATING_VOLTAGES), set(VOLTAGES))
+    present = recording.channels.keys()
+    return set(TERMINALS) <= present and not any(group <= present for group in commanded)
+
+
 def signals_of(recording: Recording, actuator: PmsmActuator) -> dict[str, np.ndarray]:
     """What a recording has of `COMPARED`, (S,) arrays by name.
 
@@ -275,7 +289,8 @@ def signals_of(recording: Recording, actuator: PmsmActuator) -> dict[str, np.nda
             "current_d and current_q; record either."
         )
     found = {"current_q": currents[1], "current_d": currents[0]}
-    voltages = in_rotor_frame(recording, "voltage", pairs)
+    quantity = "terminal_voltage" if only_measured(recording) else "voltage"
+    voltages = in_rotor_frame(recording, quantity, pairs)
     if voltages is not None:
         found |= {"voltage_q": voltages[1], "voltage_d": voltages[0]}
     channels = recording.channels

@@ -18,6 +18,7 @@ from ematwin.models.pmsm.channels import (
 from ematwin.models.pmsm.parameters import PmsmActuator
 from ematwin.models.pmsm.unknowns import CONTRASTS, FIXED, UNKNOWNS, aliases, unknowns
 from ematwin.models.scenario import Scenario
+from ematwin.models.servo import reported_magnitudes, tracking_signals
 from ematwin.models.unknown import Alias, Contrast, Unknown
 from ematwin.recordings.channel import Channel
 from ematwin.recordings.noise import Noise
@@ -170,23 +171,11 @@ class PmsmModel(Model):
             if pair is not None:
                 name = "Current" if quantity == "current" else "Commanded voltage"
                 found += [Signal(f"{name}, q", unit, pair[1]), Signal(f"{name}, d", unit, pair[0])]
-        output = recording.output_position
-        if output is not None:
-            command = 1e3 * recording.command
-            found += [
-                Signal("Output position", "mrad", 1e3 * output, command),
-                Signal("Following error", "mrad", command - 1e3 * output),
-            ]
-        return found
+        return found + tracking_signals(recording)
 
     def reported(self, actuator: Any) -> tuple[Reported, ...]:
         """Each magnitude as it is searched; a direction is no finding of its own."""
-        return tuple(
-            Reported(one.name, "", one.meaning, named=one.name, least=0.2,
-                     either=one.lower < one.healthy)
-            for one in UNKNOWNS
-            if one.direction_of is None
-        )  # fmt: skip
+        return reported_magnitudes(UNKNOWNS)
 
     def settling_time(self, actuator: Any) -> float:
         """Six time constants of the position loop."""

@@ -48,6 +48,15 @@ def leg_error(i, c):
 
 
 @step
+def lost_in_legs(s, co, now, c):
+    """What the legs take from the voltage vector, alpha and beta, V."""
+    i_a, i_b, i_c = terminal_currents(s, co, now)
+    e_b = leg_error(i_b, c)
+    e_c = leg_error(i_c, c)
+    return (2.0 * leg_error(i_a, c) - e_b - e_c) / 3.0, (e_b - e_c) / ROOT_3
+
+
+@step
 def winding_voltages(s, co, now, v_alpha, v_beta, c):
     """Voltages that legs and connectors leave over the phases a, b, c; they add up to zero."""
     i_a, i_b, i_c = terminal_currents(s, co, now)

@@ -7,7 +7,13 @@ sentence. The bounds are wide: a faulty actuator must pass, a wrong unit must no
 import numpy as np
 
 from ematwin.errors import RecordError
-from ematwin.models.pmsm.channels import PHASES, ROTATING, ROTATING_VOLTAGES, VOLTAGES
+from ematwin.models.pmsm.channels import (
+    PHASES,
+    ROTATING,
+    ROTATING_VOLTAGES,
+    TERMINALS,
+    VOLTAGES,
+)
 from ematwin.models.pmsm.comparison import MOVING
 from ematwin.models.pmsm.parameters import PmsmActuator
 from ematwin.recordings.recording import Recording
@@ -25,7 +31,8 @@ _DEGREES = 180.0 / np.pi
 def check_phases(recording: Recording) -> None:
     """Raise `RecordError` where some phases are recorded and others are not."""
     for group, use in ((PHASES, "currents"), (VOLTAGES, "voltages"), (ROTATING, "currents"),
-                       (ROTATING_VOLTAGES, "voltages")):  # fmt: skip
+                       (ROTATING_VOLTAGES, "voltages"),
+                       (TERMINALS, "measured voltages")):  # fmt: skip
         present = [name for name in group if name in recording.channels]
         if present and len(present) < len(group):
             missing = [name for name in group if name not in present]
@@ -64,7 +71,7 @@ def _check_sizes(recording: Recording, actuator: PmsmActuator) -> None:
     control = actuator.controller
     limits = {
         **dict.fromkeys((*PHASES, *ROTATING), (_OVER_LIMIT * control.current_limit, "A")),
-        **dict.fromkeys((*VOLTAGES, *ROTATING_VOLTAGES),
+        **dict.fromkeys((*VOLTAGES, *ROTATING_VOLTAGES, *TERMINALS),
                         (_OVER_LINK * actuator.drive.supply_voltage, "V")),
         "motor_speed": (_OVERSPEED * control.speed_limit, "rad/s"),
     }  # fmt: skip
@@ -133,13 +140,14 @@ def _check_voltages(recording: Recording) -> list[str]:
     channels = recording.channels
     if set(ROTATING_VOLTAGES) <= channels.keys():
         return []
-    if set(VOLTAGES) <= channels.keys():
+    if set(VOLTAGES) <= channels.keys() or set(TERMINALS) <= channels.keys():
         if "motor_position" in channels:
             return []
         return ["Without motor_position the phase voltages are not used. Record it."]
     return [
-        "There are no commanded voltages: lost flux, shorted turns, resistances and the gains of "
-        "current sensors are hard to tell apart without. Record voltage_d and voltage_q."
+        "There are no voltages: lost flux, shorted turns, resistances and the gains of current "
+        "sensors are hard to tell apart without. Record voltage_d and voltage_q as commanded, or "
+        "terminal_voltage_a, terminal_voltage_b and terminal_voltage_c as measured."
     ]
 
 

@@ -118,6 +118,20 @@ def windings(psi_alpha, psi_beta, j_a, j_b, j_c, w_m, theta_m, v_a, v_b, v_c, c)
 
 
 @step
+def leg_errors(now, c):
+    """What dead time and devices take from each leg, V."""
+    x, y, _, _ = currents_of(now.psi_alpha, now.psi_beta, c.pole_pairs * now.theta_m, c)
+    drawn = (now.j_a + now.j_b + now.j_c) / 3.0
+    i_a = x - drawn + now.j_a
+    i_b = -0.5 * x + 0.5 * ROOT_3 * y - drawn + now.j_b
+    return (
+        c.v_leg * clip(i_a / c.knee, -1.0, 1.0),
+        c.v_leg * clip(i_b / c.knee, -1.0, 1.0),
+        c.v_leg * clip((-i_a - i_b) / c.knee, -1.0, 1.0),
+    )
+
+
+@step
 def reference_step(now, v_a, v_b, v_c, load, c, dt):
     """Advance by ``dt`` under leg voltages (V) and a load (N m); `ReferenceState`."""
     half = 0.5 * dt

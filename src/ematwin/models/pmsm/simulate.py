@@ -8,7 +8,7 @@ import numpy as np
 
 from ematwin.errors import DivergedError, InputError, ParameterError
 from ematwin.models.base import Progress, simulated_provenance
-from ematwin.models.pmsm.channels import ON_REQUEST, UNITS, to_phases
+from ematwin.models.pmsm.channels import ON_REQUEST, TERMINALS, UNITS, to_phases
 from ematwin.models.pmsm.comparison import ticks_of, whole_ticks
 from ematwin.models.pmsm.parameters import PmsmActuator
 from ematwin.models.scenario import Scenario
@@ -137,13 +137,13 @@ def quanta_of(actuator: PmsmActuator) -> np.ndarray:
 def reference_states(
     actuator: PmsmActuator, values: Mapping[str, float], theta: float, step: float
 ) -> tuple[Any, np.ndarray, np.ndarray]:
-    """Constants, and the states of plant (12,) and loops (9,) at rest at an angle of the motor."""
+    """Constants, and the states (12,) of plant and drive at rest at an angle of the motor."""
     from ematwin.models.pmsm.constants import constants_of
     from ematwin.models.pmsm.state import Constants
 
     one = {name: np.array([value]) for name, value in values.items()}
     c = Constants(*constants_of(actuator, one, 1, step)[0].tolist())
-    state, control = np.zeros(12), np.zeros(9)
+    state, control = np.zeros(12), np.zeros(12)
     state[6] = state[8] = theta
     control[3] = theta + c.resolver / c.pole_pairs
     return c, state, control
@@ -179,7 +179,8 @@ def _reference(
         if progress is not None:
             progress(last / command.size)
     trace = np.concatenate(pieces)
-    return {name: trace[:, n].copy() for n, name in enumerate(REFERENCE_COLUMNS[:7])}
+    wanted = (*REFERENCE_COLUMNS[:7], *TERMINALS)
+    return {name: trace[:, REFERENCE_COLUMNS.index(name)].copy() for name in wanted}
 
 
 def _monitor(
@@ -204,19 +205,26 @@ def _monitor(
     read = (
         theta + float(constants[0, Constants._fields.index("resolver")]) / actuator.motor.pole_pairs
     )
-    answer = np.empty((LANES, len(ANSWERS), command.size))
     target = np.zeros((COMPARED, command.size))
-    monitor_scores(
-        constants, command * ratio, load / ratio, 0, np.array([read, 0.0, theta, 0.0, 0.0, 0.0]),
-        step, substeps, ticks_of(actuator), np.array([1.0, 0.0, 0.0, 0.0, 0.0]), target,
-        np.zeros(COMPARED), 1, np.empty(LANES), answer,
-    )  # fmt: skip
+
+    def answers(measured: bool) -> dict[str, np.ndarray]:
+        answer = np.empty((LANES, len(ANSWERS), command.size))
+        monitor_scores(
+            constants, command * ratio, load / ratio, 0,
+            np.array([read, 0.0, theta, 0.0, 0.0, 0.0]), step, substeps, ticks_of(actuator),
+            np.array([1.0, 0.0, 0.0, 0.0, 0.0]), target, np.zeros(COMPARED), 1, measured,
+            np.empty(LANES), answer,
+        )  # fmt: skip
+        return dict(zip(ANSWERS, answer[0, :, ::every], strict=True))
+
+    found, at_terminals = answers(False), answers(True)
     if progress is not None:
         progress(1.0)
-    found = dict(zip(ANSWERS, answer[0, :, ::every], strict=True))
     for side in ("motor", "output"):
         found[f"{side}_position"] = command[::every] * ratio - found.pop(f"{side}_error")
-    return found
+    angle = actuator.motor.pole_pairs * found["motor_position"]
+    phases = to_phases(at_terminals["voltage_d"], at_terminals["voltage_q"], angle)
+    return found | dict(zip(TERMINALS, phases, strict=True))
 
 
 def _channels(columns: Mapping[str, np.ndarray], actuator: PmsmActuator) -> dict[str, np.ndarray]:

@@ -4,10 +4,12 @@ All faults are normalised to [0, 1]; `ematwin.models.pmsm.state` says what they 
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from ematwin.models.pmsm import state
+from ematwin.models.servo import normalised_fault as _fault
 from ematwin.models.unknown import Alias, Contrast, Unknown
 
 _MOST_CONTACT = 20.0  # ohm, of a short; more than that is none
@@ -62,19 +64,6 @@ def _resolver(actuator: Any, k: Any) -> Any:
     return state.resolver_offset(k) * (180.0 / math.pi)
 
 
-def _fault(
-    name: str,
-    meaning: str,
-    unit: str,
-    physical: Callable[[Any, Any], Any] | None,
-    healthy: float = 0.0,
-    **more: Any,
-) -> Unknown:
-    return Unknown(
-        name, "", meaning, healthy, 0.0, 1.0, physical_unit=unit, physical=physical, **more
-    )
-
-
 UNKNOWNS = (
     _fault("friction", "dry friction on the motor shaft", "N m", _friction, slack=0.1),
     _fault("backlash", "backlash on the motor shaft", "rad", _backlash, slack=0.02),
@@ -110,6 +99,20 @@ UNKNOWNS = (
 )  # fmt: skip
 
 FAULTS = tuple(one.name for one in UNKNOWNS)
+SHORTS = ("short_a", "short_b", "short_c")
+
+
+def _share_alike(actuator: Any, mu: float, factor: float) -> float:
+    """Per cent of the turns that draw what ``mu`` do, over a contact ``factor`` times as large.
+
+    Alike is mu^2/(R_f + mu (1 - 2 mu/3) R), the conductance at the terminals.
+    """
+    contact, resistance = actuator.motor.short_resistance, actuator.motor.resistance
+    drawn = mu**2 / (contact + mu * (1.0 - 2.0 * mu / 3.0) * resistance)
+    # (1 + 2/3 R G) x^2 - R G x - factor R_f G = 0
+    square, linear = 1.0 + 2.0 / 3.0 * resistance * drawn, resistance * drawn
+    root = math.sqrt(linear**2 + 4.0 * square * factor * contact * drawn)
+    return 100.0 * (linear + root) / (2.0 * square)
 
 
 def unknowns(actuator: Any) -> tuple[Unknown, ...]:
@@ -125,8 +128,14 @@ def unknowns(actuator: Any) -> tuple[Unknown, ...]:
             name, unit, meaning, healthy, low, high, "nuisance", spread=spread, marginal=True
         )
 
+    caveat = (
+        f"The share of shorted turns holds for a contact of {contact:g} ohm "
+        "(motor.short_resistance): at the terminals the two are one number, and 10 % of the turns "
+        f"over this contact look like {_share_alike(actuator, 0.1, 2.0):.2g} % over twice its "
+        f"resistance and {_share_alike(actuator, 0.1, 0.5):.2g} % over half of it."
+    )
     return (
-        *UNKNOWNS,
+        *(replace(one, caveat=caveat) if one.name in SHORTS else one for one in UNKNOWNS),
         nuisance("short_resistance", "ohm", "contact resistance of shorted turns", contact,
                  min(1e-3, 0.5 * contact), max(_MOST_CONTACT, 2.0 * contact), 0.4 * contact),
         nuisance("load_gain", "", "actual over recorded load", 1.0, 0.5, 1.5, 0.06),

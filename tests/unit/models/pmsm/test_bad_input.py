@@ -133,7 +133,7 @@ def test_wrong_units_and_signs_are_refused_with_the_likely_cause(recording, fact
 def test_doubts_are_said(recording):
     assert MODEL.check(recording, ACTUATOR) == []
     bare = recording.changed(**{n: None for n in recording.channels if n.startswith("voltage")})
-    assert "no commanded voltages" in MODEL.check(bare, ACTUATOR)[0]
+    assert "There are no voltages" in MODEL.check(bare, ACTUATOR)[0]
     moving = recording.between(0.05, 0.1)
     assert any("begins in motion" in one for one in MODEL.check(moving, ACTUATOR))
     shifted = recording.changed(current_b=recording.current_b * 0.3)

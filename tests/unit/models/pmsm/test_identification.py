@@ -1,12 +1,18 @@
 """From recordings of the reference model to faults, end to end."""
 
+import re
+
 import numpy as np
 import pytest
 
 import ematwin
-from ematwin.models.pmsm.channels import to_phases, to_rotor
+from ematwin.models.pmsm.channels import TERMINALS, to_phases, to_rotor
 from ematwin.models.pmsm.comparison import PmsmComparison
+from ematwin.models.pmsm.constants import constants_of
 from ematwin.models.pmsm.model import MODEL
+from ematwin.models.pmsm.state import Constants
+from ematwin.models.reading import read
+from ematwin.recordings.recording import Recording
 from pmsm_inputs import ACTUATOR
 
 MIXTURE = {"short_b": 0.3, "demagnetisation": 0.25, "friction": 0.4, "sensor_offset_a": 0.7}
@@ -91,3 +97,67 @@ def test_a_start_that_turns_with_the_resolver_is_held(healthy):
     answer = comparison.responses({"resolver_offset": slips}, 3)
     for row in answer["motor_speed"]:
         assert np.abs(row[:150]).max() < 1.0
+
+
+def test_a_short_is_told_with_the_contact_that_it_holds_for():
+    short = {"short_a": 0.3}
+    found = ematwin.identify(ematwin.simulate(None, None, short, ACTUATOR), ACTUATOR, exact=True)
+    (said,) = [one for one in found.warnings if "motor.short_resistance" in one]
+    alike = float(re.search(r"look like ([\d.]+) % over twice", said)[1]) / 100.0
+    # a tenth over the contact of the file, as a fault, and what it is said to look like
+    other = ACTUATOR.changed({"motor.short_resistance": 2.0 * ACTUATOR.motor.short_resistance})
+    drawn = [
+        constants_of(one, {"short_a": np.array([(share / 0.3) ** 2])}, 1, 5e-5)[0]
+        for one, share in ((ACTUATOR, 0.1), (other, alike))
+    ]
+    place = Constants._fields.index("loop_a")
+    assert drawn[1][place] == pytest.approx(drawn[0][place], rel=0.1)  # two digits are said
+    assert not any("short_resistance" in one for one in _healthy_warnings())
+
+
+def _healthy_warnings():
+    return ematwin.identify(ematwin.simulate(None, None, None, ACTUATOR), ACTUATOR).warnings
+
+
+def test_measured_voltages_stand_in_for_those_commanded():
+    recording = ematwin.simulate(None, None, MIXTURE, ACTUATOR, also=TERMINALS)
+    measured = without(recording, "voltage")
+    assert MODEL.check(measured, ACTUATOR) == []
+    noisy = ematwin.Noise(white=0.02, bits=12, full_scale=20.0).apply(
+        measured, np.random.default_rng(1)
+    )
+    found = ematwin.identify(noisy, ACTUATOR, exact=True)
+    truth = MODEL.values_of(ACTUATOR, MIXTURE)
+    assert MODEL.error_percent(found.values, truth, ACTUATOR) < 1.0
+    assert set(found.present) == set(MIXTURE)
+
+
+def test_voltages_may_be_measured_from_line_to_line_or_against_any_point():
+    recording = without(ematwin.simulate(None, None, MIXTURE, ACTUATOR, also=TERMINALS), "voltage")
+    phases = {name: recording.channels[name] for name in TERMINALS}
+    a, b, c = phases.values()
+    shifted = recording.changed(**{name: volts + 12.0 for name, volts in phases.items()})
+    lines = Recording(
+        recording.time,
+        {n: v for n, v in recording.channels.items() if n not in TERMINALS}
+        | {"line_voltage_ab": a - b, "line_voltage_bc": b - c},
+        units=recording.units,
+    )
+    one = PmsmComparison(recording, ACTUATOR).measured()
+    for other in (shifted, read(lines.to_dataframe(), actuator=ACTUATOR)):
+        again = PmsmComparison(other, ACTUATOR).measured()
+        for name in ("voltage_d", "voltage_q"):
+            np.testing.assert_allclose(again[name], one[name], atol=1e-9)
+
+
+def test_voltages_at_the_terminals_lack_what_the_legs_take():
+    """Of three signs as those of the currents the vector is 4/3 long; the knee makes it less."""
+    recording = ematwin.simulate(
+        None, None, None, ACTUATOR, also=(*TERMINALS, "voltage_d", "voltage_q")
+    )
+    commanded = PmsmComparison(recording, ACTUATOR).measured()
+    at_terminals = PmsmComparison(without(recording, "voltage"), ACTUATOR).measured()
+    drive, tick = ACTUATOR.drive, ACTUATOR.controller.current_time
+    lost = drive.supply_voltage * drive.dead_time / tick + drive.device_drop
+    gap = np.hypot(*(commanded[f"voltage_{x}"] - at_terminals[f"voltage_{x}"] for x in "dq"))
+    assert 0.5 * lost < np.median(gap) < 1.5 * lost

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from ematwin.models.pmsm.batch import ANSWERS, LANES, monitor_scores
+from ematwin.models.pmsm.channels import to_rotor
 from ematwin.models.pmsm.comparison import ticks_of
 from ematwin.models.pmsm.constants import constants_of
 from ematwin.models.pmsm.state import Constants
@@ -78,11 +79,13 @@ def naive(values, command, load):
     loops["k_position"] *= 0.5 + k["gain"]
     start = rest["resolver"] / motor.pole_pairs
     coils = Coils(machine, share, shorted, motor.short_resistance)
-    i, v, theta_m, theta_o, w_m, i_f = run(coils, Drive(loops, start), rest, command, load, STEPS)
+    i, v, theta_m, theta_o, w_m, i_f, at_terminals = run(
+        coils, Drive(loops, start), rest, command, load, STEPS
+    )
     return {
         "current_q": i.imag, "current_d": i.real, "voltage_q": v.imag, "voltage_d": v.real,
         "motor_speed": w_m, "motor_position": theta_m, "output_position": theta_o,
-        "loop": share * i_f,
+        "loop": share * i_f, "terminal_d": at_terminals.real, "terminal_q": at_terminals.imag,
     }  # fmt: skip
 
 
@@ -92,23 +95,35 @@ def monitor(values, command, load, step=50e-6):
     one = {name: np.array([value]) for name, value in values.items()}
     constants = np.repeat(constants_of(ACTUATOR, one, 1, step), LANES, axis=0)
     c = Constants(*constants[0])
-    answer = np.empty((LANES, 7, command.size))
-    monitor_scores(
-        constants, command, load, 0, np.array([c.resolver / c.pole_pairs, 0, 0, 0, 0, 0.0]), step,
-        substeps, ticks_of(ACTUATOR), np.array([1.0, 0, 0, 0, 0]), np.zeros((6, command.size)),
-        np.zeros(6), 1, np.empty(LANES), answer,
-    )  # fmt: skip
-    found = dict(zip(ANSWERS, answer[3], strict=True))
+
+    def answers(measured):
+        answer = np.empty((LANES, 7, command.size))
+        monitor_scores(
+            constants, command, load, 0, np.array([c.resolver / c.pole_pairs, 0, 0, 0, 0, 0.0]),
+            step, substeps, ticks_of(ACTUATOR), np.array([1.0, 0, 0, 0, 0]),
+            np.zeros((6, command.size)), np.zeros(6), 1, measured, np.empty(LANES), answer,
+        )  # fmt: skip
+        return dict(zip(ANSWERS, answer[3], strict=True))
+
+    found, measured = answers(False), answers(True)
+    for name in found.keys() - {"voltage_d", "voltage_q"}:
+        np.testing.assert_array_equal(found[name], measured[name])
+    found |= {f"terminal_{x}": measured[f"voltage_{x}"] for x in "dq"}
     found["motor_position"] = command - found.pop("motor_error")
     found["output_position"] = command - found.pop("output_error")
     return found
 
 
+def electrical(columns):
+    """The angle of the drive's frame."""
+    return ACTUATOR.motor.pole_pairs * columns["motor_position"]
+
+
 def gaps(one, other):
     """RMS of the differences over that of the quantity, in per cent, by name."""
     size = {name: np.sqrt(np.mean(other[name] ** 2)) for name in other}
-    for d, q in (("current_d", "current_q"), ("voltage_d", "voltage_q")):
-        size[d] = size[q]
+    for kind in ("current", "voltage", "terminal"):
+        size[f"{kind}_d"] = size[f"{kind}_q"]
     return {
         name: 100.0 * np.sqrt(np.mean((one[name] - other[name]) ** 2)) / size[name]
         for name in one.keys() & other.keys()
@@ -120,6 +135,10 @@ def test_both_models_are_the_naive_servo(faults):
     values, (command, load) = healthy(**faults), motion()
     slow = naive(values, command, load)
     fine = reference(ACTUATOR, values, command, load)
+    phases = [fine[f"terminal_voltage_{x}"] for x in "abc"]
+    fine |= dict(
+        zip(("terminal_d", "terminal_q"), to_rotor(*phases, electrical(fine)), strict=True)
+    )
     for name, gap in gaps(fine, slow).items():
         assert gap < 1.0, f"reference: {name} differs by {gap:.2f} %"
     for name, gap in gaps(monitor(values, command, load), fine).items():
