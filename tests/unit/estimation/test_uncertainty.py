@@ -18,7 +18,7 @@ from ematwin.estimation.profile import Profiles
 from ematwin.estimation.thresholds import thresholds_of
 from ematwin.estimation.uncertainty import LaplaceIntervals, Question, named
 from ematwin.models.unknown import Unknown
-from naive.toy import NOISE, SAMPLES, Toy, fault, stacked
+from naive.toy import BASES, NOISE, SAMPLES, Toy, fault, stacked
 
 FACTOR = 2.0
 ERROR = FACTOR * NOISE / np.sqrt(SAMPLES)  # of what answers by one basis alone
