@@ -5,9 +5,10 @@
 
 The command for the weakest fault of an actuator that is known by its data sheet, within the travel
 and the current of the default command and in its 0.5 s; or, with ``--command``, one that was found
-before. Speed and load may be what the rig allows (``--speed``, ``--load``). Both commands are recorded from simulated actuators with other faults, parameters
-and noise than those of the search, by the reference model at half its step, and identified. Printed
-are the errors promised and observed.
+before. Speed and load may be what the rig allows (``--speed``, ``--load``). Both commands are
+recorded from simulated actuators with other faults, parameters and noise than those of the search,
+by the reference model at half its step, and identified. Printed are the errors promised and
+observed.
 """
 
 import argparse

@@ -30,7 +30,7 @@ _APART = 0.05  # share of a range by which another answer differs
 _NEARLY = 9.0  # rise of the squared distance up to which another answer is nearly as good
 _WORTH_A_LOOK = 4.0  # ratio of costs up to which another valley is gone into
 _BEYOND_BELIEF = 4.0  # standard deviations of a prior; 2.1 at most on actuators within tolerances
-_SETTLED = 1.3  # times the misfit of healthy recordings: parameters need no looking for
+_SETTLED = 1.3  # times the misfit of healthy recordings: parameters, or load, need no looking for
 _RIVALS = 2  # other valleys that are gone into
 _EVIDENT = 3.0  # standard errors
 _WIDE = 12.0  # sharp standard errors: an interval that others than noise make
@@ -118,7 +118,8 @@ def assess(
 
     peak = peak_from(found.point)
     rivals = [peak_from(point) for point in _worth_a_look(full, found, problem)]
-    if _strained(peak) or full.relative_misfit(peak.cost) > settled:
+    healthy = baseline.misfit if math.isfinite(baseline.misfit) else full.expected_misfit
+    if _strained(peak) or full.relative_misfit(peak.cost) > _SETTLED * healthy:
         rivals += beside(peak, aliases, still, full.comparisons[0].noise)
     spent = sum(one.evaluations for one in (peak, *rivals))
     noise = min(one.problem.noise for one in (peak, *rivals))

@@ -35,7 +35,7 @@ from ematwin.estimation.command_search import (
 from ematwin.estimation.identifiability import Identifiability, identifiability
 from ematwin.estimation.interrupt import noting_interrupts
 from ematwin.estimation.promise import DRAWS, FRESH, Judge, Judged, drawn_faults, fault_shares
-from ematwin.estimation.trial import TRIALS, TRIED, Tried, best_of, tried
+from ematwin.estimation.trial import CLEARLY, TRIALS, TRIED, Tried, best_of, tried
 from ematwin.models.base import Demand, Model, no_unknown
 from ematwin.models.designed import DesignSpace
 from ematwin.models.parameter_set import ParameterSet
@@ -165,12 +165,15 @@ class Design:
             return (
                 f"No command within the limits was found that lowers {what}; the given one stays."
             )
-        expected = f"It is expected to lower {what} {self.gain:.2g} times"
         if self.observed_gain is None:
-            return f"{expected}; no recording was identified to see whether it does."
+            return (
+                f"It is expected to lower {what} {self.gain:.1f} times; no recording was "
+                "identified to see whether it does."
+            )
         which = "other simulated recordings" if self.checked else "simulated recordings"
         return (
-            f"{expected}; on {self.promised.checks} {which} it was {self.observed_gain:.2g} times."
+            f"It lowers {what} about {min(self.gain, self.observed_gain):.1f} times: "
+            f"{self.gain:.1f} expected, {self.observed_gain:.1f} on {self.promised.checks} {which}."
         )
 
     def check(
@@ -389,7 +392,7 @@ def _decided(
             for one in search.best(1 if search.stopped == "interrupted" else _FINALISTS):
                 interrupts.check()
                 judged = judge.judge(one, final)
-                if not judged.obstacle and _worst_of(judged.errors, wanted) < least:
+                if not judged.obstacle and CLEARLY * _worst_of(judged.errors, wanted) < least:
                     better.append(judged)
         except KeyboardInterrupt:
             interrupts.pressed, search.stopped = False, "interrupted"

@@ -3,7 +3,8 @@
 A promise is linear: it knows nothing of valleys that impacts and stiction make, nor of parameters
 far from those of the file, and a search finds the command on which it is too good. So `identify`
 answers simulated recordings of the few most promising commands and of the given one, all of the
-same actuators, and the given one stays unless another errs clearly less.
+same actuators. A few recordings are luck as well: the given one stays unless another promises
+clearly less and errs clearly less.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,7 +17,7 @@ from ematwin.estimation.promise import Judge, Judged
 
 TRIALS = 8  # recordings of each command: its root mean square error is known to a fifth
 TRIED = 3  # commands beside the given one
-CLEARLY = 1.1  # times less that another command has to err
+CLEARLY = 1.1  # times less that another command has to promise, and to err
 
 
 @dataclass(frozen=True)

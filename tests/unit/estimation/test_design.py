@@ -115,8 +115,9 @@ def test_nothing_is_said_to_be_lowered_that_was_not_observed(found) -> None:
         promised=replace(designed, observed=seen, checks=8),
         default=replace(found.default, observed={n: 3.0 * e for n, e in seen.items()}, checks=8),
     )
-    assert "on 8 simulated recordings it was 3 times" in one.sentence
-    assert "on 8 other simulated" in replace(one, checked=True).sentence
+    assert f"about {min(one.gain, 3.0):.1f} times" in one.sentence
+    assert "3.0 on 8 simulated recordings" in one.sentence
+    assert "3.0 on 8 other simulated" in replace(one, checked=True).sentence
     assert (
         "no recording was identified"
         in replace(one, promised=replace(designed, observed={})).sentence

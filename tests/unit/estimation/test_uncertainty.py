@@ -17,44 +17,12 @@ from ematwin.estimation.problem import Problem
 from ematwin.estimation.profile import Profiles
 from ematwin.estimation.thresholds import thresholds_of
 from ematwin.estimation.uncertainty import LaplaceIntervals, Question, named
-from ematwin.models.comparison import Comparison
 from ematwin.models.unknown import Unknown
+from naive.toy import BASES, NOISE, SAMPLES, Toy, fault, stacked
 
-NOISE, SAMPLES, FACTOR = 0.1, 400, 2.0
-BASES = np.linalg.qr(np.random.default_rng(5).standard_normal((SAMPLES, 4)))[0].T * np.sqrt(SAMPLES)
+FACTOR = 2.0
 ERROR = FACTOR * NOISE / np.sqrt(SAMPLES)  # of what answers by one basis alone
 QUICK = Posterior(effective=300.0, most=60_000)
-
-
-class Toy(Comparison):
-    """Answers with features (B, 4) of its unknowns on orthogonal bases of mean square 1."""
-
-    def __init__(self, features, seed=1, noise=None, **truth):
-        self.features = features
-        here = {name: np.array([value]) for name, value in truth.items()}
-        noise = NOISE * np.random.default_rng(seed).standard_normal(SAMPLES)
-        noise -= BASES.T @ (BASES @ noise) / SAMPLES  # the best point is the truth
-        y = np.asarray(features(here))[0] @ BASES + noise
-        self.recording = Recording(1e-3 * np.arange(SAMPLES), {"y": y})
-        self.actuator, self.noise, self.independent = None, NOISE, float(SAMPLES)
-        self.scale = float((y**2).sum())
-
-    def responses(self, candidates, count):
-        return {"y": self.features(candidates) @ BASES}
-
-    def measured(self):
-        return {"y": self.recording.y}
-
-    def captions(self):
-        return {"y": ("y", "")}
-
-    def residuals(self, candidates, count):
-        return self.responses(candidates, count)["y"] - self.recording.y
-
-
-def fault(name, **more):
-    given = {"healthy": 0.0, "lower": 0.0, "upper": 1.0} | more
-    return Unknown(name, "", "", **given)
 
 
 def question(comparison, unknowns, *starts, thresholds=None):
@@ -79,12 +47,6 @@ def question(comparison, unknowns, *starts, thresholds=None):
 
 def run(method, asked, seed=1):
     return method.run(asked, seed=seed, report=lambda spent, most: None)
-
-
-def stacked(*columns):
-    count = max(np.size(one) for one in columns)
-    rows = [np.broadcast_to(one, count) for one in columns]
-    return np.stack([*rows, *[np.zeros(count)] * (4 - len(rows))], axis=1)
 
 
 # wear times a size that is known to 5 %, and another fault on a basis of its own

@@ -1,0 +1,47 @@
+"""Comparisons whose right answers can be worked out by hand: features on orthogonal bases."""
+
+import numpy as np
+
+from ematwin import Recording
+from ematwin.models.comparison import Comparison
+from ematwin.models.unknown import Unknown
+
+NOISE, SAMPLES = 0.1, 400
+BASES = np.linalg.qr(np.random.default_rng(5).standard_normal((SAMPLES, 4)))[0].T * np.sqrt(SAMPLES)
+
+
+class Toy(Comparison):
+    """Answers with features (B, 4) of its unknowns on orthogonal bases of mean square 1."""
+
+    def __init__(self, features, seed=1, noise=None, **truth):
+        self.features = features
+        here = {name: np.array([value]) for name, value in truth.items()}
+        noise = NOISE * np.random.default_rng(seed).standard_normal(SAMPLES)
+        noise -= BASES.T @ (BASES @ noise) / SAMPLES  # the best point is the truth
+        y = np.asarray(features(here))[0] @ BASES + noise
+        self.recording = Recording(1e-3 * np.arange(SAMPLES), {"y": y})
+        self.actuator, self.noise, self.independent = None, NOISE, float(SAMPLES)
+        self.scale = float((y**2).sum())
+
+    def responses(self, candidates, count):
+        return {"y": self.features(candidates) @ BASES}
+
+    def measured(self):
+        return {"y": self.recording.y}
+
+    def captions(self):
+        return {"y": ("y", "")}
+
+    def residuals(self, candidates, count):
+        return self.responses(candidates, count)["y"] - self.recording.y
+
+
+def fault(name, **more):
+    given = {"healthy": 0.0, "lower": 0.0, "upper": 1.0} | more
+    return Unknown(name, "", "", **given)
+
+
+def stacked(*columns):
+    count = max(np.size(one) for one in columns)
+    rows = [np.broadcast_to(one, count) for one in columns]
+    return np.stack([*rows, *[np.zeros(count)] * (4 - len(rows))], axis=1)
