@@ -12,7 +12,7 @@ nothing.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.2.0.dev0"
+__version__ = "0.2.0"
 
 if TYPE_CHECKING:
     from ematwin.comparison.analysis.study import StudyAnalysis
