@@ -1,10 +1,14 @@
 """The command line: thin. Each command reads its options, calls the library, prints the answer."""
 
+import os
 import sys
 
 
 def main() -> None:
     """Entry point of the command ``ematwin``."""
+    # numpy reads it when it is loaded: matrices are small here, and threads that wait for one
+    # another over them took more than half of the time of an identification
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         from ematwin.cli.app import run  # here, so that Ctrl-C is answered from the first moment
 
