@@ -15,6 +15,7 @@ import sys
 import tomllib
 from collections.abc import Callable, Iterator
 from glob import glob
+from itertools import dropwhile
 from pathlib import Path
 from typing import Any
 
@@ -175,14 +176,15 @@ class Shell:
 
 
 def _each_of(words: list[str]) -> list[list[str]]:
-    """Commands that a line joins."""
+    """Commands that a line joins, without the variables that are set for them."""
     found: list[list[str]] = [[]]
     for word in words:
         if word in ("&&", "||", "|", ";", "&"):
             found.append([])
         else:
             found[-1].append(word)
-    return [one for one in found if one]
+    without = [list(dropwhile(re.compile(r"[A-Z_]+=").match, one)) for one in found]
+    return [one for one in without if one]
 
 
 def _python(block: Block, names: dict[str, Any], shell: Shell) -> None:

@@ -57,6 +57,8 @@ def copy(tmp_path: Path) -> Path:
 def start(copy: Path, code: str = RUN, **changed: str) -> "subprocess.Popen[str]":
     environment = {
         **os.environ,
+        # Python takes a source of the same second and length for the one that it has byte code of
+        "PYTHONDONTWRITEBYTECODE": "1",
         "PYTHONPATH": str(copy),
         "NUMBA_CACHE_DIR": str(copy / "cache"),
         "NUMBA_DEBUG_CACHE": "1",
