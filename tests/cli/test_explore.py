@@ -6,6 +6,7 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 from itertools import product
 from urllib.request import urlopen
 
@@ -96,11 +97,19 @@ INK = """(figure) => {
 }"""
 
 
+class Leisurely(Explorer):
+    """Takes its time, so that the page can ask how far a search is."""
+
+    def _still_wanted(self, *told):
+        super()._still_wanted(*told)
+        time.sleep(0.1)
+
+
 @pytest.fixture
 def page(recording):
     """The address of the page of a recording whose name is markup."""
     named = recording.changed(source="<b>bold</b>")
-    with Server(Explorer(named, "emps")) as server:
+    with Server(Leisurely(named, "emps")) as server:
         thread = threading.Thread(target=server.serve_forever, args=(0.05,))
         thread.start()
         yield server.address
