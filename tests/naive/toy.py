@@ -10,21 +10,13 @@ NOISE, SAMPLES = 0.1, 400
 BASES = np.linalg.qr(np.random.default_rng(5).standard_normal((SAMPLES, 4)))[0].T * np.sqrt(SAMPLES)
 
 
-class Toy(Comparison):
-    """Answers with features (B, 4) of its unknowns on orthogonal bases of mean square 1."""
+class OneChannel(Comparison):
+    """A recording ``y`` (S,) with noise of a size, beside `responses`, which subclasses have."""
 
-    def __init__(self, features, seed=1, noise=None, **truth):
-        self.features = features
-        here = {name: np.array([value]) for name, value in truth.items()}
-        noise = NOISE * np.random.default_rng(seed).standard_normal(SAMPLES)
-        noise -= BASES.T @ (BASES @ noise) / SAMPLES  # the best point is the truth
-        y = np.asarray(features(here))[0] @ BASES + noise
-        self.recording = Recording(1e-3 * np.arange(SAMPLES), {"y": y})
-        self.actuator, self.noise, self.independent = None, NOISE, float(SAMPLES)
+    def __init__(self, y, noise):
+        self.recording = Recording(1e-3 * np.arange(y.size), {"y": y})
+        self.actuator, self.noise, self.independent = None, noise, float(y.size)
         self.scale = float((y**2).sum())
-
-    def responses(self, candidates, count):
-        return {"y": self.features(candidates) @ BASES}
 
     def measured(self):
         return {"y": self.recording.y}
@@ -34,6 +26,20 @@ class Toy(Comparison):
 
     def residuals(self, candidates, count):
         return self.responses(candidates, count)["y"] - self.recording.y
+
+
+class Toy(OneChannel):
+    """Answers with features (B, 4) of its unknowns on orthogonal bases of mean square 1."""
+
+    def __init__(self, features, seed=1, noise=None, **truth):
+        self.features = features
+        here = {name: np.array([value]) for name, value in truth.items()}
+        noise = NOISE * np.random.default_rng(seed).standard_normal(SAMPLES)
+        noise -= BASES.T @ (BASES @ noise) / SAMPLES  # the best point is the truth
+        super().__init__(np.asarray(features(here))[0] @ BASES + noise, NOISE)
+
+    def responses(self, candidates, count):
+        return {"y": self.features(candidates) @ BASES}
 
 
 def fault(name, **more):

@@ -147,8 +147,8 @@ def _rival(
     if rise > 0.0:  # it may have stopped short: it gets the parameters of the first answer
         as_found = _start(full, full.names, {**own, **form.starts[best]})
         again = _descended(model, form.actuator, full, as_found)
-        if _rise(model, peak, again) < rise:
-            end, rise = again, _rise(model, peak, again)
+        if (lower := _rise(model, peak, again)) < rise:
+            end, rise = again, lower
     values = full.values(end.point)
     if rise < -_NEARLY:  # so may the first answer: it gets what the other found beside the fault
         its = {one.name for one in problem.unknowns if _is_of(one, form)}

@@ -11,13 +11,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ematwin import Recording
 from ematwin.estimation.assess import Assessment, assess
 from ematwin.estimation.baseline import Baseline
 from ematwin.estimation.problem import Prior, Problem
 from ematwin.estimation.search import Found
-from ematwin.models.comparison import Comparison
 from ematwin.models.unknown import Alias, Contrast, Unknown
+from naive.toy import OneChannel
 
 NOISE, SAMPLES = 0.01, 200
 SPREAD = 0.05  # of the logarithm of the size
@@ -30,16 +29,13 @@ BASES = np.sqrt(2.0) * np.array([np.sin(_T), np.sin(2.0 * _T), np.sin(3.0 * _T)]
 WORSE = 0.005 * np.sqrt(2.0) * np.sin(4.0 * _T)  # what one of two gaps does not explain
 
 
-class Answer(Comparison):
+class Answer(OneChannel):
     """A recording of the made-up actuator; ``worse`` makes gaps above a half explain it less."""
 
     def __init__(self, worse: float = 0.0) -> None:
         self.worse = worse
         noise = NOISE * np.random.default_rng(2).standard_normal(SAMPLES)
-        y = self._y(SIZE, WEAR, GAP, SLOPE) + noise
-        self.recording = Recording(1e-3 * np.arange(SAMPLES), {"y": y})
-        self.actuator, self.noise, self.independent = None, NOISE, float(SAMPLES)
-        self.scale = float((y**2).sum())
+        super().__init__(self._y(SIZE, WEAR, GAP, SLOPE) + noise, NOISE)
 
     def _y(self, size, wear, gap, slope):
         parts = np.stack([size * (1.0 + wear), 10.0 * (gap - 0.5) ** 2, slope], axis=-1)
@@ -51,15 +47,6 @@ class Answer(Comparison):
             np.broadcast_to(candidates.get(name, value), count) for name, value in default.items()
         ]
         return {"y": self._y(*values)}
-
-    def measured(self):
-        return {"y": self.recording.y}
-
-    def captions(self):
-        return {"y": ("y", "")}
-
-    def residuals(self, candidates, count):
-        return self.responses(candidates, count)["y"] - self.recording.y
 
 
 class Actuator:
