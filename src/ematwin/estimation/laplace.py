@@ -12,7 +12,7 @@ of parameters has no effect: unknowns that cannot be told apart would seem to be
 standard deviation, to both sides, look past most of it. Directions in which a kind knows that its
 answer does not change at all (`Model.aliases`) are not differenced: the column of the one is made
 of those of the others, and while the others are fitted it is held, so that no descent strays where
-priors alone decide.
+priors alone decide. At the end all move together by the linearised residuals, as far as that gains.
 """
 
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ematwin.estimation.levenberg_marquardt import LevenbergMarquardt
+from ematwin.estimation.levenberg_marquardt import LARGEST_BATCH, LevenbergMarquardt
 from ematwin.estimation.problem import Problem
 from ematwin.models.chart import Chart
 from ematwin.models.unknown import Alias
@@ -29,6 +29,8 @@ from ematwin.models.unknown import Alias
 _STAGES, _LEAST_STAGES, _ITERATIONS = 8, 1, 5
 _ROUNDS = 3  # over aliases that share unknowns
 _JOINT = 2  # steps of everything together, where evidence decides what data do not see
+_FRACTIONS = (1.0, 0.7, 0.5, 0.35, 0.25, 0.18, 0.12, 0.08)  # of such a step that are tried
+_WORTH = 4.0  # squared standard deviations that it has to gain
 _ROUGH = 1.02  # ratio of costs that is mere roughness
 _GAIN = 0.95  # ratio of costs over a stage above which there is no more to gain
 _SHORTEST, _LONGEST = 1e-3, 2e-2  # steps of the last Jacobian, shares of a range
@@ -105,7 +107,8 @@ def laplace(
     slopes = _slopes(problem, seen, z, aliases)
     tells = frozenset().union(*(one.tells for one in problem.comparisons))
     known = _known_directions(problem, point, aliases)
-    still = _pivots_held(problem, known) - tells | set(held)
+    pivots = _pivots_held(problem, known)
+    still = pivots - tells | set(held)
     for _ in range(_JOINT if problem.has_evidence else 0):
         # what evidence alone tells, the descent has left where it was
         first = chart.to_values((z + _bounded_step(slopes, z, chart, still))[None])[0]
@@ -116,6 +119,8 @@ def laplace(
             break
         z = tried
         slopes = _slopes(problem, seen, z, aliases)
+    if pivots and not problem.has_evidence:
+        z, slopes = _stepped(problem, seen, z, slopes, aliases, held)
     return _peak(problem, z, slopes, spent + seen.spent)
 
 
@@ -147,7 +152,9 @@ class _Seen:
 
     def __init__(self, problem: Problem, z: np.ndarray, least_noise: float) -> None:
         self.problem, self.spent = problem, 0
-        self.problem = problem.weighed(self(z[None])[0], least_noise)
+        here = self(z[None])[0]
+        self.size = len(here)
+        self.problem = problem.weighed(here, least_noise)
 
     def __call__(self, z: np.ndarray) -> np.ndarray:
         self.spent += len(z)
@@ -238,7 +245,7 @@ class _Slopes(NamedTuple):
 
 def _slopes(
     problem: Problem,
-    residuals: Callable[[np.ndarray], np.ndarray],
+    seen: _Seen,
     z: np.ndarray,
     aliases: Aliases | None,
     known_steps: np.ndarray | None = None,
@@ -246,10 +253,10 @@ def _slopes(
     """Differences over steps as long as the peak is wide; known directions by what is known."""
     chart = problem.chart
     known = _known_directions(problem, chart.to_values(z[None])[0], aliases)
-    shown = [_shown(problem, residuals, z, pivot, same) for pivot, same, _ in known]
+    shown = [_shown(problem, seen, z, pivot, same) for pivot, same, _ in known]
     steps = np.full(len(z), _SHORTEST) if known_steps is None else known_steps
     for _ in range(2 if known_steps is None else 1):
-        here, jacobian = central(residuals, z, steps, chart.lower, chart.upper)
+        here, jacobian = central(seen, z, steps, chart.lower, chart.upper, seen.size)
         parts = problem.split(jacobian)
         for (pivot, same, _), change in zip(known, shown, strict=True):
             parts.data[pivot] = same @ parts.data
@@ -268,6 +275,33 @@ def _is_better(problem: Problem, pair: np.ndarray) -> bool:
     """
     before, after = zip(*((part**2).sum(axis=1) for part in problem.split(pair)), strict=True)
     return bool(after[0] < _ROUGH * before[0] and sum(after[1:]) < sum(before[1:]))
+
+
+def _stepped(
+    problem: Problem,
+    seen: _Seen,
+    z: np.ndarray,
+    slopes: _Slopes,
+    aliases: Aliases | None,
+    held: Collection[str],
+) -> tuple[np.ndarray, _Slopes]:
+    """A point (d,) after steps of everything together, held pivots included, and slopes there.
+
+    A bound may forbid what looks like a pivot, as turns are missing and never added: then data tell
+    the pivot, and what it was held at has been forced on others.
+    """
+    chart = problem.chart
+    for _ in range(_JOINT):
+        step = _bounded_step(slopes, z, chart, held)
+        tried = chart.project(z + np.outer(_FRACTIONS, step))
+        left = seen(tried)
+        costs = np.einsum("bk,bk->b", left, left)
+        best = int(np.argmin(np.where(np.isfinite(costs), costs, np.inf)))
+        if not costs[best] < slopes.here @ slopes.here - _WORTH * problem.noise**2:
+            break
+        z = tried[best]
+        slopes = _slopes(problem, seen, z, aliases, step_lengths(slopes.covariance))
+    return z, slopes
 
 
 def _bounded_step(
@@ -410,14 +444,25 @@ def _shown(
     return np.asarray((up - down) / (2.0 * blind[pivot]))
 
 
-def central(residuals, z, steps, lower, upper):  # type: ignore[no-untyped-def]
-    """Residuals (K,) at a point, and their Jacobian (d, K) by differences to both sides."""
+def central(residuals, z, steps, lower, upper, size):  # type: ignore[no-untyped-def]
+    """Residuals (K,) at a point, and their Jacobian (d, K) by differences to both sides.
+
+    ``size`` is K: of long residuals only some columns are differenced at a time.
+    """
     up = np.minimum(steps, upper - z)
     down = np.minimum(steps, z - lower)
-    eye = np.eye(len(z))
-    found = residuals(np.vstack([z[None], z + eye * up, z - eye * down]))
-    d = len(z)
-    return found[0], (found[1 : d + 1] - found[d + 1 :]) / (up + down)[:, None]
+    eye, d = np.eye(len(z)), len(z)
+    many = max(1, LARGEST_BATCH // (2 * size))
+    jacobian = np.empty((d, size))
+    for first in range(0, d, many):
+        columns = slice(first, first + many)
+        beside = [z + eye[columns] * up, z - eye[columns] * down]
+        found = residuals(np.vstack(beside if first else [z[None], *beside]))
+        if not first:
+            here, found = found[0].copy(), found[1:]
+        half = len(found) // 2
+        jacobian[columns] = (found[:half] - found[half:]) / (up + down)[columns, None]
+    return here, jacobian
 
 
 def inverse(information: np.ndarray) -> np.ndarray:

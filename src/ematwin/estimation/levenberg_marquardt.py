@@ -19,6 +19,7 @@ LONGEST_DIFFERENCE = 5e-3  # impacts make the misfit rough: shorter differences 
 _SHORTEST_DIFFERENCE = 2e-4
 _STALLED = 1e-4  # relative gain of an iteration below which a point is left alone
 _HOPELESS = 1e5  # damping at which no step helps
+LARGEST_BATCH = 2_000_000  # residuals that are held at a time
 
 
 @dataclass
@@ -88,12 +89,24 @@ class LevenbergMarquardt:
         stays where it is.
         """
         moving = np.flatnonzero(~self.finished)
-        if moving.size == 0:
-            return
+        many = max(1, LARGEST_BATCH // (self.points.shape[1] * self.residuals.shape[1]))
+        low, high = (np.broadcast_to(end, self.points.shape) for end in (lower, upper))
+        for first in range(0, len(moving), many):
+            some = moving[first : first + many]
+            self._move(some, residuals, low[some], high[some], project)
+
+    def _move(
+        self,
+        moving: np.ndarray,
+        residuals: Residuals,
+        low: np.ndarray,
+        high: np.ndarray,
+        project: Callable[[np.ndarray], np.ndarray],
+    ) -> None:
+        """Move the points of some numbers (N,), all in two batches."""
         count, d = len(moving), self.points.shape[1]
         here = self.points[moving]
         h = self.difference[moving][:, None]
-        low, high = (np.broadcast_to(end, self.points.shape)[moving] for end in (lower, upper))
         signed = np.where(high > low, np.where(here + h <= high, h, -h), 0.0)
         shifted = here[:, None, :] + signed[:, :, None] * np.eye(d)
         beside = residuals(shifted.reshape(-1, d)).reshape(count, d, -1)

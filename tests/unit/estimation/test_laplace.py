@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import lsq_linear
 
 from ematwin import Recording
 from ematwin.estimation.laplace import Laplace, inverse, laplace, profiled
@@ -216,6 +217,27 @@ def test_a_free_pivot_goes_where_the_priors_of_all_have_it() -> None:
     errors = np.sqrt(np.diag(covariance))
     assert np.allclose(in_values(peak, peak.covariance), covariance, rtol=1e-5)
     assert (np.abs(coordinates(problem, peak.point) - mean) < 0.05 * errors).all()
+
+
+def test_a_bound_lets_data_tell_a_pivot() -> None:
+    """Turns are missing, never added: what looks like added ones is the pivot's."""
+    a = Unknown("a", "", "", 0.0, 0.0, 6.0)
+    unknowns = [a, fault("b"), parameter("m")]
+    two = 0.3 * basis_of(2)
+    two[1] += 0.8 * two[0]  # which b would make up for
+    basis = np.vstack([two, -0.8 * two[0]])
+    prior = Prior(("m",), np.array([0.1]), np.array([[0.5]]))
+    problem = Problem([Linear(unknowns, basis, 1.5 * basis[2])], unknowns, prior=prior)
+    alias = Alias("m", {"a": -0.8})
+    start = np.array([0.0, 0.0, np.exp(0.1)])
+    peak = laplace(problem, start, aliases=lambda values: [alias], least_noise=NOISE)
+    weight = NOISE / np.sqrt(0.5)
+    rows = np.vstack([basis.T, [0.0, 0.0, weight]])
+    target = np.append(1.5 * basis[2], 0.1 * weight)
+    expected = lsq_linear(rows, target, ([0.0, -4.0, -np.inf], [6.0, 6.0, np.inf])).x
+    assert expected[0] == pytest.approx(0.0, abs=1e-6)
+    assert expected[2] > 1.0
+    assert np.allclose(coordinates(problem, peak.point), expected, atol=1e-3)
 
 
 def test_an_alias_of_what_is_not_free_is_no_alias() -> None:

@@ -42,6 +42,8 @@ def test_rows_are_advanced_to_what_a_smooth_signal_is_there() -> None:
 
 def test_whole_samples_are_moved_as_they_are_and_the_ends_repeat() -> None:
     row = np.random.default_rng(1).standard_normal((1, 9))
-    assert (advanced(row, np.zeros(1)) == row).all()
-    assert (advanced(row, np.array([2.0]))[0] == [*row[0, 2:], row[0, -1], row[0, -1]]).all()
-    assert (advanced(row, np.array([-1.0]))[0] == [row[0, 0], *row[0, :-1]]).all()
+    assert (advanced(row.copy(), np.zeros(1)) == row).all()
+    later = advanced(row.copy(), np.array([2.0]))[0]
+    assert (later == [*row[0, 2:], row[0, -1], row[0, -1]]).all()
+    earlier = advanced(row.copy(), np.array([-1.0]))[0]
+    assert (earlier == [row[0, 0], *row[0, :-1]]).all()
