@@ -118,7 +118,7 @@ def design(
         from ematwin.report.design import discrimination_page
 
         first, second = _explanations(discriminate, actuator, chosen)
-        with _bar(not json, "distance") as progress:
+        with _bar(not json, "distance") as (progress, _):
             told = tell_apart(first, second, actuator, progress=progress, **options)
         told.save(out)
         if report is not None:
@@ -133,10 +133,10 @@ def design(
 
         if trials is not None:
             options["trials"] = trials
-        with _bar(not json, "expected error") as progress:
+        with _bar(not json, "expected error") as (progress, trying):
             found = run(
                 actuator, fault=fault, faults=numbers(at or [], "--at"), progress=progress,
-                **options,
+                trying=trying, **options,
             )  # fmt: skip
         found.save(out)
         if check:
@@ -225,7 +225,7 @@ def _answer(path: Path) -> tuple[dict[str, float], list[dict[str, float]]]:
 
 
 def _bar(shown: bool, what: str) -> Any:
-    """A live line on standard error: commands looked at, and the best so far."""
+    """A live line on standard error: commands looked at and the best so far, then the trials."""
     from contextlib import contextmanager
 
     from rich.console import Console
@@ -235,21 +235,25 @@ def _bar(shown: bool, what: str) -> Any:
     def live() -> Any:
         console = Console(stderr=True)
         with Progress(
-            TextColumn("searching"),
+            TextColumn("{task.description}"),
             BarColumn(),
-            TextColumn("{task.completed:.0f}/{task.total:.0f} commands"),
-            TextColumn(f"best {what} {{task.fields[best]}}"),
+            TextColumn("{task.fields[state]}"),
             TimeRemainingColumn(),
             console=console,
             transient=True,
             disable=not (shown and console.is_terminal),
         ) as bar:
-            task = bar.add_task("", total=1.0, best="-")
+            task = bar.add_task("searching", total=1.0, state="")
 
             def update(count: int, best: float, total: int) -> None:
-                bar.update(task, completed=count, total=total, best=f"{best:.3g}")
+                state = f"{count}/{total} commands, best {what} {best:.3g}"
+                bar.update(task, completed=count, total=total, state=state)
 
-            yield update
+            def trying(share: float) -> None:
+                state = "identifying simulated recordings of the best"
+                bar.update(task, description="trying", completed=share, total=1.0, state=state)
+
+            yield update, trying
 
     return live()
 

@@ -263,6 +263,7 @@ def design(
     seed: int = 1,
     threads: int | None = None,
     progress: Progress | None = None,
+    trying: Callable[[float], object] | None = None,
     **limits: float,
 ) -> Design:
     """The command that tells the weakest fault best, or a named one, within limits.
@@ -287,6 +288,7 @@ def design(
     seed : of the fault vectors, the noise and the search
     threads : that share a batch; None takes one for each core
     progress : called after each batch of commands
+    trying : called with the share of the trials that is done
     limits : the largest travel, speed, current, load, in SI; what is not named is limited by what
         the scenario demands. Names are those of `Model.demands`
 
@@ -330,7 +332,7 @@ def design(
     final = judge.at(
         drawn_faults(model, chosen, fault_shares(model, chosen, fresh, seed + 1), held)
     )
-    found, default = _decided(search, final, given, limits, wanted, trials, _OTHERS + seed)
+    found, default = _decided(search, final, given, limits, wanted, trials, _OTHERS + seed, trying)
     told = [
         identifiability(
             one.judged.scenario, actuator, faults=held, noise=noise, exact=exact,
@@ -377,6 +379,7 @@ def _decided(
     wanted: np.ndarray,
     trials: int,
     seed: int,
+    trying: Callable[[float], object] | None,
 ) -> tuple[Tried, Tried]:
     """The best of the finalists and the given command: judged at fresh faults, whole, then tried.
 
@@ -403,7 +406,7 @@ def _decided(
             raise search.refusal(judge.actuator.name, limits)
         commands = commands[:1]
     asked = trials if better and search.stopped != "interrupted" else 0
-    first, *others = tried(judge, commands, asked, seed)
+    first, *others = tried(judge, commands, asked, seed, trying)
     if first.recordings < asked:
         search.stopped = "interrupted"
     best = best_of(first if usable else None, others, lambda errors: _worst_of(errors, wanted))

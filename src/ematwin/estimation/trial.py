@@ -42,9 +42,19 @@ class Tried:
         return {name: float(error) for name, error in zip(names, self.errors, strict=True)}
 
 
-def tried(judge: Judge, commands: Sequence[Judged], recordings: int, seed: int) -> list[Tried]:
-    """Each command with the errors on its recordings; fewer recordings after Ctrl-C."""
-    found = observe(judge, [one.scenario for one in commands], recordings, seed=seed)
+def tried(
+    judge: Judge,
+    commands: Sequence[Judged],
+    recordings: int,
+    seed: int,
+    progress: Callable[[float], object] | None = None,
+) -> list[Tried]:
+    """Each command with the errors on its recordings; fewer recordings after Ctrl-C.
+
+    ``progress`` is called with the share done.
+    """
+    scenarios = [one.scenario for one in commands]
+    found = observe(judge, scenarios, recordings, seed=seed, progress=progress)
     if not len(found):
         return [Tried(one, np.empty(0), 0) for one in commands]
     rms = np.sqrt((found**2).mean(axis=0))

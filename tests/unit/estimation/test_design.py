@@ -11,7 +11,7 @@ import ematwin
 from ematwin.errors import InputError
 from ematwin.estimation.baseline import Baseline
 from ematwin.estimation.promise import Judge, Judged, drawn_faults, fault_shares
-from ematwin.estimation.trial import Tried, best_of
+from ematwin.estimation.trial import Tried, best_of, tried
 from ematwin.models.registry import load_actuator, model_of
 from ematwin.models.scenario import Chirp, Scenario
 
@@ -147,6 +147,14 @@ def test_an_interrupted_search_keeps_its_best() -> None:
     assert kept.stopped == "interrupted"
     assert kept.evaluations < 200
     assert kept.gain >= 1.0
+
+
+def test_trials_say_how_far_they_are() -> None:
+    judge, shares = judge_of(), []
+    judged = judge.judge(judge.model.load_scenario(None))
+    (one,) = tried(judge, [judged], 2, seed=3, progress=shares.append)
+    assert one.recordings == 2
+    assert shares == [0.5, 1.0]
 
 
 def test_what_is_observed_stands_beside_what_was_promised(found) -> None:
