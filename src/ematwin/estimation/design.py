@@ -43,6 +43,7 @@ from ematwin.models.registry import load_actuator, model_of
 from ematwin.models.scenario import Scenario
 from ematwin.models.unknown import Unknown
 from ematwin.recordings.noise import Noise
+from ematwin.showing.drawing import drawn
 
 _FINALISTS = 5  # commands that are judged thoroughly
 _OTHERS = 7919  # seeds of trials lie so far from those of a search and of `Design.check`
@@ -175,6 +176,10 @@ class Design:
             f"It lowers {what} about {min(self.gain, self.observed_gain):.1f} times: "
             f"{self.gain:.1f} expected, {self.observed_gain:.1f} on {self.promised.checks} {which}."
         )
+
+    def plot(self, kind: str = "errors") -> Any:
+        """A figure of plotly: "errors" (of both commands, by fault) or "command"."""
+        return drawn(self, kind, {"errors": "plot_errors", "command": "plot_command"})
 
     def check(
         self,

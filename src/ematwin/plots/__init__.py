@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ematwin.plots.channels import plot_channels, plot_recording
+    from ematwin.plots.design import plot_command, plot_errors
     from ematwin.plots.detection import plot_index, plot_trend
     from ematwin.plots.identifiability import plot_correlation, plot_smallest
     from ematwin.plots.identification import plot_convergence, plot_faults, plot_fit
@@ -21,8 +22,10 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "plot_channels": "channels",
+    "plot_command": "design",
     "plot_convergence": "identification",
     "plot_correlation": "identifiability",
+    "plot_errors": "design",
     "plot_faults": "identification",
     "plot_fit": "identification",
     "plot_index": "detection",
@@ -37,8 +40,10 @@ _HOMES = {
 
 __all__ = [
     "plot_channels",
+    "plot_command",
     "plot_convergence",
     "plot_correlation",
+    "plot_errors",
     "plot_faults",
     "plot_fit",
     "plot_index",

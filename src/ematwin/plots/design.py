@@ -5,20 +5,19 @@ from typing import Any
 import numpy as np
 
 from ematwin.estimation.design import Design
-from ematwin.models.base import Model
-from ematwin.models.parameter_set import ParameterSet
-from ematwin.models.scenario import Scenario
+from ematwin.estimation.discriminate import Discrimination
+from ematwin.models.registry import model_of
 from ematwin.plots.style import BLUE, GREEN, GREY, ORANGE, line, stacked, styled
 
 _POINTS = 2000  # of a curve
 
 
-def command_figure(
-    model: Model, actuator: ParameterSet, designed: Scenario, default: Scenario
-) -> Any:
-    """Command and load of both scenarios, and what a healthy twin answers."""
+def plot_command(found: Design | Discrimination) -> Any:
+    """Command and load of a design and of the given one, and what a healthy twin answers."""
+    actuator, model = found.actuator, model_of(found.actuator)
+    given = found.default.scenario if isinstance(found, Design) else found.default
     histories = []
-    for name, color, scenario in (("given", GREY, default), ("designed", BLUE, designed)):
+    for name, color, scenario in (("given", GREY, given), ("designed", BLUE, found.scenario)):
         time = np.linspace(0.0, scenario.duration, _POINTS)
         record = model.simulate(
             actuator, scenario, model.healthy(actuator), fidelity=model.fidelities[-1]
@@ -41,7 +40,7 @@ def command_figure(
     return figure
 
 
-def errors_figure(found: Design) -> Any:
+def plot_errors(found: Design) -> Any:
     """Expected and observed errors of each fault, as shares of its range."""
     import plotly.graph_objects as go
 

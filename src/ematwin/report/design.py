@@ -6,16 +6,14 @@ from collections.abc import Mapping
 from ematwin.estimation.design import Design, Promise
 from ematwin.estimation.discriminate import Discrimination
 from ematwin.models.base import Demand
-from ematwin.models.registry import model_of
 from ematwin.models.scenario import Scenario
-from ematwin.plots.design import command_figure, errors_figure
+from ematwin.plots.design import plot_command, plot_errors
 from ematwin.report.identifiability import told_table
 from ematwin.report.page import Row, Section, Table, render
 
 
 def design_page(found: Design) -> str:
     """HTML page of a design."""
-    model = model_of(found.actuator)
     text = "Expected error of each fault over faults that are not known yet: noise, and what the "
     text += "twin misses."
     if found.held:
@@ -33,10 +31,10 @@ def design_page(found: Design) -> str:
         Section(
             "Command",
             table=parts_table(found.scenario),
-            figure=command_figure(model, found.actuator, found.scenario, found.default.scenario),
+            figure=plot_command(found),
         ),
         Section("What it tells", text=text, table=errors_table(found)),
-        Section(figure=errors_figure(found)),
+        Section(figure=plot_errors(found)),
         Section(
             "The price",
             text="On a healthy actuator; in brackets the most that was seen with faults.",
@@ -57,7 +55,6 @@ def design_page(found: Design) -> str:
 
 def discrimination_page(found: Discrimination) -> str:
     """HTML page of a command that is to tell two explanations apart."""
-    model = model_of(found.actuator)
     rows = [
         Row([name, _shown(found.first.get(name)), _shown(found.second.get(name))])
         for name in {**found.first, **found.second}
@@ -78,7 +75,7 @@ def discrimination_page(found: Discrimination) -> str:
             Section(
                 "Command",
                 table=parts_table(found.scenario),
-                figure=command_figure(model, found.actuator, found.scenario, found.default),
+                figure=plot_command(found),
             ),
             Section("How it was found", facts=facts),
         ],
