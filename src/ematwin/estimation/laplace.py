@@ -25,6 +25,7 @@ from ematwin.estimation.levenberg_marquardt import LARGEST_BATCH, LevenbergMarqu
 from ematwin.estimation.problem import Problem
 from ematwin.models.chart import Chart
 from ematwin.models.unknown import Alias
+from ematwin.numerics.bounded_squares import bounded_squares
 
 _STAGES, _LEAST_STAGES, _ITERATIONS = 8, 1, 5
 _ROUNDS = 3  # over aliases that share unknowns
@@ -308,13 +309,11 @@ def _bounded_step(
     slopes: _Slopes, z: np.ndarray, chart: Chart, still: Collection[str]
 ) -> np.ndarray:
     """The step (d,) to the least squares of the linearised residuals within the bounds."""
-    from scipy.optimize import lsq_linear
-
     free = [n for n, one in enumerate(chart.unknowns) if one.name not in still]
-    low = np.minimum(chart.lower - z, -1e-12)[free]
-    high = np.maximum(chart.upper - z, 1e-12)[free]
+    low = np.minimum(chart.lower - z, 0.0)[free]
+    high = np.maximum(chart.upper - z, 0.0)[free]
     step = np.zeros(len(z))
-    step[free] = lsq_linear(slopes.jacobian[free].T, -slopes.here, (low, high), method="bvls").x
+    step[free] = bounded_squares(slopes.jacobian[free].T, -slopes.here, low, high)
     return np.asarray(chart.project((z + step)[None])[0] - z)
 
 
