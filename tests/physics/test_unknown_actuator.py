@@ -50,6 +50,16 @@ def test_drift_of_all_kinds_at_once_makes_no_fault(known) -> None:
     assert not bench.silently_wrong(one)
 
 
+def test_magnets_stronger_than_they_were_are_not_taken_for_less_friction(known) -> None:
+    """Turns are never added, so that no fault looks like a larger torque constant."""
+    true, faults = bench.actuator_off(7), {"friction": 0.35, "gain": 0.7}
+    stronger = true.changed({"motor.emf_constant": 1.05 * true.motor.emf_constant})
+    one = bench.judged("", bench.recorded(stronger, faults, 100, {}), known, stronger, faults)
+    assert one.grade == "fault"
+    assert set(one.faults) == set(faults)
+    assert bench.inside(one, "friction")
+
+
 def test_without_calibration_a_healthy_actuator_is_not_called_faulty() -> None:
     true = bench.actuator_off(7)
     one = bench.judged("", bench.recorded(true, {}, 100, {}), bench.SHEET, true, {})
