@@ -19,7 +19,7 @@ from ematwin.recordings.recording import Recording
 
 _ABOVE_NOISE = 2.0  # times the misfit that noise alone leaves is still a fit
 _DISTRUSTED = 0.33  # share of its weight with which evidence counts
-_HOPELESS = 1.0  # relative misfit of a twin that does not answer at all
+_HOPELESS = 0.5  # of the relative misfit that a twin leaves which does not answer at all
 _SATURATED = 0.01  # share of the samples of a current
 _VAGUE = 0.05  # standard error, as a share of the range, above which a fault is not determined
 
@@ -172,9 +172,9 @@ def doubts_of(
         )
     elif misfit > _HOPELESS:
         doubts.append(
-            f"The twin does not explain this record at all (misfit {100.0 * misfit:.0f} %, worse "
-            "than no twin at all): these values mean nothing. Check the channels and "
-            "their units, and that the actuator's parameters are those of this rig."
+            f"The twin does not explain this record at all (misfit {100.0 * misfit:.0f} %; no twin "
+            "leaves 100 %): these values mean nothing. Check the channels and their units, and that "
+            "the actuator's parameters are those of this rig."
         )
     vague = [name for name, error in sharp_errors.items() if error > _VAGUE * estimate.ranges[name]]
     for name, magnitude in estimate.directions.items():

@@ -292,7 +292,7 @@ def _stepped(
     the pivot, and what it was held at has been forced on others.
     """
     chart = problem.chart
-    for _ in range(_JOINT):
+    for _ in range(_JOINT if np.isfinite(slopes.jacobian).all() else 0):
         step = _bounded_step(slopes, z, chart, held)
         tried = chart.project(z + np.outer(_FRACTIONS, step))
         left = seen(tried)

@@ -20,7 +20,8 @@ def bounded_squares(
     target : (K,) array
     low, high : (d,) arrays, ``low <= 0 <= high``: it sets out from zero
     """
-    size = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
+    size = np.linalg.norm(matrix, axis=0)
+    size[size == 0.0] = 1.0
     scaled = matrix / size  # columns of length one
     normal, pull = scaled.T @ scaled, scaled.T @ target
     least, most = low, high
@@ -31,7 +32,7 @@ def bounded_squares(
         f = np.flatnonzero(free)
         held = pull[f] - normal[np.ix_(f, ~free)] @ x[~free]
         way = np.linalg.lstsq(normal[np.ix_(f, f)], held, rcond=None)[0] - x[f]
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             room = np.where(way > 0.0, high[f] - x[f], low[f] - x[f]) / way
         room = np.where(way == 0.0, np.inf, room)
         first = int(np.argmin(room)) if f.size else 0
