@@ -148,9 +148,10 @@ SHORTS = ("short_a", "short_b", "short_c")
 def _aliases_of_turns(actuator: Any, k: Mapping[str, float]) -> list[Alias]:
     """What looks like shorted turns, which are missing or a loop.
 
-    Missing turns weaken the speed loop as well, which a torque constant that the drive knows does not.
-    What that changes in the current is less than what the twin gets wrong of it, so that it counts
-    as nothing: where it counted, weak magnets were named as shorts (docs/certainty-results.md).
+    Missing turns weaken the speed loop as well, which a torque constant that the drive knows does
+    not. What that changes in the current is less than what the twin gets wrong of it, so that it
+    counts as nothing: where it counted, weak magnets were named as shorts
+    (docs/certainty-results.md).
 
     A loop shows by the flux that it takes, mu i_f = G (R i + e) with G = mu^2/(R_f + mu R) and R of
     one phase: a higher resistance R_f of the contact looks like fewer turns.
