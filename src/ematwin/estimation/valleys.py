@@ -5,6 +5,9 @@ twin stick at other places of the motion, as an unrecorded load does, that start
 valley than the truth, and what stiction did is forced on other parameters. So the unknown is held
 at values all over its prior while everything else descends from the same place, all starts as one
 batch of the lanes; then once more near the best of them; then it is free.
+
+Parameters set out from what was known of them, for what was forced on them belongs to the wrong
+valley, and none is held: one that an alias holds would keep what was forced on it.
 """
 
 from collections.abc import Collection
@@ -36,7 +39,7 @@ def beside(
     for one in problem.unknowns:
         if one.spread is None or one.valleys == 1 or one.name in held:
             continue
-        point, middle, reach, spent = peak.point, one.healthy, _REACH * one.spread, 0
+        point, middle, reach, spent = _as_known(peak, held), one.healthy, _REACH * one.spread, 0
         for _ in range(2):
             point, more = _across(problem, point, one, middle, reach, aliases, held)
             middle = float(point[problem.names.index(one.name)])
@@ -44,6 +47,13 @@ def beside(
         end = laplace(problem, point, aliases=aliases, held=held, least_noise=least_noise)
         found.append(replace(end, evaluations=end.evaluations + spent))
     return found
+
+
+def _as_known(peak: Laplace, held: Collection[str]) -> np.ndarray:
+    """The point (d,) of a peak with its parameters as they were known before."""
+    unknowns = peak.problem.unknowns
+    free = [one.role == "nominal" and one.name not in held for one in unknowns]
+    return np.where(free, [one.healthy for one in unknowns], peak.point)
 
 
 def _across(
@@ -61,7 +71,8 @@ def _across(
     """
     names = list(problem.names)
     known = dict(zip(names, start.tolist(), strict=True))
-    still = held_by(problem, start, aliases) | set(held)
+    parameters = {one.name for one in problem.unknowns if one.role == "nominal"}
+    still = held_by(problem, start, aliases) - parameters | set(held)
     small = problem.holding({name: known[name] for name in still}) if still else problem
     chart, place = small.chart, small.names.index(along.name)
     points = np.tile([known[name] for name in small.names], (along.valleys, 1))

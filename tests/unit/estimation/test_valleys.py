@@ -1,5 +1,7 @@
 """A load beside the recorded one parts the misfit into valleys; the search finds the right one."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from ematwin.estimation.laplace import laplace
@@ -45,3 +47,23 @@ def test_nothing_is_looked_for_where_no_unknown_has_valleys_or_it_is_held():
     case = problem()
     stuck = laplace(case, np.array([0.0, 0.0]))
     assert beside(stuck, lambda values: [], {"load_offset"}, 0.0) == []
+
+
+def test_parameters_set_out_from_what_was_known_of_them():
+    """What a wrong valley forced on a parameter would lead the next descents astray."""
+
+    def stiffened(values):
+        stiffer = values["motor.stiffness"] - 1.0
+        load = values["load_offset"]
+        wave = np.sin(2.0 * np.pi * WAVES * (load - stiffer))
+        return stacked(values["wear"] + 0.1 * load, 0.5 * load, wave, 0.5 * stiffer)
+
+    toy = Toy(stiffened, **{"wear": 0.3, "load_offset": 0.71, "motor.stiffness": 1.0})
+    stiffness = Unknown("motor.stiffness", "", "", 1.0, 0.0, 2.0, "nominal")
+    case = Problem([toy], (fault("wear"), load(7), stiffness))
+    stuck = laplace(case, np.array([0.0, 0.0, 1.0]))
+    forced = replace(stuck, z=case.chart.from_values(np.array([[0.3, 0.0, 1.5]]))[0])
+    (found,) = beside(forced, lambda values: [], (), 0.0)
+    np.testing.assert_allclose(found.point, [0.3, 0.71, 1.0], atol=0.02)
+    (kept,) = beside(forced, lambda values: [], {"motor.stiffness"}, 0.0)
+    assert kept.point[2] == 1.5
