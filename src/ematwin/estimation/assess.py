@@ -121,6 +121,9 @@ def assess(
     healthy = baseline.misfit if math.isfinite(baseline.misfit) else full.expected_misfit
     if _strained(peak) or full.relative_misfit(peak.cost) > _SETTLED * healthy:
         rivals += beside(peak, aliases, still, full.comparisons[0].noise)
+        best = min((peak, *rivals), key=lambda one: height(one, peak.problem.noise))
+        if _strained(best):
+            rivals += beside(best, aliases, still, full.comparisons[0].noise, anew=True)
     spent = sum(one.evaluations for one in (peak, *rivals))
     noise = min(one.problem.noise for one in (peak, *rivals))
     rivals.sort(key=lambda one: height(one, noise))

@@ -6,8 +6,9 @@ valley than the truth, and what stiction did is forced on other parameters. So t
 at values all over its prior while everything else descends from the same place, all starts as one
 batch of the lanes; then once more near the best of them; then it is free.
 
-Parameters set out from what was known of them, for what was forced on them belongs to the wrong
-valley, and none is held: one that an alias holds would keep what was forced on it.
+``anew`` is for where that did not help: parameters then set out from what was known of them, for
+what was forced on them belongs to the wrong valley, and none is held: one that an alias holds would
+keep what was forced on it.
 """
 
 from collections.abc import Collection
@@ -26,7 +27,11 @@ _DAMPING = 1e-2
 
 
 def beside(
-    peak: Laplace, aliases: Aliases, held: Collection[str], least_noise: float
+    peak: Laplace,
+    aliases: Aliases,
+    held: Collection[str],
+    least_noise: float,
+    anew: bool = False,
 ) -> list[Laplace]:
     """Peaks of other valleys of the same problem, one for each unknown that has valleys.
 
@@ -34,14 +39,19 @@ def beside(
     ----------
     peak : from which descents set out
     aliases, held, least_noise : as for `laplace`
+    anew : bool, parameters set out from what was known of them, and all are free
     """
     problem, found = peak.problem, []
+    start = _as_known(peak, held) if anew else peak.point
+    parameters = {one.name for one in problem.unknowns if one.role == "nominal"}
+    loose = parameters - set(held) if anew else set()
     for one in problem.unknowns:
         if one.spread is None or one.valleys == 1 or one.name in held:
             continue
-        point, middle, reach, spent = _as_known(peak, held), one.healthy, _REACH * one.spread, 0
+        point, middle, reach, spent = start, one.healthy, _REACH * one.spread, 0
         for _ in range(2):
-            point, more = _across(problem, point, one, middle, reach, aliases, held)
+            still = (held_by(problem, point, aliases) | set(held)) - loose
+            point, more = _across(problem, point, one, middle, reach, still)
             middle = float(point[problem.names.index(one.name)])
             reach, spent = 2.0 * reach / (one.valleys - 1), spent + more
         end = laplace(problem, point, aliases=aliases, held=held, least_noise=least_noise)
@@ -62,17 +72,14 @@ def _across(
     along: Unknown,
     middle: float,
     reach: float,
-    aliases: Aliases,
-    held: Collection[str],
+    still: Collection[str],
 ) -> tuple[np.ndarray, int]:
     """The lowest of descents from ``start`` (d,) with an unknown held all over a range.
 
-    And the simulations that they took.
+    And the simulations that they took. What is ``still`` stays.
     """
     names = list(problem.names)
     known = dict(zip(names, start.tolist(), strict=True))
-    parameters = {one.name for one in problem.unknowns if one.role == "nominal"}
-    still = held_by(problem, start, aliases) - parameters | set(held)
     small = problem.holding({name: known[name] for name in still}) if still else problem
     chart, place = small.chart, small.names.index(along.name)
     points = np.tile([known[name] for name in small.names], (along.valleys, 1))

@@ -49,8 +49,8 @@ def test_nothing_is_looked_for_where_no_unknown_has_valleys_or_it_is_held():
     assert beside(stuck, lambda values: [], {"load_offset"}, 0.0) == []
 
 
-def test_parameters_set_out_from_what_was_known_of_them():
-    """What a wrong valley forced on a parameter would lead the next descents astray."""
+def test_anew_parameters_set_out_from_what_was_known_of_them():
+    """What a wrong valley forced on a parameter leads the next descents astray."""
 
     def stiffened(values):
         stiffer = values["motor.stiffness"] - 1.0
@@ -63,7 +63,9 @@ def test_parameters_set_out_from_what_was_known_of_them():
     case = Problem([toy], (fault("wear"), load(7), stiffness))
     stuck = laplace(case, np.array([0.0, 0.0, 1.0]))
     forced = replace(stuck, z=case.chart.from_values(np.array([[0.3, 0.0, 1.5]]))[0])
-    (found,) = beside(forced, lambda values: [], (), 0.0)
+    (astray,) = beside(forced, lambda values: [], (), 0.0)
+    (found,) = beside(forced, lambda values: [], (), 0.0, anew=True)
+    assert found.cost < 0.5 * astray.cost
     np.testing.assert_allclose(found.point, [0.3, 0.71, 1.0], atol=0.02)
-    (kept,) = beside(forced, lambda values: [], {"motor.stiffness"}, 0.0)
+    (kept,) = beside(forced, lambda values: [], {"motor.stiffness"}, 0.0, anew=True)
     assert kept.point[2] == 1.5
