@@ -110,6 +110,13 @@ def test_figures_hold_the_numbers_of_the_analysis(small):
     assert whiskers == pytest.approx([spread.mean_interval[0] for spread in spreads], rel=1e-2)
 
 
+def test_bars_say_how_many_of_many_cases_they_show():
+    names = tuple(f"Case {n:02d}" for n in range(30))
+    bars, *_ = StudyFigures(analyse(study(2, cases=names))).bars
+    assert bars.heading == "Mean Err%, first 24 of 30 cases"
+    assert bars.panels[0].categories == names[:24]
+
+
 def test_numbers_keep_their_digits():
     assert [number(value) for value in (4.0, 0.6, 100.0, 1234.5, 0.0, 99.95)] == [
         "4.00", "0.600", "100", "1234", "0", "100",

@@ -123,10 +123,12 @@ class StudyFigures:
         low = [c for c, name in enumerate(names) if paper and name in LOW_CASES]
         high = [c for c, name in enumerate(names) if paper and name in HIGH_CASES]
         other = [c for c in range(len(names)) if c not in low and c not in high]
+        drawn = other[: 2 * MOST_CASES]
+        cases = "cases" if drawn == other else f"first {len(drawn)} of {len(other)} cases"
         found = [
             ("low faults", "low", low),
             ("high faults", "high", high),
-            ("cases", "cases", other[: 2 * MOST_CASES]),
+            (cases, "cases", drawn),
         ]
         return [group for group in found if group[2]]
 
