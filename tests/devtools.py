@@ -16,6 +16,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+_TALLEST = 16_000  # px of a picture
+
 
 class Tab:
     """A tab: what it shows, and what it said on its console.
@@ -75,8 +77,12 @@ class Tab:
         return found
 
     def picture(self, path: Path) -> None:
-        """The whole page as a PNG."""
-        shot = self.call("Page.captureScreenshot", captureBeyondViewport=True)
+        """The page as a PNG; of a very long one the beginning, as a browser refuses more."""
+        wide, tall = self.value(
+            "[document.documentElement.clientWidth, document.documentElement.scrollHeight]"
+        )
+        part = {"x": 0, "y": 0, "width": wide, "height": min(tall, _TALLEST), "scale": 1}
+        shot = self.call("Page.captureScreenshot", captureBeyondViewport=True, clip=part)
         path.write_bytes(base64.b64decode(shot["data"]))
 
     def _note(self, heard: dict[str, Any]) -> None:
