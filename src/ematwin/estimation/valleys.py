@@ -42,9 +42,11 @@ def beside(
     anew : bool, parameters set out from what was known of them, and all are free
     """
     problem, found = peak.problem, []
-    start = _as_known(peak, held) if anew else peak.point
-    parameters = {one.name for one in problem.unknowns if one.role == "nominal"}
-    loose = parameters - set(held) if anew else set()
+    loose = {one.name for one in problem.unknowns if anew and one.role == "nominal"} - set(held)
+    start = np.array([
+        one.healthy if one.name in loose else value
+        for one, value in zip(problem.unknowns, peak.point, strict=True)
+    ])  # fmt: skip
     for one in problem.unknowns:
         if one.spread is None or one.valleys == 1 or one.name in held:
             continue
@@ -57,13 +59,6 @@ def beside(
         end = laplace(problem, point, aliases=aliases, held=held, least_noise=least_noise)
         found.append(replace(end, evaluations=end.evaluations + spent))
     return found
-
-
-def _as_known(peak: Laplace, held: Collection[str]) -> np.ndarray:
-    """The point (d,) of a peak with its parameters as they were known before."""
-    unknowns = peak.problem.unknowns
-    free = [one.role == "nominal" and one.name not in held for one in unknowns]
-    return np.where(free, [one.healthy for one in unknowns], peak.point)
 
 
 def _across(
