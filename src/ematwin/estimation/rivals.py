@@ -32,7 +32,7 @@ class Rival:
     Attributes
     ----------
     form : OtherForm
-    present : names of its faults that are there
+    present : names of the faults that are there, its own and those that it may be mistaken for
     said : str, the same with their values
     rise : float, how much further it is from recording and priors than the first answer, squared
         standard deviations; negative where it is nearer
@@ -96,7 +96,7 @@ def hints(rivals: Iterable[Rival], verdict: Verdict) -> list[str]:
                     f"recording far better: {setting} if it may have that."
                 )
         elif _agrees(one, verdict):
-            if one.rise < -_NEARLY:
+            if one.rise < -_NEARLY and set(one.form.names) & set(one.present):
                 found.append(
                     f"{_title(one)} ({one.said}) would explain this recording better; the same "
                     f"fault, of another size: {setting} if it may have that."
@@ -150,15 +150,15 @@ def _rival(
         if (lower := _rise(model, peak, again)) < rise:
             end, rise = again, lower
     values = full.values(end.point)
+    its = [one.name for one in problem.unknowns if _is_of(one, form)]
     if rise < -_NEARLY:  # so may the first answer: it gets what the other found beside the fault
-        its = {one.name for one in problem.unknowns if _is_of(one, form)}
         beside = {name: x for name, x in values.items() if name not in its}
         for names in (problem.names, peak.problem.names):
             point = _start(peak.problem, names, {**own, **beside})
             rise = max(rise, _rise(model, _descended(model, actuator, peak.problem, point), end))
             if rise >= -_NEARLY:
                 break
-    faults = [model.unknown(form.actuator, name) for name in form.names]
+    faults = [model.unknown(form.actuator, name) for name in its]
     there = tuple(
         one.name
         for one in faults

@@ -17,6 +17,9 @@ NAMED = Verdict("fault", ("short_b",), "", "Short b: fault.")
 NONE = Verdict("none", (), "bad fit", "No verdict: bad fit")
 
 
+LOOP = next(one for one in other_forms(PLAIN, {}) if "short_a" in one.names)
+
+
 def rival(rise, present=("eccentricity",)):
     form = OtherForm(
         PLAIN, "an eccentricity that is fixed in space", "[eccentricity]",
@@ -60,10 +63,18 @@ def test_a_form_that_is_about_as_near_is_told_and_forbids_nothing(rise):
 
 
 def test_a_nearer_form_of_the_same_fault_leaves_its_name():
-    same = rival(-50.0, ("short_b",))
+    same = Rival(LOOP, ("short_b",), "short b 12 turns", -50.0)
     assert objections([same], NAMED) == []
     (said,) = hints([same], NAMED)
     assert "of another size" in said
+
+
+def test_a_form_without_faults_of_its_own_that_says_the_same_says_nothing():
+    # lanes of another form fit a little better where a rotor all but touches
+    named = Verdict("fault", ("backlash", "eccentricity"), "", "Eccentricity: fault.")
+    same = Rival(LOOP, ("eccentricity",), "eccentricity 0.97", -18.0)
+    assert objections([same], named) == []
+    assert hints([same], named) == []
 
 
 def test_without_a_verdict_only_a_far_better_form_is_told():
