@@ -8,6 +8,7 @@ promise (`Judge.held`) is known here as well.
 """
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -55,33 +56,36 @@ def observe(
     rng = np.random.default_rng(seed)
     shares = rng.random((recordings, len(model.faults(twin))))
     vectors = drawn_faults(model, twin, shares, {})
+    actuators = [drawn_actuator(judge, rng) for _ in vectors]
     settings: dict[str, Any] = {} if step is None else {"step": step}
     known = Known(twin, judge.baseline)
-    found: list[list[list[float]]] = []
-    with noting_interrupts() as interrupts:
+
+    def errors_of(n: int, scenario: Scenario) -> list[float]:
+        record = model.simulate(
+            actuators[n], scenario, vectors[n], fidelity=model.fidelities[0], noise=judge.noise,
+            seed=seed * 10_000 + n, sample_rate=judge.sample_rate, **settings,
+        )  # fmt: skip
+        answer = identify(record, known, exact=judge.baseline.exact, threads=1)
+        return [answer.values[one.name] - vectors[n][one.name] for one in judge.magnitudes]
+
+    errors = np.full((recordings, len(scenarios), len(judge.magnitudes)), np.nan)
+    with noting_interrupts() as interrupts, ThreadPoolExecutor(judge.threads) as pool:
+        tasks = {
+            pool.submit(errors_of, n, scenario): (n, c)
+            for n in range(recordings)
+            for c, scenario in enumerate(scenarios)
+        }
         try:
-            for n, values in enumerate(vectors):
-                actual = drawn_actuator(judge, rng)
-                rows = []
-                for c, scenario in enumerate(scenarios):
-                    interrupts.check()
-                    record = model.simulate(
-                        actual, scenario, values, fidelity=model.fidelities[0], noise=judge.noise,
-                        seed=seed * 10_000 + n, sample_rate=judge.sample_rate,
-                        **settings,
-                    )  # fmt: skip
-                    answer = identify(
-                        record, known, exact=judge.baseline.exact, threads=judge.threads
-                    )
-                    if answer.stopped == "interrupted":
-                        raise KeyboardInterrupt
-                    rows.append([answer.values[o.name] - values[o.name] for o in judge.magnitudes])
-                    if progress is not None:
-                        progress((n * len(scenarios) + c + 1) / (recordings * len(scenarios)))
-                found.append(rows)
+            for done, task in enumerate(as_completed(tasks), 1):
+                errors[tasks[task]] = task.result()
+                interrupts.check()
+                if progress is not None:
+                    progress(done / len(tasks))
         except KeyboardInterrupt:
             interrupts.pressed = False
-    return np.array(found)
+        finally:
+            pool.shutdown(cancel_futures=True)
+    return errors[~np.isnan(errors).any(axis=(1, 2))]
 
 
 def drawn_actuator(judge: Judge, rng: np.random.Generator) -> ParameterSet:

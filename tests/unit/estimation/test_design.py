@@ -10,6 +10,7 @@ import pytest
 import ematwin
 from ematwin.errors import InputError
 from ematwin.estimation.baseline import Baseline
+from ematwin.estimation.observed import observe
 from ematwin.estimation.promise import Judge, Judged, drawn_faults, fault_shares
 from ematwin.estimation.trial import Tried, best_of, tried
 from ematwin.models.registry import load_actuator, model_of
@@ -26,11 +27,11 @@ def found() -> ematwin.Design:
     return quick("servo48")
 
 
-def judge_of(vectors: int = 1) -> Judge:
+def judge_of(vectors: int = 1, threads: int = 1) -> Judge:
     actuator = load_actuator(None)
     model = model_of(actuator)
     drawn = drawn_faults(model, actuator, fault_shares(model, actuator, vectors, 1), {})
-    return Judge(model, actuator, Baseline.of_simulation(), drawn, noise=NOISE, threads=1)
+    return Judge(model, actuator, Baseline.of_simulation(), drawn, noise=NOISE, threads=threads)
 
 
 def test_drawn_faults_begin_and_lie_to_either_side() -> None:
@@ -155,6 +156,27 @@ def test_trials_say_how_far_they_are() -> None:
     (one,) = tried(judge, [judged], 2, seed=3, progress=shares.append)
     assert one.recordings == 2
     assert shares == [0.5, 1.0]
+
+
+def test_trials_that_share_the_cores_err_as_one_after_another() -> None:
+    given = judge_of().model.load_scenario(None)
+    alone, shared = (observe(judge_of(threads=n), [given], 3, seed=3) for n in (1, 3))
+    assert alone.shape == (3, 1, 7)
+    np.testing.assert_array_equal(alone, shared)
+
+
+def test_interrupted_trials_keep_the_actuators_that_answered_every_command() -> None:
+    judge, shares = judge_of(), []
+
+    def stop(share: float) -> None:
+        shares.append(share)
+        if len(shares) == 3:
+            raise KeyboardInterrupt
+
+    given = judge.model.load_scenario(None)
+    errors = observe(judge, [given, given], 4, seed=3, progress=stop)
+    assert errors.shape == (1, 2, 7)
+    assert shares == [0.125, 0.25, 0.375]
 
 
 def test_what_is_observed_stands_beside_what_was_promised(found) -> None:
