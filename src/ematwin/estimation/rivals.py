@@ -82,6 +82,19 @@ def objections(rivals: Iterable[Rival], verdict: Verdict) -> list[str]:
     ]
 
 
+def beside(rivals: Iterable[Rival], verdict: Verdict) -> Verdict:
+    """The verdict with the other forms that explain the recording about as well in its sentence."""
+    for one in rivals:
+        if _is_as_near(one, verdict):
+            said = f"It may as well be {one.form.meaning} ({one.said})."
+            verdict = replace(
+                verdict,
+                reason=f"{verdict.reason} {said}".strip(),
+                sentence=f"{verdict.sentence} {said}",
+            )
+    return verdict
+
+
 def hints(rivals: Iterable[Rival], verdict: Verdict) -> list[str]:
     """Sentences on other forms that leave the verdict what it is."""
     found = []
@@ -101,7 +114,7 @@ def hints(rivals: Iterable[Rival], verdict: Verdict) -> list[str]:
                     f"{_title(one)} ({one.said}) would explain this recording better; the same "
                     f"fault, of another size: {setting} if it may have that."
                 )
-        elif abs(one.rise) <= _NEARLY and one.said:
+        elif _is_as_near(one, verdict):
             found.append(
                 f"{_title(one)} ({one.said}) would explain this recording about as well: {setting} "
                 "if it may have that."
@@ -111,6 +124,12 @@ def hints(rivals: Iterable[Rival], verdict: Verdict) -> list[str]:
 
 def _title(one: Rival) -> str:
     return one.form.meaning[:1].upper() + one.form.meaning[1:]
+
+
+def _is_as_near(one: Rival, verdict: Verdict) -> bool:
+    """Whether it says something else than the fault that is named, and is about as near."""
+    says_else = verdict.grade == "fault" and bool(one.said) and not _agrees(one, verdict)
+    return says_else and abs(one.rise) <= _NEARLY
 
 
 def _agrees(one: Rival, verdict: Verdict) -> bool:
