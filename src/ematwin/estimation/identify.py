@@ -15,7 +15,7 @@ from ematwin.estimation.baseline import Baseline, baseline_of
 from ematwin.estimation.estimate import Estimate
 from ematwin.estimation.findings import caveats_of, doubts_of, obstacles_to, remarks_on, verdict_on
 from ematwin.estimation.problem import Problem
-from ematwin.estimation.rivals import beside, hints, objections, rivals_of
+from ematwin.estimation.rivals import hints, objections, qualified, rivals_of
 from ematwin.estimation.search import Progress, Search, find, named
 from ematwin.estimation.verdict import Verdict
 from ematwin.models.base import Model
@@ -381,7 +381,7 @@ def identify(
         warnings += hints(rivals, verdict)
         if objected := objections(rivals, verdict):
             verdict = verdict_on(model, chosen, problem, estimate, assessed, baseline, objected)
-        verdict = beside(rivals, verdict)
+        verdict = qualified(rivals, verdict)
     warnings += caveats_of(problem, verdict)
     seconds = time.perf_counter() - started
     return Identification(

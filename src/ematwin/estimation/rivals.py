@@ -13,9 +13,9 @@ import numpy as np
 
 from ematwin.estimation.assess import Assessment, height
 from ematwin.estimation.baseline import Baseline, uncertain, with_all_free, with_nuisances
-from ematwin.estimation.laplace import Laplace, laplace
+from ematwin.estimation.laplace import Laplace, laplace, standard_errors
 from ematwin.estimation.problem import Problem
-from ematwin.estimation.significance import SMALLEST
+from ematwin.estimation.significance import is_present
 from ematwin.estimation.verdict import EXPLAINED, Verdict
 from ematwin.models.base import Model, OtherForm
 from ematwin.models.parameter_set import ParameterSet
@@ -82,7 +82,7 @@ def objections(rivals: Iterable[Rival], verdict: Verdict) -> list[str]:
     ]
 
 
-def beside(rivals: Iterable[Rival], verdict: Verdict) -> Verdict:
+def qualified(rivals: Iterable[Rival], verdict: Verdict) -> Verdict:
     """The verdict with the other forms that explain the recording about as well in its sentence."""
     for one in rivals:
         if _is_as_near(one, verdict):
@@ -127,9 +127,15 @@ def _title(one: Rival) -> str:
 
 
 def _is_as_near(one: Rival, verdict: Verdict) -> bool:
-    """Whether it says something else than the fault that is named, and is about as near."""
-    says_else = verdict.grade == "fault" and bool(one.said) and not _agrees(one, verdict)
-    return says_else and abs(one.rise) <= _NEARLY
+    """Whether it says something else than the faults named, with no more of them, and as well.
+
+    Any shares of turns are an offset fixed in space and some turns missing from each phase: where
+    it takes such a mixture to explain what one short does, the short is the answer.
+    """
+    if verdict.grade != "fault" or not one.present or _agrees(one, verdict):
+        return False
+    named = one.form.mistaken & set(verdict.faults)
+    return abs(one.rise) <= _NEARLY and len(one.present) <= len(named)
 
 
 def _agrees(one: Rival, verdict: Verdict) -> bool:
@@ -178,10 +184,14 @@ def _rival(
             if rise >= -_NEARLY:
                 break
     faults = [model.unknown(form.actuator, name) for name in its]
+    # those of the first answer: where both forms are free, one stands for the other
+    errors = standard_errors(peak.problem.chart, peak.z, peak.widened(model.model_error))
+    error_of = dict(zip(peak.problem.names, errors.tolist(), strict=True))
     there = tuple(
         one.name
         for one in faults
-        if one.direction_of is None and abs(values[one.name] - one.healthy) > SMALLEST * one.width
+        if one.direction_of is None
+        and is_present(values[one.name] - one.healthy, one.width, error_of[one.name])
     )
     said = ", ".join(
         _said(one, form.actuator, values[one.name])

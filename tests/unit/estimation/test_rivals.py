@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ematwin.estimation.rivals import Rival, beside, hints, objections
+from ematwin.estimation.rivals import Rival, hints, objections, qualified
 from ematwin.estimation.verdict import Verdict
 from ematwin.models.base import OtherForm
 from ematwin.models.bldc.parameters import BldcActuator
@@ -61,13 +61,19 @@ def test_a_form_that_is_about_as_near_is_told_and_forbids_nothing(rise):
     assert objections([rival(rise)], NAMED) == []
     (said,) = hints([rival(rise)], NAMED)
     assert "about as well" in said
-    told = beside([rival(rise), rival(20.0)], NAMED)
+    told = qualified([rival(rise), rival(20.0)], NAMED)
     assert told.sentence == (
         "Short b: fault. It may as well be an eccentricity that is fixed in space (eccentricity "
         "0.2)."
     )
     assert told.reason == told.sentence.removeprefix("Short b: fault. ")
     assert told.faults == NAMED.faults
+
+
+def test_a_mixture_is_no_other_explanation_of_what_one_fault_explains():
+    mixture = rival(1.0, ("short_a", "short_b", "short_c", "eccentricity"))
+    assert objections([mixture], NAMED) == hints([mixture], NAMED) == []
+    assert qualified([mixture], NAMED) == NAMED
 
 
 def test_a_nearer_form_of_the_same_fault_leaves_its_name():
@@ -83,7 +89,7 @@ def test_a_form_without_faults_of_its_own_that_says_the_same_says_nothing():
     same = Rival(LOOP, ("eccentricity",), "eccentricity 0.97", -18.0)
     assert objections([same], named) == []
     assert hints([same], named) == []
-    assert beside([replace(same, rise=0.0)], named) == named
+    assert qualified([replace(same, rise=0.0)], named) == named
 
 
 def test_without_a_verdict_only_a_far_better_form_is_told():
@@ -91,4 +97,4 @@ def test_without_a_verdict_only_a_far_better_form_is_told():
     (said,) = hints([rival(-50.0)], NONE)
     assert "far better" in said
     assert objections([rival(-50.0)], NONE) == []
-    assert beside([rival(-1.0)], NONE) == NONE
+    assert qualified([rival(-1.0)], NONE) == NONE
