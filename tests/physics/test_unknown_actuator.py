@@ -109,3 +109,15 @@ def test_phase_voltages_tell_the_scale_of_torques_and_the_gain_of_a_current_sens
         shares.append(one.physical_error / blind.physical_error)
     # the resistance may have risen as well, so half of it may remain
     assert sorted(shares)[1] < 0.85
+
+
+def test_a_sensor_that_shows_too_little_makes_no_short_an_eccentricity() -> None:
+    """Turns are never added: what a smaller gain looks like has to be left to gain and magnets."""
+    true, faults = bench.actuator_off(4), bench.CASES[1]
+    also = bench.EVIDENCE["supply's current"]
+    healthy = [bench.recorded(true, {}, 10 + n, {}, also) for n in range(2)]
+    known = bench.learnt(healthy, bench.SHEET)
+    record = bench.recorded(true, faults, 101, {"amperes": 0.98}, also)
+    one = bench.judged("", record, known, true, faults)
+    assert set(one.faults) == {"friction", "short_b"}
+    assert not bench.silently_wrong(one)
