@@ -111,13 +111,18 @@ def test_phase_voltages_tell_the_scale_of_torques_and_the_gain_of_a_current_sens
     assert sorted(shares)[1] < 0.85
 
 
-def test_a_sensor_that_shows_too_little_makes_no_short_an_eccentricity() -> None:
-    """Turns are never added: what a smaller gain looks like has to be left to gain and magnets."""
-    true, faults = bench.actuator_off(4), bench.CASES[1]
-    also = bench.EVIDENCE["supply's current"]
+@pytest.mark.parametrize(
+    ("evidence", "drift"),
+    [
+        ("supply's current", {"amperes": 0.98}),
+        ("phase voltages", {"motor.emf_constant": 1.03}),
+    ],
+)
+def test_what_looks_like_added_turns_makes_no_short_an_eccentricity(evidence, drift) -> None:
+    """Turns are never added: sensors that show too little, stronger magnets have to say so."""
+    true, faults, also = bench.actuator_off(4), bench.CASES[1], bench.EVIDENCE[evidence]
     healthy = [bench.recorded(true, {}, 10 + n, {}, also) for n in range(2)]
     known = bench.learnt(healthy, bench.SHEET)
-    record = bench.recorded(true, faults, 101, {"amperes": 0.98}, also)
-    one = bench.judged("", record, known, true, faults)
+    one = bench.judged("", bench.recorded(true, faults, 101, drift, also), known, true, faults)
     assert set(one.faults) == {"friction", "short_b"}
     assert not bench.silently_wrong(one)

@@ -120,7 +120,7 @@ def laplace(
             break
         z = tried
         slopes = _slopes(problem, seen, z, aliases)
-    if pivots and not tells:
+    if pivots:
         z, slopes = _stepped(problem, seen, z, slopes, aliases, held)
     return _peak(problem, z, slopes, spent + seen.spent)
 
