@@ -75,7 +75,7 @@ def rivals_of(
 def objections(rivals: Iterable[Rival], verdict: Verdict) -> list[str]:
     """Sentences that forbid the verdict: another form is nearer, and says something else."""
     return [
-        f"{_title(one)} ({one.said}) explains it better: if the actuator may have that, put "
+        f"{_told(one)} explains it better: if the actuator may have that, put "
         f"{one.form.setting} into its file."
         for one in rivals
         if one.rise < -_NEARLY and verdict.grade == "fault" and not _agrees(one, verdict)
@@ -105,25 +105,27 @@ def hints(rivals: Iterable[Rival], verdict: Verdict) -> list[str]:
         if verdict.grade == "none":
             if one.rise < -_NEARLY:
                 found.append(
-                    f"{_title(one)}{f' ({one.said})' if one.said else ''} would explain this "
+                    f"{_told(one)} would explain this "
                     f"recording far better: {setting} if it may have that."
                 )
         elif _agrees(one, verdict):
             if one.rise < -_NEARLY and set(one.form.names) & set(one.present):
                 found.append(
-                    f"{_title(one)} ({one.said}) would explain this recording better; the same "
+                    f"{_told(one)} would explain this recording better; the same "
                     f"fault, of another size: {setting} if it may have that."
                 )
         elif _is_as_near(one, verdict):
             found.append(
-                f"{_title(one)} ({one.said}) would explain this recording about as well: {setting} "
+                f"{_told(one)} would explain this recording about as well: {setting} "
                 "if it may have that."
             )
     return found
 
 
-def _title(one: Rival) -> str:
-    return one.form.meaning[:1].upper() + one.form.meaning[1:]
+def _told(one: Rival) -> str:
+    """The form and what it finds, as a sentence begins."""
+    told = one.form.meaning[:1].upper() + one.form.meaning[1:]
+    return f"{told} ({one.said})" if one.said else told
 
 
 def _is_as_near(one: Rival, verdict: Verdict) -> bool:

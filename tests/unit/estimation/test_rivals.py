@@ -54,6 +54,8 @@ def test_a_nearer_form_that_says_something_else_forbids_the_verdict():
     assert "eccentricity 0.2" in said
     assert "[eccentricity]" in said
     assert hints([rival(-10.0)], NAMED) == []
+    (bare,) = objections([rival(-10.0, ())], NAMED)
+    assert bare.startswith("An eccentricity that is fixed in space explains it better")
 
 
 @pytest.mark.parametrize("rise", [-4.0, 4.0])
