@@ -86,7 +86,9 @@ def qualified(rivals: Iterable[Rival], verdict: Verdict) -> Verdict:
     """The verdict with the other forms that explain the recording about as well in its sentence."""
     for one in rivals:
         if _is_as_near(one, verdict):
-            said = f"It may as well be {one.form.meaning} ({one.said})."
+            named = [name for name in verdict.faults if name in one.form.mistaken]
+            which = " and ".join(named).replace("_", " ").capitalize()
+            said = f"{which} may as well be {one.form.meaning} ({one.said})."
             verdict = replace(
                 verdict,
                 reason=f"{verdict.reason} {said}".strip(),

@@ -65,8 +65,8 @@ def test_a_form_that_is_about_as_near_is_told_and_forbids_nothing(rise):
     assert "about as well" in said
     told = qualified([rival(rise), rival(20.0)], NAMED)
     assert told.sentence == (
-        "Short b: fault. It may as well be an eccentricity that is fixed in space (eccentricity "
-        "0.2)."
+        "Short b: fault. Short b may as well be an eccentricity that is fixed in space "
+        "(eccentricity 0.2)."
     )
     assert told.reason == told.sentence.removeprefix("Short b: fault. ")
     assert told.faults == NAMED.faults
