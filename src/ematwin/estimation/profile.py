@@ -22,10 +22,10 @@ from ematwin.estimation.uncertainty import (
     Question,
     Report,
     Uncertainty,
-    listed,
     strained,
     tells_nothing,
 )
+from ematwin.estimation.verdict import listed
 from ematwin.estimation.walk import NEAR, Walk, crossing, shape_of, smoothed, value_at
 from ematwin.models.chart import Chart
 from ematwin.models.unknown import Unknown

@@ -16,7 +16,7 @@ from ematwin.estimation.baseline import Baseline, uncertain, with_all_free, with
 from ematwin.estimation.laplace import Laplace, laplace, standard_errors
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.significance import is_present
-from ematwin.estimation.verdict import EXPLAINED, Verdict
+from ematwin.estimation.verdict import EXPLAINED, Verdict, listed
 from ematwin.models.base import Model, OtherForm
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
@@ -87,7 +87,7 @@ def qualified(rivals: Iterable[Rival], verdict: Verdict) -> Verdict:
     for one in rivals:
         if _is_as_near(one, verdict):
             named = [name for name in verdict.faults if name in one.form.mistaken]
-            which = " and ".join(named).replace("_", " ").capitalize()
+            which = listed(named).replace("_", " ").capitalize()
             said = f"{which} may as well be {one.form.meaning} ({one.said})."
             verdict = replace(
                 verdict,

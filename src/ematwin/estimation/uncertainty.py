@@ -19,6 +19,7 @@ from ematwin.estimation.presence import Weights, is_absent, weights
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.significance import ANYTHING, SMALLEST
 from ematwin.estimation.thresholds import Threshold
+from ematwin.estimation.verdict import listed
 from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
@@ -278,8 +279,3 @@ def as_probability(share: float) -> str:
     if share > 0.995:
         return "above 99 %"
     return f"{100.0 * share:.0f} %"
-
-
-def listed(names: Sequence[str]) -> str:
-    """ "a, b and c"."""
-    return ", ".join(names[:-1]) + (" and " if len(names) > 1 else "") + names[-1]

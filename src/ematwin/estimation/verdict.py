@@ -133,7 +133,7 @@ def judged(
     ]
     if unseen:
         reason = (
-            f"Nothing has changed beyond doubt, but {_listed(unseen)} could be present unseen"
+            f"Nothing has changed beyond doubt, but {listed(unseen)} could be present unseen"
             + (". " if calibrated else " within the tolerances of the data sheet. ")
             + (
                 "Use a command that moves the actuator more."
@@ -147,5 +147,6 @@ def judged(
     )
 
 
-def _listed(names: Sequence[str]) -> str:
+def listed(names: Sequence[str]) -> str:
+    """ "a, b and c"."""
     return ", ".join(names[:-1]) + (" and " if len(names) > 1 else "") + names[-1]
