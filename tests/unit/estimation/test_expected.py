@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import ematwin
+from ematwin.estimation import expected
 from ematwin.models.registry import load_actuator, model_of
 from ematwin.recordings.noise import Noise
 
@@ -50,3 +51,21 @@ def test_a_kind_without_a_finer_model_expects_noise_alone():
     factor = model_of(actuator).model_error
     ratios = [one.expected / (one.error / factor) for one in found.told]
     assert 0.3 < float(np.median(ratios)) < 2.0
+
+
+def test_where_the_misfit_is_smooth_it_does_not_matter_where_a_descent_sets_out(monkeypatch):
+    far = told_of_axis()
+    monkeypatch.setattr(expected, "_AWAY", 0.0)
+    near = told_of_axis()
+    assert [one.expected for one in far] == pytest.approx([one.expected for one in near], rel=0.05)
+
+
+def test_where_impacts_make_dips_a_descent_that_sets_out_elsewhere_ends_further_off(monkeypatch):
+    far = told(0.02)
+    monkeypatch.setattr(expected, "_AWAY", 0.0)
+    near = told(0.02)
+    assert far["gain"].expected > 1.2 * near["gain"].expected
+
+
+def told_of_axis():
+    return ematwin.identifiability(actuator="rm1605", exact=True, threads=1).told
