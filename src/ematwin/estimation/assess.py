@@ -118,7 +118,7 @@ def assess(
 
     peak = peak_from(found.point)
     rivals = [peak_from(point) for point in _worth_a_look(full, found, problem)]
-    healthy = baseline.misfit if math.isfinite(baseline.misfit) else full.expected_misfit
+    healthy = baseline.misfit if math.isfinite(baseline.misfit) else full.recorded_misfit
     if _strained(peak) or full.relative_misfit(peak.cost) > _SETTLED * healthy:
         rivals += beside(peak, aliases, still, full.comparisons[0].noise)
         best = min((peak, *rivals), key=lambda one: height(one, peak.problem.noise))

@@ -9,23 +9,17 @@ promise (`Judge.held`) is known here as well.
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from ematwin.estimation.baseline import Baseline
-from ematwin.estimation.identify import identify
+from ematwin.estimation.assess import assess
 from ematwin.estimation.interrupt import noting_interrupts
+from ematwin.estimation.problem import Problem
 from ematwin.estimation.promise import Judge, drawn_faults
+from ematwin.estimation.search import find, named
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.scenario import Scenario
-
-
-class Known(NamedTuple):
-    """An actuator with what is known of it, as `identify` takes it."""
-
-    actuator: ParameterSet
-    baseline: Baseline
 
 
 def observe(
@@ -58,15 +52,18 @@ def observe(
     vectors = drawn_faults(model, twin, shares, {})
     actuators = [drawn_actuator(judge, rng) for _ in vectors]
     settings: dict[str, Any] = {} if step is None else {"step": step}
-    known = Known(twin, judge.baseline)
+    search = named(model.default_search)
 
     def errors_of(n: int, scenario: Scenario) -> list[float]:
         record = model.simulate(
             actuators[n], scenario, vectors[n], fidelity=model.fidelities[0], noise=judge.noise,
             seed=seed * 10_000 + n, sample_rate=judge.sample_rate, **settings,
         )  # fmt: skip
-        answer = identify(record, known, exact=judge.baseline.exact, threads=1)
-        return [answer.values[one.name] - vectors[n][one.name] for one in judge.magnitudes]
+        # as `identify` does, but for its verdict
+        problem = Problem.of(record, twin, threads=1)
+        found = find(problem, search)
+        values = assess(model, twin, problem, found, judge.baseline).values
+        return [values[one.name] - vectors[n][one.name] for one in judge.magnitudes]
 
     errors = np.full((recordings, len(scenarios), len(judge.magnitudes)), np.nan)
     with noting_interrupts() as interrupts, ThreadPoolExecutor(judge.threads) as pool:

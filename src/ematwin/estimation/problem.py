@@ -7,6 +7,7 @@ coordinates for methods that follow slopes.
 """
 
 import copy
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -287,8 +288,19 @@ class Problem:
     @property
     def expected_misfit(self) -> float:
         """The relative misfit that the noise of the recordings alone leaves."""
-        noise = sum(one.expected_misfit**2 * one.scale for one in self.comparisons)
-        return float(np.sqrt(noise / sum(one.scale for one in self.comparisons)))
+        return self._mean_misfit([one.expected_misfit for one in self.comparisons])
+
+    @property
+    def recorded_misfit(self) -> float:
+        """The same, with the noise that was measured on the recordings beside what is expected."""
+        return self._mean_misfit(
+            [math.hypot(one.expected_misfit, one.recorded_noise) for one in self.comparisons]
+        )
+
+    def _mean_misfit(self, misfits: Sequence[float]) -> float:
+        """Root of the summed costs over the summed scales, of a misfit for each comparison."""
+        scales = np.array([one.scale for one in self.comparisons])
+        return float(np.sqrt(scales @ np.square(misfits) / scales.sum()))
 
     def smoothed(self) -> "Problem":
         """The same problem with misfits that are smooth over wide valleys, or itself."""

@@ -35,7 +35,10 @@ class Comparison(ABC):
     noise : float, standard deviation that one independent residual is expected to have: the unit in
         which a prior counts beside the residuals
     independent : float, how many independent residuals there are
-    expected_misfit : float, root of the cost over the scale that the noise alone leaves
+    expected_misfit : float, root of the cost over the scale that the noise alone leaves, or what
+        the twin is known to miss
+    recorded_noise : float, the same for the noise that was measured on the recording, where
+        ``expected_misfit`` does not hold it
     whitened : whether residuals are in standard deviations of the noise
     evidence : how many of the residuals, the last ones, are of further channels that count where
         intervals are formed (`with_evidence`); in their standard deviations
@@ -51,6 +54,7 @@ class Comparison(ABC):
     noise: float = 1.0
     independent: float = 1.0
     expected_misfit: float = 0.0
+    recorded_noise: float = 0.0
     whitened: bool = False
     evidence: int = 0
     tells: frozenset[str] = frozenset()

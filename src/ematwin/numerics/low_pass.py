@@ -7,6 +7,8 @@ import numpy as np
 
 from ematwin.errors import InputError
 
+_NOISE_BANDWIDTH = (math.pi / 4.0) / math.sin(math.pi / 4.0)  # of the cutoff
+
 
 @dataclass(frozen=True)
 class LowPass:
@@ -42,6 +44,14 @@ class LowPass:
         b0 = k * k * scale
         a1, a2 = 2.0 * (k * k - 1.0) * scale, (1.0 - math.sqrt(2.0) * k + k * k) * scale
         return np.array([b0, 2.0 * b0, b0, a1, a2, (1.0 - b0) * start, (b0 - a2) * start])
+
+    def noise_gain(self, sample_rate: float) -> float:
+        """The share of the power of white noise that passes.
+
+        A Butterworth filter of order two passes as much of it as a sharp edge at
+        (pi/4)/sin(pi/4) = 1.11 times the cutoff would.
+        """
+        return min(1.0, 2.0 * _NOISE_BANDWIDTH * self.cutoff / sample_rate)
 
     def apply(self, signal: np.ndarray, sample_rate: float) -> np.ndarray:
         """The filtered signal (S,), as if it had rested at its first value before."""

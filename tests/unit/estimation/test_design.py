@@ -10,7 +10,8 @@ import pytest
 import ematwin
 from ematwin.errors import InputError
 from ematwin.estimation.baseline import Baseline
-from ematwin.estimation.observed import observe
+from ematwin.estimation.identify import identify
+from ematwin.estimation.observed import drawn_actuator, observe
 from ematwin.estimation.promise import Judge, Judged, drawn_faults, fault_shares
 from ematwin.estimation.trial import Tried, best_of, tried
 from ematwin.models.registry import load_actuator, model_of
@@ -213,3 +214,18 @@ def test_another_kind_and_a_data_sheet_are_designed_for_alike() -> None:
 def test_wrong_input_gets_one_sentence(options: dict, said: str) -> None:
     with pytest.raises(InputError, match=said):
         quick("servo48", **{"budget": 5, **options})
+
+
+def test_what_is_observed_is_what_identify_answers() -> None:
+    judge = judge_of()
+    given = judge.model.load_scenario(None)
+    (errors,) = observe(judge, [given], 1, seed=3)
+    rng = np.random.default_rng(3)
+    (faults,) = drawn_faults(judge.model, judge.actuator, rng.random((1, 8)), {})
+    real = drawn_actuator(judge, rng)
+    record = judge.model.simulate(
+        real, given, faults, fidelity="reference", noise=judge.noise, seed=30_000
+    )
+    answer = identify(record, judge.actuator, exact=judge.baseline.exact, threads=1)
+    expected = [answer.values[one.name] - faults[one.name] for one in judge.magnitudes]
+    np.testing.assert_allclose(errors[0], expected, rtol=0.0, atol=1e-12)

@@ -3,7 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
+import ematwin
+from ematwin.estimation import assess
 from ematwin.estimation.laplace import laplace
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.valleys import beside
@@ -69,3 +72,22 @@ def test_anew_parameters_set_out_from_what_was_known_of_them():
     np.testing.assert_allclose(found.point, [0.3, 0.71, 1.0], atol=0.02)
     (kept,) = beside(forced, lambda values: [], {"motor.stiffness"}, 0.0, anew=True)
     assert kept.point[2] == 1.5
+
+
+@pytest.mark.parametrize(("ripple", "looked"), [(0.0, False), (5.0, True)])
+def test_it_is_looked_for_where_more_is_left_than_the_noise_of_the_recording(
+    ripple, looked, monkeypatch
+):
+    calls = []
+
+    def counted(*arguments, **more):
+        calls.append(more)
+        return beside(*arguments, **more)
+
+    monkeypatch.setattr(assess, "beside", counted)
+    record = ematwin.simulate(
+        "reference", faults={"friction": 0.2}, noise=ematwin.Noise(white=0.03, bits=12), seed=5
+    )
+    unrecorded = ripple * np.sin(2.0 * np.pi * 15.0 * record.time)
+    ematwin.identify(record.changed(load=record.load + unrecorded), threads=1)
+    assert bool(calls) == looked

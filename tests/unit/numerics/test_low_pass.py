@@ -31,3 +31,11 @@ def test_a_signal_in_parts_is_filtered_as_a_whole() -> None:
     first, state = filtered(taps, signal[:120])
     second, _ = filtered(np.r_[taps[:5], state], signal[120:])
     np.testing.assert_array_equal(np.r_[first, second], whole)
+
+
+@pytest.mark.parametrize("cutoff", [50.0, 100.0, 500.0])
+def test_white_noise_passes_as_far_as_the_impulse_response_says(cutoff: float) -> None:
+    impulse = np.zeros(20_000)
+    impulse[1] = 1.0
+    response = LowPass(cutoff).apply(impulse, 20_000.0)
+    assert LowPass(cutoff).noise_gain(20_000.0) == pytest.approx(response @ response, rel=0.02)

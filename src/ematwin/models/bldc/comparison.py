@@ -31,6 +31,7 @@ from ematwin.models.comparison import Candidates, Comparison
 from ematwin.numerics.low_pass import LowPass
 from ematwin.numerics.misfit import SlopeWeighting
 from ematwin.numerics.shift import advanced
+from ematwin.numerics.white_noise import white_noise
 from ematwin.recordings.recording import Recording
 
 SMOOTH_CUTOFF = 100.0  # Hz: misfits of currents low-passed there are smooth over wide valleys
@@ -259,6 +260,8 @@ class BldcComparison(Comparison):
         self.independent = max(1.0, 2.0 * low_pass.cutoff * duration)
         self.noise = _TWIN_ERROR * math.sqrt(self.scale / self.independent)
         self.expected_misfit = _TWIN_ERROR
+        passed = white_noise(self.current) ** 2 * low_pass.noise_gain(recording.sample_rate)
+        self.recorded_noise = math.sqrt(passed * float(np.sum(self.weights)) / self.scale)
         self._filter_power()
 
     def costs(self, candidates: Candidates, count: int) -> np.ndarray:

@@ -58,7 +58,7 @@ class Restarted(Comparison):
         self.length = self._length = length
         self.stretches = _stretches(whole, starts.tolist(), samples)
         self.noise, self.expected_misfit = whole.noise, whole.expected_misfit
-        self.independent = whole.independent
+        self.recorded_noise, self.independent = whole.recorded_noise, whole.independent
         self.ignores, self.tells = whole.ignores, whole.tells
         self.evidence = sum(whole.kept_of(s) for s in self.stretches if s.power is not None)
         self.scale = sum(float(np.sum(s.weights * s.target**2)) for s in self.stretches)

@@ -4,7 +4,7 @@ import pickle
 import numpy as np
 import pytest
 
-from ematwin import BldcActuator, Faults, Recording, simulate
+from ematwin import BldcActuator, Faults, Noise, Recording, simulate
 from ematwin.errors import InputError, RecordError
 from ematwin.models.bldc.comparison import BldcComparison, initial_state
 from ematwin.models.bldc.faults import FAULTS, HEALTHY
@@ -206,3 +206,11 @@ def test_every_parameter_that_the_twin_uses_moves_the_answer_or_cannot_be_search
             continue
         before, after = comparison.costs(pair, 2)
         assert (before != after) or place in idle, place
+
+
+@pytest.mark.parametrize("white", [0.01, 0.05])
+def test_the_noise_of_a_recording_leaves_the_misfit_that_was_measured_on_it(white: float) -> None:
+    record = simulate("monitor", faults=FAULTY, noise=Noise(white=white), seed=4)
+    objective = Misfit(record, ACTUATOR)
+    left = objective.relative_misfit(objective(FAULTY.vector[None])[0])
+    assert objective.recorded_noise == pytest.approx(left, rel=0.35)
