@@ -6,7 +6,9 @@ all free that was free there, and the heights of both peaks are compared: how fa
 the recording and from what was known before, in squared standard deviations.
 """
 
+import os
 from collections.abc import Collection, Iterable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -62,14 +64,28 @@ def rivals_of(
         return []
     if verdict.grade == "none" and problem.relative_misfit(assessed.cost) <= EXPLAINED:
         return []
-    found = []
-    for form in model.other_forms(actuator, assessed.values):
-        is_asked = verdict.grade == "none" or form.mistaken & set(verdict.faults)
-        if is_asked and set(form.names) <= set(problem.names):
-            rival = _rival(model, actuator, form, problem, assessed, baseline, threads)
-            if rival is not None and rival.rise < _NEARLY:
-                found.append(rival)
-    return found
+    forms = [
+        form
+        for form in model.other_forms(actuator, assessed.values)
+        if (verdict.grade == "none" or form.mistaken & set(verdict.faults))
+        and set(form.names) <= set(problem.names)
+    ]
+    if not forms:
+        return []
+    cores = threads or os.cpu_count() or 1
+    shared = min(cores, len(forms))  # descents are small batches: one core for each form
+
+    def compared(form: OtherForm) -> tuple[Laplace, float] | None:
+        return _compared(model, actuator, form, problem, assessed, baseline, cores // shared)
+
+    with ThreadPoolExecutor(shared) as pool:
+        ends = list(pool.map(compared, forms))
+    first = assessed.joint.peaks[0]
+    return [
+        _rival(model, form, problem, first, *one)
+        for form, one in zip(forms, ends, strict=True)
+        if one is not None and one[1] < _NEARLY
+    ]
 
 
 def objections(rivals: Iterable[Rival], verdict: Verdict) -> list[str]:
@@ -147,16 +163,16 @@ def _agrees(one: Rival, verdict: Verdict) -> bool:
     return set(one.present) == one.form.mistaken & set(verdict.faults)
 
 
-def _rival(
+def _compared(
     model: Model,
     actuator: ParameterSet,
     form: OtherForm,
     problem: Problem,
     assessed: Assessment,
     baseline: Baseline,
-    threads: int | None,
-) -> Rival | None:
-    """The other form at its best; None where that would be far worse."""
+    threads: int,
+) -> tuple[Laplace, float] | None:
+    """The other form at its best, and its rise (`Rival`); None where it would be far worse."""
     assert assessed.joint is not None
     peak = assessed.joint.peaks[0]
     comparisons = [
@@ -178,19 +194,28 @@ def _rival(
         again = _descended(model, form.actuator, full, as_found)
         if (lower := _rise(model, peak, again)) < rise:
             end, rise = again, lower
-    values = full.values(end.point)
-    its = [one.name for one in problem.unknowns if _is_of(one, form)]
     if rise < -_NEARLY:  # so may the first answer: it gets what the other found beside the fault
-        beside = {name: x for name, x in values.items() if name not in its}
+        its = _own_names(problem, form)
+        beside = {name: x for name, x in full.values(end.point).items() if name not in its}
         for names in (problem.names, peak.problem.names):
             point = _start(peak.problem, names, {**own, **beside})
             rise = max(rise, _rise(model, _descended(model, actuator, peak.problem, point), end))
             if rise >= -_NEARLY:
                 break
-    faults = [model.unknown(form.actuator, name) for name in its]
-    # those of the first answer: where both forms are free, one stands for the other
-    errors = standard_errors(peak.problem.chart, peak.z, peak.widened(model.model_error))
-    error_of = dict(zip(peak.problem.names, errors.tolist(), strict=True))
+    return end, rise
+
+
+def _rival(
+    model: Model, form: OtherForm, problem: Problem, first: Laplace, end: Laplace, rise: float
+) -> Rival:
+    """What the other form says at its best, ``end``; errors are those of the first answer.
+
+    Where both forms are free, one stands for the other, and those of the other form are too wide.
+    """
+    errors = standard_errors(first.problem.chart, first.z, first.widened(model.model_error))
+    error_of = dict(zip(first.problem.names, errors.tolist(), strict=True))
+    values = end.problem.values(end.point)
+    faults = [model.unknown(form.actuator, name) for name in _own_names(problem, form)]
     there = tuple(
         one.name
         for one in faults
@@ -238,9 +263,13 @@ def _rise(model: Model, first: Laplace, other: Laplace) -> float:
     return height(other, noise) - height(first, noise)
 
 
-def _is_of(one: Unknown, form: OtherForm) -> bool:
-    """Whether a fault, or its direction, is one that the form may be mistaken for."""
-    return one.name in form.mistaken or one.direction_of in form.mistaken
+def _own_names(problem: Problem, form: OtherForm) -> list[str]:
+    """Names of the faults that the form may be mistaken for, and of their directions."""
+    return [
+        one.name
+        for one in problem.unknowns
+        if one.name in form.mistaken or one.direction_of in form.mistaken
+    ]
 
 
 def _said(one: Unknown, actuator: ParameterSet, value: float) -> str:

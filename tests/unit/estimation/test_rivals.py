@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import ematwin
 from ematwin.estimation.rivals import Rival, hints, objections, qualified
 from ematwin.estimation.verdict import Verdict
 from ematwin.models.base import OtherForm
@@ -100,3 +101,11 @@ def test_without_a_verdict_only_a_far_better_form_is_told():
     assert "far better" in said
     assert objections([rival(-50.0)], NONE) == []
     assert qualified([rival(-1.0)], NONE) == NONE
+
+
+def test_forms_that_share_the_cores_say_what_one_after_another_says():
+    record = ematwin.simulate("reference", faults={"short_b": 0.2, "friction": 0.1}, seed=3)
+    alone, shared = (ematwin.identify(record, threads=count) for count in (1, 2))
+    assert "may as well be" in alone.verdict.sentence  # another form was asked for
+    assert shared.verdict == alone.verdict
+    assert shared.warnings == alone.warnings
