@@ -11,7 +11,8 @@ import functools
 import sys
 import tempfile
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -20,6 +21,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from devtools import Tab, browser
 
 WIDTHS = (1400, 768, 390)
+_BROWSERS = 2  # that share the pages
 _LOADED = "performance.getEntriesByType('resource').map((each) => each.name)"
 
 
@@ -28,8 +30,16 @@ def check(site: Path, pictures: Path | None = None) -> list[str]:
     pages = sorted(str(page.relative_to(site)) for page in site.rglob("*.html"))
     if not pages:
         return [f"{site} holds no page: build it first."]
+    shares = [pages[n::_BROWSERS] for n in range(_BROWSERS)]
+    with served(site) as address, ThreadPoolExecutor(_BROWSERS) as pool:
+        opened = pool.map(lambda share: _opened(share, address, pictures), shares)
+        return sorted(what for share in opened for what in share)
+
+
+def _opened(pages: Sequence[str], address: str, pictures: Path | None) -> list[str]:
+    """What is wrong with some of the pages, opened in a browser of their own."""
     wrong = []
-    with served(site) as address, tempfile.TemporaryDirectory() as own, browser(Path(own)) as tab:
+    with tempfile.TemporaryDirectory() as own, browser(Path(own)) as tab:
         for page in pages:
             for width in WIDTHS:
                 found = _faults(tab, f"{address}/{page}", width)
