@@ -188,9 +188,7 @@ class MultistartDescent:
         search = MultistartDescent(
             restarted, budget=budget, seed=int(self._rng.integers(2**31)), report=count
         )
-        for _ in search.searches(1):  # stretches have few valleys
-            pass
-        found = search.state
+        found = search.run()
         state.evaluations = before + found.evaluations
         if not np.isfinite(found.cost):
             return False
