@@ -156,6 +156,7 @@ class BldcComparison(Comparison):
                 f"The current of the record is constant ({self.current[0]:g} A): nothing moved. "
                 "Check the channel, or record a motion."
             )
+        self._white_noise = white_noise(self.current)
         self._stepped(actuator.steps.monitor)
         ratio = actuator.transmission.ratio
         load = recording.load
@@ -260,7 +261,7 @@ class BldcComparison(Comparison):
         self.independent = max(1.0, 2.0 * low_pass.cutoff * duration)
         self.noise = _TWIN_ERROR * math.sqrt(self.scale / self.independent)
         self.expected_misfit = _TWIN_ERROR
-        passed = white_noise(self.current) ** 2 * low_pass.noise_gain(recording.sample_rate)
+        passed = self._white_noise**2 * low_pass.noise_gain(recording.sample_rate)
         self.recorded_noise = math.sqrt(passed * float(np.sum(self.weights)) / self.scale)
         self._filter_power()
 
