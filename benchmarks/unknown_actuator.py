@@ -5,6 +5,7 @@
     python benchmarks/unknown_actuator.py drift --actuators 12 --faulty 5
     python benchmarks/unknown_actuator.py uncalibrated --actuators 40 --faulty 3
     python benchmarks/unknown_actuator.py evidence --actuators 8 --faulty 6
+    python benchmarks/unknown_actuator.py sensors --actuators 12 --faulty 4
     python benchmarks/unknown_actuator.py structure --actuators 12 --faulty 6
     python benchmarks/unknown_actuator.py forms --actuators 12
     python benchmarks/unknown_actuator.py special
@@ -16,7 +17,10 @@ torque constant falls by 3 %, the resistance rises by 30 %, the supply falls by 
 by 10 % and the command is 200 us late, one of them or all. ``uncalibrated``: the template is
 trusted as far as its tolerances go. ``evidence``: calibrated and judged with phase voltages, with
 the supply's current, and with neither; the sensors of the phases drift by 2 % in every other
-recording. ``structure``: recordings of a simulator that shares no code with the twin and has what
+recording. ``sensors``: calibrated and judged with a sensor in each phase that has a gain (1 %) and
+an offset (0.2 A) of its own, which in every other recording are others than when the actuator was
+calibrated; and the same of two sensors, the third current being made of the others; and by a data
+sheet alone. ``structure``: recordings of a simulator that shares no code with the twin and has what
 the twin lacks (tests/naive/another_actuator.py). ``forms``: an offset that is fixed in space, and a
 short that is a loop, judged by a data sheet that has neither form (docs/models.md, "Truer forms").
 ``special``: motions and recordings from which nothing can be told.
@@ -52,6 +56,7 @@ VOLTAGE_GAIN = (
     0.005  # standard deviation of what a rig's voltages, or its supply's current, are off
 )
 CURRENT_DRIFT = 0.02  # by which the sensors of the phases change in every other recording
+PHASE_GAIN, PHASE_OFFSET = 0.01, 0.2  # A; standard deviations of the sensor of each phase
 HEALTHY_RECORDINGS = 3
 
 # Standard deviations, of logarithms, with which the actuators of ``calibrated`` are off the sheet.
@@ -248,6 +253,39 @@ def of_evidence(seed: int, faulty: int) -> list[Outcome]:
     return found
 
 
+def shown(record: Recording, gains: np.ndarray, offsets: np.ndarray, two: bool) -> Recording:
+    """The recording as sensors of the phases show it, each with a gain and an offset (A)."""
+    each = zip(PHASES, gains, offsets, strict=True)
+    seen = {name: gain * record.channels[name] + offset for name, gain, offset in each}
+    if two:
+        seen[PHASES[2]] = -(seen[PHASES[0]] + seen[PHASES[1]])
+    return record.changed(**seen)
+
+
+def of_sensors(seed: int, faulty: int) -> list[Outcome]:
+    """The same recordings through sensors that differ from phase to phase."""
+    true = actuator_off(seed)
+    rng = np.random.default_rng([8, seed])
+    errors = [
+        (1.0 + PHASE_GAIN * rng.standard_normal(3), PHASE_OFFSET * rng.standard_normal(3))
+        for _ in range(1 + faulty)
+    ]
+    healthy = [recorded(true, {}, 10 + n, {}) for n in range(HEALTHY_RECORDINGS)]
+    faults = cases(faulty, seed)
+    records = [recorded(true, one, 100 + n, {}) for n, one in enumerate(faults)]
+    found = []
+    for title, two in (("three sensors", False), ("two sensors", True), ("data sheet", False)):
+        known: Any = SHEET
+        if title != "data sheet":
+            known = learnt([shown(one, *errors[0], two) for one in healthy], SHEET)
+        for n, record in enumerate(records):
+            drifted = n % 2 == 1 and title != "data sheet"
+            group = f"{title}, drifted" if drifted else title
+            seen = shown(record, *errors[1 + n if drifted else 0], two)
+            found.append(judged(group, seen, known, true, faults[n]))
+    return found
+
+
 def of_structure(seed: int, faulty: int) -> list[Outcome]:
     """The same with the other simulator."""
     from naive import another_actuator as other
@@ -403,11 +441,14 @@ COLUMNS = (
 HEADER = f"| | {' | '.join(COLUMNS)} |\n|---|{'--:|' * len(COLUMNS)}"
 
 
+BY_MODE = {"evidence": of_evidence, "sensors": of_sensors, "structure": of_structure}
+
+
 def main() -> None:
     """Run one part of the benchmark."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    modes = ("calibrated", "sheet", "drift", "uncalibrated", "evidence", "structure", "forms",
-             "special")  # fmt: skip
+    modes = ("calibrated", "sheet", "drift", "uncalibrated", "evidence", "sensors", "structure",
+             "forms", "special")  # fmt: skip
     parser.add_argument("mode", choices=modes)
     parser.add_argument("--actuators", type=int, default=10)
     parser.add_argument("--faulty", type=int, default=5, help="recordings of each actuator")
@@ -422,8 +463,8 @@ def main() -> None:
         parts = [special(true, learnt(healthy, SHEET))]
     elif given.mode == "forms":
         parts = Parallel(given.workers)(delayed(of_forms)(s) for s in seeds)
-    elif given.mode in ("structure", "evidence"):
-        of = of_structure if given.mode == "structure" else of_evidence
+    elif given.mode in BY_MODE:
+        of = BY_MODE[given.mode]
         parts = Parallel(given.workers)(delayed(of)(s, given.faulty) for s in seeds)
     else:
         parts = Parallel(given.workers)(
@@ -437,7 +478,7 @@ def main() -> None:
     if len(groups) > 1:
         for group in groups:
             print(row(group, [one for one in runs if one.group == group]))
-    if given.mode not in ("special", "evidence", "forms"):
+    if given.mode not in ("special", "evidence", "sensors", "forms"):
         print(row(given.mode, runs))
     if given.mode == "forms":
         wrong = [one for one in runs if set(one.faults) - injected_names(one)]

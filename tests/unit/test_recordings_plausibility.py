@@ -1,5 +1,7 @@
 """Mistakes of unit and wiring are named; sound records, however faulty the actuator, pass."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -37,10 +39,19 @@ FAULTY = [
 
 @pytest.mark.parametrize("faults", FAULTY)
 def test_a_sound_record_of_a_faulty_actuator_passes(faults: dict[str, float]) -> None:
-    noisy = Noise(white=0.03, offset=0.02, bits=12)
+    noisy = Noise(white=0.03, bits=12)
     sound = ematwin.simulate("reference", faults=faults, noise=noisy, seed=1)
     assert check_plausible(sound, ACTUATOR) == []
     assert check_plausible(sound) == []
+
+
+@pytest.mark.parametrize("faults", FAULTY)
+def test_an_offset_of_the_sensors_is_told_apart_from_any_fault(faults: dict[str, float]) -> None:
+    noisy = Noise(white=0.03, offset=0.02, bits=12)
+    record = ematwin.simulate("reference", faults=faults, noise=noisy, seed=1)
+    (said,) = check_plausible(record, ACTUATOR)
+    offsets = [int(found) for found in re.findall(r"[abc] ([+-]\d+)", said)]
+    assert offsets == pytest.approx([20, 20, 20], abs=10)
 
 
 @pytest.mark.parametrize("scenario", ["ramp", "sine", "step"])
@@ -153,7 +164,8 @@ def test_currents_that_do_not_sum_to_zero(record: Recording) -> None:
     warned = check_plausible(record.changed(current_b=1.5 * record.current_b), ACTUATOR)
     assert "check the scales" in warned[0]
     warned = check_plausible(record.changed(current_b=record.current_b + 0.5), ACTUATOR)
-    assert "an offset" in warned[0]
+    assert "(a +0, b +500, c +0 mA)" in warned[0]
+    assert len(warned) == 1
 
 
 @pytest.mark.parametrize("order", ["acb", "bac", "bca", "cab", "cba"])

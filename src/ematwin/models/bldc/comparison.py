@@ -1,8 +1,9 @@
 """How badly candidates explain a recording of a brushless actuator.
 
-A recording is prepared once: its equivalent current is formed and filtered, the weights of the
-misfit follow from it, and command and load are put on the time base of the monitor model. A batch
-of candidates is then simulated and scored without keeping traces.
+A recording is prepared once: what the sensors of its phases are off is corrected, its equivalent
+current is formed and filtered, the weights of the misfit follow from it, and command and load are
+put on the time base of the monitor model. A batch of candidates is then simulated and scored
+without keeping traces.
 """
 
 import copy
@@ -23,6 +24,7 @@ from ematwin.models.bldc.constants import (
 )
 from ematwin.models.bldc.envelope import current_envelope, signed_current
 from ematwin.models.bldc.parameters import BldcActuator
+from ematwin.models.bldc.phase_sensors import balanced
 from ematwin.models.bldc.power import Power, recorded_power
 from ematwin.models.bldc.state import V_SUPPLY
 from ematwin.models.bldc.truer.state import REST
@@ -142,6 +144,7 @@ class BldcComparison(Comparison):
                 f"The record has {len(recording)} samples; at least {_SHORTEST} are needed to tell "
                 "faults apart. Record longer or faster."
             )
+        recording = balanced(recording)
         self.recording, self.actuator = recording, actuator
         signed = None if rectify else signed_current(recording, actuator.motor.pole_pairs)
         if rectify is False and signed is None:

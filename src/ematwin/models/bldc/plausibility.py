@@ -14,6 +14,7 @@ from ematwin.models.bldc.agreement import check_agreement, check_overspeed
 from ematwin.models.bldc.channels import CURRENTS, PHASES, VOLTAGES
 from ematwin.models.bldc.envelope import current_envelope
 from ematwin.models.bldc.parameters import BldcActuator
+from ematwin.models.bldc.phase_sensors import phase_sensors
 from ematwin.models.bldc.wiring import check_order, check_sum
 from ematwin.recordings.recording import Recording
 
@@ -56,6 +57,10 @@ def check_plausible(
         warnings += _check_voltages(record, actuator)
         check_overspeed(record, actuator)
         _check_travel(record, actuator)
+    sensors = phase_sensors(record)
+    if sensors is not None:
+        warnings.append(str(sensors))
+        record = sensors.corrected(record)
     warnings += check_sum(record)
     if actuator is not None:
         warnings += check_order(record, actuator)
