@@ -71,11 +71,6 @@ class LevenbergMarquardt:
             self.finished[order],
         )
 
-    def iteration_price(self) -> int:
-        """Evaluations that the next iteration takes."""
-        moving = int(np.sum(~self.finished))
-        return moving * (self.points.shape[1] + len(DAMPINGS))
-
     def iterate(
         self,
         residuals: Residuals,

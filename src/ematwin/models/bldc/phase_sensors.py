@@ -22,7 +22,7 @@ import numpy as np
 from ematwin.models.bldc.channels import PHASES
 from ematwin.recordings.recording import Recording
 
-_LOOKED_AT = 10_000  # samples
+_LOOKED_AT = 5_000  # samples
 _PASSES = 12
 _OPEN = 0.25  # of the largest of the three currents: more is a commutation
 _CONDUCTING = 0.2  # of their RMS: less tells nothing
