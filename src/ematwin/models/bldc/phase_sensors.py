@@ -110,7 +110,7 @@ def _solved(shown: np.ndarray, rms: float) -> tuple[np.ndarray, np.ndarray] | No
     the currents as shown leave far more.
     """
     middle = np.median(shown, axis=0).tolist()
-    starts = product(*({0.0, x if abs(x) > _OFFSET * rms else 0.0} for x in middle))
+    starts = product(*((0.0, x) if abs(x) > _OFFSET * rms else (0.0,) for x in middle))
     steps = [np.diff(np.unique(one)).min(initial=np.inf) for one in shown.T]
     ends = [end for end in (_offsets(shown, np.array(start), steps) for start in starts) if end]
     if not ends:
