@@ -20,10 +20,12 @@ from itertools import product
 import numpy as np
 
 from ematwin.models.bldc.channels import PHASES
+from ematwin.numerics.white_noise import white_noise
 from ematwin.recordings.recording import Recording
 
 _LOOKED_AT = 5_000  # samples
 _PASSES = 12
+_LOUD = 0.15  # of the RMS: more noise looks like a gain
 _OPEN = 0.25  # of the largest of the three currents: more is a commutation
 _CONDUCTING = 0.2  # of their RMS: less tells nothing
 _FEWEST = 30  # samples in which a phase must have been open
@@ -78,7 +80,7 @@ def phase_sensors(recording: Recording) -> PhaseSensors | None:
         return None
     shown = currents[:: -(-len(currents) // _LOOKED_AT)]
     rms = float(np.sqrt(np.mean(shown**2)))
-    if rms == 0.0:
+    if rms == 0.0 or max(map(white_noise, currents.T)) > _LOUD * rms:
         return None
     solved = _solved(shown, rms)
     if solved is None:

@@ -44,6 +44,14 @@ def test_good_sensors_are_left_alone(scenario, faults, noise):
     assert balanced(record) is record
 
 
+@pytest.mark.parametrize("share", [0.1, 0.2, 0.4])
+def test_loud_noise_is_not_taken_for_gains(share):
+    for seed in range(3):
+        noise = Noise(white=share, bits=12)
+        record = ematwin.simulate("reference", faults={"short_b": 0.5}, noise=noise, seed=seed)
+        assert phase_sensors(record) is None
+
+
 def test_what_is_corrected_needs_no_correction():
     once = balanced(shown(recorded("default", {}), GAINS, OFFSETS))
     assert phase_sensors(once) is None
