@@ -31,6 +31,10 @@ from ematwin.numerics.cache import keep
 
 _RELAXED = {"contract", "nsz", "arcp"}
 
+# LLVM gives up the vectors of a loop that would have to check more pairs of arrays for overlap. The
+# lanes of the truer forms with power have more of them, and were 8 times slower without vectors.
+_OVERLAPS, _USUAL_OVERLAPS, _MOST_OVERLAPS = "vectorize-memory-check-threshold", 128, 4096
+
 step = numba.njit(inline="always", error_model="numpy", fastmath=_RELAXED)
 
 part = numba.njit(forceinline=True, error_model="numpy", fastmath=_RELAXED)
@@ -40,14 +44,14 @@ def loop(function: Callable[..., Any] | None = None, *, interleave: int = 0) -> 
     """Compile ``function`` on its first call; keep the result on disk for the next process.
 
     ``interleave`` is the number of vectors that its lanes are computed in at the same time, so that
-    the latency of one is hidden by the others; 0 leaves it to LLVM, which takes one where a step is
-    long.
+    the latency of one is hidden by the others; 0 is for a loop without lanes, or leaves it to LLVM,
+    which takes one where a step is long.
     """
     if function is None:
         return partial(loop, interleave=interleave)
     compiled = numba.njit(nogil=True, error_model="numpy", fastmath=_RELAXED)(function)
     if interleave and hasattr(compiled, "_compiler"):  # not where NUMBA_DISABLE_JIT is set
-        compiled._compiler.compile = _interleaved(compiled._compiler.compile, interleave)
+        compiled._compiler.compile = _in_lanes(compiled._compiler.compile, interleave)
     if hasattr(compiled, "typeof_pyval"):
         vars(compiled)["typeof_pyval"] = _type_of
     keep(compiled)
@@ -70,17 +74,21 @@ def _type_of(value: Any) -> types.Type:
     return typeof(value, Purpose.argument)
 
 
-def _interleaved(compile_it: Callable[..., Any], count: int) -> Callable[..., Any]:
-    """LLVM takes this as an option of the process; numba compiles one function at a time."""
+def _in_lanes(compile_it: Callable[..., Any], interleave: int) -> Callable[..., Any]:
+    """LLVM takes these as options of the process; numba compiles one function at a time."""
+    ours = (f"-force-vector-interleave={interleave}", f"-{_OVERLAPS}={_MOST_OVERLAPS}")
+    usual = ("-force-vector-interleave=0", f"-{_OVERLAPS}={_USUAL_OVERLAPS}")
 
-    def compile_with_option(*arguments: Any) -> Any:
-        llvmlite.binding.set_option("ematwin", f"-force-vector-interleave={count}")
+    def compile_with_options(*arguments: Any) -> Any:
+        for option in ours:
+            llvmlite.binding.set_option("ematwin", option)
         try:
             return compile_it(*arguments)
         finally:
-            llvmlite.binding.set_option("ematwin", "-force-vector-interleave=0")
+            for option in usual:
+                llvmlite.binding.set_option("ematwin", option)
 
-    return compile_with_option
+    return compile_with_options
 
 
 @intrinsic

@@ -1,5 +1,7 @@
 """The truer forms step by step against plain Python, and what a batch makes of them."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ import ematwin
 from bldc_inputs import SEVERE, history
 from ematwin.errors import InputError, ParameterError
 from ematwin.models.bldc import batch
+from ematwin.models.bldc.channels import VOLTAGES
 from ematwin.models.bldc.constants import kernel_constants, truer_constants
 from ematwin.models.bldc.faults import Faults
 from ematwin.models.bldc.parameters import BldcActuator
@@ -14,6 +17,7 @@ from ematwin.models.bldc.truer.reference_step import advance_shorted_bridge
 from ematwin.models.bldc.truer.state import NEUTRAL, REST
 from ematwin.models.registry import model_of
 from ematwin.models.simulating import simulate
+from ematwin.numerics.compile import loop
 from naive import truer as naive
 
 PLAIN = BldcActuator.load()
@@ -146,6 +150,21 @@ def test_costs_are_the_same_however_a_batch_is_run(comparison):
     assert changed[2] == pytest.approx(costs[2], rel=1e-9)
     own["shorted_turns.resistance"][2] = np.nan
     assert np.isposinf(comparison.costs({**CANDIDATES, **own}, len(VECTORS))[2])
+
+
+def test_lanes_of_truer_forms_with_power_are_computed_in_vectors(monkeypatch):
+    """LLVM gives up where a loop has too many arrays: 8 times slower, and nobody would see it."""
+    monkeypatch.setattr("ematwin.numerics.compile.keep", lambda compiled: None)  # compiled anew
+    actuator = PLAIN.changed(FORMS["eccentricity"])
+    fresh = loop(batch.monitor_scores.py_func, interleave=2)
+    monkeypatch.setattr(batch, "monitor_scores", fresh)
+    record = simulate("reference", "step", actuator=actuator, sample_rate=5e3, also=VOLTAGES)
+    comparison = MODEL.compare(record, actuator, threads=1).with_evidence()
+    comparison.residuals({"motor.resistance": np.array([1.0, 1.1])}, 2)
+    (code,) = fresh.inspect_llvm().values()
+    products = re.findall(r"fmul .*?<(\d+) x double>", code)
+    assert len(products) > 100
+    assert min(map(int, products)) >= 2
 
 
 def test_a_gpu_refuses_what_it_does_not_know(comparison):
