@@ -51,6 +51,8 @@ if _path:
 if "FAULTS_LEASE" in os.environ:
     import ematwin.comparison.study.store as _store
     _store.LEASE = float(os.environ["FAULTS_LEASE"])
+    # where claims are shorter, so is the wait for a locked file
+    _store.Store.__init__.__kwdefaults__["patience"] = 5.0 * _store.LEASE
 """
 
 
