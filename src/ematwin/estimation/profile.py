@@ -88,11 +88,14 @@ class Profiles:
         joint, faults = question.joint, question.faults
         walkers = _Walkers(joint, faults, question.assessed.sharp_errors)
         finished = walkers.run(report)
-        walks = {one.name: walkers.walk(n) for n, one in enumerate(faults)}
+        walks = {}
+        for n, one in enumerate(faults):
+            answer = question.assessed.values[one.name]
+            walks[one.name] = walkers.walk(n).reaching(answer, answer)
         doubts = strained(question)
         longer = []
-        for name, walk in walks.items():
-            if walk.rough:
+        if any(walk.rough for walk in walks.values()):
+            for name, walk in walks.items():
                 least = question.assessed.intervals[name]
                 walks[name] = walk.reaching(least.low, least.high)
                 if walks[name].length > _LONGER * walk.length:

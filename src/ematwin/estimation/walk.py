@@ -2,8 +2,9 @@
 
 The 95 % interval ends where the rise of the deviance passes 3.84 (Wilks 1938; Venzon and Moolgavkar
 1988, J. R. Stat. Soc. C 37, 87-94). Impacts make the rise rough: descents stop in its dips before
-everything else has made up for a wrong value, and walks end too soon. Where the rise lies `ROUGH`
-about a parabola, its interval is therefore no shorter than Laplace's, whose slopes look past that.
+everything else has made up for a wrong value, and walks end too soon. Where the rise along any
+fault lies `ROUGH` about a parabola, no interval is therefore shorter than Laplace's, whose slopes
+look past that: descents of all walks go through the same misfit.
 """
 
 import math

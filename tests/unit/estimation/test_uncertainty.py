@@ -39,8 +39,9 @@ def question(comparison, unknowns, *starts, thresholds=None):
     }  # fmt: skip
     intervals = {n: SimpleNamespace(low=low, high=high) for n, (low, high) in ends.items()}
     assessed = SimpleNamespace(
-        intervals=intervals, drawn=drawn, sharp_errors=sharp, strained={}, others=()
-    )
+        values=problem.values(np.array(starts[0], dtype=float)),
+        intervals=intervals, drawn=drawn, sharp_errors=sharp, strained={}, others=(),
+    )  # fmt: skip
     limits = thresholds_of(thresholds or {}, unknowns, None)  # type: ignore[arg-type]
     return Question(problem, None, assessed, joint, limits)  # type: ignore[arg-type]
 
@@ -205,6 +206,30 @@ def test_profile_of_a_logarithmic_fault_is_in_its_own_values():
     found = run(Profiles(), question(toy, (wear,), (2.0,)))
     reach = np.exp(1.96 * ERROR)
     assert found.intervals["wear"] == pytest.approx((2.0 / reach, 2.0 * reach), rel=3e-3)
+
+
+@pytest.mark.parametrize("dips", [0.0, 0.7])
+def test_where_walks_cross_dips_no_interval_is_shorter_than_that_of_laplace(dips):
+    def features(values):
+        ripple = dips * ERROR * np.sin(values["wear"] / (0.2 * ERROR))
+        return stacked(values["wear"] + ripple, values["gap"])
+
+    case = question(Toy(features, wear=0.5, gap=0.5), LINEAR[:2], (0.5, 0.5))
+    case.assessed.intervals["gap"] = SimpleNamespace(low=0.5 - 4.0 * ERROR, high=0.5 + 4.0 * ERROR)
+    found = run(Profiles(), case)
+    low, high = found.intervals["gap"]
+    assert found.walks["wear"].rough == bool(dips)
+    assert not found.walks["gap"].rough
+    assert high - low == pytest.approx((8.0 if dips else 3.9) * ERROR, rel=0.1)
+    assert any("rough along gap" in doubt for doubt in found.doubts) == bool(dips)
+
+
+def test_a_profile_holds_the_answer_that_the_search_gave():
+    toy = Toy(lambda v: stacked(v["wear"], v["gap"]), wear=0.5, gap=0.5)
+    case = question(toy, LINEAR[:2], (0.5, 0.5))
+    case.assessed.values["gap"] = 0.5 + 3.0 * ERROR
+    ends = run(Profiles(), case).intervals["gap"]
+    assert ends == pytest.approx((0.5 - 1.96 * ERROR, 0.5 + 3.0 * ERROR), abs=0.2 * ERROR)
 
 
 def test_chains_that_have_not_arrived_are_said_to_be_so(asked):
