@@ -1,6 +1,7 @@
 """The small size of benchmarks/unknown_actuator.py: right, or no verdict (docs/trust.md)."""
 
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -16,6 +17,13 @@ def known() -> object:
     """What three healthy recordings say of an actuator that is off its data sheet."""
     true = bench.actuator_off(7)
     return bench.learnt([bench.recorded(true, {}, 10 + n, {}) for n in range(3)], bench.SHEET)
+
+
+@cache
+def known_with(evidence: str) -> object:
+    """What two healthy recordings with further channels say of another such actuator."""
+    true, also = bench.actuator_off(4), bench.EVIDENCE[evidence]
+    return bench.learnt([bench.recorded(true, {}, 10 + n, {}, also) for n in range(2)], bench.SHEET)
 
 
 @pytest.mark.parametrize("case", range(len(bench.CASES)))
@@ -90,9 +98,7 @@ def test_phase_voltages_tell_the_scale_of_torques_and_the_gain_of_a_current_sens
 
     In one recording of six the misfit is too rough for the step that evidence asks for.
     """
-    true = bench.actuator_off(4)
-    healthy = [bench.recorded(true, {}, 10 + n, {}, bench.VOLTAGES) for n in range(2)]
-    known = bench.learnt(healthy, bench.SHEET)
+    true, known = bench.actuator_off(4), known_with("phase voltages")
     inertia = known.actuator.value("motor.inertia") / true.value("motor.inertia")
     assert abs(inertia - 1.0) < 0.015  # 2 % off without voltages
     faults, drift = bench.CASES[1], {"amperes": 1.02}
@@ -121,8 +127,7 @@ def test_phase_voltages_tell_the_scale_of_torques_and_the_gain_of_a_current_sens
 def test_what_looks_like_added_turns_makes_no_short_an_eccentricity(evidence, drift) -> None:
     """Turns are never added: sensors that show too little, stronger magnets have to say so."""
     true, faults, also = bench.actuator_off(4), bench.CASES[1], bench.EVIDENCE[evidence]
-    healthy = [bench.recorded(true, {}, 10 + n, {}, also) for n in range(2)]
-    known = bench.learnt(healthy, bench.SHEET)
-    one = bench.judged("", bench.recorded(true, faults, 101, drift, also), known, true, faults)
+    record = bench.recorded(true, faults, 101, drift, also)
+    one = bench.judged("", record, known_with(evidence), true, faults)
     assert set(one.faults) == {"friction", "short_b"}
     assert not bench.silently_wrong(one)
