@@ -6,6 +6,7 @@
     python benchmarks/unknown_actuator.py uncalibrated --actuators 40 --faulty 3
     python benchmarks/unknown_actuator.py evidence --actuators 8 --faulty 6
     python benchmarks/unknown_actuator.py sensors --actuators 12 --faulty 4
+    python benchmarks/unknown_actuator.py zeros --actuators 12 --faulty 4
     python benchmarks/unknown_actuator.py structure --actuators 12 --faulty 6
     python benchmarks/unknown_actuator.py forms --actuators 12
     python benchmarks/unknown_actuator.py special
@@ -20,7 +21,10 @@ the supply's current, and with neither; the sensors of the phases drift by 2 % i
 recording. ``sensors``: calibrated and judged with a sensor in each phase that has a gain (1 %) and
 an offset (0.2 A) of its own, which in every other recording are others than when the actuator was
 calibrated; and the same of two sensors, the third current being made of the others; and by a data
-sheet alone. ``structure``: recordings of a simulator that shares no code with the twin and has what
+sheet alone. ``zeros``: the rotor stands anywhere where the command is zero; calibrated and by a
+data sheet, with positions from sensors that are mounted 5 degrees electrical (motor) and 0.05 rad
+of the motor shaft (output) off, standard deviations; and with command, load and phase currents
+alone. ``structure``: recordings of a simulator that shares no code with the twin and has what
 the twin lacks (tests/naive/another_actuator.py). ``forms``: an offset that is fixed in space, and a
 short that is a loop, judged by a data sheet that has neither form (docs/models.md, "Truer forms").
 ``special``: motions and recordings from which nothing can be told.
@@ -45,6 +49,7 @@ from ematwin.models.bldc.faults import HEALTHY, error_percent_wrapped
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.unknowns import FAULTS
 from ematwin.models.registry import load_actuator, model_of
+from ematwin.models.scenario import Scenario, Step
 from ematwin.recordings.recording import Recording
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
@@ -57,6 +62,7 @@ VOLTAGE_GAIN = (
 )
 CURRENT_DRIFT = 0.02  # by which the sensors of the phases change in every other recording
 PHASE_GAIN, PHASE_OFFSET = 0.01, 0.2  # A; standard deviations of the sensor of each phase
+MOTOR_ZERO, OUTPUT_ZERO = np.radians(5.0), 0.05  # electrical; rad, motor shaft; of their sensors
 HEALTHY_RECORDINGS = 3
 
 # Standard deviations, of logarithms, with which the actuators of ``calibrated`` are off the sheet.
@@ -286,6 +292,55 @@ def of_sensors(seed: int, faulty: int) -> list[Outcome]:
     return found
 
 
+def recorded_at(
+    actuator: BldcActuator, faults: Mapping[str, float], seed: int, angle: float
+) -> Recording:
+    """A recording of the reference model whose rotor stands at an electrical angle (rad).
+
+    The motion is the default's; the motor's position is counted from phase a, that of the output
+    and the command from where it starts.
+    """
+    zero = angle / actuator.motor.pole_pairs / actuator.transmission.ratio
+    scenario = model_of(actuator).load_scenario(None)
+    command = [*scenario.command, Step(value=zero)]
+    found = simulate(
+        "reference", Scenario(duration=scenario.duration, command=command, load=scenario.load),
+        faults, actuator, noise=NOISE, seed=seed, initial_position=zero,
+    )  # fmt: skip
+    names = ("command", "output_position")
+    return found.changed(**{name: found.channels[name] - zero for name in names})
+
+
+def of_zeros(seed: int, faulty: int) -> list[Outcome]:
+    """The same recordings with positions from sensors of any zero, and without."""
+    true = actuator_off(seed)
+    rng = np.random.default_rng([9, seed])
+    angle = rng.uniform(-np.pi, np.pi)
+    motor = MOTOR_ZERO * rng.standard_normal() / true.motor.pole_pairs
+    output = OUTPUT_ZERO * rng.standard_normal() / true.transmission.ratio
+
+    def mounted(record: Recording) -> Recording:
+        more = {name: record.channels[name] + output for name in ("command", "output_position")}
+        return record.changed(motor_position=record.channels["motor_position"] + motor, **more)
+
+    def without(record: Recording) -> Recording:
+        left = {name: record.channels[name] for name in ("command", "load", *PHASES)}
+        return Recording(record.time, left, units={name: record.units[name] for name in left})
+
+    faults = cases(faulty, seed)
+    healthy = [recorded_at(true, {}, 10 + n, angle) for n in range(HEALTHY_RECORDINGS)]
+    records = [recorded_at(true, one, 100 + n, angle) for n, one in enumerate(faults)]
+    found = []
+    for title, seen in (("positions", mounted), ("no positions", without)):
+        known = learnt([seen(one) for one in healthy], SHEET)
+        for group, template in ((title, known), (f"data sheet, {title}", SHEET)):
+            found += [
+                judged(group, seen(record), template, true, one)
+                for record, one in zip(records, faults, strict=True)
+            ]
+    return found
+
+
 def of_structure(seed: int, faulty: int) -> list[Outcome]:
     """The same with the other simulator."""
     from naive import another_actuator as other
@@ -441,14 +496,16 @@ COLUMNS = (
 HEADER = f"| | {' | '.join(COLUMNS)} |\n|---|{'--:|' * len(COLUMNS)}"
 
 
-BY_MODE = {"evidence": of_evidence, "sensors": of_sensors, "structure": of_structure}
+BY_MODE = {
+    "evidence": of_evidence, "sensors": of_sensors, "zeros": of_zeros, "structure": of_structure,
+}  # fmt: skip
 
 
 def main() -> None:
     """Run one part of the benchmark."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    modes = ("calibrated", "sheet", "drift", "uncalibrated", "evidence", "sensors", "structure",
-             "forms", "special")  # fmt: skip
+    modes = ("calibrated", "sheet", "drift", "uncalibrated", "evidence", "sensors", "zeros",
+             "structure", "forms", "special")  # fmt: skip
     parser.add_argument("mode", choices=modes)
     parser.add_argument("--actuators", type=int, default=10)
     parser.add_argument("--faulty", type=int, default=5, help="recordings of each actuator")
@@ -478,7 +535,7 @@ def main() -> None:
     if len(groups) > 1:
         for group in groups:
             print(row(group, [one for one in runs if one.group == group]))
-    if given.mode not in ("special", "evidence", "sensors", "forms"):
+    if given.mode not in ("special", "evidence", "sensors", "zeros", "forms"):
         print(row(given.mode, runs))
     if given.mode == "forms":
         wrong = [one for one in runs if set(one.faults) - injected_names(one)]

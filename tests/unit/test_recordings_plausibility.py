@@ -198,9 +198,15 @@ def test_a_motor_angle_that_is_not_counted_from_phase_a(record: Recording, zero:
     assert abs(rest) < 0.06
 
 
-def test_a_motor_angle_that_is_a_little_off_is_doubtful(record: Recording) -> None:
+def test_a_motor_angle_that_is_a_little_off_is_corrected(record: Recording) -> None:
     warned = check_plausible(record.changed(motor_position=record.motor_position + 0.12), ACTUATOR)
-    assert "may have another zero" in warned[0]
+    assert "counted from +13.8 deg electrical of phase a" in warned[0]
+    assert "another zero" not in "".join(warned)
+
+
+def test_a_motor_angle_that_is_further_off_is_doubtful(record: Recording) -> None:
+    warned = check_plausible(record.changed(motor_position=record.motor_position + 0.15), ACTUATOR)
+    assert any("may have another zero" in one for one in warned)
 
 
 def test_a_motor_angle_of_opposite_sense(record: Recording) -> None:

@@ -14,6 +14,7 @@ from ematwin.estimation.assess import Interval, assess, unassessed
 from ematwin.estimation.baseline import Baseline, baseline_of
 from ematwin.estimation.estimate import Estimate
 from ematwin.estimation.findings import caveats_of, doubts_of, obstacles_to, remarks_on, verdict_on
+from ematwin.estimation.placing import place
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.rivals import hints, objections, qualified, rivals_of
 from ematwin.estimation.search import Progress, Search, find, named
@@ -336,7 +337,11 @@ def identify(
     recording = record if isinstance(record, Recording) else read(record, columns, actuator=chosen)
     recording = _loaded(model, recording, load)
     warnings = [*recording.provenance.get("warnings", []), *model.check(recording, chosen)]
-    problem = Problem.of(recording, chosen, only=only, held=held, threads=threads, backend=backend)
+
+    def problem_of(one: Recording) -> Problem:
+        return Problem.of(one, chosen, only=only, held=held, threads=threads, backend=backend)
+
+    problem = problem_of(recording)
     limits: dict[str, Threshold] = {}
     if thresholds:
         from ematwin.estimation.thresholds import thresholds_of
@@ -346,9 +351,15 @@ def identify(
         model.default_search if algorithm is None else algorithm,
         population=population, iterations=iterations, checkpoint=checkpoint,
     )  # fmt: skip
+    usual = algorithm is None and budget is None
     started = time.perf_counter()
     with told(progress, "searching", _shown) as tell:
-        found = find(problem, search, budget=budget, seed=seed, progress=tell)
+        where = place(recording, problem_of, named(model.default_search), seed=seed, progress=tell)
+        recording, problem = where.recording, where.problem
+        warnings += where.said
+        found = where.found
+        if found is None or not (usual or found.stopped == "interrupted"):
+            found = find(problem, search, budget=budget, seed=seed, progress=tell)
         interrupted = found.stopped == "interrupted"
         assess_with = unassessed if interrupted else assess
         assessed = assess_with(model, chosen, problem, found, baseline)
@@ -374,6 +385,7 @@ def identify(
     obstacles = [
         *model.excitation(recording, chosen),
         *obstacles_to(model.load, recording, problem, found, estimate.misfit, assessed, baseline),
+        *where.obstacles,
     ]
     verdict = verdict_on(model, chosen, problem, estimate, assessed, baseline, obstacles)
     if found.problem is None:

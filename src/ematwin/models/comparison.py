@@ -10,7 +10,7 @@ import copy
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -19,6 +19,19 @@ from ematwin.recordings.recording import Recording
 
 Candidates = Mapping[str, np.ndarray]
 """Values (B,) by name of the unknown; what is not named is healthy or nominal."""
+
+
+class Placed(NamedTuple):
+    """A recording counted from where an answer shows its rotor to stand.
+
+    Attributes
+    ----------
+    recording : Recording; None where no place explains it
+    said : a sentence on what was found
+    """
+
+    recording: Recording | None
+    said: str
 
 
 class Comparison(ABC):
@@ -44,6 +57,7 @@ class Comparison(ABC):
         intervals are formed (`with_evidence`); in their standard deviations
     tells : names of pivots of aliases (`Model.aliases`) that this evidence tells from the others
     ignores : names of nuisances of the kind that have no effect on what is compared
+    unplaced : whether only an answer can show from where the recording counts (`placed`)
     """
 
     recording: Recording
@@ -59,6 +73,7 @@ class Comparison(ABC):
     evidence: int = 0
     tells: frozenset[str] = frozenset()
     ignores: frozenset[str] = frozenset()
+    unplaced: bool = False
 
     @abstractmethod
     def residuals(self, candidates: Candidates, count: int) -> np.ndarray:
@@ -105,6 +120,10 @@ class Comparison(ABC):
     def refined(self) -> "Comparison":
         """The same comparison with a finer step, where an answer is to be finer; or itself."""
         return self
+
+    def placed(self, values: Mapping[str, float]) -> "Placed | None":
+        """What an answer shows of where its recording counts from; None where that is known."""
+        return None
 
     def restarted(self) -> "Comparison | None":
         """The same comparison by stretches, each from its recorded state; None without states."""

@@ -1,9 +1,9 @@
 """How badly candidates explain a recording of a brushless actuator.
 
-A recording is prepared once: what the sensors of its phases are off is corrected, its equivalent
-current is formed and filtered, the weights of the misfit follow from it, and command and load are
-put on the time base of the monitor model. A batch of candidates is then simulated and scored
-without keeping traces.
+A recording is prepared once: what the sensors of its phases are off and from where its angles are
+counted is corrected, its equivalent current is formed and filtered, the weights of the misfit
+follow from it, and command and load are put on the time base of the monitor model. A batch of
+candidates is then simulated and scored without keeping traces.
 """
 
 import copy
@@ -17,6 +17,7 @@ from typing import Any, Self
 import numpy as np
 
 from ematwin.errors import InputError, RecordError
+from ematwin.models.bldc.channels import PHASES
 from ematwin.models.bldc.constants import (
     constants_by_candidate,
     kernel_constants,
@@ -29,7 +30,8 @@ from ematwin.models.bldc.power import Power, recorded_power
 from ematwin.models.bldc.state import V_SUPPLY
 from ematwin.models.bldc.truer.state import REST
 from ematwin.models.bldc.unknowns import POWER, SENSOR, UNKNOWNS
-from ematwin.models.comparison import Candidates, Comparison
+from ematwin.models.bldc.zeros import counted, turned
+from ematwin.models.comparison import Candidates, Comparison, Placed
 from ematwin.numerics.low_pass import LowPass
 from ematwin.numerics.misfit import SlopeWeighting
 from ematwin.numerics.shift import advanced
@@ -144,7 +146,7 @@ class BldcComparison(Comparison):
                 f"The record has {len(recording)} samples; at least {_SHORTEST} are needed to tell "
                 "faults apart. Record longer or faster."
             )
-        recording = balanced(recording)
+        recording = counted(balanced(recording), actuator)
         self.recording, self.actuator = recording, actuator
         signed = None if rectify else signed_current(recording, actuator.motor.pole_pairs)
         if rectify is False and signed is None:
@@ -153,6 +155,7 @@ class BldcComparison(Comparison):
                 "current; compare magnitudes instead."
             )
         self.rectify = signed is None
+        self.unplaced = recording.motor_position is None and PHASES[0] in recording.channels
         self.current = current_envelope(recording) if signed is None else signed
         if np.ptp(self.current) == 0.0:
             raise RecordError(
@@ -218,6 +221,27 @@ class BldcComparison(Comparison):
         self.substeps = max(1, math.ceil(interval / longest - 1e-9))
         self.step = interval / self.substeps
         return self
+
+    def placed(self, values: Mapping[str, float]) -> Placed | None:
+        """Counted from where phase currents show the rotor, where its angle was not recorded.
+
+        Which phases conduct tells the electrical angle, and the magnitude of the current does not;
+        shorted turns of one phase would be taken for those of another.
+        """
+        currents = self.recording.phase_currents
+        if currents is None or not self.unplaced:
+            return None
+        from ematwin.models.bldc.batch import monitor_trace
+
+        k = np.array([values.get(one.name, one.healthy) for one in UNKNOWNS])
+        trace = monitor_trace(
+            k, self.command, self.load, self.state.copy(), self.constants, self.step, self.substeps,
+            1, self.truer, self._more(self.stretch),
+            None if self.actuator.compliance is None else True,
+        )  # fmt: skip
+        pole_pairs = self.actuator.motor.pole_pairs
+        behind = turned(currents[1:], pole_pairs * trace[:, 1], trace[:, 0])
+        return None if behind is None else behind.placed(self.recording, self.actuator)
 
     def restarted(self) -> Comparison | None:
         """By stretches, each from its recorded positions; None without positions."""

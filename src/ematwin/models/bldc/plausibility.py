@@ -16,6 +16,7 @@ from ematwin.models.bldc.envelope import current_envelope
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.phase_sensors import phase_sensors
 from ematwin.models.bldc.wiring import check_order, check_sum
+from ematwin.models.bldc.zeros import zeros
 from ematwin.recordings.recording import Recording
 
 DEFAULT_CUTOFF = 500.0  # Hz, of the low-pass before the misfit
@@ -63,6 +64,10 @@ def check_plausible(
         record = sensors.corrected(record)
     warnings += check_sum(record)
     if actuator is not None:
+        angles = zeros(record, actuator)
+        if angles is not None:
+            warnings += angles.said(actuator)
+            record = angles.corrected(record, actuator)
         warnings += check_order(record, actuator)
     return warnings
 

@@ -1,0 +1,69 @@
+"""Where a recording counts from, which only an answer can tell: searched before the search.
+
+Shorted turns of one phase look like those of another where the twin's rotor stands a third of a
+turn off, and which phases conduct tells where it stands only beside a twin that moves as recorded.
+So the kind's default search is run, the recording is counted from where its answer shows the rotor,
+and again, until nothing is left to turn (`Comparison.placed`).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from ematwin.estimation.problem import Problem
+from ematwin.estimation.search import Found, Progress, Search, find
+from ematwin.recordings.recording import Recording
+
+_ROUNDS = 4  # at most; one or two are usual
+_UNSETTLED = (
+    "Where the rotor stands could not be told from the phases that conduct, so no fault can be put "
+    "to a phase: record motor_position."
+)
+
+
+@dataclass(frozen=True)
+class Place:
+    """A recording that is counted as its twin counts.
+
+    Attributes
+    ----------
+    recording : Recording
+    problem : of it
+    found : what the default search found there; None where none was needed
+    said : sentences on what was turned
+    obstacles : sentences on why it cannot be placed
+    """
+
+    recording: Recording
+    problem: Problem
+    found: Found | None = None
+    said: tuple[str, ...] = ()
+    obstacles: tuple[str, ...] = ()
+
+
+def place(
+    recording: Recording,
+    problem_of: Callable[[Recording], Problem],
+    search: Search,
+    *,
+    seed: int,
+    progress: Progress | None,
+) -> Place:
+    """Count a recording as the twin does; ``search`` is quick, ``problem_of`` makes its problem."""
+    problem = problem_of(recording)
+    if not problem.comparisons[0].unplaced:
+        return Place(recording, problem)
+    said: tuple[str, ...] = ()
+    for _ in range(_ROUNDS):
+        found = find(problem, search, seed=seed, progress=progress)
+        if found.stopped == "interrupted":
+            break
+        placed = problem.comparisons[0].placed(problem.values(found.point))
+        if placed is None:
+            break
+        if placed.recording is None:
+            return Place(recording, problem, found, said, (placed.said,))
+        recording, said = placed.recording, (placed.said,)
+        problem = problem_of(recording)
+    else:
+        return Place(recording, problem, None, said, (_UNSETTLED,))
+    return Place(recording, problem, found, said)

@@ -1,0 +1,226 @@
+"""From where angles are counted: no two sensors of an actuator are mounted at the same zero.
+
+The twin counts the motor's angle from where the EMF of phase a rises through zero, and the output's
+from where the motor stands in the middle of the gap. A recording may count from anywhere else:
+
+- the phases that conduct tell the electrical angle. Projected on EMF shapes that are turned by the
+  right angle, three currents give the most of their mean square (`envelope.signed_current`).
+  Commutation takes a while, which looks like an angle to the one side or the other by the sense of
+  rotation: the mean of both is right within 0.3 degrees on recordings of the reference model with
+  all faults, and one alone within 5;
+- motor and output lie half a gap apart at most, to either side, where the motion crosses the gap.
+
+Which of its poles a rotor stands at is told by nothing: the direction of an eccentricity is counted
+from one of them.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ematwin.models.bldc.envelope import trapezoid_shape
+from ematwin.models.bldc.parameters import BldcActuator
+from ematwin.models.comparison import Placed
+from ematwin.recordings.recording import Recording
+
+_LOOKED_AT = 5_000  # samples
+_LAGS = 2.0 * np.pi / 3.0 * np.arange(3)
+_ENCODER = math.radians(15.0)  # electrical: beyond, phases may be swapped (`wiring`)
+_MATTERS = math.radians(0.75)  # electrical
+_OF_TWIN = math.radians(2.0)  # the same beside a twin, which moves nearly as recorded
+_ONE_WAY = math.radians(6.0)  # the same where the rotor turned one way alone
+_COARSE, _NEAR, _FINE = math.radians(1.0), math.radians(3.0), math.radians(0.25)
+_COHERENT = 0.85  # of the mean square current that lies on the right shapes
+_CROSSED = 0.5  # times the healthy gap by which motor and output must have moved apart
+_OFF_CENTRE = 0.25  # times the healthy gap, beside
+_OF_REACH = 0.02  # times the one that is seen: by so much the middle may be off
+
+
+@dataclass(frozen=True)
+class Zeros:
+    """What angles of a recording lack.
+
+    Attributes
+    ----------
+    motor : rad, of the motor's angle
+    output : rad on the motor shaft, of command and output
+    """
+
+    motor: float
+    output: float
+
+    def corrected(self, recording: Recording, actuator: BldcActuator) -> Recording:
+        """The recording counted as the twin counts."""
+        shifts = {"motor_position": self.motor}
+        for name in ("command", "output_position"):
+            shifts[name] = self.output / actuator.transmission.ratio
+        return recording.changed(**{
+            name: recording.channels[name] + shift
+            for name, shift in shifts.items() if shift and name in recording.channels
+        })  # fmt: skip
+
+    def said(self, actuator: BldcActuator) -> list[str]:
+        """A sentence on each."""
+        found = []
+        if self.motor:
+            electrical = math.degrees(self.motor * actuator.motor.pole_pairs)
+            found.append(
+                f"The motor position is counted from {-electrical:+.1f} deg electrical of phase a, "
+                "as the phases that conduct show; this was corrected."
+            )
+        if self.output:
+            found.append(
+                f"Motor and output position lie {self.output:+.3g} rad (motor shaft) apart in the "
+                "middle of the gap; this was corrected."
+            )
+        return found
+
+
+def zeros(recording: Recording, actuator: BldcActuator) -> Zeros | None:
+    """What a recorded motor angle lacks; None where it is nothing, or cannot be told.
+
+    Only a rotor that turned both ways tells it.
+    """
+    motor, currents = recording.motor_position, recording.phase_currents
+    if motor is None:
+        return None
+    pole_pairs, electrical = actuator.motor.pole_pairs, 0.0
+    every = slice(None, None, -(-len(recording) // _LOOKED_AT))
+    angle = pole_pairs * motor[every]
+    ways = _ways(angle)
+    if len(ways) < 2:
+        return None
+    if currents is not None:
+        steps = np.arange(-_ENCODER, _ENCODER + 0.5 * _COARSE, _COARSE)
+        found = _best(currents[every], angle, steps, ways)
+        if found is not None and abs(found) >= _MATTERS:
+            electrical = found
+    lacks = Zeros(electrical / pole_pairs, _apart(recording, actuator, electrical / pole_pairs))
+    return lacks if lacks.motor or lacks.output else None
+
+
+def counted(recording: Recording, actuator: BldcActuator) -> Recording:
+    """The recording counted as the twin counts; itself where it already is."""
+    found = zeros(recording, actuator)
+    return recording if found is None else found.corrected(recording, actuator)
+
+
+@dataclass(frozen=True)
+class Turned:
+    """How a twin without a recorded angle stands beside its recording.
+
+    Attributes
+    ----------
+    angle : rad, electrical, by which it lags behind
+    share : of the mean square current that lies on the EMF shapes there
+    one_way : whether the rotor turned one way alone
+    """
+
+    angle: float
+    share: float
+    one_way: bool
+
+    def placed(self, recording: Recording, actuator: BldcActuator) -> Placed | None:
+        """The recording counted from where the rotor stands; None where it already is."""
+        if self.share < _COHERENT:
+            return Placed(
+                None,
+                f"No angle of the rotor explains which phases conduct ({100 * self.share:.0f} % of "
+                "the current at the best), so no fault can be put to a phase: check their order "
+                "and the number of pole pairs, or record motor_position.",
+            )
+        if abs(self.angle) < (_ONE_WAY if self.one_way else _OF_TWIN):
+            return None
+        return Placed(
+            Zeros(0.0, self.angle / actuator.motor.pole_pairs).corrected(recording, actuator),
+            "No motor_position was recorded: where the rotor stands, and so which phase a fault is "
+            "in, was told from the phases that conduct.",
+        )
+
+
+def turned(currents: np.ndarray, angle: np.ndarray, current: np.ndarray) -> Turned | None:
+    """How far the electrical angle of a twin lags behind that of its recording.
+
+    Parameters
+    ----------
+    currents : (S, 3) array, A, of the phases as recorded
+    angle, current : (S,) arrays, rad and A, electrical angle and signed current of the twin
+
+    Returns
+    -------
+    Turned; None where the rotor turned too little, or the twin diverged
+    """
+    every = slice(None, None, -(-len(angle) // _LOOKED_AT))
+    currents, angle, current = currents[every], angle[every], current[every]
+    whole = float(np.mean((0.5 * np.abs(currents).sum(axis=1)) ** 2))
+    ways = _ways(angle)
+    if whole == 0.0 or not ways:
+        return None
+    steps = np.arange(-np.pi, np.pi, 5.0 * _COARSE)
+    alike = [float(current @ _projected(currents, angle + step)) for step in steps]
+    nearby = steps[int(np.argmax(alike))] + np.arange(-10, 11) * _COARSE
+    best = _best(currents, angle, nearby, ways)
+    if best is None:  # no top nearby: nothing fits
+        best = float(nearby[10])
+    share = _share(currents, angle + best) / whole
+    return Turned(math.remainder(best, 2.0 * math.pi), share, len(ways) < 2)
+
+
+def _ways(angle: np.ndarray) -> list[np.ndarray]:
+    """Masks (S,) of where a rotor turned each way, by an electrical turn in all at least."""
+    steps = np.gradient(angle)
+    return [mask for mask in (steps > 0.0, steps < 0.0) if np.abs(steps[mask]).sum() >= 2.0 * np.pi]
+
+
+def _best(
+    currents: np.ndarray, angle: np.ndarray, steps: np.ndarray, ways: list[np.ndarray]
+) -> float | None:
+    """The angle near one of ``steps`` on which most current lies, in the mean of the ways.
+
+    None where for one of them it lies at the first or the last step.
+    """
+    found = []
+    for way in ways:
+        shares = [_share(currents[way], angle[way] + step) for step in steps]
+        best = int(np.argmax(shares))
+        if best in (0, len(steps) - 1):
+            return None
+        found.append(_refined(currents[way], angle[way], float(steps[best])))
+    return sum(found) / len(found)
+
+
+def _projected(currents: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    return np.asarray(0.5 * (currents * trapezoid_shape(angle[:, None] - _LAGS)).sum(axis=1))
+
+
+def _share(currents: np.ndarray, angle: np.ndarray) -> float:
+    """Mean square current on the EMF shapes at electrical angles (S,)."""
+    return float(np.mean(_projected(currents, angle) ** 2))
+
+
+def _refined(currents: np.ndarray, angle: np.ndarray, zero: float) -> float:
+    """The top of a parabola through the mean squares around an angle."""
+    steps = np.arange(-_NEAR, _NEAR + 0.5 * _FINE, _FINE)
+    shares = [_share(currents, angle + zero + step) for step in steps]
+    curved, slope, _ = np.polyfit(steps, shares, 2)
+    if curved >= 0.0:
+        return zero
+    return zero + float(np.clip(-slope / (2.0 * curved), -_NEAR, _NEAR))
+
+
+def _apart(recording: Recording, actuator: BldcActuator, motor: float) -> float:
+    """How far (rad, motor shaft) the output is from the middle of the gap; 0 if that matters not.
+
+    A motion that does not cross the gap leaves open at which side of it the output is.
+    """
+    output, shown = recording.output_position, recording.motor_position
+    if output is None or shown is None:
+        return 0.0
+    apart = shown + motor - output * actuator.transmission.ratio
+    low, high = np.percentile(apart, (1.0, 99.0))
+    middle, reach = 0.5 * (low + high), high - low
+    healthy = actuator.transmission.backlash
+    if reach < _CROSSED * healthy or abs(middle) < _OF_REACH * reach + _OFF_CENTRE * healthy:
+        return 0.0
+    return float(middle)

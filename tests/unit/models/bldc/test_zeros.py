@@ -1,0 +1,136 @@
+"""From where angles are counted is told by the phases that conduct, whatever the fault."""
+
+import math
+
+import numpy as np
+import pytest
+
+import ematwin
+from ematwin import Noise
+from ematwin.models.bldc.channels import PHASES
+from ematwin.models.bldc.comparison import BldcComparison
+from ematwin.models.bldc.envelope import signed_current
+from ematwin.models.bldc.zeros import counted, zeros
+from ematwin.models.registry import load_actuator, model_of
+from ematwin.models.scenario import Scenario, Step
+from ematwin.recordings.recording import Recording
+
+ACTUATOR = load_actuator(None)
+RATIO, POLE_PAIRS = ACTUATOR.transmission.ratio, ACTUATOR.motor.pole_pairs
+NOISE = Noise(white=0.02, bits=12)
+FAULTY = [
+    {},
+    {"short_b": 0.15, "friction": 0.25},
+    {"eccentricity": 0.4, "eccentricity_phase": 0.3, "backlash": 0.3},
+    {"short_a": 0.6, "gain": 0.3},
+]
+
+
+def recorded(faults: dict[str, float], scenario: str | None = None) -> Recording:
+    return ematwin.simulate("reference", scenario, faults, noise=NOISE, seed=5)
+
+
+def mounted(record: Recording, electrical: float = 0.0, output: float = 0.0) -> Recording:
+    """Sensors off by degrees electrical, and by rad of the motor shaft."""
+    names = ("command", "output_position")
+    more = {name: record.channels[name] + output / RATIO for name in names}
+    off = math.radians(electrical) / POLE_PAIRS
+    return record.changed(motor_position=record.channels["motor_position"] + off, **more)
+
+
+def recorded_at(degrees: float, faults: dict[str, float]) -> Recording:
+    """Command, load and phase currents of an actuator whose rotor stands somewhere else."""
+    zero = math.radians(degrees) / POLE_PAIRS / RATIO
+    usual = model_of(ACTUATOR).load_scenario(None)
+    scenario = Scenario(
+        duration=usual.duration, command=[*usual.command, Step(value=zero)], load=usual.load
+    )
+    found = ematwin.simulate(
+        "reference", scenario, faults, noise=NOISE, seed=5, initial_position=zero
+    )
+    kept = {name: found.channels[name] for name in ("command", "load", *PHASES)}
+    kept["command"] = kept["command"] - zero
+    return Recording(found.time, kept, units={name: found.units[name] for name in kept})
+
+
+@pytest.mark.parametrize("scenario", ["default", "sine", "ramp", "step"])
+@pytest.mark.parametrize("faults", FAULTY)
+def test_good_zeros_are_left_alone(scenario, faults):
+    record = recorded(faults, scenario)
+    assert zeros(record, ACTUATOR) is None
+    assert counted(record, ACTUATOR) is record
+
+
+@pytest.mark.parametrize("electrical", [-13.0, -4.0, 1.5, 13.0])
+@pytest.mark.parametrize("faults", FAULTY)
+def test_the_zero_of_a_motor_position_is_found(electrical, faults):
+    record = recorded(faults)
+    shown = mounted(record, electrical)
+    found = zeros(shown, ACTUATOR)
+    assert math.degrees(found.motor * POLE_PAIRS) == pytest.approx(-electrical, abs=0.4)
+    assert "deg electrical of phase a" in found.said(ACTUATOR)[0]
+    right, once = record.channels["motor_position"], found.corrected(shown, ACTUATOR)
+    assert once.motor_position == pytest.approx(right, abs=math.radians(0.4) / POLE_PAIRS)
+    good, left = signed_current(record, POLE_PAIRS), signed_current(once, POLE_PAIRS)
+    assert np.mean((good - left) ** 2) < 1e-3 * np.mean(good**2)
+
+
+@pytest.mark.parametrize("faults", FAULTY)
+def test_motor_and_output_meet_in_the_middle_of_the_gap(faults):
+    record = recorded(faults)
+    found = zeros(mounted(record, output=0.1), ACTUATOR)
+    assert found.motor == 0.0
+    assert found.output == pytest.approx(-0.1, abs=2e-4)
+    assert "rad (motor shaft) apart" in found.said(ACTUATOR)[0]
+
+
+def test_a_motion_that_does_not_cross_the_gap_leaves_its_side_open():
+    record = recorded({})
+    apart = 0.0025 - record.channels["motor_position"] / RATIO
+    stuck = record.changed(output_position=-apart)  # always at one side
+    assert zeros(stuck, ACTUATOR) is None
+
+
+def test_an_encoder_turned_further_is_left_to_the_check_of_the_wiring():
+    assert zeros(mounted(recorded({}), 90.0), ACTUATOR).motor == 0.0
+
+
+@pytest.mark.parametrize("degrees", [-130.0, -20.0, 75.0, 180.0])
+@pytest.mark.parametrize("faults", FAULTY[:3])
+def test_beside_a_twin_the_phases_tell_where_the_rotor_stands(degrees, faults):
+    comparison = BldcComparison(recorded_at(degrees, faults), ACTUATOR)
+    placed = comparison.placed(faults)
+    shift = placed.recording.command[0] - comparison.recording.command[0]
+    off = math.remainder(math.degrees(shift * RATIO * POLE_PAIRS) - degrees, 360.0)
+    assert abs(off) < 1.0
+    assert BldcComparison(placed.recording, ACTUATOR).placed(faults) is None
+
+
+def test_a_recorded_angle_and_a_current_of_no_phases_need_no_place():
+    record = recorded({})
+    assert not BldcComparison(record, ACTUATOR).unplaced
+    current = ematwin.simulate("monitor", None, {}, seed=5)
+    alone = {name: current.channels[name] for name in ("command", "load", "current")}
+    units = {name: current.units[name] for name in alone}
+    assert not BldcComparison(Recording(current.time, alone, units=units), ACTUATOR).unplaced
+
+
+def test_shorted_turns_are_put_to_their_phase_wherever_the_rotor_stands():
+    found = ematwin.identify(recorded_at(120.0, {"short_b": 0.3, "friction": 0.3}), exact=True)
+    assert set(found.verdict.faults) == {"friction", "short_b"}
+    assert found.values["short_b"] == pytest.approx(0.3, abs=0.01)
+    assert any("told from the phases that conduct" in one for one in found.warnings)
+
+
+def test_phases_in_another_order_get_no_verdict():
+    record = recorded_at(0.0, {"short_b": 0.3})
+    swapped = record.changed(current_b=record.current_c, current_c=record.current_b)
+    found = ematwin.identify(swapped, exact=True)
+    assert found.verdict.grade == "none"
+    assert "No angle of the rotor explains which phases conduct" in found.verdict.reason
+
+
+def test_the_budget_of_a_method_is_its_own_after_placing():
+    record = recorded_at(75.0, {"short_b": 0.3})
+    found = ematwin.identify(record, None, "pso", population=20, iterations=5, exact=True)
+    assert found.evaluations == 100
