@@ -22,6 +22,7 @@ import numpy as np
 from ematwin.models.bldc.envelope import trapezoid_shape
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.comparison import Placed
+from ematwin.numerics.white_noise import white_noise
 from ematwin.recordings.recording import Recording
 
 _LOOKED_AT = 5_000  # samples
@@ -32,6 +33,8 @@ _OF_TWIN = math.radians(2.0)  # the same beside a twin, which moves nearly as re
 _ONE_WAY = math.radians(6.0)  # the same where the rotor turned one way alone
 _COARSE, _NEAR, _FINE = math.radians(1.0), math.radians(3.0), math.radians(0.25)
 _COHERENT = 0.85  # of the mean square current that lies on the right shapes
+_ACROSS = 10  # samples to both sides, over which a rotor turns
+_TREMBLES = 7.0  # times the noise of its angle: five standard deviations of a difference
 _CROSSED = 0.5  # times the healthy gap by which motor and output must have moved apart
 _OFF_CENTRE = 0.25  # times the healthy gap, beside
 _OF_REACH = 0.02  # times the one that is seen: by so much the middle may be off
@@ -168,9 +171,16 @@ def turned(currents: np.ndarray, angle: np.ndarray, current: np.ndarray) -> Turn
 
 
 def _ways(angle: np.ndarray) -> list[np.ndarray]:
-    """Masks (S,) of where a rotor turned each way, by an electrical turn in all at least."""
-    steps = np.gradient(angle)
-    return [mask for mask in (steps > 0.0, steps < 0.0) if np.abs(steps[mask]).sum() >= 2.0 * np.pi]
+    """Masks (S,) of where a rotor turned each way, by an electrical turn in all at least.
+
+    Across several samples, and beyond the noise of its sensor: one that trembles does not turn.
+    """
+    at = np.arange(len(angle))
+    after, before = np.minimum(at + _ACROSS, len(angle) - 1), np.maximum(at - _ACROSS, 0)
+    moved = angle[after] - angle[before]
+    least = _TREMBLES * white_noise(angle)
+    ways = [moved > least, moved < -least]
+    return [way for way in ways if np.abs(moved[way]).sum() >= 2.0 * _ACROSS * 2.0 * np.pi]
 
 
 def _best(

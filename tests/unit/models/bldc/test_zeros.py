@@ -61,6 +61,17 @@ def test_good_zeros_are_left_alone(scenario, faults):
     assert counted(record, ACTUATOR) is record
 
 
+@pytest.mark.parametrize("scenario", ["default", "sine", "ramp", "step"])
+@pytest.mark.parametrize("noise", [0.0, 0.003, 0.03])
+def test_an_encoder_that_trembles_does_not_turn(scenario, noise):
+    """Twelve bits a turn, and noise beside."""
+    record = recorded(FAULTY[1], scenario)
+    shown = record.motor_position + noise * np.random.default_rng(1).standard_normal(len(record))
+    bit = 2.0 * np.pi / 2**12
+    found = zeros(record.changed(motor_position=bit * np.round(shown / bit)), ACTUATOR)
+    assert found is None or found.motor == 0.0
+
+
 @pytest.mark.parametrize("electrical", [-13.0, -4.0, 1.5, 13.0])
 @pytest.mark.parametrize("faults", FAULTY)
 def test_the_zero_of_a_motor_position_is_found(electrical, faults):
