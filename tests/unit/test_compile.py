@@ -17,6 +17,7 @@ import pytest
 
 import ematwin
 from ematwin.numerics.cache import NamedByContent
+from ematwin.numerics.claim import Claim
 from ematwin.numerics.dependencies import Dependencies
 
 COMMAND = """
@@ -247,12 +248,14 @@ print(theirs.__file__, str(both).replace(" ", ""))
     assert run(package, use) == ("[8.0,0.3]", ["loaded", "loaded"])
 
 
-def test_processes_that_start_at_once_on_an_empty_cache_agree(package):
+def test_of_processes_that_start_at_once_on_an_empty_cache_one_compiles(package):
     processes = [start(package, USE) for _ in range(3)]
-    answers = {finish(process, package)[0] for process in processes}
-    assert answers == {"65.0"}
+    answers, logs = zip(*[finish(process, package) for process in processes], strict=True)
+    assert set(answers) == {"65.0"}
+    assert sorted(logs) == [["loaded"], ["loaded"], ["saved"]]
+    (folder,) = {path.parent for path in kept(package)}
+    assert list(folder.iterdir()) == kept(package)
     assert len(kept(package)) == 1
-    assert [path for path in (package / "cache").rglob(".*")] == []
     assert run(package, USE) == ("65.0", ["loaded"])
 
 
@@ -306,6 +309,37 @@ def test_a_damaged_file_counts_as_missing_and_is_replaced(tmp_path, damage):
     assert cache.load("key") is None
     cache.save("key", "again")
     assert cache.load("key") == "again"
+
+
+def test_a_process_that_dies_while_it_compiles_keeps_nobody_waiting(tmp_path):
+    cache = cache_of(tmp_path)
+    cache.save("key", "data")
+    holds = f"""
+import pathlib, time
+from ematwin.numerics.claim import Claim
+Claim(pathlib.Path({str(cache.path("key"))!r})).take()
+print("taken", flush=True)
+time.sleep(60.0)
+"""
+    other = subprocess.Popen([sys.executable, "-c", holds], stdout=subprocess.PIPE, text=True)
+    assert other.stdout is not None
+    assert other.stdout.readline() == "taken\n"
+    claim = Claim(cache.path("key"))
+    assert claim.take(longest=0.2)  # waited, and goes on all the same
+    claim.release()
+    other.kill()
+    other.wait()
+    claim = cache.claim("key")
+    assert claim is not None
+    assert len(list(cache.folder.iterdir())) == 2
+    claim.release()
+    assert list(cache.folder.iterdir()) == [cache.path("key")]
+    other.stdout.close()
+
+
+def test_where_no_file_can_be_written_nobody_waits(tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    assert cache_of(tmp_path / "file").claim("key") is None
 
 
 def test_what_other_sources_compiled_to_is_dropped_and_nothing_else(tmp_path):

@@ -37,6 +37,7 @@ from numba.core.runtime import _nrt_python  # type: ignore[attr-defined]
 from numba.core.serialize import dumps
 
 from ematwin.files import written_whole
+from ematwin.numerics.claim import Claim
 from ematwin.numerics.dependencies import Dependencies, dependencies
 from ematwin.numerics.notice import compiling
 
@@ -105,6 +106,21 @@ class NamedByContent:
             for other in () if self._variants else self._out_of_date():
                 other.unlink(missing_ok=True)
 
+    def claim(self, key: Any) -> Claim | None:
+        """The right to compile for ``key``, taken once nobody else has it; None without a folder.
+
+        Whoever had it may have saved what is looked for: load it again before compiling.
+        """
+        try:
+            self.folder.mkdir(mode=0o700, exist_ok=True)
+            if not _is_own_folder(self.folder):
+                return None
+            taken = Claim(self.path(key))
+            taken.take()
+            return taken
+        except OSError:
+            return None
+
     def path(self, key: Any) -> Path:
         """The file of ``key``."""
         depends_on = self._dependencies()
@@ -167,6 +183,7 @@ class _Cache(FunctionCache):
             lambda: dependencies(compiled),
             variants=compiled.py_func.__closure__ is not None,
         )
+        self._claim: Claim | None = None
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """What was compiled, without all that numba loads and compiles to compile anything.
@@ -174,22 +191,40 @@ class _Cache(FunctionCache):
         That is most of its start. What machine code needs of numba's runtime beyond C functions was
         linked into it when it was compiled.
         """
-        found = None
+        found = self._loaded(sig, target_context)
+        if found is None:
+            compiling()
+            self._release()  # of what could not be compiled
+            self._claim = self._cache_file.claim(self._index_key(sig, target_context.codegen()))
+            found = self._loaded(sig, target_context)
+        if found is None:
+            target_context.refresh()
+        else:
+            self._release()
+        return found
+
+    def _loaded(self, sig: Any, target_context: Any) -> Any:
         try:
             _add_runtime_symbols()
-            found = self._load_overload(sig, target_context)
+            return self._load_overload(sig, target_context)
         except Exception:
             target_context.refresh()
             with suppress(Exception):  # sound data that this process cannot use: compile again
-                found = self._load_overload(sig, target_context)
-        if found is None:
-            compiling()
-            target_context.refresh()
-        return found
+                return self._load_overload(sig, target_context)
+            return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        with suppress(OSError):
-            super().save_overload(sig, data)
+        try:
+            with suppress(OSError):
+                super().save_overload(sig, data)
+        finally:
+            self._release()
+
+    def _release(self) -> None:
+        """Let other processes compile it, or load what was saved."""
+        if self._claim is not None:
+            self._claim.release()
+            self._claim = None
 
     def _index_key(self, sig: Any, codegen: Any) -> Any:
         # numba adds a hash of the closure, which it pickles differently in each process; the
