@@ -40,9 +40,9 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
         for way in ("profile", "posterior")
     }
     return {
-        "identify": identification_page(found, faulty),
-        "identify, profile": identification_page(sure["profile"], faulty),
-        "identify, posterior": identification_page(sure["posterior"], faulty),
+        "identify": identification_page(found),
+        "identify, profile": identification_page(sure["profile"]),
+        "identify, posterior": identification_page(sure["posterior"]),
         "identifiability": identifiability_page([ematwin.identifiability(actuator="rm1605")]),
         "design": design_page(ematwin.design("rm1605", budget=2).check(1)),
         "discriminate": discrimination_page(

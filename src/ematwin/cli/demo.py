@@ -72,8 +72,8 @@ def demo(
     with search_bar(not json) as progress_of_search:
         found = identify(record, twin, seed=seed, progress=progress_of_search)
         without = identify(record, sheet_file, seed=seed, progress=progress_of_search)
-    write_text(folder / "report.html", identification_page(found, record))
-    write_text(folder / "uncalibrated.html", identification_page(without, record))
+    write_text(folder / "report.html", identification_page(found))
+    write_text(folder / "uncalibrated.html", identification_page(without))
     if json:
         print_json(
             {

@@ -304,8 +304,9 @@ def identify(
     load : the constant load, SI, of a recording that does not hold it; 0 for none
     exact : the parameters are exactly those of the actuator, and the sensors are ideal but for
         noise, as in a simulation; no tolerances count
-    backend : what simulates the candidates: "cpu"; or "cuda", a GPU (brushless actuators only;
-        needs ``ematwin[gpu]``)
+    backend : what simulates the candidates: "cpu"; for brushless actuators "cpu-single", costs in
+        single precision, from which population methods gain, intervals and all else in double; or
+        "cuda", a GPU (needs ``ematwin[gpu]``)
     uncertainty : how sure the answer is: "laplace", "profile" or "posterior" (docs/certainty.md),
         or such a method with settings of its own, e.g. ``Posterior(most=50_000)``
     thresholds : by fault, the value from which on it matters; a text with a unit is physical, e.g.
@@ -337,6 +338,8 @@ def identify(
     recording = record if isinstance(record, Recording) else read(record, columns, actuator=chosen)
     recording = _loaded(model, recording, load)
     warnings = [*recording.provenance.get("warnings", []), *model.check(recording, chosen)]
+    recording = model.averaged(recording)
+    del record  # who gives it away frees what was sampled faster
 
     def problem_of(one: Recording) -> Problem:
         return Problem.of(one, chosen, only=only, held=held, threads=threads, backend=backend)

@@ -91,7 +91,7 @@ class Explorer:
         self.scenario = asked.name
 
     def _take(self, recording: Recording) -> None:
-        self.recording = recording
+        self.recording = recording = self.model.averaged(recording)
         self.warnings = [
             *recording.provenance.get("warnings", []),
             *self.model.check(recording, self.actuator),

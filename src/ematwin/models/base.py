@@ -157,6 +157,8 @@ class Model(ABC):
         (so it is for all but a local one)
     fidelities : names of its models for `simulate`, the default first
     sample_rate : Hz, of what `simulate` gives where nothing else is said
+    compared_rate : Hz, to which recordings that are sampled faster are averaged (`averaged`); None
+        takes all of them as they are
     on_request : channels that `simulate` gives only where they are asked for (``also``)
     nominal : places of the parameters that healthy recordings may determine, each with how far
         (as a factor, one standard deviation) a template may be off
@@ -189,6 +191,7 @@ class Model(ABC):
     frees_parameters: ClassVar[bool | None] = None
     fidelities: ClassVar[tuple[str, ...]] = ("twin",)
     sample_rate: ClassVar[float] = 1000.0
+    compared_rate: ClassVar[float | None] = None
     on_request: ClassVar[tuple[str, ...]] = ()
     nominal: ClassVar[Mapping[str, float]] = {}
     fixed: ClassVar[tuple[str, ...]] = ()
@@ -355,6 +358,18 @@ class Model(ABC):
                 f"There is no model {chosen!r}; choose {' or '.join(self.fidelities)}."
             )
         return chosen
+
+    def averaged(self, recording: Recording) -> Recording:
+        """A recording at the rate at which it is compared, where it is sampled much faster.
+
+        Without it memory and time grow with a rate that tells nothing more.
+        """
+        if self.compared_rate is None:
+            return recording
+        from ematwin.recordings.averaging import averaged
+
+        means = {channel.name for channel in self.channels if channel.is_mean}
+        return averaged(recording, self.compared_rate, means)
 
     def check_backend(self, backend: str) -> None:
         """Raise `InputError` unless a backend can simulate batches of this kind here."""

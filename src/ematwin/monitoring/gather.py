@@ -6,6 +6,7 @@ from typing import Any
 
 from ematwin.errors import InputError
 from ematwin.models.parameter_set import ParameterSet
+from ematwin.models.registry import model_of
 from ematwin.recordings.recording import Recording
 from ematwin.showing.frames import is_frame
 
@@ -13,7 +14,7 @@ Given = Recording | str | Path | Iterable[Recording | str | Path]  # or a DataFr
 
 
 def recordings_of(given: Given, actuator: ParameterSet) -> list[Recording]:
-    """Recordings, those in files read with the channels of the actuator's kind.
+    """Recordings at the rate at which they are compared; files are read as the actuator's kind.
 
     A table of several motions gives each of them.
 
@@ -40,4 +41,5 @@ def recordings_of(given: Given, actuator: ParameterSet) -> list[Recording]:
             )
     if not found:
         raise InputError("No recording was given; give at least one.")
-    return found
+    model = model_of(actuator)
+    return [model.averaged(one) for one in found]

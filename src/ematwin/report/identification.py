@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from ematwin.errors import InputError
 from ematwin.estimation.identify import Identification
 from ematwin.monitoring.detect import Detection
 from ematwin.plots.identification import plot_convergence, plot_faults, plot_fit, true_faults
@@ -11,13 +12,24 @@ from ematwin.report.page import Row, Section, Table, columns_in_words, listed, r
 from ematwin.report.uncertainty import uncertainty_sections
 
 
-def identification_page(
-    found: Identification, record: Recording, judged: Detection | None = None
-) -> str:
+def identification_page(found: Identification, judged: Detection | None = None) -> str:
     """HTML page: faults, measured and fitted channels, residuals, convergence, provenance.
 
-    ``judged`` is the verdict against the actuator's healthy population, where there is one.
+    The recording is the one that was identified from: with the load that was given, counted from
+    where its rotor stood, and averaged.
+
+    Parameters
+    ----------
+    judged : the verdict against the actuator's healthy population, where there is one
+
+    Raises
+    ------
+    InputError
+        If the identification keeps no recording.
     """
+    record = found.recording
+    if record is None:
+        raise InputError("The identification keeps no recording; identify from it again.")
     truth = true_faults(found)
     sections = [
         Section(
@@ -33,7 +45,7 @@ def identification_page(
             "Measured and fitted",
             text="Both went through the same filter. A pattern in the residual is something that "
             "the twin does not model.",
-            figure=plot_fit(found, record),
+            figure=plot_fit(found),
         ),
         Section("Convergence", figure=plot_convergence(found)),
         Section("How it was found", facts=_facts(found, record)),

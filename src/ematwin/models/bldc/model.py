@@ -40,6 +40,7 @@ class BldcModel(Model):
     on_request: ClassVar[tuple[str, ...]] = ON_REQUEST
     fixed: ClassVar[tuple[str, ...]] = FIXED
     backends: ClassVar[tuple[str, ...]] = ("cpu", "cuda")
+    compared_rate: ClassVar[float | None] = 20_000.0
     # Parameters that a healthy recording may determine, and how far a template may be off.
     model_error: ClassVar[float] = 3.5
     nominal: ClassVar[dict[str, float]] = {
@@ -118,6 +119,11 @@ class BldcModel(Model):
 
         self.check_channels(recording)
         return BldcComparison(recording, actuator, threads=threads, **settings)
+
+    def averaged(self, recording: Recording) -> Recording:
+        """At 20 kHz or a little more; as it is where power is recorded, a product of two means."""
+        has_power = any(name in recording.channels for name in ON_REQUEST)
+        return recording if has_power else super().averaged(recording)
 
     def check_backend(self, backend: str) -> None:
         """A GPU needs numba-cuda and a device."""
