@@ -39,6 +39,7 @@ def compare(
     scenario: Scenario | str | None = None,
     store: str | Path | None = None,
     workers: int | None = None,
+    backend: str = "cpu",
     time_limit: float | None = None,
     retry_failed: bool = False,
     targets: tuple[float, ...] = TARGETS,
@@ -63,6 +64,8 @@ def compare(
     store : file or URL in which the runs are kept: runs that it holds are not done again. None
         keeps them only until they are analysed
     workers : processes on this machine; None takes one for each core
+    backend : "cpu"; or "cpu-single", where costs are simulated in single precision, twice as fast
+        (brushless actuators)
     time_limit : s, of a run
     retry_failed : do again what ended otherwise than done
     targets : Err% whose success rates are given
@@ -95,7 +98,9 @@ def compare(
         actuator=subject.actuator,
         scenario=scenario,
     )
-    engine = LocalEngine(workers or os.cpu_count() or 1, time_limit)
+    if backend != "cpu":
+        subject.model.check_backend(backend)
+    engine = LocalEngine(workers or os.cpu_count() or 1, time_limit, backend=backend)
     with _kept(store) as opened, told(progress, "runs", _shown) as tell:
         carry_out(plan, opened, engine, retry_failed=retry_failed, progress=tell)
         return analyse(opened.runs(), targets=targets, threshold=threshold)

@@ -12,8 +12,9 @@
 from ematwin.numerics.compile import step
 from ematwin.numerics.friction import advance_speed, advance_through_rest
 from ematwin.numerics.scalar import clip
+from ematwin.numerics.tolerance import Tolerance
 
-_CLOSED = 1e-12  # rad, on the motor shaft
+_CLOSED = Tolerance(1e-12, single=1e-6)  # rad, on the motor shaft
 
 
 @step

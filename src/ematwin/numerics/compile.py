@@ -16,6 +16,7 @@ meaning: it is how a diverged candidate is told.
 
 from collections.abc import Callable
 from functools import partial
+from types import FunctionType
 from typing import Any
 
 import llvmlite.binding
@@ -49,7 +50,26 @@ def loop(function: Callable[..., Any] | None = None, *, interleave: int = 0) -> 
     """
     if function is None:
         return partial(loop, interleave=interleave)
-    compiled = numba.njit(nogil=True, error_model="numpy", fastmath=_RELAXED)(function)
+    return _compiled(function, interleave)
+
+
+def loop_in_single(function: Any, *, interleave: int, **constants: Any) -> Any:
+    """A loop once more, in single precision (`ematwin.numerics.single`).
+
+    ``constants`` take the place of those of the same names in its module: how many lanes, and of
+    which type. Steps that are a `part` stay in double precision.
+    """
+    from ematwin.numerics.single import InSingle
+
+    plain = getattr(function, "py_func", function)
+    changed = {**plain.__globals__, **constants}
+    other = FunctionType(plain.__code__, changed, plain.__name__, plain.__defaults__)
+    other.__qualname__, other.__module__ = plain.__qualname__, plain.__module__
+    return _compiled(other, interleave, pipeline_class=InSingle)
+
+
+def _compiled(function: Callable[..., Any], interleave: int, **options: Any) -> Any:
+    compiled = numba.njit(nogil=True, error_model="numpy", fastmath=_RELAXED, **options)(function)
     if interleave and hasattr(compiled, "_compiler"):  # not where NUMBA_DISABLE_JIT is set
         compiled._compiler.compile = _in_lanes(compiled._compiler.compile, interleave)
     if hasattr(compiled, "typeof_pyval"):

@@ -92,7 +92,9 @@ class _Walk:
             self._file(where)
             parts = [self.text(vars(value)[n], names) for n in names if n in vars(value)]
         elif isinstance(getattr(value, "py_func", None), FunctionType):  # a dispatcher of numba
+            compiler = getattr(getattr(value, "_compiler", None), "pipeline_class", None)
             parts = [self.text(getattr(value, "targetoptions", None)), self.text(value.py_func)]
+            parts.append(self.text(compiler))
         elif isinstance(value, FunctionType):
             parts = self._function(value)
         elif isinstance(value, type):

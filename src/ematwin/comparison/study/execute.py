@@ -33,6 +33,11 @@ from ematwin.estimation.search import find, named
 from ematwin.models.scenario import Scenario
 from ematwin.recordings.noise import Noise
 
+_KERNELS = {
+    "cpu": "numba on CPU, one thread",
+    "cpu-single": "numba on CPU, one thread, costs in single precision",
+    "cuda": "numba-cuda on a GPU",
+}
 _RECORDS = 16  # kept in a worker; runs that share one are neighbours in a plan
 _PREPARING = threading.Lock()  # runs in threads shall share a record, not make it twice
 
@@ -56,15 +61,16 @@ def execute(
     spec : RunSpec
     time_limit : float, s, for the search alone, or None
     engine : name of what carries it, for the provenance
-    backend : "cpu": this process does one run at a time; "cuda": its threads may do many, and the
-        GPU is theirs together. Costs agree to rounding, so it is provenance, not part of the id
+    backend : of the model (`Model.backends`). With "cuda" threads of this process may do many runs,
+        and the GPU is theirs together; else it does one at a time. Costs agree to rounding, so it
+        is provenance, not part of the id
 
     Returns
     -------
     RunResult, also of a run that failed; ``status`` and ``stopped`` then say how
     """
     origin = provenance(engine, backend)
-    alone = backend == "cpu"
+    alone = backend != "cuda"
     clock = _Clock(time_limit, time.process_time if alone else time.thread_time)
     try:
         subject, problem = _prepared(spec, backend)
@@ -245,7 +251,7 @@ def provenance(engine: str, backend: str = "cpu") -> dict[str, Any]:
         "machine": socket.gethostname(),
         "processor": _processor(),
         "system": platform.platform(),
-        "kernel": "numba on CPU, one thread" if backend == "cpu" else "numba-cuda on a GPU",
+        "kernel": _KERNELS[backend],
         "engine": engine,
     }
 

@@ -9,6 +9,8 @@ No argument has a default: numba would compile None and an argument left out apa
 """
 
 import math
+from functools import cache
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,9 +26,10 @@ from ematwin.models.bldc.state import (
 from ematwin.models.bldc.truer.monitor_step import truer_monitor_step
 from ematwin.models.bldc.truer.reference_step import truer_reference_step
 from ematwin.models.bldc.truer.state import lane_truer, truer_state
-from ematwin.numerics.compile import loop, step, wide_vectors
+from ematwin.numerics.compile import loop, loop_in_single, step, wide_vectors
 
 LANES = 16  # candidates side by side: two AVX-512 registers hide the latency of one another
+REAL = np.float64  # of states and steps
 SEGMENT = 128  # samples after which ranks are closed; 64 saves no more, 512 less
 
 # Columns of the traces.
@@ -206,6 +209,9 @@ def monitor_scores(
 ):  # fmt: skip
     """Simulate and score a batch of candidates in one pass.
 
+    States and steps are of the type `REAL`, as are the numbers in ``c`` and ``dt``; all else, the
+    low-pass and the costs too, is double.
+
     Parameters
     ----------
     k : (B, 8) array, fault vectors; B a multiple of `LANES`
@@ -240,24 +246,24 @@ def monitor_scores(
     samples = target.size
     keep = response.shape[0] > 0
     stride = (samples + response.shape[1] - 1) // response.shape[1] if keep else 1
-    share = 1.0 / substeps
+    share = REAL(1.0 / substeps)
     b0, b1, b2, a1, a2 = taps[0], taps[1], taps[2], taps[3], taps[4]
-    friction = np.empty(LANES)
-    half_gap = np.empty(LANES)
-    h_a = np.empty(LANES)
-    h_b = np.empty(LANES)
-    h_c = np.empty(LANES)
-    zeta_cos = np.empty(LANES)
-    zeta_sin = np.empty(LANES)
-    gain = np.empty(LANES)
-    i = np.empty(LANES)
-    w_m = np.empty(LANES)
-    theta_m = np.empty(LANES)
-    w_o = np.empty(LANES)
-    theta_o = np.empty(LANES)
-    dw_m = np.empty(LANES)
-    total = np.empty(LANES)
-    energy = np.empty(LANES)
+    friction = np.empty(LANES, REAL)
+    half_gap = np.empty(LANES, REAL)
+    h_a = np.empty(LANES, REAL)
+    h_b = np.empty(LANES, REAL)
+    h_c = np.empty(LANES, REAL)
+    zeta_cos = np.empty(LANES, REAL)
+    zeta_sin = np.empty(LANES, REAL)
+    gain = np.empty(LANES, REAL)
+    i = np.empty(LANES, REAL)
+    w_m = np.empty(LANES, REAL)
+    theta_m = np.empty(LANES, REAL)
+    w_o = np.empty(LANES, REAL)
+    theta_o = np.empty(LANES, REAL)
+    dw_m = np.empty(LANES, REAL)
+    total = np.empty(LANES, REAL)
+    energy = np.empty(LANES, REAL)
     y1 = np.empty(LANES)
     y2 = np.empty(LANES)
     z1 = np.empty(LANES)
@@ -266,11 +272,11 @@ def monitor_scores(
     columns = len(c)
     if truer is not None:
         columns += len(truer)
-        added = np.empty((more.size, LANES))
-    own = np.empty((columns, LANES))
-    late_load = np.empty(LANES)  # the load of each lane, which may be late
-    late_end = np.empty(LANES)
-    d_late = np.empty(LANES)
+        added = np.empty((more.size, LANES), REAL)
+    own = np.empty((columns, LANES), REAL)
+    late_load = np.empty(LANES, REAL)  # the load of each lane, which may be late
+    late_end = np.empty(LANES, REAL)
+    d_late = np.empty(LANES, REAL)
     rate = 1.0 / (dt * substeps)
     count = k.shape[0]
     left = np.empty(count, np.int64)  # the candidates whose cost is still wanted
@@ -351,14 +357,14 @@ def monitor_scores(
                         late_end[n] = sample_at(load, sample - own[LOAD_DELAY, n] * rate)
                         d_late[n] = (late_end[n] - late_load[n]) * share
                 for j in range(substeps):
-                    command_now = command[sample - 1] + (j + 0.5) * d_command
-                    load_now = load[sample - 1] + (j + 0.5) * d_load
+                    command_now = REAL(command[sample - 1] + (j + 0.5) * d_command)
+                    load_now = REAL(load[sample - 1] + (j + 0.5) * d_load)
                     for n in range(LANES):
                         if by_candidate is None:
                             c_n = c
                         else:
                             c_n = lane_constants(own, n)
-                            load_now = late_load[n] + (j + 0.5) * d_late[n]
+                            load_now = REAL(late_load[n] + (j + 0.5) * d_late[n])
                         now = MonitorState(i[n], w_m[n], theta_m[n], w_o[n], theta_o[n], dw_m[n])
                         load_n = c_n.load_gain * load_now + c_n.load_offset
                         fault = FaultState(
@@ -448,3 +454,25 @@ def monitor_scores(
         elif costs[n] > limits[n]:
             costs[n] = math.inf
             status[n] = STOPPED
+
+
+class Lanes(NamedTuple):
+    """A way to score candidates side by side."""
+
+    scores: Any  # `monitor_scores`
+    width: int  # candidates in a block
+    real: type  # of states, steps, constants and ``dt``; all else is double
+
+
+def lanes(*, single: bool) -> Lanes:
+    """The lanes in double precision, or those whose states and steps are in single precision.
+
+    The low-pass and the costs are double in both.
+    """
+    return _lanes_in_single() if single else Lanes(monitor_scores, LANES, float)
+
+
+@cache
+def _lanes_in_single() -> Lanes:
+    width, real = 2 * LANES, np.float32  # in as many registers
+    return Lanes(loop_in_single(monitor_scores, interleave=2, LANES=width, REAL=real), width, real)

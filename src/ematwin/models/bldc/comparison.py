@@ -27,7 +27,7 @@ from ematwin.models.bldc.envelope import current_envelope, signed_current
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.phase_sensors import balanced
 from ematwin.models.bldc.power import Power, recorded_power
-from ematwin.models.bldc.state import V_SUPPLY
+from ematwin.models.bldc.state import V_SUPPLY, Constants
 from ematwin.models.bldc.truer.state import REST
 from ematwin.models.bldc.unknowns import POWER, SENSOR, UNKNOWNS
 from ematwin.models.bldc.zeros import counted, turned
@@ -46,6 +46,7 @@ _OVERSAMPLING = 8.0  # rate of kept samples over the cutoff, at least
 _AT_A_TIME = 4_000_000  # samples of answers that are held whole
 _COARSE = 2.0  # times the step, where only the valley is looked for
 _FINE = 0.25  # times the step, where an actuator is learnt
+_FAR = 16.0  # rad on the motor shaft: beyond it single precision rounds to more than 1e-6
 _BLOCKS = 8  # of lanes in a task at most: an interrupt waits for no more than one task
 
 
@@ -105,7 +106,8 @@ class BldcComparison(Comparison):
     rectify : compare magnitudes; None compares signed currents where the recording has the rotor
         angle, else magnitudes
     threads : threads that share a batch; None takes one for each core
-    backend : "cpu"; or "cuda", where a GPU simulates a batch in one launch
+    backend : "cpu"; "cpu-single", where `costs` are simulated in single precision; or "cuda", where
+        a GPU simulates a batch in one launch
 
     Attributes
     ----------
@@ -115,6 +117,8 @@ class BldcComparison(Comparison):
     step, substeps : step of the monitor model (s), and how many make a sampling interval
     rectify : whether magnitudes are compared
     threads : threads that share a batch
+    single : whether costs are simulated in single precision: not those of truer forms, nor of
+        motions over more than 16 rad of the motor, whose angles it rounds too much
     power : the electrical power, where it counts as evidence
 
     Raises
@@ -177,6 +181,8 @@ class BldcComparison(Comparison):
                 f"A GPU knows only the paper's forms, but {actuator.name} has others "
                 f"({', '.join(actuator.truer_forms)}); use the backend cpu, or leave these out."
             )
+        near = float(np.max(np.abs(self.command))) <= _FAR
+        self.single = backend == "cpu-single" and self.truer is None and near
         self.threads = threads or os.cpu_count() or 1
         self._pool: ThreadPoolExecutor | None = None
         self._filter(low_pass or LowPass(), weighting or SlopeWeighting())
@@ -438,31 +444,33 @@ class BldcComparison(Comparison):
         """
         if self.backend == "cuda":
             return self.run_at_once([stretch], batch, [kept])[0]
-        from ematwin.models.bldc.batch import LANES, monitor_scores
+        from ematwin.models.bldc.batch import lanes
 
+        scores, width, real = lanes(single=self.single and not kept)
         count = len(batch.faults)
-        blocks = -(-count // LANES)
-        lanes = _padded(batch.faults, blocks * LANES)
-        own = None if batch.constants is None else _padded(batch.constants, blocks * LANES)
-        within = np.full(len(lanes), np.inf)
+        blocks = -(-count // width)
+        faults = _padded(batch.faults, blocks * width)
+        own = None if batch.constants is None else _padded(batch.constants, len(faults))
+        within = np.full(len(faults), np.inf)
         if limits is not None:
             within[:count] = limits
             within[count:] = -np.inf  # nobody asks for the padding
-        costs = np.empty(len(lanes))
-        status = np.empty(len(lanes), dtype=np.int64)
-        response = np.empty((len(lanes), kept) if kept else (0, 0))
+        costs = np.empty(len(faults))
+        status = np.empty(len(faults), dtype=np.int64)
+        response = np.empty((len(faults), kept) if kept else (0, 0))
         power = stretch.power if kept else None
-        watts = np.empty((0, 0) if power is None else (len(lanes), kept))
+        watts = np.empty((0, 0) if power is None else (len(faults), kept))
 
         more = self._more(stretch)
+        constants, step = Constants._make(map(real, self.constants)), real(self.step)
 
         each = max(1, min(_BLOCKS, blocks // self.threads)) if spread else blocks
 
         def work(first: int) -> None:
-            part = slice(first * LANES, min(first + each, blocks) * LANES)
-            monitor_scores(
-                lanes[part], stretch.command, stretch.load, stretch.state, self.constants,
-                None if own is None else own[part], self.step, self.substeps, stretch.taps,
+            part = slice(first * width, min(first + each, blocks) * width)
+            scores(
+                faults[part], stretch.command, stretch.load, stretch.state, constants,
+                None if own is None else own[part], step, self.substeps, stretch.taps,
                 self.rectify, stretch.target, stretch.weights,
                 costs[part], status[part], response[part],
                 None if power is None else (power.state, watts[part]),

@@ -39,7 +39,7 @@ class BldcModel(Model):
     sample_rate: ClassVar[float] = 20_000.0
     on_request: ClassVar[tuple[str, ...]] = ON_REQUEST
     fixed: ClassVar[tuple[str, ...]] = FIXED
-    backends: ClassVar[tuple[str, ...]] = ("cpu", "cuda")
+    backends: ClassVar[tuple[str, ...]] = ("cpu", "cpu-single", "cuda")
     compared_rate: ClassVar[float | None] = 20_000.0
     # Parameters that a healthy recording may determine, and how far a template may be off.
     model_error: ClassVar[float] = 3.5

@@ -158,7 +158,9 @@ def test_a_missing_device_is_said_before_anything_is_searched() -> None:
 
 
 def test_backends_that_a_kind_does_not_have_are_refused() -> None:
-    with pytest.raises(InputError, match="bldc has no backend 'tpu'; choose cpu or cuda"):
+    with pytest.raises(
+        InputError, match="bldc has no backend 'tpu'; choose cpu or cpu-single or cuda"
+    ):
         ematwin.identify(simulate("monitor", "step"), backend="tpu")
     screw = ematwin.load_actuator("rm1605")
     with pytest.raises(InputError, match="ball-screw has no backend 'cuda'; choose cpu"):

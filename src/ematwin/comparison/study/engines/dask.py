@@ -29,6 +29,7 @@ class DaskEngine(Engine):
     workers : int
     time_limit : float, s, of a run, or None
     patience : float, s, for which a scheduler or workers that are gone are waited for
+    backend : what simulates the candidates (`execute`)
 
     Raises
     ------
@@ -44,6 +45,7 @@ class DaskEngine(Engine):
         workers: int,
         time_limit: float | None = None,
         patience: float = PATIENCE,
+        backend: str = "cpu",
     ) -> None:
         try:
             import distributed
@@ -54,6 +56,7 @@ class DaskEngine(Engine):
         self._workers = workers
         self._limit = time_limit
         self._patience = patience
+        self._backend = backend
         self._cluster: Any = None
         self._client: Any = None
         self._slots = 0
@@ -112,9 +115,8 @@ class DaskEngine(Engine):
         id = spec.id
         try:
             # impure: another client of this scheduler may have asked for the same run
-            future = self._client.submit(
-                execute, spec, self._limit, self.name, pure=False, key=None, retries=0
-            )
+            run = execute, spec, self._limit, self.name, self._backend
+            future = self._client.submit(*run, pure=False, key=None, retries=0)
         except Exception as error:
             self._again[id] = spec
             self._lose(error)

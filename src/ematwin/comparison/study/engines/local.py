@@ -53,16 +53,22 @@ class LocalEngine(Engine):
     workers : int
     time_limit : float, s, of a run, or None
     patience : float, s, for which processes that die are started again
+    backend : what simulates the candidates (`execute`)
     """
 
     name = "local"
 
     def __init__(
-        self, workers: int, time_limit: float | None = None, patience: float = PATIENCE
+        self,
+        workers: int,
+        time_limit: float | None = None,
+        patience: float = PATIENCE,
+        backend: str = "cpu",
     ) -> None:
         self._workers = workers
         self._limit = time_limit
         self._patience = patience
+        self._backend = backend
         self._starts = Trials()
         self._pool: Any = None
         self._generation = 0
@@ -141,7 +147,7 @@ class LocalEngine(Engine):
         id, generation = flight.spec.id, self._generation
         self._flights[id] = flight
         try:
-            future = self._pool.submit(execute, flight.spec, self._limit, self.name)
+            future = self._pool.submit(execute, flight.spec, self._limit, self.name, self._backend)
         except (BrokenExecutor, RuntimeError) as error:  # an idle process had died
             future = Future()
             future.set_exception(
