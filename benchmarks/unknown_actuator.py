@@ -8,6 +8,7 @@
     python benchmarks/unknown_actuator.py sensors --actuators 12 --faulty 4
     python benchmarks/unknown_actuator.py zeros --actuators 12 --faulty 4
     python benchmarks/unknown_actuator.py structure --actuators 12 --faulty 6
+    python benchmarks/unknown_actuator.py loops --actuators 12 --faulty 6
     python benchmarks/unknown_actuator.py forms --actuators 12
     python benchmarks/unknown_actuator.py special
 
@@ -25,8 +26,10 @@ sheet alone. ``zeros``: the rotor stands anywhere where the command is zero; cal
 data sheet, with positions from sensors that are mounted 5 degrees electrical (motor) and 0.05 rad
 of the motor shaft (output) off, standard deviations; and with command, load and phase currents
 alone. ``structure``: recordings of a simulator that shares no code with the twin and has what
-the twin lacks (tests/naive/another_actuator.py). ``forms``: an offset that is fixed in space, and a
-short that is a loop, judged by a data sheet that has neither form (docs/models.md, "Truer forms").
+the twin lacks (tests/naive/another_actuator.py). ``loops``: those of them with a PI current
+loop, judged by a twin whose file says how the loops of the drive are set. ``forms``: an offset
+that is fixed in space, and a short that is a loop, judged by a data sheet that has neither form
+(docs/models.md, "Truer forms").
 ``special``: motions and recordings from which nothing can be told.
 
 Each prints a Markdown table; ``--json FILE`` writes the runs.
@@ -37,6 +40,7 @@ import json
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -341,8 +345,13 @@ def of_zeros(seed: int, faulty: int) -> list[Outcome]:
     return found
 
 
-def of_structure(seed: int, faulty: int) -> list[Outcome]:
-    """The same with the other simulator."""
+def of_structure(seed: int, faulty: int, known_loops: bool = False) -> list[Outcome]:
+    """The same with the other simulator.
+
+    With ``known_loops`` only those of a PI current loop, and the parameter file says how the drive
+    is set: gains, sample times and delay of its current loop, sample time of its speed loop.
+    The voltage that its switches take stays unknown.
+    """
     from naive import another_actuator as other
 
     true = actuator_of_sheet(seed)
@@ -359,6 +368,21 @@ def of_structure(seed: int, faulty: int) -> list[Outcome]:
         parameters = other.tuned(parameters, structure)
         own = other.tuned(other.parameters_of(SHEET), structure)[gain]
         template = SHEET.changed({gain: own})
+    if known_loops:
+        if structure.current_interval == 0.0:
+            return []
+        bandwidth, interval = structure.current_bandwidth, structure.current_interval
+        group += ", loops known"
+        template = template.changed({
+            "current_loop.proportional_gain": bandwidth * parameters["motor.inductance"],
+            "current_loop.integral_gain": bandwidth * parameters["motor.resistance"],
+            "current_loop.sample_time": interval,
+            "current_loop.delay": structure.current_delay * interval,
+            "current_loop.lost_voltage": 1.0,  # nobody knows it; up to 3 V here
+            "speed_loop.integral_gain": 0.0,
+            "speed_loop.sample_time": structure.control_interval,
+            "speed_loop.delay": 0.0,
+        })  # fmt: skip
     scenario = model_of(SHEET).load_scenario(None)
     time = np.arange(10_001) / 20_000.0
     command, load = scenario.histories(time)
@@ -498,6 +522,7 @@ HEADER = f"| | {' | '.join(COLUMNS)} |\n|---|{'--:|' * len(COLUMNS)}"
 
 BY_MODE = {
     "evidence": of_evidence, "sensors": of_sensors, "zeros": of_zeros, "structure": of_structure,
+    "loops": partial(of_structure, known_loops=True),
 }  # fmt: skip
 
 
@@ -505,7 +530,7 @@ def main() -> None:
     """Run one part of the benchmark."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     modes = ("calibrated", "sheet", "drift", "uncalibrated", "evidence", "sensors", "zeros",
-             "structure", "forms", "special")  # fmt: skip
+             "structure", "loops", "forms", "special")  # fmt: skip
     parser.add_argument("mode", choices=modes)
     parser.add_argument("--actuators", type=int, default=10)
     parser.add_argument("--faulty", type=int, default=5, help="recordings of each actuator")

@@ -128,6 +128,46 @@ class SpeedLoop:
         return self.asked
 
 
+class CurrentLoop:
+    """A sampled PI controller of the pair's current, and what commutation does to it."""
+
+    def __init__(self, actuator, dt):
+        self.own, self.supply, self.dt = actuator.current_loop, actuator.drive.supply_voltage, dt
+        self.diode, self.phase = actuator.drive.diode_drop, actuator.motor.inductance / 2
+        self.every, self.delay = (round(x / dt) for x in (self.own.sample_time, self.own.delay))
+        self.answers = {}
+        self.voltage, self.integral, self.now, self.leaving = 0.0, 0.0, 0, 0.0
+
+    def answer(self, wanted, seen):
+        """Voltage across the pair in this step."""
+        if self.now % self.every == 0:
+            error = wanted - seen
+            wish = self.own.proportional_gain * error + self.integral
+            limited = max(-self.supply, min(self.supply, wish))
+            if limited == wish or (wish - limited) * error < 0:
+                self.integral += self.own.integral_gain * self.own.sample_time * error
+            self.answers[self.now + self.delay] = limited
+        self.voltage = self.answers.pop(self.now, self.voltage)
+        self.now += 1
+        return self.voltage
+
+    def run_out(self, emf):
+        """Mean current of the leg that is off within a step, whose diode conducts until it is 0."""
+        way = 1 if self.leaving >= 0 else -1
+        slope = max(0.0, (self.supply / 2 + self.diode + way * emf) / (1.5 * self.phase))
+        end = min(self.dt, abs(self.leaving) / slope) if slope > 0 else self.dt
+        mean = way * (abs(self.leaving) - slope * end / 2) * end / self.dt
+        self.leaving = way * (abs(self.leaving) - slope * end)
+        return mean
+
+
+def since_commutation(theta_e, speed_e, dt):
+    """Time since the sector of an electrical angle was entered, s, at most a step."""
+    place = theta_e / (math.pi / 3) - 0.5
+    gone = (place - math.floor(place)) if speed_e >= 0 else 1 - (place - math.floor(place))
+    return min(dt, gone * (math.pi / 3) / max(abs(speed_e), 1e-9))
+
+
 class CompliantMasses(monitor.TwoMasses):
     """Motor and output with dry friction, a gap and a gear that gives.
 
@@ -209,7 +249,10 @@ def simulate_monitor(actuator, faults, command, load, dt):
     drive, control = actuator.drive, actuator.controller
     windings = Windings(actuator, faults)
     soft = actuator.compliance is not None
-    body = (CompliantMasses if soft else monitor.TwoMasses)(actuator, faults)
+    regulator = None if actuator.current_loop is None else CurrentLoop(actuator, dt)
+    # under a current loop the motor creeps before the output gives: its friction is dynamic
+    moved = actuator if regulator is None else actuator.changed({"drive.hysteresis_band": 1e4})
+    body = (CompliantMasses if soft else monitor.TwoMasses)(moved, faults)
     loop = SpeedLoop(actuator, faults, dt)
     current, gates = 0.0, np.array([1, -1, 0])
     loops = np.zeros(3)
@@ -219,14 +262,17 @@ def simulate_monitor(actuator, faults, command, load, dt):
         kappa = windings.kappa(x_mid)
         emf = windings.emf(kappa, w_mid)
         before = np.concatenate([gates * current, loops])
+        was = gates
         gates = np.array(motor.gates(motor.sector(actuator.motor.pole_pairs * x_mid), 1))
+        # commutation by itself takes no voltage of a comparator, as if the pair had always had its
+        # current; under a current loop the new phase brings none
+        brought = gates * current * (1 if regulator is None else abs(was))
 
-        def answer(i, gates=gates, before=before, emf=emf, kappa=kappa, old=current):
+        def answer(i, gates=gates, before=before, emf=emf, kappa=kappa, brought=brought):
             """All currents, torque and voltage of the pair if its current became ``i``."""
             after = np.concatenate([gates * i, windings.loops(before, gates * i, emf, dt)])
             m, r = windings.matrices()
-            # commutation by itself takes no voltage: the pair has always had its current
-            grown = after - np.concatenate([gates * old, before[3:]])
+            grown = after - np.concatenate([brought, before[3:]])
             volts = gates @ (m @ grown / dt + r @ after + emf)[:3]
             return after, windings.torque(kappa, after), volts
 
@@ -236,7 +282,7 @@ def simulate_monitor(actuator, faults, command, load, dt):
         share = body.carried(dt) if soft else float(body.touching())
         mobility = (1 - share) / j_m + share / (j_m + j_o)
         per_ampere = 0 if body.w_m == 0 else (torque_1 - torque_0) * mobility * dt / 2
-        if loop.sampled:
+        if loop.sampled or regulator is not None:
             wanted = loop.demand(command_now, body.x_o, body.w_m)
         else:
             g = control.speed_gain / actuator.motor.emf_constant * per_ampere
@@ -246,8 +292,29 @@ def simulate_monitor(actuator, faults, command, load, dt):
         # the voltage is a straight line over the current
         ends = [(v - volts_0) / (volts_1 - volts_0)
                 for v in (-drive.supply_voltage, drive.supply_voltage)]  # fmt: skip
-        wanted = max(ends[0], min(ends[1], wanted))
+        beside = extra = 0.0
+        if regulator is None:
+            wanted = max(ends[0], min(ends[1], wanted))
+        else:
+            pair = windings.inductance * abs(gates)
+            passed = current * (pair @ abs(was)) / pair.sum()
+            speed_e = actuator.motor.pole_pairs * body.w_m
+            since = since_commutation(actuator.motor.pole_pairs * x_mid, speed_e, dt)
+            lost = actuator.current_loop.lost_voltage * max(-1.0, min(1.0, passed / 0.1))
+            held = (regulator.voltage - lost - volts_0) / (volts_1 - volts_0)
+            seen = (current if since < dt / 2 else passed) + (held - passed) / 2
+            mean = regulator.voltage / 2 + regulator.answer(wanted, seen) / 2 - lost
+            wanted = (mean - volts_0) / (volts_1 - volts_0)
+            off = 1 - abs(gates)
+            if (was != gates).any():
+                regulator.leaving = float(off @ was) * current
+            kappa_off = float(off @ np.array(kappa))
+            left = regulator.run_out(kappa_off * w_mid)
+            early = (0.5 - since / dt) * (current - passed)
+            extra = kappa_off * left + float(gates @ np.array(kappa)) * early
+            beside = early + left * kappa_off / actuator.motor.emf_constant
         after, torque, volts = answer(wanted)
+        torque += extra
         before_all = np.concatenate([gates * current, loops])
         passive = cogging(x_mid, actuator)
         flat = gates @ np.array(kappa)
@@ -258,5 +325,7 @@ def simulate_monitor(actuator, faults, command, load, dt):
             flat, load_now, dt,
         )  # fmt: skip
         current, loops = wanted, after[3:]
-        rows.append((wanted, wanted, body.x_m, body.w_m, body.x_o, body.w_o, volts * wanted))
+        rows.append(
+            (wanted + beside, wanted, body.x_m, body.w_m, body.x_o, body.w_o, volts * wanted)
+        )
     return dict(zip(monitor.NAMES, np.array(rows).T, strict=True))

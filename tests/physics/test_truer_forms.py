@@ -33,6 +33,13 @@ SOFT = PLAIN.changed({"compliance.stiffness": 1.0, "compliance.damping": 0.005})
 SAMPLED = PLAIN.changed(
     {"speed_loop.integral_gain": 0.5, "speed_loop.sample_time": 5e-5, "speed_loop.delay": 0.0}
 )
+REGULATED = PLAIN.changed(
+    {
+        "controller.speed_gain": 0.005, "current_loop.proportional_gain": 4.32,
+        "current_loop.integral_gain": 12780.0, "current_loop.sample_time": 5e-5,
+        "current_loop.delay": 5e-5, "current_loop.lost_voltage": 1.0,
+    }
+)  # fmt: skip
 EVERYTHING = LOOP.changed({"eccentricity.turning_share": 0.0, "emf.rounding": 0.5, **COGGING})
 RATE = 20_000.0
 SHORT = {"short_a": 0.15}
@@ -66,6 +73,7 @@ def misfit(one, other):
         pytest.param(ROUNDED, {"friction": 0.3}, id="rounded"),
         pytest.param(SOFT, {"backlash": 0.1}, id="compliant"),
         pytest.param(SAMPLED, {"friction": 0.3}, id="sampled"),
+        pytest.param(REGULATED, {"friction": 0.3, "short_b": 0.2}, id="regulated"),
         pytest.param(EVERYTHING, {**SHORT, **OFFSET, "backlash": 0.1}, id="everything"),
     ],
 )
@@ -174,6 +182,10 @@ def test_cogging_does_no_work_over_a_turn():
         pytest.param(
             {"gear_stiffness": 1.0, "gear_damping": 0.005}, SOFT, {"backlash": 0.05}, id="compliant"
         ),
+        pytest.param(
+            {"current_interval": 5e-5, "current_bandwidth": 6000.0, "lost_voltage": 0.5}, REGULATED,
+            {"short_b": 0.2}, id="regulated",
+        ),
     ],
 )  # fmt: skip
 def test_the_reference_model_is_the_independent_actuator_with_the_same_form(
@@ -182,11 +194,12 @@ def test_the_reference_model_is_the_independent_actuator_with_the_same_form(
     time = np.linspace(0.0, 0.5, 50_001)
     command, load = Scenario.load_file("default").histories(time)
     other = another_actuator.simulate(
-        another_actuator.parameters_of(PLAIN), time, command, load, faults,
+        another_actuator.parameters_of(actuator), time, command, load, faults,
         another_actuator.Structure(**structure), noise=0.0, bits=None,
     )  # fmt: skip
     gap = misfit(answer("reference", faults, actuator), equivalent(other))
-    without = misfit(answer("reference", faults, PLAIN), equivalent(other))
+    bare = PLAIN.changed({"controller.speed_gain": actuator.controller.speed_gain})
+    without = misfit(answer("reference", faults, bare), equivalent(other))
     print(f"{structure}: {100.0 * gap:.3f} %, without the form {100.0 * without:.2f} %")
     assert gap < 0.003
     assert without > 2.0 * gap
@@ -274,6 +287,38 @@ def test_a_gain_in_a_sampled_loop_with_an_integral_is_identified():
     print({name: found.estimate[name] for name in faults})
     for name, value in faults.items():
         assert found.estimate[name] == pytest.approx(value, abs=0.02)
+
+
+def test_commutation_under_a_current_loop_takes_half_of_the_current():
+    """The flux of a pair begins with that of the leg which it shares with the last one."""
+    record = simulate("reference", actuator=REGULATED, sample_rate=200e3)
+    current = signed_current(record, PLAIN.motor.pole_pairs)
+    sector = np.floor(PLAIN.motor.pole_pairs * record.motor_position / (math.pi / 3.0) - 0.5)
+    left = np.abs(np.array([record.channels[f"current_{phase}"] for phase in "abc"])).min(axis=0)
+    shares = []
+    for n in np.flatnonzero(np.diff(sector)):
+        after = np.flatnonzero(left[n + 2 :] < 1e-6)  # the third leg has run out
+        if abs(current[n]) > 0.3 and after.size and after[0] < 8:
+            shares.append(current[n + 2 + after[0]] / current[n])
+    print(f"{len(shares)} commutations: {np.median(shares):.3f}")
+    assert len(shares) > 5
+    assert np.median(shares) == pytest.approx(0.5, abs=0.08)
+
+
+def test_faults_behind_a_current_loop_are_named():
+    faults = {"friction": 0.3, "short_b": 0.2}
+    record = simulate("reference", faults=faults, actuator=REGULATED, noise=NOISE)
+    found = ematwin.identify(record, actuator=REGULATED)
+    print(found.verdict, found.intervals)
+    assert set(found.verdict.faults) <= set(faults)
+    for name, value in faults.items():
+        low, high = found.intervals[name]
+        assert low <= value <= high
+    exact = ematwin.identify(record, actuator=REGULATED, exact=True)
+    for name, value in faults.items():
+        assert exact.estimate[name] == pytest.approx(value, abs=0.02)
+    bare = PLAIN.changed({"controller.speed_gain": 0.005})
+    assert ematwin.identify(record, actuator=bare, exact=True).verdict.grade == "none"
 
 
 def test_faults_beside_every_form_are_identified():

@@ -102,7 +102,18 @@ def test_whole_traces_take_the_corrected_load_as_well() -> None:
 
     def trace(load, constants):
         return monitor_trace(
-            Faults().vector, command, load, np.zeros(6), constants, 1e-5, 10, 5, None, None, None
+            Faults().vector,
+            command,
+            load,
+            np.zeros(6),
+            constants,
+            1e-5,
+            10,
+            5,
+            None,
+            None,
+            None,
+            None,
         )
 
     changed = kernel_constants(ACTUATOR, load_gain=1.3, load_offset=0.7)

@@ -84,7 +84,7 @@ def reference_trace(k, command, load, state, c, dt, substeps, decimation, truer,
     decimation : int, grid intervals from one sample to the next
     truer : None for the paper's forms; or `Truer`, constants of the truer ones. numba compiles the
         two cases apart
-    more : None; or (9,) array, the fields of `TruerState`, kept like ``state``
+    more : None; or (16,) array, the fields of `TruerState`, kept like ``state``
 
     Returns
     -------
@@ -154,10 +154,13 @@ def reference_trace(k, command, load, state, c, dt, substeps, decimation, truer,
 
 
 @loop
-def monitor_trace(k, command, load, state, c, dt, substeps, decimation, truer, more, compliant):
+def monitor_trace(
+    k, command, load, state, c, dt, substeps, decimation, truer, more, compliant, regulated
+):  # fmt: skip
     """Simulate the monitor model; arguments as in `reference_trace`.
 
-    ``state`` (6,) holds the fields of `MonitorState`; ``compliant`` is None for a rigid gear.
+    ``state`` (6,) holds the fields of `MonitorState`; ``compliant`` is None for a rigid gear,
+    ``regulated`` without a current loop.
 
     Returns
     -------
@@ -184,8 +187,10 @@ def monitor_trace(k, command, load, state, c, dt, substeps, decimation, truer, m
                     now, p_mean = monitor_step(now, command_now, load_now, fault, c, dt)
                 else:
                     now, now_more, p_mean = truer_monitor_step(
-                        now, now_more, command_now, load_now, fault, c, truer, compliant, dt
-                    )
+                        now, now_more, command_now, load_now, fault, c, truer, compliant,
+                        regulated, dt,
+                    )  # fmt: skip
+                    total += now_more.beside
                 total += now.i
                 energy += p_mean
         trace[sample, 0] = total * share
@@ -205,7 +210,7 @@ def monitor_trace(k, command, load, state, c, dt, substeps, decimation, truer, m
 @loop(interleave=2)
 def monitor_scores(
     k, command, load, state, c, by_candidate, dt, substeps, taps, rectify, target, weight,
-    costs, status, response, power, limits, truer, more, compliant,
+    costs, status, response, power, limits, truer, more, compliant, regulated,
 ):  # fmt: skip
     """Simulate and score a batch of candidates in one pass.
 
@@ -220,7 +225,7 @@ def monitor_scores(
     state : (6,) array, the fields of `MonitorState` at the first sample
     c : Constants that all candidates share
     by_candidate : None; or (B, 28) array, the fields of `Constants` of each candidate, in place of
-        ``c``; with truer forms (B, 38), the fields of `Truer` behind them. numba compiles the two
+        ``c``; with truer forms (B, 43), the fields of `Truer` behind them. numba compiles the two
         cases apart, so that shared constants stay scalars
     dt : float, step, s
     substeps : int, steps from one sample to the next
@@ -239,8 +244,9 @@ def monitor_scores(
         responses are kept. The other costs are the same bit for bit, whatever the limits
     truer : None for the paper's forms; or `Truer`, constants of the truer ones that all candidates
         share. numba compiles the two cases apart
-    more : None; or (9,) array, the fields of `TruerState` at the first sample
-    compliant : None for a rigid gear, which numba compiles apart; or True, with truer forms
+    more : None; or (16,) array, the fields of `TruerState` at the first sample
+    compliant, regulated : None for a rigid gear, and without a current loop, which numba compiles
+        apart; or True, with truer forms
     """
     wide_vectors()
     samples = target.size
@@ -380,7 +386,7 @@ def monitor_scores(
                                 truer_n = lane_truer(own, len(c), n)
                             now, now_more, p_mean = truer_monitor_step(
                                 now, truer_state(added[:, n]),
-                                command_now, load_n, fault, c_n, truer_n, compliant, dt,
+                                command_now, load_n, fault, c_n, truer_n, compliant, regulated, dt,
                             )  # fmt: skip
                             added[0, n] = now_more.loop_a
                             added[1, n] = now_more.loop_b
@@ -391,6 +397,14 @@ def monitor_scores(
                             added[6, n] = now_more.integral
                             added[7, n] = now_more.wait
                             added[8, n] = now_more.late
+                            if regulated is not None:
+                                added[9, n] = now_more.voltage
+                                added[10, n] = now_more.voltage_pending
+                                added[11, n] = now_more.voltage_integral
+                                added[12, n] = now_more.voltage_wait
+                                added[13, n] = now_more.voltage_late
+                                added[14, n] = now_more.leaving
+                                total[n] += now_more.beside
                         i[n] = now.i
                         w_m[n] = now.w_m
                         theta_m[n] = now.theta_m

@@ -20,6 +20,7 @@ from ematwin.errors import InputError, RecordError
 from ematwin.models.bldc.channels import PHASES
 from ematwin.models.bldc.constants import (
     constants_by_candidate,
+    kernel_cases,
     kernel_constants,
     truer_constants,
 )
@@ -242,8 +243,7 @@ class BldcComparison(Comparison):
         k = np.array([values.get(one.name, one.healthy) for one in UNKNOWNS])
         trace = monitor_trace(
             k, self.command, self.load, self.state.copy(), self.constants, self.step, self.substeps,
-            1, self.truer, self._more(self.stretch),
-            None if self.actuator.compliance is None else True,
+            1, self.truer, self._more(self.stretch), *kernel_cases(self.actuator),
         )  # fmt: skip
         pole_pairs = self.actuator.motor.pole_pairs
         behind = turned(currents[1:], pole_pairs * trace[:, 1], trace[:, 0])
@@ -461,7 +461,7 @@ class BldcComparison(Comparison):
         power = stretch.power if kept else None
         watts = np.empty((0, 0) if power is None else (len(faults), kept))
 
-        more = self._more(stretch)
+        more, cases = self._more(stretch), kernel_cases(self.actuator)
         constants, step = Constants._make(map(real, self.constants)), real(self.step)
 
         each = max(1, min(_BLOCKS, blocks // self.threads)) if spread else blocks
@@ -475,29 +475,35 @@ class BldcComparison(Comparison):
                 costs[part], status[part], response[part],
                 None if power is None else (power.state, watts[part]),
                 within[part], self.truer, more,
-                None if self.actuator.compliance is None else True,
+                *cases,
             )  # fmt: skip
 
         self.share(work, range(0, blocks, each), spread=spread)
         return costs[:count], response[:count], watts[:count]
 
     def _more(self, stretch: Stretch) -> np.ndarray | None:
-        """State (9,) of the truer forms at the start of a stretch; None without any.
+        """State (16,) of the truer forms at the start of a stretch; None without any.
 
-        Loop currents fade within 0.1 ms. The speed loop is taken to ask for the recorded current.
+        Loop currents fade within 0.1 ms. The speed loop is taken to ask for the recorded current,
+        the current loop for the voltage that keeps it.
         """
         if self.truer is None:
             return None
         if stretch.at_rest:
             return np.array(REST)
-        current, w_m, _, _, theta_o, _ = stretch.state
+        current, w_m, theta_m, _, theta_o, _ = stretch.state
         integral = 0.0
         if self.truer.integral_gain > 0.0:
             c = self.constants
             wanted = c.k_position * (stretch.command[0] - theta_o)
             error = min(max(wanted, -c.w_max), c.w_max) - w_m
             integral = 2.0 * c.k_e * current - c.k_speed * error
-        return np.array(REST._replace(asked=current, pending=current, integral=integral))
+        voltage = 2.0 * (self.constants.resistance * current + self.constants.k_e * w_m)
+        sector = math.floor(self.constants.pole_pairs * theta_m / (math.pi / 3.0) - 0.5) % 6
+        return np.array(REST._replace(
+            asked=current, pending=current, integral=integral, sector=float(sector),
+            voltage=voltage, voltage_pending=voltage, voltage_integral=voltage,
+        ))  # fmt: skip
 
     def run_at_once(
         self, stretches: Sequence[Stretch], batch: "Batch", kept: Sequence[int]

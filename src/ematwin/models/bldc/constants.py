@@ -10,6 +10,10 @@ from ematwin.models.bldc.state import Constants
 from ematwin.models.bldc.truer.state import NEUTRAL, Truer
 from ematwin.models.bldc.unknowns import FIXED, LOAD
 
+# A: takes all of the static friction of the motor, as a ripple does. Under a current loop there is
+# none; but a motor that leans on a stiff contact creeps, and slides before the output gives.
+_CREEPS = 1e3
+
 
 def kernel_constants(
     actuator: BldcActuator,
@@ -32,7 +36,7 @@ def kernel_constants(
         pole_pairs=float(motor.pole_pairs),
         v_supply=drive.supply_voltage,
         v_diode=drive.diode_drop,
-        half_band=drive.hysteresis_band / 2.0,
+        half_band=drive.hysteresis_band / 2.0 if actuator.current_loop is None else _CREEPS,
         i_max=drive.current_limit,
         w_max=control.speed_limit,
         k_position=control.position_gain,
@@ -81,7 +85,24 @@ def truer_constants(actuator: BldcActuator) -> Truer | None:
             "integral_gain": loop.integral_gain, "sample_time": loop.sample_time,
             "delay": loop.delay,
         }  # fmt: skip
+    if actuator.current_loop is not None:
+        loop_of_current = actuator.current_loop
+        found |= {
+            "current_gain": loop_of_current.proportional_gain,
+            "current_integral": loop_of_current.integral_gain,
+            "current_sample": loop_of_current.sample_time, "current_delay": loop_of_current.delay,
+            "lost_voltage": loop_of_current.lost_voltage,
+        }  # fmt: skip
     return NEUTRAL._replace(**found) if actuator.truer_forms else None
+
+
+def kernel_cases(actuator: BldcActuator) -> tuple[bool | None, bool | None]:
+    """What kernels of the monitor model are compiled apart for: a compliant gear, a current loop.
+
+    None where the actuator has none, else True.
+    """
+    forms = actuator.compliance, actuator.current_loop
+    return None if forms[0] is None else True, None if forms[1] is None else True
 
 
 def constants_by_candidate(
@@ -89,7 +110,7 @@ def constants_by_candidate(
 ) -> np.ndarray | None:
     """(B, 28) array of the constants of B candidates; None where all share the actuator's.
 
-    With truer forms it is (B, 38), and theirs come last.
+    With truer forms it is (B, 43), and theirs come last.
 
     ``candidates`` name parameters by their place, such as ``motor.resistance``, or the corrections
     of the load, each with (B,) values; what else it holds is left alone.

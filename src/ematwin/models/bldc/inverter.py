@@ -1,6 +1,7 @@
 """Three-leg inverter with freewheeling diodes, star point free, hysteresis regulation.
 
-Each leg is driven high (1), low (-1) or off (0). An off leg is really off: its current runs out
+Each leg is driven high (1), low (-1) or off (0); what is in between is the mean of pulse-width
+modulation. An off leg is really off: its current runs out
 through a diode, then stays zero until the voltage at its terminal passes a rail by the forward
 drop of a diode.
 """
@@ -64,9 +65,9 @@ def terminal_voltages(g_a, g_b, g_c, i_a, i_b, i_c, e_a, e_b, e_c, r_a, r_b, r_c
     ``v_n = sum(y_k (v_k - R_k i_k - e_k)) / sum(y_k)`` over the conducting legs, because their
     current slopes add up to zero.
     """
-    v_a = v_supply if g_a > 0.0 else 0.0
-    v_b = v_supply if g_b > 0.0 else 0.0
-    v_c = v_supply if g_c > 0.0 else 0.0
+    v_a = 0.5 * (1.0 + g_a) * v_supply
+    v_b = 0.5 * (1.0 + g_b) * v_supply
+    v_c = 0.5 * (1.0 + g_c) * v_supply
     on_a = g_a != 0.0
     on_b = g_b != 0.0
     on_c = g_c != 0.0

@@ -19,7 +19,7 @@ What is left without a tolerance is counted, chosen, or hardly changes what a re
 """
 
 import math
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from pydantic import model_validator
@@ -28,7 +28,9 @@ from ematwin.errors import ParameterError
 from ematwin.models.parameter_set import ParameterSet, Section, quantity
 
 DEFAULT_ACTUATOR = "servo48"
-TRUER_FORMS = ("shorted_turns", "eccentricity", "emf", "cogging", "speed_loop", "compliance")
+TRUER_FORMS = (
+    "shorted_turns", "eccentricity", "emf", "cogging", "speed_loop", "current_loop", "compliance",
+)  # fmt: skip
 _STIFFEST = 0.1  # K dt^2 (1/J_m + 1/J_o) of a step of the monitor model with a compliant gear
 SHORTEST_STEP = 1e-9  # s: nothing in an actuator is so fast; a shorter one is a slip of the unit
 _UNMOVABLE = 1000.0  # times the inertia of the rotor: no gear is chosen so
@@ -169,6 +171,15 @@ class Cogging(Section):
     phase: float = quantity("rad", "angle of the sine where the motor stands at zero")
 
 
+def _not_later_than_the_next_sample(loop: Any) -> Any:
+    if loop.delay > loop.sample_time:
+        raise ValueError(
+            f"delay must be at most sample_time, {loop.sample_time:g} s, received "
+            f"{loop.delay:g} s; correct one of them"
+        )
+    return loop
+
+
 class SpeedLoop(Section):
     """Integral term and sampling of the speed loop; left out, it is proportional and continuous.
 
@@ -189,12 +200,38 @@ class SpeedLoop(Section):
 
     @model_validator(mode="after")
     def _answers_before_the_next_sample(self) -> Self:
-        if self.delay > self.sample_time:
-            raise ValueError(
-                f"delay must be at most sample_time, {self.sample_time:g} s, received "
-                f"{self.delay:g} s; correct one of them"
-            )
-        return self
+        return _not_later_than_the_next_sample(self)
+
+
+class CurrentLoop(Section):
+    """PI current loop with pulse-width modulation; left out, a comparator follows the demand.
+
+    It is that of the pair that conducts: half of the difference of its currents, and the voltage
+    across it. Samples begin with the recording.
+    """
+
+    example: ClassVar[dict[str, float]] = {
+        "proportional_gain": 7.0, "integral_gain": 12000.0, "sample_time": 5e-5, "delay": 0.0,
+        "lost_voltage": 1.0,
+    }  # fmt: skip
+
+    proportional_gain: float = quantity(
+        "V/A", "voltage across the pair for each ampere of error", tolerance=0.05, gt=0
+    )
+    integral_gain: float = quantity(
+        "V/(A*s)", "voltage for each ampere second of integrated error", tolerance=0.1, ge=0
+    )
+    sample_time: float = quantity("s", "time between samples", exact=True, gt=0)
+    delay: float = quantity(
+        "s", "from a sample to the voltage that answers it, at most a sample time", exact=True, ge=0
+    )
+    lost_voltage: float = quantity(
+        "V", "voltage across the pair that switches and their dead time take", tolerance=1.0, ge=0
+    )
+
+    @model_validator(mode="after")
+    def _answers_before_the_next_sample(self) -> Self:
+        return _not_later_than_the_next_sample(self)
 
 
 class Compliance(Section):
@@ -241,6 +278,7 @@ class BldcActuator(ParameterSet):
     emf: Emf | None = None
     cogging: Cogging | None = None
     speed_loop: SpeedLoop | None = None
+    current_loop: CurrentLoop | None = None
     compliance: Compliance | None = None
 
     @property
@@ -301,6 +339,54 @@ class BldcActuator(ParameterSet):
         return bool(np.abs(np.linalg.eigvals(system[:size, :size])).max() < 1.0)
 
     @model_validator(mode="after")
+    def _current_loop_is_stable(self) -> Self:
+        loop = self.current_loop
+        if loop is None or self._current_settles(1.0):
+            return self
+        said = (
+            f"with current_loop.sample_time = {loop.sample_time:.3g} s and a delay of "
+            f"{loop.delay:.3g} s"
+        )
+        if not self._current_settles(0.0):
+            raise ValueError(
+                f"the current loop is unstable {said}: sample faster or lower its gains"
+            )
+        low, high = 0.0, 1.0
+        for _ in range(50):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if self._current_settles(middle) else (low, middle)
+        raise ValueError(
+            f"the speed loop is unstable {said}: behind such a current loop, and with the motor "
+            f"alone, controller.speed_gain must be below {low * self.controller.speed_gain:.3g} "
+            "N*m*s/rad; lower it, or sample the current faster"
+        )
+
+    def _current_settles(self, share: float) -> bool:
+        """Whether the loops settle with a share of the speed gain; the motor alone, no friction."""
+        loop, motor, control = self.current_loop, self.motor, self.controller
+        assert loop is not None
+        span = loop.sample_time
+        decay = math.exp(-motor.resistance * span / motor.inductance)
+        per_volt = (1.0 - decay) / motor.resistance
+        # what is asked for by position, speed, current, voltage asked for before, integral
+        demand = -share * control.speed_gain / motor.emf_constant
+        error = np.array([demand * control.position_gain, demand, -1.0, 0.0, 0.0])
+        answer = loop.proportional_gain * error + np.array([0.0, 0.0, 0.0, 0.0, 1.0])
+        before = np.array([0.0, 0.0, 0.0, 1.0, 0.0])
+        late = loop.delay / span
+        system = np.zeros((5, 5))
+        system[2] = per_volt * (late * before + (1.0 - late) * answer)
+        system[2] += np.array([0.0, -per_volt * motor.emf_constant, decay, 0.0, 0.0])
+        system[1] = 0.5 * span * motor.emf_constant / motor.inertia * system[2]
+        system[1] += np.array([0.0, 1.0, 0.5 * span * motor.emf_constant / motor.inertia, 0.0, 0.0])
+        system[0] = 1.0, span, 0.0, 0.0, 0.0
+        system[3] = answer
+        system[4] = np.array([0.0, 0.0, 0.0, 0.0, 1.0]) + loop.integral_gain * span * error
+        keep = [n for n in range(5) if not (n == 4 and loop.integral_gain == 0.0)]
+        keep = keep if share > 0.0 else [n for n in keep if n > 1]
+        return bool(np.abs(np.linalg.eigvals(system[np.ix_(keep, keep)])).max() < 1.0)
+
+    @model_validator(mode="after")
     def _current_can_be_reached(self) -> Self:
         drivable = self.drive.supply_voltage / self.motor.resistance
         if self.drive.current_limit > _UNREACHABLE * drivable:
@@ -329,6 +415,8 @@ class BldcActuator(ParameterSet):
         limits = [speed_loop if model == "reference" else 2.0 * speed_loop]
         if self.speed_loop is not None and self.speed_loop.sample_time > 0.0:
             limits.append(self.speed_loop.sample_time)
+        if self.current_loop is not None:
+            limits.append(self.current_loop.sample_time)
         if model == "monitor" and self.compliance is not None:
             # an impact counts from the start of its step on; s of models/bldc/truer/compliance.py
             limits.append(math.sqrt(_STIFFEST / (self.contact.stiffness * (1.0 / j_m + 1.0 / j_o))))

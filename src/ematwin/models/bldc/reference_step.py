@@ -22,6 +22,7 @@ from ematwin.models.bldc.motor import gap_factors, hall_sector, phase_inductance
 from ematwin.numerics.backlash import contact_torque, stop_at_ends
 from ematwin.numerics.compile import part, step
 from ematwin.numerics.friction import advance_speed, loaded_friction
+from ematwin.numerics.scalar import clip
 
 
 class ReferenceState(NamedTuple):
@@ -104,9 +105,9 @@ def _conduct(i_a, i_b, i_c, e_a, e_b, e_c, g_a, g_b, g_c, phases, c, dt):
     lost = share * dt * (r_a * m_a * m_a + r_b * m_b * m_b + r_c * m_c * m_c)
     # through the upper switches, and back through the upper diodes
     i_bus = (
-        (m_a if v_a >= c.v_supply else 0.0)
-        + (m_b if v_b >= c.v_supply else 0.0)
-        + (m_c if v_c >= c.v_supply else 0.0)
+        m_a * clip(v_a / c.v_supply, 0.0, 1.0)
+        + m_b * clip(v_b / c.v_supply, 0.0, 1.0)
+        + m_c * clip(v_c / c.v_supply, 0.0, 1.0)
     )
     return share, n_a, n_b, n_c, taken, lost, Supply(v_a, v_b, v_c, i_bus)
 

@@ -106,21 +106,21 @@ def _run(
 ) -> dict[str, np.ndarray]:
     """Columns of the trace; command, load and start are on the motor shaft."""
     from ematwin.models.bldc import batch  # compiles, or loads what an earlier process compiled
-    from ematwin.models.bldc.constants import kernel_constants, truer_constants
+    from ematwin.models.bldc.constants import kernel_cases, kernel_constants, truer_constants
     from ematwin.models.bldc.monitor_step import MonitorState
     from ematwin.models.bldc.reference_step import ReferenceState
     from ematwin.models.bldc.truer.state import REST
 
     rest: ReferenceState | MonitorState
     names: tuple[str, ...]
-    gear: tuple[bool | None, ...]
+    cases: tuple[bool | None, ...]
     if model == "reference":
         run, names = batch.reference_trace, batch.REFERENCE_COLUMNS
-        gear = ()  # its contact is compliant anyway
+        cases = ()  # its contact is compliant anyway
         rest = ReferenceState(0.0, 0.0, 0.0, 0.0, start, 0.0, start, 1.0, 0.0, 0.0, 0.0)
     else:
         run, names = batch.monitor_trace, batch.MONITOR_COLUMNS
-        gear = (None if actuator.compliance is None else True,)
+        cases = kernel_cases(actuator)
         rest = MonitorState(0.0, 0.0, start, 0.0, start, 0.0)
     state = np.array(rest)
     constants, truer = kernel_constants(actuator), truer_constants(actuator)
@@ -145,7 +145,7 @@ def _run(
                 grid.decimation,
                 truer,
                 more,
-                *gear,
+                *cases,
             )
         )
         if progress is not None:

@@ -192,7 +192,8 @@ CONTRASTS = (
 # Known exactly, or of no effect on the monitor model: these cannot differ between candidates.
 FIXED = (
     "motor.pole_pairs", "motor.turns_per_phase", "transmission.ratio", "steps.reference",
-    "steps.monitor", "speed_loop.sample_time", "speed_loop.delay",
+    "steps.monitor", "speed_loop.sample_time", "speed_loop.delay", "current_loop.sample_time",
+    "current_loop.delay",
 )  # fmt: skip
 
 

@@ -70,7 +70,7 @@ def of_lanes(k, one, own, rectify):  # type: ignore[no-untyped-def]
     batch.monitor_scores(
         k, one.command, one.load, one.state, C, own, STEP, SUBSTEPS, one.taps, rectify,
         one.target, one.weights, costs, status, response, (one.power.state, watts),
-        np.full(len(k), np.inf), None, None, None,
+        np.full(len(k), np.inf), None, None, None, None,
     )  # fmt: skip
     return costs, response, watts
 

@@ -33,7 +33,7 @@ def scoring(
     batch.monitor_scores(
         k, command, load, np.zeros(6), c, by_candidate, 1.0 / (RATE * SUBSTEPS), SUBSTEPS,
         low_pass.taps(RATE, float(target[0])), rectify, target, weights, costs, status, response,
-        power, np.full(len(k), np.inf) if limits is None else limits, None, None, None,
+        power, np.full(len(k), np.inf) if limits is None else limits, None, None, None, None,
     )  # fmt: skip
     return costs, status, response, target
 
@@ -53,7 +53,7 @@ def test_scores_are_trace_then_filter_then_misfit(rectify):
     for n in range(batch.LANES):
         trace = batch.monitor_trace(
             k[n], command, load, np.zeros(6), C, 1.0 / (RATE * SUBSTEPS), SUBSTEPS, 1,
-            None, None, None,
+            None, None, None, None,
         )  # fmt: skip
         current = np.abs(trace[:, 0]) if rectify else trace[:, 0]
         filtered = naive_signals.low_pass([target[0], *current], 500.0, RATE)
@@ -74,7 +74,7 @@ def test_power_is_that_of_the_trace_filtered_like_the_current():
     for n in range(batch.LANES):
         trace = batch.monitor_trace(
             k[n], command, load, np.zeros(6), C, 1.0 / (RATE * SUBSTEPS), SUBSTEPS, 1,
-            None, None, None,
+            None, None, None, None,
         )  # fmt: skip
         filtered = naive_signals.low_pass([3.0, *trace[:, 5]], 500.0, RATE)
         np.testing.assert_allclose(watts[n, 1:], filtered[1:], rtol=1e-9, atol=1e-6)

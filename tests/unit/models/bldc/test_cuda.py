@@ -63,7 +63,8 @@ def test_a_thread_gives_the_scores_of_the_lanes() -> None:
     response, watts = np.empty((len(k), SAMPLES)), np.empty((len(k), SAMPLES))
     monitor_scores(
         k, command, load, one.state, C, None, step, SUBSTEPS, one.taps, True, target, one.weights,
-        costs, status, response, (power.state, watts), np.full(len(k), np.inf), None, None, None,
+        costs, status, response, (power.state, watts), np.full(len(k), np.inf),
+        None, None, None, None,
     )  # fmt: skip
 
     score = numba.njit(error_model="numpy")(monitor_thread.score_candidate)

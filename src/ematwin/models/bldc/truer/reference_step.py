@@ -11,12 +11,15 @@ from ematwin.models.bldc.inverter import gate_signals, hysteresis, pair_current
 from ematwin.models.bldc.motor import hall_sector, phase_inductance
 from ematwin.models.bldc.reference_step import ReferenceState, advance_bridge, move_masses
 from ematwin.models.bldc.truer.cogging import cogging_torque
+from ematwin.models.bldc.truer.current_loop import advance_current_loop, left_of_voltage
 from ematwin.models.bldc.truer.emf import truer_emf_constants
 from ematwin.models.bldc.truer.shorted_turns import loop_answer, split_short
 from ematwin.models.bldc.truer.speed_loop import advance_speed_loop
 from ematwin.models.bldc.truer.state import TruerState
 from ematwin.numerics.compile import part
 from ematwin.numerics.scalar import clip
+
+_HALF = 1e-12  # of the supply across the pair: a drive of 0 would mean that a leg is off
 
 
 class SeenPhase(NamedTuple):
@@ -100,7 +103,16 @@ def truer_reference_step(state, more, command, load, fault, c, truer, dt):
     i_ref = clip(asked, -c.i_max, c.i_max)
     i_seen = pair_current(sector, state.i_a, state.i_b, state.i_c)
     pair_sign = hysteresis(i_seen, i_ref, c.half_band, state.pair_sign)
-    g_a, g_b, g_c = gate_signals(sector, pair_sign)
+    g_a, g_b, g_c = gate_signals(sector, 1.0)
+    i_pair = 0.5 * (g_a * state.i_a + g_b * state.i_b + g_c * state.i_c)
+    voltage, voltage_pending, voltage_integral, voltage_wait, voltage_late = advance_current_loop(
+        more.voltage, more.voltage_pending, more.voltage_integral, more.voltage_wait,
+        more.voltage_late, i_ref, i_pair, c.v_supply, truer, dt,
+    )  # fmt: skip
+    modulated = left_of_voltage(voltage, i_pair, truer) / c.v_supply
+    share = modulated if truer.current_gain > 0.0 else pair_sign
+    share = _HALF if share == 0.0 else share
+    g_a, g_b, g_c = g_a * share, g_b * share, g_c * share
 
     currents, means, taken, lost, supply = advance_shorted_bridge(
         state.i_a, state.i_b, state.i_c, more.loop_a, more.loop_b, more.loop_c,
@@ -123,5 +135,8 @@ def truer_reference_step(state, more, command, load, fault, c, truer, dt):
         state.e_copper + lost,
         state.e_mechanical + dt * torque * state.w_m,
     )  # fmt: skip
-    more_after = TruerState(loop_a, loop_b, loop_c, sector, asked, pending, integral, wait, late)
+    more_after = TruerState(
+        loop_a, loop_b, loop_c, sector, asked, pending, integral, wait, late,
+        voltage, voltage_pending, voltage_integral, voltage_wait, voltage_late, 0.0, 0.0,
+    )  # fmt: skip
     return after, more_after, m_a, m_b, m_c, supply

@@ -12,7 +12,7 @@ continuous loop, each step a sample. Textbook form of a sampled PI controller.
 from ematwin.numerics.compile import part
 from ematwin.numerics.scalar import clip
 
-_SOON = 1e-3  # of a step: times are sums of steps, and rounded
+_SOON = 0.499  # of a step: a sample belongs to the nearest one
 
 
 @part

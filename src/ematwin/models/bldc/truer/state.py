@@ -21,12 +21,19 @@ class Truer(NamedTuple):
     integral_gain: float  # N m/rad
     sample_time: float  # s; 0 is continuous
     delay: float  # s
+    current_gain: float  # V/A, of the current loop; 0: the drive follows within its voltage
+    current_integral: float  # V/(A s)
+    current_sample: float  # s
+    current_delay: float  # s
+    lost_voltage: float  # V, across the pair
 
 
 NEUTRAL = Truer(
     loops=0.0, contact=1.0, turning=1.0, rounding=0.0,
     cogging=0.0, cogging_cycles=1.0, cogging_phase=0.0,
     integral_gain=0.0, sample_time=0.0, delay=0.0,
+    current_gain=0.0, current_integral=0.0, current_sample=1.0, current_delay=0.0,
+    lost_voltage=0.0,
 )  # fmt: skip
 
 
@@ -42,17 +49,25 @@ class TruerState(NamedTuple):
     integral: float  # N m
     wait: float  # s, until the next sample of the speed loop
     late: float  # s, until what is pending is asked for
+    voltage: float  # V, across the pair, by the current loop
+    voltage_pending: float  # V, that will be
+    voltage_integral: float  # V
+    voltage_wait: float  # s, until the next sample of the current loop
+    voltage_late: float  # s, until what is pending is applied
+    leaving: float  # A, into the leg that is off and runs out; of the monitor model, as is
+    beside: float  # A, what that adds to the equivalent current, mean of the last step
 
 
-REST = TruerState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+REST = TruerState(*[0.0] * 16)
 
 
 @step
 def truer_state(values):
-    """The fields of `TruerState` from an array (9,)."""
+    """The fields of `TruerState` from an array (16,)."""
     return TruerState(
         values[0], values[1], values[2], values[3], values[4], values[5], values[6], values[7],
-        values[8],
+        values[8], values[9], values[10], values[11], values[12], values[13],
+        values[14], values[15],
     )  # fmt: skip
 
 
@@ -62,5 +77,6 @@ def lane_truer(own, first, n):
     return Truer(
         own[first, n], own[first + 1, n], own[first + 2, n], own[first + 3, n], own[first + 4, n],
         own[first + 5, n], own[first + 6, n], own[first + 7, n], own[first + 8, n],
-        own[first + 9, n],
+        own[first + 9, n], own[first + 10, n], own[first + 11, n], own[first + 12, n],
+        own[first + 13, n], own[first + 14, n],
     )  # fmt: skip
