@@ -121,6 +121,14 @@ class NamedByContent:
         except OSError:
             return None
 
+    def stamp(self, key: Any) -> tuple[int, int] | None:
+        """What tells a file of ``key`` from a later one; None where there is none."""
+        try:
+            found = self.path(key).lstat()
+        except Exception:  # no file, or none that can be named: whoever loads it sees
+            return None
+        return found.st_ino, found.st_mtime_ns
+
     def path(self, key: Any) -> Path:
         """The file of ``key``."""
         depends_on = self._dependencies()
@@ -191,12 +199,15 @@ class _Cache(FunctionCache):
         That is most of its start. What machine code needs of numba's runtime beyond C functions was
         linked into it when it was compiled.
         """
+        key = self._index_key(sig, target_context.codegen())
+        before = self._cache_file.stamp(key)
         found = self._loaded(sig, target_context)
         if found is None:
             compiling()
             self._release()  # of what could not be compiled
-            self._claim = self._cache_file.claim(self._index_key(sig, target_context.codegen()))
-            found = self._loaded(sig, target_context)
+            self._claim = self._cache_file.claim(key)
+            if self._cache_file.stamp(key) != before:  # another process has kept it meanwhile
+                found = self._loaded(sig, target_context)
         if found is None:
             target_context.refresh()
         else:
