@@ -13,7 +13,12 @@ leg on to the next, which has none: the flux linkage of the pair, L_p i_p - L_n 
 that of the leg which both pairs share, whatever the diode of the third leg does meanwhile. Hence
 the loop sees its current fall to L_shared/(L_shared + L_new), one half in a healthy motor, and so
 does the torque once the third leg has run out (derived here). A comparator, which sees the shared
-leg, does not let it fall.
+leg, does not let it fall. Through its diode the third leg, of EMF e_o, runs out at
+
+    (V/2 + V_d +- e_o)/(3 L/2),
+
+and until then makes torque, and shows in the equivalent current by half of what it still carries.
+Dead time and switches take a voltage that has the sign of the current (`left_of_voltage`).
 """
 
 import math

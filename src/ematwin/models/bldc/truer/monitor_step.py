@@ -166,8 +166,7 @@ def truer_monitor_step(state, more, command, load, fault, c, truer, compliant, r
     else:
         after = move_compliantly(state, i, load, kappa_eq, act_m, before_m, fault, c, dt)
     more_after = TruerState(
-            loop_a, loop_b, loop_c, sector, demand, pending, integral, wait, late,
-            voltage, voltage_pending, voltage_integral, voltage_wait, voltage_late,
-            leaving, beside,
-        )  # fmt: skip
+        loop_a, loop_b, loop_c, sector, demand, pending, integral, wait, late,
+        voltage, voltage_pending, voltage_integral, voltage_wait, voltage_late, leaving, beside,
+    )  # fmt: skip
     return after, more_after, p_mean
