@@ -136,6 +136,7 @@ def identify(
         return
     with search_bar(not json) as progress_of_search:
         found = run(
+            # given away, so that what was sampled faster than it is compared can be freed
             recordings.pop() if calibration is None else recordings[0],
             actuator if calibration is None else calibration,
             algorithm,

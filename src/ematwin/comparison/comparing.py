@@ -98,8 +98,7 @@ def compare(
         actuator=subject.actuator,
         scenario=scenario,
     )
-    if backend != "cpu":
-        subject.model.check_backend(backend)
+    subject.model.check_backend(backend)
     engine = LocalEngine(workers or os.cpu_count() or 1, time_limit, backend=backend)
     with _kept(store) as opened, told(progress, "runs", _shown) as tell:
         carry_out(plan, opened, engine, retry_failed=retry_failed, progress=tell)

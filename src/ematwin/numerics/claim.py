@@ -50,10 +50,14 @@ class Claim:
                 fcntl.flock(self._handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 return waited
             except BlockingIOError:
-                if time.monotonic() > end:
+                if time.monotonic() > end:  # it stays the other's
+                    self._close()
                     return True
                 waited = True
                 time.sleep(_PAUSE)
+            except OSError:
+                self.release()
+                raise
 
     def release(self) -> None:
         """Let others have it; nothing happens if it was not taken."""
@@ -61,5 +65,9 @@ class Claim:
             return
         with suppress(OSError):
             self._path.unlink()
-        os.close(self._handle)
-        self._handle = None
+        self._close()
+
+    def _close(self) -> None:
+        if self._handle is not None:
+            os.close(self._handle)
+            self._handle = None

@@ -86,12 +86,11 @@ def truer_constants(actuator: BldcActuator) -> Truer | None:
             "delay": loop.delay,
         }  # fmt: skip
     if actuator.current_loop is not None:
-        loop_of_current = actuator.current_loop
+        current = actuator.current_loop
         found |= {
-            "current_gain": loop_of_current.proportional_gain,
-            "current_integral": loop_of_current.integral_gain,
-            "current_sample": loop_of_current.sample_time, "current_delay": loop_of_current.delay,
-            "lost_voltage": loop_of_current.lost_voltage,
+            "current_gain": current.proportional_gain, "current_integral": current.integral_gain,
+            "current_sample": current.sample_time, "current_delay": current.delay,
+            "lost_voltage": current.lost_voltage,
         }  # fmt: skip
     return NEUTRAL._replace(**found) if actuator.truer_forms else None
 

@@ -19,6 +19,7 @@ What is left without a tolerance is counted, chosen, or hardly changes what a re
 """
 
 import math
+from collections.abc import Callable
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -180,6 +181,15 @@ def _not_later_than_the_next_sample(loop: Any) -> Any:
     return loop
 
 
+def _largest_share(settles: Callable[[float], bool]) -> float:
+    """The share of 1 up to which a loop settles, by bisection."""
+    low, high = 0.0, 1.0
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if settles(middle) else (low, middle)
+    return low
+
+
 class SpeedLoop(Section):
     """Integral term and sampling of the speed loop; left out, it is proportional and continuous.
 
@@ -307,10 +317,7 @@ class BldcActuator(ParameterSet):
         loop = self.speed_loop
         if loop is None or self._settles(1.0):
             return self
-        low, high = 0.0, 1.0
-        for _ in range(50):
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if self._settles(middle) else (low, middle)
+        low = _largest_share(self._settles)
         advice = "lower the gains" if low == 0.0 else "sample faster or lower the gains"
         raise ValueError(
             f"the speed loop is unstable at speed_loop.sample_time = {loop.sample_time:.3g} s with "
@@ -351,10 +358,7 @@ class BldcActuator(ParameterSet):
             raise ValueError(
                 f"the current loop is unstable {said}: sample faster or lower its gains"
             )
-        low, high = 0.0, 1.0
-        for _ in range(50):
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if self._current_settles(middle) else (low, middle)
+        low = _largest_share(self._current_settles)
         raise ValueError(
             f"the speed loop is unstable {said}: behind such a current loop, and with the motor "
             f"alone, controller.speed_gain must be below {low * self.controller.speed_gain:.3g} "

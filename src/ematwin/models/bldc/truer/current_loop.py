@@ -25,10 +25,10 @@ import math
 
 import numpy as np
 
+from ematwin.models.bldc.truer.speed_loop import SOON
 from ematwin.numerics.compile import part
 from ematwin.numerics.scalar import clip
 
-_SOON = 0.499  # of a step: a sample belongs to the nearest one
 _SIXTH_TURN = math.pi / 3.0
 _AT_REST = 1e-9  # rad/s
 _SMALL = 0.1  # A: below it dead time takes less, as the ripple changes the sign of the current
@@ -42,7 +42,7 @@ def advance_current_loop(
 
     ``wait`` is the time until the next sample, ``late`` until ``pending`` is applied, s.
     """
-    soon = _SOON * dt
+    soon = SOON * dt
     voltage = pending if late <= soon else voltage
     error = i_ref - i_seen
     wish = truer.current_gain * error + integral

@@ -12,7 +12,7 @@ continuous loop, each step a sample. Textbook form of a sampled PI controller.
 from ematwin.numerics.compile import part
 from ematwin.numerics.scalar import clip
 
-_SOON = 0.499  # of a step: a sample belongs to the nearest one
+SOON = 0.499  # of a step: a sample belongs to the nearest one
 
 
 @part
@@ -24,7 +24,7 @@ def advance_speed_loop(
     ``wait`` is the time until the next sample, ``late`` until ``pending`` is asked for, s; ``gain``
     is that of the position loop, 1/s.
     """
-    soon = _SOON * dt
+    soon = SOON * dt
     asked = pending if late <= soon else asked
     error = clip(gain * (command - theta_o), -c.w_max, c.w_max) - w_m
     span = truer.sample_time if truer.sample_time > 0.0 else dt
