@@ -10,7 +10,7 @@ from ematwin.models.bldc.constants import kernel_constants
 from ematwin.models.bldc.controller import current_reference
 from ematwin.models.bldc.envelope import current_envelope, signed_current, trapezoid_shape
 from ematwin.models.bldc.faults import FAULTS, PAPER_CASES, Faults
-from ematwin.models.bldc.monitor_step import equivalent_phase
+from ematwin.models.bldc.pairs import equivalent_phase, pairs_of
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.state import fault_state
 from ematwin.models.scenario import Chirp, Profile, Ramp, Scenario, Step
@@ -87,7 +87,8 @@ def massless_play_trace(k, command, load, c, dt, substeps):
             share = j / substeps
             command_now = command[n - 1] + share * (command[n] - command[n - 1])
             load_now = load[n - 1] + share * (load[n] - load[n - 1])
-            r, l, kappa = equivalent_phase(theta, fault, c)
+            r, per_l, kappa = equivalent_phase(theta, pairs_of(fault, c), c)
+            l = 1.0 / per_l
             i_ref = current_reference(
                 command_now, theta_o, w, c.k_position * fault.gain, c.k_speed, c.w_max,
                 2.0 * c.k_e, c.i_max,
@@ -102,7 +103,9 @@ def massless_play_trace(k, command, load, c, dt, substeps):
             ts_m = dithered_static(c.static_ratio * td_m, td_m, kappa * c.half_band)
             td_o = fault.friction * loaded_friction(w, -load_now, c.t_o, c.c_opposing, c.c_aiding)
             act = kappa * mean - c.viscous * w - load_now
-            w = advance_speed(w, act, c.j_m + c.j_o, ts_m + c.static_ratio * td_o, td_m + td_o, dt)
+            w = advance_speed(
+                w, act, c.mobility_both, ts_m + c.static_ratio * td_o, td_m + td_o, dt
+            )
             theta += dt * w
             theta_o = play(theta, theta_o, fault.half_gap)
             currents[n] += mean / substeps

@@ -87,7 +87,8 @@ def play(dt, substeps, samples, j_m, j_o, ts_m, td_m, ts_o, td_o, half_gap, visc
         for _ in range(substeps):
             x_m, w_m, x_o, w_o, _ = advance_rigid_play(
                 x_m, w_m, x_o, w_o, torque_of_time(t + 0.5 * dt) - viscous * w_m,
-                torque_of_time(t - 0.5 * dt) - viscous * w_m, 0.0, j_m, j_o,
+                torque_of_time(t - 0.5 * dt) - viscous * w_m, 0.0,
+                1.0 / j_m, 1.0 / j_o, 1.0 / (j_m + j_o), j_o / (j_m + j_o),
                 ts_m, td_m, ts_o, td_o, half_gap, dt,
             )  # fmt: skip
             t += dt
@@ -129,7 +130,7 @@ def test_current_rises_to_its_reference_as_the_supply_allows(speed):
     """L di/dt = V - R i - kappa w until the reference is reached, and stays there."""
     wanted = 8.0
     # the rotor is too heavy to change its speed, and the speed loop asks for all it may
-    c = C._replace(j_m=1e9, i_max=wanted, k_speed=1e6, w_max=1e4)
+    c = C._replace(mobility_m=1e-9, mobility_both=1e-9, k_demand=1e8, i_max=wanted, w_max=1e4)
     dt, samples = 1e-6, 600
     command = np.full(samples + 1, 1e6)
     motor = ACTUATOR.motor

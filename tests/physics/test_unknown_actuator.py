@@ -96,14 +96,14 @@ def test_what_cannot_be_told_from_gets_no_verdict(
 def test_phase_voltages_tell_the_scale_of_torques_and_the_gain_of_a_current_sensor() -> None:
     """What currents alone leave open: the scale that all torques share, and 2 % of a sensor.
 
-    In one recording of six the misfit is too rough for the step that evidence asks for.
+    In one recording of four the misfit is too rough for the step that evidence asks for.
     """
     true, known = bench.actuator_off(4), known_with("phase voltages")
     inertia = known.actuator.value("motor.inertia") / true.value("motor.inertia")
     assert abs(inertia - 1.0) < 0.015  # 2 % off without voltages
     faults, drift = bench.CASES[1], {"amperes": 1.02}
     shares = []
-    for seed in (100, 101, 102):
+    for seed in range(100, 105):
         record = bench.recorded(true, faults, seed, drift, bench.VOLTAGES)
         one = bench.judged("", record, known, true, faults)
         currents = {name: x for name, x in record.channels.items() if "voltage" not in name}
@@ -114,7 +114,7 @@ def test_phase_voltages_tell_the_scale_of_torques_and_the_gain_of_a_current_sens
         assert not bench.silently_wrong(blind)
         shares.append(one.physical_error / blind.physical_error)
     # the resistance may have risen as well, so half of it may remain
-    assert sorted(shares)[1] < 0.85
+    assert sorted(shares)[2] < 0.85
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,8 @@
   allows.
 """
 
+import math
+
 from ematwin.numerics.compile import step
 from ematwin.numerics.friction import advance_speed, advance_through_rest
 from ematwin.numerics.scalar import clip
@@ -38,14 +40,15 @@ def contact_torque(theta_m, w_m, theta_o, w_o, half_gap, stiffness, damping):
 
 @step
 def advance_rigid_play(
-    theta_m, w_m, theta_o, w_o, act_m, before_m, act_o, j_m, j_o, ts_m, td_m, ts_o, td_o, half_gap,
-    dt,
+    theta_m, w_m, theta_o, w_o, act_m, before_m, act_o, mobility_m, mobility_o, mobility_both,
+    share_o, ts_m, td_m, ts_o, td_o, half_gap, dt,
 ):  # fmt: skip
     """Advance two masses with rigid contact by ``dt``.
 
     ``act_m`` and ``act_o`` act in the middle of the step, ``before_m`` acted on the motor in the
-    step before. Gives ``theta_m, w_m, theta_o, w_o``, and the change of the motor's speed without
-    that of an impact.
+    step before. ``mobility`` is the inverse of an inertia, of the motor, the output and both;
+    ``share_o`` is the share of the output in the inertia of both. Gives ``theta_m, w_m, theta_o,
+    w_o``, and the change of the motor's speed without that of an impact.
 
     Both masses first move freely. Where that would close the gap beyond its width they meet: from
     then on they have one speed, which keeps their momentum (inelastic impact, and rolling on
@@ -54,29 +57,28 @@ def advance_rigid_play(
     output. Positions move with the mean of the speeds before and after. An output that flies freely
     hardly ever reverses; it is not followed through rest.
     """
-    free_m = advance_speed(w_m, act_m, j_m, ts_m, td_m, dt)
-    free_o = advance_speed(w_o, act_o, j_o, ts_o, td_o, dt)
+    free_m = advance_speed(w_m, act_m, mobility_m, ts_m, td_m, dt)
+    free_o = advance_speed(w_o, act_o, mobility_o, ts_o, td_o, dt)
     half = 0.5 * dt
     theta_o_free = theta_o + half * (w_o + free_o)
     before = clip(theta_m - theta_o, -half_gap, half_gap)
     twist = theta_m + half * (w_m + free_m) - theta_o_free
     apart = abs(twist) <= half_gap
     # In contact the output lies on the face that it was pushed to: no drift of the gap.
-    face = half_gap if twist > 0.0 else -half_gap
+    face = math.copysign(half_gap, twist)
     # the share of the step until they meet; a gap of mere rounding is none
     met = 0.0 if apart | (abs(face - before) < _CLOSED) else (face - before) / (twist - before)
     left = dt - met * dt
     w_met = w_m + met * (free_m - w_m)
-    w = w_m if apart else w_met + j_o / (j_m + j_o) * (w_o + met * (free_o - w_o) - w_met)
+    w = w_m if apart else w_met + share_o * (w_o + met * (free_o - w_o) - w_met)
     theta_met = theta_m + met * half * (w_m + w_met)
     joint = 0.0 if apart else 1.0
     leaves = twist * w > 0.0
     after = 0.0 if leaves else joint
-    # sums and not selects: LLVM would make one division of two reciprocals of constants
-    slower = 1.0 / (j_m + j_o) - 1.0 / j_m
+    slower = mobility_both - mobility_m
     w_next, share = advance_through_rest(
-        w, act_m + joint * act_o, 1.0 / j_m + joint * slower, td_m + joint * td_o,
-        act_m + after * act_o, before_m + after * act_o, 1.0 / j_m + after * slower,
+        w, act_m + joint * act_o, mobility_m + joint * slower, td_m + joint * td_o,
+        act_m + after * act_o, before_m + after * act_o, mobility_m + after * slower,
         ts_m + after * ts_o, td_m + after * td_o, left,
     )  # fmt: skip
     theta_m_next = theta_met + 0.5 * left * (w + w_next)
@@ -91,7 +93,6 @@ def advance_rigid_play(
 @step
 def stop_at_ends(theta_o, w_o, travel_low, travel_high):
     """Inelastic end stops: the output rests on the stop it has reached."""
-    low = theta_o <= travel_low
-    high = theta_o >= travel_high
-    leaves = w_o > 0.0 if low else w_o < 0.0
-    return clip(theta_o, travel_low, travel_high), w_o if leaves | (low == high) else 0.0
+    w_o = 0.0 if (theta_o <= travel_low) & (w_o < 0.0) else w_o
+    w_o = 0.0 if (theta_o >= travel_high) & (w_o > 0.0) else w_o
+    return clip(theta_o, travel_low, travel_high), w_o

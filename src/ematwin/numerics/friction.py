@@ -19,9 +19,12 @@ def friction_torque(w, act, t_static, t_dynamic):
 
 
 @step
-def advance_speed(w, act, inertia, t_static, t_dynamic, dt):
-    """Speed after one semi-implicit Euler step of a mass with dry friction."""
-    w_next = w + dt * (act - friction_torque(w, act, t_static, t_dynamic)) / inertia
+def advance_speed(w, act, mobility, t_static, t_dynamic, dt):
+    """Speed after one semi-implicit Euler step of a mass with dry friction.
+
+    ``mobility`` is the inverse of the inertia.
+    """
+    w_next = w + dt * mobility * (act - friction_torque(w, act, t_static, t_dynamic))
     # Borello's stop: a step that would pass through zero ends there, and the next one decides
     # from rest whether the static torque holds. Without it friction chatters about zero speed.
     return 0.0 if w * w_next < 0.0 else w_next
@@ -44,13 +47,14 @@ def advance_through_rest(
     mass came to rest, 1 if it did not.
     """
     rest = w == 0.0
-    w_run = w + dt * mobility * (act - math.copysign(t_dynamic, w))
+    slows = dt * mobility * (math.copysign(t_dynamic, w) - act)
+    w_run = w - slows
     turns = w * w_run < 0.0
     pushed = math.copysign(1.0, act_rest)
-    size = pushed * act_rest
+    size = abs(act_rest)
     grown = pushed * (act_rest - before_rest)
     part = size - static_rest if rest else w
-    share = part / (grown if rest else w - w_run)
+    share = part / (grown if rest else slows)
     share = 0.5 if rest & (grown <= 0.0) else share  # something else gave way: at the start
     time = clip(0.5 + share, 0.5, 1.5) if rest else 1.0 - share
     loose = time * dt * mobility_rest * (act_rest - pushed * dynamic_rest)

@@ -11,9 +11,11 @@ import numpy as np
 
 from ematwin.numerics.compile import step
 
-_TWO_OVER_PI = 2.0 / math.pi
-_HALF_PI_HIGH = 1.5707963267341256  # pi/2 in two parts (Cody and Waite): the first has 33 bits,
-_HALF_PI_LOW = 6.077100506506192e-11  # so that a count of quarter turns times it is exact
+_PER_PI = 1.0 / math.pi
+# pi in two parts (Cody and Waite): a count of half turns times the first is exact in single
+# precision too
+_PI_HIGH = 3.140625
+_PI_LOW = 9.6765358979323846e-4
 
 
 @step
@@ -27,21 +29,19 @@ def clip(x, low, high):
 def sincos(x):
     """Sine and cosine of ``x`` in rad.
 
-    The angle is reduced to half a quarter turn, where the Taylor polynomials of degree 13 and 12
-    err by less than 1e-12 (`tests/unit/numerics/test_scalar.py`).
+    The angle is reduced to a quarter turn either way, where polynomials of degree 13 and 12 err by
+    less than 4e-12 (`tests/unit/numerics/test_scalar.py`): interpolated in r^2 at Chebyshev points,
+    sine less r over r^3, cosine less 1 over r^2.
     """
-    quarters = np.floor(x * _TWO_OVER_PI + 0.5)
-    r = (x - quarters * _HALF_PI_HIGH) - quarters * _HALF_PI_LOW
+    halves = np.floor(x * _PER_PI + 0.5)
+    r = (x - halves * _PI_HIGH) - halves * _PI_LOW
     r2 = r * r
-    s = 1.0 / 362880.0 + r2 * (-1.0 / 39916800.0 + r2 * (1.0 / 6227020800.0))
-    s = r + r * r2 * (-1.0 / 6.0 + r2 * (1.0 / 120.0 + r2 * (-1.0 / 5040.0 + r2 * s)))
-    c = 1.0 / 40320.0 + r2 * (-1.0 / 3628800.0 + r2 * (1.0 / 479001600.0))
-    c = 1.0 + r2 * (-0.5 + r2 * (1.0 / 24.0 + r2 * (-1.0 / 720.0 + r2 * c)))
-    # quarter turn 0: (s, c), 1: (c, -s), 2: (-s, -c), 3: (-c, s)
-    quadrant = quarters - 4.0 * np.floor(quarters * 0.25)
-    odd = (quadrant == 1.0) | (quadrant == 3.0)
-    sine = c if odd else s
-    cosine = s if odd else c
-    sine = -sine if quadrant >= 2.0 else sine
-    cosine = -cosine if (quadrant == 1.0) | (quadrant == 2.0) else cosine
-    return sine, cosine
+    s = -2.503674500842829547e-8 + r2 * 1.550250902793809009e-10
+    s = -1.984126870905615070e-4 + r2 * (2.755712317437327274e-6 + r2 * s)
+    s = r + r * r2 * (-0.1666666666665846713 + r2 * (8.333333330940365208e-3 + r2 * s))
+    c = -2.753434319498821427e-7 + r2 * 2.004383886760728344e-9
+    c = -1.388888719655378210e-3 + r2 * (2.480129421017002438e-5 + r2 * c)
+    c = 1.0 + r2 * (-0.4999999999987745335 + r2 * (4.166666663090179977e-2 + r2 * c))
+    way = 0.5 * halves
+    way = 1.0 - 4.0 * (way - np.floor(way))  # -1 after an odd number of half turns
+    return way * s, way * c

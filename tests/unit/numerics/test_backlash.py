@@ -16,6 +16,12 @@ from naive import mechanics
 C = kernel_constants(BldcActuator.load())
 DT = 1e-5
 
+
+def inertias(j_m, j_o):
+    """As `advance_rigid_play` takes them."""
+    return 1.0 / j_m, 1.0 / j_o, 1.0 / (j_m + j_o), j_o / (j_m + j_o)
+
+
 # Products of speeds below 1e-150 rad/s underflow; no mass moves so slowly.
 speeds = st.floats(1e-6, 500.0) | st.floats(-500.0, -1e-6) | st.just(0.0)
 torques = st.floats(-0.5, 0.5)
@@ -53,11 +59,11 @@ def test_rigid_contact_is_that_of_the_naive_version(
 ):
     td_m, td_o = 0.03 * td, 0.02
     seen = backlash.advance_rigid_play(
-        x_m, w_m, x_o, w_o, act_m, before, act_o, 2.5e-6, 1e-6,
+        x_m, w_m, x_o, w_o, act_m, before, act_o, *inertias(2.5e-6, 1e-6),
         2.0 * td_m, td_m, 2.0 * td_o, td_o, gap, DT,
     )  # fmt: skip
-    free_m = friction.advance_speed(w_m, act_m, 2.5e-6, 2.0 * td_m, td_m, DT)
-    free_o = friction.advance_speed(w_o, act_o, 1e-6, 2.0 * td_o, td_o, DT)
+    free_m = friction.advance_speed(w_m, act_m, 1.0 / 2.5e-6, 2.0 * td_m, td_m, DT)
+    free_o = friction.advance_speed(w_o, act_o, 1.0 / 1e-6, 2.0 * td_o, td_o, DT)
     twist = (x_m - x_o) + 0.5 * DT * (w_m + free_m - w_o - free_o)
     assume(abs(abs(twist) - gap) > 1e-12)  # rounding decides there
     expected = mechanics.two_masses_rigid_contact(
@@ -90,7 +96,7 @@ def test_rigid_contact_is_that_of_the_naive_version(
 def test_the_gap_never_opens_beyond_its_width(x_m, w_m, w_o, half_gap):
     assume(abs(x_m) <= half_gap)
     x_m, _, x_o, _, _ = backlash.advance_rigid_play(
-        x_m, w_m, 0.0, w_o, 0.0, 0.0, 0.0, 2.5e-6, 1e-6, 0.0, 0.0, 0.0, 0.0, half_gap, DT
+        x_m, w_m, 0.0, w_o, 0.0, 0.0, 0.0, *inertias(2.5e-6, 1e-6), 0.0, 0.0, 0.0, 0.0, half_gap, DT
     )
     assert abs(x_m - x_o) <= half_gap + 1e-12
 
@@ -103,7 +109,7 @@ def test_an_impact_keeps_momentum_and_is_inelastic(w_m, w_o, share):
     near = half_gap - share * DT * (w_m - w_o)
     assume(near > -half_gap)
     x_m, after_m, x_o, after_o, _ = backlash.advance_rigid_play(
-        near, w_m, 0.0, w_o, 0.0, 0.0, 0.0, j_m, j_o, 0.0, 0.0, 0.0, 0.0, half_gap, DT
+        near, w_m, 0.0, w_o, 0.0, 0.0, 0.0, *inertias(j_m, j_o), 0.0, 0.0, 0.0, 0.0, half_gap, DT
     )
     assert after_m == after_o
     # each has moved with its own speed until they met, and with the common one since
@@ -125,7 +131,8 @@ def test_rigid_contact_with_a_light_output_held_by_friction_is_the_play_operator
         for n in range(motor_angles.size - 1):
             # a motor of great inertia: nothing changes its course
             x_m, _, x_o, w_o, _ = backlash.advance_rigid_play(
-                motor_angles[n], motor_speeds[n], x_o, w_o, 0.0, 0.0, 0.0, 1e6, 1e-6,
+                motor_angles[n], motor_speeds[n], x_o, w_o, 0.0, 0.0, 0.0,
+                1e-6, 1e6, 1e-6, 1e-12,
                 0.0, 0.0, 0.02, 0.01, half_gap, dt,
             )  # fmt: skip
             y = backlash.play(x_m, y, half_gap)

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ematwin.models.bldc.monitor_step import MonitorState, monitor_step
+from ematwin.models.bldc.pairs import Pairs, lane_pairs, pairs_of
 from ematwin.models.bldc.reference_step import ReferenceState, phase_constants, reference_step
 from ematwin.models.bldc.state import (
     HALF_GAP,
@@ -45,6 +46,8 @@ MONITOR_COLUMNS = (
 OK = 0
 DIVERGED = 1
 STOPPED = 2  # the cost has passed its limit
+
+_PAIR_VALUES = len(Pairs._fields)
 
 # What is kept of a candidate between two segments, beside the fields of `MonitorState`; those of
 # `TruerState` come last.
@@ -168,6 +171,7 @@ def monitor_trace(
         power is electrical, into the motor
     """
     fault = fault_state(k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7], c.half_gap)
+    pairs = pairs_of(fault, c)
     now = MonitorState(state[0], state[1], state[2], state[3], state[4], state[5])
     if truer is not None:
         now_more = truer_state(more)
@@ -184,7 +188,7 @@ def monitor_trace(
                 load_now = c.load_gain * (load[g] + (j + 0.5) * d_load) + c.load_offset
                 command_now = command[g] + (j + 0.5) * d_command
                 if truer is None:
-                    now, p_mean = monitor_step(now, command_now, load_now, fault, c, dt)
+                    now, p_mean = monitor_step(now, command_now, load_now, fault, pairs, c, dt)
                 else:
                     now, now_more, p_mean = truer_monitor_step(
                         now, now_more, command_now, load_now, fault, c, truer, compliant,
@@ -224,8 +228,8 @@ def monitor_scores(
         between
     state : (6,) array, the fields of `MonitorState` at the first sample
     c : Constants that all candidates share
-    by_candidate : None; or (B, 28) array, the fields of `Constants` of each candidate, in place of
-        ``c``; with truer forms (B, 43), the fields of `Truer` behind them. numba compiles the two
+    by_candidate : None; or (B, 33) array, the fields of `Constants` of each candidate, in place of
+        ``c``; with truer forms (B, 48), the fields of `Truer` behind them. numba compiles the two
         cases apart, so that shared constants stay scalars
     dt : float, step, s
     substeps : int, steps from one sample to the next
@@ -262,6 +266,7 @@ def monitor_scores(
     zeta_cos = np.empty(LANES, REAL)
     zeta_sin = np.empty(LANES, REAL)
     gain = np.empty(LANES, REAL)
+    paired = np.empty((_PAIR_VALUES, LANES), REAL)
     i = np.empty(LANES, REAL)
     w_m = np.empty(LANES, REAL)
     theta_m = np.empty(LANES, REAL)
@@ -332,6 +337,12 @@ def monitor_scores(
                 zeta_cos[n] = f.zeta_cos
                 zeta_sin[n] = f.zeta_sin
                 gain[n] = f.gain
+                if by_candidate is None:
+                    pairs = pairs_of(f, c)
+                else:
+                    pairs = pairs_of(f, lane_constants(own, n))
+                for m, value in enumerate(pairs):
+                    paired[m, n] = value
                 i[n] = saved[who, 0]
                 w_m[n] = saved[who, 1]
                 theta_m[n] = saved[who, 2]
@@ -378,7 +389,9 @@ def monitor_scores(
                             zeta_cos[n], zeta_sin[n], gain[n],
                         )  # fmt: skip
                         if truer is None:
-                            now, p_mean = monitor_step(now, command_now, load_n, fault, c_n, dt)
+                            now, p_mean = monitor_step(
+                                now, command_now, load_n, fault, lane_pairs(paired, n), c_n, dt
+                            )
                         else:
                             if by_candidate is None:  # noqa: SIM108  # numba prunes statements
                                 truer_n = truer

@@ -535,7 +535,7 @@ class BldcComparison(Comparison):
 
 @dataclass(frozen=True)
 class Batch:
-    """Candidates of a batch: fault vectors (B, 8); constants (B, 28), or None if all share them.
+    """Candidates of a batch: fault vectors (B, 8); constants (B, 33), or None if all share them.
 
     ``sensor`` holds what the sensors make of the answers, by name, (B,) arrays.
     """

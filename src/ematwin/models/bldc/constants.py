@@ -57,6 +57,11 @@ def kernel_constants(
         load_gain=load_gain,
         load_offset=load_offset / gear.ratio,
         load_delay=load_delay,
+        mobility_m=1.0 / motor.inertia,
+        mobility_o=1.0 / gear.output_inertia,
+        mobility_both=1.0 / (motor.inertia + gear.output_inertia),
+        share_o=gear.output_inertia / (motor.inertia + gear.output_inertia),
+        k_demand=control.speed_gain / motor.emf_constant,
     )
 
 
@@ -107,9 +112,9 @@ def kernel_cases(actuator: BldcActuator) -> tuple[bool | None, bool | None]:
 def constants_by_candidate(
     actuator: BldcActuator, candidates: Mapping[str, Any], count: int
 ) -> np.ndarray | None:
-    """(B, 28) array of the constants of B candidates; None where all share the actuator's.
+    """(B, 33) array of the constants of B candidates; None where all share the actuator's.
 
-    With truer forms it is (B, 43), and theirs come last.
+    With truer forms it is (B, 48), and theirs come last.
 
     ``candidates`` name parameters by their place, such as ``motor.resistance``, or the corrections
     of the load, each with (B,) values; what else it holds is left alone.

@@ -30,7 +30,7 @@ class Work:
     ----------
     stretch : `ematwin.models.bldc.comparison.Stretch`
     faults : (B, 8) array, fault vectors
-    constants : (B, 28) array, or the `Constants` that all share
+    constants : (B, 33) array, or the `Constants` that all share
     step, substeps : step of the monitor model (s), and how many make a sampling interval
     rectify : whether magnitudes are compared
     kept : samples of a response that are kept; 0 for none
@@ -114,7 +114,10 @@ class Launcher:
         # a column for each candidate: threads that are neighbours read and write neighbours
         faults = np.concatenate([work.faults for work in works]).T
         constants = np.concatenate(
-            [np.broadcast_to(work.constants, (n, 28)) for work, n in zip(works, sizes, strict=True)]
+            [
+                np.broadcast_to(work.constants, (n, len(Constants._fields)))
+                for work, n in zip(works, sizes, strict=True)
+            ]
         ).T
         most = max(work.kept for work in works)
         with_power = most > 0 and any(work.stretch.power is not None for work in works)

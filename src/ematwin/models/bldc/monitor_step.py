@@ -17,7 +17,7 @@ the rotor will have there (implicit midpoint; docs/models.md, "Steps").
 from typing import NamedTuple
 
 from ematwin.models.bldc.controller import current_demand
-from ematwin.models.bldc.motor import gap_factors, hall_sector, phase_inductance
+from ematwin.models.bldc.pairs import equivalent_phase
 from ematwin.numerics.backlash import advance_rigid_play, stop_at_ends
 from ematwin.numerics.compile import step
 from ematwin.numerics.friction import dithered_static, loaded_friction
@@ -39,30 +39,6 @@ class MonitorState(NamedTuple):
 
 
 @step
-def equivalent_phase(theta_m, fault, c):
-    """R_eq (ohm), L_eq (H) and kappa_eq (V s/rad) at a rotor angle.
-
-    Sums over all three phases less the one that is off: on the 120 degree flats |f| = 1, so only
-    the sector enters.
-    """
-    sector = hall_sector(c.pole_pairs * theta_m)
-    off_c = (sector == 0.0) | (sector == 3.0)
-    off_b = (sector == 1.0) | (sector == 4.0)
-    gap_a, gap_b, gap_c = gap_factors(theta_m, fault.zeta_cos, fault.zeta_sin)
-    k_a = fault.h_a * abs(gap_a)
-    k_b = fault.h_b * abs(gap_b)
-    k_c = fault.h_c * abs(gap_c)
-    l_a = phase_inductance(fault.h_a, c.inductance, c.leakage)
-    l_b = phase_inductance(fault.h_b, c.inductance, c.leakage)
-    l_c = phase_inductance(fault.h_c, c.inductance, c.leakage)
-    h_off = fault.h_c if off_c else (fault.h_b if off_b else fault.h_a)
-    k_off = k_c if off_c else (k_b if off_b else k_a)
-    l_off = l_c if off_c else (l_b if off_b else l_a)
-    r_eq = (fault.h_a + fault.h_b + fault.h_c - h_off) * c.resistance
-    return r_eq, l_a + l_b + l_c - l_off, (k_a + k_b + k_c - k_off) * c.k_e
-
-
-@step
 def touching(state, fault):
     """1 where motor and output touch, so that the current moves both; else 0."""
     apart = abs(abs(state.theta_m - state.theta_o) - fault.half_gap) > _TOUCHING
@@ -77,9 +53,8 @@ def controller_stiffness(state, joint, c, half):
     speed loop answers its own torque within the step.
     """
     moves = 0.0 if state.w_m == 0.0 else 1.0
-    slope_m = c.k_speed * half / (2.0 * c.k_e * c.j_m)
-    slope_joint = c.k_speed * half / (2.0 * c.k_e * (c.j_m + c.j_o))
-    return moves * (slope_m + joint * (slope_joint - slope_m))
+    mobility = c.mobility_m + joint * (c.mobility_both - c.mobility_m)
+    return moves * c.k_demand * half * mobility
 
 
 @step
@@ -94,7 +69,8 @@ def move_rigidly(state, i, load, kappa_eq, act_m, before_m, fault, c, dt):
     direction = state.w_o if state.w_o != 0.0 else state.w_m
     td_o = fault.friction * loaded_friction(direction, -load, c.t_o, c.c_opposing, c.c_aiding)
     theta_m, w_m, theta_o, w_o, dw_m = advance_rigid_play(
-        state.theta_m, state.w_m, state.theta_o, state.w_o, act_m, before_m, -load, c.j_m, c.j_o,
+        state.theta_m, state.w_m, state.theta_o, state.w_o, act_m, before_m, -load,
+        c.mobility_m, c.mobility_o, c.mobility_both, c.share_o,
         ts_m, td_m, c.static_ratio * td_o, td_o, fault.half_gap, dt,
     )  # fmt: skip
     theta_o, w_o = stop_at_ends(theta_o, w_o, c.travel_low, c.travel_high)
@@ -106,25 +82,23 @@ def move_rigidly(state, i, load, kappa_eq, act_m, before_m, fault, c, dt):
 
 
 @step
-def monitor_step(state, command, load, fault, c, dt):
+def monitor_step(state, command, load, fault, pairs, c, dt):
     """Advance the monitor model by ``dt``; ``command`` and ``load`` are those of its middle.
 
     Gives the state, and the mean electrical power of the step.
     """
     half = 0.5 * dt
-    r_eq, l_eq, kappa_eq = equivalent_phase(state.theta_m + half * state.w_m, fault, c)
+    r_eq, per_l_eq, kappa_eq = equivalent_phase(state.theta_m + half * state.w_m, pairs, c)
     stiffness = kappa_eq * controller_stiffness(state, touching(state, fault), c, half)
     w_mid = state.w_m + 0.5 * state.dw_m
     demand = current_demand(
-        command, state.theta_o + half * state.w_o, w_mid, c.k_position * fault.gain, c.k_speed,
-        c.w_max, 2.0 * c.k_e,
+        command, state.theta_o + half * state.w_o, w_mid, c.k_position * fault.gain,
+        c.k_demand, c.w_max,
     )  # fmt: skip
-    # one division for both
-    inverse = 1.0 / ((1.0 + stiffness) * l_eq)
-    reach = dt * (1.0 + stiffness) * inverse  # dt / l_eq
-    i_ref = clip((demand + stiffness * state.i) * l_eq * inverse, -c.i_max, c.i_max)
+    i_ref = clip((demand + stiffness * state.i) / (1.0 + stiffness), -c.i_max, c.i_max)
     drop = r_eq * state.i + kappa_eq * state.w_m
     # u = clip(drop + l_eq (i_ref - i)/dt, -V, V), i <- i + dt (u - drop)/l_eq
+    reach = dt * per_l_eq
     i = clip(i_ref, state.i - reach * (c.v_supply + drop), state.i + reach * (c.v_supply - drop))
     p_mean = i * (r_eq * i + kappa_eq * w_mid + (i - state.i) / reach)
 

@@ -10,6 +10,7 @@ import math
 
 from ematwin.models.bldc.batch import DIVERGED, OK, between
 from ematwin.models.bldc.monitor_step import MonitorState, monitor_step
+from ematwin.models.bldc.pairs import pairs_of
 from ematwin.models.bldc.state import fault_state
 
 # Rows of the signals, a column for each sample.
@@ -66,6 +67,7 @@ def score_candidate(
     fault = fault_state(
         k[0, n], k[1, n], k[2, n], k[3, n], k[4, n], k[5, n], k[6, n], k[7, n], c.half_gap
     )
+    pairs = pairs_of(fault, c)
     now = MonitorState(
         numbers[stretch, STATE], numbers[stretch, STATE + 1], numbers[stretch, STATE + 2],
         numbers[stretch, STATE + 3], numbers[stretch, STATE + 4], numbers[stretch, STATE + 5],
@@ -93,6 +95,7 @@ def score_candidate(
                 command + (j + 0.5) * d_command,
                 c.load_gain * (load + (j + 0.5) * d_load) + c.load_offset,
                 fault,
+                pairs,
                 c,
                 dt,
             )

@@ -40,6 +40,12 @@ class Constants(NamedTuple):
     load_gain: float  # actual over recorded load
     load_offset: float  # N m, beside the recorded load
     load_delay: float  # s, by which the recorded load is early
+    # of those above, so that no step divides
+    mobility_m: float  # 1/(kg m^2), 1/j_m
+    mobility_o: float
+    mobility_both: float  # 1/(j_m + j_o)
+    share_o: float  # j_o/(j_m + j_o)
+    k_demand: float  # A s/rad, current that a speed error asks for: k_speed/(2 k_e)
 
 
 HALF_GAP = Constants._fields.index("half_gap")
@@ -108,11 +114,11 @@ def fault_state(k1, k2, k3, k4, k5, k6, k7, k8, half_gap):
 
 @step
 def lane_constants(own, n):
-    """The constants of lane ``n`` from an array (28, lanes), a row for each field."""
+    """The constants of lane ``n`` from an array (33, lanes), a row for each field."""
     return Constants(
         own[0, n], own[1, n], own[2, n], own[3, n], own[4, n], own[5, n], own[6, n], own[7, n],
         own[8, n], own[9, n], own[10, n], own[11, n], own[12, n], own[13, n], own[14, n],
         own[15, n], own[16, n], own[17, n], own[18, n], own[19, n], own[20, n], own[21, n],
         own[22, n], own[23, n], own[24, n], own[25, n], own[26, n],
-        own[27, n],
+        own[27, n], own[28, n], own[29, n], own[30, n], own[31, n], own[32, n],
     )  # fmt: skip

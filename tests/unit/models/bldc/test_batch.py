@@ -169,7 +169,7 @@ def test_candidates_above_their_limits_are_not_simulated_to_the_end(monkeypatch)
 
 
 def varied(count, seed=3):
-    """(B, 25) constants of actuators that differ by up to a tenth; pole pairs are counted."""
+    """(B, 33) constants of actuators that differ by up to a tenth; pole pairs are counted."""
     scale = np.random.default_rng(seed).uniform(0.9, 1.1, (count, len(C)))
     scale[:, C._fields.index("pole_pairs")] = 1.0
     return scale * np.array(C)

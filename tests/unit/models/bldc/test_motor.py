@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from ematwin.models.bldc import motor, state
 from ematwin.models.bldc.constants import kernel_constants
 from ematwin.models.bldc.faults import Faults
-from ematwin.models.bldc.monitor_step import equivalent_phase
+from ematwin.models.bldc.pairs import equivalent_phase, pairs_of
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.reference_step import emf_constants
 from naive import monitor as naive_monitor
@@ -61,6 +61,6 @@ def test_equivalent_phase_is_the_two_conducting_phases_in_series(theta, a, b, c,
     values = dict(short_a=a, short_b=b, short_c=c, eccentricity=zeta, eccentricity_phase=phase)
     turns = C.pole_pairs * theta / (math.pi / 3.0) - 0.5
     assume(abs(turns - round(turns)) > 1e-6)
-    seen = equivalent_phase(theta, fault(**values), C)
+    r, per_l, kappa = equivalent_phase(theta, pairs_of(fault(**values), C), C)
     expected = naive_monitor.equivalent_phase(theta, Faults(**values), ACTUATOR)
-    assert seen == pytest.approx(expected, abs=1e-9)
+    assert (r, 1.0 / per_l, kappa) == pytest.approx(expected, abs=1e-9)

@@ -28,7 +28,7 @@ from ematwin.numerics.friction import (
 @part
 def implicit_weight(c, dt):
     """eta: weight of the end of a step."""
-    s = c.contact_stiffness * dt * dt * (1.0 / c.j_m + 1.0 / c.j_o)
+    s = c.contact_stiffness * dt * dt * (c.mobility_m + c.mobility_o)
     return (0.5 + s) / (1.0 + s)
 
 
@@ -63,8 +63,8 @@ def move_compliantly(state, i, load, kappa_eq, act_m, before_m, fault, c, dt):
     # a mass that static friction holds against the contact as it is now takes none of it
     held_m = (state.w_m == 0.0) & (abs(act_m - now) <= ts_m)
     held_o = (state.w_o == 0.0) & (abs(now - load) <= ts_o)
-    free_m = 0.0 if held_m else 1.0 / c.j_m
-    free_o = 0.0 if held_o else 1.0 / c.j_o
+    free_m = 0.0 if held_m else c.mobility_m
+    free_o = 0.0 if held_o else c.mobility_o
     drag_m = friction_torque(state.w_m, act_m - now, td_m, td_m)
     drag_o = friction_torque(state.w_o, now - load, td_o, td_o)
     eta = implicit_weight(c, dt)
@@ -74,12 +74,12 @@ def move_compliantly(state, i, load, kappa_eq, act_m, before_m, fault, c, dt):
         fault.half_gap, c.contact_stiffness, c.contact_damping, eta, dt,
     )  # fmt: skip
     w_m, _ = advance_through_rest(
-        state.w_m, act_m - torque, 1.0 / c.j_m, td_m,
-        act_m - torque, before_m - now, 1.0 / c.j_m, ts_m, td_m, dt,
+        state.w_m, act_m - torque, c.mobility_m, td_m,
+        act_m - torque, before_m - now, c.mobility_m, ts_m, td_m, dt,
     )  # fmt: skip
     w_o, _ = advance_through_rest(
-        state.w_o, torque - load, 1.0 / c.j_o, td_o,
-        torque - load, now - load, 1.0 / c.j_o, ts_o, td_o, dt,
+        state.w_o, torque - load, c.mobility_o, td_o,
+        torque - load, now - load, c.mobility_o, ts_o, td_o, dt,
     )  # fmt: skip
     theta_m = state.theta_m + dt * (state.w_m + eta * (w_m - state.w_m))
     theta_o = state.theta_o + dt * (state.w_o + eta * (w_o - state.w_o))
@@ -90,6 +90,6 @@ def move_compliantly(state, i, load, kappa_eq, act_m, before_m, fault, c, dt):
 @part
 def carried_share(state, fault, c, dt):
     """Share of the output that moves with the motor within a step: 0 apart, 1 for a rigid gear."""
-    s = c.contact_stiffness * dt * dt / c.j_o
+    s = c.contact_stiffness * dt * dt * c.mobility_o
     meets = math.fabs(state.theta_m - state.theta_o) >= fault.half_gap
     return s / (1.0 + s) if meets else 0.0
