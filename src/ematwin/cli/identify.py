@@ -113,8 +113,8 @@ def identify(
 ) -> None:
     """Find the faults with which the digital twin behaves like the recorded actuator."""
     from ematwin.cli.channels import map_of
+    from ematwin.estimation.baseline import frees_parameters
     from ematwin.estimation.identify import identify as run
-    from ematwin.estimation.learn import frees_parameters
     from ematwin.files import check_target, write_text
     from ematwin.models.reading import read
 

@@ -12,11 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ematwin.estimation.baseline import Baseline, with_all_free
+from ematwin.estimation.baseline import Baseline, frees_parameters, with_all_free
 from ematwin.estimation.intervals import Draws, draws, quantiles
 from ematwin.estimation.joint import Joint
 from ematwin.estimation.laplace import Laplace, laplace, profiled, sharp_errors
-from ematwin.estimation.learn import frees_parameters
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found
 from ematwin.estimation.significance import ANYTHING
@@ -220,7 +219,7 @@ def height(peak: Laplace, noise: float) -> float:
 
 
 def _with_scatter(peak: Laplace, baseline: Baseline, model_error: float) -> np.ndarray:
-    """The covariance with what the twin misses, and what healthy recordings differed by."""
+    """The covariance with what the twin misses, and what healthy recordings are off by."""
     covariance = peak.widened(model_error)
     widths, differ = peak.problem.chart.widths, scatter(baseline)
     for n, name in enumerate(peak.problem.names):
@@ -230,7 +229,7 @@ def _with_scatter(peak: Laplace, baseline: Baseline, model_error: float) -> np.n
 
 
 def scatter(baseline: Baseline) -> dict[str, float]:
-    """By fault, how far a recording may be off the mean of the healthy ones."""
+    """By fault, how far a healthy recording may be found off healthy."""
     more = math.sqrt(1.0 + 1.0 / max(1, baseline.recordings))
     return {name: more * value for name, value in baseline.scatter.items()}
 

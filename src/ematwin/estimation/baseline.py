@@ -38,7 +38,7 @@ class Baseline:
     prior : of its parameters (logarithms), and of nuisances where healthy recordings tell them
     misfit : float, relative: what healthy recordings left; NaN if there were none
     expected_misfit : float, what noise and the twin's known error alone leave
-    scatter : by fault, standard deviation between healthy recordings
+    scatter : by fault, how far healthy recordings are found off healthy
     recordings : how many healthy ones
     has_load : whether they held the load
     exact : whether parameters, load and sensors are exactly as given, as those of a simulation are
@@ -165,6 +165,13 @@ def baseline_of(given: Any, actuator: ParameterSet) -> Baseline:
         if table is not None:
             return Baseline.from_table(table, str(given))
     return Baseline.of_template(model_of(actuator), actuator)
+
+
+def frees_parameters(model: Model) -> bool:
+    """Whether parameters are free beside the faults: as a kind says, or its default search."""
+    if model.frees_parameters is not None:
+        return model.frees_parameters
+    return model.default_search != "levenberg-marquardt"
 
 
 def uncertain(model: Model, actuator: ParameterSet) -> list[Unknown]:

@@ -63,7 +63,7 @@ class Joint:
     factor : times that the noise of the data is larger (`Model.model_error`)
     own : how many of the unknowns, the first ones, were searched: faults and what was asked for
     least_noise : float, in the unit of `Problem.noise`
-    scatter : by fault, standard deviation by which recordings of one healthy actuator differ
+    scatter : by fault, standard deviation by which healthy recordings may be found off healthy
     """
 
     peaks: tuple[Laplace, ...]

@@ -19,13 +19,14 @@ from ematwin.errors import RecordError
 from ematwin.estimation.baseline import (
     Baseline,
     effective,
+    frees_parameters,
     searched_range,
     uncertain,
 )
 from ematwin.estimation.laplace import Laplace, laplace, profiled
-from ematwin.estimation.local import LocalDescent
 from ematwin.estimation.multistart import MultistartDescent
 from ematwin.estimation.nominal import NominalParameter, fit_nominal
+from ematwin.estimation.off_health import name_of, off_health
 from ematwin.estimation.problem import Prior, Problem
 from ematwin.models.base import Model
 from ematwin.models.comparison import Comparison
@@ -49,8 +50,6 @@ _TIED = 0.9  # correlation of two parameters of which only ratio or product is k
 _COMMANDS = 2  # different ones that the search looks at
 _SAME_COMMAND = 0.02  # of the travel
 _LOAD_GAIN = 0.01  # while calibrating the load is taken as a load cell states it
-_LEAST_ODD = 0.05  # share of a range by which a healthy recording may differ from the others
-_ODD = 6.0  # robust standard deviations
 _BEYOND = 5.0  # standard deviations of its prior at which a template contradicts its recordings
 
 
@@ -116,27 +115,20 @@ def learn(
     values = dict(zip(problem.names, peak.point.tolist(), strict=True))
     actuator = template.changed({place: values[place] for place in places})
     prior = _prior(problem, peak, places, model.model_error)
-    scatter = _scatter(model, actuator, comparisons)
-    progress(1.0)
     baseline = Baseline(
         prior=prior,
         misfit=misfit,
         expected_misfit=floor,
-        scatter=scatter,
         recordings=len(comparisons),
         has_load=model.load is None or all(model.load in c.recording.channels for c in comparisons),
     )
+    scatter = off_health(model, actuator, baseline, comparisons)
+    progress(1.0)
     return Learnt(
-        actuator, baseline, _parameters(template, nominals, prior), _tied(prior),
+        actuator, replace(baseline, scatter=scatter), _parameters(template, nominals, prior),
+        _tied(prior),
         _notes(misfit, floor),
     )  # fmt: skip
-
-
-def frees_parameters(model: Model) -> bool:
-    """Whether parameters are free beside the faults: as a kind says, or its default search."""
-    if model.frees_parameters is not None:
-        return model.frees_parameters
-    return model.default_search != LocalDescent().name
 
 
 def expected_misfit(comparisons: Sequence[Comparison], command: str) -> float:
@@ -250,18 +242,10 @@ def _refuse_odd(fit: _Fit, comparisons: Sequence[Comparison], misfit: float) -> 
             "them is faulty or of another actuator; leave it out, or give a third."
         )
     raise RecordError(
-        f"{_name(comparisons, best)} is unlike the other healthy recordings: with it the "
+        f"{name_of(comparisons, best)} is unlike the other healthy recordings: with it the "
         f"twin leaves {100.0 * misfit:.1f} % unexplained, without it {100.0 * left[best]:.1f} %. "
         "If it is faulty or of another actuator, leave it out."
     )
-
-
-def _name(comparisons: Sequence[Comparison], n: int) -> str:
-    """The file or labels of a recording, else its place."""
-    recording = comparisons[n].recording
-    if recording.source or recording.labels:
-        return recording.name
-    return f"Recording {n + 1} of {len(comparisons)}"
 
 
 def _prior(problem: Problem, peak: Laplace, places: Sequence[str], model_error: float) -> Prior:
@@ -292,40 +276,6 @@ def _check_template(problem: Problem, peak: Laplace, nominals: Sequence[Unknown]
                 f"If it is healthy so, set {one.name} to {peak.point[n]:.4g} in its file, or widen "
                 "its tolerance, and calibrate again."
             )
-
-
-def _scatter(
-    model: Model, actuator: ParameterSet, comparisons: Sequence[Comparison]
-) -> dict[str, float]:
-    """How far the faults of healthy recordings differ; refuses one that is unlike the others."""
-    faults = [one for one in model.faults(actuator) if one.direction_of is None]
-    free = [replace(one, lower=one.lower - one.slack) if one.slack else one for one in faults]
-    found = []
-    for one in comparisons:
-        beside = model.compare(one.recording, actuator)
-        problem = Problem([beside], free)
-        end = LocalDescent().run(problem, budget=None, seed=1, report=lambda *_: None)
-        found.append(end.point)
-    values = np.array(found)
-    width = np.array([one.width for one in free])
-    if len(values) < 2:
-        return {}
-    away = np.abs(values - np.median(values, axis=0)) / width
-    usual = np.maximum(1.4826 * np.median(away, axis=0), _LEAST_ODD / _ODD)
-    n, k = (int(x) for x in np.unravel_index(np.argmax(away / usual), away.shape))
-    if away[n, k] > _ODD * usual[k]:
-        name = _name(comparisons, n)
-        raise RecordError(
-            f"{name} is unlike the other healthy recordings: its {free[k].name} differs from "
-            f"theirs by {values[n, k] - np.median(values[:, k]):+.2g}. If it is faulty or of "
-            "another actuator, leave it out."
-            if len(values) > 2
-            else f"The two recordings contradict each other: {free[k].name} differs by "
-            f"{abs(values[0, k] - values[1, k]):.2g} between them. One of them is faulty or of "
-            "another actuator; leave it out, or give a third."
-        )
-    spread = values.std(axis=0, ddof=1)
-    return {one.name: float(x) for one, x in zip(free, spread, strict=True)}
 
 
 def _parameters(

@@ -14,8 +14,8 @@ import numpy as np
 
 from ematwin import __version__
 from ematwin.errors import InputError, RecordError
-from ematwin.estimation.baseline import Baseline
-from ematwin.estimation.learn import frees_parameters, learn, same_command
+from ematwin.estimation.baseline import Baseline, frees_parameters
+from ematwin.estimation.learn import learn, same_command
 from ematwin.estimation.local import LocalDescent
 from ematwin.estimation.nominal import NominalParameter
 from ematwin.files import written_whole

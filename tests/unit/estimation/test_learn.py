@@ -7,7 +7,8 @@ import pytest
 
 from ematwin import BldcActuator, Noise, Recording, identify, simulate
 from ematwin.errors import RecordError
-from ematwin.estimation.learn import expected_misfit, frees_parameters, learn, same_command
+from ematwin.estimation.baseline import frees_parameters
+from ematwin.estimation.learn import expected_misfit, learn, same_command
 from ematwin.models.registry import model_of
 from ematwin.models.scenario import Scenario
 
