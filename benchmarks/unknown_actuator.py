@@ -48,6 +48,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from ematwin import Noise, identify, simulate
+from ematwin.errors import EmatwinError
 from ematwin.models.bldc.channels import PHASES, VOLTAGES
 from ematwin.models.bldc.faults import HEALTHY, error_percent_wrapped
 from ematwin.models.bldc.parameters import BldcActuator
@@ -390,7 +391,11 @@ def of_structure(seed: int, faulty: int, known_loops: bool = False) -> list[Outc
     def record(faults: Mapping[str, float], number: int) -> Recording:
         return other.simulate(parameters, time, command, load, dict(faults), structure, seed=number)
 
-    known = learnt([record({}, 10 + n) for n in range(HEALTHY_RECORDINGS)], template)
+    try:
+        known = learnt([record({}, 10 + n) for n in range(HEALTHY_RECORDINGS)], template)
+    except EmatwinError as refusal:
+        print(f"actuator {seed}, {group}: not calibrated: {refusal}", file=sys.stderr)
+        return []
     return [
         judged(group, record(faults, 100 + n), known, true, faults)
         for n, faults in enumerate(cases(faulty, seed))
@@ -446,7 +451,6 @@ def special(true: BldcActuator, known: Any) -> list[Outcome]:
         "saturated currents": clipped,
         "ten bits": coarse,
     }
-    from ematwin.errors import EmatwinError
 
     found = []
     for name, record in recordings.items():
