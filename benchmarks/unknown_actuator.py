@@ -391,11 +391,7 @@ def of_structure(seed: int, faulty: int, known_loops: bool = False) -> list[Outc
     def record(faults: Mapping[str, float], number: int) -> Recording:
         return other.simulate(parameters, time, command, load, dict(faults), structure, seed=number)
 
-    try:
-        known = learnt([record({}, 10 + n) for n in range(HEALTHY_RECORDINGS)], template)
-    except EmatwinError as refusal:
-        print(f"actuator {seed}, {group}: not calibrated: {refusal}", file=sys.stderr)
-        return []
+    known = learnt([record({}, 10 + n) for n in range(HEALTHY_RECORDINGS)], template)
     return [
         judged(group, record(faults, 100 + n), known, true, faults)
         for n, faults in enumerate(cases(faulty, seed))
@@ -530,6 +526,15 @@ BY_MODE = {
 }  # fmt: skip
 
 
+def unless_refused(of: Any, seed: int, faulty: int) -> list[Outcome]:
+    """Those of an actuator; none, and why, where it is refused: unstable, or not as its sheet."""
+    try:
+        return list(of(seed, faulty))
+    except EmatwinError as refusal:
+        print(f"actuator {seed} is refused: {refusal}", file=sys.stderr)
+        return []
+
+
 def main() -> None:
     """Run one part of the benchmark."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
@@ -551,7 +556,7 @@ def main() -> None:
         parts = Parallel(given.workers)(delayed(of_forms)(s) for s in seeds)
     elif given.mode in BY_MODE:
         of = BY_MODE[given.mode]
-        parts = Parallel(given.workers)(delayed(of)(s, given.faulty) for s in seeds)
+        parts = Parallel(given.workers)(delayed(unless_refused)(of, s, given.faulty) for s in seeds)
     else:
         parts = Parallel(given.workers)(
             delayed(of_actuator)(given.mode, s, given.faulty) for s in seeds
