@@ -103,9 +103,7 @@ def massless_play_trace(k, command, load, c, dt, substeps):
             ts_m = dithered_static(c.static_ratio * td_m, td_m, kappa * c.half_band)
             td_o = fault.friction * loaded_friction(w, -load_now, c.t_o, c.c_opposing, c.c_aiding)
             act = kappa * mean - c.viscous * w - load_now
-            w = advance_speed(
-                w, act, c.mobility_both, ts_m + c.static_ratio * td_o, td_m + td_o, dt
-            )
+            w = advance_speed(w, act, c.j_m + c.j_o, ts_m + c.static_ratio * td_o, td_m + td_o, dt)
             theta += dt * w
             theta_o = play(theta, theta_o, fault.half_gap)
             currents[n] += mean / substeps

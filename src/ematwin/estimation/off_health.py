@@ -2,7 +2,7 @@
 
 Recordings of one healthy actuator differ; and a twin that lacks something of an actuator takes some
 of it for a fault, in all of them alike. Parameters and sensors, which are free beside the faults,
-can hide that from a calibration and not from a verdict: so each healthy recording is judged as
+can hide that from a calibration and not from a verdict: so healthy recordings are judged as
 `identify` would. What it finds then beyond its standard errors, it may find in any recording.
 """
 
@@ -24,6 +24,7 @@ from ematwin.models.unknown import Unknown
 
 _LEAST_ODD = 0.05  # share of a range by which a healthy recording may differ from the others
 _ODD = 6.0  # robust standard deviations
+_JUDGED = 5  # recordings, evenly chosen, which take a second or more each
 
 
 def off_health(
@@ -50,7 +51,8 @@ def off_health(
         _refuse_odd(comparisons, faults, near)
     off = np.abs(near.mean(axis=0) - healthy)
     scatter = near.std(axis=0, ddof=1) if len(near) > 1 else np.zeros(len(faults))
-    judged, errors = _judged(model, actuator, baseline, beside, faults)
+    chosen = [beside[n] for n in np.unique(np.linspace(0, len(beside) - 1, _JUDGED).astype(int))]
+    judged, errors = _judged(model, actuator, baseline, chosen, faults)
     beyond = np.mean((judged - healthy) ** 2 - errors**2, axis=0)
     found = np.hypot(np.maximum(off, np.sqrt(np.maximum(beyond, 0.0))), scatter)
     return {one.name: float(x) for one, x in zip(faults, found, strict=True)}

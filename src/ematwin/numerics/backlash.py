@@ -12,7 +12,7 @@
 import math
 
 from ematwin.numerics.compile import step
-from ematwin.numerics.friction import advance_speed, advance_through_rest
+from ematwin.numerics.friction import advance_mobile, advance_through_rest
 from ematwin.numerics.scalar import clip
 from ematwin.numerics.tolerance import Tolerance
 
@@ -57,8 +57,8 @@ def advance_rigid_play(
     output. Positions move with the mean of the speeds before and after. An output that flies freely
     hardly ever reverses; it is not followed through rest.
     """
-    free_m = advance_speed(w_m, act_m, mobility_m, ts_m, td_m, dt)
-    free_o = advance_speed(w_o, act_o, mobility_o, ts_o, td_o, dt)
+    free_m = advance_mobile(w_m, act_m, mobility_m, ts_m, td_m, dt)
+    free_o = advance_mobile(w_o, act_o, mobility_o, ts_o, td_o, dt)
     half = 0.5 * dt
     theta_o_free = theta_o + half * (w_o + free_o)
     before = clip(theta_m - theta_o, -half_gap, half_gap)

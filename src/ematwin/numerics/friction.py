@@ -19,11 +19,14 @@ def friction_torque(w, act, t_static, t_dynamic):
 
 
 @step
-def advance_speed(w, act, mobility, t_static, t_dynamic, dt):
-    """Speed after one semi-implicit Euler step of a mass with dry friction.
+def advance_speed(w, act, inertia, t_static, t_dynamic, dt):
+    """Speed after one semi-implicit Euler step of a mass with dry friction."""
+    return advance_mobile(w, act, 1.0 / inertia, t_static, t_dynamic, dt)
 
-    ``mobility`` is the inverse of the inertia.
-    """
+
+@step
+def advance_mobile(w, act, mobility, t_static, t_dynamic, dt):
+    """As `advance_speed`, by the inverse of the inertia, so that no step divides."""
     w_next = w + dt * mobility * (act - friction_torque(w, act, t_static, t_dynamic))
     # Borello's stop: a step that would pass through zero ends there, and the next one decides
     # from rest whether the static torque holds. Without it friction chatters about zero speed.

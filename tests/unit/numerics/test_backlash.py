@@ -62,8 +62,8 @@ def test_rigid_contact_is_that_of_the_naive_version(
         x_m, w_m, x_o, w_o, act_m, before, act_o, *inertias(2.5e-6, 1e-6),
         2.0 * td_m, td_m, 2.0 * td_o, td_o, gap, DT,
     )  # fmt: skip
-    free_m = friction.advance_speed(w_m, act_m, 1.0 / 2.5e-6, 2.0 * td_m, td_m, DT)
-    free_o = friction.advance_speed(w_o, act_o, 1.0 / 1e-6, 2.0 * td_o, td_o, DT)
+    free_m = friction.advance_speed(w_m, act_m, 2.5e-6, 2.0 * td_m, td_m, DT)
+    free_o = friction.advance_speed(w_o, act_o, 1e-6, 2.0 * td_o, td_o, DT)
     twist = (x_m - x_o) + 0.5 * DT * (w_m + free_m - w_o - free_o)
     assume(abs(abs(twist) - gap) > 1e-12)  # rounding decides there
     expected = mechanics.two_masses_rigid_contact(

@@ -26,26 +26,26 @@ def test_friction_is_that_of_the_naive_version(w, act, dynamic, ratio):
     assert friction.friction_torque(w, act, static, dynamic) == mechanics.friction_torque(
         w, act, static, dynamic
     )
-    assert friction.advance_speed(w, act, 1.0 / INERTIA, static, dynamic, DT) == pytest.approx(
+    assert friction.advance_speed(w, act, INERTIA, static, dynamic, DT) == pytest.approx(
         mechanics.next_speed(w, act, INERTIA, static, dynamic, DT), rel=1e-12, abs=1e-12
     )
 
 
 @given(st.floats(-0.0599, 0.0599))
 def test_a_mass_at_rest_sticks_up_to_the_static_torque(act):
-    assert friction.advance_speed(0.0, act, 1.0 / INERTIA, 0.06, 0.03, DT) == 0.0
+    assert friction.advance_speed(0.0, act, INERTIA, 0.06, 0.03, DT) == 0.0
 
 
 @given(st.floats(0.0601, 1.0), st.sampled_from([-1.0, 1.0]))
 def test_beyond_the_static_torque_a_mass_breaks_loose(act, way):
-    w = friction.advance_speed(0.0, way * act, 1.0 / INERTIA, 0.06, 0.03, DT)
+    w = friction.advance_speed(0.0, way * act, INERTIA, 0.06, 0.03, DT)
     assert w == pytest.approx(way * (act - 0.06) * DT / INERTIA, rel=1e-9, abs=1e-12)
     assert w * way > 0.0
 
 
 @given(speeds, st.floats(-0.03, 0.03))
 def test_a_step_that_would_reverse_ends_at_exactly_zero(w, act):
-    after = friction.advance_speed(w, act, 1.0 / INERTIA, 0.06, 0.03, DT)
+    after = friction.advance_speed(w, act, INERTIA, 0.06, 0.03, DT)
     assert after * w >= 0.0
     if abs(w) * INERTIA < (0.03 - abs(act)) * DT:
         assert after == 0.0
@@ -54,7 +54,7 @@ def test_a_step_that_would_reverse_ends_at_exactly_zero(w, act):
 @given(speeds, torques, st.floats(0.0, 0.2))
 def test_friction_never_adds_energy(w, act, dynamic):
     """It opposes motion, and a step never ends faster than it would without friction."""
-    after = friction.advance_speed(w, act, 1.0 / INERTIA, 2.0 * dynamic, dynamic, DT)
+    after = friction.advance_speed(w, act, INERTIA, 2.0 * dynamic, dynamic, DT)
     assert friction.friction_torque(w, act, 2.0 * dynamic, dynamic) * w >= 0.0
     assert abs(after) <= abs(w + DT * act / INERTIA) * (1.0 + 1e-12)
 
@@ -67,7 +67,7 @@ def test_coasting_ends_after_the_time_and_way_of_the_closed_form():
     def coast(w):
         way, steps = 0.0, 0
         while w != 0.0:
-            w = friction.advance_speed(w, 0.0, 1.0 / INERTIA, 0.06, 0.03, dt)
+            w = friction.advance_speed(w, 0.0, INERTIA, 0.06, 0.03, dt)
             way += dt * w
             steps += 1
         return way, steps * dt
@@ -140,7 +140,7 @@ def test_a_mass_that_reverses_loses_no_part_of_its_step(way):
     assert whole * way < 0.0
     assert whole == pytest.approx(small, rel=1e-9)
     # the plain step throws away what is left after the stop
-    assert friction.advance_speed(w, act, 1.0 / INERTIA, static, dynamic, DT) == 0.0
+    assert friction.advance_speed(w, act, INERTIA, static, dynamic, DT) == 0.0
 
 
 def test_a_mass_that_breaks_loose_within_a_step_moves_as_in_small_steps():

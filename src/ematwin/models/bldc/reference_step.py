@@ -21,7 +21,7 @@ from ematwin.models.bldc.inverter import (
 from ematwin.models.bldc.motor import gap_factors, hall_sector, phase_inductance, trapezoid
 from ematwin.numerics.backlash import contact_torque, stop_at_ends
 from ematwin.numerics.compile import part, step
-from ematwin.numerics.friction import advance_speed, loaded_friction
+from ematwin.numerics.friction import advance_mobile, loaded_friction
 from ematwin.numerics.scalar import clip
 
 
@@ -151,10 +151,10 @@ def move_masses(state, torque, load, fault, c, dt):
     act_m = torque - c.viscous * state.w_m - contact
     act_o = contact - load
     td_m = fault.friction * c.t_m
-    w_m = advance_speed(state.w_m, act_m, c.mobility_m, c.static_ratio * td_m, td_m, dt)
+    w_m = advance_mobile(state.w_m, act_m, c.mobility_m, c.static_ratio * td_m, td_m, dt)
     direction = state.w_o if state.w_o != 0.0 else act_o
     td_o = fault.friction * loaded_friction(direction, -load, c.t_o, c.c_opposing, c.c_aiding)
-    w_o = advance_speed(state.w_o, act_o, c.mobility_o, c.static_ratio * td_o, td_o, dt)
+    w_o = advance_mobile(state.w_o, act_o, c.mobility_o, c.static_ratio * td_o, td_o, dt)
     theta_m = state.theta_m + dt * w_m
     theta_o, w_o = stop_at_ends(state.theta_o + dt * w_o, w_o, c.travel_low, c.travel_high)
     return w_m, theta_m, w_o, theta_o

@@ -40,11 +40,11 @@ def advance_motion(now, torque, load, c, dt):
     act_m = torque - gear - c.viscous_m * now.w_m - c.cogging * ripple
     act_o = gear - load - c.viscous_o * now.w_o
     w_m = advance_speed(
-        now.w_m, act_m, 1.0 / c.j_m, c.static_ratio * c.friction_m,
+        now.w_m, act_m, c.j_m, c.static_ratio * c.friction_m,
         stribeck(now.w_m, c.friction_m, c.static_ratio, c.w_stribeck), dt,
     )  # fmt: skip
     w_o = advance_speed(
-        now.w_o, act_o, 1.0 / c.j_o, c.static_ratio * c.friction_o,
+        now.w_o, act_o, c.j_o, c.static_ratio * c.friction_o,
         stribeck(now.w_o, c.friction_o, c.static_ratio, c.w_stribeck), dt,
     )  # fmt: skip
     theta_m = now.theta_m + half * (now.w_m + w_m)
