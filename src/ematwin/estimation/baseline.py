@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ematwin.errors import ParameterError
+from ematwin.estimation.local import LocalDescent
 from ematwin.estimation.problem import Prior, Problem
 from ematwin.models.base import Model
 from ematwin.models.comparison import Comparison
@@ -171,7 +172,7 @@ def frees_parameters(model: Model) -> bool:
     """Whether parameters are free beside the faults: as a kind says, or its default search."""
     if model.frees_parameters is not None:
         return model.frees_parameters
-    return model.default_search != "levenberg-marquardt"
+    return model.default_search != LocalDescent().name
 
 
 def uncertain(model: Model, actuator: ParameterSet) -> list[Unknown]:

@@ -1,6 +1,6 @@
 """How far healthy recordings are found off healthy, on an actuator worked out by hand.
 
-It answers with ``1 + wear - missed`` on one basis and with ``slip`` on another.
+It answers with ``1 + wear`` on one basis and with ``slip`` on another.
 """
 
 import numpy as np
