@@ -248,6 +248,31 @@ print(theirs.__file__, str(both).replace(" ", ""))
     assert run(package, use) == ("[8.0,0.3]", ["loaded", "loaded"])
 
 
+def test_a_loop_is_compiled_that_calls_one_from_disk(package):
+    (package / "theirs" / "more.py").write_text(
+        """
+from ematwin.numerics.compile import loop
+
+@loop
+def inner(x, y):
+    for n in range(3):
+        x = 0.5 * x + y
+    return x
+
+@loop
+def outer(x, y):
+    return inner(x, y) + inner(y, x)
+"""
+    )
+    one = "import theirs.more; print(theirs.__file__, theirs.more.inner(8.0, 1.0))"
+    assert run(package, one) == ("2.75", ["saved"])
+    both = one + "; print(theirs.__file__, theirs.more.outer(8.0, 1.0))"
+    process = start(package, both)
+    assert finish(process, package) == ("16.875", ["loaded", "saved"])
+    alone = "import theirs.more; print(theirs.__file__, theirs.more.outer(8.0, 1.0))"
+    assert run(package, alone) == ("16.875", ["loaded"])
+
+
 def test_of_processes_that_start_at_once_on_an_empty_cache_one_compiles(package):
     processes = [start(package, USE) for _ in range(3)]
     answers, logs = zip(*[finish(process, package) for process in processes], strict=True)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ematwin.estimation.baseline import Baseline, frees_parameters, with_all_free
-from ematwin.estimation.intervals import Draws, draws, quantiles
+from ematwin.estimation.intervals import Draws, draws
 from ematwin.estimation.joint import Joint
 from ematwin.estimation.laplace import Laplace, laplace, profiled, sharp_errors
 from ematwin.estimation.problem import Problem
@@ -23,6 +23,7 @@ from ematwin.estimation.valleys import beside
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Alias, Unknown
+from ematwin.numerics.quantiles import quantiles
 
 _REACHES = (2.0,)  # standard errors at which the misfit along a fault is looked at
 _APART = 0.05  # share of a range by which another answer differs

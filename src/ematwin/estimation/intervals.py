@@ -6,12 +6,13 @@ for each. An interval is the shortest one with its share of the draws; where tha
 the bound belongs to it.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from ematwin.models.chart import Chart
+from ematwin.numerics.quantiles import quantiles
 
 LEVEL = 0.95
 _DRAWS, _ROUNDS, _ENOUGH, _FEWEST = 20_000, 20, 4000, 200
@@ -60,16 +61,6 @@ class Draws:
         low, high = float(x[first]), float(x[first + count - 1])
         near = max(1e-3 * (upper - lower), _NEAR * (high - low))
         return (lower if low - lower < near else low), (upper if upper - high < near else high)
-
-
-def quantiles(values: np.ndarray, shares: Sequence[float]) -> np.ndarray:
-    """Quantiles (Q,) of values (N,), linear between them.
-
-    `numpy.quantile` gives the same and loads `numpy.ma` for it, which takes longer than all else
-    here.
-    """
-    places = np.asarray(shares) * (len(values) - 1)
-    return np.interp(places, np.arange(len(values)), np.sort(values))
 
 
 def draws(chart: Chart, z: np.ndarray, covariance: np.ndarray) -> Draws:

@@ -231,7 +231,7 @@ class Section(BaseModel):
     example : values by name, SI, that templates show of a section that is left out
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
     example: ClassVar[Mapping[str, float]] = {}
 
@@ -243,7 +243,7 @@ class ParameterSet(BaseModel):
     ``changed({"section.name": 2.3})``.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
     kind: ClassVar[str]  # as ``kind = "..."`` in the file
     former_kinds: ClassVar[tuple[str, ...]] = ()  # what older files call it

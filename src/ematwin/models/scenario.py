@@ -51,7 +51,7 @@ class Component(BaseModel):
     "phase".
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
     designed: ClassVar[Mapping[str, str]] = {}
 
     def __init__(self, **values: Any) -> None:
@@ -235,7 +235,7 @@ History = list[Annotated[Step | Ramp | Sine | Chirp | Profile, Field(discriminat
 class Scenario(BaseModel):
     """Command and load over time, SI; rad and N m on the output for a rotary actuator."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
     name: str = "scenario"
     description: str = ""

@@ -26,6 +26,7 @@ import stat
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -224,6 +225,20 @@ class _Cache(FunctionCache):
                 return self._load_overload(sig, target_context)
             return None
 
+    def _load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Machine code from disk, its bitcode parsed only where a loop that is compiled calls it.
+
+        numba parses all of it and goes through its symbols, which takes longer than all else here.
+        """
+        kept = self._cache_file.load(self._index_key(sig, target_context.codegen()))
+        if kept is None:
+            return None
+        (name, kind, (code, bitcode)), function, *rest = kept
+        library = name, kind, (code, _defining(function))
+        found = self._impl.rebuild(target_context, (library, function, *rest))
+        found.library._get_module_for_linking = partial(llvmlite.binding.parse_bitcode, bitcode)
+        return found
+
     def save_overload(self, sig: Any, data: Any) -> None:
         try:
             with suppress(OSError):
@@ -247,6 +262,13 @@ def _add_runtime_symbols() -> None:
     """Tell LLVM where the C functions of numba's runtime are, by the names numba gives them."""
     for name, address in _nrt_python.c_helpers.items():
         llvmlite.binding.add_symbol(name if name.startswith("_") else f"NRT_{name}", address)
+
+
+def _defining(function: Any) -> bytes:
+    """Bitcode that defines the names by which numba asks for a function, and does nothing."""
+    names = (function.llvm_func_name, function.llvm_cpython_wrapper_name)
+    empty = "\n".join(f'define void @"{name}"() {{ ret void }}' for name in names)
+    return llvmlite.binding.parse_assembly(empty).as_bitcode()
 
 
 def keep(compiled: Any) -> None:

@@ -4,6 +4,8 @@ import math
 
 import numpy as np
 
+from ematwin.numerics.quantiles import median
+
 _ORDER = 4  # a trace that is sampled well is a cubic over five samples
 _NORMAL = 0.6745  # median size of a normal variable, in standard deviations
 
@@ -19,4 +21,4 @@ def white_noise(trace: np.ndarray) -> float:
     if trace.size <= _ORDER:
         return 0.0
     gain = math.comb(2 * _ORDER, _ORDER)
-    return float(np.median(np.abs(np.diff(trace, _ORDER)))) / (_NORMAL * math.sqrt(gain))
+    return median(np.abs(np.diff(trace, _ORDER))) / (_NORMAL * math.sqrt(gain))

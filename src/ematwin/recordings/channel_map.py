@@ -72,7 +72,7 @@ class MappedChannel(BaseModel):
     unwrap : whether an angle starts anew at each full turn and is to be counted on
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
     channel: Annotated[str, Field(min_length=1)]
     unit: str | None = None
@@ -93,7 +93,7 @@ class MappedChannel(BaseModel):
 class CsvOptions(BaseModel):
     """How a text table is written, where it is not recognised."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
     delimiter: Annotated[str, Field(min_length=1, max_length=1)] | None = None
     decimal: Literal[".", ","] | None = None
@@ -120,7 +120,7 @@ class ChannelMap(BaseModel):
         If a column or option is unknown or impossible.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
     columns: dict[str, MappedChannel] = {}
     sample_rate: Hertz | None = None

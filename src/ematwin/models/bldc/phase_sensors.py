@@ -13,13 +13,13 @@ does (derived here):
 Both hold with any fault of the actuator.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 
 from ematwin.models.bldc.channels import PHASES
+from ematwin.numerics.quantiles import median
 from ematwin.numerics.white_noise import white_noise
 from ematwin.recordings.recording import Recording
 
@@ -111,9 +111,10 @@ def _solved(shown: np.ndarray, rms: float) -> tuple[np.ndarray, np.ndarray] | No
     nearest to zero counts, and a large offset only where each phase was open for a good while and
     the currents as shown leave far more.
     """
-    middle = np.median(shown, axis=0).tolist()
+    middle = map(median, shown.T)
     starts = product(*((0.0, x) if abs(x) > _OFFSET * rms else (0.0,) for x in middle))
-    steps = [np.diff(np.unique(one)).min(initial=np.inf) for one in shown.T]
+    apart = np.diff(np.sort(shown, axis=0), axis=0)
+    steps = np.where(apart > 0.0, apart, np.inf).min(axis=0, initial=np.inf)
     ends = [end for end in (_offsets(shown, np.array(start), steps) for start in starts) if end]
     if not ends:
         return None
@@ -135,7 +136,7 @@ def _left(currents: np.ndarray) -> float:
 
 
 def _offsets(
-    shown: np.ndarray, start: np.ndarray, steps: Sequence[float]
+    shown: np.ndarray, start: np.ndarray, steps: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """A solution near a start (3,), by converters with ``steps`` (3,), A.
 
@@ -149,8 +150,8 @@ def _offsets(
             seen = shown[is_open[:, n], n]
             if seen.size < _FEWEST:
                 return None
-            middle = np.median(seen)
-            spread = max(_NORMAL * float(np.median(np.abs(seen - middle))), steps[n])
+            middle = median(seen)
+            spread = max(_NORMAL * median(np.abs(seen - middle)), steps[n])
             inside = seen[np.abs(seen - middle) <= _OUTLYING * spread]
             offsets[n], errors[n] = inside.mean(), spread / np.sqrt(inside.size)
         if np.abs(offsets - before).max() <= 0.1 * errors.max():
@@ -206,7 +207,7 @@ def _fitted(
         squares = np.linalg.pinv(slopes[inside].T @ slopes[inside])
         best = squares @ (slopes[inside].T @ seen[inside])
         left = np.abs(seen - slopes @ best)
-        before, spread = inside, _NORMAL * float(np.median(left))
+        before, spread = inside, _NORMAL * median(left)
         inside = left <= _OUTLYING * spread
         if (inside == before).all():
             break

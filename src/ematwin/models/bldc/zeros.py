@@ -22,6 +22,7 @@ import numpy as np
 from ematwin.models.bldc.envelope import trapezoid_shape
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.comparison import Placed
+from ematwin.numerics.quantiles import quantiles
 from ematwin.numerics.white_noise import white_noise
 from ematwin.recordings.recording import Recording
 
@@ -228,7 +229,7 @@ def _apart(recording: Recording, actuator: BldcActuator, motor: float) -> float:
     if output is None or shown is None:
         return 0.0
     apart = shown + motor - output * actuator.transmission.ratio
-    low, high = np.percentile(apart, (1.0, 99.0))
+    low, high = quantiles(apart, (0.01, 0.99))
     middle, reach = 0.5 * (low + high), high - low
     healthy = actuator.transmission.backlash
     if reach < _CROSSED * healthy or abs(middle) < _OF_REACH * reach + _OFF_CENTRE * healthy:
