@@ -10,9 +10,9 @@ def main() -> None:
     # numpy reads it when it is loaded: matrices are small here, and threads that wait for one
     # another over them took more than half of the time of an identification
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # packages make some hundred thousand objects that live until the end; looking through them for
-    # cycles every 700 new ones, and once more at exit, took a fifth of an identification
-    gc.set_threshold(10_000)
+    # packages make two hundred thousand objects that live until the end; looking through them for
+    # cycles, again and again and once more at exit, took a fifth of an identification
+    gc.set_threshold(200_000)
     try:
         from ematwin.cli.app import run  # here, so that Ctrl-C is answered from the first moment
 

@@ -31,6 +31,7 @@ _NEARLY = 9.0  # rise of the squared distance up to which another answer is near
 _WORTH_A_LOOK = 4.0  # ratio of costs up to which another valley is gone into
 _BEYOND_BELIEF = 4.0  # standard deviations of a prior; 2.1 at most on actuators within tolerances
 _SETTLED = 1.3  # times the misfit of healthy recordings: parameters, or load, need no looking for
+_CALIBRATED, _BY_SHEET = 5, 10  # iterations from there: parameters have yet to leave the sheet's
 _RIVALS = 2  # other valleys that are gone into
 _EVIDENT = 3.0  # standard errors
 _WIDE = 12.0  # sharp standard errors: an interval that others than noise make
@@ -97,7 +98,9 @@ def assess(
     """
     full = with_all_free(model, actuator, problem, baseline, found.problem)
     still = set() if frees_parameters(model) else set(baseline.prior.names) & set(full.names)
-    settled = _SETTLED * baseline.misfit if math.isfinite(baseline.misfit) else 0.0
+    measured = math.isfinite(baseline.misfit)
+    healthy = baseline.misfit if measured else full.recorded_misfit
+    settled, iterations = _SETTLED * healthy, _CALIBRATED if measured else _BY_SHEET
     if baseline.exact:
         settled = math.inf
 
@@ -114,11 +117,11 @@ def assess(
             held=still,
             least_noise=full.comparisons[0].noise,
             settled=settled,
+            iterations=iterations,
         )
 
     peak = peak_from(found.point)
     rivals = [peak_from(point) for point in _worth_a_look(full, found, problem)]
-    healthy = baseline.misfit if math.isfinite(baseline.misfit) else full.recorded_misfit
     if _strained(peak) or full.relative_misfit(peak.cost) > _SETTLED * healthy:
         rivals += beside(peak, aliases, still, full.comparisons[0].noise)
         best = min((peak, *rivals), key=lambda one: height(one, peak.problem.noise))

@@ -357,7 +357,8 @@ def identify(
     usual = algorithm is None and budget is None
     started = time.perf_counter()
     with told(progress, "searching", _shown) as tell:
-        where = place(recording, problem_of, named(model.default_search), seed=seed, progress=tell)
+        quick = named(model.default_search)
+        where = place(recording, problem, problem_of, quick, seed=seed, progress=tell)
         recording, problem = where.recording, where.problem
         warnings += where.said
         found = where.found

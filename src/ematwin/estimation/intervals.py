@@ -77,18 +77,20 @@ def draws(chart: Chart, z: np.ndarray, covariance: np.ndarray) -> Draws:
     values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
     root = (size[:, None] * vectors) * np.sqrt(np.maximum(values, 0.0))
     # parameters and nuisances have bounds so wide that they cut nothing off
-    hard = np.array([one.role == "fault" for one in chart.unknowns])
+    hard = [n for n, one in enumerate(chart.unknowns) if one.role == "fault"]
+    bounds = Chart([chart.unknowns[n] for n in hard])
     found: list[np.ndarray] = []
     total = 0
     for _ in range(_ROUNDS):
-        tried = z + rng.standard_normal((_DRAWS, len(z))) @ root.T
-        inside = (np.abs(chart.project(tried) - tried)[:, hard] < 1e-9).all(axis=1)
-        found.append(tried[inside])
+        normal = rng.standard_normal((_DRAWS, len(z)))
+        tried = z[hard] + normal @ root[hard].T
+        inside = (np.abs(bounds.project(tried) - tried) < 1e-9).all(axis=1)
+        found.append(z + normal[inside] @ root.T)
         total += int(inside.sum())
         if total >= _ENOUGH:
             break
     if total < _FEWEST:  # a corner that draws hardly hit: each unknown for itself
-        found = [chart.project(tried)]
+        found = [chart.project(z + normal @ root.T)]
     names = tuple(one.name for one in chart.unknowns)
     directions = {one.name: one.direction_of for one in chart.unknowns if one.direction_of}
     return Draws(names, chart.to_values(np.concatenate(found)), directions)

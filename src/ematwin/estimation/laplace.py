@@ -88,6 +88,7 @@ def laplace(
     held: Collection[str] = (),
     least_noise: float = 0.0,
     settled: float = 0.0,
+    iterations: int = _ITERATIONS,
 ) -> Laplace:
     """The peak next to a point, and its width.
 
@@ -99,11 +100,12 @@ def laplace(
     held : unknowns that stay where they are and only widen the peak
     least_noise : float, the noise is taken to be no less, in the unit of `Problem.noise`
     settled : float, relative misfit at which a start lies in its valley already
+    iterations : int, at most, of the first descent from such a start
     """
-    point, spent = _descended(problem, start, aliases, held, least_noise, settled)
+    point, spent = _descended(problem, start, aliases, held, least_noise, settled, iterations)
     chart = problem.chart
     z = chart.project(chart.from_values(point[None]))[0]
-    seen = _Seen(problem, z, least_noise)
+    seen = _Seen(problem, point, least_noise)
     problem = seen.problem
     slopes = _slopes(problem, seen, z, aliases)
     tells = frozenset().union(*(one.tells for one in problem.comparisons))
@@ -139,7 +141,7 @@ def width_at(
     from a peak that is about as wide (`step_lengths`): one batch is enough then.
     """
     z = problem.chart.project(problem.chart.from_values(point[None]))[0]
-    seen = _Seen(problem, z, least_noise)
+    seen = _Seen(problem, point, least_noise)
     return _peak(seen.problem, z, _slopes(seen.problem, seen, z, aliases, steps), seen.spent)
 
 
@@ -149,11 +151,11 @@ def step_lengths(covariance: np.ndarray) -> np.ndarray:
 
 
 class _Seen:
-    """Residuals (B, K) at points ``z`` (B, d), with the noise that a first point shows; counted."""
+    """Residuals (B, K) at ``z`` (B, d), with the noise that a first point (d,) shows; counted."""
 
-    def __init__(self, problem: Problem, z: np.ndarray, least_noise: float) -> None:
-        self.problem, self.spent = problem, 0
-        here = self(z[None])[0]
+    def __init__(self, problem: Problem, point: np.ndarray, least_noise: float) -> None:
+        self.problem, self.spent = problem, 1
+        here = problem.residuals(point[None])[0]
         self.size = len(here)
         self.problem = problem.weighed(here, least_noise)
 
@@ -324,6 +326,7 @@ def _descended(
     held: Collection[str],
     least_noise: float,
     settled: float,
+    iterations: int = _ITERATIONS,
 ) -> tuple[np.ndarray, int]:
     """The best point (d,) with the pivots of aliases held where they are, and what it took."""
     known = _known_directions(problem, start, aliases)
@@ -353,7 +356,7 @@ def _descended(
             return weighed.residuals(chart.to_values(points))
 
         descent = LevenbergMarquardt.start(z, residuals, damping=1e-2)
-        for _ in range(_ITERATIONS):
+        for _ in range(iterations if near and stage == _LEAST_STAGES else _ITERATIONS):
             descent.iterate(residuals, chart.lower, chart.upper, chart.project)
         end = descent.best(1)
         z = chart.project(end.points)

@@ -42,14 +42,17 @@ class Place:
 
 def place(
     recording: Recording,
+    problem: Problem,
     problem_of: Callable[[Recording], Problem],
     search: Search,
     *,
     seed: int,
     progress: Progress | None,
 ) -> Place:
-    """Count a recording as the twin does; ``search`` is quick, ``problem_of`` makes its problem."""
-    problem = problem_of(recording)
+    """Count a recording as the twin does, given its problem, and how to make that of another.
+
+    ``search`` should be quick.
+    """
     if not problem.comparisons[0].unplaced:
         return Place(recording, problem)
     said: tuple[str, ...] = ()

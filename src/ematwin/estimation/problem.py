@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ematwin.errors import InputError
+from ematwin.estimation.latest import Latest
 from ematwin.models.base import Model
 from ematwin.models.chart import Chart
 from ematwin.models.comparison import Comparison
@@ -151,6 +152,7 @@ class Problem:
         self._prior_mean = known.mean
         # distances in standard deviations: the inverse root of the covariance
         self._whiten = np.linalg.inv(np.linalg.cholesky(known.covariance)).T
+        self._latest = Latest()
         given = dict(start or {})
         self.start = np.array([given.get(one.name, one.healthy) for one in self.unknowns])
         self.starts = np.array(
@@ -253,7 +255,7 @@ class Problem:
         The columns of a Jacobian over the unknowns that each recording has for itself do.
         """
         if not self._each:
-            return comparison.residuals(self.candidates(points, n), len(points))
+            return self._latest.residuals(comparison, self.candidates(points, n), len(points))
         first = len(self._shared) + n * len(self._each)
         mine = np.r_[0 : len(self._shared), first : first + len(self._each)]
         _, chosen, back = np.unique(points[:, mine], axis=0, return_index=True, return_inverse=True)
@@ -358,7 +360,7 @@ class Problem:
             own=[one.name for one in self._each],
             start=dict(zip(self.names, self.start, strict=True)), prior=self.prior.given(logs),
         )  # fmt: skip
-        other.noise, other.trust = self.noise, self.trust
+        other.noise, other.trust, other._latest = self.noise, self.trust, self._latest
         return other
 
     def with_noise(self, noise: float) -> "Problem":

@@ -40,7 +40,8 @@ def placing(left: float, explained: bool = True):
         return Problem([toys[-1]], [fault("wear")])
 
     first = Turning(left).recording
-    return place(first, problem_of, named("multistart"), seed=1, progress=None), toys
+    search = named("multistart")
+    return place(first, problem_of(first), problem_of, search, seed=1, progress=None), toys
 
 
 @pytest.mark.parametrize("left", [0, 1, 2])
