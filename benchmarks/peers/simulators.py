@@ -1,9 +1,9 @@
 """How long a candidate of the monitor model takes: ematwin's lanes beside other ways to run it.
 
 All are given one `Task` and the same fault vectors. Before a peer is timed its costs of sixteen
-random vectors must be ematwin's: steps that are the same to 1e-5; free steps to 2 % for all but
-one, as a motor that all but stalls creeps where friction is made smooth. A peer that disagrees is
-listed and not timed.
+random vectors must be ematwin's, but for one: steps that are the same to 1e-5, as the last digit
+may send an impact the other way; free steps to 2 %, as a motor that all but stalls creeps where
+friction is made smooth. A peer that disagrees is listed and not timed.
 """
 
 import importlib
@@ -32,7 +32,8 @@ SEED = 2026
 CHECKED = 16
 BATCH = 256  # candidates of a repeat where a peer takes many at once
 # Relative differences of a cost. Mostly 1e-13; up to 6e-7 where a motor all but stalls, as the last
-# digit then decides in which step it breaks loose.
+# digit then decides in which step it breaks loose, and 1e-4 behind an impact that it sends the
+# other way.
 SAME_STEP = 1e-5
 FREE_STEPS = 0.02
 
@@ -57,7 +58,7 @@ class Simulator:
     batch: int
     tolerance: float = SAME_STEP
     function: str = "costs"
-    exceptions: int = 0
+    exceptions: int = 1
     absent: Callable[[], str] = str
 
     def load(self) -> Costs:
@@ -82,8 +83,8 @@ SIMULATORS = (
     Simulator("JAX, vmap and scan, all cores", "jax_scan", BATCH, absent=no_jax),
     Simulator("numba, one at a time", "numba_single", 16),
     Simulator("numpy over the batch", "numpy_batch", BATCH),
-    Simulator("LSODA, free steps, odeint", "scipy_ivp", 2, FREE_STEPS, "lsoda_inside", 1),
-    Simulator("LSODA, free steps, solve_ivp", "scipy_ivp", 2, FREE_STEPS, "lsoda", 1),
+    Simulator("LSODA, free steps, odeint", "scipy_ivp", 2, FREE_STEPS, "lsoda_inside"),
+    Simulator("LSODA, free steps, solve_ivp", "scipy_ivp", 2, FREE_STEPS, "lsoda"),
     Simulator("solve_ivp, fixed steps", "scipy_ivp", 2, SAME_STEP, "fixed"),
 )
 
@@ -139,9 +140,7 @@ def run(*, quick: bool, repeats: int) -> Part:
         costs = one.load()
         differences = disagreement(costs, task, checked)
         off = differences[-1 - one.exceptions]
-        said = f"{off:.1e}"
-        if one.exceptions:
-            said += f" (one: {differences[-1]:.1e})"
+        said = f"{off:.1e} (one: {differences[-1]:.1e})"
         if not off <= one.tolerance:
             remarks.append(
                 f"{one.name} is not timed: its costs differ from ematwin's by up to {off:.1e}; "
