@@ -1,5 +1,6 @@
 """What several tests share: the command line, one profile of hypothesis."""
 
+import gc
 import io
 import logging
 import os
@@ -41,6 +42,7 @@ def ematwin(tmp_path: Path) -> Callable[..., Answer]:
         out, err = (io.TextIOWrapper(io.BytesIO(), encoding="utf-8") for _ in range(2))
         with pytest.MonkeyPatch.context() as here, warnings.catch_warnings():
             here.chdir(tmp_path)
+            here.setattr(gc, "set_threshold", lambda most: None)  # this process goes on
             here.setattr(sys, "argv", ["ematwin", *map(str, arguments)])
             for name, value in environment.items():
                 here.setenv(name, value)

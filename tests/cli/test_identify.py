@@ -224,6 +224,25 @@ def test_option_that_cannot_be_used_is_refused(
     refused(ematwin("identify", *arguments), said)
 
 
+def test_an_identification_loads_no_package_that_it_does_not_need(ematwin, folder: Path) -> None:
+    ematwin("identify", "rec.parquet", "--exact")  # whatever compiles loads more
+    code = """
+import sys
+from ematwin.cli import main
+sys.argv = ["ematwin", "identify", "rec.parquet", "--exact"]
+try:
+    main()
+finally:
+    unneeded = {"scipy.linalg", "scipy.special", "pandas", "pint", "plotly", "numpy.ma"}
+    print("loaded:", sorted(unneeded & set(sys.modules)), file=sys.stderr)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=folder, capture_output=True, text=True, timeout=300, check=True,
+    )  # fmt: skip
+    assert done.stderr == "loaded: []\n"
+
+
 def test_missing_extra_names_the_command_that_installs_it(ematwin_process, folder: Path) -> None:
     # a package of that name that cannot be imported stands for one that is not installed
     (folder / "block").mkdir()

@@ -1,5 +1,6 @@
 """The command line: thin. Each command reads its options, calls the library, prints the answer."""
 
+import atexit
 import gc
 import os
 import sys
@@ -13,6 +14,7 @@ def main() -> None:
     # packages make two hundred thousand objects that live until the end; looking through them for
     # cycles, again and again and once more at exit, took a fifth of an identification
     gc.set_threshold(200_000)
+    atexit.register(gc.freeze)
     try:
         from ematwin.cli.app import run  # here, so that Ctrl-C is answered from the first moment
 
@@ -21,5 +23,4 @@ def main() -> None:
         code = 130
     if code == 130:
         print("Interrupted; nothing was left half-written.", file=sys.stderr)
-    gc.freeze()
     sys.exit(code)
