@@ -31,7 +31,7 @@ _NEARLY = 9.0  # rise of the squared distance up to which another answer is near
 _WORTH_A_LOOK = 4.0  # ratio of costs up to which another valley is gone into
 _BEYOND_BELIEF = 4.0  # standard deviations of a prior; 2.1 at most on actuators within tolerances
 _SETTLED = 1.3  # times the misfit of healthy recordings: parameters, or load, need no looking for
-_CALIBRATED, _BY_SHEET = 5, 10  # iterations from there: parameters have yet to leave the sheet's
+_KNOWN, _BY_SHEET = 5, 10  # iterations from there: parameters have yet to leave the sheet's
 _RIVALS = 2  # other valleys that are gone into
 _EVIDENT = 3.0  # standard errors
 _WIDE = 12.0  # sharp standard errors: an interval that others than noise make
@@ -100,9 +100,9 @@ def assess(
     still = set() if frees_parameters(model) else set(baseline.prior.names) & set(full.names)
     measured = math.isfinite(baseline.misfit)
     healthy = baseline.misfit if measured else full.recorded_misfit
-    settled, iterations = _SETTLED * healthy, _CALIBRATED if measured else _BY_SHEET
+    settled, iterations = _SETTLED * healthy, _KNOWN if measured else _BY_SHEET
     if baseline.exact:
-        settled = math.inf
+        settled, iterations = math.inf, _KNOWN
 
     def aliases(values: Mapping[str, float]) -> Sequence[Alias]:
         return model.aliases(actuator, values)
