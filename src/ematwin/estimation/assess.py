@@ -20,6 +20,7 @@ from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found
 from ematwin.estimation.significance import ANYTHING
 from ematwin.estimation.valleys import beside
+from ematwin.estimation.verdict import HOPELESS
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Alias, Unknown
@@ -122,7 +123,9 @@ def assess(
 
     peak = peak_from(found.point)
     rivals = [peak_from(point) for point in _worth_a_look(full, found, problem)]
-    if _strained(peak) or full.relative_misfit(peak.cost) > _SETTLED * healthy:
+    misfit = full.relative_misfit(min(one.cost for one in (peak, *rivals)))
+    explained = full.relative_misfit(peak.cost) <= _SETTLED * healthy
+    if misfit <= HOPELESS and (_strained(peak) or not explained):
         rivals += beside(peak, aliases, still, full.comparisons[0].noise)
         best = min((peak, *rivals), key=lambda one: height(one, peak.problem.noise))
         if _strained(best):

@@ -11,7 +11,7 @@ from ematwin.estimation.baseline import Baseline
 from ematwin.estimation.estimate import Estimate
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found
-from ematwin.estimation.verdict import Verdict, judged, most_misfit
+from ematwin.estimation.verdict import HOPELESS, Verdict, judged, most_misfit
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
@@ -19,7 +19,6 @@ from ematwin.recordings.recording import Recording
 
 _ABOVE_NOISE = 2.0  # times the misfit that noise alone leaves is still a fit
 _DISTRUSTED = 0.33  # share of its weight with which evidence counts
-_HOPELESS = 0.5  # of the relative misfit that a twin leaves which does not answer at all
 _SATURATED = 0.01  # share of the samples of a current
 _VAGUE = 0.05  # standard error, as a share of the range, above which a fault is not determined
 
@@ -96,8 +95,9 @@ def obstacles_to(
             if math.isfinite(baseline.misfit)
             else f"a good fit leaves less than {100.0 * limit:.2g} %"
         )
+        left = f"{100.0 * misfit:.0f}" if misfit > 0.1 else f"{100.0 * misfit:.2g}"
         told.append(
-            f"The twin leaves {100.0 * misfit:.2g} % of this recording unexplained, where {usual}: "
+            f"The twin leaves {left} % of this recording unexplained, where {usual}: "
             "it does something that the twin cannot. Check channels, units and the actuator."
         )
     if assessed.strained:
@@ -170,7 +170,7 @@ def doubts_of(
             f"explain stretches of {1e3 * length:g} ms, each from its recorded positions "
             f"(misfit {100.0 * found.problem.relative_misfit(stretch_cost):.2f} %)."
         )
-    elif misfit > _HOPELESS:
+    elif misfit > HOPELESS:
         doubts.append(
             f"The twin does not explain this record at all (misfit {100.0 * misfit:.0f} %; no twin "
             "leaves 100 %): these values mean nothing. Check the channels and their units, and "

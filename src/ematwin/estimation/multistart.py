@@ -10,7 +10,8 @@ Where the fit is poor, the twin may have stalled where the actuator still moved,
 the whole record leads nowhere. If its states were recorded, the same search is then made by
 multiple shooting (`Problem.restarted`). An end that explains the stretches far better than the
 first one did is the answer; any other goes on with the whole record. Where that does not settle it,
- all is done again from new samples, until two ends agree or the budget is spent.
+all is done again from new samples, until two ends agree, or fit alike and poorly, or the budget is
+spent.
 
 Sobol (1967), scrambled (`ematwin.numerics.sobol`); successive halving as in Jamieson and
 Talwalkar (2016).
@@ -34,6 +35,7 @@ GOOD_FIT = 0.015  # relative misfit that needs no second opinion
 ABOVE_NOISE = 1.3  # times what noise alone leaves: as good
 CLEARLY_BETTER = 3.0  # ratio of misfits by stretches; 3.6 to 160 where a search was misled
 AGREEMENT = 0.02  # largest difference of two ends that agree, in any coordinate
+ALIKE = 1.02  # ratio of costs of two ends that fit alike: no search to come is likely to fit better
 SMALLEST_BUDGET = 64
 STRETCH_BUDGET = 2000  # an upper limit: mostly 900
 DEFAULT_BUDGET = 10_000  # an upper limit: most records need a tenth of it
@@ -165,6 +167,9 @@ class MultistartDescent:
             self.state.stopped = "good fit"
         elif len(ends) > 1 and np.abs(ends[0][1] - ends[1][1]).max() < AGREEMENT:
             self.state.stopped = "two searches agree"
+        elif len(ends) > 1 and ends[1][0] < ALIKE * ends[0][0]:
+            self.state.stopped = "two searches fit alike"
+            self.state.others.append(self._chart.to_values(ends[1][1][None])[0])
         else:
             return False
         return True

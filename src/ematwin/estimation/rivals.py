@@ -18,13 +18,13 @@ from ematwin.estimation.baseline import Baseline, uncertain, with_all_free, with
 from ematwin.estimation.laplace import Laplace, laplace, standard_errors
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.significance import is_present
-from ematwin.estimation.verdict import EXPLAINED, Verdict, listed
+from ematwin.estimation.verdict import EXPLAINED, HOPELESS, Verdict, listed
 from ematwin.models.base import Model, OtherForm
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
 
 _NEARLY = 9.0  # squared standard deviations that do not decide between two answers
-_HOPELESS = 5.0  # times the misfit that the best of several starts has, where none is worth it
+_FAR = 5.0  # times the misfit that the best of several starts has, where none is worth it
 
 
 @dataclass(frozen=True)
@@ -58,11 +58,12 @@ def rivals_of(
     """Forms that the file leaves out and that explain the recording as well, or nearly.
 
     They are looked for where a fault is named that they may be mistaken for, and where there is no
-    verdict and the twin leaves more than a good fit does (`EXPLAINED`).
+    verdict and the twin leaves more than a good fit does (`EXPLAINED`), and not all of it.
     """
     if assessed.joint is None or verdict.grade not in ("fault", "none"):
         return []
-    if verdict.grade == "none" and problem.relative_misfit(assessed.cost) <= EXPLAINED:
+    misfit = problem.relative_misfit(assessed.cost)
+    if verdict.grade == "none" and not EXPLAINED < misfit <= HOPELESS:
         return []
     forms = [
         form
@@ -73,12 +74,12 @@ def rivals_of(
     if not forms:
         return []
     cores = threads or os.cpu_count() or 1
-    shared = min(cores, len(forms))  # descents are small batches: one core for each form
 
     def compared(form: OtherForm) -> tuple[Laplace, float] | None:
-        return _compared(model, actuator, form, problem, assessed, baseline, cores // shared)
+        return _compared(model, actuator, form, problem, assessed, baseline, cores)
 
-    with ThreadPoolExecutor(shared) as pool:
+    # each may use all cores: the other one often ends at once
+    with ThreadPoolExecutor(min(cores, len(forms))) as pool:
         ends = list(pool.map(compared, forms))
     first = assessed.joint.peaks[0]
     return [
@@ -185,7 +186,7 @@ def _compared(
     costs = full.costs(starts)
     best = int(np.argmin(costs))
     # a start that follows from the first answer is right, and others may be far from their valley
-    if len(starts) > 1 and not costs[best] < _HOPELESS**2 * peak.cost:
+    if len(starts) > 1 and not costs[best] < _FAR**2 * peak.cost:
         return None
     end = _descended(model, form.actuator, full, starts[best])
     rise = _rise(model, peak, end)

@@ -18,6 +18,7 @@ from ematwin.showing import markup
 Grade = Literal["healthy", "changed", "fault", "none"]
 
 EXPLAINED = 0.015  # relative misfit up to which a fit is good, whatever healthy recordings left
+HOPELESS = 0.5  # relative misfit beyond which a twin explains nothing; it leaves 1 at rest
 _WORSE = 2.0  # times the misfit of healthy recordings
 _WORST = 0.1  # relative misfit beyond which no twin is a ground for a verdict
 _UNCALIBRATED = 0.03  # relative misfit allowed where no healthy recording says what is usual

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 import ematwin
-from ematwin.estimation import assess
+from ematwin.estimation import assess, rivals
 from ematwin.estimation.laplace import laplace
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.valleys import beside
+from ematwin.models.bldc.channels import PHASES
 from ematwin.models.unknown import Unknown
 from naive.toy import Toy, fault, stacked
 
@@ -91,3 +92,17 @@ def test_it_is_looked_for_where_more_is_left_than_the_noise_of_the_recording(
     unrecorded = ripple * np.sin(2.0 * np.pi * 15.0 * record.time)
     ematwin.identify(record.changed(load=record.load + unrecorded), threads=1)
     assert bool(calls) == looked
+
+
+def test_nothing_is_looked_for_where_the_twin_explains_nothing(monkeypatch):
+    """Seconds for values that mean nothing: here the currents belong to another motion."""
+    monkeypatch.setattr(assess, "beside", lambda *a, **k: pytest.fail("looked for valleys"))
+    monkeypatch.setattr(rivals, "_compared", lambda *a: pytest.fail("looked for other forms"))
+    record = ematwin.simulate("reference", faults={"short_b": 0.2})
+    backwards = {name: record.channels[name][::-1] for name in PHASES}
+    kept = {name: x for name, x in record.channels.items() if name in ("command", "load")}
+    found = ematwin.identify(ematwin.Recording(record.time, {**kept, **backwards}), threads=1)
+    assert found.relative_misfit > 0.5
+    assert found.verdict.grade == "none"
+    assert found.evaluations < 3000
+    assert any("these values mean nothing" in said for said in found.warnings)
