@@ -11,14 +11,19 @@ import pickle
 import shutil
 import subprocess
 import sys
+from collections import namedtuple
 from pathlib import Path
+from typing import NamedTuple
 
+import numpy as np
 import pytest
 
 import ematwin
 from ematwin.numerics.cache import NamedByContent
 from ematwin.numerics.claim import Claim
 from ematwin.numerics.dependencies import Dependencies
+from ematwin.numerics.kinds import UnknownKindError, kind, kind_of_type, text
+from ematwin.numerics.machine_code import MachineCode
 
 COMMAND = """
 import os, pty, subprocess, sys, threading
@@ -166,8 +171,8 @@ print(theirs.__file__, theirs.loops.distance(c, 10))
 def package(tmp_path: Path) -> Path:
     folder = tmp_path / "theirs"
     folder.mkdir()
-    for name, text in PACKAGE.items():
-        (folder / name).write_text(text)
+    for name, source in PACKAGE.items():
+        (folder / name).write_text(source)
     return tmp_path
 
 
@@ -268,7 +273,8 @@ def outer(x, y):
     assert run(package, one) == ("2.75", ["saved"])
     both = one + "; print(theirs.__file__, theirs.more.outer(8.0, 1.0))"
     process = start(package, both)
-    assert finish(process, package) == ("16.875", ["loaded", "saved"])
+    # the first one without numba, and again for numba to link it
+    assert finish(process, package) == ("16.875", ["loaded", "loaded", "saved"])
     alone = "import theirs.more; print(theirs.__file__, theirs.more.outer(8.0, 1.0))"
     assert run(package, alone) == ("16.875", ["loaded"])
 
@@ -307,20 +313,25 @@ def cache_of(
     return NamedByContent(folder, function, lambda: Dependencies(sources, "c1"), **settings)
 
 
+def keep(cache: NamedByContent, key: str, *values: object) -> None:
+    cache.save(key, *map(pickle.dumps, values))
+
+
 def test_each_key_has_its_own_file_whatever_the_order_of_writing(tmp_path):
     one, other = cache_of(tmp_path), cache_of(tmp_path)
-    one.save(("float64",), "double")
-    other.save(("float32",), "single")
-    one.save(("float64",), "double")
-    assert (other.load(("float64",)), one.load(("float32",))) == ("double", "single")
-    assert one.load(("int64",)) is None
-    assert cache_of(tmp_path, "batch.g-1.py311").load(("float64",)) is None
+    keep(one, "float64", "double", "of numba")
+    keep(other, "float32", "single")
+    keep(one, "float64", "double", "of numba")
+    assert (other.load("float64"), one.load("float32")) == ("double", "single")
+    assert (other.load("float64", 1), one.load("float32", 1)) == ("of numba", None)
+    assert one.load("int64") is None
+    assert cache_of(tmp_path, "batch.g-1.py311").load("float64") is None
 
 
 @pytest.mark.parametrize("damage", ["empty", "half", "one bit", "not a pickle"])
 def test_a_damaged_file_counts_as_missing_and_is_replaced(tmp_path, damage):
     cache = cache_of(tmp_path)
-    cache.save("key", list(range(1000)))
+    keep(cache, "key", list(range(1000)))
     path = cache.path("key")
     whole = path.read_bytes()
     path.write_bytes(
@@ -332,13 +343,13 @@ def test_a_damaged_file_counts_as_missing_and_is_replaced(tmp_path, damage):
         }[damage]
     )
     assert cache.load("key") is None
-    cache.save("key", "again")
+    keep(cache, "key", "again")
     assert cache.load("key") == "again"
 
 
 def test_a_process_that_dies_while_it_compiles_keeps_nobody_waiting(tmp_path):
     cache = cache_of(tmp_path)
-    cache.save("key", "data")
+    keep(cache, "key", "data")
     holds = f"""
 import pathlib, time
 from ematwin.numerics.claim import Claim
@@ -369,7 +380,7 @@ def test_where_no_file_can_be_written_nobody_waits(tmp_path):
 
 def test_what_other_sources_compiled_to_is_dropped_and_nothing_else(tmp_path):
     cache = cache_of(tmp_path)
-    cache.save("first", "data")
+    keep(cache, "first", "data")
     stale = cache.folder / "batch.f-7.py311.0123456789abcdef.5.nbc"
     others = [
         cache.folder / "batch.g-7.py311.0123456789abcdef.5.nbc",
@@ -379,9 +390,9 @@ def test_what_other_sources_compiled_to_is_dropped_and_nothing_else(tmp_path):
     ]
     for path in (stale, *others):
         path.write_text("x")
-    cache_of(tmp_path, variants=True).save("key", "data")
+    keep(cache_of(tmp_path, variants=True), "key", "data")
     assert stale.exists()
-    cache.save("key", "data")
+    keep(cache, "key", "data")
     assert not stale.exists()
     assert all(path.exists() for path in others)
     assert cache.load("first") == "data"
@@ -393,7 +404,7 @@ def test_a_full_disk_does_not_stop_the_work(tmp_path, monkeypatch):
 
     cache = cache_of(tmp_path)
     monkeypatch.setattr(os, "replace", full)
-    cache.save("key", "data")
+    keep(cache, "key", "data")
     assert cache.load("key") is None
     assert list(cache.folder.iterdir()) == []
 
@@ -418,7 +429,7 @@ class Planted:
 def planted(tmp_path: Path) -> tuple[NamedByContent, Path]:
     """A cache with a file that, if it is read, leaves a mark; and the path of the mark."""
     cache, mark = cache_of(tmp_path), tmp_path / "mark"
-    cache.save("key", Planted(mark))
+    keep(cache, "key", Planted(mark))
     return cache, mark
 
 
@@ -426,7 +437,7 @@ def is_refused(cache: NamedByContent, mark: Path) -> bool:
     """Neither read nor written."""
     before = cache.path("key").read_bytes()
     found = cache.load("key")
-    cache.save("key", "mine")
+    keep(cache, "key", "mine")
     return found is None and not mark.exists() and cache.path("key").read_bytes() == before
 
 
@@ -492,8 +503,116 @@ def test_a_process_works_on_in_a_shared_folder_and_keeps_its_own_files_apart(pac
 def test_sound_data_that_is_of_no_use_is_compiled_anew(package):
     run(package, USE)
     (path,) = kept(package)
-    data = pickle.dumps(("not", "what", "numba", "keeps"))
+    data = pickle.dumps(("not", "what", "we", "keep")) + pickle.dumps(("nor", "what", "numba"))
     path.write_bytes(hashlib.sha256(data).digest() + data)
-    # once as it is, once with all that numba has, then anew
-    assert run(package, USE) == ("65.0", ["loaded", "loaded", "saved"])
+    # without numba; with as little of it as it takes; with all that it has; then anew
+    assert run(package, USE) == ("65.0", ["loaded", "loaded", "loaded", "saved"])
     assert run(package, USE) == ("65.0", ["loaded"])
+
+
+# Without numba
+
+LOOPS = """
+from typing import NamedTuple
+
+import numpy as np
+from ematwin.numerics.compile import loop
+
+class Pair(NamedTuple):
+    left: float
+    right: float
+
+@loop
+def rows(count, pair, weights):
+    found = np.empty((count, 2))
+    for n in range(count):
+        found[n, 0] = pair.left * weights[n]
+        found[n, 1] = pair.right
+    return found
+
+@loop
+def refused(x):
+    if x < 0.0:
+        raise ValueError("below zero")
+    return x, Pair(x, 2.0 * x)
+"""
+USE_LOOPS = """
+import sys
+import numpy as np
+import theirs.loops as loops
+found = loops.rows(2, loops.Pair(2.0, 3.0), np.array([1.0, 10.0]))
+pair = loops.refused(1.0)
+try:
+    loops.refused(-1.0)
+except ValueError as error:
+    said = str(error)
+answer = [found.tolist(), pair, type(pair[1]).__name__, said, "numba" in sys.modules]
+print(loops.__file__, repr(answer).replace(" ", ""))
+"""
+
+
+def test_a_second_process_gets_arrays_classes_and_errors_without_numba(package):
+    (package / "theirs" / "loops.py").write_text(LOOPS)
+    answers = "[[[2.0,3.0],[20.0,3.0]],(1.0,Pair(left=1.0,right=2.0)),'Pair','belowzero',{}]"
+    assert run(package, USE_LOOPS) == (answers.format(True), ["saved", "saved"])
+    loaded = ["loaded", "loaded"] if sys.platform == "linux" else ["loaded"] * 4
+    assert run(package, USE_LOOPS) == (answers.format(sys.platform != "linux"), loaded)
+
+
+def test_numba_compiles_in_a_process_that_ran_machine_code_without_it(package):
+    (package / "theirs" / "loops.py").write_text(LOOPS)
+    more = """
+import numba
+import theirs.loops as loops
+single = loops.refused(np.float32(2.0))
+typed = numba.njit(lambda x: x.sum() + loops.refused(x[0])[0])(np.ones(3))
+print(loops.__file__, repr([single[0], typed, loops.refused(3.0)[0]]).replace(" ", ""))
+"""
+    run(package, USE_LOOPS)
+    answer, _ = run(package, USE_LOOPS + more)
+    assert answer == "[2.0,4.0,3.0]"
+
+
+def test_code_that_calls_what_is_not_there_is_left_to_numba(package):
+    run(package, USE)
+    (path,) = kept(package)
+    whole = path.read_bytes()[32:]
+    machine = MachineCode._make(pickle.loads(whole))
+    asked = machine._replace(external=(*machine.external, "nobody_has_this"))
+    data = pickle.dumps(tuple(asked)) + whole[len(pickle.dumps(tuple(machine))) :]
+    path.write_bytes(hashlib.sha256(data).digest() + data)
+    assert run(package, USE) == ("65.0", ["loaded", "loaded"])
+
+
+class Fields(NamedTuple):
+    first: float
+    second: int
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        1.5, 3, True, None, 2j, np.float32(1.0), np.int16(3), np.float64(2.0), np.bool_(True),
+        np.zeros(3), np.zeros((2, 3)), np.zeros((2, 3), order="F"), np.zeros((4, 4))[::2, ::2],
+        np.zeros(3, np.float32), np.zeros((0, 0)), np.zeros(3, bool), np.arange(3),
+        np.broadcast_to(0.0, 3), (), (1.0, 2), (1.0, 2.0), Fields(1.0, 2), ((1.0, None), 2.0),
+    ],
+    ids=repr,
+)  # fmt: skip
+def test_a_value_and_the_type_that_numba_gives_it_are_of_one_kind(value):
+    from ematwin.numerics.compiler import _type_of
+
+    assert kind(value) == kind_of_type(_type_of(value))
+
+
+@pytest.mark.parametrize("value", ["text", 2**63, [1.0], np.array(["text"]), {1: 2}])
+def test_what_machine_code_is_not_kept_for_is_left_to_numba(value):
+    with pytest.raises(UnknownKindError):
+        kind(value)
+
+
+def test_kinds_of_tuples_tell_their_fields_apart():
+    other = namedtuple("Fields", ["second", "first"])
+    other.__module__ = Fields.__module__
+    assert text(kind(Fields(1.0, 2))) != text(kind(other(1.0, 2)))
+    assert text(kind((1.0, 2))) == "builtins.tuple(<f8 <i8)"

@@ -11,6 +11,7 @@ one of the files that the names lead to.
 
 import enum
 import hashlib
+import importlib.util
 import sys
 from collections.abc import Iterator
 from contextlib import suppress
@@ -20,11 +21,9 @@ from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
-import llvmlite
-import numba
 import numpy as np
 
-_VERSIONS = f"numba {numba.__version__}, llvmlite {llvmlite.__version__}, numpy {np.__version__}"
+_COMPILES = ("compile.py", "compiler.py", "single.py")
 _KNOWN_BY_VERSION = {"numba", "llvmlite", "numpy", *sys.stdlib_module_names}
 
 
@@ -47,9 +46,21 @@ class Dependencies:
 def dependencies(compiled: Any) -> Dependencies:
     """Follow a function that numba compiles to all that it depends on."""
     walk = _Walk()
+    walk.files.update(str(Path(__file__).with_name(name)) for name in _COMPILES)
     content = walk.text(compiled)
     files = "".join(f"{_file_hash(path)} " for path in sorted(walk.files))
-    return Dependencies(_hash(_VERSIONS + files), _hash(content))
+    return Dependencies(_hash(_versions() + files), _hash(content))
+
+
+@cache
+def _versions() -> str:
+    """Versions of what compiles, of numba and llvmlite without loading either."""
+    found = [f"numpy {np.__version__}"]
+    for package in ("numba", "llvmlite"):
+        spec = importlib.util.find_spec(package)
+        for place in () if spec is None else spec.submodule_search_locations or ():
+            found.append(f"{package} {_file_hash(str(Path(place, '_version.py')))}")
+    return ", ".join(found)
 
 
 class _Walk:
@@ -91,10 +102,12 @@ class _Walk:
         if is_module:
             self._file(where)
             parts = [self.text(vars(value)[n], names) for n in names if n in vars(value)]
-        elif isinstance(getattr(value, "py_func", None), FunctionType):  # a dispatcher of numba
+        elif isinstance(getattr(value, "py_func", None), FunctionType):
+            # ours (`ematwin.numerics.compile.Compiled`), or a dispatcher of numba
             compiler = getattr(getattr(value, "_compiler", None), "pipeline_class", None)
+            ours = [getattr(value, name, None) for name in ("interleave", "single")]
             parts = [self.text(getattr(value, "targetoptions", None)), self.text(value.py_func)]
-            parts.append(self.text(compiler))
+            parts += [self.text(compiler), self.text(ours)]
         elif isinstance(value, FunctionType):
             parts = self._function(value)
         elif isinstance(value, type):

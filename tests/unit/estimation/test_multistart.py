@@ -10,7 +10,8 @@ from naive.toy import BASES, Toy, fault, stacked
 def test_searches_that_fit_poorly_and_alike_are_enough_and_both_ends_are_kept():
     """Nothing tells one of the faults, so that no two searches end in the same place."""
     toy = Toy(lambda values: stacked(values["wear"]), wear=0.3)
-    toy.recording = toy.recording.changed(y=toy.recording.y + BASES[3])  # what no candidate explains
+    unexplained = BASES[3]
+    toy.recording = toy.recording.changed(y=toy.recording.y + unexplained)
     search = MultistartDescent(Problem([toy], (fault("wear"), fault("idle"))))
     state = search.run()
     assert state.stopped == "two searches fit alike"

@@ -177,9 +177,9 @@ def test_costs_are_the_same_however_a_batch_is_run(calm):
 
 def test_lanes_of_truer_forms_with_power_are_computed_in_vectors(monkeypatch):
     """LLVM gives up where a loop has too many arrays: 8 times slower, and nobody would see it."""
-    monkeypatch.setattr("ematwin.numerics.compile.keep", lambda compiled: None)  # compiled anew
     actuator = PLAIN.changed(FORMS["eccentricity"])
     fresh = loop(batch.monitor_scores.py_func, interleave=2)
+    fresh.kept = False  # compiled anew
     monkeypatch.setattr(batch, "monitor_scores", fresh)
     record = simulate("reference", "step", actuator=actuator, sample_rate=5e3, also=VOLTAGES)
     comparison = MODEL.compare(record, actuator, threads=1).with_evidence()
