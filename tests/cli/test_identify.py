@@ -234,6 +234,8 @@ try:
     main()
 finally:
     unneeded = {"scipy.linalg", "scipy.special", "pandas", "pint", "plotly", "numpy.ma"}
+    if sys.platform == "linux":
+        unneeded.add("numba")
     print("loaded:", sorted(unneeded & set(sys.modules)), file=sys.stderr)
 """
     done = subprocess.run(

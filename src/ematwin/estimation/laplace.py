@@ -41,6 +41,10 @@ _STEP = 5e-3  # along directions that data do not see, share of a range
 Aliases = Callable[[Mapping[str, float]], Sequence[Alias]]
 
 
+class TooFarError(Exception):
+    """A smooth descent ended too far from the recordings; caught by who asked for a limit."""
+
+
 @dataclass(frozen=True)
 class Laplace:
     """A peak and its width, in the coordinates of the problem's chart.
@@ -89,6 +93,8 @@ def laplace(
     least_noise: float = 0.0,
     settled: float = 0.0,
     iterations: int = _ITERATIONS,
+    within: float = np.inf,
+    steps: np.ndarray | None = None,
 ) -> Laplace:
     """The peak next to a point, and its width.
 
@@ -101,13 +107,22 @@ def laplace(
     least_noise : float, the noise is taken to be no less, in the unit of `Problem.noise`
     settled : float, relative misfit at which a start lies in its valley already
     iterations : int, at most, of the first descent from such a start
+    within : float, relative misfit of the smoothed data beyond which it is not worth going on
+    steps : (d,) array, as of `width_at`
+
+    Raises
+    ------
+    TooFarError
+        If the smooth descent ends beyond ``within``.
     """
-    point, spent = _descended(problem, start, aliases, held, least_noise, settled, iterations)
+    point, spent = _descended(
+        problem, start, aliases, held, least_noise, settled, iterations, within
+    )
     chart = problem.chart
     z = chart.project(chart.from_values(point[None]))[0]
     seen = _Seen(problem, point, least_noise)
     problem = seen.problem
-    slopes = _slopes(problem, seen, z, aliases)
+    slopes = _slopes(problem, seen, z, aliases, steps)
     tells = frozenset().union(*(one.tells for one in problem.comparisons))
     known = _known_directions(problem, point, aliases)
     pivots = _pivots_held(problem, known)
@@ -327,6 +342,7 @@ def _descended(
     least_noise: float,
     settled: float,
     iterations: int = _ITERATIONS,
+    within: float = np.inf,
 ) -> tuple[np.ndarray, int]:
     """The best point (d,) with the pivots of aliases held where they are, and what it took."""
     known = _known_directions(problem, start, aliases)
@@ -338,7 +354,8 @@ def _descended(
     z = chart.project(chart.from_values(start[[problem.names.index(n) for n in small.names]][None]))
     # each stage looks with long differences again: rough stretches stop a single descent
     first = z
-    data = small.split(small.residuals(chart.to_values(z))[0]).data
+    before = small.residuals(chart.to_values(z))[0]
+    data = small.split(before).data
     near = small.relative_misfit(float(data @ data)) < settled
     for stage in range(_LEAST_STAGES if near else 0, _STAGES):
         # wide valleys first
@@ -360,16 +377,29 @@ def _descended(
             descent.iterate(residuals, chart.lower, chart.upper, chart.project)
         end = descent.best(1)
         z = chart.project(end.points)
+        data = small.split(end.residuals[0]).data
+        if stage == 0 and seen.relative_misfit(float(data @ data)) > within:
+            raise TooFarError
         if stage >= _LEAST_STAGES and float(end.costs[0]) / noise**2 > _GAIN * cost:
             break
     # the smooth misfit may have led astray
-    both = np.vstack([first, z])
-    z = both[[int(np.argmin(weighed.costs(chart.to_values(both))))]]
+    if _cost_of(weighed, chart.to_values(first), before) < _cost_of(
+        weighed, chart.to_values(z), end.residuals[0]
+    ):
+        z = first
     values = small.values(chart.to_values(z)[0])
     point = np.array([values[name] for name in problem.names])
     if problem is small:
         point = _along(problem, point, known)
     return point, spent
+
+
+def _cost_of(weighed: Problem, point: np.ndarray, residuals: np.ndarray) -> float:
+    """The cost at a point (1, d) whose residuals (K,) are known, though not by this noise."""
+    if weighed.has_evidence:
+        return float(weighed.costs(point)[0])
+    data, away = weighed.split(residuals).data, weighed.prior_distances(point)
+    return float(data @ data) + float((away**2).sum())
 
 
 def _known_directions(

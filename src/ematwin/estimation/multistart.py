@@ -86,6 +86,7 @@ class Multistart:
         try:
             state = search.run()
         except KeyboardInterrupt:
+            search.rate_noted()
             state = search.state
             if not np.isfinite(state.cost):
                 raise
@@ -134,6 +135,7 @@ class MultistartDescent:
         self._budget = budget
         self._report = report
         self._rng = np.random.default_rng(seed)
+        self._noted: list[tuple[int, np.ndarray]] = []  # evaluations, and a point yet to be rated
         self.state = SearchState(problem.start, float("inf"), 0, [])
 
     def run(self) -> SearchState:
@@ -146,6 +148,7 @@ class MultistartDescent:
                     continue
                 ends.append(self._one_search(sobol))
         except BudgetSpentError:
+            self.rate_noted()
             self.state.stopped = "budget"
         return self.state
 
@@ -156,6 +159,7 @@ class MultistartDescent:
             try:
                 yield self._one_search(sobol)
             except BudgetSpentError:
+                self.rate_noted()
                 return
 
     def _settled(self, ends: list[End]) -> bool:
@@ -236,6 +240,7 @@ class MultistartDescent:
             for _ in range(iterations):
                 self._iterate(descent, self._smooth_residuals)
             self._note(descent.best(1).points[0])
+        self.rate_noted()
         points = descent.best(POLISH[0][0]).points
         fine = LevenbergMarquardt.start(points, self._residuals, damping=1e-2)
         for count, iterations in POLISH:
@@ -299,19 +304,32 @@ class MultistartDescent:
         return self._problem.residuals(self._chart.to_values(z))
 
     def _note(self, z: np.ndarray) -> None:
-        """Rate a point of the smooth stage with the full bandwidth: the history has one scale."""
+        """Have a point of the smooth stage rated by the full bandwidth: the history has one scale.
+
+        Later, all of them together (`rate_noted`): one candidate takes as long as many.
+        """
         self._spend(1)
-        self._offer(z, float(self._problem.costs(self._chart.to_values(z[None]))[0]))
+        self._noted.append((self.state.evaluations, z))
+
+    def rate_noted(self) -> None:
+        """Rate the points that were noted, in their order."""
+        noted, self._noted = self._noted, []
+        if noted:
+            costs = self._problem.costs(self._chart.to_values(np.stack([z for _, z in noted])))
+            for (evaluations, z), cost in zip(noted, costs.tolist(), strict=True):
+                self._offer(z, cost, evaluations)
 
     def _keep(self, descent: LevenbergMarquardt) -> None:
         end = descent.best(1)
         self._offer(end.points[0], float(end.costs[0]))
 
-    def _offer(self, z: np.ndarray, cost: float) -> None:
+    def _offer(self, z: np.ndarray, cost: float, evaluations: int | None = None) -> None:
+        """Take a point where it is the best; ``evaluations`` are those until it was seen."""
         state = self.state
         if cost < state.cost:
             state.cost = cost
             state.best = self._chart.to_values(z[None])[0]
-        state.history.append((state.evaluations, state.cost))
+        spent = state.evaluations if evaluations is None else evaluations
+        state.history.append((spent, state.cost))
         if self._report is not None:
             self._report(state.evaluations, state.cost)

@@ -10,12 +10,19 @@ import os
 from collections.abc import Collection, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from ematwin.estimation.assess import Assessment, height
 from ematwin.estimation.baseline import Baseline, uncertain, with_all_free, with_nuisances
-from ematwin.estimation.laplace import Laplace, laplace, standard_errors
+from ematwin.estimation.laplace import (
+    Laplace,
+    TooFarError,
+    laplace,
+    standard_errors,
+    step_lengths,
+)
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.significance import is_present
 from ematwin.estimation.verdict import EXPLAINED, HOPELESS, Verdict, listed
@@ -24,7 +31,8 @@ from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
 
 _NEARLY = 9.0  # squared standard deviations that do not decide between two answers
-_FAR = 5.0  # times the misfit that the best of several starts has, where none is worth it
+_SETTLED = 1.3  # times the misfit of the first answer: the start lies in its valley already
+_FAR = 5.0  # times the misfit of the first answer: a start, or a smooth descent, not worth more
 
 
 @dataclass(frozen=True)
@@ -188,19 +196,35 @@ def _compared(
     # a start that follows from the first answer is right, and others may be far from their valley
     if len(starts) > 1 and not costs[best] < _FAR**2 * peak.cost:
         return None
-    end = _descended(model, form.actuator, full, starts[best])
-    rise = _rise(model, peak, end)
-    if rise > 0.0:  # it may have stopped short: it gets the parameters of the first answer
-        as_found = _start(full, full.names, {**own, **form.starts[best]})
-        again = _descended(model, form.actuator, full, as_found)
-        if (lower := _rise(model, peak, again)) < rise:
-            end, rise = again, lower
+    as_found = _start(full, full.names, {**own, **form.starts[best]})
+    known = {
+        "within": _FAR * _smooth_misfit(peak),
+        "settled": _SETTLED * peak.problem.relative_misfit(peak.cost),
+        "steps": _steps(peak, full),
+    }
+
+    def descended_from(start: np.ndarray) -> tuple[Laplace, float] | None:
+        try:
+            end = _descended(model, form.actuator, full, start, **known)
+        except TooFarError:
+            return None
+        return end, _rise(model, peak, end)
+
+    ends = [descended_from(starts[best])]
+    # it may have stopped short: it gets the parameters of the first answer
+    if not np.array_equal(as_found, starts[best]) and (ends[0] is None or ends[0][1] > 0.0):
+        ends.append(descended_from(as_found))
+    near = [one for one in ends if one is not None]
+    if not near:
+        return None
+    end, rise = min(near, key=lambda one: one[1])
     if rise < -_NEARLY:  # so may the first answer: it gets what the other found beside the fault
         its = _own_names(problem, form)
         beside = {name: x for name, x in full.values(end.point).items() if name not in its}
         for names in (problem.names, peak.problem.names):
             point = _start(peak.problem, names, {**own, **beside})
-            rise = max(rise, _rise(model, _descended(model, actuator, peak.problem, point), end))
+            again = _descended(model, actuator, peak.problem, point)
+            rise = max(rise, _rise(model, again, end))
             if rise >= -_NEARLY:
                 break
     return end, rise
@@ -251,10 +275,27 @@ def _start(full: Problem, names: Collection[str], values: Mapping[str, float]) -
     return np.clip(point, full.lower, full.upper)
 
 
-def _descended(model: Model, actuator: ParameterSet, full: Problem, start: np.ndarray) -> Laplace:
+def _smooth_misfit(peak: Laplace) -> float:
+    """The relative misfit of a peak by the smoothed data."""
+    smooth = peak.problem.smoothed()
+    data = smooth.split(smooth.residuals(peak.point[None])[0]).data
+    return smooth.relative_misfit(float(data @ data))
+
+
+def _steps(peak: Laplace, full: Problem) -> np.ndarray:
+    """Steps (d,) of differences of another form: as long as the first answer is wide."""
+    lengths = step_lengths(peak.covariance)
+    known = dict(zip(peak.problem.names, lengths.tolist(), strict=True))
+    return np.array([known.get(name, float(lengths.min())) for name in full.names])
+
+
+def _descended(
+    model: Model, actuator: ParameterSet, full: Problem, start: np.ndarray, **known: Any
+) -> Laplace:
+    """The peak next to a start; ``known`` are what `laplace` may be told beforehand."""
     return laplace(
         full, start, aliases=lambda values: model.aliases(actuator, values),
-        least_noise=full.comparisons[0].noise,
+        least_noise=full.comparisons[0].noise, **known,
     )  # fmt: skip
 
 

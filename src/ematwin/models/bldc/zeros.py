@@ -14,7 +14,9 @@ Which of its poles a rotor stands at is told by nothing: the direction of an ecc
 from one of them.
 """
 
+import hashlib
 import math
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,6 +41,7 @@ _TREMBLES = 7.0  # times the noise of its angle: five standard deviations of a d
 _CROSSED = 0.5  # times the healthy gap by which motor and output must have moved apart
 _OFF_CENTRE = 0.25  # times the healthy gap, beside
 _OF_REACH = 0.02  # times the one that is seen: by so much the middle may be off
+_LATEST: deque[tuple[bytes, float | None]] = deque(maxlen=8)  # hash of what was asked, and answer
 
 
 @dataclass(frozen=True)
@@ -189,8 +192,22 @@ def _best(
 ) -> float | None:
     """The angle near one of ``steps`` on which most current lies, in the mean of the ways.
 
-    None where for one of them it lies at the first or the last step.
+    None where for one of them it lies at the first or the last step. The latest answers are kept: a
+    recording is asked when it is checked, and again in each comparison with it.
     """
+    parts = (currents, angle, steps, *ways)
+    asked = hashlib.sha256(b"".join(one.tobytes() for one in parts)).digest()
+    for known, answer in tuple(_LATEST):
+        if known == asked:
+            return answer
+    answer = _looked_for(currents, angle, steps, ways)
+    _LATEST.append((asked, answer))
+    return answer
+
+
+def _looked_for(
+    currents: np.ndarray, angle: np.ndarray, steps: np.ndarray, ways: list[np.ndarray]
+) -> float | None:
     found = []
     for way in ways:
         shares = [_share(currents[way], angle[way] + step) for step in steps]
