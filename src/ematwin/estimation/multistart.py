@@ -10,8 +10,8 @@ Where the fit is poor, the twin may have stalled where the actuator still moved,
 the whole record leads nowhere. If its states were recorded, the same search is then made by
 multiple shooting (`Problem.restarted`). An end that explains the stretches far better than the
 first one did is the answer; any other goes on with the whole record. Where that does not settle it,
-all is done again from new samples, until two ends agree, or fit alike and poorly, or the budget is
-spent.
+all is done again from new samples, until two ends agree, or fit alike and poorly, or no more is
+gained, or the budget is spent.
 
 Sobol (1967), scrambled (`ematwin.numerics.sobol`); successive halving as in Jamieson and
 Talwalkar (2016).
@@ -36,7 +36,9 @@ ABOVE_NOISE = 1.3  # times what noise alone leaves: as good
 CLEARLY_BETTER = 3.0  # ratio of misfits by stretches; 3.6 to 160 where a search was misled
 AGREEMENT = 0.02  # largest difference of two ends that agree, in any coordinate
 ALIKE = 1.02  # ratio of costs of two ends that fit alike: no search to come is likely to fit better
+IN_VAIN = 2  # searches in a row that fit no better than one before
 SMALLEST_BUDGET = 64
+WORTH = 2.0  # times a good fit by stretches, beyond which no other search by them finds one
 STRETCH_BUDGET = 2000  # an upper limit: mostly 900
 DEFAULT_BUDGET = 10_000  # an upper limit: most records need a tenth of it
 
@@ -135,6 +137,8 @@ class MultistartDescent:
         self._budget = budget
         self._report = report
         self._rng = np.random.default_rng(seed)
+        self.worth = np.inf  # relative misfit beyond which another search is not worth it
+        self._in_vain = 0  # searches since the best end
         self._noted: list[tuple[int, np.ndarray]] = []  # evaluations, and a point yet to be rated
         self.state = SearchState(problem.start, float("inf"), 0, [])
 
@@ -146,7 +150,9 @@ class MultistartDescent:
             while not self._settled(ends):
                 if len(ends) == 1 and self._search_restarted(ends):
                     continue
+                best = min((cost for cost, _ in ends), default=np.inf)
                 ends.append(self._one_search(sobol))
+                self._in_vain = self._in_vain + 1 if ends[-1][0] >= best else 0
         except BudgetSpentError:
             self.rate_noted()
             self.state.stopped = "budget"
@@ -174,6 +180,10 @@ class MultistartDescent:
         elif len(ends) > 1 and ends[1][0] < ALIKE * ends[0][0]:
             self.state.stopped = "two searches fit alike"
             self.state.others.append(self._chart.to_values(ends[1][1][None])[0])
+        elif self._in_vain >= IN_VAIN or (
+            ends and self._problem.relative_misfit(ends[0][0]) > self.worth
+        ):
+            self.state.stopped = "no search fits better"
         else:
             return False
         return True
@@ -197,6 +207,7 @@ class MultistartDescent:
         search = MultistartDescent(
             restarted, budget=budget, seed=int(self._rng.integers(2**31)), report=count
         )
+        search.worth = WORTH * good_fit(restarted)
         found = search.run()
         state.evaluations = before + found.evaluations
         if not np.isfinite(found.cost):
