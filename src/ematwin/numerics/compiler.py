@@ -35,6 +35,9 @@ from ematwin.numerics.notice import compiling
 # lanes of the truer forms with power have more of them, and were 8 times slower without vectors.
 _OVERLAPS, _USUAL_OVERLAPS, _MOST_OVERLAPS = "vectorize-memory-check-threshold", 128, 4096
 
+# Nor does it take vectors for a loop of fewer than 16 passes that has to be checked so.
+_PASSES, _USUAL_PASSES, _FEWEST_PASSES = "vectorizer-min-trip-count", 16, 4
+
 _MACHINE, _OF_NUMBA = 0, 1  # parts of a file
 
 
@@ -76,8 +79,16 @@ def _type_of(value: Any) -> types.Type:
 
 def _in_lanes(compile_it: Callable[..., Any], interleave: int) -> Callable[..., Any]:
     """LLVM takes these as options of the process; numba compiles one function at a time."""
-    ours = (f"-force-vector-interleave={interleave}", f"-{_OVERLAPS}={_MOST_OVERLAPS}")
-    usual = ("-force-vector-interleave=0", f"-{_OVERLAPS}={_USUAL_OVERLAPS}")
+    ours = (
+        f"-force-vector-interleave={interleave}",
+        f"-{_OVERLAPS}={_MOST_OVERLAPS}",
+        f"-{_PASSES}={_FEWEST_PASSES}",
+    )
+    usual = (
+        "-force-vector-interleave=0",
+        f"-{_OVERLAPS}={_USUAL_OVERLAPS}",
+        f"-{_PASSES}={_USUAL_PASSES}",
+    )
 
     def compile_with_options(*arguments: Any) -> Any:
         for option in ours:

@@ -28,8 +28,9 @@ from ematwin.models.bldc.truer.monitor_step import truer_monitor_step
 from ematwin.models.bldc.truer.reference_step import truer_reference_step
 from ematwin.models.bldc.truer.state import lane_truer, truer_state
 from ematwin.numerics.compile import loop, loop_in_single, step, wide_vectors
+from ematwin.numerics.vectors import doubles_in_a_vector
 
-LANES = 16  # candidates side by side: two AVX-512 registers hide the latency of one another
+LANES = 2 * doubles_in_a_vector()  # candidates side by side: two vectors hide one another's latency
 REAL = np.float64  # of states and steps
 SEGMENT = 128  # samples after which ranks are closed; 64 saves no more, 512 less
 

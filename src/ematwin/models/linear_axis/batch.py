@@ -8,8 +8,9 @@ from ematwin.models.linear_axis.constants import AxisConstants
 from ematwin.models.linear_axis.step import AxisState, axis_step, lag_of
 from ematwin.numerics.compile import loop, step, wide_vectors
 from ematwin.numerics.scalar import clip
+from ematwin.numerics.vectors import doubles_in_a_vector
 
-LANES = 8  # candidates side by side
+LANES = 2 * doubles_in_a_vector()  # candidates side by side: two vectors
 
 
 @step
@@ -32,7 +33,7 @@ def controller_output(reference, x, x_2, pulse, interval, c):
     return clip(output, -c.limit, c.limit)
 
 
-@loop
+@loop(interleave=2)
 def axis_traces(command, pulses, closed, start, constants, interval, substeps, voltage, position):
     """Simulate a batch of candidates.
 

@@ -24,8 +24,9 @@ from ematwin.models.pmsm.reference_step import (
 from ematwin.models.pmsm.state import Constants
 from ematwin.numerics.compile import loop, step, wide_vectors
 from ematwin.numerics.scalar import sincos
+from ematwin.numerics.vectors import doubles_in_a_vector
 
-LANES = 16
+LANES = 2 * doubles_in_a_vector()  # two vectors hide one another's latency
 
 REFERENCE_COLUMNS = (
     "current_d", "current_q", "voltage_d", "voltage_q", "motor_position", "output_position",

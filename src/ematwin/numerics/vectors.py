@@ -1,0 +1,24 @@
+"""How wide the vectors of the processor are."""
+
+import os
+from functools import cache
+
+
+@cache
+def doubles_in_a_vector() -> int:
+    """Numbers in double precision that a vector holds: 8 with AVX-512, else taken to be 4.
+
+    NUMBA_CPU_FEATURES counts, as it does for what numba compiles.
+    """
+    return 8 if "+avx512f" in _features().split(",") else 4
+
+
+def _features() -> str:
+    if (given := os.environ.get("NUMBA_CPU_FEATURES")) is not None:
+        return given
+    import llvmlite.binding as llvm
+
+    try:
+        return str(llvm.get_host_cpu_features().flatten())
+    except RuntimeError:  # LLVM does not know them
+        return ""
