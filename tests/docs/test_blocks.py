@@ -205,11 +205,12 @@ def _commands(block: Block, names: dict[str, Any], shell: Shell) -> None:
 
 
 def _says(answer: str, said: str) -> bool:
-    """Whether an answer has these words; numbers may differ by 2 %, as processors round."""
+    """Whether an answer has these words (... for any); numbers may be 2 % off, by rounding."""
     number = r"-?\d+(?:\.\d+)?"
     words = re.split(number, said)
     given = [float(text) for text in re.findall(number, said)]
-    for found in re.finditer(f"({number})".join(map(re.escape, words)), answer):
+    parts = (re.escape(text).replace(re.escape("..."), ".*?") for text in words)
+    for found in re.finditer(f"({number})".join(parts), answer):
         if [float(text) for text in found.groups()] == pytest.approx(given, rel=0.02):
             return True
     return False

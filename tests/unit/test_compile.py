@@ -616,3 +616,18 @@ def test_kinds_of_tuples_tell_their_fields_apart():
     other.__module__ = Fields.__module__
     assert text(kind(Fields(1.0, 2))) != text(kind(other(1.0, 2)))
     assert text(kind((1.0, 2))) == "builtins.tuple(<f8 <i8)"
+
+
+def test_arguments_may_be_named(package):
+    named = "import theirs.more; print(theirs.__file__, theirs.more.scaled(3.0, by=2.0))"
+    (package / "theirs" / "more.py").write_text(
+        """
+from ematwin.numerics.compile import loop
+
+@loop
+def scaled(x, by):
+    return x * by
+"""
+    )
+    assert run(package, named) == ("6.0", ["saved"])
+    assert run(package, named) == ("6.0", ["loaded"])

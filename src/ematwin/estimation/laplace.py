@@ -377,9 +377,10 @@ def _descended(
             descent.iterate(residuals, chart.lower, chart.upper, chart.project)
         end = descent.best(1)
         z = chart.project(end.points)
-        data = small.split(end.residuals[0]).data
-        if stage == 0 and seen.relative_misfit(float(data @ data)) > within:
-            raise TooFarError
+        if stage == 0 and np.isfinite(within):
+            data = weighed.split(end.residuals[0]).data
+            if weighed.relative_misfit(float(data @ data)) > within:
+                raise TooFarError
         if stage >= _LEAST_STAGES and float(end.costs[0]) / noise**2 > _GAIN * cost:
             break
     # the smooth misfit may have led astray

@@ -88,7 +88,7 @@ class Multistart:
         try:
             state = search.run()
         except KeyboardInterrupt:
-            search.rate_noted()
+            search.rate_noted(told=False)  # whoever is told would raise it again
             state = search.state
             if not np.isfinite(state.cost):
                 raise
@@ -322,19 +322,21 @@ class MultistartDescent:
         self._spend(1)
         self._noted.append((self.state.evaluations, z))
 
-    def rate_noted(self) -> None:
-        """Rate the points that were noted, in their order."""
+    def rate_noted(self, told: bool = True) -> None:
+        """Rate the points that were noted, in their order; ``told``: and report each."""
         noted, self._noted = self._noted, []
         if noted:
             costs = self._problem.costs(self._chart.to_values(np.stack([z for _, z in noted])))
             for (evaluations, z), cost in zip(noted, costs.tolist(), strict=True):
-                self._offer(z, cost, evaluations)
+                self._offer(z, cost, evaluations, told)
 
     def _keep(self, descent: LevenbergMarquardt) -> None:
         end = descent.best(1)
         self._offer(end.points[0], float(end.costs[0]))
 
-    def _offer(self, z: np.ndarray, cost: float, evaluations: int | None = None) -> None:
+    def _offer(
+        self, z: np.ndarray, cost: float, evaluations: int | None = None, told: bool = True
+    ) -> None:
         """Take a point where it is the best; ``evaluations`` are those until it was seen."""
         state = self.state
         if cost < state.cost:
@@ -342,5 +344,5 @@ class MultistartDescent:
             state.best = self._chart.to_values(z[None])[0]
         spent = state.evaluations if evaluations is None else evaluations
         state.history.append((spent, state.cost))
-        if self._report is not None:
+        if told and self._report is not None:
             self._report(state.evaluations, state.cost)

@@ -68,10 +68,10 @@ class Compiled:
         self.kept, self.interleave, self.single = kept, interleave, single
         self._ready: dict[tuple[Kind, ...], Callable[..., Any]] = {}
 
-    def __call__(self, *arguments: Any) -> Any:
+    def __call__(self, *arguments: Any, **named: Any) -> Any:
         """What the function returns."""
-        if not self.kept:
-            return self.dispatcher(*arguments)
+        if named or not self.kept:
+            return self.dispatcher(*arguments, **named)
         try:
             kinds = tuple(map(kind, arguments))
         except UnknownKindError:
