@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 import ematwin
-from ematwin.numerics.cache import NamedByContent
+from ematwin.numerics.cache import NamedByContent, folder_for
 from ematwin.numerics.claim import Claim
 from ematwin.numerics.dependencies import Dependencies
 from ematwin.numerics.kinds import UnknownKindError, kind, kind_of_type, text
@@ -631,3 +631,32 @@ def scaled(x, by):
     )
     assert run(package, named) == ("6.0", ["saved"])
     assert run(package, named) == ("6.0", ["loaded"])
+
+
+def test_results_lie_where_numba_keeps_its_own(tmp_path, monkeypatch):
+    source = tmp_path / "package" / "loops.py"
+    source.parent.mkdir()
+    source.write_text("")
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "given"))
+    given = folder_for(str(source))
+    assert given is not None
+    assert given.parent == tmp_path / "given"
+    assert given.name.startswith("package_")
+    (tmp_path / "in the way").write_text("")
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "in the way"))
+    assert folder_for(str(source)) == source.parent / "__pycache__"
+    monkeypatch.delenv("NUMBA_CACHE_DIR")
+    assert folder_for(str(source)) == source.parent / "__pycache__"
+    (source.parent / "__pycache__").rmdir()
+    (source.parent / "__pycache__").write_text("in the way")
+    of_user = folder_for(str(source))
+    assert of_user is not None
+    assert of_user.is_relative_to(tmp_path / "home")
+    typed = folder_for("<ipython-input-1>")
+    assert typed is not None
+    assert typed.is_relative_to(tmp_path / "home")
+    (tmp_path / "home").rename(tmp_path / "gone")
+    (tmp_path / "home").write_text("in the way")
+    assert folder_for(str(source)) is None

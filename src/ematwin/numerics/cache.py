@@ -166,18 +166,17 @@ def files_for(
 
 
 def folder_for(source: str) -> Path | None:
-    """Where results of a source file may be kept: as numba has it, or None.
+    """The first folder in which results of a source file may be kept, or None; as numba has it.
 
-    NUMBA_CACHE_DIR; the folder of its byte code; or one of the user's own.
+    NUMBA_CACHE_DIR; the folder of its byte code; and one of the user's own.
     """
     place = os.path.dirname(os.path.abspath(source))
     own = f"{os.path.basename(place)}_{hashlib.sha1(place.encode()).hexdigest()}"
+    tried = [_of_user() / own]
+    if os.path.exists(source):  # else it was typed
+        tried.insert(0, Path(place, "__pycache__"))
     if given := os.environ.get("NUMBA_CACHE_DIR"):
-        tried = [Path(given, own)]
-    elif os.path.exists(source):
-        tried = [Path(place, "__pycache__"), _of_user() / own]
-    else:  # it was typed
-        tried = [_of_user() / own]
+        tried.insert(0, Path(given, own))
     for folder in tried:
         with suppress(OSError):
             folder.mkdir(parents=True, exist_ok=True)
