@@ -112,6 +112,7 @@ class MultistartDescent:
     budget : int, simulations at most
     seed : int
     report : called with evaluations and best cost after each stage
+    worth : float, relative misfit beyond which another search is not worth it
 
     Attributes
     ----------
@@ -125,6 +126,7 @@ class MultistartDescent:
         budget: int = DEFAULT_BUDGET,
         seed: int = 1,
         report: Report | None = None,
+        worth: float = np.inf,
     ) -> None:
         if budget < SMALLEST_BUDGET:
             raise InputError(
@@ -137,7 +139,7 @@ class MultistartDescent:
         self._budget = budget
         self._report = report
         self._rng = np.random.default_rng(seed)
-        self.worth = np.inf  # relative misfit beyond which another search is not worth it
+        self.worth = worth
         self._in_vain = 0  # searches since the best end
         self._noted: list[tuple[int, np.ndarray]] = []  # evaluations, and a point yet to be rated
         self.state = SearchState(problem.start, float("inf"), 0, [])
@@ -205,9 +207,9 @@ class MultistartDescent:
                 self._report(state.evaluations, state.cost)
 
         search = MultistartDescent(
-            restarted, budget=budget, seed=int(self._rng.integers(2**31)), report=count
-        )
-        search.worth = WORTH * good_fit(restarted)
+            restarted, budget=budget, seed=int(self._rng.integers(2**31)), report=count,
+            worth=WORTH * good_fit(restarted),
+        )  # fmt: skip
         found = search.run()
         state.evaluations = before + found.evaluations
         if not np.isfinite(found.cost):

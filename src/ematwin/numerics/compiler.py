@@ -28,7 +28,7 @@ from ematwin.numerics.cache import NamedByContent
 from ematwin.numerics.claim import Claim
 from ematwin.numerics.compile import Compiled, key_of
 from ematwin.numerics.kinds import kind_of_type
-from ematwin.numerics.machine_code import MachineCode
+from ematwin.numerics.machine_code import MachineCode, add_symbols
 from ematwin.numerics.notice import compiling
 
 # LLVM gives up the vectors of a loop that would have to check more pairs of arrays for overlap. The
@@ -38,7 +38,7 @@ _OVERLAPS, _USUAL_OVERLAPS, _MOST_OVERLAPS = "vectorize-memory-check-threshold",
 # Nor does it take vectors for a loop of fewer than 16 passes that has to be checked so.
 _PASSES, _USUAL_PASSES, _FEWEST_PASSES = "vectorizer-min-trip-count", 16, 4
 
-_MACHINE, _OF_NUMBA = 0, 1  # parts of a file
+_OF_NUMBA = 1  # the part of a file
 
 
 def dispatcher_of(compiled: Compiled) -> Any:
@@ -153,7 +153,7 @@ class _Cache(FunctionCache):
 
     def _loaded(self, key: str, target_context: Any) -> Any:
         try:
-            _add_runtime_symbols()
+            add_symbols("NRT_", _nrt_python.c_helpers)
             return self._load_kept(key, target_context)
         except Exception:
             target_context.refresh()
@@ -224,12 +224,6 @@ def environment(module: str, constants: list[Any], name: str) -> Environment:
         found.env_name = name
         Environment._memo[name] = found
     return found
-
-
-def _add_runtime_symbols() -> None:
-    """Tell LLVM where the C functions of numba's runtime are, by the names numba gives them."""
-    for name, address in _nrt_python.c_helpers.items():
-        llvmlite.binding.add_symbol(name if name.startswith("_") else f"NRT_{name}", address)
 
 
 def _defining(function: Any) -> bytes:

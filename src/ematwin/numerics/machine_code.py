@@ -16,12 +16,12 @@ import os
 import pickle
 import sys
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from types import ModuleType
 from typing import Any, NamedTuple
 
-from ematwin.errors import EmatwinError
+from ematwin.numerics.vectors import host_features
 
 LOADING = threading.RLock()
 """Held while machine code or numba is loaded."""
@@ -29,7 +29,7 @@ LOADING = threading.RLock()
 _NEEDED = ("_helperlib", "_dynfunc", "core.runtime._nrt_python")
 
 
-class CannotRunError(EmatwinError):
+class CannotRunError(Exception):
     """Machine code that cannot be run without numba; caught within `ematwin.numerics`."""
 
 
@@ -98,11 +98,8 @@ def processor() -> str:
         for name, value in os.environ.items()
         if name.startswith("NUMBA_") and name not in _WITHOUT_EFFECT
     )
-    try:
-        features = llvm.get_host_cpu_features().flatten()
-    except RuntimeError:  # LLVM does not know them
-        features = ""
-    return " ".join([llvm.get_process_triple(), llvm.get_host_cpu_name(), features, *settings])
+    host = [llvm.get_process_triple(), llvm.get_host_cpu_name(), host_features()]
+    return " ".join([*host, *settings])
 
 
 _WITHOUT_EFFECT = {"NUMBA_CACHE_DIR", "NUMBA_DEBUG_CACHE", "NUMBA_NUM_THREADS"}
@@ -129,19 +126,21 @@ def _target() -> Any:
 @cache
 def _parts() -> dict[str, Any]:
     """The extension modules of numba by name; LLVM is told of the functions in them."""
-    import llvmlite.binding as llvm
-
     with LOADING:
         parts = {name: _part(name) for name in _NEEDED}
-    for prefix, functions in (
-        ("numba_", parts["_helperlib"].c_helpers),
-        ("NRT_", parts["core.runtime._nrt_python"].c_helpers),
-    ):
-        for name, address in functions.items():
-            llvm.add_symbol(name if name.startswith("_") else prefix + name, address)
+    add_symbols("numba_", parts["_helperlib"].c_helpers)
+    add_symbols("NRT_", parts["core.runtime._nrt_python"].c_helpers)
     if "numba" not in sys.modules:
         _unpickle_alone(parts["_helperlib"].c_helpers["unpickle"])
     return parts
+
+
+def add_symbols(prefix: str, functions: Mapping[str, int]) -> None:
+    """Tell LLVM where C functions of numba are, by the names that numba gives them."""
+    import llvmlite.binding as llvm
+
+    for name, address in functions.items():
+        llvm.add_symbol(name if name.startswith("_") else prefix + name, address)
 
 
 def _unpickle_alone(address: int) -> None:

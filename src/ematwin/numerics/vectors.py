@@ -10,15 +10,16 @@ def doubles_in_a_vector() -> int:
 
     NUMBA_CPU_FEATURES counts, as it does for what numba compiles.
     """
-    return 8 if "+avx512f" in _features().split(",") else 4
+    given = os.environ.get("NUMBA_CPU_FEATURES")
+    features = host_features() if given is None else given
+    return 8 if "+avx512f" in features.split(",") else 4
 
 
-def _features() -> str:
-    if (given := os.environ.get("NUMBA_CPU_FEATURES")) is not None:
-        return given
+def host_features() -> str:
+    """What this processor can, as LLVM names it; nothing where LLVM does not know."""
     import llvmlite.binding as llvm
 
     try:
         return str(llvm.get_host_cpu_features().flatten())
-    except RuntimeError:  # LLVM does not know them
+    except RuntimeError:
         return ""
