@@ -94,6 +94,7 @@ def laplace(
     settled: float = 0.0,
     iterations: int = _ITERATIONS,
     within: float = np.inf,
+    least: float = 0.0,
     steps: np.ndarray | None = None,
 ) -> Laplace:
     """The peak next to a point, and its width.
@@ -108,6 +109,7 @@ def laplace(
     settled : float, relative misfit at which a start lies in its valley already
     iterations : int, at most, of the first descent from such a start
     within : float, relative misfit of the smoothed data beyond which it is not worth going on
+    least : float, squared standard deviations: an iteration that gains less ends a descent
     steps : (d,) array, as of `width_at`
 
     Raises
@@ -116,7 +118,7 @@ def laplace(
         If the smooth descent ends beyond ``within``.
     """
     point, spent = _descended(
-        problem, start, aliases, held, least_noise, settled, iterations, within
+        problem, start, aliases, held, least_noise, settled, iterations, within, least
     )
     chart = problem.chart
     z = chart.project(chart.from_values(point[None]))[0]
@@ -343,6 +345,7 @@ def _descended(
     settled: float,
     iterations: int = _ITERATIONS,
     within: float = np.inf,
+    least: float = 0.0,
 ) -> tuple[np.ndarray, int]:
     """The best point (d,) with the pivots of aliases held where they are, and what it took."""
     known = _known_directions(problem, start, aliases)
@@ -372,7 +375,7 @@ def _descended(
             spent += len(points)
             return weighed.residuals(chart.to_values(points))
 
-        descent = LevenbergMarquardt.start(z, residuals, damping=1e-2)
+        descent = LevenbergMarquardt.start(z, residuals, 1e-2, least=least * noise**2)
         for _ in range(iterations if near and stage == _LEAST_STAGES else _ITERATIONS):
             descent.iterate(residuals, chart.lower, chart.upper, chart.project)
         end = descent.best(1)

@@ -32,6 +32,7 @@ class LevenbergMarquardt:
     residuals : (M, S) array; ``costs`` (M,) are their sums of squares
     damping, difference : (M,) arrays, damping and length of the forward differences
     finished : (M,) array of bool, points that no iteration moves any more
+    least : float, gain of an iteration, in the unit of costs, below which a point is left alone
     """
 
     points: np.ndarray
@@ -39,10 +40,11 @@ class LevenbergMarquardt:
     damping: np.ndarray
     difference: np.ndarray
     finished: np.ndarray
+    least: float = 0.0
 
     @classmethod
     def start(
-        cls, points: np.ndarray, residuals: Residuals, damping: float
+        cls, points: np.ndarray, residuals: Residuals, damping: float, least: float = 0.0
     ) -> "LevenbergMarquardt":
         """A descent from points (M, d); costs M evaluations."""
         count = len(points)
@@ -52,6 +54,7 @@ class LevenbergMarquardt:
             np.full(count, damping),
             np.full(count, LONGEST_DIFFERENCE),
             np.zeros(count, dtype=bool),
+            least,
         )
 
     @property
@@ -69,6 +72,7 @@ class LevenbergMarquardt:
             self.damping[order],
             self.difference[order],
             self.finished[order],
+            self.least,
         )
 
     def iterate(
@@ -144,7 +148,7 @@ class LevenbergMarquardt:
             self.points[n], self.residuals[n] = trials[t], tried[t]
             self.damping[n] = max(self.damping[n] * DAMPINGS[t], 1e-7)
             self.difference[n] = np.clip(0.2 * moved, _SHORTEST_DIFFERENCE, LONGEST_DIFFERENCE)
-        self.finished[n] = (before - after) < _STALLED * before
+        self.finished[n] = (before - after) < max(_STALLED * before, self.least)
 
 
 def _cost(residuals: np.ndarray) -> np.ndarray:

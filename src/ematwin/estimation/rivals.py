@@ -32,6 +32,7 @@ from ematwin.models.unknown import Unknown
 
 _NEARLY = 9.0  # squared standard deviations that do not decide between two answers
 _SETTLED = 1.3  # times the misfit of the first answer: the start lies in its valley already
+_NOTHING = 0.5  # squared standard deviations that an iteration has to gain, of nine that decide
 _FAR = 5.0  # times the misfit of the first answer: a start, or a smooth descent, not worth more
 
 
@@ -200,6 +201,7 @@ def _compared(
     known = {
         "within": _FAR * _smooth_misfit(peak),
         "settled": _SETTLED * peak.problem.relative_misfit(peak.cost),
+        "least": _NOTHING,
         "steps": _steps(peak, full),
     }
 

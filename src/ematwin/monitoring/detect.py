@@ -31,8 +31,9 @@ from ematwin.monitoring.classification import (
     named_by_signature,
 )
 from ematwin.monitoring.gather import Given, recordings_of
-from ematwin.monitoring.index import health_index, single_reach, student_quantile
+from ematwin.monitoring.index import health_index, single_reach
 from ematwin.monitoring.measure import Measured, reported_values, statistics_of
+from ematwin.numerics.student import student_quantile
 from ematwin.recordings.recording import Recording, label_text
 from ematwin.showing import markup
 from ematwin.showing.drawing import drawn

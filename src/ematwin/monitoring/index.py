@@ -15,6 +15,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ematwin.numerics.student import student_quantile
+
 # Weight of a kind of features, and the most standard deviations that one of them counts. A
 # magnitude of the twin raises an alarm alone from about four on; its limit is that of one in three.
 WEIGHTS = {"model": (0.15, 8.0), "mean": (0.35, 4.0), "band": (0.5, 4.0)}
@@ -108,10 +110,3 @@ def prediction_bound(index: np.ndarray, groups: np.ndarray, false_alarm_rate: fl
 def _with_prior(squares: float, freedom: int, typical: float) -> float:
     """Variance from a sum of squares and what is typical."""
     return (squares + WORTH * typical**2) / (freedom + WORTH)
-
-
-def student_quantile(probability: float, freedom: float) -> float:
-    """Quantile of Student's t."""
-    from scipy.special import stdtrit  # scipy.stats takes longer to import than a motion to judge
-
-    return float(stdtrit(freedom, probability))

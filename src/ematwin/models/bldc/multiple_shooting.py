@@ -25,6 +25,9 @@ from ematwin.numerics.low_pass import filtered
 from ematwin.recordings.recording import Recording
 
 LENGTH = 0.005  # s; at 10 to 20 ms some twins still stalled within a stretch
+# Candidates; fewer are simulated over a stretch in less time than threads take to take turns in
+# Python: a hundred stretches of 9 take 5 ms on one thread, and 10 on two.
+_ALONE = 64
 _MOST = 400  # stretches; of a longer recording as many, evenly spread
 
 
@@ -82,7 +85,7 @@ class Restarted(Comparison):
         def work(n: int) -> None:
             costs[n] = self._whole.run(self.stretches[n], batch, 0, spread=False)[0]
 
-        self._whole.share(work, range(len(self.stretches)))
+        self._whole.share(work, range(len(self.stretches)), spread=count > _ALONE)
         return np.asarray(costs.sum(axis=0))
 
     def responses(self, candidates: Candidates, count: int) -> dict[str, np.ndarray]:
@@ -112,7 +115,7 @@ class Restarted(Comparison):
             def work(n: int) -> None:
                 parts[n] = whole.residuals_of(self.stretches[n], batch, spread=False)
 
-            whole.share(work, range(len(self.stretches)))
+            whole.share(work, range(len(self.stretches)), spread=count > _ALONE)
         in_order = [part for kind in zip(*parts, strict=True) for part in kind]
         return np.concatenate(in_order, axis=1)
 

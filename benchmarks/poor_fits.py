@@ -1,0 +1,78 @@
+"""How long recordings take that no twin explains: a wrong load, none, another inertia, nonsense.
+
+    python benchmarks/poor_fits.py [--repeats 3] [--json]
+
+Recordings of the reference model, most with 2 % noise and 12 bits. With exact parameters, and by
+data sheet; seconds are medians of identifications in one process, after one that loads what is
+needed.
+"""
+
+import argparse
+import json
+import statistics
+import time
+
+import ematwin
+from ematwin.models.bldc.channels import PHASES
+
+NOISE = ematwin.Noise(white=0.02, bits=12)
+
+
+def recordings() -> dict[str, ematwin.Recording]:
+    """Each with a fault in it, and something that the twin does not know."""
+    worn = {"friction": 0.6, "backlash": 0.3}
+    loaded = ematwin.simulate("reference", faults=worn, noise=NOISE)
+    assert loaded.load is not None
+    inputs = ("command", "load")
+    moved = ematwin.simulate("reference", faults={"short_b": 0.2})
+    sheet = ematwin.BldcActuator.load("servo48")
+    heavy = sheet.changed({"motor.inertia": 1.5 * sheet.motor.inertia})
+    return {
+        "half of the load": loaded.changed(load=0.5 * loaded.load),
+        "no load": ematwin.Recording(
+            loaded.time, {name: x for name, x in loaded.channels.items() if name != "load"}
+        ),
+        "1.5 times the inertia": ematwin.simulate(
+            "reference", faults={"friction": 0.2}, actuator=heavy, noise=NOISE
+        ),
+        "currents backwards": ematwin.Recording(
+            moved.time,
+            {name: moved.channels[name] for name in inputs}
+            | {name: moved.channels[name][::-1] for name in PHASES},
+        ),
+    }
+
+
+def main() -> None:
+    """Time, print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--json", action="store_true", help="for programs")
+    given = parser.parse_args()
+    rows = []
+    for name, record in recordings().items():
+        for exact in (True, False):
+            ematwin.identify(record, exact=exact)
+            spent = []
+            for _ in range(given.repeats):
+                begin = time.perf_counter()
+                found = ematwin.identify(record, exact=exact)
+                spent.append(time.perf_counter() - begin)
+            rows.append({
+                "recording": name, "exact": exact, "seconds": statistics.median(spent),
+                "misfit": found.relative_misfit, "verdict": found.verdict.grade,
+            })  # fmt: skip
+    if given.json:
+        print(json.dumps(rows, indent=2))
+        return
+    print("| recording | parameters | s | misfit, % | verdict |\n|---|---|--:|--:|---|")
+    for row in rows:
+        parameters = "exact" if row["exact"] else "data sheet"
+        print(
+            f"| {row['recording']} | {parameters} | {row['seconds']:.2f} |"
+            f" {100.0 * row['misfit']:.2g} | {row['verdict']} |"
+        )
+
+
+if __name__ == "__main__":
+    main()
