@@ -2,6 +2,7 @@
 
     python benchmarks/convergence.py [--json]
     python benchmarks/convergence.py --gap 60
+    python benchmarks/convergence.py --faulty 24
 
 The smooth case has no dry friction, no backlash and no hysteresis: a step command that keeps the
 bridge at full voltage, watched until the first commutation. The default case is the shipped
@@ -10,7 +11,8 @@ much shorter step, as a share of that run's RMS: of the current in the smooth ca
 filtered equivalent current, which is what identification compares, in the default case.
 
 ``--gap`` gives the gap between the models instead, at their default steps and with the same random
-faults in both: the relative misfit of the twin to the reference model.
+faults in both: the relative misfit of the twin to the reference model. ``--faulty`` gives the error
+of the monitor model with single faults, and with so many vectors of random ones.
 """
 
 import argparse
@@ -34,6 +36,13 @@ STEPS = {
     "reference": (2e-6, 1e-6, 0.5e-6, 0.25e-6),
     "monitor": (50e-6, 25e-6, 12.5e-6, 5e-6, 2.5e-6),
 }
+FAULTY_STEPS = (50e-6, 25e-6, 12.5e-6)
+FINEST_FAULTY = 0.25e-6
+SINGLE: dict[str, dict[str, float]] = {
+    "healthy": {}, "friction": {"friction": 0.3}, "backlash, small": {"backlash": 0.01},
+    "backlash": {"backlash": 0.2}, "backlash, wide": {"backlash": 0.6}, "short": {"short_a": 0.3},
+    "eccentricity": {"eccentricity": 0.4},
+}  # fmt: skip
 FINEST = {"reference": 0.03125e-6, "monitor": 0.15625e-6}
 CUTOFF = 500.0  # Hz
 
@@ -99,15 +108,47 @@ def table(model: str, case: str) -> list[Row]:
     return rows
 
 
-def gaps(count: int, seed: int = 99) -> np.ndarray:
-    """Relative misfits (``count``,) of the monitor model to the reference model, same faults."""
-    actuator, rng = BldcActuator.load(), np.random.default_rng(seed)
+def random_faults(count: int, seed: int = 99) -> list[dict[str, float]]:
+    """Vectors of up to seven faults."""
+    rng = np.random.default_rng(seed)
     found = []
     for _ in range(count):
         k = rng.random(8) * np.array([0.7, 0.8, 0.5, 0.5, 0.5, 0.6, 1.0, 1.0])
         k[7] = 0.3 + 0.4 * rng.random()
         k[:6][rng.random(6) < 0.4] = 0.0
-        faults = dict(zip(FAULTS, k.tolist(), strict=True))
+        found.append(dict(zip(FAULTS, k.tolist(), strict=True)))
+    return found
+
+
+def faulty(count: int) -> dict[str, np.ndarray]:
+    """Errors of the monitor model at `FAULTY_STEPS`, a row for each fault or quantile."""
+    low_pass, pole_pairs = LowPass(CUTOFF), BldcActuator.load().motor.pole_pairs
+
+    def errors(faults: dict[str, float]) -> np.ndarray:
+        finest, *others = (
+            low_pass.apply(
+                _current(
+                    simulate("monitor", faults=faults, sample_rate=SAMPLE_RATE, step=step),
+                    pole_pairs,
+                ),
+                SAMPLE_RATE,
+            )
+            for step in (FINEST_FAULTY, *FAULTY_STEPS)
+        )
+        return np.array([np.sqrt(np.mean((x - finest) ** 2) / np.mean(finest**2)) for x in others])
+
+    rows = {name: errors(faults) for name, faults in SINGLE.items()}
+    mixed = np.array([errors(faults) for faults in random_faults(count)])
+    rows[f"{count} random vectors, median"] = np.median(mixed, axis=0)
+    rows[f"{count} random vectors, 90th percentile"] = np.quantile(mixed, 0.9, axis=0)
+    return rows
+
+
+def gaps(count: int) -> np.ndarray:
+    """Relative misfits (``count``,) of the monitor model to the reference model, same faults."""
+    actuator = BldcActuator.load()
+    found = []
+    for faults in random_faults(count):
         comparison = BldcComparison(simulate("reference", faults=faults), actuator)
         cost = comparison.costs({name: np.array([x]) for name, x in faults.items()}, 1)[0]
         found.append(float(np.sqrt(cost / comparison.scale)))
@@ -119,7 +160,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--json", action="store_true", help="for programs")
     parser.add_argument("--gap", type=int, metavar="N", help="gap of the models over N vectors")
+    parser.add_argument("--faulty", type=int, metavar="N", help="errors with faults")
     given = parser.parse_args()
+    if given.faulty is not None:
+        print("| monitor model, error, % of RMS | 50 us | 25 us | 12.5 us |\n|---|--:|--:|--:|")
+        for name, row in faulty(given.faulty).items():
+            print(f"| {name} |", " | ".join(f"{100.0 * error:.3f}" for error in row), "|")
+        return
     as_json = given.json
     if given.gap is not None:
         found = 100.0 * np.quantile(gaps(given.gap), [0.1, 0.5, 0.75, 0.9, 1.0])

@@ -42,7 +42,7 @@ def compiled(plant: Any, dt: float, substeps: int) -> Any:
             z1, z2 = 2.0 * b * value - a1 * y + z2, b * value - a2 * y
             return (state, z1, z2, total + weight * (target - y) ** 2), None
 
-        first = (tuple(start[n] for n in range(6)), f[3], f[4], jnp.zeros(()))
+        first = (tuple(start[n] for n in range(7)), f[3], f[4], jnp.zeros(()))
         return lax.scan(sample, first, inputs)[0][-1]
 
     return jax.jit(jax.vmap(one, in_axes=(0, None, None, None)))

@@ -49,15 +49,17 @@ inline double next_speed(double w, double act, double per_inertia, double ts, do
 // The same for long steps: what is left of the step after a mass has stopped or broken loose.
 // act, mobility and td hold until a moving mass rests, those in Rest from there on; before: the
 // torque in the middle of the step before, from which it grows evenly to that at rest. until: the
-// share of the step until a moving mass came to rest, 1 if it did not.
+// share of the step until a moving mass came to rest, 1 if it did not; rate: the acceleration at
+// the end.
 struct Rest {
     double act, before, mobility, ts, td;
 };
 
 inline double through_rest(double w, double act, double mobility, double td, const Rest &from,
-                           double dt, double &until) {
+                           double dt, double &until, double &rate) {
     bool rest = w == 0.0;
-    double after = w + dt * mobility * (act - std::copysign(td, w));
+    double moving = mobility * (act - std::copysign(td, w));
+    double after = w + dt * moving;
     bool turns = w * after < 0.0;
     double size = std::fabs(from.act);
     double grown = size - std::copysign(from.before, from.act * from.before);
@@ -66,17 +68,18 @@ inline double through_rest(double w, double act, double mobility, double td, con
     double share = part / (whole == 0.0 ? 1.0 : whole);
     share = rest & (grown <= 0.0) ? 0.5 : share;
     double left = dt * (rest ? clip(0.5 + share, 0.5, 1.5) : 1.0 - share);
-    double loose = left * from.mobility * (from.act - std::copysign(from.td, from.act));
-    double started = size <= from.ts ? 0.0 : loose;
+    double starting = from.mobility * (from.act - std::copysign(from.td, from.act));
+    starting = size <= from.ts ? 0.0 : starting;
     until = turns ? share : 1.0;
-    return rest | turns ? started : after;
+    rate = rest | turns ? starting : moving;
+    return rest | turns ? left * starting : after;
 }
 
 }  // namespace
 
 // m: (8, count) magnitudes, a row for each; count a multiple of LANES. low_pass: b a1 a2 z1 z2.
-// start: i w_m x_m w_o x_o gained, the last what w_m gained in the step before,
-// but by an impact. costs: (count).
+// start: i w_m x_m w_o x_o gained i_from; gained is what w_m gains in a step with the last
+// acceleration, i_from the current from which the next one goes on. costs: (count).
 extern "C" void costs(const double *m, int count, const Plant *plant, const double *start,
                       const double *command, const double *load, const double *target,
                       const double *weights, const double *low_pass, int samples, double dt,
@@ -91,8 +94,8 @@ extern "C" void costs(const double *m, int count, const Plant *plant, const doub
     const double half_sqrt3 = 0.86602540378443864676;
     for (int first = 0; first < count; first += LANES) {
         alignas(64) double friction[LANES], gap[LANES], h_a[LANES], h_b[LANES], h_c[LANES],
-            r_ab[LANES], r_ac[LANES], r_bc[LANES], reach_ab[LANES], reach_ac[LANES],
-            reach_bc[LANES], gained[LANES], zeta_cos[LANES], zeta_sin[LANES], k_w[LANES],
+            r_ab[LANES], r_a[LANES], r_b[LANES], reach_ab[LANES], reach_a[LANES],
+            reach_b[LANES], gained[LANES], i_from[LANES], zeta_cos[LANES], zeta_sin[LANES], k_w[LANES],
             i[LANES], w_m[LANES], x_m[LANES], w_o[LANES], x_o[LANES], charge[LANES], z1[LANES],
             z2[LANES], cost[LANES];
         for (int n = 0; n < LANES; n++) {
@@ -106,11 +109,11 @@ extern "C" void costs(const double *m, int count, const Plant *plant, const doub
             double l_b = (h_b[n] * h_b[n] * (1.0 - c.leakage) + c.leakage) * c.inductance;
             double l_c = (h_c[n] * h_c[n] * (1.0 - c.leakage) + c.leakage) * c.inductance;
             r_ab[n] = (h_a[n] + h_b[n]) * c.resistance;
-            r_ac[n] = (h_a[n] + h_c[n]) * c.resistance;
-            r_bc[n] = (h_b[n] + h_c[n]) * c.resistance;
+            r_a[n] = (h_c[n] - h_a[n]) * c.resistance;  // by how much it differs without a
+            r_b[n] = (h_c[n] - h_b[n]) * c.resistance;
             reach_ab[n] = dt / (l_a + l_b);  // a division less in each step
-            reach_ac[n] = dt / (l_a + l_c);
-            reach_bc[n] = dt / (l_b + l_c);
+            reach_a[n] = dt / (l_b + l_c) - reach_ab[n];
+            reach_b[n] = dt / (l_a + l_c) - reach_ab[n];
             h_a[n] *= c.k_e;
             h_b[n] *= c.k_e;
             h_c[n] *= c.k_e;
@@ -123,6 +126,7 @@ extern "C" void costs(const double *m, int count, const Plant *plant, const doub
             w_o[n] = start[3];
             x_o[n] = start[4];
             gained[n] = start[5];
+            i_from[n] = start[6];
             z1[n] = low_pass[3];
             z2[n] = low_pass[4];
             cost[n] = 0.0;
@@ -138,8 +142,13 @@ extern "C" void costs(const double *m, int count, const Plant *plant, const doub
 #pragma omp simd
                 for (int n = 0; n < LANES; n++) {
                     double x_mid = x_m[n] + half * w_m[n];
-                    double s = std::floor(x_mid * sectors - 0.5);
-                    double pair = s - 3.0 * std::floor(s * (1.0 / 3.0));
+                    // the shares of the step in which a and b are off
+                    double per_step = 1.0 / clip(std::fabs(sectors * dt * w_m[n]), 1e-6, 1.0);
+                    double from_b = x_mid * sectors - 2.0;
+                    from_b -= 3.0 * std::floor(from_b * (1.0 / 3.0) + 0.5);
+                    double from_a = from_b + (from_b < -0.5 ? 2.0 : -1.0);
+                    double off_a = clip(0.5 + (0.5 - std::fabs(from_a)) * per_step, 0.0, 1.0);
+                    double off_b = clip(0.5 + (0.5 - std::fabs(from_b)) * per_step, 0.0, 1.0);
                     double sine, cosine;
                     sincos_inline(x_mid, sine, cosine);
                     double along = cosine * zeta_cos[n] - sine * zeta_sin[n];
@@ -147,10 +156,11 @@ extern "C" void costs(const double *m, int count, const Plant *plant, const doub
                     double k_a = h_a[n] * std::fabs(1.0 + along);
                     double k_b = h_b[n] * std::fabs(1.0 - 0.5 * along + across);
                     double k_c = h_c[n] * std::fabs(1.0 - 0.5 * along - across);
-                    bool off_c = pair == 0.0, off_b = pair == 1.0;
-                    double r = off_c ? r_ab[n] : (off_b ? r_ac[n] : r_bc[n]);
-                    double reach = off_c ? reach_ab[n] : (off_b ? reach_ac[n] : reach_bc[n]);
-                    double k = off_c ? k_a + k_b : k_c + (off_b ? k_a : k_b);
+                    double r = r_ab[n] + off_a * r_a[n] + off_b * r_b[n];
+                    double reach = reach_ab[n] + off_a * reach_a[n] + off_b * reach_b[n];
+                    double k = k_a + k_b + off_a * (k_c - k_a) + off_b * (k_c - k_b);
+                    double slower = 1.0 - 0.5 * r * reach;  // what the current adds to the drop
+                    reach *= slower < 0.5 ? 0.5 : slower;
 
                     double w_mid = w_m[n] + 0.5 * gained[n];
                     bool touching = std::fabs(std::fabs(x_m[n] - x_o[n]) - gap[n]) <= 1e-9;
@@ -161,11 +171,9 @@ extern "C" void costs(const double *m, int count, const Plant *plant, const doub
                     double i_ref = (g * (w_ref - w_mid) + stiffness * i[n]) / (1.0 + stiffness);
                     i_ref = clip(i_ref, -c.current_limit, c.current_limit);
                     double drop = r * i[n] + k * w_m[n];
-                    double after = clip(i_ref, i[n] - reach * (c.supply + drop),
-                                        i[n] + reach * (c.supply - drop));
+                    double fall = reach * (c.supply + drop), rise = reach * (c.supply - drop);
+                    double after = clip(i_ref, i_from[n] - fall, i_from[n] + rise);
                     double before_m = k * i[n] - c.viscous * w_m[n];
-                    i[n] = after;
-                    charge[n] += after;
 
                     double td_m = friction[n] * c.t_m;
                     double ts_m = c.static_ratio * td_m - k * c.half_band;
@@ -181,11 +189,15 @@ extern "C" void costs(const double *m, int count, const Plant *plant, const doub
                     double free_o = next_speed(w_o[n], act_o, per_o, ts_o, td_o);
                     double o_free = x_o[n] + half * (w_o[n] + free_o);
                     double twist = x_m[n] + half * (w_m[n] + free_m) - o_free;
-                    bool apart = std::fabs(twist) <= gap[n];
-                    // apart the motor alone, else one body with the momentum and torques of both
                     double face = std::copysign(gap[n], twist);
                     double before = clip(x_m[n] - x_o[n], -gap[n], gap[n]);
-                    double met = apart ? 0.0 : (face - before) / (twist - before);
+                    bool rests = (free_m == 0.0) & (free_o == 0.0) &
+                                 (std::fabs(std::fabs(before) - gap[n]) < 1e-12);
+                    // apart the motor alone, else one body with the momentum and torques of both
+                    bool apart = (std::fabs(twist) <= gap[n]) & !rests;
+                    bool rolls = apart | (std::fabs(face - before) < 1e-12);
+                    double met = rolls ? 0.0 : (face - before) / (twist - before);
+                    double remains = rolls ? 0.0 : 1.0 - met;
                     double left = dt - met * dt, half_left = 0.5 * left;
                     double w_met = w_m[n] + met * (free_m - w_m[n]);
                     double x_met = x_m[n] + met * half * (w_m[n] + w_met);
@@ -198,18 +210,32 @@ extern "C" void costs(const double *m, int count, const Plant *plant, const doub
                     Rest from = {act_m + then, before_m + then,
                                  alone ? mobility_m : mobility_both,
                                  alone ? ts_m : ts_m + ts_o, alone ? td_m : td_m + td_o};
+                    double rate;
                     double v_m = through_rest(w, act_m + more, apart ? mobility_m : mobility_both,
-                                              apart ? td_m : td_m + td_o, from, left, until);
+                                              apart ? td_m : td_m + td_o, from, left, until, rate);
                     bool leaves = pushes & (until < 1.0);
                     double v_o = leaves ? 0.0 : v_m;
                     v_o = apart ? free_o : v_o;
-                    gained[n] = v_m - w;
+                    gained[n] = dt * rate;
                     double m_next = x_met + half_left * (w + v_m);
                     double o_pushed = m_next - face;
                     double o_rests = x_met - face + half_left * until * w;
                     double o_next = leaves ? o_rests : o_pushed;
                     o_next = apart ? o_free : o_next;
                     o_next = clip(o_next, m_next - gap[n], m_next + gap[n]);
+
+                    // after an impact the current goes for what the speed loop asks then
+                    double asked = clip(i_ref - g * (w - w_met), -c.current_limit, c.current_limit);
+                    asked -= after;
+                    double change = clip(asked, -remains * fall, remains * rise);
+                    double half_more = 0.5 * (asked > 0.0 ? rise : -fall);
+                    double beside = 0.5 * remains * change;
+                    i_from[n] = after + (remains > 0.0 ? change - half_more : 0.0);
+                    i[n] = after + beside;
+                    charge[n] += i[n];
+                    double pushed = dt * k * beside * mobility_both;
+                    v_m += pushed;
+                    v_o += pushed;
 
                     double down = v_o < 0.0 ? 0.0 : v_o, up = v_o > 0.0 ? 0.0 : v_o;
                     v_o = o_next <= c.low ? down : (o_next >= c.high ? up : v_o);

@@ -9,15 +9,16 @@ from numba import njit
 @njit(error_model="numpy", nogil=True)
 def cost(m, c, start, command, load, target, weights, f, dt, substeps):
     """Cost of one candidate."""
-    i, w_m, x_m, w_o, x_o, gained = start
+    i, w_m, x_m, w_o, x_o, gained, i_from = start
     z1, z2, total = f.z1, f.z2, 0.0
     for sample in range(1, target.size):
         d_command = (command[sample] - command[sample - 1]) / substeps
         d_load = (load[sample] - load[sample - 1]) / substeps
         charge = 0.0
         for j in range(substeps):
-            i, w_m, x_m, w_o, x_o, gained = advance(
-                i, w_m, x_m, w_o, x_o, gained, command[sample - 1] + (j + 0.5) * d_command,
+            i, w_m, x_m, w_o, x_o, gained, i_from = advance(
+                i, w_m, x_m, w_o, x_o, gained, i_from,
+                command[sample - 1] + (j + 0.5) * d_command,
                 load[sample - 1] + (j + 0.5) * d_load, m, c, dt,
             )  # fmt: skip
             charge += i

@@ -15,7 +15,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from benchmarks.peers.scalar_step import advance, electrics, wanted_speed
+from benchmarks.peers.scalar_step import advance, electrics_of_step, wanted_speed
 from benchmarks.peers.task import Task, scored
 from numba import njit
 from scipy.integrate import OdeSolver, odeint, solve_ivp
@@ -82,7 +82,7 @@ def right_hand_side(t, y, m, c, command, load, interval):
     command_now = command[n] + part * (command[n + 1] - command[n])
     load_now = load[n] + part * (load[n + 1] - load[n])
     i, w_m, x_m, w_o, x_o = y[0], y[1], y[2], y[3], y[4]
-    resistance, inductance, kappa = electrics(x_m, m, c)
+    resistance, inductance, kappa = electrics_of_step(x_m, 0.0, m, c)
     drop = resistance * i + kappa * w_m
     wanted = c.k_speed * (wanted_speed(command_now, x_o, m, c) - w_m) / (2.0 * c.k_e)
     wanted = min(max(wanted, -c.current_limit), c.current_limit)

@@ -78,8 +78,8 @@ class Task:
     Attributes
     ----------
     command, load : (S,) arrays at the samples, rad and N m on the motor shaft; straight between
-    start : current (A), speed and angle of the motor and of the output, and what the motor's speed
-        gained in the step before, at the first sample
+    start : current (A), speed and angle of the motor and of the output, what the motor's speed
+        gains in a step, and the current from which the next one goes on, at the first sample
     target, weights : (S,) arrays, filtered recorded current (A) and weight of each sample (s/A)
     step : float, s; ``substeps`` of them make a sampling interval
     """
@@ -114,7 +114,7 @@ class Task:
         )  # fmt: skip
         return cls(
             actuator, comparison, plant, comparison.command, comparison.load,
-            (*comparison.state[:5].tolist(), 0.0), comparison.target, comparison.weights,
+            tuple(comparison.state.tolist()), comparison.target, comparison.weights,
             butterworth(record.sample_rate, float(comparison.current[0])), comparison.step,
             comparison.substeps, actuator.transmission.backlash / 2.0,
         )  # fmt: skip

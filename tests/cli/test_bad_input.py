@@ -64,7 +64,7 @@ def files(tmp_path: Path) -> Path:
         ("inductance", "inductance = { value = 0.72", "inductance = { value = -0.72"),
         ("inertia", "inertia = { value = 25", "inertia = { value = 0"),
         ("unit", 'unit = "mH"', 'unit = "mF"'),
-        ("slow", 'monitor = { value = 25, unit = "us"', 'monitor = { value = 10, unit = "ms"'),
+        ("slow", 'monitor = { value = 50, unit = "us"', 'monitor = { value = 10, unit = "ms"'),
         ("milli", "current_limit = { value = 22.5", "current_limit = { value = 22500"),
     ):
         assert old in shipped

@@ -33,25 +33,26 @@ def next_speed_through_rest(speed, body, dt, from_rest=None):
     on the other way. A mass at rest that breaks loose has done so when its torque, growing evenly
     from the middle of the last step to the middle of this one, passed the static torque. ``body``
     is as in `two_masses_rigid_contact`; ``from_rest``, if it is not the same, what moves on from
-    rest. Gives the speed, and the share of the step until rest, or None.
+    rest. Gives the speed, the share of the step until rest, or None, and the acceleration with
+    which it goes on.
     """
     act, inertia, dynamic = body["act"], body["j"], body["td"]
     later = body if from_rest is None else from_rest
 
-    def started(duration):
-        if abs(later["act"]) <= later["ts"]:
-            return 0.0
-        return duration * (later["act"] - later["td"] * sign(later["act"])) / later["j"]
+    starting = 0.0
+    if abs(later["act"]) > later["ts"]:
+        starting = (later["act"] - later["td"] * sign(later["act"])) / later["j"]
 
     if speed == 0:
         grown = (later["act"] - later["before"]) * sign(later["act"])
         since = (abs(later["act"]) - later["ts"]) / grown if grown > 0 else 0.5
-        return started(dt * max(0.5, min(1.5, 0.5 + since))), None
-    after = speed + (act - dynamic * sign(speed)) / inertia * dt
+        return starting * dt * max(0.5, min(1.5, 0.5 + since)), None, starting
+    moving = (act - dynamic * sign(speed)) / inertia
+    after = speed + moving * dt
     if sign(speed) * sign(after) != -1:
-        return after, None
+        return after, None, moving
     until_rest = speed / (speed - after)
-    return started(dt * (1 - until_rest)), until_rest
+    return starting * dt * (1 - until_rest), until_rest, starting
 
 
 def loaded_dynamic_torque(direction, load_torque, unloaded, efficiency_opposing, efficiency_aiding):
@@ -90,7 +91,8 @@ def two_masses_rigid_contact(motor, output, half_gap, dt):
 
     A mass is ``{"x": position, "w": speed, "act": torque, "before": torque of the last step,
     "j": inertia, "ts": , "td": }``; positions move with the mean of the speeds before and after.
-    Gives positions and speeds ``x_m, w_m, x_o, w_o``, and what the motor gained but by an impact.
+    Gives positions and speeds ``x_m, w_m, x_o, w_o``, the acceleration of the motor at the end,
+    what an impact did to its speed, and the share of the step that was left after it, or 0.
     """
     bodies = (motor, output)
     speeds = [
@@ -100,29 +102,35 @@ def two_masses_rigid_contact(motor, output, half_gap, dt):
         body["x"] + dt * (body["w"] + w) / 2 for body, w in zip(bodies, speeds, strict=True)
     ]
     overlap = abs(positions[0] - positions[1]) - half_gap
-    if overlap <= 0:
+    touch = abs(abs(motor["x"] - output["x"]) - half_gap) < 1e-12
+    if overlap <= 0 and not (touch and speeds == [0, 0]):
         # the motor once more, with what happens to it within the step
-        w_m, _ = next_speed_through_rest(motor["w"], motor, dt)
+        w_m, _, gains = next_speed_through_rest(motor["w"], motor, dt)
         x_m = motor["x"] + dt * (motor["w"] + w_m) / 2
-        return x_m, w_m, play(x_m, positions[1], half_gap), speeds[1], w_m - motor["w"]
+        return x_m, w_m, play(x_m, positions[1], half_gap), speeds[1], gains, 0.0, 0.0
     # They meet when the gap, closing evenly, is closed.
     side = 1 if positions[0] > positions[1] else -1
     left_of_gap = max(0.0, half_gap - side * (motor["x"] - output["x"]))
-    met = left_of_gap / (left_of_gap + overlap) if left_of_gap >= 1e-12 else 0.0
+    hits = left_of_gap >= 1e-12
+    met = left_of_gap / (left_of_gap + overlap) if hits else 0.0
     w_m, w_o = (body["w"] + met * (w - body["w"]) for body, w in zip(bodies, speeds, strict=True))
     x_met = motor["x"] + met * dt * (motor["w"] + w_m) / 2
     # From then on they are one body, with the momentum and all torques of both.
     total = {name: motor[name] + output[name] for name in ("act", "before", "j", "ts", "td")}
     common = (motor["j"] * w_m + output["j"] * w_o) / total["j"]
+    jump = common - w_m
     left = (1 - met) * dt
     pushing = side * common > 0
     # once at rest, a motor that turns back from the face it pushed leaves the output behind
-    after, until_rest = next_speed_through_rest(common, total, left, motor if pushing else total)
+    after, until_rest, gains = next_speed_through_rest(
+        common, total, left, motor if pushing else total
+    )
     x_m = x_met + left * (common + after) / 2
+    x_o, w_o = x_m - side * half_gap, after
     if pushing and until_rest is not None:
-        x_o = x_met - side * half_gap + left * until_rest * common / 2
-        return x_m, after, play(x_m, x_o, half_gap), 0.0, after - common
-    return x_m, after, x_m - side * half_gap, after, after - common
+        x_o = play(x_m, x_met - side * half_gap + left * until_rest * common / 2, half_gap)
+        w_o = 0.0
+    return x_m, after, x_o, w_o, gains, jump, 1 - met if hits else 0.0
 
 
 def end_stop(position, speed, low, high):

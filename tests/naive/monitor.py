@@ -1,5 +1,7 @@
 """The monitor model as a readable loop: one equivalent phase, two masses in rigid contact."""
 
+import math
+
 import numpy as np
 
 from . import mechanics, motor
@@ -16,13 +18,16 @@ class TwoMasses:
         self.half_gap = gear.backlash / 2 * (1 + 99 * faults.backlash)
         self.ends = gear.travel_low * gear.ratio, gear.travel_high * gear.ratio
         self.x_m = self.w_m = self.x_o = self.w_o = 0.0
-        self.gained = 0.0  # speed, in the last step
+        self.gained = 0.0  # speed, in a step with the last acceleration
 
     def touching(self):
         return abs(abs(self.x_m - self.x_o) - self.half_gap) <= 1e-9
 
     def move(self, act, before, kappa, load, dt):
-        """One step with a torque on the motor, and that of the step before."""
+        """One step with a torque on the motor, and that of the step before.
+
+        Gives what an impact did to the speed of the motor, and the share of the step left after it.
+        """
         drive, gear = self.actuator.drive, self.actuator.transmission
         dynamic_m = self.worn * self.actuator.motor.friction_torque
         # the ripple of the real current has peaks of half a band, which help to break loose
@@ -39,9 +44,20 @@ class TwoMasses:
             "x": self.x_o, "w": self.w_o, "act": -load, "before": -load,
             "j": gear.output_inertia, "ts": gear.static_ratio * dynamic_o, "td": dynamic_o,
         }  # fmt: skip
-        self.x_m, self.w_m, self.x_o, self.w_o, self.gained = mechanics.two_masses_rigid_contact(
-            rotor, output, self.half_gap, dt
+        self.x_m, self.w_m, self.x_o, self.w_o, gains, jump, left = (
+            mechanics.two_masses_rigid_contact(rotor, output, self.half_gap, dt)
         )
+        self.gained = gains * dt
+        return jump, left
+
+    def push(self, impulse):
+        """Push both, while they touch."""
+        inertia = self.actuator.motor.inertia + self.actuator.transmission.output_inertia
+        self.w_m += impulse / inertia
+        self.w_o += impulse / inertia
+
+    def hold(self):
+        """Stop both at the ends of the travel."""
         low, high = self.ends
         self.x_o, self.w_o = mechanics.end_stop(self.x_o, self.w_o, low, high)
         self.x_m, self.w_m = mechanics.end_stop(
@@ -49,14 +65,31 @@ class TwoMasses:
         )
 
 
-def equivalent_phase(theta_m, faults, actuator):
-    """R, L and kappa of the two conducting phases in series."""
-    pair = motor.PAIRS[motor.sector(actuator.motor.pole_pairs * theta_m)]
-    kappa = motor.kappa(theta_m, faults, actuator)
+def equivalent_phase(theta_m, moved, faults, actuator):
+    """R, L and kappa of the two conducting phases in series.
+
+    Of a step in which the angle moves by ``moved``, with ``theta_m`` in its middle: where another
+    pair takes over within it, each counts by its share; of L, its inverse.
+    """
+    span = max(abs(moved) * actuator.motor.pole_pairs * 3 / math.pi, 1e-6)  # in sectors
+    place = theta_m * actuator.motor.pole_pairs * 3 / math.pi
+    start, end = place - span / 2, place + span / 2
+    border = math.floor(end - 0.5) + 0.5  # sectors begin at 30, 90, ... degrees
+    parts = [(place, 1.0)]
+    if start < border:
+        late = (end - border) / span
+        parts = [(border - 0.5, 1 - late), (border + 0.5, late)]
     h = motor.turns_left(faults)
-    resistance = sum(h[k] * actuator.motor.resistance / 2 for k in pair)
-    inductance = sum(motor.inductance(h[k], actuator) for k in pair)
-    return resistance, inductance, sum(abs(kappa[k]) for k in pair)
+    resistance, mobility, kappa = 0.0, 0.0, 0.0
+    for middle, share in parts:
+        pair = motor.PAIRS[motor.sector(middle * math.pi / 3)]
+        resistance += share * sum(h[k] * actuator.motor.resistance / 2 for k in pair)
+        mobility += share / sum(motor.inductance(h[k], actuator) for k in pair)
+        # on the flats of the pair, wherever the rotor stands
+        turning = [motor.gap_factor(theta_m, k, faults) for k in pair]
+        flats = [h[k] * actuator.motor.emf_constant / 2 for k in pair]
+        kappa += share * sum(flat * factor for flat, factor in zip(flats, turning, strict=True))
+    return resistance, 1 / mobility, kappa
 
 
 def simulate(actuator, faults, command, load, dt):
@@ -69,13 +102,15 @@ def simulate(actuator, faults, command, load, dt):
     """
     drive, gear = actuator.drive, actuator.transmission
     body = TwoMasses(actuator, faults)
-    current = 0.0
+    current = start = 0.0
     control = actuator.controller
     rows = []
     for command_now, load_now in zip(command, load, strict=True):
         # all of a step happens in its middle
-        x_mid = body.x_m + body.w_m * dt / 2
-        resistance, inductance, kappa = equivalent_phase(x_mid, faults, actuator)
+        moved = body.w_m * dt
+        resistance, inductance, kappa = equivalent_phase(
+            body.x_m + moved / 2, moved, faults, actuator
+        )
         touching = body.touching()
         inertia = actuator.motor.inertia + (gear.output_inertia if touching else 0)
         # the speed there, if all torques stayed; and by how much an ampere more would change it
@@ -88,19 +123,27 @@ def simulate(actuator, faults, command, load, dt):
         g = control.speed_gain / actuator.motor.emf_constant
         wanted = g * (speed_reference - w_mid + per_ampere * current) / (1 + g * per_ampere)
         wanted = max(-drive.current_limit, min(drive.current_limit, wanted))
-        # the voltage that would bring the current there in one step, if there is so much
+        # how far the supply can drive it; what the current adds to the drop slows it down
         drop = resistance * current + kappa * body.w_m
-        voltage = inductance * (wanted - current) / dt + drop
-        voltage = max(-drive.supply_voltage, min(drive.supply_voltage, voltage))
-        mean = current + dt * (voltage - drop) / inductance
+        slower = max(1 - resistance * dt / inductance / 2, 0.5)
+        rise = dt / inductance * (drive.supply_voltage - drop) * slower
+        fall = dt / inductance * (drive.supply_voltage + drop) * slower
+        mean = max(start - fall, min(start + rise, wanted))
         # heat, mechanical power and what the inductance takes up
         stored = inductance * (mean - current) / dt * mean
         power = resistance * mean**2 + kappa * w_mid * mean + stored
         before = kappa * current - actuator.motor.viscous_damping * body.w_m
-        current = mean
-
-        body.move(
+        jump, left = body.move(
             kappa * mean - actuator.motor.viscous_damping * w_mid, before, kappa, load_now, dt
         )
-        rows.append((mean, current, body.x_m, body.w_m, body.x_o, body.w_o, power))
+        current = start = mean
+        if left > 0:
+            # an impact: the rest of the step is a ramp towards what the speed loop asks for now
+            asked = max(-drive.current_limit, min(drive.current_limit, wanted - g * jump))
+            change = max(-fall * left, min(rise * left, asked - mean))
+            start = mean + change - (rise if asked > mean else -fall) / 2
+            current = mean + change * left / 2
+            body.push(kappa * dt * change * left / 2)
+        body.hold()
+        rows.append((current, current, body.x_m, body.w_m, body.x_o, body.w_o, power))
     return dict(zip(NAMES, np.array(rows).T, strict=True))

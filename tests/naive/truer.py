@@ -168,6 +168,19 @@ def since_commutation(theta_e, speed_e, dt):
     return min(dt, gone * (math.pi / 3) / max(abs(speed_e), 1e-9))
 
 
+def gates_of_step(theta_e, moved_e):
+    """Mean gates of a step, by the share of each pair that conducts in it."""
+    width = max(abs(moved_e) * 3 / math.pi, 1e-6)
+    place = theta_e * 3 / math.pi
+    border = math.floor(place + width / 2 - 0.5) + 0.5
+    late = min(1.0, (place + width / 2 - border) / width)
+    pairs = [
+        np.array(motor.gates(motor.sector((border + side) * math.pi / 3), 1))
+        for side in (-0.5, 0.5)
+    ]
+    return (1 - late) * pairs[0] + late * pairs[1]
+
+
 class CompliantMasses(monitor.TwoMasses):
     """Motor and output with dry friction, a gap and a gear that gives.
 
@@ -222,11 +235,11 @@ class CompliantMasses(monitor.TwoMasses):
                 middle = (low + high) / 2
                 low, high = (middle, high) if error(middle) > 0 else (low, middle)
             torque = side * low
-        w_m, _ = mechanics.next_speed_through_rest(
+        w_m, _, _ = mechanics.next_speed_through_rest(
             self.w_m, {"act": act - torque, "before": before - now, "j": j_m, "ts": static_m,
                        "td": dynamic_m}, dt,
         )  # fmt: skip
-        w_o, _ = mechanics.next_speed_through_rest(
+        w_o, _, _ = mechanics.next_speed_through_rest(
             self.w_o, {"act": torque - load, "before": now - load, "j": j_o, "ts": static_o,
                        "td": dynamic_o}, dt,
         )  # fmt: skip
@@ -235,6 +248,11 @@ class CompliantMasses(monitor.TwoMasses):
         x_o = self.x_o + dt * ((1 - eta) * self.w_o + eta * w_o)
         self.x_o, self.w_o = mechanics.end_stop(x_o, w_o, *self.ends)
         self.w_m = w_m
+
+        return 0.0, 0.0  # an impact takes its time
+
+    def hold(self):
+        """The gear alone holds the motor."""
 
     def carried(self, dt):
         """Share of the output that moves with the motor within a step."""
@@ -254,7 +272,7 @@ def simulate_monitor(actuator, faults, command, load, dt):
     moved = actuator if regulator is None else actuator.changed({"drive.hysteresis_band": 1e4})
     body = (CompliantMasses if soft else monitor.TwoMasses)(moved, faults)
     loop = SpeedLoop(actuator, faults, dt)
-    current, gates = 0.0, np.array([1, -1, 0])
+    current, start, gates = 0.0, 0.0, np.array([1, -1, 0])
     loops = np.zeros(3)
     rows = []
     for command_now, load_now in zip(command, load, strict=True):
@@ -263,17 +281,23 @@ def simulate_monitor(actuator, faults, command, load, dt):
         emf = windings.emf(kappa, w_mid)
         before = np.concatenate([gates * current, loops])
         was = gates
-        gates = np.array(motor.gates(motor.sector(actuator.motor.pole_pairs * x_mid), 1))
+        pole_pairs = actuator.motor.pole_pairs
+        if regulator is None:
+            gates = gates_of_step(pole_pairs * x_mid, pole_pairs * body.w_m * dt)
+        else:
+            gates = np.array(motor.gates(motor.sector(pole_pairs * x_mid), 1))
         # commutation by itself takes no voltage of a comparator, as if the pair had always had its
         # current; under a current loop the new phase brings none
-        brought = gates * current * (1 if regulator is None else abs(was))
+        brought = current * (1 if regulator is None else abs(was)) * np.ones(3)
 
         def answer(i, gates=gates, before=before, emf=emf, kappa=kappa, brought=brought):
             """All currents, torque and voltage of the pair if its current became ``i``."""
             after = np.concatenate([gates * i, windings.loops(before, gates * i, emf, dt)])
             m, r = windings.matrices()
-            grown = after - np.concatenate([brought, before[3:]])
-            volts = gates @ (m @ grown / dt + r @ after + emf)[:3]
+            # each phase of the pair has the current of the pair, for its share of the step
+            own = m.diagonal()[:3] * (i - brought) / dt + r.diagonal()[:3] * (i + brought) / 2
+            of_loops = m[:3, 3:] @ (after[3:] - before[3:]) / dt + r[:3, 3:] @ after[3:]
+            volts = abs(gates) @ own + gates @ (of_loops + emf[:3])
             return after, windings.torque(kappa, after), volts
 
         _, torque_0, volts_0 = answer(0.0)
@@ -293,8 +317,9 @@ def simulate_monitor(actuator, faults, command, load, dt):
         ends = [(v - volts_0) / (volts_1 - volts_0)
                 for v in (-drive.supply_voltage, drive.supply_voltage)]  # fmt: skip
         beside = extra = 0.0
+        asked = wanted
         if regulator is None:
-            wanted = max(ends[0], min(ends[1], wanted))
+            wanted = max(start + ends[0] - current, min(start + ends[1] - current, wanted))
         else:
             pair = windings.inductance * abs(gates)
             passed = current * (pair @ abs(was)) / pair.sum()
@@ -318,14 +343,23 @@ def simulate_monitor(actuator, faults, command, load, dt):
         before_all = np.concatenate([gates * current, loops])
         passive = cogging(x_mid, actuator)
         flat = gates @ np.array(kappa)
-        body.move(
+        jump, left = body.move(
             torque + passive - actuator.motor.viscous_damping * w_mid,
             windings.torque(kappa, before_all) + passive
             - actuator.motor.viscous_damping * body.w_m,
             flat, load_now, dt,
         )  # fmt: skip
-        current, loops = wanted, after[3:]
-        rows.append(
-            (wanted + beside, wanted, body.x_m, body.w_m, body.x_o, body.w_o, volts * wanted)
-        )
+        power = volts * wanted
+        before_i, current, loops = current, wanted, after[3:]
+        start = current
+        if left > 0 and regulator is None and not loop.sampled:
+            g = control.speed_gain / actuator.motor.emf_constant
+            asked = max(-drive.current_limit, min(drive.current_limit, asked - g * jump))
+            low, high = (end - before_i for end in ends)
+            change = max(low * left, min(high * left, asked - wanted))
+            start = wanted + change - (high if asked > wanted else low) / 2
+            current = wanted + change * left / 2
+            body.push((torque_1 - torque_0) * dt * change * left / 2)
+        body.hold()
+        rows.append((current + beside, current, body.x_m, body.w_m, body.x_o, body.w_o, power))
     return dict(zip(monitor.NAMES, np.array(rows).T, strict=True))

@@ -87,7 +87,7 @@ def massless_play_trace(k, command, load, c, dt, substeps):
             share = j / substeps
             command_now = command[n - 1] + share * (command[n] - command[n - 1])
             load_now = load[n - 1] + share * (load[n] - load[n - 1])
-            r, per_l, kappa = equivalent_phase(theta, pairs_of(fault, c), c)
+            r, per_l, kappa = equivalent_phase(theta, 0.0, pairs_of(fault, c), c)
             l = 1.0 / per_l
             i_ref = current_reference(
                 command_now, theta_o, w, c.k_position * fault.gain, c.k_speed, c.w_max,

@@ -49,7 +49,7 @@ def stick_slip(dt, substeps, samples):
     for sample in range(1, samples):
         for _ in range(substeps):
             act, before = torque_of_time(t + 0.5 * dt), torque_of_time(t - 0.5 * dt)
-            w, _ = advance_through_rest(
+            w, _, _ = advance_through_rest(
                 w, act, 1.0 / INERTIA, DYNAMIC, act, before, 1.0 / INERTIA, STATIC, DYNAMIC, dt
             )
             t += dt
@@ -85,7 +85,7 @@ def play(dt, substeps, samples, j_m, j_o, ts_m, td_m, ts_o, td_o, half_gap, visc
     x_m, w_m, x_o, w_o, t = 0.0, 0.0, 0.0, 0.0, 0.0
     for sample in range(1, samples):
         for _ in range(substeps):
-            x_m, w_m, x_o, w_o, _ = advance_rigid_play(
+            x_m, w_m, x_o, w_o, _, _, _ = advance_rigid_play(
                 x_m, w_m, x_o, w_o, torque_of_time(t + 0.5 * dt) - viscous * w_m,
                 torque_of_time(t - 0.5 * dt) - viscous * w_m, 0.0,
                 1.0 / j_m, 1.0 / j_o, 1.0 / (j_m + j_o), j_o / (j_m + j_o),
@@ -136,7 +136,7 @@ def test_current_rises_to_its_reference_as_the_supply_allows(speed):
     motor = ACTUATOR.motor
     # the state holds the current in the middle of the step before
     slope = (ACTUATOR.drive.supply_voltage - motor.emf_constant * speed) / motor.inductance
-    start = np.array([-0.5 * dt * slope, speed, 0.0, speed, 0.0, 0.0])
+    start = np.array([-0.5 * dt * slope, speed, 0.0, speed, 0.0, 0.0, -0.5 * dt * slope])
     trace = batch.monitor_trace(
         HEALTHY.vector, command, np.zeros_like(command), start, c, dt, 1, 1, None, None, None, None
     )
@@ -203,7 +203,7 @@ def test_healthy_monitor_model_is_that_of_an_integrator_with_events():
         steps = np.linspace(0.0, times[-1], substeps * (times.size - 1) + 1)
         trace = batch.monitor_trace(
             HEALTHY.vector, np.interp(steps, grid, command) * gear.ratio, np.zeros_like(steps),
-            np.zeros(6), C, dt, 1, substeps, None, None, None, None,
+            np.zeros(7), C, dt, 1, substeps, None, None, None, None,
         )  # fmt: skip
         errors.append(
             [

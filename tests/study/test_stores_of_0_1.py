@@ -32,7 +32,7 @@ def actuator(tmp_path: Path) -> Path:
     """The file of the shipped actuator as it was: its monitor model took shorter steps."""
     now = shipped_actuators()["servo48"].read_text(encoding="utf-8")
     before = now.replace(
-        'monitor = { value = 25, unit = "us"', 'monitor = { value = 10, unit = "us"'
+        'monitor = { value = 50, unit = "us"', 'monitor = { value = 10, unit = "us"'
     )
     assert before != now
     path = tmp_path / "servo48.toml"
@@ -60,7 +60,7 @@ def test_its_runs_are_those_of_the_same_plan_now(store: Path, actuator: Path) ->
 def test_the_shipped_actuator_of_now_is_another_study(store: Path, ematwin) -> None:  # type: ignore[no-untyped-def]
     told = ematwin("compare", *ASKED, "--store", store)
     assert told.code == 2
-    assert "its actuator.steps.monitor is 1e-05, received 2.5e-05" in told.err
+    assert "its actuator.steps.monitor is 1e-05, received 5e-05" in told.err
 
 
 def test_it_is_reported(store: Path) -> None:

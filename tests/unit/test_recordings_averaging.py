@@ -52,7 +52,9 @@ def test_fast_currents_are_averaged_to_those_of_a_slower_simulation() -> None:
     assert len(found) == len(slow)
     np.testing.assert_allclose(found.time, slow.time, atol=1e-12)
     away = np.abs(found.current - slow.current)
-    assert np.sqrt(np.mean(away**2)) < 0.01 * np.sqrt(np.mean(slow.current**2))
+    # steps of 10 and 50 us: they differ in the one or two samples behind an impact
+    assert np.sqrt(np.mean(away**2)) < 0.015 * np.sqrt(np.mean(slow.current**2))
+    assert np.median(away) < 1e-4 * np.sqrt(np.mean(slow.current**2))
 
 
 def test_power_is_a_product_of_samples_and_keeps_all_of_them() -> None:

@@ -17,7 +17,8 @@ out half as large. Where a kind has no finer model than its twin, r is noise alo
 A slope knows nothing of the dips that impacts make in the misfit, in one of which a descent ends.
 `expected_errors` therefore descends to each answer as `identify` does at its end, and takes for e_m
 where that ends. It sets out `_AWAY` first-order errors from the true values, as a search comes from
-elsewhere.
+elsewhere. (Those of the brushless twin make none any more, since they count from when they
+happen.)
 """
 
 import os

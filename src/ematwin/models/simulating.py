@@ -34,7 +34,7 @@ def simulate(
     Parameters
     ----------
     model : of the brushless actuator "reference" (three phases, about 1 us) or "monitor" (one
-        phase, 25 us); other kinds have their twin. None takes the first of the kind
+        phase, 50 us); other kinds have their twin. None takes the first of the kind
     scenario : a `Scenario`, the name of a shipped one, or a file; None takes the kind's default
     faults : a mapping of names to values (for the brushless actuator also `Faults` or a vector
         (8,)), or None for healthy

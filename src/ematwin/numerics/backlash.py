@@ -48,7 +48,8 @@ def advance_rigid_play(
     ``act_m`` and ``act_o`` act in the middle of the step, ``before_m`` acted on the motor in the
     step before. ``mobility`` is the inverse of an inertia, of the motor, the output and both;
     ``share_o`` is the share of the output in the inertia of both. Gives ``theta_m, w_m, theta_o,
-    w_o``, and the change of the motor's speed without that of an impact.
+    w_o``; the acceleration of the motor at the end of the step, rad/s^2; by how much an impact
+    changed its speed; and the share of the step that was left after it, 0 without one.
 
     Both masses first move freely. Where that would close the gap beyond its width they meet: from
     then on they have one speed, which keeps their momentum (inelastic impact, and rolling on
@@ -63,20 +64,24 @@ def advance_rigid_play(
     theta_o_free = theta_o + half * (w_o + free_o)
     before = clip(theta_m - theta_o, -half_gap, half_gap)
     twist = theta_m + half * (w_m + free_m) - theta_o_free
-    apart = abs(twist) <= half_gap
+    # two that come to rest together go on together, if they do
+    rest = (free_m == 0.0) & (free_o == 0.0) & (abs(abs(before) - half_gap) < _CLOSED)
+    apart = (abs(twist) <= half_gap) & (not rest)
     # In contact the output lies on the face that it was pushed to: no drift of the gap.
     face = math.copysign(half_gap, twist)
     # the share of the step until they meet; a gap of mere rounding is none
-    met = 0.0 if apart | (abs(face - before) < _CLOSED) else (face - before) / (twist - before)
+    rolls = apart | (abs(face - before) < _CLOSED)
+    met = 0.0 if rolls else (face - before) / (twist - before)
     left = dt - met * dt
     w_met = w_m + met * (free_m - w_m)
-    w = w_m if apart else w_met + share_o * (w_o + met * (free_o - w_o) - w_met)
+    jump = 0.0 if apart else share_o * (w_o + met * (free_o - w_o) - w_met)
+    w = w_met + jump
     theta_met = theta_m + met * half * (w_m + w_met)
     joint = 0.0 if apart else 1.0
     leaves = twist * w > 0.0
     after = 0.0 if leaves else joint
     slower = mobility_both - mobility_m
-    w_next, share = advance_through_rest(
+    w_next, share, gains = advance_through_rest(
         w, act_m + joint * act_o, mobility_m + joint * slower, td_m + joint * td_o,
         act_m + after * act_o, before_m + after * act_o, mobility_m + after * slower,
         ts_m + after * ts_o, td_m + after * td_o, left,
@@ -87,7 +92,10 @@ def advance_rigid_play(
     theta_o_next = theta_met - face + 0.5 * left * share * w if parts else theta_m_next - face
     theta_o_next = theta_o_free if apart else theta_o_next
     theta_o_next = clip(theta_o_next, theta_m_next - half_gap, theta_m_next + half_gap)
-    return theta_m_next, w_next, theta_o_next, free_o if apart else w_o_next, w_next - w
+    return (
+        theta_m_next, w_next, theta_o_next, free_o if apart else w_o_next,
+        gains, jump, 0.0 if rolls else 1.0 - met,
+    )  # fmt: skip
 
 
 @step

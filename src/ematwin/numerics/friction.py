@@ -46,11 +46,12 @@ def advance_through_rest(
 
     ``act`` is the torque in the middle of the step, ``mobility`` the inverse of the inertia. Those
     named ``_rest`` hold from rest on, where less may move than before; ``before_rest`` is that
-    torque in the middle of the step before. Gives the speed, and the share of the step until the
-    mass came to rest, 1 if it did not.
+    torque in the middle of the step before. Gives the speed, the share of the step until the mass
+    came to rest, 1 if it did not, and the acceleration (rad/s^2) with which it goes on.
     """
     rest = w == 0.0
-    slows = dt * mobility * (math.copysign(t_dynamic, w) - act)
+    slowing = mobility * (math.copysign(t_dynamic, w) - act)
+    slows = dt * slowing
     w_run = w - slows
     turns = w * w_run < 0.0
     pushed = math.copysign(1.0, act_rest)
@@ -60,9 +61,10 @@ def advance_through_rest(
     share = part / (grown if rest else slows)
     share = 0.5 if rest & (grown <= 0.0) else share  # something else gave way: at the start
     time = clip(0.5 + share, 0.5, 1.5) if rest else 1.0 - share
-    loose = time * dt * mobility_rest * (act_rest - pushed * dynamic_rest)
-    started = loose if size > static_rest else 0.0
-    return started if rest | turns else w_run, share if turns else 1.0
+    starting = mobility_rest * (act_rest - pushed * dynamic_rest) if size > static_rest else 0.0
+    fresh = rest | turns
+    w_next = time * dt * starting if fresh else w_run
+    return w_next, share if turns else 1.0, starting if fresh else -slowing
 
 
 @step

@@ -60,11 +60,14 @@ def test_where_the_misfit_is_smooth_it_does_not_matter_where_a_descent_sets_out(
     assert [one.expected for one in far] == pytest.approx([one.expected for one in near], rel=0.05)
 
 
-def test_where_impacts_make_dips_a_descent_that_sets_out_elsewhere_ends_further_off(monkeypatch):
+def test_impacts_make_no_dips_in_which_a_descent_would_end(monkeypatch):
+    """They count from when they happen; counted from the next step on, they doubled some errors."""
     far = told(0.02)
     monkeypatch.setattr(expected, "_AWAY", 0.0)
     near = told(0.02)
-    assert far["gain"].expected > 1.2 * near["gain"].expected
+    for name in MIDDLE:
+        if name != "eccentricity_phase":
+            assert far[name].expected == pytest.approx(near[name].expected, rel=0.4)
 
 
 def told_of_axis():

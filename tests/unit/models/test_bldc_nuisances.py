@@ -6,7 +6,7 @@ from scipy.interpolate import CubicSpline
 
 from ematwin import BldcActuator, Faults, Noise, Recording, simulate
 from ematwin.models.bldc import comparison as comparing
-from ematwin.models.bldc.batch import LANES, monitor_trace, sample_at
+from ematwin.models.bldc.batch import LANES, between, monitor_trace
 from ematwin.models.bldc.comparison import BldcComparison
 from ematwin.models.bldc.constants import constants_by_candidate, kernel_constants
 from ematwin.models.bldc.unknowns import CONTRASTS, FAULTS, LOAD, POWER, SENSOR, aliases, nuisances
@@ -65,7 +65,9 @@ def test_a_place_between_samples_lies_on_a_straight_line() -> None:
     values = np.random.default_rng(2).standard_normal(7)
     for place in (-3.0, 0.0, 0.25, 3.0, 5.9, 6.0, 8.5):
         expected = np.interp(place, np.arange(7), values)
-        assert sample_at(values, place) == pytest.approx(expected, abs=1e-15)
+        n, share = between(place, values.size)
+        found = values[n] + share * (values[n + 1] - values[n])
+        assert found == pytest.approx(expected, abs=1e-15)
 
 
 def test_neutral_corrections_need_no_constants_of_their_own() -> None:
@@ -105,7 +107,7 @@ def test_whole_traces_take_the_corrected_load_as_well() -> None:
             Faults().vector,
             command,
             load,
-            np.zeros(6),
+            np.zeros(7),
             constants,
             1e-5,
             10,

@@ -111,7 +111,7 @@ def test_ripple_lowers_the_static_torque_but_never_below_the_dynamic(dynamic, ra
 
 def through_rest(w, act, before, static, dynamic, dt=DT):
     mobility = 1.0 / INERTIA
-    found, _ = friction.advance_through_rest(
+    found, _, _ = friction.advance_through_rest(
         w, act, mobility, dynamic, act, before, mobility, static, dynamic, dt
     )
     return found
@@ -123,7 +123,7 @@ def test_a_step_through_rest_is_that_of_the_naive_version(w, act, before, share)
     dynamic = 0.03 * share
     assume(act != before)
     body = {"act": act, "before": before, "j": INERTIA, "ts": 2.0 * dynamic, "td": dynamic}
-    expected, _ = mechanics.next_speed_through_rest(w, body, DT)
+    expected, _, _ = mechanics.next_speed_through_rest(w, body, DT)
     assert through_rest(w, act, before, 2.0 * dynamic, dynamic) == pytest.approx(
         expected, rel=1e-9, abs=1e-9
     )

@@ -52,7 +52,7 @@ _PAIR_VALUES = len(Pairs._fields)
 
 # What is kept of a candidate between two segments, beside the fields of `MonitorState`; those of
 # `TruerState` come last.
-_Z1, _Z2, _COST, _LATE_END, _MORE = 6, 7, 8, 9, 10
+_Z1, _Z2, _COST, _MORE = 7, 8, 9, 10
 
 
 @step
@@ -62,13 +62,6 @@ def between(place, size):
     inside = min(max(place, 0.0), float(last))
     n = min(int(inside), last - 1)
     return n, inside - n
-
-
-@step
-def sample_at(values, place):
-    """The value at a place between samples, on a straight line; the ends beyond them."""
-    n, share = between(place, values.size)
-    return values[n] + share * (values[n + 1] - values[n])
 
 
 @loop
@@ -163,7 +156,7 @@ def monitor_trace(
 ):  # fmt: skip
     """Simulate the monitor model; arguments as in `reference_trace`.
 
-    ``state`` (6,) holds the fields of `MonitorState`; ``compliant`` is None for a rigid gear,
+    ``state`` (7,) holds the fields of `MonitorState`; ``compliant`` is None for a rigid gear,
     ``regulated`` without a current loop.
 
     Returns
@@ -173,7 +166,7 @@ def monitor_trace(
     """
     fault = fault_state(k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7], c.half_gap)
     pairs = pairs_of(fault, c)
-    now = MonitorState(state[0], state[1], state[2], state[3], state[4], state[5])
+    now = MonitorState(state[0], state[1], state[2], state[3], state[4], state[5], state[6])
     if truer is not None:
         now_more = truer_state(more)
     samples = (command.size - 1) // decimation
@@ -227,7 +220,7 @@ def monitor_scores(
     k : (B, 8) array, fault vectors; B a multiple of `LANES`
     command, load : (S,) arrays at the samples of the record, on the motor shaft; straight lines
         between
-    state : (6,) array, the fields of `MonitorState` at the first sample
+    state : (7,) array, the fields of `MonitorState` at the first sample
     c : Constants that all candidates share
     by_candidate : None; or (B, 33) array, the fields of `Constants` of each candidate, in place of
         ``c``; with truer forms (B, 48), the fields of `Truer` behind them. numba compiles the two
@@ -274,6 +267,7 @@ def monitor_scores(
     w_o = np.empty(LANES, REAL)
     theta_o = np.empty(LANES, REAL)
     dw_m = np.empty(LANES, REAL)
+    i_from = np.empty(LANES, REAL)
     total = np.empty(LANES, REAL)
     energy = np.empty(LANES, REAL)
     y1 = np.empty(LANES)
@@ -286,7 +280,11 @@ def monitor_scores(
         columns += len(truer)
         added = np.empty((more.size, LANES), REAL)
     own = np.empty((columns, LANES), REAL)
-    late_load = np.empty(LANES, REAL)  # the load of each lane, which may be late
+    # the load of each lane, which may be late: by how many samples, and by which part of one
+    late = np.empty(LANES, np.int64)
+    late_part = np.empty(LANES)
+    late_next = np.empty(LANES)
+    late_load = np.empty(LANES, REAL)
     late_end = np.empty(LANES, REAL)
     d_late = np.empty(LANES, REAL)
     rate = 1.0 / (dt * substeps)
@@ -326,9 +324,13 @@ def monitor_scores(
                     half_gap_n = own[HALF_GAP, n]
                     if not math.isfinite(own[LOAD_DELAY, n]):
                         own[LOAD_DELAY, n] = 0.0  # no place in an array; the cost shows it
-                    late_end[n] = saved[who, _LATE_END]
-                    if begin == 1:
-                        late_end[n] = sample_at(load, -own[LOAD_DELAY, n] * rate)
+                    place = -own[LOAD_DELAY, n] * rate
+                    whole = math.floor(min(max(place, -float(samples)), float(samples)))
+                    late[n] = int(whole)
+                    late_part[n] = min(max(place - whole, 0.0), 1.0)
+                    now_at = load[min(max(begin - 1 + late[n], 0), samples - 1)]
+                    late_next[n] = load[min(max(begin + late[n], 0), samples - 1)]
+                    late_end[n] = now_at + late_part[n] * (late_next[n] - now_at)
                 f = fault_state(v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7], half_gap_n)
                 friction[n] = f.friction
                 half_gap[n] = f.half_gap
@@ -350,6 +352,7 @@ def monitor_scores(
                 w_o[n] = saved[who, 3]
                 theta_o[n] = saved[who, 4]
                 dw_m[n] = saved[who, 5]
+                i_from[n] = saved[who, 6]
                 z1[n] = saved[who, _Z1]
                 z2[n] = saved[who, _Z2]
                 cost[n] = saved[who, _COST] + nothing
@@ -371,8 +374,10 @@ def monitor_scores(
                 d_load = (load[sample] - load[sample - 1]) * share
                 if by_candidate is not None:
                     for n in range(LANES):
+                        now_at = late_next[n]
+                        late_next[n] = load[min(max(sample + 1 + late[n], 0), samples - 1)]
                         late_load[n] = late_end[n]
-                        late_end[n] = sample_at(load, sample - own[LOAD_DELAY, n] * rate)
+                        late_end[n] = now_at + late_part[n] * (late_next[n] - now_at)
                         d_late[n] = (late_end[n] - late_load[n]) * share
                 for j in range(substeps):
                     command_now = REAL(command[sample - 1] + (j + 0.5) * d_command)
@@ -383,7 +388,9 @@ def monitor_scores(
                         else:
                             c_n = lane_constants(own, n)
                             load_now = REAL(late_load[n] + (j + 0.5) * d_late[n])
-                        now = MonitorState(i[n], w_m[n], theta_m[n], w_o[n], theta_o[n], dw_m[n])
+                        now = MonitorState(
+                            i[n], w_m[n], theta_m[n], w_o[n], theta_o[n], dw_m[n], i_from[n]
+                        )
                         load_n = c_n.load_gain * load_now + c_n.load_offset
                         fault = FaultState(
                             friction[n], half_gap[n], h_a[n], h_b[n], h_c[n],
@@ -425,6 +432,7 @@ def monitor_scores(
                         w_o[n] = now.w_o
                         theta_o[n] = now.theta_o
                         dw_m[n] = now.dw_m
+                        i_from[n] = now.i_from
                         total[n] += now.i
                         if power is not None:
                             energy[n] += p_mean
@@ -458,11 +466,10 @@ def monitor_scores(
                 saved[who, 3] = w_o[n]
                 saved[who, 4] = theta_o[n]
                 saved[who, 5] = dw_m[n]
+                saved[who, 6] = i_from[n]
                 saved[who, _Z1] = z1[n]
                 saved[who, _Z2] = z2[n]
                 saved[who, _COST] = cost[n]
-                if by_candidate is not None:
-                    saved[who, _LATE_END] = late_end[n]
                 if truer is not None:
                     for m in range(more.size):
                         saved[who, _MORE + m] = added[m, n]

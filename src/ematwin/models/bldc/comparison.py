@@ -76,7 +76,7 @@ class Stretch:
     command, load : (S,) arrays on the motor shaft, rad and N m
     target : (S,) array, A, filtered equivalent current
     weights : (S,) array, s/A
-    state : (6,) array, of the monitor model at the first sample
+    state : (7,) array, of the monitor model at the first sample
     taps : (7,) array, of the low-pass and its state at the first sample
     kept : samples of a response that are kept at most
     power : where it counts
@@ -168,7 +168,7 @@ class BldcComparison(Comparison):
                 "Check the channel, or record a motion."
             )
         self._white_noise = white_noise(self.current)
-        self._stepped(actuator.steps.monitor)
+        self._stepped(actuator.step_of("monitor"))
         ratio = actuator.transmission.ratio
         load = recording.load
         self.command = recording.command * ratio
@@ -215,7 +215,7 @@ class BldcComparison(Comparison):
     def smoothed(self) -> "BldcComparison":
         """Through a low-pass of `SMOOTH_CUTOFF` at most, and with longer steps."""
         other = self.with_cutoff(min(SMOOTH_CUTOFF, self.low_pass.cutoff))
-        coarse = _COARSE * self.actuator.steps.monitor
+        coarse = _COARSE * self.actuator.step_of("monitor")
         return other._stepped(min(coarse, self.actuator.largest_stable_step("monitor")))
 
     def refined(self) -> "BldcComparison":
@@ -491,7 +491,7 @@ class BldcComparison(Comparison):
             return None
         if stretch.at_rest:
             return np.array(REST)
-        current, w_m, theta_m, _, theta_o, _ = stretch.state
+        current, w_m, theta_m, _, theta_o, _, _ = stretch.state
         integral = 0.0
         if self.truer.integral_gain > 0.0:
             c = self.constants
@@ -579,7 +579,7 @@ def with_speeds(recording: Recording) -> Recording:
 def initial_state(
     recording: Recording, actuator: BldcActuator, current: float | None, first: int = 0
 ) -> np.ndarray:
-    """State (6,) of the monitor model at a sample.
+    """State (7,) of the monitor model at a sample.
 
     Recorded positions and speeds are taken where they are known. Else the motor stands where the
     output is, the output where the command is, and speeds are the slopes of the positions.
@@ -604,4 +604,5 @@ def initial_state(
         w_m = float(motor[first + 1] - motor[first]) / dt
     if recording.motor_speed is not None:
         w_m = float(recording.motor_speed[first])
-    return np.array([current or 0.0, w_m, theta_m, w_o, theta_o, 0.0])
+    now = current or 0.0
+    return np.array([now, w_m, theta_m, w_o, theta_o, 0.0, now])

@@ -155,7 +155,7 @@ def _rows(columns: np.ndarray, kept: int, own: slice) -> np.ndarray:
 
 
 def _numbers(works: Sequence[Work]) -> np.ndarray:
-    """(R, 16) array, columns as in `ematwin.models.bldc.monitor_thread`."""
+    """(R, 17) array, columns as in `ematwin.models.bldc.monitor_thread`."""
     numbers = np.empty((len(works), NUMBERS))
     for row, work in zip(numbers, works, strict=True):
         power = work.stretch.power

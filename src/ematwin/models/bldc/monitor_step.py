@@ -1,4 +1,4 @@
-"""One step of the monitor model: one equivalent phase, rigid play, about 25 us.
+"""One step of the monitor model: one equivalent phase, rigid play, about 50 us.
 
 docs/models.md, "Monitor model". With p and n the conducting phases of the sector,
 
@@ -11,7 +11,8 @@ one does to stiction is taken into account (`dithered_static`). The published sh
 not be had; these are derived here.
 
 All of a step happens in its middle: inputs, angles, and the current, which follows the speed that
-the rotor will have there (implicit midpoint; docs/models.md, "Steps").
+the rotor will have there (implicit midpoint). Commutations and impacts count from when they
+happen (docs/models.md, "Steps").
 """
 
 from typing import NamedTuple
@@ -30,12 +31,20 @@ _TOUCHING = Tolerance(1e-9, single=1e-6)  # rad, on the motor shaft
 class MonitorState(NamedTuple):
     """State of the monitor model."""
 
-    i: float  # A, equivalent current, signed, in the middle of the last step
+    i: float  # A, equivalent current, signed, mean of the last step
     w_m: float  # rad/s
     theta_m: float  # rad
     w_o: float
     theta_o: float
-    dw_m: float  # rad/s, change of w_m in the last step, without impacts
+    dw_m: float  # rad/s, what w_m would gain in a step with the acceleration at the end of the last
+    i_from: float  # A, from which the next current starts, in the middle of the last step
+
+
+class Impact(NamedTuple):
+    """What an impact did in a step."""
+
+    jump: float  # rad/s, by how much it changed the speed of the motor
+    left: float  # share of the step that was left, 0 without an impact
 
 
 @step
@@ -59,7 +68,7 @@ def controller_stiffness(state, joint, c, half):
 
 @step
 def move_rigidly(state, i, load, kappa_eq, act_m, before_m, fault, c, dt):
-    """The state after motor and output have moved under torques, with a rigid contact.
+    """The state after motor and output have moved under torques, with a rigid contact; the impact.
 
     ``act_m`` acts on the motor in the middle of the step, ``before_m`` did in the step before;
     ``i`` is the new current.
@@ -68,17 +77,45 @@ def move_rigidly(state, i, load, kappa_eq, act_m, before_m, fault, c, dt):
     ts_m = dithered_static(c.static_ratio * td_m, td_m, kappa_eq * c.half_band)
     direction = state.w_o if state.w_o != 0.0 else state.w_m
     td_o = fault.friction * loaded_friction(direction, -load, c.t_o, c.c_opposing, c.c_aiding)
-    theta_m, w_m, theta_o, w_o, dw_m = advance_rigid_play(
+    theta_m, w_m, theta_o, w_o, gains, jump, left = advance_rigid_play(
         state.theta_m, state.w_m, state.theta_o, state.w_o, act_m, before_m, -load,
         c.mobility_m, c.mobility_o, c.mobility_both, c.share_o,
         ts_m, td_m, c.static_ratio * td_o, td_o, fault.half_gap, dt,
     )  # fmt: skip
-    theta_o, w_o = stop_at_ends(theta_o, w_o, c.travel_low, c.travel_high)
+    return MonitorState(i, w_m, theta_m, w_o, theta_o, dt * gains, i), Impact(jump, left)
+
+
+@step
+def within_ends(state, fault, c):
+    """The state, held by the end stops."""
+    theta_o, w_o = stop_at_ends(state.theta_o, state.w_o, c.travel_low, c.travel_high)
     # Contact is rigid: the stop also ends the motor's travel, half a gap further on.
     theta_m, w_m = stop_at_ends(
-        theta_m, w_m, c.travel_low - fault.half_gap, c.travel_high + fault.half_gap
+        state.theta_m, state.w_m, c.travel_low - fault.half_gap, c.travel_high + fault.half_gap
     )
-    return MonitorState(i, w_m, theta_m, w_o, theta_o, dw_m)
+    return MonitorState(state.i, w_m, theta_m, w_o, theta_o, state.dw_m, state.i_from)
+
+
+@step
+def answer_impact(state, impact, i_ref, fall, rise, kappa_eq, c, dt):
+    """The state, where the current answers an impact from that instant on.
+
+    ``i_ref`` is the reference without the impact; ``fall`` and ``rise`` are by how much the supply
+    can change the current in a step, A. The current rises in what is left of the step, and pushes
+    motor and output meanwhile. The next one starts from where it is at the end: from half a change
+    less in the middle, so that it may change by a whole one as others do.
+    """
+    wanted = clip(i_ref - c.k_demand * impact.jump, -c.i_max, c.i_max) - state.i
+    left = impact.left
+    change = clip(wanted, -left * fall, left * rise)
+    half_more = 0.5 * (rise if wanted > 0.0 else -fall)
+    i_from = state.i + (change - half_more if left > 0.0 else 0.0)
+    beside = 0.5 * left * change  # mean over the step
+    gained = dt * c.mobility_both * kappa_eq * beside
+    return MonitorState(
+        state.i + beside, state.w_m + gained, state.theta_m,
+        state.w_o + gained, state.theta_o, state.dw_m, i_from,
+    )  # fmt: skip
 
 
 @step
@@ -88,7 +125,9 @@ def monitor_step(state, command, load, fault, pairs, c, dt):
     Gives the state, and the mean electrical power of the step.
     """
     half = 0.5 * dt
-    r_eq, per_l_eq, kappa_eq = equivalent_phase(state.theta_m + half * state.w_m, pairs, c)
+    r_eq, per_l_eq, kappa_eq = equivalent_phase(
+        state.theta_m + half * state.w_m, dt * state.w_m, pairs, c
+    )
     stiffness = kappa_eq * controller_stiffness(state, touching(state, fault), c, half)
     w_mid = state.w_m + 0.5 * state.dw_m
     demand = current_demand(
@@ -97,12 +136,16 @@ def monitor_step(state, command, load, fault, pairs, c, dt):
     )  # fmt: skip
     i_ref = clip((demand + stiffness * state.i) / (1.0 + stiffness), -c.i_max, c.i_max)
     drop = r_eq * state.i + kappa_eq * state.w_m
-    # u = clip(drop + l_eq (i_ref - i)/dt, -V, V), i <- i + dt (u - drop)/l_eq
-    reach = dt * per_l_eq
-    i = clip(i_ref, state.i - reach * (c.v_supply + drop), state.i + reach * (c.v_supply - drop))
-    p_mean = i * (r_eq * i + kappa_eq * w_mid + (i - state.i) / reach)
+    # u = clip(drop + l_eq (i_ref - i)/dt, -V, V), i <- i + dt (u - drop)/l_eq; the drop over r_eq
+    # is that of the mean of both currents, to first order, where that is a small part of it
+    per_volt = dt * per_l_eq
+    reach = per_volt * max(1.0 - 0.5 * r_eq * per_volt, 0.5)
+    fall, rise = reach * (c.v_supply + drop), reach * (c.v_supply - drop)
+    i = clip(i_ref, state.i_from - fall, state.i_from + rise)
+    p_mean = i * (r_eq * i + kappa_eq * w_mid + (i - state.i) / per_volt)
 
     act_m = kappa_eq * i - c.viscous * w_mid
     before_m = kappa_eq * state.i - c.viscous * state.w_m
-    after = move_rigidly(state, i, load, kappa_eq, act_m, before_m, fault, c, dt)
-    return after, p_mean
+    after, impact = move_rigidly(state, i, load, kappa_eq, act_m, before_m, fault, c, dt)
+    after = answer_impact(after, impact, i_ref, fall, rise, kappa_eq, c, dt)
+    return within_ends(after, fault, c), p_mean

@@ -17,7 +17,7 @@ from ematwin.models.bldc.state import fault_state
 COMMAND, LOAD, TARGET, WEIGHT = range(4)
 # Columns of the numbers of a stretch: `MonitorState`; b0 b1 b2 a1 a2 z1 z2 of the low-pass; its
 # state for the power at the start; the step in s.
-STATE, TAPS, POWER, STEP, NUMBERS = 0, 6, 13, 15, 16
+STATE, TAPS, POWER, STEP, NUMBERS = 0, 7, 14, 16, 17
 # Columns of the counts of a stretch: its first column of the signals, its samples, steps from one
 # sample to the next, whether magnitudes are compared, samples kept, whether of the power as well.
 FIRST, SAMPLES, SUBSTEPS, RECTIFY, KEPT, WITH_POWER, COUNTS = range(7)
@@ -35,7 +35,7 @@ def score_candidate(
     c : Constants of this candidate
     signals : (4, S) array, stretches one after another: command (rad) and load (N m) on the motor
         shaft, filtered current of the record (A), weights
-    numbers : (R, 16) array, of each stretch
+    numbers : (R, 17) array, of each stretch
     counts : (R, 6) integer array, of each stretch
     costs : (B,) array, filled with sum(weight (target - filtered current)^2)
     status : (B,) integer array, filled with `OK` or `DIVERGED` (cost infinite)
@@ -71,6 +71,7 @@ def score_candidate(
     now = MonitorState(
         numbers[stretch, STATE], numbers[stretch, STATE + 1], numbers[stretch, STATE + 2],
         numbers[stretch, STATE + 3], numbers[stretch, STATE + 4], numbers[stretch, STATE + 5],
+        numbers[stretch, STATE + 6],
     )  # fmt: skip
     if kept > 0:
         response[0, n] = signals[TARGET, first]

@@ -8,7 +8,9 @@ its direction (`ematwin.models.bldc.motor`),
              = k_e (h_p + h_n + C cos theta_m + S sin theta_m).
 
 On the 120 degree flats |f| = 1, and zeta is 1 at most, so that no magnitude is left to take. All
-but the angle is the same for as long as a candidate is simulated: three pairs, worked out once.
+but the angle is the same for as long as a candidate is simulated: three pairs, worked out once, as
+the pair without c and what the others differ from it. In a step with a commutation each of both
+pairs counts by its share of the step.
 """
 
 import math
@@ -18,28 +20,29 @@ import numpy as np
 
 from ematwin.models.bldc.motor import phase_inductance
 from ematwin.numerics.compile import step
-from ematwin.numerics.scalar import sincos
+from ematwin.numerics.scalar import clip, sincos
 
 _HALF_SQRT3 = 0.5 * math.sqrt(3.0)
 _SECTORS_PER_RAD = 3.0 / math.pi
 _THIRD = 1.0 / 3.0
+_STANDS = 1e-6  # sectors in a step
 
 
 class Pairs(NamedTuple):
-    """Each pair of phases, by the one that is off."""
+    """The pair of phases without c; and by how much those without a and without b differ."""
 
-    turns_a: float  # share of turns left, sum of both
+    turns: float  # share of turns left, sum of both
+    turns_a: float
     turns_b: float
-    turns_c: float
-    mobility_a: float  # 1/H, inverse of L_eq
+    mobility: float  # 1/H, inverse of L_eq
+    mobility_a: float
     mobility_b: float
-    mobility_c: float
-    cosine_a: float  # C
+    cosine: float  # C
+    cosine_a: float
     cosine_b: float
-    cosine_c: float
-    sine_a: float  # S
+    sine: float  # S
+    sine_a: float
     sine_b: float
-    sine_c: float
 
 
 @step
@@ -54,33 +57,51 @@ def pairs_of(fault, c):
     far_b = -0.5 * far_a - _HALF_SQRT3 * near_a
     near_c = -0.5 * near_a - _HALF_SQRT3 * far_a
     far_c = -0.5 * far_a + _HALF_SQRT3 * near_a
+    mobility = 1.0 / (l_a + l_b)
+    cosine = fault.h_a * near_a + fault.h_b * near_b
+    sine = -fault.h_a * far_a - fault.h_b * far_b
     return Pairs(
-        fault.h_b + fault.h_c,
-        fault.h_c + fault.h_a,
         fault.h_a + fault.h_b,
-        1.0 / (l_b + l_c),
-        1.0 / (l_c + l_a),
-        1.0 / (l_a + l_b),
-        fault.h_b * near_b + fault.h_c * near_c,
-        fault.h_c * near_c + fault.h_a * near_a,
-        fault.h_a * near_a + fault.h_b * near_b,
-        -fault.h_b * far_b - fault.h_c * far_c,
-        -fault.h_c * far_c - fault.h_a * far_a,
-        -fault.h_a * far_a - fault.h_b * far_b,
+        fault.h_c - fault.h_a,
+        fault.h_c - fault.h_b,
+        mobility,
+        1.0 / (l_b + l_c) - mobility,
+        1.0 / (l_c + l_a) - mobility,
+        cosine,
+        fault.h_c * near_c - fault.h_a * near_a,
+        fault.h_c * near_c - fault.h_b * near_b,
+        sine,
+        fault.h_a * far_a - fault.h_c * far_c,
+        fault.h_b * far_b - fault.h_c * far_c,
     )
 
 
 @step
-def equivalent_phase(theta_m, pairs, c):
-    """R_eq (ohm), 1/L_eq (1/H) and kappa_eq (V s/rad) at a rotor angle."""
-    sector = np.floor(c.pole_pairs * _SECTORS_PER_RAD * theta_m - 0.5)
-    third = sector - 3.0 * np.floor(sector * _THIRD)  # sectors 0 and 3: c is off, 1 and 4: b
-    off_c = third == 0.0
-    off_b = third == 1.0
-    turns = pairs.turns_c if off_c else (pairs.turns_b if off_b else pairs.turns_a)
-    mobility = pairs.mobility_c if off_c else (pairs.mobility_b if off_b else pairs.mobility_a)
-    cosine = pairs.cosine_c if off_c else (pairs.cosine_b if off_b else pairs.cosine_a)
-    sine = pairs.sine_c if off_c else (pairs.sine_b if off_b else pairs.sine_a)
+def shares_off(theta_m, moved, pole_pairs):
+    """The shares of a step in which phases a and b are off; else c is.
+
+    ``theta_m`` is the angle in the middle of the step, rad, ``moved`` by how much it changes.
+    """
+    sectors = pole_pairs * _SECTORS_PER_RAD
+    per_step = 1.0 / clip(abs(sectors * moved), _STANDS, 1.0)
+    # from the middle of a sector without b, modulo three sectors: -1.5 to 1.5; a is next, then c
+    from_b = sectors * theta_m - 2.0
+    from_b -= 3.0 * np.floor(from_b * _THIRD + 0.5)
+    from_a = from_b + (2.0 if from_b < -0.5 else -1.0)
+    return (
+        clip(0.5 + (0.5 - abs(from_a)) * per_step, 0.0, 1.0),
+        clip(0.5 + (0.5 - abs(from_b)) * per_step, 0.0, 1.0),
+    )
+
+
+@step
+def equivalent_phase(theta_m, moved, pairs, c):
+    """R_eq (ohm), 1/L_eq (1/H) and kappa_eq (V s/rad) of a step; arguments as in `shares_off`."""
+    off_a, off_b = shares_off(theta_m, moved, c.pole_pairs)
+    turns = pairs.turns + off_a * pairs.turns_a + off_b * pairs.turns_b
+    mobility = pairs.mobility + off_a * pairs.mobility_a + off_b * pairs.mobility_b
+    cosine = pairs.cosine + off_a * pairs.cosine_a + off_b * pairs.cosine_b
+    sine = pairs.sine + off_a * pairs.sine_a + off_b * pairs.sine_b
     s, co = sincos(theta_m)
     return turns * c.resistance, mobility, (turns + cosine * co + sine * s) * c.k_e
 

@@ -32,6 +32,7 @@ DEFAULT_ACTUATOR = "servo48"
 TRUER_FORMS = (
     "shorted_turns", "eccentricity", "emf", "cogging", "speed_loop", "current_loop", "compliance",
 )  # fmt: skip
+_SHORTER_STEP = 25e-6  # s, of the monitor model with a gear that gives or with sampled loops
 _STIFFEST = 0.1  # K dt^2 (1/J_m + 1/J_o) of a step of the monitor model with a compliant gear
 SHORTEST_STEP = 1e-9  # s: nothing in an actuator is so fast; a shorter one is a slip of the unit
 _UNMOVABLE = 1000.0  # times the inertia of the rotor: no gear is chosen so
@@ -309,8 +310,20 @@ class BldcActuator(ParameterSet):
     @model_validator(mode="after")
     def _steps_are_stable(self) -> Self:
         for model in ("reference", "monitor"):
-            self.check_step(model, getattr(self.steps, model))
+            if not SHORTEST_STEP <= self.step_of(model) <= self.largest_stable_step(model):
+                self.check_step(model, getattr(self.steps, model))
         return self
+
+    def step_of(self, model: str) -> float:
+        """Step of a model, s: that of the file; of the monitor model 25 us at most in some forms.
+
+        What impacts and commutations do in a gear that gives, or under sampled loops, counts for
+        whole steps.
+        """
+        own: float = getattr(self.steps, model)
+        sampled = self.current_loop is not None or self.speed_loop is not None
+        coarse = sampled or self.compliance is not None
+        return min(own, _SHORTER_STEP) if model == "monitor" and coarse else own
 
     @model_validator(mode="after")
     def _sampled_loop_is_stable(self) -> Self:

@@ -121,7 +121,7 @@ def _run(
     else:
         run, names = batch.monitor_trace, batch.MONITOR_COLUMNS
         cases = kernel_cases(actuator)
-        rest = MonitorState(0.0, 0.0, start, 0.0, start, 0.0)
+        rest = MonitorState(0.0, 0.0, start, 0.0, start, 0.0, 0.0)
     state = np.array(rest)
     constants, truer = kernel_constants(actuator), truer_constants(actuator)
     more = None if truer is None else np.array(REST)
@@ -198,8 +198,7 @@ def time_grid(
     """
     if not (math.isfinite(sample_rate) and sample_rate > 0.0):
         raise InputError(f"sample_rate must be a positive number of Hz, received {sample_rate}.")
-    own = getattr(actuator.steps, model)
-    chosen = own if step is None else step
+    chosen = actuator.step_of(model) if step is None else step
     try:
         actuator.check_step(model, chosen)
     except InputError as error:

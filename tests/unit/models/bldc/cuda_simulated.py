@@ -53,7 +53,7 @@ def stretch(power: bool = True) -> Stretch:
     low_pass = LowPass(500.0)
     start = PowerStretch(target, np.ones(SAMPLES), low_pass.taps(RATE, 3.0)[5:])
     return Stretch(
-        command, load, target, 1.0 + t, np.zeros(6), low_pass.taps(RATE, 2.0), KEPT,
+        command, load, target, 1.0 + t, np.zeros(7), low_pass.taps(RATE, 2.0), KEPT,
         start if power else None,
     )  # fmt: skip
 

@@ -31,7 +31,7 @@ def scoring(
     status = np.empty(len(k), dtype=np.int64)
     response = np.empty((len(k), SAMPLES) if keep else (0, 0))
     batch.monitor_scores(
-        k, command, load, np.zeros(6), c, by_candidate, 1.0 / (RATE * SUBSTEPS), SUBSTEPS,
+        k, command, load, np.zeros(7), c, by_candidate, 1.0 / (RATE * SUBSTEPS), SUBSTEPS,
         low_pass.taps(RATE, float(target[0])), rectify, target, weights, costs, status, response,
         power, np.full(len(k), np.inf) if limits is None else limits, None, None, None, None,
     )  # fmt: skip
@@ -52,7 +52,7 @@ def test_scores_are_trace_then_filter_then_misfit(rectify):
     assert (status == batch.OK).all()
     for n in range(batch.LANES):
         trace = batch.monitor_trace(
-            k[n], command, load, np.zeros(6), C, 1.0 / (RATE * SUBSTEPS), SUBSTEPS, 1,
+            k[n], command, load, np.zeros(7), C, 1.0 / (RATE * SUBSTEPS), SUBSTEPS, 1,
             None, None, None, None,
         )  # fmt: skip
         current = np.abs(trace[:, 0]) if rectify else trace[:, 0]
@@ -73,7 +73,7 @@ def test_power_is_that_of_the_trace_filtered_like_the_current():
     command, load = history(SAMPLES - 1, 1.0 / RATE)
     for n in range(batch.LANES):
         trace = batch.monitor_trace(
-            k[n], command, load, np.zeros(6), C, 1.0 / (RATE * SUBSTEPS), SUBSTEPS, 1,
+            k[n], command, load, np.zeros(7), C, 1.0 / (RATE * SUBSTEPS), SUBSTEPS, 1,
             None, None, None, None,
         )  # fmt: skip
         filtered = naive_signals.low_pass([3.0, *trace[:, 5]], 500.0, RATE)

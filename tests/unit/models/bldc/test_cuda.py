@@ -54,7 +54,7 @@ def test_a_thread_gives_the_scores_of_the_lanes() -> None:
     low_pass = LowPass(500.0)
     target = 2.0 + np.sin(2.0 * np.pi * 80.0 * t)
     power = PowerStretch(target, np.ones(SAMPLES), low_pass.taps(RATE, 3.0)[5:])
-    one = Stretch(command, load, target, np.ones(SAMPLES), np.zeros(6), low_pass.taps(RATE, 2.0),
+    one = Stretch(command, load, target, np.ones(SAMPLES), np.zeros(7), low_pass.taps(RATE, 2.0),
                   SAMPLES, power)  # fmt: skip
     k = np.random.default_rng(1).random((4 * LANES, 8))
     k[0] = Faults(**SEVERE).vector

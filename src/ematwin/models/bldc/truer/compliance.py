@@ -73,18 +73,18 @@ def move_compliantly(state, i, load, kappa_eq, act_m, before_m, fault, c, dt):
         free_m * (act_m - drag_m) - free_o * (-load - drag_o), free_m + free_o,
         fault.half_gap, c.contact_stiffness, c.contact_damping, eta, dt,
     )  # fmt: skip
-    w_m, _ = advance_through_rest(
+    w_m, _, _ = advance_through_rest(
         state.w_m, act_m - torque, c.mobility_m, td_m,
         act_m - torque, before_m - now, c.mobility_m, ts_m, td_m, dt,
     )  # fmt: skip
-    w_o, _ = advance_through_rest(
+    w_o, _, _ = advance_through_rest(
         state.w_o, torque - load, c.mobility_o, td_o,
         torque - load, now - load, c.mobility_o, ts_o, td_o, dt,
     )  # fmt: skip
     theta_m = state.theta_m + dt * (state.w_m + eta * (w_m - state.w_m))
     theta_o = state.theta_o + dt * (state.w_o + eta * (w_o - state.w_o))
     theta_o, w_o = stop_at_ends(theta_o, w_o, c.travel_low, c.travel_high)
-    return MonitorState(i, w_m, theta_m, w_o, theta_o, w_m - state.w_m)
+    return MonitorState(i, w_m, theta_m, w_o, theta_o, w_m - state.w_m, i)
 
 
 @part

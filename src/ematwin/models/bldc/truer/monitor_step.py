@@ -6,20 +6,25 @@ phases of the sector one takes the current i, the other -i, so that with g_k = 1
     kappa_eq = sum g_k kappa_k,   T = kappa_eq i - sum mu_k kappa_k i_fk + T_cog.
 
 The third phase carries no current, but its loop may. Backward Euler for the loops leaves one
-equation for the equivalent current, whose inductance is what the loops leave of it in a step.
+equation for the equivalent current, whose inductance is what the loops leave of it in a step. Of a
+step with a commutation each pair counts by its share, so that g_k lies in between.
 
 With a current loop the supply gives the voltage that it asks for, and a phase that was not in the
 last pair brings no current into the flux linkage of this one (`current_loop`).
+In its steps, which are shorter, a commutation counts for a whole one.
 """
 
-from ematwin.models.bldc.inverter import gate_signals
 from ematwin.models.bldc.monitor_step import (
+    Impact,
+    answer_impact,
     controller_stiffness,
     move_rigidly,
     touching,
+    within_ends,
 )
 from ematwin.models.bldc.motor import hall_sector, phase_inductance
 from ematwin.models.bldc.truer.cogging import cogging_torque
+from ematwin.models.bldc.truer.commutation import gates_of_step, sector_of_step
 from ematwin.models.bldc.truer.compliance import carried_share, move_compliantly
 from ematwin.models.bldc.truer.current_loop import (
     advance_current_loop,
@@ -50,11 +55,12 @@ def _phase_in_pair(gate, gate_before, brings, i, w, kappa, h, mu, loop, c, truer
     e = kappa * w
     remains, follows = loop_answer(mu, loop, gate_before * i, e, r, turns, truer.contact, dt)
     linked = mu * (turns + dt * r)
-    size = gate * gate
+    size = abs(gate)
     inductance = size * phase_inductance(h, c.inductance, c.leakage)
     flux = inductance * brings
-    push = flux * i + gate * (linked * remains - mu * turns * loop - dt * e)
-    inertia = inductance + size * (dt * r - linked * follows)
+    drop = 0.5 * dt * r * size  # of the mean of both currents
+    push = (flux - drop * brings) * i + gate * (linked * remains - mu * turns * loop - dt * e)
+    inertia = inductance + drop - gate * gate * linked * follows
     return inertia, push, remains, follows, inductance, flux
 
 
@@ -74,9 +80,12 @@ def truer_monitor_step(state, more, command, load, fault, c, truer, compliant, r
     h_b, mu_b = split_short(fault.h_b, truer.loops)
     h_c, mu_c = split_short(fault.h_c, truer.loops)
     kappa_a, kappa_b, kappa_c = truer_emf_constants(theta_mid, h_a, h_b, h_c, fault, c, truer)
-    sector = hall_sector(c.pole_pairs * theta_mid)
-    g_a, g_b, g_c = gate_signals(sector, 1.0)
-    was_a, was_b, was_c = gate_signals(more.sector, 1.0)
+    if regulated is None:
+        sector = sector_of_step(c.pole_pairs * theta_mid, c.pole_pairs * dt * state.w_m)
+    else:
+        sector = hall_sector(c.pole_pairs * theta_mid)
+    g_a, g_b, g_c = gates_of_step(sector)
+    was_a, was_b, was_c = gates_of_step(more.sector)
     if regulated is None:
         brings_a, brings_b, brings_c = 1.0, 1.0, 1.0
     else:
@@ -118,7 +127,9 @@ def truer_monitor_step(state, more, command, load, fault, c, truer, compliant, r
     )  # fmt: skip
     i_ref = clip((demand + stiffness * state.i) / (1.0 + stiffness), -c.i_max, c.i_max)
     if regulated is None:
-        i = clip(i_ref, (push - dt * c.v_supply) / inertia, (push + dt * c.v_supply) / inertia)
+        fall = state.i - (push - dt * c.v_supply) / inertia
+        rise = (push + dt * c.v_supply) / inertia - state.i
+        i = clip(i_ref, state.i_from - fall, state.i_from + rise)
         voltage, voltage_pending, voltage_integral = 0.0, 0.0, 0.0
         voltage_wait, voltage_late, leaving, beside, torque_beside = 0.0, 0.0, 0.0, 0.0, 0.0
     else:
@@ -162,7 +173,12 @@ def truer_monitor_step(state, more, command, load, fault, c, truer, compliant, r
     act_m = kappa_eq * i + torque_beside - lost + passive - c.viscous * w_mid
     before_m = kappa_eq * state.i - lost_before + passive - c.viscous * state.w_m
     if compliant is None:
-        after = move_rigidly(state, i, load, kappa_eq, act_m, before_m, fault, c, dt)
+        after, impact = move_rigidly(state, i, load, kappa_eq, act_m, before_m, fault, c, dt)
+        if regulated is None:
+            left = 0.0 if held else impact.left
+            impact = Impact(impact.jump, left)
+            after = answer_impact(after, impact, i_ref, fall, rise, per_ampere, c, dt)
+        after = within_ends(after, fault, c)
     else:
         after = move_compliantly(state, i, load, kappa_eq, act_m, before_m, fault, c, dt)
     more_after = TruerState(
