@@ -36,10 +36,11 @@ from ematwin.recordings.recording import Recording
 
 Progress = Callable[[float], None]
 
-_SEARCHES = 4  # at most
+_SEARCHES = 8  # at most: of one actuator in sixty six of them end in the same wrong valley
 _EQUALLY_DEEP = 1.1  # ratio of misfits
 _BUDGET = 20_000  # an upper limit: a search takes 1,300
 _GOOD = 1.3  # times the expected misfit: as deep as can be
+_SETTLED = 1.3  # times the misfit of a search: all recordings together start in its valley
 _TRIED = 2  # ends of searches from which all recordings are fitted together
 _TOGETHER = 3.0  # times the misfit of one recording alone that several leave together
 _UNALIKE = 0.015  # relative misfit that days which differ a little may leave together
@@ -181,14 +182,16 @@ class _Fit:
             return self.model.aliases(self.template, values)
 
         best: Laplace | None = None
-        for n, (_, z) in enumerate(ends[:_TRIED]):
+        for n, (cost, z) in enumerate(ends[:_TRIED]):
             point = searched.chart.to_values(z[None])[0]
             start = dict(zip(searched.names, point.tolist(), strict=True))
             first = [
                 start.get(name.partition("@")[0], value)
                 for name, value in zip(problem.names, problem.start, strict=True)
             ]
-            peak = laplace(problem, np.array(first), aliases=aliases)
+            # what a search has found fits as it is: smoothed currents hardly tell an inductance
+            settled = _SETTLED * searched.relative_misfit(cost)
+            peak = laplace(problem, np.array(first), aliases=aliases, settled=settled)
             tell(0.6 + 0.2 * (n + 1) / _TRIED)
             if best is None or peak.cost < best.cost:
                 best = peak
