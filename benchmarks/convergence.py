@@ -83,15 +83,22 @@ def _current(record: Recording, pole_pairs: int) -> np.ndarray:
     return signed
 
 
-def response(model: str, case: str, step: float) -> np.ndarray:
+def response(
+    model: str, case: str, step: float, faults: dict[str, float] | None = None
+) -> np.ndarray:
     """The compared signals, (S,) or longer: current, and motor speed in the smooth case."""
     if case == "smooth":
         actuator = smooth_actuator()
         record = simulate(model, SMOOTH, None, actuator, sample_rate=SAMPLE_RATE, step=step)
         return _current(record, actuator.motor.pole_pairs)
-    record = simulate(model, sample_rate=SAMPLE_RATE, step=step)
+    record = simulate(model, faults=faults, sample_rate=SAMPLE_RATE, step=step)
     current = _current(record, BldcActuator.load().motor.pole_pairs)
     return LowPass(CUTOFF).apply(current, SAMPLE_RATE)
+
+
+def relative_error(seen: np.ndarray, finest: np.ndarray) -> float:
+    """RMS difference as a share of the RMS of the finest."""
+    return float(np.sqrt(np.mean((seen - finest) ** 2) / np.mean(finest**2)))
 
 
 def table(model: str, case: str) -> list[Row]:
@@ -99,8 +106,7 @@ def table(model: str, case: str) -> list[Row]:
     finest = response(model, case, FINEST[model])
     rows: list[Row] = []
     for step in STEPS[model]:
-        difference = response(model, case, step) - finest
-        error = float(np.sqrt(np.mean(difference**2) / np.mean(finest**2)))
+        error = relative_error(response(model, case, step), finest)
         order = None
         if rows:
             order = math.log(rows[-1].error / error) / math.log(rows[-1].step / step)
@@ -122,20 +128,12 @@ def random_faults(count: int, seed: int = 99) -> list[dict[str, float]]:
 
 def faulty(count: int) -> dict[str, np.ndarray]:
     """Errors of the monitor model at `FAULTY_STEPS`, a row for each fault or quantile."""
-    low_pass, pole_pairs = LowPass(CUTOFF), BldcActuator.load().motor.pole_pairs
 
     def errors(faults: dict[str, float]) -> np.ndarray:
         finest, *others = (
-            low_pass.apply(
-                _current(
-                    simulate("monitor", faults=faults, sample_rate=SAMPLE_RATE, step=step),
-                    pole_pairs,
-                ),
-                SAMPLE_RATE,
-            )
-            for step in (FINEST_FAULTY, *FAULTY_STEPS)
+            response("monitor", "default", step, faults) for step in (FINEST_FAULTY, *FAULTY_STEPS)
         )
-        return np.array([np.sqrt(np.mean((x - finest) ** 2) / np.mean(finest**2)) for x in others])
+        return np.array([relative_error(one, finest) for one in others])
 
     rows = {name: errors(faults) for name, faults in SINGLE.items()}
     mixed = np.array([errors(faults) for faults in random_faults(count)])

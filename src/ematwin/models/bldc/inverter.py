@@ -7,6 +7,14 @@ drop of a diode.
 """
 
 from ematwin.numerics.compile import step
+from ematwin.numerics.scalar import clip
+
+
+@step
+def _sectors_apart(sector, middle):
+    """Distance of two sectors around the circle, 0 to 3."""
+    away = abs(sector - middle)
+    return min(away, 6.0 - away)
 
 
 @step
@@ -14,12 +22,11 @@ def gate_signals(sector, pair_sign):
     """Drive of the legs a, b, c: 1 high, -1 low, 0 off.
 
     In sector s the pair is (a,b) (a,c) (b,c) (b,a) (c,a) (c,b); ``pair_sign`` = 1 puts its first
-    leg high and its second low, -1 the other way round: the bridge always drives both.
+    leg high and its second low, -1 the other way round: the bridge always drives both. Between two
+    sectors, up to 6, it is the mean of both pairs by their shares.
     """
-    g_a = (1.0 if sector <= 1.0 else 0.0) - (1.0 if (sector == 3.0) | (sector == 4.0) else 0.0)
-    g_b = (1.0 if (sector == 2.0) | (sector == 3.0) else 0.0) - (
-        1.0 if (sector == 0.0) | (sector == 5.0) else 0.0
-    )
+    g_a = clip(1.5 - _sectors_apart(sector, 0.5), -1.0, 1.0)
+    g_b = clip(1.5 - _sectors_apart(sector, 2.5), -1.0, 1.0)
     return g_a * pair_sign, g_b * pair_sign, -(g_a + g_b) * pair_sign
 
 

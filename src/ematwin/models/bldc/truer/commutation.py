@@ -1,8 +1,8 @@
-"""Which legs conduct in a step of the monitor model, and for which share of it.
+"""Which sector a step of the monitor model is in, where the next one may begin within it.
 
 In sector s of 60 electrical degrees the pair is that of `gate_signals`
 (`ematwin.models.bldc.inverter`). A step in which the next pair takes over has a sector between
-both, by the share of each.
+both, by the share of each, and `gate_signals` gives the mean of both pairs.
 """
 
 import math
@@ -24,18 +24,3 @@ def sector_of_step(theta_e, moved_e):
     first = np.floor(begin)
     sector = first + clip((begin + width - first - 1.0) / width, 0.0, 1.0)
     return sector - 6.0 * np.floor(sector / 6.0)
-
-
-@part
-def gates_of_step(sector):
-    """Mean drive of the legs a, b, c: 1 high, -1 low, 0 off."""
-    g_a = clip(1.5 - _between(sector, 0.5), -1.0, 1.0)
-    g_b = clip(1.5 - _between(sector, 2.5), -1.0, 1.0)
-    return g_a, g_b, -(g_a + g_b)
-
-
-@part
-def _between(sector, middle):
-    """Distance of two sectors, 0 to 3."""
-    away = abs(sector - middle)
-    return min(away, 6.0 - away)

@@ -14,6 +14,7 @@ last pair brings no current into the flux linkage of this one (`current_loop`).
 In its steps, which are shorter, a commutation counts for a whole one.
 """
 
+from ematwin.models.bldc.inverter import gate_signals
 from ematwin.models.bldc.monitor_step import (
     Impact,
     answer_impact,
@@ -24,7 +25,7 @@ from ematwin.models.bldc.monitor_step import (
 )
 from ematwin.models.bldc.motor import hall_sector, phase_inductance
 from ematwin.models.bldc.truer.cogging import cogging_torque
-from ematwin.models.bldc.truer.commutation import gates_of_step, sector_of_step
+from ematwin.models.bldc.truer.commutation import sector_of_step
 from ematwin.models.bldc.truer.compliance import carried_share, move_compliantly
 from ematwin.models.bldc.truer.current_loop import (
     advance_current_loop,
@@ -84,8 +85,8 @@ def truer_monitor_step(state, more, command, load, fault, c, truer, compliant, r
         sector = sector_of_step(c.pole_pairs * theta_mid, c.pole_pairs * dt * state.w_m)
     else:
         sector = hall_sector(c.pole_pairs * theta_mid)
-    g_a, g_b, g_c = gates_of_step(sector)
-    was_a, was_b, was_c = gates_of_step(more.sector)
+    g_a, g_b, g_c = gate_signals(sector, 1.0)
+    was_a, was_b, was_c = gate_signals(more.sector, 1.0)
     if regulated is None:
         brings_a, brings_b, brings_c = 1.0, 1.0, 1.0
     else:
