@@ -31,9 +31,8 @@ _STAGES, _LEAST_STAGES, _ITERATIONS = 8, 1, 5
 _ROUNDS = 3  # over aliases that share unknowns
 _JOINT = 2  # steps of everything together, where evidence decides what data do not see
 _FRACTIONS = (1.0, 0.7, 0.5, 0.35, 0.25, 0.18, 0.12, 0.08)  # of such a step that are tried
-_WORTH = 4.0  # squared standard deviations that it has to gain
+_WORTH = 4.0  # squared standard deviations that a stage, or a step of everything, has to gain
 _ROUGH = 1.02  # ratio of costs that is mere roughness
-_GAIN = 0.95  # ratio of costs over a stage above which there is no more to gain
 _SHORTEST, _LONGEST = 1e-3, 2e-2  # steps of the last Jacobian, shares of a range
 _FLATTEST = 5.0  # times that a covariance is widened at most
 _STEP = 5e-3  # along directions that data do not see, share of a range
@@ -365,26 +364,24 @@ def _descended(
         seen = small.smoothed() if stage == 0 else small
         left = seen.residuals(chart.to_values(z))[0]
         weighed = seen.weighed(left, least_noise)
-        noise = weighed.noise
-        if weighed.has_evidence:
-            left = weighed.residuals(chart.to_values(z))[0]
-        cost = float(left @ left) / noise**2 if stage else np.inf
 
         def residuals(points: np.ndarray, weighed: Problem = weighed) -> np.ndarray:
             nonlocal spent
             spent += len(points)
             return weighed.residuals(chart.to_values(points))
 
-        descent = LevenbergMarquardt.start(z, residuals, 1e-2, least=least * noise**2)
+        descent = LevenbergMarquardt.start(z, residuals, 1e-2, least=least * weighed.noise**2)
+        first_cost, first_data = float(descent.costs[0]), _data_of(weighed, descent)
         for _ in range(iterations if near and stage == _LEAST_STAGES else _ITERATIONS):
             descent.iterate(residuals, chart.lower, chart.upper, chart.project)
         end = descent.best(1)
         z = chart.project(end.points)
-        if stage == 0 and np.isfinite(within):
-            data = weighed.split(end.residuals[0]).data
-            if weighed.relative_misfit(float(data @ data)) > within:
-                raise TooFarError
-        if stage >= _LEAST_STAGES and float(end.costs[0]) / noise**2 > _GAIN * cost:
+        last_data = _data_of(weighed, end)
+        if stage == 0 and weighed.relative_misfit(last_data) > within:
+            raise TooFarError
+        # where data fit better the noise is less, and priors count less
+        gained = max(first_cost - float(end.costs[0]), first_data - last_data) / weighed.noise**2
+        if stage >= _LEAST_STAGES and gained < _WORTH:
             break
     # the smooth misfit may have led astray
     if _cost_of(weighed, chart.to_values(first), before) < _cost_of(
@@ -396,6 +393,12 @@ def _descended(
     if problem is small:
         point = _along(problem, point, known)
     return point, spent
+
+
+def _data_of(weighed: Problem, descent: LevenbergMarquardt) -> float:
+    """The cost of the data alone at the first point of a descent."""
+    data = weighed.split(descent.residuals[0]).data
+    return float(data @ data)
 
 
 def _cost_of(weighed: Problem, point: np.ndarray, residuals: np.ndarray) -> float:

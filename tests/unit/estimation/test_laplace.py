@@ -121,6 +121,20 @@ def test_the_noise_is_what_is_left_for_each_independent_residual(regressed) -> N
     assert peak.problem.noise == pytest.approx(np.sqrt(peak.cost / 60), rel=1e-9)
 
 
+@pytest.mark.parametrize("settled", [0.0, np.inf])
+def test_a_descent_goes_on_until_noise_and_prior_agree(settled) -> None:
+    """What a prior that data contradict leaves over looks like noise, and the prior counts more."""
+    unknowns = [parameter("m")]
+    prior = Prior(("m",), np.array([0.0]), np.array([[0.03**2]]))
+    basis = 30.0 * basis_of(1)
+    y = 0.3 * basis[0] + NOISE * np.random.default_rng(8).standard_normal(60)
+    problem = Problem([Linear(unknowns, basis, y)], unknowns, prior=prior)
+    peak = laplace(problem, problem.start, settled=settled)
+    mean, covariance = regression(basis, y, prior, ("m",), peak.problem.noise)
+    assert np.log(peak.point[0]) == pytest.approx(mean[0], abs=np.sqrt(covariance[0, 0]))
+    assert mean[0] == pytest.approx(0.3, abs=0.01)
+
+
 def test_a_held_unknown_stays_and_still_widens_the_others(regressed) -> None:
     problem, basis, y, prior, free = regressed
     start = np.array([0.0, 1.6, 0.0])
