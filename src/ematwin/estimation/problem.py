@@ -311,6 +311,10 @@ class Problem:
             return self
         return self._with([one for one in smooth if one is not None])
 
+    def coarse(self) -> "Problem":
+        """The same problem with the longer steps of its twins."""
+        return self._with([one.coarse() for one in self.comparisons])
+
     def refined(self) -> "Problem":
         """The same problem with the finer steps of its twins."""
         return self._with([one.refined() for one in self.comparisons])

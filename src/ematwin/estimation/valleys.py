@@ -84,7 +84,7 @@ def _across(
     z, spent = chart.project(chart.from_values(points)), 0
     low, high = (np.tile(end, (along.valleys, 1)) for end in (chart.lower, chart.upper))
     low[:, place] = high[:, place] = z[:, place]
-    for seen, iterations in ((small.smoothed(), _SMOOTH), (small, _SHARP)):
+    for seen, iterations in ((small.smoothed(), _SMOOTH), (small.coarse(), _SHARP)):
 
         def residuals(at: np.ndarray, seen: Problem = seen) -> np.ndarray:
             nonlocal spent

@@ -117,6 +117,10 @@ class Comparison(ABC):
         """The same comparison where its misfit is smooth over wide valleys; None if it has none."""
         return None
 
+    def coarse(self) -> "Comparison":
+        """The same comparison in less time, where only valleys are looked for; or itself."""
+        return self
+
     def refined(self) -> "Comparison":
         """The same comparison with a finer step, where an answer is to be finer; or itself."""
         return self

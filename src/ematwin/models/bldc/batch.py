@@ -64,6 +64,12 @@ def between(place, size):
     return n, inside - n
 
 
+@step
+def at(values, place):
+    """The value at a place of an array; the ends beyond them."""
+    return values[min(max(place, 0), values.size - 1)]
+
+
 @loop
 def reference_trace(k, command, load, state, c, dt, substeps, decimation, truer, more):
     """Simulate the reference model from a state on.
@@ -207,10 +213,10 @@ def monitor_trace(
 
 @loop(interleave=2)
 def monitor_scores(
-    k, command, load, state, c, by_candidate, dt, substeps, taps, rectify, target, weight,
-    costs, status, response, power, limits, truer, more, compliant, regulated,
+    k, commands, loads, starts, samples, states, c, by_candidate, dt, substeps, taps, rectify,
+    targets, weights, costs, status, responses, power, limits, truer, more, compliant, regulated,
 ):  # fmt: skip
-    """Simulate and score a batch of candidates in one pass.
+    """Simulate and score a batch of candidates in one pass, over each of some stretches.
 
     States and steps are of the type `REAL`, as are the numbers in ``c`` and ``dt``; all else, the
     low-pass and the costs too, is double.
@@ -218,40 +224,41 @@ def monitor_scores(
     Parameters
     ----------
     k : (B, 8) array, fault vectors; B a multiple of `LANES`
-    command, load : (S,) arrays at the samples of the record, on the motor shaft; straight lines
+    commands, loads : (S,) arrays at the samples of the record, on the motor shaft; straight lines
         between
-    state : (7,) array, the fields of `MonitorState` at the first sample
+    starts : (N,) integer array, the sample at which each stretch begins
+    samples : int, of each stretch
+    states : (N, 7) array, the fields of `MonitorState` at the first sample of each
     c : Constants that all candidates share
     by_candidate : None; or (B, 33) array, the fields of `Constants` of each candidate, in place of
         ``c``; with truer forms (B, 48), the fields of `Truer` behind them. numba compiles the two
         cases apart, so that shared constants stay scalars
     dt : float, step, s
     substeps : int, steps from one sample to the next
-    taps : (7,) array, low-pass ``b0 b1 b2 a1 a2`` and its state ``z1 z2`` at the start
+    taps : (N, 7) array, low-pass ``b0 b1 b2 a1 a2`` and its state ``z1 z2`` at each start
     rectify : bool, compare the magnitude of the current
-    target, weight : (S,) arrays, filtered current of the record (A) and weight of each sample
-    costs : (B,) array, filled with sum(weight (target - filtered current)^2)
-    status : (B,) integer array, filled with `OK`, `DIVERGED` or `STOPPED` (both cost
-        infinity)
-    response : (B, K) array, filled with every ceil(S/K)-th sample of the filtered currents, or
-        (0, 0) to keep none
-    power : None; or a pair: (2,) array, state of the low-pass of the electrical power at the
-        start, and (B, K) array, filled with as many samples of the power, W
+    targets, weights : (S,) arrays, filtered current of the record (A) and weight of each sample
+    costs : (N, B) array, filled with sum(weight (target - filtered current)^2) of the samples after
+        the first
+    status : (N, B) integer array, filled with `OK`, `DIVERGED` or `STOPPED` (both cost infinity)
+    responses : (N, B, K) array, filled with every ceil(samples/K)-th sample of the filtered
+        currents; K is 0 to keep none
+    power : None; or a pair: (N, 2) array, state of the low-pass of the electrical power at each
+        start, and (N, B, K) array, filled with as many samples of the power, W
     limits : (B,) array, costs above which a candidate is not wanted: its cost becomes infinite.
         Costs only rise with the samples, so that it is simulated only until that shows, unless
         responses are kept. The other costs are the same bit for bit, whatever the limits
     truer : None for the paper's forms; or `Truer`, constants of the truer ones that all candidates
         share. numba compiles the two cases apart
-    more : None; or (16,) array, the fields of `TruerState` at the first sample
+    more : None; or (N, 16) array, the fields of `TruerState` at the first sample of each stretch
     compliant, regulated : None for a rigid gear, and without a current loop, which numba compiles
         apart; or True, with truer forms
     """
     wide_vectors()
-    samples = target.size
-    keep = response.shape[0] > 0
-    stride = (samples + response.shape[1] - 1) // response.shape[1] if keep else 1
+    keep = responses.shape[2] > 0
+    stride = (samples + responses.shape[2] - 1) // responses.shape[2] if keep else 1
     share = REAL(1.0 / substeps)
-    b0, b1, b2, a1, a2 = taps[0], taps[1], taps[2], taps[3], taps[4]
+    b0, b1, b2, a1, a2 = taps[0, 0], taps[0, 1], taps[0, 2], taps[0, 3], taps[0, 4]
     friction = np.empty(LANES, REAL)
     half_gap = np.empty(LANES, REAL)
     h_a = np.empty(LANES, REAL)
@@ -278,7 +285,7 @@ def monitor_scores(
     columns = len(c)
     if truer is not None:
         columns += len(truer)
-        added = np.empty((more.size, LANES), REAL)
+        added = np.empty((more.shape[1], LANES), REAL)
     own = np.empty((columns, LANES), REAL)
     # the load of each lane, which may be late: by how many samples, and by which part of one
     late = np.empty(LANES, np.int64)
@@ -288,207 +295,213 @@ def monitor_scores(
     late_end = np.empty(LANES, REAL)
     d_late = np.empty(LANES, REAL)
     rate = 1.0 / (dt * substeps)
-    count = k.shape[0]
-    left = np.empty(count, np.int64)  # the candidates whose cost is still wanted
+    left = np.empty(k.shape[0], np.int64)  # the candidates whose cost is still wanted
     segment = samples
     kept_values = _MORE
     if truer is not None:
-        kept_values += more.size
-    saved = np.empty((count, kept_values))
-    for n in range(count):
-        left[n] = n
+        kept_values += more.shape[1]
+    saved = np.empty((k.shape[0], kept_values))
+    for n in range(k.shape[0]):
         if not keep and limits[n] < math.inf:
             segment = SEGMENT
-        saved[n, :_Z1] = state
-        if truer is not None:
-            saved[n, _MORE:] = more
-        saved[n, _Z1] = taps[5]
-        saved[n, _Z2] = taps[6]
-        saved[n, _COST] = 0.0
-    for begin in range(1, samples, segment):
-        end = min(begin + segment, samples)
-        for first in range(0, count, LANES):
-            for n in range(LANES):
-                who = left[min(first + n, count - 1)]  # the last one fills the lanes of a block
-                v = k[who]
-                half_gap_n = c.half_gap
-                # A NaN anywhere in the vector must show: as a friction it would only hold all
-                # at rest.
-                nothing = 0.0
-                for m in range(v.size):
-                    nothing += 0.0 * v[m]
-                if by_candidate is not None:
-                    for m in range(columns):
-                        own[m, n] = by_candidate[who, m]
-                        nothing += 0.0 * own[m, n]
-                    half_gap_n = own[HALF_GAP, n]
-                    if not math.isfinite(own[LOAD_DELAY, n]):
-                        own[LOAD_DELAY, n] = 0.0  # no place in an array; the cost shows it
-                    place = -own[LOAD_DELAY, n] * rate
-                    whole = math.floor(min(max(place, -float(samples)), float(samples)))
-                    late[n] = int(whole)
-                    late_part[n] = min(max(place - whole, 0.0), 1.0)
-                    now_at = load[min(max(begin - 1 + late[n], 0), samples - 1)]
-                    late_next[n] = load[min(max(begin + late[n], 0), samples - 1)]
-                    late_end[n] = now_at + late_part[n] * (late_next[n] - now_at)
-                f = fault_state(v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7], half_gap_n)
-                friction[n] = f.friction
-                half_gap[n] = f.half_gap
-                h_a[n] = f.h_a
-                h_b[n] = f.h_b
-                h_c[n] = f.h_c
-                zeta_cos[n] = f.zeta_cos
-                zeta_sin[n] = f.zeta_sin
-                gain[n] = f.gain
-                if by_candidate is None:
-                    pairs = pairs_of(f, c)
-                else:
-                    pairs = pairs_of(f, lane_constants(own, n))
-                for m, value in enumerate(pairs):
-                    paired[m, n] = value
-                i[n] = saved[who, 0]
-                w_m[n] = saved[who, 1]
-                theta_m[n] = saved[who, 2]
-                w_o[n] = saved[who, 3]
-                theta_o[n] = saved[who, 4]
-                dw_m[n] = saved[who, 5]
-                i_from[n] = saved[who, 6]
-                z1[n] = saved[who, _Z1]
-                z2[n] = saved[who, _Z2]
-                cost[n] = saved[who, _COST] + nothing
-                if truer is not None:
-                    for m in range(more.size):
-                        added[m, n] = saved[who, _MORE + m]
-                if power is not None:
-                    y1[n] = power[0][0]
-                    y2[n] = power[0][1]
-            if keep:
-                response[first : first + LANES, 0] = target[0]
-                if power is not None:
-                    power[1][first : first + LANES, 0] = 0.0  # the start counts nothing
-            for sample in range(begin, end):
-                total[:] = 0.0
-                if power is not None:
-                    energy[:] = 0.0
-                d_command = (command[sample] - command[sample - 1]) * share
-                d_load = (load[sample] - load[sample - 1]) * share
-                if by_candidate is not None:
-                    for n in range(LANES):
-                        now_at = late_next[n]
-                        late_next[n] = load[min(max(sample + 1 + late[n], 0), samples - 1)]
-                        late_load[n] = late_end[n]
-                        late_end[n] = now_at + late_part[n] * (late_next[n] - now_at)
-                        d_late[n] = (late_end[n] - late_load[n]) * share
-                for j in range(substeps):
-                    command_now = REAL(command[sample - 1] + (j + 0.5) * d_command)
-                    load_now = REAL(load[sample - 1] + (j + 0.5) * d_load)
-                    for n in range(LANES):
-                        if by_candidate is None:
-                            c_n = c
-                        else:
-                            c_n = lane_constants(own, n)
-                            load_now = REAL(late_load[n] + (j + 0.5) * d_late[n])
-                        now = MonitorState(
-                            i[n], w_m[n], theta_m[n], w_o[n], theta_o[n], dw_m[n], i_from[n]
-                        )
-                        load_n = c_n.load_gain * load_now + c_n.load_offset
-                        fault = FaultState(
-                            friction[n], half_gap[n], h_a[n], h_b[n], h_c[n],
-                            zeta_cos[n], zeta_sin[n], gain[n],
-                        )  # fmt: skip
-                        if truer is None:
-                            now, p_mean = monitor_step(
-                                now, command_now, load_n, fault, lane_pairs(paired, n), c_n, dt
-                            )
-                        else:
-                            if by_candidate is None:  # noqa: SIM108  # numba prunes statements
-                                truer_n = truer
-                            else:
-                                truer_n = lane_truer(own, len(c), n)
-                            now, now_more, p_mean = truer_monitor_step(
-                                now, truer_state(added[:, n]),
-                                command_now, load_n, fault, c_n, truer_n, compliant, regulated, dt,
-                            )  # fmt: skip
-                            added[0, n] = now_more.loop_a
-                            added[1, n] = now_more.loop_b
-                            added[2, n] = now_more.loop_c
-                            added[3, n] = now_more.sector
-                            added[4, n] = now_more.asked
-                            added[5, n] = now_more.pending
-                            added[6, n] = now_more.integral
-                            added[7, n] = now_more.wait
-                            added[8, n] = now_more.late
-                            if regulated is not None:
-                                added[9, n] = now_more.voltage
-                                added[10, n] = now_more.voltage_pending
-                                added[11, n] = now_more.voltage_integral
-                                added[12, n] = now_more.voltage_wait
-                                added[13, n] = now_more.voltage_late
-                                added[14, n] = now_more.leaving
-                                total[n] += now_more.beside
-                        i[n] = now.i
-                        w_m[n] = now.w_m
-                        theta_m[n] = now.theta_m
-                        w_o[n] = now.w_o
-                        theta_o[n] = now.theta_o
-                        dw_m[n] = now.dw_m
-                        i_from[n] = now.i_from
-                        total[n] += now.i
-                        if power is not None:
-                            energy[n] += p_mean
+    for s in range(starts.size):
+        here = starts[s]
+        command, load = commands[here : here + samples], loads[here : here + samples]
+        target, weight = targets[here : here + samples], weights[here : here + samples]
+        count = k.shape[0]
+        for n in range(count):
+            left[n] = n
+            saved[n, :_Z1] = states[s]
+            if truer is not None:
+                saved[n, _MORE:] = more[s]
+            saved[n, _Z1] = taps[s, 5]
+            saved[n, _Z2] = taps[s, 6]
+            saved[n, _COST] = 0.0
+        for begin in range(1, samples, segment):
+            end = min(begin + segment, samples)
+            for first in range(0, count, LANES):
                 for n in range(LANES):
-                    x = total[n] * share
-                    x = abs(x) if rectify else x
-                    y = b0 * x + z1[n]  # direct form II transposed
-                    z1[n] = b1 * x - a1 * y + z2[n]
-                    z2[n] = b2 * x - a2 * y
-                    total[n] = y
-                    error = target[sample] - y
-                    cost[n] += weight[sample] * error * error
-                if power is not None:
+                    who = left[min(first + n, count - 1)]  # the last one fills the lanes of a block
+                    v = k[who]
+                    half_gap_n = c.half_gap
+                    # A NaN anywhere in the vector must show: as a friction it would only hold all
+                    # at rest.
+                    nothing = 0.0
+                    for m in range(v.size):
+                        nothing += 0.0 * v[m]
+                    if by_candidate is not None:
+                        for m in range(columns):
+                            own[m, n] = by_candidate[who, m]
+                            nothing += 0.0 * own[m, n]
+                        half_gap_n = own[HALF_GAP, n]
+                        if not math.isfinite(own[LOAD_DELAY, n]):
+                            own[LOAD_DELAY, n] = 0.0  # no place in an array; the cost shows it
+                        place = -own[LOAD_DELAY, n] * rate
+                        whole = math.floor(min(max(place, -float(samples)), float(samples)))
+                        late[n] = int(whole)
+                        late_part[n] = min(max(place - whole, 0.0), 1.0)
+                        now_at = at(load, begin - 1 + late[n])
+                        late_next[n] = at(load, begin + late[n])
+                        late_end[n] = now_at + late_part[n] * (late_next[n] - now_at)
+                    f = fault_state(v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7], half_gap_n)
+                    friction[n] = f.friction
+                    half_gap[n] = f.half_gap
+                    h_a[n] = f.h_a
+                    h_b[n] = f.h_b
+                    h_c[n] = f.h_c
+                    zeta_cos[n] = f.zeta_cos
+                    zeta_sin[n] = f.zeta_sin
+                    gain[n] = f.gain
+                    if by_candidate is None:
+                        pairs = pairs_of(f, c)
+                    else:
+                        pairs = pairs_of(f, lane_constants(own, n))
+                    for m, value in enumerate(pairs):
+                        paired[m, n] = value
+                    i[n] = saved[who, 0]
+                    w_m[n] = saved[who, 1]
+                    theta_m[n] = saved[who, 2]
+                    w_o[n] = saved[who, 3]
+                    theta_o[n] = saved[who, 4]
+                    dw_m[n] = saved[who, 5]
+                    i_from[n] = saved[who, 6]
+                    z1[n] = saved[who, _Z1]
+                    z2[n] = saved[who, _Z2]
+                    cost[n] = saved[who, _COST] + nothing
+                    if truer is not None:
+                        for m in range(more.shape[1]):
+                            added[m, n] = saved[who, _MORE + m]
+                    if power is not None:
+                        y1[n] = power[0][s, 0]
+                        y2[n] = power[0][s, 1]
+                if keep:
+                    responses[s, first : first + LANES, 0] = target[0]
+                    if power is not None:
+                        power[1][s, first : first + LANES, 0] = 0.0  # the start counts nothing
+                for sample in range(begin, end):
+                    total[:] = 0.0
+                    if power is not None:
+                        energy[:] = 0.0
+                    d_command = (command[sample] - command[sample - 1]) * share
+                    d_load = (load[sample] - load[sample - 1]) * share
+                    if by_candidate is not None:
+                        for n in range(LANES):
+                            now_at = late_next[n]
+                            late_next[n] = at(load, sample + 1 + late[n])
+                            late_load[n] = late_end[n]
+                            late_end[n] = now_at + late_part[n] * (late_next[n] - now_at)
+                            d_late[n] = (late_end[n] - late_load[n]) * share
+                    for j in range(substeps):
+                        command_now = REAL(command[sample - 1] + (j + 0.5) * d_command)
+                        load_now = REAL(load[sample - 1] + (j + 0.5) * d_load)
+                        for n in range(LANES):
+                            if by_candidate is None:
+                                c_n = c
+                            else:
+                                c_n = lane_constants(own, n)
+                                load_now = REAL(late_load[n] + (j + 0.5) * d_late[n])
+                            now = MonitorState(
+                                i[n], w_m[n], theta_m[n], w_o[n], theta_o[n], dw_m[n], i_from[n]
+                            )
+                            load_n = c_n.load_gain * load_now + c_n.load_offset
+                            fault = FaultState(
+                                friction[n], half_gap[n], h_a[n], h_b[n], h_c[n],
+                                zeta_cos[n], zeta_sin[n], gain[n],
+                            )  # fmt: skip
+                            if truer is None:
+                                now, p_mean = monitor_step(
+                                    now, command_now, load_n, fault, lane_pairs(paired, n), c_n, dt
+                                )
+                            else:
+                                if by_candidate is None:  # numba prunes statements
+                                    truer_n = truer
+                                else:
+                                    truer_n = lane_truer(own, len(c), n)
+                                now, now_more, p_mean = truer_monitor_step(
+                                    now, truer_state(added[:, n]),
+                                    command_now, load_n, fault, c_n, truer_n, compliant, regulated,
+                                    dt,
+                                )  # fmt: skip
+                                added[0, n] = now_more.loop_a
+                                added[1, n] = now_more.loop_b
+                                added[2, n] = now_more.loop_c
+                                added[3, n] = now_more.sector
+                                added[4, n] = now_more.asked
+                                added[5, n] = now_more.pending
+                                added[6, n] = now_more.integral
+                                added[7, n] = now_more.wait
+                                added[8, n] = now_more.late
+                                if regulated is not None:
+                                    added[9, n] = now_more.voltage
+                                    added[10, n] = now_more.voltage_pending
+                                    added[11, n] = now_more.voltage_integral
+                                    added[12, n] = now_more.voltage_wait
+                                    added[13, n] = now_more.voltage_late
+                                    added[14, n] = now_more.leaving
+                                    total[n] += now_more.beside
+                            i[n] = now.i
+                            w_m[n] = now.w_m
+                            theta_m[n] = now.theta_m
+                            w_o[n] = now.w_o
+                            theta_o[n] = now.theta_o
+                            dw_m[n] = now.dw_m
+                            i_from[n] = now.i_from
+                            total[n] += now.i
+                            if power is not None:
+                                energy[n] += p_mean
                     for n in range(LANES):
-                        x = energy[n] * share
-                        y = b0 * x + y1[n]
-                        y1[n] = b1 * x - a1 * y + y2[n]
-                        y2[n] = b2 * x - a2 * y
-                        energy[n] = y
-                if keep and sample % stride == 0:
-                    for n in range(LANES):
-                        response[first + n, sample // stride] = total[n]
+                        x = total[n] * share
+                        x = abs(x) if rectify else x
+                        y = b0 * x + z1[n]  # direct form II transposed
+                        z1[n] = b1 * x - a1 * y + z2[n]
+                        z2[n] = b2 * x - a2 * y
+                        total[n] = y
+                        error = target[sample] - y
+                        cost[n] += weight[sample] * error * error
                     if power is not None:
                         for n in range(LANES):
-                            power[1][first + n, sample // stride] = energy[n]
-            for n in range(LANES):
-                who = left[min(first + n, count - 1)]
-                saved[who, 0] = i[n]
-                saved[who, 1] = w_m[n]
-                saved[who, 2] = theta_m[n]
-                saved[who, 3] = w_o[n]
-                saved[who, 4] = theta_o[n]
-                saved[who, 5] = dw_m[n]
-                saved[who, 6] = i_from[n]
-                saved[who, _Z1] = z1[n]
-                saved[who, _Z2] = z2[n]
-                saved[who, _COST] = cost[n]
-                if truer is not None:
-                    for m in range(more.size):
-                        saved[who, _MORE + m] = added[m, n]
-        wanted = 0
-        for n in range(count):
-            who = left[n]
-            if saved[who, _COST] <= limits[who]:  # false for NaN too: it would stay so
-                left[wanted] = who
-                wanted += 1
-        count = wanted
-    for n in range(k.shape[0]):
-        costs[n] = saved[n, _COST]
-        status[n] = OK
-        if not math.isfinite(costs[n]):
-            costs[n] = math.inf
-            status[n] = DIVERGED
-        elif costs[n] > limits[n]:
-            costs[n] = math.inf
-            status[n] = STOPPED
+                            x = energy[n] * share
+                            y = b0 * x + y1[n]
+                            y1[n] = b1 * x - a1 * y + y2[n]
+                            y2[n] = b2 * x - a2 * y
+                            energy[n] = y
+                    if keep and sample % stride == 0:
+                        for n in range(LANES):
+                            responses[s, first + n, sample // stride] = total[n]
+                        if power is not None:
+                            for n in range(LANES):
+                                power[1][s, first + n, sample // stride] = energy[n]
+                for n in range(LANES):
+                    who = left[min(first + n, count - 1)]
+                    saved[who, 0] = i[n]
+                    saved[who, 1] = w_m[n]
+                    saved[who, 2] = theta_m[n]
+                    saved[who, 3] = w_o[n]
+                    saved[who, 4] = theta_o[n]
+                    saved[who, 5] = dw_m[n]
+                    saved[who, 6] = i_from[n]
+                    saved[who, _Z1] = z1[n]
+                    saved[who, _Z2] = z2[n]
+                    saved[who, _COST] = cost[n]
+                    if truer is not None:
+                        for m in range(more.shape[1]):
+                            saved[who, _MORE + m] = added[m, n]
+            wanted = 0
+            for n in range(count):
+                who = left[n]
+                if saved[who, _COST] <= limits[who]:  # false for NaN too: it would stay so
+                    left[wanted] = who
+                    wanted += 1
+            count = wanted
+        for n in range(k.shape[0]):
+            costs[s, n] = saved[n, _COST]
+            status[s, n] = OK
+            if not math.isfinite(costs[s, n]):
+                costs[s, n] = math.inf
+                status[s, n] = DIVERGED
+            elif costs[s, n] > limits[n]:
+                costs[s, n] = math.inf
+                status[s, n] = STOPPED
 
 
 class Lanes(NamedTuple):

@@ -11,7 +11,7 @@ import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
@@ -29,11 +29,13 @@ from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.phase_sensors import balanced
 from ematwin.models.bldc.power import Power, recorded_power
 from ematwin.models.bldc.state import V_SUPPLY, Constants
+from ematwin.models.bldc.stretches import PowerStretches, Stretches
 from ematwin.models.bldc.truer.state import REST
 from ematwin.models.bldc.unknowns import POWER, SENSOR, UNKNOWNS
 from ematwin.models.bldc.zeros import counted, turned
 from ematwin.models.comparison import Candidates, Comparison, Placed
 from ematwin.numerics.low_pass import LowPass
+from ematwin.numerics.means import means
 from ematwin.numerics.misfit import SlopeWeighting
 from ematwin.numerics.shift import advanced
 from ematwin.numerics.white_noise import white_noise
@@ -43,55 +45,13 @@ SMOOTH_CUTOFF = 100.0  # Hz: misfits of currents low-passed there are smooth ove
 _TWIN_ERROR = 0.003  # relative misfit of the twin to healthy records of the reference model
 _SHORTEST = 100  # samples: fewer cannot tell eight parameters apart
 KEPT = 5_000  # samples of a response: more are thinned, as far as the low-pass allows
+_KEPT_SMOOTH = 1_000  # the same of smoothed currents
 _OVERSAMPLING = 8.0  # rate of kept samples over the cutoff, at least
 _AT_A_TIME = 4_000_000  # samples of answers that are held whole
 _COARSE = 2.0  # times the step, where only the valley is looked for
 _FINE = 0.25  # times the step, where an actuator is learnt
 _FAR = 16.0  # rad on the motor shaft: beyond it single precision rounds to more than 1e-6
 _BLOCKS = 8  # of lanes in a task at most: an interrupt waits for no more than one task
-
-
-@dataclass(frozen=True)
-class PowerStretch:
-    """Recorded power over a stretch.
-
-    Attributes
-    ----------
-    target : (S,) array, W, filtered
-    weights : (S,) array, 1/W^2
-    state : (2,) array, of the low-pass at the first sample
-    """
-
-    target: np.ndarray
-    weights: np.ndarray
-    state: np.ndarray
-
-
-@dataclass(frozen=True)
-class Stretch:
-    """A stretch of a recording on the monitor model's time base, and where it starts.
-
-    Attributes
-    ----------
-    command, load : (S,) arrays on the motor shaft, rad and N m
-    target : (S,) array, A, filtered equivalent current
-    weights : (S,) array, s/A
-    state : (7,) array, of the monitor model at the first sample
-    taps : (7,) array, of the low-pass and its state at the first sample
-    kept : samples of a response that are kept at most
-    power : where it counts
-    at_rest : whether it starts as the recording does; else the controller is taken to be at work
-    """
-
-    command: np.ndarray
-    load: np.ndarray
-    target: np.ndarray
-    weights: np.ndarray
-    state: np.ndarray
-    taps: np.ndarray
-    kept: int
-    power: PowerStretch | None = None
-    at_rest: bool = True
 
 
 class BldcComparison(Comparison):
@@ -118,6 +78,7 @@ class BldcComparison(Comparison):
     step, substeps : step of the monitor model (s), and how many make a sampling interval
     rectify : whether magnitudes are compared
     threads : threads that share a batch
+    kept : samples of a response that are kept at most
     single : whether costs are simulated in single precision: not those of truer forms, nor of
         motions over more than 16 rad of the motor, whose angles it rounds too much
     power : the electrical power, where it counts as evidence
@@ -130,8 +91,10 @@ class BldcComparison(Comparison):
         If it is sampled too slowly for the filter, or the backend lacks a form of the actuator.
     """
 
+    kept: int
+    _stands_for = 1  # samples as recorded, each sample
     power: Power | None = None
-    _power_stretch: PowerStretch | None = None
+    _filtered_power: PowerStretches | None = None
     ignores = frozenset(POWER)
 
     def __init__(
@@ -145,7 +108,7 @@ class BldcComparison(Comparison):
         threads: int | None = None,
         backend: str = "cpu",
     ) -> None:
-        self.backend = backend
+        self.backend, self.kept = backend, KEPT
         if len(recording) < _SHORTEST:
             raise RecordError(
                 f"The record has {len(recording)} samples; at least {_SHORTEST} are needed to tell "
@@ -212,11 +175,32 @@ class BldcComparison(Comparison):
         other._filter_power()
         return other
 
+    def coarse(self) -> "BldcComparison":
+        """With longer steps and fewer samples, as far as steps are stable and the low-pass acts."""
+        return self._coarse(self.low_pass, KEPT)
+
     def smoothed(self) -> "BldcComparison":
-        """Through a low-pass of `SMOOTH_CUTOFF` at most, and with longer steps."""
-        other = self.with_cutoff(min(SMOOTH_CUTOFF, self.low_pass.cutoff))
-        coarse = _COARSE * self.actuator.step_of("monitor")
-        return other._stepped(min(coarse, self.actuator.largest_stable_step("monitor")))
+        """The coarse one through a low-pass of `SMOOTH_CUTOFF` at most."""
+        return self._coarse(LowPass(min(SMOOTH_CUTOFF, self.low_pass.cutoff)), _KEPT_SMOOTH)
+
+    def _coarse(self, low_pass: LowPass, kept: int) -> "BldcComparison":
+        """With one sample, of currents and power the mean, for so many as a long step takes."""
+        longest = _COARSE * self.actuator.step_of("monitor")
+        longest = min(longest, self.actuator.largest_stable_step("monitor"))
+        recording, rate = self.recording, self.recording.sample_rate
+        stride = int(min(longest * rate + 1e-9, rate / (_OVERSAMPLING * low_pass.cutoff)))
+        stride = max(1, stride)
+        other, some = copy.copy(self), slice(None, None, stride)
+        other.recording = recording.changed(**{name: x[some] for name, x in recording.columns()})
+        # copies: machine code for arrays with gaps would be compiled apart
+        other.command, other.load = self.command[some].copy(), self.load[some].copy()
+        other.current = means(self.current, stride)
+        other._white_noise = self._white_noise / math.sqrt(stride)
+        if self.power is not None:
+            other.power = replace(self.power, watts=means(self.power.watts, stride))
+        other.kept, other._stands_for = min(kept, self.kept), stride * self._stands_for
+        other._filter(low_pass, self.weighting)
+        return other._stepped(longest)
 
     def refined(self) -> "BldcComparison":
         """With shorter steps: impacts in a gap that is hardly wider than one are late otherwise."""
@@ -243,7 +227,8 @@ class BldcComparison(Comparison):
         k = np.array([values.get(one.name, one.healthy) for one in UNKNOWNS])
         trace = monitor_trace(
             k, self.command, self.load, self.state.copy(), self.constants, self.step, self.substeps,
-            1, self.truer, self._more(self.stretch), *kernel_cases(self.actuator),
+            1, self.truer, None if self.truer is None else np.array(REST),
+            *kernel_cases(self.actuator),
         )  # fmt: skip
         pole_pairs = self.actuator.motor.pole_pairs
         behind = turned(currents[1:], pole_pairs * trace[:, 1], trace[:, 0])
@@ -256,11 +241,11 @@ class BldcComparison(Comparison):
         return Restarted(self) if has_states(self.recording) else None
 
     @property
-    def stretch(self) -> Stretch:
-        """The whole recording."""
-        return Stretch(
-            self.command, self.load, self.target, self.weights, self.state, self.taps, KEPT,
-            self._power_stretch,
+    def whole(self) -> Stretches:
+        """The whole recording, as one stretch."""
+        return Stretches(
+            self.command, self.load, self.target, self.weights, np.zeros(1, dtype=np.int64),
+            self.target.size, self.state[None], self.taps[None], self.kept, self._filtered_power,
         )  # fmt: skip
 
     def _filter_power(self) -> None:
@@ -272,16 +257,16 @@ class BldcComparison(Comparison):
         error = self.power.error(filtered, self.low_pass, rate)
         counting = self.weights > 0.0
         weights = counting * self.independent / (counting.sum() * error**2)
-        state = self.low_pass.taps(rate, float(filtered[0]))[5:]
-        self._power_stretch = PowerStretch(filtered, weights, state)
-        self.evidence = self.kept_of(self.stretch)
+        states = self.low_pass.taps(rate, float(filtered[0]))[None, 5:]
+        self._filtered_power = PowerStretches(filtered, weights, states)
+        self.evidence = self.kept_of(self.whole)
 
     def _filter(self, low_pass: LowPass, weighting: SlopeWeighting) -> None:
         """Form target, weights and filter for a low-pass."""
         recording = self.recording
         self.low_pass, self.weighting = low_pass, weighting
         self.target = low_pass.apply(self.current, recording.sample_rate)
-        self.weights = weighting.weights(self.target, recording.interval)
+        self.weights = self._stands_for * weighting.weights(self.target, recording.interval)
         self.weights[0] = 0.0  # the twin starts there; nothing has been simulated yet
         for start, stop in recording.provenance.get("masked_s", []):
             # filled by the reader; the filter remembers it for a while afterwards
@@ -309,13 +294,13 @@ class BldcComparison(Comparison):
     def _costs(self, candidates: Candidates, count: int, limits: np.ndarray | None) -> np.ndarray:
         batch = self.batch(candidates, count)
         if not batch.sensor:
-            return self.run(self.stretch, batch, 0, spread=True, limits=limits)[0]
+            return self.run(self.whole, batch, 0, limits=limits)[0]
         from ematwin.models.bldc.batch import LANES
 
         # what a sensor shows is known of whole answers only: as many at a time as memory allows,
         # and of long ones as many samples as a residual keeps
         if self.target.size * LANES > _AT_A_TIME:
-            current = self.residuals_of(self.stretch, batch, spread=True)[0]
+            current = self.residuals_of(self.whole, batch)[0]
             costs = np.einsum("bs,bs->b", current, current)
             return np.where(np.isfinite(costs), costs, np.inf)
         many = _AT_A_TIME // self.target.size
@@ -323,7 +308,7 @@ class BldcComparison(Comparison):
         return np.concatenate([self._costs_as_sensed(part) for part in parts])
 
     def _costs_as_sensed(self, batch: "Batch") -> np.ndarray:
-        costs, response, _ = self.run(self.stretch, batch, self.target.size, spread=True)
+        costs, response, _ = self.run(self.whole, batch, self.target.size)
         gap = self._sensed(response, batch, self.recording.interval)
         gap -= self.target
         found = np.einsum("s,bs,bs->b", self.weights, gap, gap)
@@ -332,7 +317,7 @@ class BldcComparison(Comparison):
     def responses(self, candidates: Candidates, count: int) -> dict[str, np.ndarray]:
         """Filtered equivalent currents, (B, S) array, A."""
         batch = self.batch(candidates, count)
-        response = self.run(self.stretch, batch, self.target.size, spread=True)[1]
+        response = self.run(self.whole, batch, self.target.size)[1]
         return {"current": self._sensed(response, batch, self.recording.interval)}
 
     def measured(self) -> dict[str, np.ndarray]:
@@ -347,50 +332,39 @@ class BldcComparison(Comparison):
 
     def residuals(self, candidates: Candidates, count: int) -> np.ndarray:
         """Weighted residuals (B, K): the sum of their squares is the cost."""
-        parts = self.residuals_of(self.stretch, self.batch(candidates, count), spread=True)
+        parts = self.residuals_of(self.whole, self.batch(candidates, count))
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
 
-    def residuals_of(self, stretch: Stretch, batch: "Batch", *, spread: bool) -> list[np.ndarray]:
-        """Weighted residuals (B, K) over a stretch: of the current and, as evidence, the power.
+    def residuals_of(self, stretches: Stretches, batch: "Batch") -> list[np.ndarray]:
+        """Weighted residuals (B, K) over stretches: of the current and, as evidence, the power.
 
-        Of a long one only every so many samples are kept, weighted accordingly: the low-pass
+        Of long ones only every so many samples are kept, weighted accordingly: the low-pass
         leaves nothing in between, and memory stays bounded.
         """
-        count = self.kept_of(stretch)
-        run = self.run(stretch, batch, count, spread=spread)
-        return self.weighted(stretch, batch, count, *run)
-
-    def weighted(
-        self,
-        stretch: Stretch,
-        batch: "Batch",
-        count: int,
-        costs: np.ndarray,
-        response: np.ndarray,
-        watts: np.ndarray,
-    ) -> list[np.ndarray]:
-        """What `residuals_of` gives, from what `run` gave with ``count`` samples kept."""
-        stride = -(-stretch.target.size // count)
-        interval, thin = stride * self.recording.interval, slice(None, None, stride)
+        kept = self.kept_of(stretches)
+        costs, response, watts = self.run(stretches, batch, kept)
+        stride = -(-stretches.samples // kept)
+        interval, places = stride * self.recording.interval, stretches.places(stride).ravel()
         response[~np.isfinite(costs)] = np.nan  # a friction that is no number holds all at rest
         found = []
-        if stretch.power is not None:
-            watts = self._sensed_power(watts, response, batch, interval)
-            watts -= stretch.power.target[thin]
-            found.append(watts * np.sqrt(stride * stretch.power.weights[thin]))
-        response = self._sensed(response, batch, interval)
-        response -= stretch.target[thin]
-        response *= np.sqrt(stride * stretch.weights[thin])
+        if stretches.power is not None:
+            watts = self._sensed_power(watts, response, batch, interval, len(stretches))
+            watts -= stretches.power.target[places]
+            found.append(
+                watts * np.sqrt(stretches.weighted(stretches.power.weights, stride)).ravel()
+            )
+        response = self._sensed(response, batch, interval, len(stretches))
+        response -= stretches.target[places]
+        response *= np.sqrt(stretches.weighted(stretches.weights, stride)).ravel()
         return [response, *found]
 
-    def kept_of(self, stretch: Stretch) -> int:
+    def kept_of(self, stretches: Stretches) -> int:
         """How many samples of a response over a stretch are kept."""
         most = max(1, int(self.recording.sample_rate / (_OVERSAMPLING * self.low_pass.cutoff)))
-        size = stretch.target.size
-        wished = min(most, -(-size // stretch.kept))
-        kept = -(-size // wished)
-        stride = -(-size // kept)
-        return -(-size // stride)
+        wished = min(most, -(-stretches.samples // stretches.kept))
+        kept = -(-stretches.samples // wished)
+        stride = -(-stretches.samples // kept)
+        return -(-stretches.samples // stride)
 
     def batch(self, candidates: Candidates, count: int) -> "Batch":
         """Candidates as the kernel takes them."""
@@ -400,11 +374,13 @@ class BldcComparison(Comparison):
         sensor = {name: candidates[name] for name in SENSOR if name in candidates}
         return Batch(faults, constants_by_candidate(self.actuator, candidates, count), sensor)
 
-    def _sensed(self, response: np.ndarray, batch: "Batch", interval: float) -> np.ndarray:
-        """Responses (B, K) as the sensors of the candidates show them."""
+    def _sensed(
+        self, response: np.ndarray, batch: "Batch", interval: float, stretches: int = 1
+    ) -> np.ndarray:
+        """Responses (B, K) over so many stretches as the sensors of the candidates show them."""
         sensor = batch.sensor
         if "skew" in sensor:
-            response = advanced(response, sensor["skew"] / interval)
+            response = _skewed(response, sensor["skew"] / interval, stretches)
         if "current_gain" in sensor:
             response *= sensor["current_gain"][:, None]
         if "current_offset" in sensor:
@@ -412,7 +388,12 @@ class BldcComparison(Comparison):
         return response
 
     def _sensed_power(
-        self, watts: np.ndarray, response: np.ndarray, batch: "Batch", interval: float
+        self,
+        watts: np.ndarray,
+        response: np.ndarray,
+        batch: "Batch",
+        interval: float,
+        stretches: int,
     ) -> np.ndarray:
         """Power (B, K) as it would be recorded beside currents (B, K)."""
         assert self.power is not None
@@ -420,7 +401,7 @@ class BldcComparison(Comparison):
         if "voltage_drop" in sensor:
             watts = watts + sensor["voltage_drop"][:, None] * np.abs(response)
         if "skew" in sensor:
-            watts = advanced(watts, sensor["skew"] / interval)
+            watts = _skewed(watts, sensor["skew"] / interval, stretches)
         gain = np.ones(len(watts)) * sensor.get("power_gain", 1.0)
         if self.power.by_phases:
             gain *= sensor.get("current_gain", 1.0)
@@ -430,72 +411,77 @@ class BldcComparison(Comparison):
         return np.asarray(gain[:, None] * watts + offset[:, None])
 
     def run(
-        self,
-        stretch: Stretch,
-        batch: "Batch",
-        kept: int,
-        *,
-        spread: bool,
-        limits: np.ndarray | None = None,
+        self, stretches: Stretches, batch: "Batch", kept: int, limits: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Costs (B,), responses (B, kept) and, if it counts, power (B, kept), W, over a stretch.
+        """Costs (B,) summed over N stretches, responses and, if it counts, power, W, (B, N kept).
 
-        ``spread`` over the threads. Costs above ``limits`` (B,) are infinite.
+        ``kept`` samples of each stretch are kept. Costs above ``limits`` (B,) are infinite.
         """
         if self.backend == "cuda":
-            return self.run_at_once([stretch], batch, [kept])[0]
+            from ematwin.models.bldc.cuda import LAUNCHER, Work
+
+            own = self.constants if batch.constants is None else batch.constants
+            work = Work(stretches, batch.faults, own, self.step, self.substeps, self.rectify, kept)
+            return LAUNCHER.scores([work])[0]
         from ematwin.models.bldc.batch import lanes
 
         scores, width, real = lanes(single=self.single and not kept)
-        count = len(batch.faults)
+        count, parts = len(batch.faults), len(stretches)
         blocks = -(-count // width)
         faults = _padded(batch.faults, blocks * width)
-        own = None if batch.constants is None else _padded(batch.constants, len(faults))
+        each = None if batch.constants is None else _padded(batch.constants, len(faults))
         within = np.full(len(faults), np.inf)
         if limits is not None:
             within[:count] = limits
             within[count:] = -np.inf  # nobody asks for the padding
-        costs = np.empty(len(faults))
-        status = np.empty(len(faults), dtype=np.int64)
-        response = np.empty((len(faults), kept) if kept else (0, 0))
-        power = stretch.power if kept else None
-        watts = np.empty((0, 0) if power is None else (len(faults), kept))
-
-        more, cases = self._more(stretch), kernel_cases(self.actuator)
+        costs = np.empty((parts, len(faults)))
+        status = np.empty(costs.shape, dtype=np.int64)
+        response = np.empty((*costs.shape, kept))
+        power = stretches.power if kept else None
+        watts = np.empty((*costs.shape, 0 if power is None else kept))
+        more, cases = self._more(stretches), kernel_cases(self.actuator)
         constants, step = Constants._make(map(real, self.constants)), real(self.step)
 
-        each = max(1, min(_BLOCKS, blocks // self.threads)) if spread else blocks
-
-        def work(first: int) -> None:
-            part = slice(first * width, min(first + each, blocks) * width)
+        def work_on(task: tuple[slice, slice]) -> None:
+            some, rows = task
             scores(
-                faults[part], stretch.command, stretch.load, stretch.state, constants,
-                None if own is None else own[part], step, self.substeps, stretch.taps,
-                self.rectify, stretch.target, stretch.weights,
-                costs[part], status[part], response[part],
-                None if power is None else (power.state, watts[part]),
-                within[part], self.truer, more,
-                *cases,
+                faults[rows], stretches.command, stretches.load, stretches.starts[some],
+                stretches.samples, stretches.states[some], constants,
+                None if each is None else each[rows], step, self.substeps, stretches.taps[some],
+                self.rectify, stretches.target, stretches.weights,
+                costs[some, rows], status[some, rows], response[some, rows],
+                None if power is None else (power.states[some], watts[some, rows]),
+                within[rows], self.truer, None if more is None else more[some], *cases,
             )  # fmt: skip
 
-        self.share(work, range(0, blocks, each), spread=spread)
-        return costs[:count], response[:count], watts[:count]
+        self.share(work_on, _tasks(parts, blocks, width, self.threads))
+        return costs.sum(axis=0)[:count], _joined(response, count), _joined(watts, count)
 
-    def _more(self, stretch: Stretch) -> np.ndarray | None:
-        """State (16,) of the truer forms at the start of a stretch; None without any.
+    def _more(self, stretches: Stretches) -> np.ndarray | None:
+        """States (N, 16) of the truer forms at the start of each stretch; None without any.
 
-        Loop currents fade within 0.1 ms. The speed loop is taken to ask for the recorded current,
-        the current loop for the voltage that keeps it.
+        A stretch that begins later than the recording finds the controller at work. Loop currents
+        fade within 0.1 ms. The speed loop is taken to ask for the recorded current, the current
+        loop for the voltage that keeps it.
         """
         if self.truer is None:
             return None
-        if stretch.at_rest:
-            return np.array(REST)
-        current, w_m, theta_m, _, theta_o, _, _ = stretch.state
+        commands = stretches.command[stretches.starts]
+        return np.stack([
+            self._at_work(state, command) if start else np.array(REST)
+            for start, state, command in zip(
+                stretches.starts, stretches.states, commands, strict=True
+            )
+        ])  # fmt: skip
+
+    def _at_work(self, state: np.ndarray, command: float) -> np.ndarray:
+        """State (16,) of the truer forms from a state (7,) of the monitor model."""
+        assert self.truer is not None
+        current, w_m, theta_m, _, theta_o, _, _ = state
         integral = 0.0
         if self.truer.integral_gain > 0.0:
             c = self.constants
-            wanted = c.k_position * (stretch.command[0] - theta_o)
+            wanted = c.k_position * (command - theta_o)
             error = min(max(wanted, -c.w_max), c.w_max) - w_m
             integral = 2.0 * c.k_e * current - c.k_speed * error
         voltage = 2.0 * (self.constants.resistance * current + self.constants.k_e * w_m)
@@ -505,23 +491,9 @@ class BldcComparison(Comparison):
             voltage=voltage, voltage_pending=voltage, voltage_integral=voltage,
         ))  # fmt: skip
 
-    def run_at_once(
-        self, stretches: Sequence[Stretch], batch: "Batch", kept: Sequence[int]
-    ) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """What `run` gives of each stretch, from one launch of a GPU."""
-        from ematwin.models.bldc.cuda import LAUNCHER, Work
-
-        constants = self.constants if batch.constants is None else batch.constants
-        return LAUNCHER.scores(
-            [
-                Work(stretch, batch.faults, constants, self.step, self.substeps, self.rectify, n)
-                for stretch, n in zip(stretches, kept, strict=True)
-            ]
-        )
-
-    def share(self, work: Callable[[Any], None], tasks: Any, *, spread: bool = True) -> None:
+    def share(self, work: Callable[[Any], None], tasks: Sequence[Any]) -> None:
         """Do tasks, on several threads if there are several."""
-        if not spread or self.threads == 1 or len(tasks) == 1:
+        if self.threads == 1 or len(tasks) == 1:
             for task in tasks:
                 work(task)
             return
@@ -549,6 +521,32 @@ class Batch:
         constants = None if self.constants is None else self.constants[rows]
         sensor = {name: values[rows] for name, values in self.sensor.items()}
         return Batch(self.faults[rows], constants, sensor)
+
+
+def _tasks(parts: int, blocks: int, width: int, threads: int) -> list[tuple[slice, slice]]:
+    """Stretches and rows of candidates that are simulated at a time.
+
+    A share for each thread, of `_BLOCKS` blocks over a whole recording at most. Many stretches are
+    shared, candidates where there is one.
+    """
+    if parts > 1:
+        each = max(1, -(-parts // max(threads, -(-blocks // _BLOCKS))))
+        return [(slice(n, n + each), slice(None)) for n in range(0, parts, each)]
+    each = max(1, min(_BLOCKS, blocks // threads))
+    every = slice(None)
+    return [(every, slice(n * width, (n + each) * width)) for n in range(0, blocks, each)]
+
+
+def _joined(answers: np.ndarray, count: int) -> np.ndarray:
+    """The first rows (count, N K) of answers (N, B, K)."""
+    parts, _, kept = answers.shape
+    return answers[:, :count].transpose(1, 0, 2).reshape(count, parts * kept)
+
+
+def _skewed(rows: np.ndarray, samples: np.ndarray, stretches: int) -> np.ndarray:
+    """Rows (B, N K) so many samples (B,) later, within each of N stretches."""
+    apart = np.ascontiguousarray(rows).reshape(len(rows) * stretches, -1)
+    return advanced(apart, np.repeat(samples, stretches)).reshape(rows.shape)
 
 
 def _padded(rows: np.ndarray, count: int) -> np.ndarray:

@@ -16,27 +16,27 @@ import numpy as np
 
 from ematwin.errors import InputError, MissingExtraError
 from ematwin.models.bldc.cuda_signals import Signals
-from ematwin.models.bldc.monitor_thread import COUNTS, NUMBERS
 from ematwin.models.bldc.state import Constants
+from ematwin.models.bldc.stretches import Stretches
 
 BLOCK = 32  # threads: one warp, so that a small batch is spread over as many cores as can be
 
 
 @dataclass(frozen=True)
 class Work:
-    """Candidates to be scored on one stretch.
+    """Candidates to be scored on some stretches of a recording.
 
     Attributes
     ----------
-    stretch : `ematwin.models.bldc.comparison.Stretch`
+    stretches : N of them
     faults : (B, 8) array, fault vectors
     constants : (B, 33) array, or the `Constants` that all share
     step, substeps : step of the monitor model (s), and how many make a sampling interval
     rectify : whether magnitudes are compared
-    kept : samples of a response that are kept; 0 for none
+    kept : samples of a response over a stretch that are kept; 0 for none
     """
 
-    stretch: Any
+    stretches: Stretches
     faults: np.ndarray
     constants: np.ndarray | Constants
     step: float
@@ -67,7 +67,7 @@ class Launcher:
         self._signals = Signals()
 
     def scores(self, works: Sequence[Work]) -> list[Scores]:
-        """Costs (B,), responses (B, kept) and, if it counts, power (B, kept), W, of each work.
+        """Costs (B,), responses (B, N kept) and, if it counts, power (B, N kept), W, of each work.
 
         Responses and power are (0, 0) where none are kept.
 
@@ -107,20 +107,24 @@ class Launcher:
         cuda = ready()
         from ematwin.models.bldc.cuda_kernel import monitor_scores_by_thread
 
+        parts = [len(work.stretches) for work in works]
         sizes = [len(work.faults) for work in works]
-        ends = np.cumsum(sizes)
+        ends = np.cumsum(np.multiply(parts, sizes))
         total = int(ends[-1])
-        signals, places = self._signals.placed([work.stretch for work in works], cuda.to_device)
-        # a column for each candidate: threads that are neighbours read and write neighbours
-        faults = np.concatenate([work.faults for work in works]).T
+        signals, places = self._signals.placed([work.stretches for work in works], cuda.to_device)
+        # a column for each candidate on each stretch, those of a stretch side by side: threads that
+        # are neighbours read and write neighbours
+        faults = np.concatenate(
+            [np.tile(w.faults, (n, 1)) for w, n in zip(works, parts, strict=True)]
+        ).T
         constants = np.concatenate(
             [
-                np.broadcast_to(work.constants, (n, len(Constants._fields)))
-                for work, n in zip(works, sizes, strict=True)
+                np.tile(np.broadcast_to(work.constants, (size, len(Constants._fields))), (n, 1))
+                for work, size, n in zip(works, sizes, parts, strict=True)
             ]
         ).T
         most = max(work.kept for work in works)
-        with_power = most > 0 and any(work.stretch.power is not None for work in works)
+        with_power = most > 0 and any(work.stretches.power is not None for work in works)
         costs = np.empty(total)
         status = np.empty(total, dtype=np.int64)
         response = np.empty((most, total) if most else (1, 1))  # a device has no empty arrays
@@ -129,7 +133,7 @@ class Launcher:
         monitor_scores_by_thread[-(-total // BLOCK), BLOCK](
             cuda.to_device(np.ascontiguousarray(faults)),
             cuda.to_device(np.ascontiguousarray(constants)),
-            cuda.to_device(np.repeat(np.arange(len(works)), sizes)),
+            cuda.to_device(np.repeat(np.arange(sum(parts)), np.repeat(sizes, parts))),
             signals,
             cuda.to_device(_numbers(works)),
             cuda.to_device(_counts(works, places)),
@@ -142,35 +146,46 @@ class Launcher:
         if with_power:
             there[3].copy_to_host(watts)
         found = []
-        for work, end, size in zip(works, ends, sizes, strict=True):
-            own = slice(end - size, end)
-            power = work.kept if work.stretch.power is not None else 0
-            found.append((costs[own], _rows(response, work.kept, own), _rows(watts, power, own)))
+        for work, end, part, size in zip(works, ends, parts, sizes, strict=True):
+            own = slice(end - part * size, end)
+            power = work.kept if work.stretches.power is not None else 0
+            found.append((
+                costs[own].reshape(part, size).sum(axis=0),
+                _rows(response[: work.kept, own], part),
+                _rows(watts[:power, own], part),
+            ))  # fmt: skip
         return found
 
 
-def _rows(columns: np.ndarray, kept: int, own: slice) -> np.ndarray:
-    """(B, kept) array of its own, from columns (K, all candidates); (0, 0) if none are kept."""
-    return columns[:kept, own].T.copy() if kept else np.empty((0, 0))
+def _rows(columns: np.ndarray, parts: int) -> np.ndarray:
+    """(B, N K) array of its own, from columns (K, N B); (0, 0) if none are kept."""
+    kept = len(columns)
+    if not kept:
+        return np.empty((0, 0))
+    size = columns.shape[1] // parts
+    return columns.T.reshape(parts, size, kept).transpose(1, 0, 2).reshape(size, -1)
 
 
 def _numbers(works: Sequence[Work]) -> np.ndarray:
-    """(R, 17) array, columns as in `ematwin.models.bldc.monitor_thread`."""
-    numbers = np.empty((len(works), NUMBERS))
-    for row, work in zip(numbers, works, strict=True):
-        power = work.stretch.power
-        start = np.zeros(2) if power is None else power.state
-        row[:] = np.concatenate([work.stretch.state, work.stretch.taps, start, [work.step]])
-    return numbers
+    """(R, 17) array of the stretches of all works, as in `ematwin.models.bldc.monitor_thread`."""
+    rows = []
+    for work in works:
+        some = work.stretches
+        starts = np.zeros((len(some), 2)) if some.power is None else some.power.states
+        step = np.full((len(some), 1), work.step)
+        rows.append(np.concatenate([some.states, some.taps, starts, step], axis=1))
+    return np.concatenate(rows)
 
 
 def _counts(works: Sequence[Work], places: Sequence[int]) -> np.ndarray:
-    """(R, 6) integer array, columns as in `ematwin.models.bldc.monitor_thread`."""
-    counts = np.empty((len(works), COUNTS), dtype=np.int64)
-    for row, work, first in zip(counts, works, places, strict=True):
-        power = work.kept > 0 and work.stretch.power is not None
-        row[:] = first, work.stretch.target.size, work.substeps, work.rectify, work.kept, power
-    return counts
+    """(R, 6) integer array of the same, columns as in `ematwin.models.bldc.monitor_thread`."""
+    rows = []
+    for work, first in zip(works, places, strict=True):
+        power = work.kept > 0 and work.stretches.power is not None
+        for start in work.stretches.starts.tolist():
+            samples = work.stretches.samples
+            rows.append([first + start, samples, work.substeps, work.rectify, work.kept, power])
+    return np.array(rows, dtype=np.int64)
 
 
 LAUNCHER = Launcher()  # one device, one launcher: all comparisons of a process share it

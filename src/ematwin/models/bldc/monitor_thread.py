@@ -17,10 +17,10 @@ from ematwin.models.bldc.state import fault_state
 COMMAND, LOAD, TARGET, WEIGHT = range(4)
 # Columns of the numbers of a stretch: `MonitorState`; b0 b1 b2 a1 a2 z1 z2 of the low-pass; its
 # state for the power at the start; the step in s.
-STATE, TAPS, POWER, STEP, NUMBERS = 0, 7, 14, 16, 17
+STATE, TAPS, POWER, STEP = 0, 7, 14, 16
 # Columns of the counts of a stretch: its first column of the signals, its samples, steps from one
 # sample to the next, whether magnitudes are compared, samples kept, whether of the power as well.
-FIRST, SAMPLES, SUBSTEPS, RECTIFY, KEPT, WITH_POWER, COUNTS = range(7)
+FIRST, SAMPLES, SUBSTEPS, RECTIFY, KEPT, WITH_POWER = range(6)
 
 
 def score_candidate(

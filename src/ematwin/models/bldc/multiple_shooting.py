@@ -10,24 +10,17 @@ What the current tells between two recorded positions is less than what it tells
 vector that explains the whole recording is the better answer.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
-from ematwin.models.bldc.comparison import (
-    KEPT,
-    BldcComparison,
-    PowerStretch,
-    Stretch,
-    initial_state,
-    with_speeds,
-)
+from ematwin.models.bldc.comparison import BldcComparison, initial_state, with_speeds
+from ematwin.models.bldc.stretches import PowerStretches, Stretches
 from ematwin.models.comparison import Candidates, Comparison
 from ematwin.numerics.low_pass import filtered
 from ematwin.recordings.recording import Recording
 
 LENGTH = 0.005  # s; at 10 to 20 ms some twins still stalled within a stretch
-# Candidates; fewer are simulated over a stretch in less time than threads take to take turns in
-# Python: a hundred stretches of 9 take 5 ms on one thread, and 10 on two.
-_ALONE = 64
 _MOST = 400  # stretches; of a longer recording as many, evenly spread
 
 
@@ -47,7 +40,7 @@ class Restarted(Comparison):
     Attributes
     ----------
     length : float, s
-    stretches : tuple of Stretch; the low-pass starts each as the recorded current left it
+    stretches : Stretches; the low-pass starts each as the recorded current left it
     """
 
     def __init__(self, whole: BldcComparison, length: float = LENGTH) -> None:
@@ -59,12 +52,14 @@ class Restarted(Comparison):
         self._whole = whole
         self.recording, self.actuator = whole.recording, whole.actuator
         self.length = self._length = length
-        self.stretches = _stretches(whole, starts.tolist(), samples)
+        self.stretches = _stretches(whole, starts, min(samples + 1, size))
         self.noise, self.expected_misfit = whole.noise, whole.expected_misfit
         self.recorded_noise, self.independent = whole.recorded_noise, whole.independent
         self.ignores, self.tells = whole.ignores, whole.tells
-        self.evidence = sum(whole.kept_of(s) for s in self.stretches if s.power is not None)
-        self.scale = sum(float(np.sum(s.weights * s.target**2)) for s in self.stretches)
+        if self.stretches.power is not None:
+            self.evidence = len(starts) * whole.kept_of(self.stretches)
+        weights = self.stretches.weighted(whole.weights, 1)
+        self.scale = float(np.sum(weights * whole.target[self.stretches.places(1)] ** 2))
 
     def with_evidence(self) -> "Restarted":
         """With the electrical power, where it was recorded."""
@@ -76,17 +71,7 @@ class Restarted(Comparison):
 
     def costs(self, candidates: Candidates, count: int) -> np.ndarray:
         """Costs (B,), A s; infinite where a simulation diverged."""
-        batch = self._whole.batch(candidates, count)
-        if self._whole.backend == "cuda":
-            runs = self._whole.run_at_once(self.stretches, batch, [0] * len(self.stretches))
-            return np.asarray(np.sum([run[0] for run in runs], axis=0))
-        costs = np.empty((len(self.stretches), count))
-
-        def work(n: int) -> None:
-            costs[n] = self._whole.run(self.stretches[n], batch, 0, spread=False)[0]
-
-        self._whole.share(work, range(len(self.stretches)), spread=count > _ALONE)
-        return np.asarray(costs.sum(axis=0))
+        return self._whole.run(self.stretches, self._whole.batch(candidates, count), 0)[0]
 
     def responses(self, candidates: Candidates, count: int) -> dict[str, np.ndarray]:
         """Those of the whole recording."""
@@ -102,57 +87,41 @@ class Restarted(Comparison):
 
     def residuals(self, candidates: Candidates, count: int) -> np.ndarray:
         """Weighted residuals (B, K): the sum of their squares is the cost."""
-        batch = self._whole.batch(candidates, count)
-        parts: list[list[np.ndarray]] = [[]] * len(self.stretches)
-        whole = self._whole
-        if whole.backend == "cuda":
-            kept = [whole.kept_of(stretch) for stretch in self.stretches]
-            runs = whole.run_at_once(self.stretches, batch, kept)
-            for n, (stretch, few, run) in enumerate(zip(self.stretches, kept, runs, strict=True)):
-                parts[n] = whole.weighted(stretch, batch, few, *run)
-        else:
-
-            def work(n: int) -> None:
-                parts[n] = whole.residuals_of(self.stretches[n], batch, spread=False)
-
-            whole.share(work, range(len(self.stretches)), spread=count > _ALONE)
-        in_order = [part for kind in zip(*parts, strict=True) for part in kind]
-        return np.concatenate(in_order, axis=1)
+        parts = self._whole.residuals_of(self.stretches, self._whole.batch(candidates, count))
+        return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
 
 
-def _stretches(whole: BldcComparison, starts: list[int], samples: int) -> tuple[Stretch, ...]:
+def _stretches(whole: BldcComparison, starts: np.ndarray, samples: int) -> Stretches:
     """Stretches from some samples on; each ends with the sample at which another may start."""
-    taps, z = whole.taps[:5], whole.taps[5:]
-    recording = with_speeds(whole.recording)
-    power = whole.stretch.power
-    y = None if power is None else power.state
-    stretches, done = [], 0
-    for start in starts:
-        # the filter goes on from the recorded current, so that a stretch has no transient
-        _, z = filtered(np.r_[taps, z], whole.current[done : start + 1])
-        span = slice(start, start + samples + 1)
-        own_power = None
-        if power is not None and whole.power is not None:
-            _, y = filtered(np.r_[taps, y], whole.power.watts[done : start + 1])
-            own_power = PowerStretch(power.target[span], _but_first(power.weights[span]), y)
+    recording, entire = with_speeds(whole.recording), whole.whole
+    currents = whole.current[starts] if not whole.rectify else [None] * len(starts)
+    states = [
+        initial_state(recording, whole.actuator, None if now is None else float(now), int(start))
+        for start, now in zip(starts, currents, strict=True)
+    ]
+    power = entire.power
+    if power is not None and whole.power is not None:
+        taps = _taps_at(starts, np.r_[whole.taps[:5], power.states[0]], whole.power.watts)
+        power = PowerStretches(power.target, power.weights, taps[:, 5:])
+    return replace(
+        entire,
+        starts=starts,
+        samples=samples,
+        states=np.stack(states),
+        taps=_taps_at(starts, whole.taps, whole.current),
+        kept=max(8, whole.kept // len(starts)),
+        power=power,
+    )
+
+
+def _taps_at(starts: np.ndarray, taps: np.ndarray, signal: np.ndarray) -> np.ndarray:
+    """(N, 7) taps of a filter at each start, as a recorded signal (S,) has left it there.
+
+    It goes on from the recorded signal, so that a stretch has no transient.
+    """
+    found, done = np.tile(taps, (len(starts), 1)), 0
+    for row, start in zip(found, starts.tolist(), strict=True):
+        _, row[5:] = filtered(taps, signal[done : start + 1])
+        taps = row
         done = start + 1
-        current = None if whole.rectify else float(whole.current[start])
-        stretches.append(
-            Stretch(
-                whole.command[span],
-                whole.load[span],
-                whole.target[span],
-                _but_first(whole.weights[span]),
-                initial_state(recording, whole.actuator, current, start),
-                np.concatenate([taps, z]),
-                max(8, KEPT // len(starts)),
-                own_power,
-                at_rest=start == 0,
-            )
-        )
-    return tuple(stretches)
-
-
-def _but_first(weights: np.ndarray) -> np.ndarray:
-    """Weights of a stretch; at its start nothing has been simulated yet."""
-    return np.concatenate([[0.0], weights[1:]])
+    return found

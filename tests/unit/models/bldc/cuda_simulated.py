@@ -2,6 +2,7 @@
 
 import threading
 import time
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -16,12 +17,12 @@ from ematwin.comparison.study.execute import execute
 from ematwin.comparison.study.store import Store
 from ematwin.models.bldc import batch, cuda
 from ematwin.models.bldc.channels import VOLTAGES
-from ematwin.models.bldc.comparison import PowerStretch, Stretch
 from ematwin.models.bldc.constants import kernel_constants
 from ematwin.models.bldc.cuda_signals import Signals
 from ematwin.models.bldc.faults import HEALTHY, Faults
 from ematwin.models.bldc.model import MODEL
 from ematwin.models.bldc.parameters import BldcActuator
+from ematwin.models.bldc.stretches import PowerStretches, Stretches
 from ematwin.numerics.low_pass import LowPass
 from ematwin.testing.store_contract import small_plan
 
@@ -46,15 +47,18 @@ def record():  # type: ignore[no-untyped-def]
     return simulate("reference", SHORT, Faults(**SEVERE), also=VOLTAGES)
 
 
-def stretch(power: bool = True) -> Stretch:
-    command, load = history(SAMPLES - 1, 1.0 / RATE)
-    t = np.arange(SAMPLES) / RATE
+def stretches(power: bool = True, starts: Sequence[int] = (0,)) -> Stretches:
+    """Of a recording that is as long as the last one needs."""
+    size = starts[-1] + SAMPLES
+    command, load = history(size - 1, 1.0 / RATE)
+    t = np.arange(size) / RATE
     target = 2.0 + np.sin(2.0 * np.pi * 80.0 * t)
-    low_pass = LowPass(500.0)
-    start = PowerStretch(target, np.ones(SAMPLES), low_pass.taps(RATE, 3.0)[5:])
-    return Stretch(
-        command, load, target, 1.0 + t, np.zeros(7), low_pass.taps(RATE, 2.0), KEPT,
-        start if power else None,
+    taps = np.stack([LowPass(500.0).taps(RATE, 2.0 + 0.1 * n) for n in range(len(starts))])
+    states = np.outer(np.arange(len(starts)), [0.5, 1.0, 0.0, 1.0, 0.0, 0.1, 0.5])
+    watts = PowerStretches(target, np.ones(size), 1.5 * taps[:, 5:])
+    return Stretches(
+        command, load, target, 1.0 + t, np.array(starts), SAMPLES, states, taps, KEPT,
+        watts if power else None,
     )  # fmt: skip
 
 
@@ -64,21 +68,22 @@ def random_faults(count: int) -> np.ndarray:
     return k
 
 
-def of_lanes(k, one, own, rectify):  # type: ignore[no-untyped-def]
-    costs, status = np.empty(len(k)), np.empty(len(k), dtype=np.int64)
-    response, watts = np.empty((len(k), KEPT)), np.empty((len(k), KEPT))
+def of_lanes(k, some, own, rectify):  # type: ignore[no-untyped-def]
+    shape = len(some), len(k)
+    costs, status = np.empty(shape), np.empty(shape, dtype=np.int64)
+    response, watts = np.empty((*shape, KEPT)), np.empty((*shape, KEPT))
     batch.monitor_scores(
-        k, one.command, one.load, one.state, C, own, STEP, SUBSTEPS, one.taps, rectify,
-        one.target, one.weights, costs, status, response, (one.power.state, watts),
-        np.full(len(k), np.inf), None, None, None, None,
+        k, some.command, some.load, some.starts, some.samples, some.states, C, own, STEP, SUBSTEPS,
+        some.taps, rectify, some.target, some.weights, costs, status, response,
+        (some.power.states, watts), np.full(len(k), np.inf), None, None, None, None,
     )  # fmt: skip
-    return costs, response, watts
+    return costs.sum(axis=0), np.hstack(response), np.hstack(watts)
 
 
 @pytest.mark.parametrize("rectify", [True, False])
-@pytest.mark.parametrize("vary", [False, True])
-def test_scores_are_those_of_the_lanes(rectify: bool, vary: bool) -> None:
-    k, one, own = random_faults(batch.LANES), stretch(), None
+@pytest.mark.parametrize(("vary", "starts"), [(False, (0,)), (True, (0,)), (True, (0, 40, 90))])
+def test_scores_are_those_of_the_lanes(rectify: bool, vary: bool, starts: Sequence[int]) -> None:
+    k, one, own = random_faults(batch.LANES), stretches(starts=starts), None
     if vary:
         own = np.array(C) * np.random.default_rng(3).uniform(0.9, 1.1, (len(k), len(C)))
         own[:, C._fields.index("pole_pairs")] = C.pole_pairs
@@ -91,7 +96,7 @@ def test_scores_are_those_of_the_lanes(rectify: bool, vary: bool) -> None:
 
 @pytest.mark.filterwarnings("ignore:.*invalid value:RuntimeWarning")  # the simulator is numpy
 def test_a_diverged_candidate_costs_infinity_and_spoils_no_other() -> None:
-    k, one = random_faults(5), stretch()
+    k, one = random_faults(5), stretches()
     launcher = cuda.Launcher()
     clean = launcher.scores([cuda.Work(one, k, C, STEP, SUBSTEPS, True, 0)])[0][0]
     sick = k.copy()
@@ -108,9 +113,9 @@ def test_a_diverged_candidate_costs_infinity_and_spoils_no_other() -> None:
 def test_works_of_all_sorts_share_a_launch() -> None:
     k = random_faults(7)
     works = [
-        cuda.Work(stretch(), k[:2], C, STEP, SUBSTEPS, True, KEPT),
-        cuda.Work(stretch(power=False), k[2:5], C, STEP, SUBSTEPS, False, 21),
-        cuda.Work(stretch(), k[5:], C, STEP / 2.0, 2 * SUBSTEPS, True, 0),
+        cuda.Work(stretches(), k[:2], C, STEP, SUBSTEPS, True, KEPT),
+        cuda.Work(stretches(power=False), k[2:5], C, STEP, SUBSTEPS, False, 21),
+        cuda.Work(stretches(), k[5:], C, STEP / 2.0, 2 * SUBSTEPS, True, 0),
     ]
     launcher = cuda.Launcher()
     together = launcher.scores(works)
@@ -123,7 +128,7 @@ def test_works_of_all_sorts_share_a_launch() -> None:
 
 
 def test_works_that_threads_bring_during_a_launch_go_together_in_the_next() -> None:
-    launcher, one, k = cuda.Launcher(), stretch(), random_faults(6)
+    launcher, one, k = cuda.Launcher(), stretches(), random_faults(6)
     found: dict[int, np.ndarray] = {}
 
     def search(n: int) -> None:
@@ -146,17 +151,19 @@ def test_works_that_threads_bring_during_a_launch_go_together_in_the_next() -> N
 def test_an_error_reaches_all_that_wait_and_the_next_launch_is_well() -> None:
     launcher = cuda.Launcher()
     with pytest.raises(ValueError, match="broadcast"):
-        launcher.scores([cuda.Work(stretch(), random_faults(3), np.ones((3, 5)), STEP, 2, True, 0)])
-    work = cuda.Work(stretch(), random_faults(3), C, STEP, SUBSTEPS, True, 0)
+        launcher.scores(
+            [cuda.Work(stretches(), random_faults(3), np.ones((3, 5)), STEP, 2, True, 0)]
+        )
+    work = cuda.Work(stretches(), random_faults(3), C, STEP, SUBSTEPS, True, 0)
     assert np.isfinite(launcher.scores([work])[0][0]).all()
 
 
 def test_signals_are_sent_once_and_the_oldest_give_way() -> None:
-    one, two, three = stretch(), stretch(), stretch()
+    one, two, three = stretches(), stretches(), stretches()
     signals = Signals(most=SAMPLES)
-    for stretches in ([one], [one], [one, one]):
-        there, places = signals.placed(stretches, np.copy)
-        assert places == [0] * len(stretches)
+    for some in ([one], [one], [one, one]):
+        there, places = signals.placed(some, np.copy)
+        assert places == [0] * len(some)
     assert signals.sent == 1
     there, places = signals.placed([two], np.copy)
     assert (places, there.shape) == ([SAMPLES], (4, 2 * SAMPLES))

@@ -27,15 +27,16 @@ def scoring(
     target = 2.0 + np.sin(2.0 * math.pi * 80.0 * t) if target is None else target
     weights = SlopeWeighting(500.0).weights(target, 1.0 / RATE)
     low_pass = LowPass(500.0)
-    costs = np.empty(len(k))
-    status = np.empty(len(k), dtype=np.int64)
-    response = np.empty((len(k), SAMPLES) if keep else (0, 0))
+    costs = np.empty((1, len(k)))
+    status = np.empty((1, len(k)), dtype=np.int64)
+    response = np.empty((1, len(k), SAMPLES if keep else 0))
     batch.monitor_scores(
-        k, command, load, np.zeros(7), c, by_candidate, 1.0 / (RATE * SUBSTEPS), SUBSTEPS,
-        low_pass.taps(RATE, float(target[0])), rectify, target, weights, costs, status, response,
-        power, np.full(len(k), np.inf) if limits is None else limits, None, None, None, None,
+        k, command, load, np.zeros(1, dtype=np.int64), SAMPLES, np.zeros((1, 7)), c, by_candidate,
+        1.0 / (RATE * SUBSTEPS), SUBSTEPS, low_pass.taps(RATE, float(target[0]))[None], rectify,
+        target, weights, costs, status, response, power,
+        np.full(len(k), np.inf) if limits is None else limits, None, None, None, None,
     )  # fmt: skip
-    return costs, status, response, target
+    return costs[0], status[0], response[0], target
 
 
 def random_faults(count, seed=1):
@@ -64,8 +65,8 @@ def test_scores_are_trace_then_filter_then_misfit(rectify):
 
 def test_power_is_that_of_the_trace_filtered_like_the_current():
     k = random_faults(batch.LANES)
-    watts = np.empty((batch.LANES, SAMPLES))
-    start = LowPass(500.0).taps(RATE, 3.0)[5:]  # W, as if it had been so much before
+    watts = np.empty((1, batch.LANES, SAMPLES))
+    start = LowPass(500.0).taps(RATE, 3.0)[None, 5:]  # W, as if it had been so much before
     costs, _, response, _ = scoring(k, power=(start, watts))
     plain_costs, _, plain_response, _ = scoring(k)
     np.testing.assert_array_equal(costs, plain_costs)
@@ -77,7 +78,42 @@ def test_power_is_that_of_the_trace_filtered_like_the_current():
             None, None, None, None,
         )  # fmt: skip
         filtered = naive_signals.low_pass([3.0, *trace[:, 5]], 500.0, RATE)
-        np.testing.assert_allclose(watts[n, 1:], filtered[1:], rtol=1e-9, atol=1e-6)
+        np.testing.assert_allclose(watts[0, n, 1:], filtered[1:], rtol=1e-9, atol=1e-6)
+
+
+@pytest.mark.parametrize("vary", [False, True])
+def test_stretches_are_scored_as_each_alone(vary):
+    """Each from its own state, and a late load does not look beyond its ends."""
+    k, starts, size, kept = random_faults(batch.LANES), np.array([0, 37, 120]), 61, 16
+    command, load = history(SAMPLES - 1, 1.0 / RATE)
+    target = 2.0 + np.sin(2.0 * math.pi * 80.0 * np.arange(SAMPLES) / RATE)
+    weights = SlopeWeighting(500.0).weights(target, 1.0 / RATE)
+    states = np.outer(np.arange(3), [0.5, 10.0, 0.001, 10.0, 0.001, 0.1, 0.4])
+    taps = np.stack([LowPass(500.0).taps(RATE, value) for value in (2.0, 2.5, 3.0)])
+    own = None
+    if vary:
+        own = varied(len(k))
+        own[:, C._fields.index("load_delay")] = np.linspace(-1e-3, 1e-3, len(k))
+
+    def scored(signals, first, some):
+        count = len(first)
+        found = np.empty((count, len(k))), np.empty((count, len(k), kept))
+        watts = np.empty((count, len(k), kept))
+        batch.monitor_scores(
+            k, *signals[:2], first, size, states[some], C, own, 1.0 / (RATE * SUBSTEPS), SUBSTEPS,
+            taps[some], True, *signals[2:], found[0], np.empty((count, len(k)), dtype=np.int64),
+            found[1], (2.0 * taps[some, 5:], watts), np.full(len(k), np.inf),
+            None, None, None, None,
+        )  # fmt: skip
+        return *found, watts
+
+    whole = command, load, target, weights
+    together = scored(whole, starts, slice(None))
+    for n, start in enumerate(starts):
+        part = [one[start : start + size].copy() for one in whole]
+        alone = scored(part, np.zeros(1, dtype=np.int64), slice(n, n + 1))
+        for ours, theirs in zip(together, alone, strict=True):
+            np.testing.assert_array_equal(ours[n], theirs[0])
 
 
 def test_a_cost_does_not_depend_on_the_place_in_the_batch():

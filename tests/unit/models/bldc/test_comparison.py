@@ -9,6 +9,7 @@ from ematwin.errors import InputError, RecordError
 from ematwin.models.bldc.comparison import BldcComparison, initial_state
 from ematwin.models.bldc.faults import FAULTS, HEALTHY
 from ematwin.models.bldc.unknowns import FIXED
+from ematwin.numerics.low_pass import LowPass
 
 ACTUATOR = BldcActuator.load()
 FAULTY = Faults(friction=0.2, backlash=0.1, gain=0.6)
@@ -66,6 +67,34 @@ def test_cost_is_the_sum_of_squared_residuals(
     k = np.random.default_rng(5).random((7, 8))
     squares = (objective.residuals_at(k) ** 2).sum(axis=1)
     assert np.allclose(objective(k), squares, rtol=1e-9)
+
+
+def test_a_coarse_comparison_looks_at_the_same_in_half_the_steps(twin_record: Recording) -> None:
+    subject = BldcComparison(twin_record, ACTUATOR)
+    candidates = by_name(np.array([FAULTY.vector, HEALTHY]))
+    costs = subject.costs(candidates, 2)
+    for one in (subject.coarse(), subject.coarse().smoothed(), subject.smoothed()):
+        assert one.step == pytest.approx(2.0 * subject.step)
+        assert len(one.recording) == 5_001
+        assert one.substeps == 1
+        near, far = np.sqrt(one.costs(candidates, 2) / one.scale)
+        assert near < 6e-3
+        assert far > 0.1
+        # each sample stands for two: beside priors as much cost
+        assert one.scale == pytest.approx(subject.scale, rel=0.15)
+    assert subject.coarse().costs(candidates, 2)[1] == pytest.approx(costs[1], rel=0.02)
+    assert subject.coarse().residuals(candidates, 2).shape == (2, 2_501)
+    assert subject.smoothed().residuals(candidates, 2).shape == (2, 834)
+
+
+def test_a_recording_that_is_sampled_slowly_stays_as_it_is(twin_record: Recording) -> None:
+    """Of steps as long as the low-pass leaves room for, or as are stable."""
+    slow = twin_record.changed(**{name: x[::4] for name, x in twin_record.columns()})
+    subject = BldcComparison(slow, ACTUATOR)
+    assert len(subject.coarse().recording) == len(slow)
+    assert (subject.substeps, subject.coarse().substeps) == (4, 2)
+    wide = BldcComparison(twin_record, ACTUATOR, low_pass=LowPass(2_000.0))
+    assert len(wide.coarse().recording) == len(twin_record)
 
 
 @pytest.mark.parametrize("threads", [1, 2, 3])

@@ -20,10 +20,10 @@ from ematwin import Faults, simulate
 from ematwin.errors import InputError, MissingExtraError
 from ematwin.models.bldc import cuda, monitor_thread
 from ematwin.models.bldc.batch import LANES, monitor_scores
-from ematwin.models.bldc.comparison import PowerStretch, Stretch
 from ematwin.models.bldc.constants import kernel_constants
 from ematwin.models.bldc.model import MODEL
 from ematwin.models.bldc.parameters import BldcActuator
+from ematwin.models.bldc.stretches import PowerStretches, Stretches
 from ematwin.models.registry import model_of
 from ematwin.numerics.low_pass import LowPass
 
@@ -53,19 +53,20 @@ def test_a_thread_gives_the_scores_of_the_lanes() -> None:
     t = np.arange(SAMPLES) / RATE
     low_pass = LowPass(500.0)
     target = 2.0 + np.sin(2.0 * np.pi * 80.0 * t)
-    power = PowerStretch(target, np.ones(SAMPLES), low_pass.taps(RATE, 3.0)[5:])
-    one = Stretch(command, load, target, np.ones(SAMPLES), np.zeros(7), low_pass.taps(RATE, 2.0),
-                  SAMPLES, power)  # fmt: skip
+    power = PowerStretches(target, np.ones(SAMPLES), low_pass.taps(RATE, 3.0)[None, 5:])
+    one = Stretches(command, load, target, np.ones(SAMPLES), np.zeros(1, dtype=np.int64), SAMPLES,
+                    np.zeros((1, 7)), low_pass.taps(RATE, 2.0)[None], SAMPLES, power)  # fmt: skip
     k = np.random.default_rng(1).random((4 * LANES, 8))
     k[0] = Faults(**SEVERE).vector
     step = 1.0 / (RATE * SUBSTEPS)
-    costs, status = np.empty(len(k)), np.empty(len(k), dtype=np.int64)
-    response, watts = np.empty((len(k), SAMPLES)), np.empty((len(k), SAMPLES))
+    costs, status = np.empty((1, len(k))), np.empty((1, len(k)), dtype=np.int64)
+    response, watts = np.empty((1, len(k), SAMPLES)), np.empty((1, len(k), SAMPLES))
     monitor_scores(
-        k, command, load, one.state, C, None, step, SUBSTEPS, one.taps, True, target, one.weights,
-        costs, status, response, (power.state, watts), np.full(len(k), np.inf),
-        None, None, None, None,
+        k, command, load, one.starts, SAMPLES, one.states, C, None, step, SUBSTEPS, one.taps, True,
+        target, one.weights, costs, status, response, (power.states, watts),
+        np.full(len(k), np.inf), None, None, None, None,
     )  # fmt: skip
+    costs, status, response, watts = costs[0], status[0], response[0], watts[0]
 
     score = numba.njit(error_model="numpy")(monitor_thread.score_candidate)
     work = [cuda.Work(one, k, C, step, SUBSTEPS, True, SAMPLES)]

@@ -96,7 +96,8 @@ def test_stretches_explain_the_power_as_the_whole_does(record) -> None:
     np.testing.assert_allclose(
         rows[: -subject.evidence], stretches.residuals(TRUTH, 1)[0], rtol=0.0, atol=1e-12
     )
-    assert subject.smoothed().evidence == subject.evidence
+    smooth = subject.smoothed()
+    assert smooth.residuals(TRUTH, 1).shape == (1, 2 * smooth.evidence)
 
 
 def test_evidence_is_counted_as_it_is_kept_through_any_low_pass(record, monkeypatch) -> None:
@@ -112,7 +113,7 @@ def residual_watts(subject: BldcComparison, **candidates: float) -> np.ndarray:
     """What the twin has beyond the recording, W."""
     given = {name: np.array([value]) for name, value in {**FAULTS, **candidates}.items()}
     rows = subject.residuals(given, 1)[0, -subject.evidence :]
-    power = subject.stretch.power
+    power = subject.whole.power
     assert power is not None
     stride = -(-len(subject.recording) // subject.evidence)
     return rows / np.sqrt(stride * power.weights.max())
@@ -123,7 +124,7 @@ def test_sensors_act_on_the_power_as_their_names_say(record) -> None:
     supply = BldcComparison(without(record, *VOLTAGES, "bus_voltage"), ACTUATOR).with_evidence()
     for subject in (phases, supply):
         plain = residual_watts(subject)
-        twin = plain + np.r_[0.0, subject.stretch.power.target[:: -(-10_001 // plain.size)][1:]]
+        twin = plain + np.r_[0.0, subject.whole.power.target[:: -(-10_001 // plain.size)][1:]]
         for name, value, expected in (
             ("power_offset", 2.0, plain + 2.0),
             ("power_gain", 1.1, plain + 0.1 * twin),
@@ -131,7 +132,7 @@ def test_sensors_act_on_the_power_as_their_names_say(record) -> None:
             found = residual_watts(subject, **{name: value})
             np.testing.assert_allclose(found[1:], expected[1:], atol=1e-9)
     base = residual_watts(phases)
-    twin = base + np.r_[0.0, phases.stretch.power.target[:: -(-10_001 // base.size)][1:]]
+    twin = base + np.r_[0.0, phases.whole.power.target[:: -(-10_001 // base.size)][1:]]
     # the sensors of the phases make their power; those of the supply do not
     louder = residual_watts(phases, current_gain=1.1)
     np.testing.assert_allclose(louder[1:], (base + 0.1 * twin)[1:], atol=1e-9)
@@ -144,7 +145,7 @@ def test_sensors_act_on_the_power_as_their_names_say(record) -> None:
     np.testing.assert_allclose(drop[1:], 1.5 * current[::stride][1:], atol=1e-9)
     # as much power is less current out of a higher supply
     higher = residual_watts(supply, **{"drive.supply_voltage": 52.8})
-    twin = plain + np.r_[0.0, supply.stretch.power.target[::stride][1:]]
+    twin = plain + np.r_[0.0, supply.whole.power.target[::stride][1:]]
     moving = np.abs(twin) > 5.0
     ratio = (higher + twin - plain)[moving] / twin[moving]
     assert np.median(ratio) == pytest.approx(48.0 / 52.8, rel=2e-3)
@@ -156,7 +157,7 @@ def test_noisy_power_counts_less(record) -> None:
         **{n: record.channels[n] + 20.0 * rng.standard_normal(len(record)) for n in VOLTAGES}
     )
     quiet, loud = (
-        BldcComparison(one, ACTUATOR).with_evidence().stretch.power.weights.max()
+        BldcComparison(one, ACTUATOR).with_evidence().whole.power.weights.max()
         for one in (record, noisy)
     )
     assert loud < 0.2 * quiet
