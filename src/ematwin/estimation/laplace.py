@@ -28,7 +28,7 @@ from ematwin.models.unknown import Alias
 from ematwin.numerics.bounded_squares import bounded_squares
 
 _STAGES, _LEAST_STAGES, _ITERATIONS = 8, 1, 5
-_ROUNDS = 3  # over aliases that share unknowns
+_ROUNDS = 2  # along aliases, which curve: ratios stay as they are
 _JOINT = 2  # steps of everything together, where evidence decides what data do not see
 _FRACTIONS = (1.0, 0.7, 0.5, 0.35, 0.25, 0.18, 0.12, 0.08)  # of such a step that are tried
 _WORTH = 4.0  # squared standard deviations that a stage, or a step of everything, has to gain
@@ -449,12 +449,12 @@ def _along(
     """The point (d,) where the priors have it along the directions that they alone decide."""
     chart = problem.chart
     z = chart.from_values(point[None])
-    for pivot, same, _ in known * _ROUNDS:
-        blind = 1e-4 * _blind(pivot, same)
+    blind = np.array([1e-4 * _blind(pivot, same) for pivot, same, _ in known])
+    for _ in range(_ROUNDS if len(known) else 0):
+        # all together: directions that share unknowns would follow one another for long
         near = problem.prior_distances(chart.to_values(np.vstack([z, z + blind])))
-        slope = near[1] - near[0]
-        if slope @ slope > 0.0:
-            z = chart.project(z - (near[0] @ slope) / (slope @ slope) * blind)
+        far = np.linalg.lstsq((near[1:] - near[0]).T, -near[0], rcond=None)[0]
+        z = chart.project(z + far @ blind)
     return np.asarray(chart.to_values(z)[0])
 
 

@@ -233,6 +233,31 @@ def test_a_free_pivot_goes_where_the_priors_of_all_have_it() -> None:
     assert (np.abs(coordinates(problem, peak.point) - mean) < 0.05 * errors).all()
 
 
+def test_free_pivots_that_share_unknowns_go_where_the_priors_have_them_together() -> None:
+    """One after the other they would take hundreds of rounds: both directions are nearly one."""
+    unknowns = [fault("a"), fault("b"), parameter("m"), parameter("n")]
+    two = 0.3 * basis_of(2)
+    same = [{"a": 0.8, "b": -0.3}, {"a": 0.7, "b": -0.35}]
+    basis = np.vstack([two, *(one["a"] * two[0] + one["b"] * two[1] for one in same)])
+    spreads = np.diag([0.3, 0.1, 0.2, 0.5]) ** 2
+    prior = Prior(("a", "b", "m", "n"), np.array([0.9, 0.2, 0.1, -0.3]), spreads)
+    y = basis.T @ [0.4, 0.3, 0.1, 0.2] + NOISE * np.random.default_rng(5).standard_normal(60)
+    problem = Problem([Linear(unknowns, basis, y)], unknowns, prior=prior)
+    aliases = [Alias(name, one, held=False) for name, one in zip("mn", same, strict=True)]
+    mean, covariance = regression(basis, y, prior, problem.names, NOISE)
+    # where data have it, but for both directions
+    off = [0.4, -0.5]
+    shared = [-sum(f * one[name] for f, one in zip(off, same, strict=True)) for name in "ab"]
+    start = mean + np.array([*shared, *off])
+    start[2:] = np.exp(start[2:])
+    peak = laplace(
+        problem, start, aliases=lambda values: aliases, least_noise=NOISE, settled=np.inf,
+        iterations=0,
+    )  # fmt: skip
+    away = coordinates(problem, peak.point) - mean
+    assert (np.abs(away) < 1e-3 * np.sqrt(np.diag(covariance))).all()
+
+
 def test_a_bound_lets_data_tell_a_pivot() -> None:
     """Turns are missing, never added: what looks like added ones is the pivot's."""
     a = Unknown("a", "", "", 0.0, 0.0, 6.0)
