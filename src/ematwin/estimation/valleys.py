@@ -24,6 +24,7 @@ from ematwin.models.unknown import Unknown
 _REACH = 3.0  # standard deviations of the prior to both sides
 _SMOOTH, _SHARP = 5, 8  # iterations of a descent
 _DAMPING = 1e-2
+_NOTHING = 0.5  # squared standard deviations that an iteration has to gain
 
 
 def beside(
@@ -82,6 +83,7 @@ def _across(
         middle + np.linspace(-reach, reach, along.valleys), along.lower, along.upper
     )
     z, spent = chart.project(chart.from_values(points)), 0
+    least = _NOTHING * small.noise**2
     low, high = (np.tile(end, (along.valleys, 1)) for end in (chart.lower, chart.upper))
     low[:, place] = high[:, place] = z[:, place]
     for seen, iterations in ((small.smoothed(), _SMOOTH), (small.coarse(), _SHARP)):
@@ -91,7 +93,7 @@ def _across(
             spent += len(at)
             return seen.residuals(chart.to_values(at))
 
-        descent = LevenbergMarquardt.start(z, residuals, _DAMPING)
+        descent = LevenbergMarquardt.start(z, residuals, _DAMPING, least)
         for _ in range(iterations):
             descent.iterate(residuals, low, high, chart.project)
         z = descent.points
