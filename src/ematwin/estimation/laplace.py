@@ -391,7 +391,8 @@ def _descended(
     values = small.values(chart.to_values(z)[0])
     point = np.array([values[name] for name in problem.names])
     if problem is small:
-        point = _along(problem, point, known)
+        point = _along(weighed, point, known)
+        spent += _ROUNDS * (len(known) + 1) if weighed.has_evidence else 0
     return point, spent
 
 
@@ -444,18 +445,25 @@ def _pivots_held(problem: Problem, known: list[tuple[int, np.ndarray, bool]]) ->
 
 
 def _along(
-    problem: Problem, point: np.ndarray, known: list[tuple[int, np.ndarray, bool]]
+    weighed: Problem, point: np.ndarray, known: list[tuple[int, np.ndarray, bool]]
 ) -> np.ndarray:
-    """The point (d,) where the priors have it along the directions that they alone decide."""
-    chart = problem.chart
+    """The point (d,) where evidence and priors have it along directions that data do not see."""
+    chart = weighed.chart
     z = chart.from_values(point[None])
-    blind = np.array([1e-4 * _blind(pivot, same) for pivot, same, _ in known])
+    blind = np.array([_STEP * _blind(pivot, same) for pivot, same, _ in known])
     for _ in range(_ROUNDS if len(known) else 0):
         # all together: directions that share unknowns would follow one another for long
-        near = problem.prior_distances(chart.to_values(np.vstack([z, z + blind])))
+        near = _beside_data(weighed, chart.to_values(np.vstack([z, z + blind])))
         far = np.linalg.lstsq((near[1:] - near[0]).T, -near[0], rcond=None)[0]
         z = chart.project(z + far @ blind)
     return np.asarray(chart.to_values(z)[0])
+
+
+def _beside_data(weighed: Problem, points: np.ndarray) -> np.ndarray:
+    """Residuals (B, K) of evidence and priors alone, at points (B, d)."""
+    if not weighed.has_evidence:
+        return weighed.prior_distances(points)
+    return np.concatenate(weighed.split(weighed.residuals(points))[1:], axis=1)
 
 
 def _blind(pivot: int, same: np.ndarray) -> np.ndarray:

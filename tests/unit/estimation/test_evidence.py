@@ -141,3 +141,15 @@ def test_the_width_is_that_of_the_linear_problem() -> None:
     widths = peak.problem.chart.widths
     expected = np.linalg.inv(information) / np.outer(widths, widths)
     np.testing.assert_allclose(peak.covariance, expected, rtol=0.03, atol=1e-8)
+
+
+def test_evidence_leads_along_what_data_do_not_see_beside_the_priors() -> None:
+    """No descent: the start has all that the data tell."""
+    problem = Problem([TwoSensors().with_evidence()], UNKNOWNS, prior=PRIOR)
+    start = np.array([1.0, 1.0 - 1.1 * 0.7, 0.4])
+
+    def free(values):
+        return [one._replace(held=False) for one in aliases(values)]
+
+    peak = laplace(problem, start, aliases=free, settled=np.inf, iterations=0)
+    assert peak.point == pytest.approx([1.1, 0.3, 0.4], abs=0.02)
