@@ -357,8 +357,7 @@ def _descended(
     # each stage looks with long differences again: rough stretches stop a single descent
     first = z
     before = small.residuals(chart.to_values(z))[0]
-    data = small.split(before).data
-    near = small.relative_misfit(float(data @ data)) < settled
+    near = small.relative_misfit(small.data_cost(before)) < settled
     for stage in range(_LEAST_STAGES if near else 0, _STAGES):
         # wide valleys first
         seen = small.smoothed() if stage == 0 else small
@@ -371,12 +370,13 @@ def _descended(
             return weighed.residuals(chart.to_values(points))
 
         descent = LevenbergMarquardt.start(z, residuals, 1e-2, least=least * weighed.noise**2)
-        first_cost, first_data = float(descent.costs[0]), _data_of(weighed, descent)
+        first_cost = float(descent.costs[0])
+        first_data = weighed.data_cost(descent.residuals[0])
         for _ in range(iterations if near and stage == _LEAST_STAGES else _ITERATIONS):
             descent.iterate(residuals, chart.lower, chart.upper, chart.project)
         end = descent.best(1)
         z = chart.project(end.points)
-        last_data = _data_of(weighed, end)
+        last_data = weighed.data_cost(end.residuals[0])
         if stage == 0 and weighed.relative_misfit(last_data) > within:
             raise TooFarError
         # where data fit better the noise is less, and priors count less
@@ -396,18 +396,11 @@ def _descended(
     return point, spent
 
 
-def _data_of(weighed: Problem, descent: LevenbergMarquardt) -> float:
-    """The cost of the data alone at the first point of a descent."""
-    data = weighed.split(descent.residuals[0]).data
-    return float(data @ data)
-
-
 def _cost_of(weighed: Problem, point: np.ndarray, residuals: np.ndarray) -> float:
     """The cost at a point (1, d) whose residuals (K,) are known, though not by this noise."""
     if weighed.has_evidence:
         return float(weighed.costs(point)[0])
-    data, away = weighed.split(residuals).data, weighed.prior_distances(point)
-    return float(data @ data) + float((away**2).sum())
+    return weighed.data_cost(residuals) + float((weighed.prior_distances(point) ** 2).sum())
 
 
 def _known_directions(
@@ -448,10 +441,12 @@ def _along(
     weighed: Problem, point: np.ndarray, known: list[tuple[int, np.ndarray, bool]]
 ) -> np.ndarray:
     """The point (d,) where evidence and priors have it along directions that data do not see."""
+    if not known:
+        return point
     chart = weighed.chart
     z = chart.from_values(point[None])
     blind = np.array([_STEP * _blind(pivot, same) for pivot, same, _ in known])
-    for _ in range(_ROUNDS if len(known) else 0):
+    for _ in range(_ROUNDS):
         # all together: directions that share unknowns would follow one another for long
         near = _beside_data(weighed, chart.to_values(np.vstack([z, z + blind])))
         far = np.linalg.lstsq((near[1:] - near[0]).T, -near[0], rcond=None)[0]

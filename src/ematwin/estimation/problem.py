@@ -351,6 +351,11 @@ class Problem:
             residuals[..., :data], residuals[..., data:priors], residuals[..., priors:]
         )
 
+    def data_cost(self, residuals: np.ndarray) -> float:
+        """The sum of squares of the data in residuals (K,), without evidence and priors."""
+        data = self.split(residuals).data
+        return float(data @ data)
+
     def holding(self, values: Mapping[str, float]) -> "Problem":
         """The problem in which some of the free unknowns are held at values; not those ``@``."""
         free = [one for one in (*self._shared, *self._each) if one.name not in values]

@@ -23,6 +23,7 @@ from ematwin.estimation.laplace import (
     standard_errors,
     step_lengths,
 )
+from ematwin.estimation.levenberg_marquardt import NOTHING
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.significance import is_present
 from ematwin.estimation.verdict import EXPLAINED, HOPELESS, Verdict, listed
@@ -32,7 +33,6 @@ from ematwin.models.unknown import Unknown
 
 _NEARLY = 9.0  # squared standard deviations that do not decide between two answers
 _SETTLED = 1.3  # times the misfit of the first answer: the start lies in its valley already
-_NOTHING = 0.5  # squared standard deviations that an iteration has to gain, of nine that decide
 _FAR = 5.0  # times the misfit of the first answer: a start, or a smooth descent, not worth more
 
 
@@ -201,7 +201,7 @@ def _compared(
     known = {
         "within": _FAR * _smooth_misfit(peak),
         "settled": _SETTLED * peak.problem.relative_misfit(peak.cost),
-        "least": _NOTHING,
+        "least": NOTHING,
         "steps": _steps(peak, full),
     }
 
@@ -280,8 +280,7 @@ def _start(full: Problem, names: Collection[str], values: Mapping[str, float]) -
 def _smooth_misfit(peak: Laplace) -> float:
     """The relative misfit of a peak by the smoothed data."""
     smooth = peak.problem.smoothed()
-    data = smooth.split(smooth.residuals(peak.point[None])[0]).data
-    return smooth.relative_misfit(float(data @ data))
+    return smooth.relative_misfit(smooth.data_cost(smooth.residuals(peak.point[None])[0]))
 
 
 def _steps(peak: Laplace, full: Problem) -> np.ndarray:

@@ -17,14 +17,13 @@ from dataclasses import replace
 import numpy as np
 
 from ematwin.estimation.laplace import Aliases, Laplace, held_by, laplace
-from ematwin.estimation.levenberg_marquardt import LevenbergMarquardt
+from ematwin.estimation.levenberg_marquardt import NOTHING, LevenbergMarquardt
 from ematwin.estimation.problem import Problem
 from ematwin.models.unknown import Unknown
 
 _REACH = 3.0  # standard deviations of the prior to both sides
 _SMOOTH, _SHARP = 5, 8  # iterations of a descent
 _DAMPING = 1e-2
-_NOTHING = 0.5  # squared standard deviations that an iteration has to gain
 
 
 def beside(
@@ -83,7 +82,7 @@ def _across(
         middle + np.linspace(-reach, reach, along.valleys), along.lower, along.upper
     )
     z, spent = chart.project(chart.from_values(points)), 0
-    least = _NOTHING * small.noise**2
+    least = NOTHING * small.noise**2
     low, high = (np.tile(end, (along.valleys, 1)) for end in (chart.lower, chart.upper))
     low[:, place] = high[:, place] = z[:, place]
     for seen, iterations in ((small.smoothed(), _SMOOTH), (small.coarse(), _SHARP)):

@@ -4,6 +4,7 @@ from collections.abc import Collection
 
 import numpy as np
 
+from ematwin.numerics.means import means as mean_of_each
 from ematwin.recordings.recording import Recording
 
 _ROUNDING = 1e-6  # of a ratio of rates
@@ -21,18 +22,13 @@ def averaged(recording: Recording, rate: float, means: Collection[str]) -> Recor
     many = int(own / rate + _ROUNDING)
     if many < 2:
         return recording
-    count = (len(recording) - 1) // many
-    rows = slice(0, count * many + 1, many)
 
     def taken(name: str, values: np.ndarray) -> np.ndarray:
-        kept = values[rows].copy()
-        if name in means:
-            kept[1:] = values[1 : count * many + 1].reshape(count, many).mean(axis=1)
-        return kept
+        return mean_of_each(values, many) if name in means else values[::many].copy()
 
     said = f"samples were averaged from {own:.6g} to {own / many:.6g} Hz, as many as are compared"
     return recording.changed(
-        time=recording.time[rows].copy(),
+        time=recording.time[::many].copy(),
         provenance={
             **recording.provenance, "changed": [*recording.provenance.get("changed", []), said]
         },

@@ -332,7 +332,13 @@ class BldcComparison(Comparison):
 
     def residuals(self, candidates: Candidates, count: int) -> np.ndarray:
         """Weighted residuals (B, K): the sum of their squares is the cost."""
-        parts = self.residuals_of(self.whole, self.batch(candidates, count))
+        return self.residuals_over(self.whole, candidates, count)
+
+    def residuals_over(
+        self, stretches: Stretches, candidates: Candidates, count: int
+    ) -> np.ndarray:
+        """Weighted residuals (B, K) over stretches; those of the evidence last."""
+        parts = self.residuals_of(stretches, self.batch(candidates, count))
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
 
     def residuals_of(self, stretches: Stretches, batch: "Batch") -> list[np.ndarray]:

@@ -87,8 +87,7 @@ class Restarted(Comparison):
 
     def residuals(self, candidates: Candidates, count: int) -> np.ndarray:
         """Weighted residuals (B, K): the sum of their squares is the cost."""
-        parts = self._whole.residuals_of(self.stretches, self._whole.batch(candidates, count))
-        return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
+        return self._whole.residuals_over(self.stretches, candidates, count)
 
 
 def _stretches(whole: BldcComparison, starts: np.ndarray, samples: int) -> Stretches:
