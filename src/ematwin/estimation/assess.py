@@ -7,7 +7,9 @@ valleys that the search found are compared, and the misfit is looked at along ea
 """
 
 import math
+import os
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -86,7 +88,12 @@ class Assessment:
 
 
 def assess(
-    model: Model, actuator: ParameterSet, problem: Problem, found: Found, baseline: Baseline
+    model: Model,
+    actuator: ParameterSet,
+    problem: Problem,
+    found: Found,
+    baseline: Baseline,
+    threads: int | None = 1,
 ) -> Assessment:
     """Values with intervals, from where a search ended.
 
@@ -96,6 +103,7 @@ def assess(
     problem : that was searched
     found : the end of the search
     baseline : what is known of the actuator
+    threads : on which valleys are gone into side by side; None takes one for each core
     """
     full = with_all_free(model, actuator, problem, baseline, found.problem)
     still = set() if frees_parameters(model) else set(baseline.prior.names) & set(full.names)
@@ -121,8 +129,10 @@ def assess(
             iterations=iterations,
         )
 
-    peak = peak_from(found.point)
-    rivals = [peak_from(point) for point in _worth_a_look(full, found, problem)]
+    starts = [found.point, *_worth_a_look(full, found, problem)]
+    # each may use all cores: most of its batches are one block
+    with ThreadPoolExecutor(min(threads or os.cpu_count() or 1, len(starts))) as pool:
+        peak, *rivals = pool.map(peak_from, starts)
     misfit = full.relative_misfit(min(one.cost for one in (peak, *rivals)))
     explained = full.relative_misfit(peak.cost) <= _SETTLED * healthy
     if misfit <= HOPELESS and (_strained(peak) or not explained):

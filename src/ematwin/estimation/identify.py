@@ -365,8 +365,10 @@ def identify(
         if found is None or not (usual or found.stopped == "interrupted"):
             found = find(problem, search, budget=budget, seed=seed, progress=tell)
         interrupted = found.stopped == "interrupted"
-        assess_with = unassessed if interrupted else assess
-        assessed = assess_with(model, chosen, problem, found, baseline)
+        if interrupted:
+            assessed = unassessed(model, chosen, problem, found, baseline)
+        else:
+            assessed = assess(model, chosen, problem, found, baseline, threads)
         sure = None
         if method is not None and assessed.joint is not None:
             from ematwin.estimation.uncertainty import Question

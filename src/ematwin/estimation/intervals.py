@@ -16,6 +16,7 @@ from ematwin.numerics.quantiles import quantiles
 
 LEVEL = 0.95
 _DRAWS, _ROUNDS, _ENOUGH, _FEWEST = 20_000, 20, 4000, 200
+_TRIED, _HARDLY = 4, 20  # rounds after which so few draws say that all rounds will bring too few
 _NEAR = 0.15  # of an interval: so close to a bound it begins there
 _SEED = 20_201
 
@@ -81,13 +82,13 @@ def draws(chart: Chart, z: np.ndarray, covariance: np.ndarray) -> Draws:
     bounds = Chart([chart.unknowns[n] for n in hard])
     found: list[np.ndarray] = []
     total = 0
-    for _ in range(_ROUNDS):
+    for done in range(1, _ROUNDS + 1):
         normal = rng.standard_normal((_DRAWS, len(z)))
         tried = z[hard] + normal @ root[hard].T
         inside = (np.abs(bounds.project(tried) - tried) < 1e-9).all(axis=1)
         found.append(z + normal[inside] @ root.T)
         total += int(inside.sum())
-        if total >= _ENOUGH:
+        if total >= _ENOUGH or (done == _TRIED and total < _HARDLY):
             break
     if total < _FEWEST:  # a corner that draws hardly hit: each unknown for itself
         found = [chart.project(z + normal @ root.T)]

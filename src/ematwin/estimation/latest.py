@@ -13,7 +13,7 @@ import numpy as np
 from ematwin.models.comparison import Comparison
 
 _FEW = 4  # candidates of a batch: trial steps, not the columns of a Jacobian
-_BATCHES = 3
+_BATCHES = 6  # of two descents side by side
 
 
 class _Batch(NamedTuple):

@@ -4,7 +4,8 @@ A descent of everything together sets out from what was known before. Where an u
 twin stick at other places of the motion, as an unrecorded load does, that start lies in another
 valley than the truth, and what stiction did is forced on other parameters. So the unknown is held
 at values all over its prior while everything else descends from the same place, all starts as one
-batch of the lanes; then once more near the best of them; then it is free.
+batch of the lanes; then once more near the best of them, which lies in its valley already; then it
+is free. A start that is soon far behind is given up.
 
 ``anew`` is for where that did not help: parameters then set out from what was known of them, for
 what was forced on them belongs to the wrong valley, and none is held: one that an alias holds would
@@ -22,7 +23,9 @@ from ematwin.estimation.problem import Problem
 from ematwin.models.unknown import Unknown
 
 _REACH = 3.0  # standard deviations of the prior to both sides
-_SMOOTH, _SHARP = 5, 8  # iterations of a descent
+_SMOOTH, _SHARP = 5, 4  # iterations of descents all over the prior, enough to choose by
+_NEAR = 8  # the same near the best of them
+_FAR = 4.0  # times the least cost: a start so far behind does not win, 1.7 times did
 _DAMPING = 1e-2
 
 
@@ -51,9 +54,9 @@ def beside(
         if one.spread is None or one.valleys == 1 or one.name in held:
             continue
         point, middle, reach, spent = start, one.healthy, _REACH * one.spread, 0
-        for _ in range(2):
+        for smooth, sharp in ((_SMOOTH, _SHARP), (0, _NEAR)):
             still = (held_by(problem, point, aliases) | set(held)) - loose
-            point, more = _across(problem, point, one, middle, reach, still)
+            point, more = _across(problem, point, one, middle, reach, still, smooth, sharp)
             middle = float(point[problem.names.index(one.name)])
             reach, spent = 2.0 * reach / (one.valleys - 1), spent + more
         end = laplace(problem, point, aliases=aliases, held=held, least_noise=least_noise)
@@ -68,10 +71,13 @@ def _across(
     middle: float,
     reach: float,
     still: Collection[str],
+    smooth: int,
+    sharp: int,
 ) -> tuple[np.ndarray, int]:
     """The lowest of descents from ``start`` (d,) with an unknown held all over a range.
 
-    And the simulations that they took. What is ``still`` stays.
+    And the simulations that they took. What is ``still`` stays; ``smooth`` and ``sharp`` are
+    iterations.
     """
     names = list(problem.names)
     known = dict(zip(names, start.tolist(), strict=True))
@@ -85,7 +91,9 @@ def _across(
     least = NOTHING * small.noise**2
     low, high = (np.tile(end, (along.valleys, 1)) for end in (chart.lower, chart.upper))
     low[:, place] = high[:, place] = z[:, place]
-    for seen, iterations in ((small.smoothed(), _SMOOTH), (small.coarse(), _SHARP)):
+    for seen, iterations in ((small.smoothed(), smooth), (small.coarse(), sharp)):
+        if not iterations:
+            continue
 
         def residuals(at: np.ndarray, seen: Problem = seen) -> np.ndarray:
             nonlocal spent
@@ -95,7 +103,9 @@ def _across(
         descent = LevenbergMarquardt.start(z, residuals, _DAMPING, least)
         for _ in range(iterations):
             descent.iterate(residuals, low, high, chart.project)
-        z = descent.points
+            descent.finished |= descent.costs > _FAR * descent.costs.min()
+        near = descent.costs <= _FAR * descent.costs.min()
+        z, low, high = (x[near] for x in (descent.points, low, high))
     best = chart.project(descent.best(1).points)
     values = small.values(chart.to_values(best)[0])
     return np.array([values[name] for name in names]), spent
