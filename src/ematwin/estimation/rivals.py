@@ -214,7 +214,7 @@ def _compared(
 
     ends = [descended_from(starts[best])]
     # it may have stopped short: it gets the parameters of the first answer
-    if not np.array_equal(as_found, starts[best]) and (ends[0] is None or ends[0][1] > 0.0):
+    if not np.array_equal(as_found, starts[best]) and (ends[0] is None or ends[0][1] > _NEARLY):
         ends.append(descended_from(as_found))
     near = [one for one in ends if one is not None]
     if not near:

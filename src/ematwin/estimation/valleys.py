@@ -23,8 +23,7 @@ from ematwin.estimation.problem import Problem
 from ematwin.models.unknown import Unknown
 
 _REACH = 3.0  # standard deviations of the prior to both sides
-_SMOOTH, _SHARP = 5, 4  # iterations of descents all over the prior, enough to choose by
-_NEAR = 8  # the same near the best of them
+_SMOOTH, _SHARP = 5, 8  # iterations of a descent
 _FAR = 4.0  # times the least cost: a start so far behind does not win, 1.7 times did
 _DAMPING = 1e-2
 
@@ -54,9 +53,9 @@ def beside(
         if one.spread is None or one.valleys == 1 or one.name in held:
             continue
         point, middle, reach, spent = start, one.healthy, _REACH * one.spread, 0
-        for smooth, sharp in ((_SMOOTH, _SHARP), (0, _NEAR)):
+        for smooth in (_SMOOTH, 0):
             still = (held_by(problem, point, aliases) | set(held)) - loose
-            point, more = _across(problem, point, one, middle, reach, still, smooth, sharp)
+            point, more = _across(problem, point, one, middle, reach, still, smooth)
             middle = float(point[problem.names.index(one.name)])
             reach, spent = 2.0 * reach / (one.valleys - 1), spent + more
         end = laplace(problem, point, aliases=aliases, held=held, least_noise=least_noise)
@@ -72,12 +71,10 @@ def _across(
     reach: float,
     still: Collection[str],
     smooth: int,
-    sharp: int,
 ) -> tuple[np.ndarray, int]:
     """The lowest of descents from ``start`` (d,) with an unknown held all over a range.
 
-    And the simulations that they took. What is ``still`` stays; ``smooth`` and ``sharp`` are
-    iterations.
+    And the simulations that they took. What is ``still`` stays; ``smooth`` are iterations.
     """
     names = list(problem.names)
     known = dict(zip(names, start.tolist(), strict=True))
@@ -91,7 +88,7 @@ def _across(
     least = NOTHING * small.noise**2
     low, high = (np.tile(end, (along.valleys, 1)) for end in (chart.lower, chart.upper))
     low[:, place] = high[:, place] = z[:, place]
-    for seen, iterations in ((small.smoothed(), smooth), (small.coarse(), sharp)):
+    for seen, iterations in ((small.smoothed(), smooth), (small.coarse(), _SHARP)):
         if not iterations:
             continue
 

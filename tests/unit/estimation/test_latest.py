@@ -61,11 +61,11 @@ def test_others_are_simulated(comparison):
 def test_memory_is_bounded(comparison):
     latest = Latest()
     latest.residuals(comparison, candidates((1, 2)), 1)
-    for n in range(3):
+    for n in range(6):
         latest.residuals(comparison, candidates((n, 0)), 1)
     latest.residuals(comparison, candidates((1, 2)), 1)
-    assert comparison.simulated == 5
+    assert comparison.simulated == 8
     many = candidates(*[(n, 1) for n in range(40)])
     latest.residuals(comparison, many, 40)
     latest.residuals(comparison, candidates((7, 1)), 1)
-    assert comparison.simulated == 46
+    assert comparison.simulated == 49

@@ -127,4 +127,7 @@ def constants_by_candidate(
     if own is actuator and not load:
         return None
     constants = (*kernel_constants(own, **load), *(truer_constants(own) or ()))
-    return np.column_stack([np.broadcast_to(value, count) for value in constants])
+    rows = np.empty((count, len(constants)))
+    for n, value in enumerate(constants):
+        rows[:, n] = value
+    return rows
