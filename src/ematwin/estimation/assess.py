@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ematwin.estimation.baseline import Baseline, frees_parameters, with_all_free
+from ematwin.estimation.descent import Descent
 from ematwin.estimation.intervals import Draws, draws
 from ematwin.estimation.joint import Joint
 from ematwin.estimation.laplace import Laplace, laplace, profiled, sharp_errors
@@ -116,18 +117,14 @@ def assess(
     def aliases(values: Mapping[str, float]) -> Sequence[Alias]:
         return model.aliases(actuator, values)
 
+    descent = Descent(
+        aliases, still, full.comparisons[0].noise, settled=settled, iterations=iterations
+    )
+
     def peak_from(point: np.ndarray) -> Laplace:
         known = dict(zip(problem.names, point.tolist(), strict=True))
         start = np.array([known.get(one.name, one.healthy) for one in full.unknowns])
-        return laplace(
-            full,
-            start,
-            aliases=aliases,
-            held=still,
-            least_noise=full.comparisons[0].noise,
-            settled=settled,
-            iterations=iterations,
-        )
+        return laplace(full, start, descent)
 
     starts = [found.point, *_worth_a_look(full, found, problem)]
     # each may use all cores: most of its batches are one block
@@ -136,10 +133,10 @@ def assess(
     misfit = full.relative_misfit(min(one.cost for one in (peak, *rivals)))
     explained = full.relative_misfit(peak.cost) <= _SETTLED * healthy
     if misfit <= HOPELESS and (_strained(peak) or not explained):
-        rivals += beside(peak, aliases, still, full.comparisons[0].noise)
+        rivals += beside(peak, descent)
         best = min((peak, *rivals), key=lambda one: height(one, peak.problem.noise))
         if _strained(best):
-            rivals += beside(best, aliases, still, full.comparisons[0].noise, anew=True)
+            rivals += beside(best, descent, anew=True)
     spent = sum(one.evaluations for one in (peak, *rivals))
     noise = min(one.problem.noise for one in (peak, *rivals))
     rivals.sort(key=lambda one: height(one, noise))

@@ -27,8 +27,9 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
+from ematwin.estimation.aliases import held_by
 from ematwin.estimation.baseline import Baseline, with_all_free
-from ematwin.estimation.laplace import Laplace, held_by, inverse, standard_errors, width_at
+from ematwin.estimation.laplace import Laplace, inverse, standard_errors, width_at
 from ematwin.estimation.levenberg_marquardt import LONGEST_DIFFERENCE, LevenbergMarquardt
 from ematwin.estimation.problem import Problem
 from ematwin.models.base import Model

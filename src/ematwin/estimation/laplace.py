@@ -1,7 +1,7 @@
 """Laplace's approximation: where a posterior has its peak, and how wide it is there.
 
-From a point that a search found, all unknowns of a problem descend together, those with priors
-included; the curvature at the end is the inverse covariance. Two things keep it honest.
+From a point that a search found, all unknowns of a problem descend together (`Descent`); the
+curvature at the end is the inverse covariance. Two things keep it honest.
 
 The noise is not white: what the twin misses is alike from sample to sample. Its size comes from the
 residuals themselves, counted once for each independent sample; `Laplace.widened` allows for what
@@ -9,39 +9,29 @@ the twin misses in the same way throughout.
 
 Impacts make residuals rough, and differences over short steps see that roughness where a change
 of parameters has no effect: unknowns that cannot be told apart would seem to be. Steps of one
-standard deviation, to both sides, look past most of it. Directions in which a kind knows that its
-answer does not change at all (`Model.aliases`) are not differenced: the column of the one is made
-of those of the others, and while the others are fitted it is held, so that no descent strays where
-priors alone decide. At the end all move together by the linearised residuals, as far as that gains.
+standard deviation, to both sides, look past most of it. Directions in which answers do not change
+at all (`ematwin.estimation.aliases`) are not differenced. At the end all move together by the
+linearised residuals, what aliases had held included, as far as that gains.
 """
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from ematwin.estimation.levenberg_marquardt import LARGEST_BATCH, LevenbergMarquardt
+from ematwin.estimation.aliases import Aliases, Direction, directions, held_pivots
+from ematwin.estimation.descent import STEP, WORTH, Descent
+from ematwin.estimation.levenberg_marquardt import LARGEST_BATCH
 from ematwin.estimation.problem import Problem
 from ematwin.models.chart import Chart
-from ematwin.models.unknown import Alias
 from ematwin.numerics.bounded_squares import bounded_squares
 
-_STAGES, _LEAST_STAGES, _ITERATIONS = 8, 1, 5
-_ROUNDS = 2  # along aliases, which curve: ratios stay as they are
 _JOINT = 2  # steps of everything together, where evidence decides what data do not see
 _FRACTIONS = (1.0, 0.7, 0.5, 0.35, 0.25, 0.18, 0.12, 0.08)  # of such a step that are tried
-_WORTH = 4.0  # squared standard deviations that a stage, or a step of everything, has to gain
 _ROUGH = 1.02  # ratio of costs that is mere roughness
 _SHORTEST, _LONGEST = 1e-3, 2e-2  # steps of the last Jacobian, shares of a range
 _FLATTEST = 5.0  # times that a covariance is widened at most
-_STEP = 5e-3  # along directions that data do not see, share of a range
-
-Aliases = Callable[[Mapping[str, float]], Sequence[Alias]]
-
-
-class TooFarError(Exception):
-    """A smooth descent ended too far from the recordings; caught by who asked for a limit."""
 
 
 @dataclass(frozen=True)
@@ -86,14 +76,8 @@ class Laplace:
 def laplace(
     problem: Problem,
     start: np.ndarray,
+    descent: Descent | None = None,
     *,
-    aliases: Aliases | None = None,
-    held: Collection[str] = (),
-    least_noise: float = 0.0,
-    settled: float = 0.0,
-    iterations: int = _ITERATIONS,
-    within: float = np.inf,
-    least: float = 0.0,
     steps: np.ndarray | None = None,
 ) -> Laplace:
     """The peak next to a point, and its width.
@@ -102,36 +86,29 @@ def laplace(
     ----------
     problem : Problem
     start : (d,) array, values
-    aliases : values by name -> directions in which the answer does not change
-    held : unknowns that stay where they are and only widen the peak
-    least_noise : float, the noise is taken to be no less, in the unit of `Problem.noise`
-    settled : float, relative misfit at which a start lies in its valley already
-    iterations : int, at most, of the first descent from such a start
-    within : float, relative misfit of the smoothed data beyond which it is not worth going on
-    least : float, squared standard deviations: an iteration that gains less ends a descent
+    descent : how the peak is gone to; what it holds only widens the peak
     steps : (d,) array, as of `width_at`
 
     Raises
     ------
     TooFarError
-        If the smooth descent ends beyond ``within``.
+        If the descent raises it.
     """
-    point, spent = _descended(
-        problem, start, aliases, held, least_noise, settled, iterations, within, least
-    )
+    descent = descent or Descent()
+    aliases, held = descent.aliases, descent.held
+    point, spent = descent.end(problem, start)
     chart = problem.chart
     z = chart.project(chart.from_values(point[None]))[0]
-    seen = _Seen(problem, point, least_noise)
+    seen = _Seen(problem, point, descent.least_noise)
     problem = seen.problem
     slopes = _slopes(problem, seen, z, aliases, steps)
     tells = frozenset().union(*(one.tells for one in problem.comparisons))
-    known = _known_directions(problem, point, aliases)
-    pivots = _pivots_held(problem, known)
+    pivots = held_pivots(problem, directions(problem, point, aliases))
     still = pivots - tells | set(held)
     for _ in range(_JOINT if problem.has_evidence else 0):
         # what evidence alone tells, the descent has left where it was
         first = chart.to_values((z + _bounded_step(slopes, z, chart, still))[None])[0]
-        point, more = _descended(problem, first, aliases, held, least_noise, np.inf)
+        point, more = descent.again().end(problem, first)
         spent += more
         tried = chart.project(chart.from_values(point[None]))[0]
         if not _is_better(problem, seen(np.vstack([z, tried]))):
@@ -271,15 +248,15 @@ def _slopes(
 ) -> _Slopes:
     """Differences over steps as long as the peak is wide; known directions by what is known."""
     chart = problem.chart
-    known = _known_directions(problem, chart.to_values(z[None])[0], aliases)
-    shown = [_shown(problem, seen, z, pivot, same) for pivot, same, _ in known]
+    known = directions(problem, chart.to_values(z[None])[0], aliases)
+    shown = [_shown(problem, seen, z, one) for one in known]
     steps = np.full(len(z), _SHORTEST) if known_steps is None else known_steps
     for _ in range(2 if known_steps is None else 1):
         here, jacobian = central(seen, z, steps, chart.lower, chart.upper, seen.size)
         parts = problem.split(jacobian)
-        for (pivot, same, _), change in zip(known, shown, strict=True):
-            parts.data[pivot] = same @ parts.data
-            parts.evidence[pivot] = same @ parts.evidence + change
+        for one, change in zip(known, shown, strict=True):
+            parts.data[one.pivot] = one.same @ parts.data
+            parts.evidence[one.pivot] = one.same @ parts.evidence + change
         data = (parts.data @ parts.data.T + parts.evidence @ parts.evidence.T) / problem.noise**2
         priors = parts.priors @ parts.priors.T / problem.noise**2
         covariance = inverse(data + priors)
@@ -316,7 +293,7 @@ def _stepped(
         left = seen(tried)
         costs = np.einsum("bk,bk->b", left, left)
         best = int(np.argmin(np.where(np.isfinite(costs), costs, np.inf)))
-        if not costs[best] < slopes.here @ slopes.here - _WORTH * problem.noise**2:
+        if not costs[best] < slopes.here @ slopes.here - WORTH * problem.noise**2:
             break
         z = tried[best]
         slopes = _slopes(problem, seen, z, aliases, step_lengths(slopes.covariance))
@@ -335,145 +312,11 @@ def _bounded_step(
     return np.asarray(chart.project((z + step)[None])[0] - z)
 
 
-def _descended(
-    problem: Problem,
-    start: np.ndarray,
-    aliases: Aliases | None,
-    held: Collection[str],
-    least_noise: float,
-    settled: float,
-    iterations: int = _ITERATIONS,
-    within: float = np.inf,
-    least: float = 0.0,
-) -> tuple[np.ndarray, int]:
-    """The best point (d,) with the pivots of aliases held where they are, and what it took."""
-    known = _known_directions(problem, start, aliases)
-    still = _pivots_held(problem, known) | set(held)
-    values = dict(zip(problem.names, start.tolist(), strict=True))
-    fixed = {name: value for name, value in values.items() if name in still}
-    small = problem.holding(fixed) if fixed else problem
-    chart, spent = small.chart, 0
-    z = chart.project(chart.from_values(start[[problem.names.index(n) for n in small.names]][None]))
-    # each stage looks with long differences again: rough stretches stop a single descent
-    first = z
-    before = small.residuals(chart.to_values(z))[0]
-    near = small.relative_misfit(small.data_cost(before)) < settled
-    for stage in range(_LEAST_STAGES if near else 0, _STAGES):
-        # wide valleys first
-        seen = small.smoothed() if stage == 0 else small
-        left = seen.residuals(chart.to_values(z))[0]
-        weighed = seen.weighed(left, least_noise)
-
-        def residuals(points: np.ndarray, weighed: Problem = weighed) -> np.ndarray:
-            nonlocal spent
-            spent += len(points)
-            return weighed.residuals(chart.to_values(points))
-
-        descent = LevenbergMarquardt.start(z, residuals, 1e-2, least=least * weighed.noise**2)
-        first_cost = float(descent.costs[0])
-        first_data = weighed.data_cost(descent.residuals[0])
-        for _ in range(iterations if near and stage == _LEAST_STAGES else _ITERATIONS):
-            descent.iterate(residuals, chart.lower, chart.upper, chart.project)
-        end = descent.best(1)
-        z = chart.project(end.points)
-        last_data = weighed.data_cost(end.residuals[0])
-        if stage == 0 and weighed.relative_misfit(last_data) > within:
-            raise TooFarError
-        # where data fit better the noise is less, and priors count less
-        gained = max(first_cost - float(end.costs[0]), first_data - last_data) / weighed.noise**2
-        if stage >= _LEAST_STAGES and gained < _WORTH:
-            break
-    # the smooth misfit may have led astray
-    if _cost_of(weighed, chart.to_values(first), before) < _cost_of(
-        weighed, chart.to_values(z), end.residuals[0]
-    ):
-        z = first
-    values = small.values(chart.to_values(z)[0])
-    point = np.array([values[name] for name in problem.names])
-    if problem is small:
-        point = _along(weighed, point, known)
-        spent += _ROUNDS * (len(known) + 1) if weighed.has_evidence else 0
-    return point, spent
-
-
-def _cost_of(weighed: Problem, point: np.ndarray, residuals: np.ndarray) -> float:
-    """The cost at a point (1, d) whose residuals (K,) are known, though not by this noise."""
-    if weighed.has_evidence:
-        return float(weighed.costs(point)[0])
-    return weighed.data_cost(residuals) + float((weighed.prior_distances(point) ** 2).sum())
-
-
-def _known_directions(
-    problem: Problem, point: np.ndarray, aliases: Aliases | None
-) -> list[tuple[int, np.ndarray, bool]]:
-    """Pivot, the same change in the others (d,), in coordinates of the chart, and whether held.
-
-    Of an alias whose unknowns are not all free, nothing is known.
-    """
-    names, widths = list(problem.names), problem.chart.widths
-    found = []
-    for one in () if aliases is None else aliases(problem.values(point)):
-        if one.pivot not in names:
-            continue
-        same = np.zeros(len(names))
-        complete = True
-        for name, change in one.same.items():
-            places = [n for n, own in enumerate(names) if own.partition("@")[0] == name]
-            complete &= bool(places)
-            same[places] = change
-        pivot = names.index(one.pivot)
-        if complete:
-            found.append((pivot, same / widths * widths[pivot], one.held))
-    return found
-
-
-def held_by(problem: Problem, point: np.ndarray, aliases: Aliases | None) -> set[str]:
-    """Names of the unknowns that aliases hold where they are while the others are fitted."""
-    return _pivots_held(problem, _known_directions(problem, point, aliases))
-
-
-def _pivots_held(problem: Problem, known: list[tuple[int, np.ndarray, bool]]) -> set[str]:
-    """Names of the pivots that stay while the others are fitted."""
-    return {problem.names[n] for n, _, is_held in known if is_held}
-
-
-def _along(
-    weighed: Problem, point: np.ndarray, known: list[tuple[int, np.ndarray, bool]]
-) -> np.ndarray:
-    """The point (d,) where evidence and priors have it along directions that data do not see."""
-    if not known:
-        return point
-    chart = weighed.chart
-    z = chart.from_values(point[None])
-    blind = np.array([_STEP * _blind(pivot, same) for pivot, same, _ in known])
-    for _ in range(_ROUNDS):
-        # all together: directions that share unknowns would follow one another for long
-        near = _beside_data(weighed, chart.to_values(np.vstack([z, z + blind])))
-        far = np.linalg.lstsq((near[1:] - near[0]).T, -near[0], rcond=None)[0]
-        z = chart.project(z + far @ blind)
-    return np.asarray(chart.to_values(z)[0])
-
-
-def _beside_data(weighed: Problem, points: np.ndarray) -> np.ndarray:
-    """Residuals (B, K) of evidence and priors alone, at points (B, d)."""
-    if not weighed.has_evidence:
-        return weighed.prior_distances(points)
-    return np.concatenate(weighed.split(weighed.residuals(points))[1:], axis=1)
-
-
-def _blind(pivot: int, same: np.ndarray) -> np.ndarray:
-    """A direction (d,) that data do not see, its largest component one."""
-    blind = -same
-    blind[pivot] += 1.0
-    return np.asarray(blind / np.abs(blind).max())
-
-
 def _shown(
     problem: Problem,
     residuals: Callable[[np.ndarray], np.ndarray],
     z: np.ndarray,
-    pivot: int,
-    same: np.ndarray,
+    one: Direction,
 ) -> np.ndarray | float:
     """How evidence (K,) changes along a direction that data do not see, for one of the pivot.
 
@@ -481,9 +324,9 @@ def _shown(
     """
     if not problem.has_evidence:
         return 0.0
-    blind = _blind(pivot, same) * _STEP
+    blind = STEP * one.blind
     up, down = problem.split(residuals(np.vstack([z + blind, z - blind]))).evidence
-    return np.asarray((up - down) / (2.0 * blind[pivot]))
+    return np.asarray((up - down) / (2.0 * blind[one.pivot]))
 
 
 def central(residuals, z, steps, lower, upper, size):  # type: ignore[no-untyped-def]

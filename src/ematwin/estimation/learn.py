@@ -23,6 +23,7 @@ from ematwin.estimation.baseline import (
     searched_range,
     uncertain,
 )
+from ematwin.estimation.descent import Descent
 from ematwin.estimation.laplace import Laplace, laplace, profiled
 from ematwin.estimation.multistart import MultistartDescent
 from ematwin.estimation.nominal import NominalParameter, fit_nominal
@@ -191,7 +192,7 @@ class _Fit:
             ]
             # what a search has found fits as it is: smoothed currents hardly tell an inductance
             settled = _SETTLED * searched.relative_misfit(cost)
-            peak = laplace(problem, np.array(first), aliases=aliases, settled=settled)
+            peak = laplace(problem, np.array(first), Descent(aliases, settled=settled))
             tell(0.6 + 0.2 * (n + 1) / _TRIED)
             if best is None or peak.cost < best.cost:
                 best = peak
@@ -200,7 +201,7 @@ class _Fit:
         assert best is not None
         # coarse to fine: what is learnt here is what faults are multiples of
         fine = problem.refined()
-        peak = laplace(fine, best.point, aliases=aliases, settled=np.inf)
+        peak = laplace(fine, best.point, Descent(aliases, settled=np.inf))
         return fine, peak, searched.relative_misfit(ends[0][0])
 
     def _ends(

@@ -16,13 +16,8 @@ import numpy as np
 
 from ematwin.estimation.assess import Assessment, height
 from ematwin.estimation.baseline import Baseline, uncertain, with_all_free, with_nuisances
-from ematwin.estimation.laplace import (
-    Laplace,
-    TooFarError,
-    laplace,
-    standard_errors,
-    step_lengths,
-)
+from ematwin.estimation.descent import Descent, TooFarError
+from ematwin.estimation.laplace import Laplace, laplace, standard_errors, step_lengths
 from ematwin.estimation.levenberg_marquardt import NOTHING
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.significance import is_present
@@ -198,16 +193,16 @@ def _compared(
     if len(starts) > 1 and not costs[best] < _FAR**2 * peak.cost:
         return None
     as_found = _start(full, full.names, {**own, **form.starts[best]})
+    steps = _steps(peak, full)
     known = {
         "within": _FAR * _smooth_misfit(peak),
         "settled": _SETTLED * peak.problem.relative_misfit(peak.cost),
         "least": NOTHING,
-        "steps": _steps(peak, full),
     }
 
     def descended_from(start: np.ndarray) -> tuple[Laplace, float] | None:
         try:
-            end = _descended(model, form.actuator, full, start, **known)
+            end = _descended(model, form.actuator, full, start, steps, **known)
         except TooFarError:
             return None
         return end, _rise(model, peak, end)
@@ -291,13 +286,20 @@ def _steps(peak: Laplace, full: Problem) -> np.ndarray:
 
 
 def _descended(
-    model: Model, actuator: ParameterSet, full: Problem, start: np.ndarray, **known: Any
+    model: Model,
+    actuator: ParameterSet,
+    full: Problem,
+    start: np.ndarray,
+    steps: np.ndarray | None = None,
+    **known: Any,
 ) -> Laplace:
-    """The peak next to a start; ``known`` are what `laplace` may be told beforehand."""
-    return laplace(
-        full, start, aliases=lambda values: model.aliases(actuator, values),
-        least_noise=full.comparisons[0].noise, **known,
-    )  # fmt: skip
+    """The peak next to a start; ``known`` is what a `Descent` may be told beforehand."""
+    descent = Descent(
+        lambda values: model.aliases(actuator, values),
+        least_noise=full.comparisons[0].noise,
+        **known,
+    )
+    return laplace(full, start, descent, steps=steps)
 
 
 def _rise(model: Model, first: Laplace, other: Laplace) -> float:

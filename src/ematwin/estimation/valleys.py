@@ -17,7 +17,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ematwin.estimation.laplace import Aliases, Laplace, held_by, laplace
+from ematwin.estimation.aliases import held_by
+from ematwin.estimation.descent import Descent
+from ematwin.estimation.laplace import Laplace, laplace
 from ematwin.estimation.levenberg_marquardt import NOTHING, LevenbergMarquardt
 from ematwin.estimation.problem import Problem
 from ematwin.models.unknown import Unknown
@@ -28,23 +30,18 @@ _FAR = 4.0  # times the least cost: a start so far behind does not win, 1.7 time
 _DAMPING = 1e-2
 
 
-def beside(
-    peak: Laplace,
-    aliases: Aliases,
-    held: Collection[str],
-    least_noise: float,
-    anew: bool = False,
-) -> list[Laplace]:
+def beside(peak: Laplace, descent: Descent, anew: bool = False) -> list[Laplace]:
     """Peaks of other valleys of the same problem, one for each unknown that has valleys.
 
     Parameters
     ----------
     peak : from which descents set out
-    aliases, held, least_noise : as for `laplace`
+    descent : that went there; what it holds stays, and ends look for their valleys anew
     anew : bool, parameters set out from what was known of them, and all are free
     """
-    problem, found = peak.problem, []
-    loose = {one.name for one in problem.unknowns if anew and one.role == "nominal"} - set(held)
+    problem, found, held = peak.problem, [], set(descent.held)
+    wide = Descent(descent.aliases, descent.held, descent.least_noise)
+    loose = {one.name for one in problem.unknowns if anew and one.role == "nominal"} - held
     start = np.array([
         one.healthy if one.name in loose else value
         for one, value in zip(problem.unknowns, peak.point, strict=True)
@@ -54,11 +51,11 @@ def beside(
             continue
         point, middle, reach, spent = start, one.healthy, _REACH * one.spread, 0
         for smooth in (_SMOOTH, 0):
-            still = (held_by(problem, point, aliases) | set(held)) - loose
+            still = (held_by(problem, point, descent.aliases) | held) - loose
             point, more = _across(problem, point, one, middle, reach, still, smooth)
             middle = float(point[problem.names.index(one.name)])
             reach, spent = 2.0 * reach / (one.valleys - 1), spent + more
-        end = laplace(problem, point, aliases=aliases, held=held, least_noise=least_noise)
+        end = laplace(problem, point, wide)
         found.append(replace(end, evaluations=end.evaluations + spent))
     return found
 

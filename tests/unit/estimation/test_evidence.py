@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from ematwin import Recording
+from ematwin.estimation.descent import Descent
 from ematwin.estimation.laplace import laplace
 from ematwin.estimation.problem import Prior, Problem
 from ematwin.models.comparison import Comparison
@@ -112,9 +113,9 @@ def test_evidence_that_is_worse_than_expected_counts_less(watts_noise, low, high
 
 def test_only_evidence_tells_the_two_of_an_alias_apart() -> None:
     start = np.array([1.0, 0.0, 0.0])
-    blind = laplace(Problem([TwoSensors()], UNKNOWNS, prior=PRIOR), start, aliases=aliases)
+    blind = laplace(Problem([TwoSensors()], UNKNOWNS, prior=PRIOR), start, Descent(aliases))
     seen = laplace(
-        Problem([TwoSensors().with_evidence()], UNKNOWNS, prior=PRIOR), start, aliases=aliases
+        Problem([TwoSensors().with_evidence()], UNKNOWNS, prior=PRIOR), start, Descent(aliases)
     )
     # without: the constant where the prior has it, and the short as far off as that makes it
     assert blind.point[0] == pytest.approx(1.0)
@@ -131,7 +132,7 @@ def test_only_evidence_tells_the_two_of_an_alias_apart() -> None:
 def test_the_width_is_that_of_the_linear_problem() -> None:
     """Against the inverse of the information, formed here."""
     problem = Problem([TwoSensors().with_evidence()], UNKNOWNS, prior=PRIOR)
-    peak = laplace(problem, np.array([1.0, 0.0, 0.0]), aliases=aliases)
+    peak = laplace(problem, np.array([1.0, 0.0, 0.0]), Descent(aliases))
     constant, short, _ = peak.point
     # by the logarithm of the constant, the short, the load
     current = np.array([constant * (1.0 - short) * TORQUES, -constant * TORQUES, WATTS])
@@ -151,5 +152,5 @@ def test_evidence_leads_along_what_data_do_not_see_beside_the_priors() -> None:
     def free(values):
         return [one._replace(held=False) for one in aliases(values)]
 
-    peak = laplace(problem, start, aliases=free, settled=np.inf, iterations=0)
+    peak = laplace(problem, start, Descent(free, settled=np.inf, iterations=0))
     assert peak.point == pytest.approx([1.1, 0.3, 0.4], abs=0.02)

@@ -5,6 +5,7 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from ematwin import Recording
+from ematwin.estimation.descent import Descent
 from ematwin.estimation.laplace import Laplace, inverse, laplace, profiled
 from ematwin.estimation.problem import Prior, Problem
 from ematwin.models.comparison import Comparison
@@ -91,7 +92,7 @@ def regressed():
     y = np.array([0.7, 0.1, 0.4]) @ basis + 0.3 * NOISE * rng.standard_normal(60)
     problem = Problem([Linear(unknowns, basis, y)], unknowns, prior=prior)
     # more than is left over: then the noise is what it is said to be
-    peak = laplace(problem, problem.start, least_noise=NOISE)
+    peak = laplace(problem, problem.start, Descent(least_noise=NOISE))
     return problem, basis, y, prior, peak
 
 
@@ -129,7 +130,7 @@ def test_a_descent_goes_on_until_noise_and_prior_agree(settled) -> None:
     basis = 30.0 * basis_of(1)
     y = 0.3 * basis[0] + NOISE * np.random.default_rng(8).standard_normal(60)
     problem = Problem([Linear(unknowns, basis, y)], unknowns, prior=prior)
-    peak = laplace(problem, problem.start, settled=settled)
+    peak = laplace(problem, problem.start, Descent(settled=settled))
     mean, covariance = regression(basis, y, prior, ("m",), peak.problem.noise)
     assert np.log(peak.point[0]) == pytest.approx(mean[0], abs=np.sqrt(covariance[0, 0]))
     assert mean[0] == pytest.approx(0.3, abs=0.01)
@@ -138,7 +139,7 @@ def test_a_descent_goes_on_until_noise_and_prior_agree(settled) -> None:
 def test_a_held_unknown_stays_and_still_widens_the_others(regressed) -> None:
     problem, basis, y, prior, free = regressed
     start = np.array([0.0, 1.6, 0.0])
-    peak = laplace(problem, start, held=["m"], least_noise=NOISE)
+    peak = laplace(problem, start, Descent(held=["m"], least_noise=NOISE))
     assert peak.point[1] == pytest.approx(1.6)
     assert np.allclose(peak.covariance, free.covariance)
     # the middle of the distribution is where it would go
@@ -166,7 +167,7 @@ def test_a_covariance_is_widened_by_what_the_misfit_rises_less(share, expected) 
     comparison = Flattening(unknowns, basis, np.array([0.5, -0.3]) @ basis)
     comparison.right, comparison.reach = (0.5, -0.3), NOISE
     problem = Problem([comparison], unknowns)
-    peak = laplace(problem, np.array([0.5, -0.3]), least_noise=NOISE)
+    peak = laplace(problem, np.array([0.5, -0.3]), Descent(least_noise=NOISE))
     assert np.allclose(in_values(peak, peak.covariance), NOISE**2 * np.eye(2), rtol=1e-6)
     comparison.share = share
     found = profiled(peak, peak.covariance, [1], 1.0, (4.0,)) / peak.covariance.clip(1e-12)
@@ -197,7 +198,7 @@ M_PRIOR = Prior(("m",), np.array([0.1]), np.array([[0.05]]))
 def test_a_pivot_has_the_variance_of_its_prior_and_its_faults_get_it_added(rough: float) -> None:
     problem, two, _, aliases = aliased(rough, M_PRIOR)
     start = np.array([0.0, 0.0, np.exp(0.1)])
-    peak = laplace(problem, start, aliases=aliases, least_noise=NOISE)
+    peak = laplace(problem, start, Descent(aliases, least_noise=NOISE))
     found = in_values(peak, peak.covariance)
     known = NOISE**2 * np.linalg.inv(two @ two.T)  # of the faults, were the pivot known
     added = 0.05 * np.outer([0.8, -0.3], [0.8, -0.3])
@@ -214,8 +215,8 @@ def test_a_pivot_has_the_variance_of_its_prior_and_its_faults_get_it_added(rough
 def test_without_its_alias_a_rough_answer_seems_to_tell_a_pivot() -> None:
     problem, _, _, aliases = aliased(20.0 * ROUGH, M_PRIOR)
     start = np.array([0.46, 0.23, np.exp(0.1)])
-    told = laplace(problem, start, aliases=aliases, least_noise=1e-2)
-    blind = laplace(problem, start, least_noise=1e-2)
+    told = laplace(problem, start, Descent(aliases, least_noise=1e-2))
+    blind = laplace(problem, start, Descent(least_noise=1e-2))
     assert in_values(told, told.covariance)[2, 2] == pytest.approx(0.05, rel=1e-6)
     assert in_values(blind, blind.covariance)[2, 2] < 0.5 * 0.05
 
@@ -225,7 +226,7 @@ def test_a_free_pivot_goes_where_the_priors_of_all_have_it() -> None:
         ("a", "m"), np.array([0.9, 0.1]), np.array([[0.02, 0.005], [0.005, 0.05]])
     )  # fmt: skip
     problem, two, y, aliases = aliased(0.0, prior, held=False)
-    peak = laplace(problem, np.array([0.0, 0.0, 1.0]), aliases=aliases, least_noise=NOISE)
+    peak = laplace(problem, np.array([0.0, 0.0, 1.0]), Descent(aliases, least_noise=NOISE))
     basis = np.vstack([two, 0.8 * two[0] - 0.3 * two[1]])
     mean, covariance = regression(basis, y, prior, problem.names, NOISE)
     errors = np.sqrt(np.diag(covariance))
@@ -251,9 +252,10 @@ def test_free_pivots_that_share_unknowns_go_where_the_priors_have_them_together(
     start = mean + np.array([*shared, *off])
     start[2:] = np.exp(start[2:])
     peak = laplace(
-        problem, start, aliases=lambda values: aliases, least_noise=NOISE, settled=np.inf,
-        iterations=0,
-    )  # fmt: skip
+        problem,
+        start,
+        Descent(lambda values: aliases, least_noise=NOISE, settled=np.inf, iterations=0),
+    )
     away = coordinates(problem, peak.point) - mean
     assert (np.abs(away) < 1e-3 * np.sqrt(np.diag(covariance))).all()
 
@@ -269,7 +271,7 @@ def test_a_bound_lets_data_tell_a_pivot() -> None:
     problem = Problem([Linear(unknowns, basis, 1.5 * basis[2])], unknowns, prior=prior)
     alias = Alias("m", {"a": -0.8})
     start = np.array([0.0, 0.0, np.exp(0.1)])
-    peak = laplace(problem, start, aliases=lambda values: [alias], least_noise=NOISE)
+    peak = laplace(problem, start, Descent(lambda values: [alias], least_noise=NOISE))
     weight = NOISE / np.sqrt(0.5)
     rows = np.vstack([basis.T, [0.0, 0.0, weight]])
     target = np.append(1.5 * basis[2], 0.1 * weight)
@@ -283,8 +285,8 @@ def test_an_alias_of_what_is_not_free_is_no_alias() -> None:
     problem, *_ = aliased(0.0, M_PRIOR)
     beside = [Alias("m", {"a": 0.8, "c": 2.0}), Alias("d", {"a": 1.0})]
     start = np.array([0.0, 0.0, np.exp(0.1)])
-    peak = laplace(problem, start, aliases=lambda values: beside, least_noise=NOISE)
-    plain = laplace(problem, start, least_noise=NOISE)
+    peak = laplace(problem, start, Descent(lambda values: beside, least_noise=NOISE))
+    plain = laplace(problem, start, Descent(least_noise=NOISE))
     assert np.allclose(peak.covariance, plain.covariance)
     assert np.allclose(peak.mean, plain.mean)
 
@@ -300,7 +302,7 @@ def test_an_alias_reaches_what_each_recording_has_for_itself() -> None:
     )  # fmt: skip
     problem = Problem(lines, unknowns, own=["g"], prior=prior)
     alias = Alias("m", {"g": 1.0}, held=False)
-    peak = laplace(problem, problem.start, aliases=lambda values: [alias], least_noise=NOISE)
+    peak = laplace(problem, problem.start, Descent(lambda values: [alias], least_noise=NOISE))
     nothing = np.zeros(60)
     basis = np.block([[row, row], [row, nothing[None]], [nothing[None], row]])
     y = np.concatenate([0.2 * row[0], 0.6 * row[0]])

@@ -7,6 +7,7 @@ import pytest
 
 import ematwin
 from ematwin.estimation import assess, rivals
+from ematwin.estimation.descent import Descent
 from ematwin.estimation.laplace import laplace
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.valleys import beside
@@ -38,7 +39,7 @@ def test_the_valley_of_the_right_load_is_found_where_a_descent_from_none_is_not(
     case = problem()
     stuck = laplace(case, np.array([0.0, 0.0]))
     assert abs(stuck.point[1] - 0.71) > 0.1
-    (found,) = beside(stuck, lambda values: [], (), 0.0)
+    (found,) = beside(stuck, Descent())
     assert found.cost < 0.5 * stuck.cost
     np.testing.assert_allclose(found.point, [0.3, 0.71], atol=0.02)
     assert found.evaluations > 7 * 2 * 13
@@ -47,10 +48,10 @@ def test_the_valley_of_the_right_load_is_found_where_a_descent_from_none_is_not(
 def test_nothing_is_looked_for_where_no_unknown_has_valleys_or_it_is_held():
     case = problem(valleys=1)
     stuck = laplace(case, np.array([0.0, 0.0]))
-    assert beside(stuck, lambda values: [], (), 0.0) == []
+    assert beside(stuck, Descent()) == []
     case = problem()
     stuck = laplace(case, np.array([0.0, 0.0]))
-    assert beside(stuck, lambda values: [], {"load_offset"}, 0.0) == []
+    assert beside(stuck, Descent(held={"load_offset"})) == []
 
 
 def test_anew_parameters_set_out_from_what_was_known_of_them():
@@ -67,11 +68,11 @@ def test_anew_parameters_set_out_from_what_was_known_of_them():
     case = Problem([toy], (fault("wear"), load(7), stiffness))
     stuck = laplace(case, np.array([0.0, 0.0, 1.0]))
     forced = replace(stuck, z=case.chart.from_values(np.array([[0.3, 0.0, 1.5]]))[0])
-    (astray,) = beside(forced, lambda values: [], (), 0.0)
-    (found,) = beside(forced, lambda values: [], (), 0.0, anew=True)
+    (astray,) = beside(forced, Descent())
+    (found,) = beside(forced, Descent(), anew=True)
     assert found.cost < 0.5 * astray.cost
     np.testing.assert_allclose(found.point, [0.3, 0.71, 1.0], atol=0.02)
-    (kept,) = beside(forced, lambda values: [], {"motor.stiffness"}, 0.0, anew=True)
+    (kept,) = beside(forced, Descent(held={"motor.stiffness"}), anew=True)
     assert kept.point[2] == 1.5
 
 

@@ -1,0 +1,143 @@
+"""All unknowns of a problem down together, those with priors included, from where a search ended.
+
+By stages of Levenberg-Marquardt: through the smoothed misfit first, unless the start lies in its
+valley already, then at full bandwidth for as long as a stage gains. What aliases hold stays; where
+data see nothing at all, evidence and priors have the last word.
+"""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ematwin.estimation.aliases import Aliases, Direction, directions, held_pivots
+from ematwin.estimation.levenberg_marquardt import LevenbergMarquardt
+from ematwin.estimation.problem import Problem
+
+STEP = 5e-3  # along directions that data do not see, share of a range
+WORTH = 4.0  # squared standard deviations that a stage, or a step of everything, has to gain
+_STAGES, _LEAST_STAGES, _ITERATIONS = 8, 1, 5
+_ROUNDS = 2  # along aliases, which curve: ratios stay as they are
+
+
+class TooFarError(Exception):
+    """A smooth descent ended too far from the recordings; caught by who asked for a limit."""
+
+
+@dataclass(frozen=True)
+class Descent:
+    """What a descent holds, where it begins, and when it ends.
+
+    Attributes
+    ----------
+    aliases : values by name -> directions in which the answer does not change
+    held : unknowns that stay where they are
+    least_noise : float, the noise is taken to be no less, in the unit of `Problem.noise`
+    settled : float, relative misfit at which a start lies in its valley already
+    iterations : int, at most, of the first stage from such a start
+    within : float, relative misfit of the smoothed data beyond which it is not worth going on
+    least : float, squared standard deviations: an iteration that gains less ends a stage
+    """
+
+    aliases: Aliases | None = None
+    held: Collection[str] = ()
+    least_noise: float = 0.0
+    settled: float = 0.0
+    iterations: int = _ITERATIONS
+    within: float = np.inf
+    least: float = 0.0
+
+    def again(self) -> "Descent":
+        """The same from the valley that it has found."""
+        return Descent(self.aliases, self.held, self.least_noise, settled=np.inf)
+
+    def end(self, problem: Problem, start: np.ndarray) -> tuple[np.ndarray, int]:
+        """The best point (d,) next to a start (d,), and the simulations that it took.
+
+        Raises
+        ------
+        TooFarError
+            If the smooth stage ends beyond ``within``.
+        """
+        known = directions(problem, start, self.aliases)
+        still = held_pivots(problem, known) | set(self.held)
+        values = dict(zip(problem.names, start.tolist(), strict=True))
+        fixed = {name: value for name, value in values.items() if name in still}
+        small = problem.holding(fixed) if fixed else problem
+        own = [problem.names.index(name) for name in small.names]
+        z, weighed, spent = self._stages(small, start[own])
+        values = small.values(small.chart.to_values(z)[0])
+        point = np.array([values[name] for name in problem.names])
+        if problem is small:
+            point = _along(weighed, point, known)
+            spent += _ROUNDS * (len(known) + 1) if weighed.has_evidence else 0
+        return point, spent
+
+    def _stages(self, small: Problem, start: np.ndarray) -> tuple[np.ndarray, Problem, int]:
+        """The best ``z`` (1, d), the problem by the noise of the last stage, and simulations."""
+        chart, spent = small.chart, 0
+        # each stage looks with long differences again: rough stretches stop a single descent
+        first = z = chart.project(chart.from_values(start[None]))
+        before = small.residuals(chart.to_values(z))[0]
+        near = small.relative_misfit(small.data_cost(before)) < self.settled
+        for stage in range(_LEAST_STAGES if near else 0, _STAGES):
+            # wide valleys first
+            seen = small.smoothed() if stage == 0 else small
+            left = seen.residuals(chart.to_values(z))[0]
+            weighed = seen.weighed(left, self.least_noise)
+
+            def residuals(points: np.ndarray, weighed: Problem = weighed) -> np.ndarray:
+                nonlocal spent
+                spent += len(points)
+                return weighed.residuals(chart.to_values(points))
+
+            least = self.least * weighed.noise**2
+            descent = LevenbergMarquardt.start(z, residuals, 1e-2, least=least)
+            first_cost = float(descent.costs[0])
+            first_data = weighed.data_cost(descent.residuals[0])
+            for _ in range(self.iterations if near and stage == _LEAST_STAGES else _ITERATIONS):
+                descent.iterate(residuals, chart.lower, chart.upper, chart.project)
+            end = descent.best(1)
+            z = chart.project(end.points)
+            last_data = weighed.data_cost(end.residuals[0])
+            if stage == 0 and weighed.relative_misfit(last_data) > self.within:
+                raise TooFarError
+            # where data fit better the noise is less, and priors count less
+            gained = max(first_cost - float(end.costs[0]), first_data - last_data)
+            if stage >= _LEAST_STAGES and gained < WORTH * weighed.noise**2:
+                break
+        # the smooth misfit may have led astray
+        if _cost_of(weighed, chart.to_values(first), before) < _cost_of(
+            weighed, chart.to_values(z), end.residuals[0]
+        ):
+            z = first
+        return z, weighed, spent
+
+
+def _cost_of(weighed: Problem, point: np.ndarray, residuals: np.ndarray) -> float:
+    """The cost at a point (1, d) whose residuals (K,) are known, though not by this noise."""
+    if weighed.has_evidence:
+        return float(weighed.costs(point)[0])
+    return weighed.data_cost(residuals) + float((weighed.prior_distances(point) ** 2).sum())
+
+
+def _along(weighed: Problem, point: np.ndarray, known: Sequence[Direction]) -> np.ndarray:
+    """The point (d,) where evidence and priors have it along directions that data do not see."""
+    if not known:
+        return point
+    chart = weighed.chart
+    z = chart.from_values(point[None])
+    blind = STEP * np.array([one.blind for one in known])
+    for _ in range(_ROUNDS):
+        # all together: directions that share unknowns would follow one another for long
+        near = _beside_data(weighed, chart.to_values(np.vstack([z, z + blind])))
+        far = np.linalg.lstsq((near[1:] - near[0]).T, -near[0], rcond=None)[0]
+        z = chart.project(z + far @ blind)
+    return np.asarray(chart.to_values(z)[0])
+
+
+def _beside_data(weighed: Problem, points: np.ndarray) -> np.ndarray:
+    """Residuals (B, K) of evidence and priors alone, at points (B, d)."""
+    if not weighed.has_evidence:
+        return weighed.prior_distances(points)
+    return np.concatenate(weighed.split(weighed.residuals(points))[1:], axis=1)
