@@ -11,6 +11,8 @@ def main() -> None:
     # numpy reads it when it is loaded: matrices are small here, and threads that wait for one
     # another over them took more than half of the time of an identification
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # pydantic looks through all that is installed for plugins of its own; none is of use here
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     # packages make two hundred thousand objects that live until the end; looking through them for
     # cycles, again and again and once more at exit, took a fifth of an identification
     gc.set_threshold(200_000)
