@@ -127,9 +127,12 @@ def assess(
         return laplace(full, start, descent)
 
     starts = [found.point, *_worth_a_look(full, found, problem)]
-    # each may use all cores: most of its batches are one block
-    with ThreadPoolExecutor(min(threads or os.cpu_count() or 1, len(starts))) as pool:
-        peak, *rivals = pool.map(peak_from, starts)
+    cores = min(threads or os.cpu_count() or 1, len(starts))
+    if cores == 1:  # here: another thread keeps memory of its own, 30 MB on a long recording
+        peak, *rivals = map(peak_from, starts)
+    else:  # each may use all cores: most of its batches are one block
+        with ThreadPoolExecutor(cores) as pool:
+            peak, *rivals = pool.map(peak_from, starts)
     misfit = full.relative_misfit(min(one.cost for one in (peak, *rivals)))
     explained = full.relative_misfit(peak.cost) <= _SETTLED * healthy
     if misfit <= HOPELESS and (_strained(peak) or not explained):
