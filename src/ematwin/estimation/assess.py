@@ -7,10 +7,9 @@ valleys that the search found are compared, and the misfit is looked at along ea
 """
 
 import math
-import os
-from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -26,8 +25,9 @@ from ematwin.estimation.valleys import beside
 from ematwin.estimation.verdict import HOPELESS
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
-from ematwin.models.unknown import Alias, Unknown
+from ematwin.models.unknown import Unknown
 from ematwin.numerics.quantiles import quantiles
+from ematwin.numerics.side_by_side import side_by_side
 
 _REACHES = (2.0,)  # standard errors at which the misfit along a fault is looked at
 _APART = 0.05  # share of a range by which another answer differs
@@ -114,12 +114,10 @@ def assess(
     if baseline.exact:
         settled, iterations = math.inf, _KNOWN
 
-    def aliases(values: Mapping[str, float]) -> Sequence[Alias]:
-        return model.aliases(actuator, values)
-
     descent = Descent(
-        aliases, still, full.comparisons[0].noise, settled=settled, iterations=iterations
-    )
+        partial(model.aliases, actuator), still, full.comparisons[0].noise,
+        settled=settled, iterations=iterations,
+    )  # fmt: skip
 
     def peak_from(point: np.ndarray) -> Laplace:
         known = dict(zip(problem.names, point.tolist(), strict=True))
@@ -127,12 +125,8 @@ def assess(
         return laplace(full, start, descent)
 
     starts = [found.point, *_worth_a_look(full, found, problem)]
-    cores = min(threads or os.cpu_count() or 1, len(starts))
-    if cores == 1:  # here: another thread keeps memory of its own, 30 MB on a long recording
-        peak, *rivals = map(peak_from, starts)
-    else:  # each may use all cores: most of its batches are one block
-        with ThreadPoolExecutor(cores) as pool:
-            peak, *rivals = pool.map(peak_from, starts)
+    # each may use all cores: most of its batches are one block
+    peak, *rivals = side_by_side(peak_from, starts, threads)
     misfit = full.relative_misfit(min(one.cost for one in (peak, *rivals)))
     explained = full.relative_misfit(peak.cost) <= _SETTLED * healthy
     if misfit <= HOPELESS and (_strained(peak) or not explained):

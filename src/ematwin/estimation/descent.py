@@ -47,9 +47,9 @@ class Descent:
     within: float = np.inf
     least: float = 0.0
 
-    def again(self) -> "Descent":
-        """The same from the valley that it has found."""
-        return Descent(self.aliases, self.held, self.least_noise, settled=np.inf)
+    def afresh(self, settled: float = 0.0) -> "Descent":
+        """One without limits that holds the same; ``settled`` infinite: from a known valley."""
+        return Descent(self.aliases, self.held, self.least_noise, settled=settled)
 
     def end(self, problem: Problem, start: np.ndarray) -> tuple[np.ndarray, int]:
         """The best point (d,) next to a start (d,), and the simulations that it took.

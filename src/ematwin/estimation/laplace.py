@@ -108,7 +108,7 @@ def laplace(
     for _ in range(_JOINT if problem.has_evidence else 0):
         # what evidence alone tells, the descent has left where it was
         first = chart.to_values((z + _bounded_step(slopes, z, chart, still))[None])[0]
-        point, more = descent.again().end(problem, first)
+        point, more = descent.afresh(settled=np.inf).end(problem, first)
         spent += more
         tried = chart.project(chart.from_values(point[None]))[0]
         if not _is_better(problem, seen(np.vstack([z, tried]))):

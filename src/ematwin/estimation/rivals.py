@@ -6,10 +6,9 @@ all free that was free there, and the heights of both peaks are compared: how fa
 the recording and from what was known before, in squared standard deviations.
 """
 
-import os
 from collections.abc import Collection, Iterable, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -25,6 +24,7 @@ from ematwin.estimation.verdict import EXPLAINED, HOPELESS, Verdict, listed
 from ematwin.models.base import Model, OtherForm
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
+from ematwin.numerics.side_by_side import side_by_side
 
 _NEARLY = 9.0  # squared standard deviations that do not decide between two answers
 _SETTLED = 1.3  # times the misfit of the first answer: the start lies in its valley already
@@ -77,14 +77,12 @@ def rivals_of(
     ]
     if not forms:
         return []
-    cores = threads or os.cpu_count() or 1
 
     def compared(form: OtherForm) -> tuple[Laplace, float] | None:
-        return _compared(model, actuator, form, problem, assessed, baseline, cores)
+        return _compared(model, actuator, form, problem, assessed, baseline, threads)
 
     # each may use all cores: the other one often ends at once
-    with ThreadPoolExecutor(min(cores, len(forms))) as pool:
-        ends = list(pool.map(compared, forms))
+    ends = side_by_side(compared, forms, threads)
     first = assessed.joint.peaks[0]
     return [
         _rival(model, form, problem, first, *one)
@@ -175,7 +173,7 @@ def _compared(
     problem: Problem,
     assessed: Assessment,
     baseline: Baseline,
-    threads: int,
+    threads: int | None,
 ) -> tuple[Laplace, float] | None:
     """The other form at its best, and its rise (`Rival`); None where it would be far worse."""
     assert assessed.joint is not None
@@ -295,7 +293,7 @@ def _descended(
 ) -> Laplace:
     """The peak next to a start; ``known`` is what a `Descent` may be told beforehand."""
     descent = Descent(
-        lambda values: model.aliases(actuator, values),
+        partial(model.aliases, actuator),
         least_noise=full.comparisons[0].noise,
         **known,
     )

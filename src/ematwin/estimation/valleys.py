@@ -40,7 +40,6 @@ def beside(peak: Laplace, descent: Descent, anew: bool = False) -> list[Laplace]
     anew : bool, parameters set out from what was known of them, and all are free
     """
     problem, found, held = peak.problem, [], set(descent.held)
-    wide = Descent(descent.aliases, descent.held, descent.least_noise)
     loose = {one.name for one in problem.unknowns if anew and one.role == "nominal"} - held
     start = np.array([
         one.healthy if one.name in loose else value
@@ -50,12 +49,12 @@ def beside(peak: Laplace, descent: Descent, anew: bool = False) -> list[Laplace]
         if one.spread is None or one.valleys == 1 or one.name in held:
             continue
         point, middle, reach, spent = start, one.healthy, _REACH * one.spread, 0
-        for smooth in (_SMOOTH, 0):
+        for wide in (True, False):
             still = (held_by(problem, point, descent.aliases) | held) - loose
-            point, more = _across(problem, point, one, middle, reach, still, smooth)
+            point, more = _across(problem, point, one, middle, reach, still, wide)
             middle = float(point[problem.names.index(one.name)])
             reach, spent = 2.0 * reach / (one.valleys - 1), spent + more
-        end = laplace(problem, point, wide)
+        end = laplace(problem, point, descent.afresh())
         found.append(replace(end, evaluations=end.evaluations + spent))
     return found
 
@@ -67,11 +66,12 @@ def _across(
     middle: float,
     reach: float,
     still: Collection[str],
-    smooth: int,
+    wide: bool,
 ) -> tuple[np.ndarray, int]:
     """The lowest of descents from ``start`` (d,) with an unknown held all over a range.
 
-    And the simulations that they took. What is ``still`` stays; ``smooth`` are iterations.
+    And the simulations that they took. What is ``still`` stays; ``wide`` ones go by the smoothed
+    misfit first.
     """
     names = list(problem.names)
     known = dict(zip(names, start.tolist(), strict=True))
@@ -85,9 +85,8 @@ def _across(
     least = NOTHING * small.noise**2
     low, high = (np.tile(end, (along.valleys, 1)) for end in (chart.lower, chart.upper))
     low[:, place] = high[:, place] = z[:, place]
-    for seen, iterations in ((small.smoothed(), smooth), (small.coarse(), _SHARP)):
-        if not iterations:
-            continue
+    stages = [(small.smoothed(), _SMOOTH)] if wide else []
+    for seen, iterations in (*stages, (small.coarse(), _SHARP)):
 
         def residuals(at: np.ndarray, seen: Problem = seen) -> np.ndarray:
             nonlocal spent
@@ -97,8 +96,9 @@ def _across(
         descent = LevenbergMarquardt.start(z, residuals, _DAMPING, least)
         for _ in range(iterations):
             descent.iterate(residuals, low, high, chart.project)
-            descent.finished |= descent.costs > _FAR * descent.costs.min()
-        near = descent.costs <= _FAR * descent.costs.min()
+            costs = descent.costs
+            near = costs <= _FAR * costs.min()
+            descent.finished |= ~near
         z, low, high = (x[near] for x in (descent.points, low, high))
     best = chart.project(descent.best(1).points)
     values = small.values(chart.to_values(best)[0])

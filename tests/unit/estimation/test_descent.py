@@ -48,7 +48,7 @@ def test_a_start_that_is_settled_needs_no_smooth_stage(problem) -> None:
     Descent().end(problem, np.array([0.9, 0.1]))
     assert toy.smoothings == 1
     Descent(settled=np.inf).end(problem, np.array([0.9, 0.1]))
-    Descent(iterations=0).again().end(problem, TRUTH)
+    Descent(iterations=0).afresh(settled=np.inf).end(problem, TRUTH)
     assert toy.smoothings == 1
 
 

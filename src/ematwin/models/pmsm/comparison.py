@@ -11,7 +11,6 @@ import copy
 import math
 import os
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
@@ -26,6 +25,7 @@ from ematwin.models.pmsm.channels import (
 from ematwin.models.pmsm.constants import constants_of
 from ematwin.models.pmsm.parameters import PmsmActuator
 from ematwin.numerics.low_pass import LowPass
+from ematwin.numerics.side_by_side import side_by_side
 from ematwin.recordings.recording import Recording
 
 CUTOFF = 800.0  # Hz
@@ -240,12 +240,7 @@ class PmsmComparison(Comparison):
                 costs[part], answer[part],
             )  # fmt: skip
 
-        if self.threads == 1 or blocks == 1:
-            for block in range(blocks):
-                work(block)
-        else:
-            with ThreadPoolExecutor(min(self.threads, blocks)) as pool:
-                list(pool.map(work, range(blocks)))
+        side_by_side(work, range(blocks), self.threads)
         costs[:count][lost] = math.nan
         if keep:
             answer[:count][lost] = math.nan

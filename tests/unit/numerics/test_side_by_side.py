@@ -1,0 +1,31 @@
+"""Answers in their order, on as many threads as there is work for."""
+
+import threading
+
+import pytest
+
+from ematwin.numerics.side_by_side import side_by_side
+
+
+def test_answers_come_in_the_order_of_the_items() -> None:
+    both = threading.Barrier(2, timeout=10.0)
+
+    def squared(n: int) -> int:
+        both.wait()  # two are at work at the same time
+        return n * n
+
+    assert side_by_side(squared, (3, 1, 2, 5), threads=2) == [9, 1, 4, 25]
+
+
+@pytest.mark.parametrize(("items", "threads"), [((1, 2), 1), ((1,), 4), ((1,), None), ((), 3)])
+def test_what_needs_no_second_thread_stays_in_this_one(items, threads) -> None:
+    def here(item: int) -> int:
+        return threading.get_ident()
+
+    assert side_by_side(here, items, threads) == [threading.get_ident()] * len(items)
+
+
+def test_an_error_reaches_the_caller() -> None:
+    for threads in (1, 2):
+        with pytest.raises(ZeroDivisionError):
+            side_by_side(lambda n: 1 // n, (1, 0), threads)
