@@ -1,10 +1,10 @@
-"""Rows as they are some samples later, by cubic convolution. Keys (1981), IEEE Trans. ASSP 29."""
+"""Signals some samples earlier or later, by cubic convolution. Keys (1981), IEEE Trans. ASSP 29."""
 
 import math
 
 import numpy as np
 
-from ematwin.numerics.compile import loop
+from ematwin.numerics.compile import loop, step
 
 
 def advanced(rows: np.ndarray, shift: np.ndarray) -> np.ndarray:
@@ -18,6 +18,17 @@ def advanced(rows: np.ndarray, shift: np.ndarray) -> np.ndarray:
     return rows
 
 
+@step
+def cubic(t):
+    """Weights of the samples before, at, after and beyond a place ``t`` behind the second one."""
+    return (
+        0.5 * t * (t * (2.0 - t) - 1.0),
+        1.0 + 0.5 * t * t * (3.0 * t - 5.0),
+        0.5 * t * (1.0 + t * (4.0 - 3.0 * t)),
+        0.5 * t * t * (t - 1.0),
+    )
+
+
 @loop
 def shift_rows(rows, shift, row):
     """Change ``rows`` (B, K), each to ``shift`` (B,) samples later; ``row`` (K,) is overwritten."""
@@ -26,11 +37,7 @@ def shift_rows(rows, shift, row):
         for n in range(last + 1):
             row[n] = rows[b, n]
         whole = math.floor(shift[b])
-        t = shift[b] - whole
-        on_before = 0.5 * t * (t * (2.0 - t) - 1.0)
-        on_here = 1.0 + 0.5 * t * t * (3.0 * t - 5.0)
-        on_after = 0.5 * t * (1.0 + t * (4.0 - 3.0 * t))
-        on_beyond = 0.5 * t * t * (t - 1.0)
+        on_before, on_here, on_after, on_beyond = cubic(shift[b] - whole)
         # within the row without looking for its ends, in vectors
         first = min(max(1 - whole, 0), last + 1)
         stop = max(min(last - 1 - whole, last + 1), first)
@@ -50,3 +57,63 @@ def shift_rows(rows, shift, row):
                     + on_after * row[min(max(place + 1, 0), last)]
                     + on_beyond * row[min(max(place + 2, 0), last)]
                 )
+
+
+def compare(
+    rows: np.ndarray,
+    target: np.ndarray,
+    roots: np.ndarray,
+    starts: np.ndarray,
+    stride: int,
+    shift: np.ndarray,
+) -> None:
+    """Change rows (B, N, K) to weighted residuals, as if each came ``shift`` (B,) samples later.
+
+    A row has every so many samples from each start (N,) on. It is compared with the target (S,) as
+    it is ``shift`` samples before, times the roots (S,) of the weights there, which are linear
+    between samples. A target has all of its samples, where a row may have few. Its ends go on. NaN
+    where a shift is no finite number.
+    """
+    known, most = np.isfinite(shift), target.size
+    earlier = np.clip(np.where(known, -shift, 0.0), -most, most)
+    ahead = 2 + math.ceil(float(np.max(np.abs(earlier), initial=0.0)))
+    compare_rows(
+        rows, _columns(target, ahead, stride), _columns(roots, ahead, stride), ahead + starts,
+        earlier,
+    )  # fmt: skip
+    rows[~known] = np.nan
+
+
+def _columns(signal: np.ndarray, more: int, count: int) -> np.ndarray:
+    """(count, M): every so many samples of a signal (S,) from each of the first ones on.
+
+    ``more`` samples are put before and behind it, as its ends are.
+    """
+    size = signal.size + 2 * more
+    longer = np.empty(-(-size // count) * count)
+    longer[:more], longer[more : more + signal.size] = signal[0], signal
+    longer[more + signal.size :] = signal[-1]
+    return np.ascontiguousarray(longer.reshape(-1, count).T)
+
+
+@loop
+def compare_rows(rows, target, roots, starts, shift):
+    """Change ``rows`` as `compare` does, by columns; the target is taken ``shift`` (B,) later."""
+    stride, count = target.shape[0], rows.shape[2]
+    for b in range(rows.shape[0]):
+        whole = math.floor(shift[b])
+        t = shift[b] - whole
+        on_before, on_here, on_after, on_beyond = cubic(t)
+        for n in range(rows.shape[1]):
+            at, row = starts[n] + whole, rows[b, n]
+            before = target[(at - 1) % stride, (at - 1) // stride :]
+            here = target[at % stride, at // stride :]
+            after = target[(at + 1) % stride, (at + 1) // stride :]
+            beyond = target[(at + 2) % stride, (at + 2) // stride :]
+            root = roots[at % stride, at // stride :]
+            next_root = roots[(at + 1) % stride, (at + 1) // stride :]
+            for k in range(count):
+                expected = (on_before * before[k] + on_here * here[k]) + (
+                    on_after * after[k] + on_beyond * beyond[k]
+                )
+                row[k] = (row[k] - expected) * ((1.0 - t) * root[k] + t * next_root[k])

@@ -179,11 +179,13 @@ def test_costs_and_residuals_show_every_nuisance(record, name) -> None:
     squares = (subject.residuals(candidates, 2) ** 2).sum(axis=1)
     assert np.allclose(subject.costs(candidates, 2), squares, rtol=1e-9)
     gap = subject.responses(candidates, 2)["current"] - subject.target
-    assert np.allclose(squares, (subject.weights * gap**2).sum(axis=1), rtol=1e-9)
+    # a clock that is off shifts the answer in one, and the recording with its weights in the other
+    rtol = 0.01 if name == "skew" else 1e-9
+    assert np.allclose(squares, (subject.weights * gap**2).sum(axis=1), rtol=rtol)
     assert squares[1] > 1.005 * squares[0]
 
 
-def test_thinned_residuals_are_advanced_by_the_same_time(record, monkeypatch) -> None:
+def test_thinned_residuals_are_late_by_the_same_time(record, monkeypatch) -> None:
     candidates = batch([{"skew": 1.3e-4}, {"skew": 0.0}])
     whole = BldcComparison(record, ACTUATOR, threads=1)
     every, still = whole.residuals(candidates, 2)
@@ -191,9 +193,8 @@ def test_thinned_residuals_are_advanced_by_the_same_time(record, monkeypatch) ->
     thin = BldcComparison(record, ACTUATOR, threads=1).residuals(candidates, 2)[0]
     stride = -(-every.size // thin.size)
     assert stride == 4
-    gap = thin / np.sqrt(stride) - every[::stride]
+    assert np.allclose(thin, np.sqrt(stride) * every[::stride], rtol=1e-9)
     size = rms(np.sqrt(whole.weights) * whole.target)
-    assert rms(gap) < 4e-3 * size  # of a cubic through samples at 5 kHz
     assert rms(every - still) > 0.02 * size
 
 

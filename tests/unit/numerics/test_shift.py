@@ -8,7 +8,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from ematwin.numerics.shift import advanced
+from ematwin.numerics.shift import advanced, compare
 from naive import signals
 
 
@@ -47,3 +47,26 @@ def test_whole_samples_are_moved_as_they_are_and_the_ends_repeat() -> None:
     assert (later == [*row[0, 2:], row[0, -1], row[0, -1]]).all()
     earlier = advanced(row.copy(), np.array([-1.0]))[0]
     assert (earlier == [row[0, 0], *row[0, :-1]]).all()
+
+
+def test_rows_are_compared_with_what_was_recorded_earlier() -> None:
+    rng = np.random.default_rng(5)
+    target, roots = rng.standard_normal(60), rng.uniform(0.0, 2.0, 60)
+    starts, stride = np.array([0, 30]), 7
+    shift = np.array([0.0, 1.3, -2.75, 16.2, -29.4, 80.0, -1e9])
+    rows = rng.standard_normal((len(shift), 2, 4))
+    places = starts[:, None] + stride * np.arange(4)
+    expected = [
+        (row - np.array(signals.advanced(target, -s))[places])
+        * np.interp(places - s, np.arange(60), roots)
+        for row, s in zip(rows, shift, strict=True)
+    ]
+    compare(rows, target, roots, starts, stride, shift)
+    assert np.allclose(rows, expected, rtol=0.0, atol=1e-12)
+
+
+def test_a_comparison_by_a_shift_that_is_no_number_gives_none() -> None:
+    rows, ones = np.ones((3, 1, 4)), np.ones(9)
+    compare(rows, ones, ones, np.zeros(1, dtype=np.int64), 2, np.array([0.5, np.nan, np.inf]))
+    assert (rows[0] == 0.0).all()
+    assert np.isnan(rows[1:]).all()

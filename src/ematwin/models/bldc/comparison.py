@@ -299,26 +299,24 @@ class BldcComparison(Comparison):
 
         # what a sensor shows is known of whole answers only: as many at a time as memory allows,
         # and of long ones as many samples as a residual keeps
-        if self.target.size * LANES > _AT_A_TIME:
-            current = self.residuals_of(self.whole, batch)[0]
-            costs = np.einsum("bs,bs->b", current, current)
-            return np.where(np.isfinite(costs), costs, np.inf)
-        many = _AT_A_TIME // self.target.size
-        parts = [batch.part(slice(n, n + many)) for n in range(0, count, many)]
-        return np.concatenate([self._costs_as_sensed(part) for part in parts])
-
-    def _costs_as_sensed(self, batch: "Batch") -> np.ndarray:
-        costs, response, _ = self.run(self.whole, batch, self.target.size)
-        gap = self._sensed(response, batch, self.recording.interval)
-        gap -= self.target
-        found = np.einsum("s,bs,bs->b", self.weights, gap, gap)
-        return np.where(np.isfinite(costs) & np.isfinite(found), found, np.inf)
+        whole, many = replace(self.whole, power=None), count
+        if whole.samples * LANES <= _AT_A_TIME:
+            whole, many = replace(whole, kept=whole.samples), _AT_A_TIME // whole.samples
+        parts = [
+            self.residuals_of(whole, batch.part(slice(n, n + many)))[0]
+            for n in range(0, count, many)
+        ]
+        costs = np.concatenate([np.einsum("bs,bs->b", part, part) for part in parts])
+        return np.where(np.isfinite(costs), costs, np.inf)
 
     def responses(self, candidates: Candidates, count: int) -> dict[str, np.ndarray]:
         """Filtered equivalent currents, (B, S) array, A."""
         batch = self.batch(candidates, count)
         response = self.run(self.whole, batch, self.target.size)[1]
-        return {"current": self._sensed(response, batch, self.recording.interval)}
+        late = self._late(batch)
+        if late is not None:
+            response = advanced(response, late)
+        return {"current": _sensed(response, batch)}
 
     def measured(self) -> dict[str, np.ndarray]:
         """The filtered equivalent current of the recording, (S,) array, A."""
@@ -349,19 +347,15 @@ class BldcComparison(Comparison):
         """
         kept = self.kept_of(stretches)
         costs, response, watts = self.run(stretches, batch, kept)
-        stride = -(-stretches.samples // kept)
-        interval, places = stride * self.recording.interval, stretches.places(stride).ravel()
+        stride, late = -(-stretches.samples // kept), self._late(batch)
         response[~np.isfinite(costs)] = np.nan  # a friction that is no number holds all at rest
-        found = []
-        if stretches.power is not None:
-            watts = self._sensed_power(watts, response, batch, interval, len(stretches))
-            watts -= stretches.power.target[places]
-            found.append(
-                watts * np.sqrt(stretches.weighted(stretches.power.weights, stride)).ravel()
-            )
-        response = self._sensed(response, batch, interval, len(stretches))
-        response -= stretches.target[places]
-        response *= np.sqrt(stretches.weighted(stretches.weights, stride)).ravel()
+        found, power = [], stretches.power
+        if power is not None:
+            watts = self._sensed_power(watts, response, batch)
+            stretches.compare(watts, power.target, power.weights, stride, late)
+            found.append(watts)
+        response = _sensed(response, batch)
+        stretches.compare(response, stretches.target, stretches.weights, stride, late)
         return [response, *found]
 
     def kept_of(self, stretches: Stretches) -> int:
@@ -380,34 +374,17 @@ class BldcComparison(Comparison):
         sensor = {name: candidates[name] for name in SENSOR if name in candidates}
         return Batch(faults, constants_by_candidate(self.actuator, candidates, count), sensor)
 
-    def _sensed(
-        self, response: np.ndarray, batch: "Batch", interval: float, stretches: int = 1
-    ) -> np.ndarray:
-        """Responses (B, K) over so many stretches as the sensors of the candidates show them."""
-        sensor = batch.sensor
-        if "skew" in sensor:
-            response = _skewed(response, sensor["skew"] / interval, stretches)
-        if "current_gain" in sensor:
-            response *= sensor["current_gain"][:, None]
-        if "current_offset" in sensor:
-            response += sensor["current_offset"][:, None]
-        return response
+    def _late(self, batch: "Batch") -> np.ndarray | None:
+        """By how many samples (B,) the command of a candidate came late; None if it did not."""
+        skew = batch.sensor.get("skew")
+        return None if skew is None else skew / self.recording.interval
 
-    def _sensed_power(
-        self,
-        watts: np.ndarray,
-        response: np.ndarray,
-        batch: "Batch",
-        interval: float,
-        stretches: int,
-    ) -> np.ndarray:
-        """Power (B, K) as it would be recorded beside currents (B, K)."""
+    def _sensed_power(self, watts: np.ndarray, response: np.ndarray, batch: "Batch") -> np.ndarray:
+        """Power (B, K) as it would be recorded beside currents (B, K), but for the clock."""
         assert self.power is not None
         sensor = batch.sensor
         if "voltage_drop" in sensor:
             watts = watts + sensor["voltage_drop"][:, None] * np.abs(response)
-        if "skew" in sensor:
-            watts = _skewed(watts, sensor["skew"] / interval, stretches)
         gain = np.ones(len(watts)) * sensor.get("power_gain", 1.0)
         if self.power.by_phases:
             gain *= sensor.get("current_gain", 1.0)
@@ -549,10 +526,14 @@ def _joined(answers: np.ndarray, count: int) -> np.ndarray:
     return answers[:, :count].transpose(1, 0, 2).reshape(count, parts * kept)
 
 
-def _skewed(rows: np.ndarray, samples: np.ndarray, stretches: int) -> np.ndarray:
-    """Rows (B, N K) so many samples (B,) later, within each of N stretches."""
-    apart = np.ascontiguousarray(rows).reshape(len(rows) * stretches, -1)
-    return advanced(apart, np.repeat(samples, stretches)).reshape(rows.shape)
+def _sensed(response: np.ndarray, batch: Batch) -> np.ndarray:
+    """Responses (B, K) as the current sensors of the candidates show them, but for the clock."""
+    sensor = batch.sensor
+    if "current_gain" in sensor:
+        response *= sensor["current_gain"][:, None]
+    if "current_offset" in sensor:
+        response += sensor["current_offset"][:, None]
+    return response
 
 
 def _padded(rows: np.ndarray, count: int) -> np.ndarray:

@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ematwin.numerics.shift import compare
+
 
 @dataclass(frozen=True)
 class PowerStretches:
@@ -61,3 +63,24 @@ class Stretches:
         found = stride * weights[self.places(stride)]
         found[:, 0] = 0.0
         return found
+
+    def compare(
+        self,
+        rows: np.ndarray,
+        target: np.ndarray,
+        weights: np.ndarray,
+        stride: int,
+        late: np.ndarray | None,
+    ) -> None:
+        """Change rows (B, N K), of every so many samples, to weighted residuals.
+
+        ``late`` (B,) is by how many samples the target is ahead of each row; None is not at all.
+        """
+        places = self.places(stride)
+        if late is None:
+            rows -= target[places].ravel()
+            rows *= np.sqrt(self.weighted(weights, stride)).ravel()
+            return
+        apart = rows.reshape(len(rows), *places.shape)
+        compare(apart, target, np.sqrt(stride * weights), self.starts, stride, late)
+        apart[:, :, 0] *= 0.0

@@ -83,7 +83,7 @@ def test_positions_of_motor_and_output_are_needed(twin_record: Recording) -> Non
 def test_faults_are_found_where_the_twin_stalls_and_the_actuator_does_not() -> None:
     found = identify(simulate("reference", faults=NEAR_STALL), seed=32)
     assert found.stopped == "good fit of stretches"
-    assert error_percent_wrapped(found.faults.vector, NEAR_STALL.vector) < 1.5
+    assert error_percent_wrapped(found.faults.vector, NEAR_STALL.vector) < 2.5
     assert found.relative_misfit > 1.0  # of the whole record
     assert found.evaluations < 2500
     assert "stretches" in found.warnings[-1]
