@@ -29,6 +29,7 @@ from ematwin.numerics.side_by_side import side_by_side
 _NEARLY = 9.0  # squared standard deviations that do not decide between two answers
 _SETTLED = 1.3  # times the misfit of the first answer: the start lies in its valley already
 _FAR = 5.0  # times the misfit of the first answer: a start, or a smooth descent, not worth more
+_FAR_BETTER = 0.7  # times the misfit of the first answer; 0.42 at most where the form was right
 
 
 @dataclass(frozen=True)
@@ -78,8 +79,10 @@ def rivals_of(
     if not forms:
         return []
 
+    unexplained = verdict.grade == "none"
+
     def compared(form: OtherForm) -> tuple[Laplace, float] | None:
-        return _compared(model, actuator, form, problem, assessed, baseline, threads)
+        return _compared(model, actuator, form, problem, assessed, baseline, unexplained, threads)
 
     # each may use all cores: the other one often ends at once
     ends = side_by_side(compared, forms, threads)
@@ -173,9 +176,14 @@ def _compared(
     problem: Problem,
     assessed: Assessment,
     baseline: Baseline,
+    unexplained: bool,
     threads: int | None,
 ) -> tuple[Laplace, float] | None:
-    """The other form at its best, and its rise (`Rival`); None where it would be far worse."""
+    """The other form at its best, and its rise (`Rival`).
+
+    None where it would be far worse; and of an ``unexplained`` recording, where it is not far
+    better, which is all that there is to be told.
+    """
     assert assessed.joint is not None
     peak = assessed.joint.peaks[0]
     comparisons = [
@@ -193,7 +201,7 @@ def _compared(
     as_found = _start(full, full.names, {**own, **form.starts[best]})
     steps = _steps(peak, full)
     known = {
-        "within": _FAR * _smooth_misfit(peak),
+        "within": (1.0 if unexplained else _FAR) * _smooth_misfit(peak),
         "settled": _SETTLED * peak.problem.relative_misfit(peak.cost),
         "least": NOTHING,
     }
@@ -206,13 +214,16 @@ def _compared(
         return end, _rise(model, peak, end)
 
     ends = [descended_from(starts[best])]
+    short = ends[0] is None or ends[0][1] > _NEARLY
     # it may have stopped short: it gets the parameters of the first answer
-    if not np.array_equal(as_found, starts[best]) and (ends[0] is None or ends[0][1] > _NEARLY):
+    if short and not unexplained and not np.array_equal(as_found, starts[best]):
         ends.append(descended_from(as_found))
     near = [one for one in ends if one is not None]
     if not near:
         return None
     end, rise = min(near, key=lambda one: one[1])
+    if unexplained and end.cost > _FAR_BETTER**2 * peak.cost:
+        return None
     if rise < -_NEARLY:  # so may the first answer: it gets what the other found beside the fault
         its = _own_names(problem, form)
         beside = {name: x for name, x in full.values(end.point).items() if name not in its}
