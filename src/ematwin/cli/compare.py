@@ -1,6 +1,5 @@
 """``ematwin compare``: many searches, compared fairly."""
 
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Annotated
@@ -141,6 +140,7 @@ def _engine(
     backend: str,
 ) -> "Engine":
     from ematwin.errors import InputError
+    from ematwin.numerics.side_by_side import cores
 
     if time_limit is not None and not 0.0 < time_limit < float("inf"):
         raise InputError(f"--time-limit must be a positive number of s, received {time_limit:g}.")
@@ -158,13 +158,13 @@ def _engine(
     if name == "local":
         from ematwin.comparison.study.engines.local import LocalEngine
 
-        return LocalEngine(workers or os.cpu_count() or 1, time_limit, patience, backend)
+        return LocalEngine(workers or cores(), time_limit, patience, backend)
     if name == "dask":
         from ematwin.comparison.study.engines.dask import DaskEngine
 
         if scheduler is not None and workers is not None:
             raise InputError("A scheduler has its own workers; leave --workers out.")
-        return DaskEngine(scheduler, workers or os.cpu_count() or 1, time_limit, patience, backend)
+        return DaskEngine(scheduler, workers or cores(), time_limit, patience, backend)
     raise InputError(f"There is no engine {name!r}; choose local, dask or cuda.")
 
 

@@ -1,6 +1,5 @@
 """`compare`: algorithms compared fairly, from Python: runs, store and analysis in one call."""
 
-import os
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -19,6 +18,7 @@ from ematwin.comparison.study.store import Store
 from ematwin.comparison.study.subject import Subject
 from ematwin.errors import InputError
 from ematwin.models.scenario import Scenario
+from ematwin.numerics.side_by_side import cores
 from ematwin.recordings.noise import Noise
 from ematwin.showing.bars import told
 
@@ -99,7 +99,7 @@ def compare(
         scenario=scenario,
     )
     subject.model.check_backend(backend)
-    engine = LocalEngine(workers or os.cpu_count() or 1, time_limit, backend=backend)
+    engine = LocalEngine(workers or cores(), time_limit, backend=backend)
     with _kept(store) as opened, told(progress, "runs", _shown) as tell:
         carry_out(plan, opened, engine, retry_failed=retry_failed, progress=tell)
         return analyse(opened.runs(), targets=targets, threshold=threshold)

@@ -21,9 +21,7 @@ elsewhere. (Those of the brushless twin make none any more, since they count fro
 happen.)
 """
 
-import os
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
@@ -36,6 +34,7 @@ from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.scenario import Scenario
 from ematwin.models.unknown import Alias
+from ematwin.numerics.side_by_side import side_by_side
 from ematwin.recordings.noise import Noise
 
 STEP = LONGEST_DIFFERENCE  # of slopes, share of a range
@@ -110,17 +109,16 @@ def expected_errors(
         point = np.array([[near.get(one.name, one.healthy) for one in full.unknowns]])
         return full, full.chart.from_values(point)[0], full.residuals(point)[0]
 
-    with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
-        answers = list(pool.map(answer, range(_ANSWERS)))
-        away = _AWAY * _alone(peak, np.array([left for *_, left in answers]), len(faults))
-        still = held_by(problem, at, aliases)
-        starts = rng.standard_normal((_ANSWERS, len(away))) * away
-        ends = list(
-            pool.map(
-                lambda one, start: _end(one[0], one[1] + start, still) - one[1], answers, starts
-            )
-        )
-    errors = np.array(ends)
+    def off(n: int) -> np.ndarray:
+        """What is found of an answer less its truth (d,), from a start beside it."""
+        full, truth, _ = answers[n]
+        return _end(full, truth + starts[n], still) - truth
+
+    answers = side_by_side(answer, range(_ANSWERS), threads)
+    away = _AWAY * _alone(peak, np.array([left for *_, left in answers]), len(faults))
+    still = held_by(problem, at, aliases)
+    starts = rng.standard_normal((_ANSWERS, len(away))) * away
+    errors = np.array(side_by_side(off, range(_ANSWERS), threads))
     covariance = errors.T @ errors / _ANSWERS + _known(peak)
     return standard_errors(problem.chart, peak.z, covariance)
 

@@ -15,6 +15,7 @@ others; the error that is to be expected of each is in `ematwin.estimation.expec
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from statistics import NormalDist
 from typing import Any
@@ -254,7 +255,7 @@ def identifiability(
     peak = width_at(
         full,
         np.array([values.get(one.name, one.healthy) for one in full.unknowns]),
-        aliases=lambda named: model.aliases(chosen, named),
+        aliases=partial(model.aliases, chosen),
         least_noise=full.comparisons[0].noise,
     )
     covariance = peak.widened(model.model_error)

@@ -10,10 +10,10 @@ What no command tells apart (the pivots of `Model.aliases`) counts as known: its
 the errors of all commands alike, and would hide what they differ in.
 """
 
-import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.scenario import Scenario
 from ematwin.models.unknown import Unknown
+from ematwin.numerics.side_by_side import cores
 from ematwin.numerics.sobol import Sobol
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
@@ -123,7 +124,7 @@ class Judge:
         self.model, self.actuator = model, actuator
         self.vectors = [dict(values) for values in vectors]
         self.noise, self.sample_rate, self.seed = noise, sample_rate, seed
-        self.threads = threads or os.cpu_count() or 1
+        self.threads = threads or cores()
         self.magnitudes = tuple(o for o in model.faults(actuator) if o.direction_of is None)
         held = () if baseline.exact else _blind(model, actuator, baseline)
         self._given = baseline
@@ -197,7 +198,7 @@ class Judge:
         has_finer = len(model.fidelities) > 1
         point = np.array([values.get(one.name, one.healthy) for one in full.unknowns])
         peak = width_at(
-            full, point, aliases=lambda named: model.aliases(actuator, named),
+            full, point, aliases=partial(model.aliases, actuator),
             least_noise=0.0 if has_finer else full.comparisons[0].noise,
             steps=np.full(len(point), STEP),
         )  # fmt: skip

@@ -9,6 +9,13 @@ Item = TypeVar("Item")
 Answer = TypeVar("Answer")
 
 
+def cores() -> int:
+    """How many cores this process may use: a scheduler may leave it a few of many."""
+    if hasattr(os, "sched_getaffinity"):  # not on macOS and Windows
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
 def side_by_side(
     work: Callable[[Item], Answer], items: Iterable[Item], threads: int | None = None
 ) -> list[Answer]:
@@ -18,7 +25,7 @@ def side_by_side(
     a long recording.
     """
     given = list(items)
-    most = min(threads or os.cpu_count() or 1, len(given))
+    most = min(threads or cores(), len(given))
     if most <= 1:
         return [work(one) for one in given]
     with ThreadPoolExecutor(most) as pool:

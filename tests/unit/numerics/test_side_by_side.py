@@ -1,10 +1,11 @@
 """Answers in their order, on as many threads as there is work for."""
 
+import os
 import threading
 
 import pytest
 
-from ematwin.numerics.side_by_side import side_by_side
+from ematwin.numerics.side_by_side import cores, side_by_side
 
 
 def test_answers_come_in_the_order_of_the_items() -> None:
@@ -29,3 +30,14 @@ def test_an_error_reaches_the_caller() -> None:
     for threads in (1, 2):
         with pytest.raises(ZeroDivisionError):
             side_by_side(lambda n: 1 // n, (1, 0), threads)
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="threads are bound on Linux only")
+def test_cores_are_those_that_this_process_may_use() -> None:
+    usable = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {min(usable)})
+    try:
+        assert cores() == 1
+    finally:
+        os.sched_setaffinity(0, usable)
+    assert cores() == len(usable)

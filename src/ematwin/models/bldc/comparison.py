@@ -8,7 +8,6 @@ candidates is then simulated and scored without keeping traces.
 
 import copy
 import math
-import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -38,6 +37,7 @@ from ematwin.numerics.low_pass import LowPass
 from ematwin.numerics.means import means
 from ematwin.numerics.misfit import SlopeWeighting
 from ematwin.numerics.shift import advanced
+from ematwin.numerics.side_by_side import cores
 from ematwin.numerics.white_noise import white_noise
 from ematwin.recordings.recording import Recording
 
@@ -147,7 +147,7 @@ class BldcComparison(Comparison):
             )
         near = float(np.max(np.abs(self.command))) <= _FAR
         self.single = backend == "cpu-single" and self.truer is None and near
-        self.threads = threads or os.cpu_count() or 1
+        self.threads = threads or cores()
         self._pool: ThreadPoolExecutor | None = None
         self._filter(low_pass or LowPass(), weighting or SlopeWeighting())
 

@@ -1,14 +1,13 @@
 """The twin of a linear axis on the samples of a recording: closed loop, open loop, first state."""
 
-import os
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
 from ematwin.errors import RecordError
 from ematwin.models.linear_axis.constants import constants_table, substeps_of
 from ematwin.models.linear_axis.parameters import LinearAxis
+from ematwin.numerics.side_by_side import side_by_side
 from ematwin.recordings.recording import Recording
 
 FIRST = 20  # samples from which the first state is taken; the published scores leave them out
@@ -112,12 +111,7 @@ def _traces(
         )  # fmt: skip
 
     parts = [slice(n, n + LANES) for n in range(0, len(table), LANES)]
-    workers = min(threads or os.cpu_count() or 1, len(parts))
-    if workers <= 1:
-        simulate(slice(None))
-    else:
-        with ThreadPoolExecutor(workers) as pool:
-            list(pool.map(simulate, parts))
+    side_by_side(simulate, parts, threads)
     return voltage, position
 
 

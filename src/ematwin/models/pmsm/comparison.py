@@ -9,7 +9,6 @@ by the noise that its own recording shows and by what the twin may miss.
 
 import copy
 import math
-import os
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -25,7 +24,7 @@ from ematwin.models.pmsm.channels import (
 from ematwin.models.pmsm.constants import constants_of
 from ematwin.models.pmsm.parameters import PmsmActuator
 from ematwin.numerics.low_pass import LowPass
-from ematwin.numerics.side_by_side import side_by_side
+from ematwin.numerics.side_by_side import cores, side_by_side
 from ematwin.recordings.recording import Recording
 
 CUTOFF = 800.0  # Hz
@@ -71,7 +70,7 @@ class PmsmComparison(Comparison):
         self, recording: Recording, actuator: PmsmActuator, *, threads: int | None = None
     ) -> None:
         self.recording, self.actuator = recording, actuator
-        self.threads = threads or os.cpu_count() or 1
+        self.threads = threads or cores()
         if len(recording) < _FEWEST:
             raise RecordError(
                 f"The record has {len(recording)} samples; at least {_FEWEST} are needed to tell "
