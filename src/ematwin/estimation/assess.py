@@ -21,8 +21,9 @@ from ematwin.estimation.laplace import Laplace, laplace, profiled, sharp_errors
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found
 from ematwin.estimation.significance import ANYTHING
+from ematwin.estimation.twin_error import twin_error
 from ematwin.estimation.valleys import beside
-from ematwin.estimation.verdict import HOPELESS
+from ematwin.estimation.verdict import HOPELESS, worst_misfit
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
@@ -129,7 +130,8 @@ def assess(
     peak, *rivals = side_by_side(peak_from, starts, threads)
     misfit = full.relative_misfit(min(one.cost for one in (peak, *rivals)))
     explained = full.relative_misfit(peak.cost) <= _SETTLED * healthy
-    if misfit <= HOPELESS and (_strained(peak) or not explained):
+    # from further off no other load has led to a verdict
+    if misfit <= worst_misfit(baseline.misfit) and (_strained(peak) or not explained):
         rivals += beside(peak, descent)
         best = min((peak, *rivals), key=lambda one: height(one, peak.problem.noise))
         if _strained(best):
@@ -141,10 +143,11 @@ def assess(
         rivals.append(peak)
         peak = rivals.pop(0)
     own = len(problem.names)
-    covariance = _with_scatter(peak, baseline, model.model_error)
-    covariance = profiled(peak, covariance, range(own), model.model_error, _REACHES)
+    wider = twin_error(model, full, peak.cost)
+    covariance = _with_scatter(peak, baseline, wider)
+    covariance = profiled(peak, covariance, range(own), wider, _REACHES)
     drawn = draws(full.chart, peak.z, covariance)
-    sharp = sharp_errors(peak, own, model.model_error).tolist()
+    sharp = sharp_errors(peak, own, wider).tolist()
     errors = dict(zip(problem.names, sharp, strict=True))
     values = full.values(peak.point)
     free = {one.name: one for one in full.unknowns}
@@ -164,12 +167,10 @@ def assess(
         nuisances=_evident(full, peak, intervals, own),
         strained=_strained(peak),
         cost=peak.cost,
-        others=_other_answers(problem, peak, rivals, model.model_error),
+        others=_other_answers(problem, peak, rivals, wider),
         evaluations=spent,
         trust=peak.problem.trust,
-        joint=Joint(
-            (peak, *rivals), model.model_error, own, full.comparisons[0].noise, scatter(baseline)
-        ),
+        joint=Joint((peak, *rivals), wider, own, full.comparisons[0].noise, scatter(baseline)),
         drawn=drawn,
     )
 
@@ -206,12 +207,14 @@ def unassessed(
 
 
 def _worth_a_look(full: Problem, found: Found, problem: Problem) -> list[np.ndarray]:
-    """Ends of other valleys that are not far worse and lie apart."""
+    """Ends of other valleys that are not far worse and lie apart; none of what nothing explains."""
     if not found.others:
         return []
     judged = found.problem or problem
     points = np.stack([found.point, *found.others])
     costs = judged.costs(points)
+    if judged.relative_misfit(costs[0]) > HOPELESS:
+        return []
     near = 1 + np.argsort(costs[1:], kind="stable")[:_RIVALS]
     points, costs = points[np.r_[0, near]], costs[np.r_[0, near]]
     apart = np.abs(judged.chart.from_values(points) - judged.chart.from_values(points[:1]))
@@ -229,9 +232,9 @@ def height(peak: Laplace, noise: float) -> float:
     return data + float(distances @ distances)
 
 
-def _with_scatter(peak: Laplace, baseline: Baseline, model_error: float) -> np.ndarray:
+def _with_scatter(peak: Laplace, baseline: Baseline, wider: float) -> np.ndarray:
     """The covariance with what the twin misses, and what healthy recordings are off by."""
-    covariance = peak.widened(model_error)
+    covariance = peak.widened(wider)
     widths, differ = peak.problem.chart.widths, scatter(baseline)
     for n, name in enumerate(peak.problem.names):
         if name in differ:
@@ -375,13 +378,13 @@ def _strained(peak: Laplace) -> dict[str, float]:
 
 
 def _other_answers(
-    problem: Problem, peak: Laplace, rivals: list[Laplace], model_error: float
+    problem: Problem, peak: Laplace, rivals: list[Laplace], wider: float
 ) -> tuple[dict[str, float], ...]:
     """Rivals that explain the recording nearly as well and say something else."""
     own = len(problem.names)
     found = []
     for one in rivals:
-        noise = peak.problem.noise * model_error
+        noise = peak.problem.noise * wider
         rise = height(one, noise) - height(peak, noise)
         away = np.abs(one.z[:own] - peak.z[:own]).max()
         if rise < _NEARLY and away > _APART:

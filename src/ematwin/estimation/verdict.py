@@ -7,6 +7,7 @@ whose tolerances are wider, it is no ground for any verdict. A recording that th
 explain as well as healthy ones, or that moves too little, gives none either.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -20,7 +21,7 @@ Grade = Literal["healthy", "changed", "fault", "none"]
 EXPLAINED = 0.015  # relative misfit up to which a fit is good, whatever healthy recordings left
 HOPELESS = 0.5  # relative misfit beyond which a twin explains nothing; it leaves 1 at rest
 _WORSE = 2.0  # times the misfit of healthy recordings
-_WORST = 0.1  # relative misfit beyond which no twin is a ground for a verdict
+_WORST = 0.1  # relative misfit beyond which no twin is, unless healthy recordings leave as much
 _UNCALIBRATED = 0.03  # relative misfit allowed where no healthy recording says what is usual
 TELLING = 0.15  # share of its range that an unseen fault may have where a verdict says healthy
 
@@ -64,9 +65,14 @@ def most_misfit(healthy: float) -> float:
 
     ``healthy`` is that of healthy recordings, NaN where there are none.
     """
-    if healthy != healthy:
+    if math.isnan(healthy):
         return _UNCALIBRATED
-    return min(max(EXPLAINED, _WORSE * healthy), max(_WORST, 1.2 * healthy))
+    return min(max(EXPLAINED, _WORSE * healthy), worst_misfit(healthy))
+
+
+def worst_misfit(healthy: float) -> float:
+    """The relative misfit beyond which no fit is a ground for a verdict; ``healthy`` as above."""
+    return _WORST if math.isnan(healthy) else max(_WORST, 1.2 * healthy)
 
 
 def judged(

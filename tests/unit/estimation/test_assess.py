@@ -66,7 +66,7 @@ class Kind:
     """What an assessment asks of a kind."""
 
     default_search, model_error = "multistart", MODEL_ERROR
-    frees_parameters = None
+    lacking_error = frees_parameters = None
 
     def unknowns(self, actuator):
         return (

@@ -40,6 +40,7 @@ class Kind:
     """What is asked of a kind."""
 
     default_search, model_error, frees_parameters = "levenberg-marquardt", 1.0, None
+    lacking_error = None
 
     def faults(self, actuator):
         return (
