@@ -2,9 +2,9 @@
 
 What a twin gets wrong pulls the same way throughout a recording: standard errors are
 `Model.model_error` times those of independent residuals. That factor is measured where the twin
-leaves hardly more than the noise. Where it leaves more, it lacks something of the actuator, which
-is more alike from sample to sample than noise is, and the factor grows up to
-`Model.lacking_error`:
+leaves hardly more than the noise. Where it leaves more, it lacks something of the actuator. Some of
+that is taken up by parameters and faults and does not show in what is left, so the factor grows up
+to `Model.lacking_error`:
 
     f^2 = e^2 (1 - s) + l^2 s,    s = 1 - (m_0 / m)^2,
 
