@@ -74,24 +74,62 @@ def draws(chart: Chart, z: np.ndarray, covariance: np.ndarray) -> Draws:
     covariance : (d, d) array
     """
     rng = np.random.default_rng(_SEED)
-    size = np.sqrt(np.maximum(np.diag(covariance), 1e-18))
-    values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
-    root = (size[:, None] * vectors) * np.sqrt(np.maximum(values, 0.0))
-    # parameters and nuisances have bounds so wide that they cut nothing off
-    hard = [n for n, one in enumerate(chart.unknowns) if one.role == "fault"]
-    bounds = Chart([chart.unknowns[n] for n in hard])
+    # parameters and nuisances have bounds so wide that they cut nothing off: they follow
+    hard = np.array([one.role == "fault" for one in chart.unknowns])
+    bounds = Chart([one for one in chart.unknowns if one.role == "fault"])
+    root, gain, rest = _conditional(covariance, hard)
     found: list[np.ndarray] = []
     total = 0
     for done in range(1, _ROUNDS + 1):
-        normal = rng.standard_normal((_DRAWS, len(z)))
-        tried = z[hard] + normal @ root[hard].T
-        inside = (np.abs(bounds.project(tried) - tried) < 1e-9).all(axis=1)
-        found.append(z + normal[inside] @ root.T)
+        tried = rng.standard_normal((_DRAWS, len(root))) @ root.T
+        there = z[hard] + tried
+        inside = (np.abs(bounds.project(there) - there) < 1e-9).all(axis=1)
+        found.append(tried[inside])
         total += int(inside.sum())
         if total >= _ENOUGH or (done == _TRIED and total < _HARDLY):
             break
-    if total < _FEWEST:  # a corner that draws hardly hit: each unknown for itself
-        found = [chart.project(z + normal @ root.T)]
+    few = total < _FEWEST
+    away = tried if few else np.concatenate(found)[:_ENOUGH]
+    drawn = np.empty((len(away), len(z)))
+    drawn[:, hard] = away
+    drawn[:, ~hard] = away @ gain.T + rng.standard_normal((len(away), len(rest))) @ rest.T
+    drawn += z
+    if few:  # a corner that draws hardly hit: each unknown for itself
+        drawn = chart.project(drawn)
     names = tuple(one.name for one in chart.unknowns)
     directions = {one.name: one.direction_of for one in chart.unknowns if one.direction_of}
-    return Draws(names, chart.to_values(np.concatenate(found)), directions)
+    return Draws(names, chart.to_values(drawn), directions)
+
+
+def _conditional(
+    covariance: np.ndarray, first: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A normal distribution (d, d) as that of some coordinates and of the others given those.
+
+    Parameters
+    ----------
+    covariance : (d, d) array
+    first : (d,) array of bool
+
+    Returns
+    -------
+    root : (f, f) array, of the covariance of the first
+    gain : (d - f, f) array, by which the mean of the others follows the first
+    rest : (d - f, d - f) array, root of the covariance that the others have beside
+    """
+    size = np.sqrt(np.maximum(np.diag(covariance), 1e-18))
+    scaled = covariance / np.outer(size, size)
+    own, across = scaled[np.ix_(first, first)], scaled[np.ix_(~first, first)]
+    gain = across @ np.linalg.pinv(own, hermitian=True)
+    left = scaled[np.ix_(~first, ~first)] - gain @ across.T
+    one, other = size[first], size[~first]
+    return (
+        _root(own) * one[:, None],
+        gain * np.outer(other, 1.0 / one),
+        _root(left) * other[:, None],
+    )
+
+
+def _root(covariance: np.ndarray) -> np.ndarray:
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))

@@ -11,7 +11,6 @@ the errors of all commands alike, and would hide what they differ in.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 
@@ -28,7 +27,7 @@ from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.scenario import Scenario
 from ematwin.models.unknown import Unknown
-from ematwin.numerics.side_by_side import cores
+from ematwin.numerics.side_by_side import cores, side_by_side
 from ematwin.numerics.sobol import Sobol
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
@@ -168,16 +167,16 @@ class Judge:
             if obstacles:
                 return Judged(scenario, nothing, demands, {}, obstacles[0])
             total, faulty = np.zeros(len(self.magnitudes)), demands
-            with ThreadPoolExecutor(self.threads) as pool:
-                places = range(len(self.vectors))
-                for first in range(0, len(places), self.threads):
-                    some = places[first : first + self.threads]
-                    for squares, asked in pool.map(lambda n: self._at(n, scenario, draft), some):
-                        total += squares
-                        faulty = {name: max(x, asked[name]) for name, x in faulty.items()}
-                    errors = np.sqrt(total / len(places))
-                    if enough(errors):
-                        break
+            at = partial(self._at, scenario=scenario, draft=draft)
+            places = range(len(self.vectors))
+            for first in range(0, len(places), self.threads):
+                some = places[first : first + self.threads]
+                for squares, asked in side_by_side(at, some, self.threads):
+                    total += squares
+                    faulty = {name: max(x, asked[name]) for name, x in faulty.items()}
+                errors = np.sqrt(total / len(places))
+                if enough(errors):
+                    break
         except (DivergedError, ParameterError, RecordError) as error:
             return Judged(scenario, nothing, demands, {}, str(error))
         return Judged(scenario, errors, demands, faulty)

@@ -274,14 +274,14 @@ class Model(ABC):
         InputError
             If there is none; the message names the closest. If it cannot be searched.
         """
+        if name in self.fixed:
+            raise not_searchable(name)
+        row = actuator.parameter(name)
+        if row is not None:
+            return self._nominal(actuator, *row[:4])
         for one in self.unknowns(actuator):
             if one.name == name:
                 return one
-        if name in self.fixed:
-            raise not_searchable(name)
-        for place, value, unit, meaning, _ in actuator.parameters():
-            if place == name:
-                return self._nominal(actuator, place, value, unit, meaning)
         raise no_unknown(name, actuator, self)
 
     def _nominal(self, actuator: Any, place: str, value: float, unit: str, meaning: str) -> Unknown:

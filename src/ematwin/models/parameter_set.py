@@ -431,14 +431,19 @@ class ParameterSet(BaseModel):
         for key, section in self:
             if isinstance(section, Section):
                 for name, field in type(section).model_fields.items():
-                    place = f"{key}.{name}"
-                    yield (
-                        place,
-                        getattr(section, name),
-                        unit_of(field),
-                        str(field.description),
-                        self._sources.get(place, "set by the user"),
-                    )
+                    yield self._row(f"{key}.{name}", getattr(section, name), field)
+
+    def parameter(self, place: str) -> tuple[str, float, str, str, str] | None:
+        """The same of one parameter; None if there is none at this place."""
+        key, _, name = place.partition(".")
+        section = getattr(self, key, None)
+        if not isinstance(section, Section) or name not in type(section).model_fields:
+            return None
+        return self._row(place, getattr(section, name), type(section).model_fields[name])
+
+    def _row(self, place: str, value: float, field: FieldInfo) -> tuple[str, float, str, str, str]:
+        source = self._sources.get(place, "set by the user")
+        return place, value, unit_of(field), str(field.description), source
 
     def to_frame(self) -> Any:
         """A pandas DataFrame with a row for each parameter, by its place; needs pandas."""

@@ -1,12 +1,19 @@
-"""Independent pieces of work on threads: compiled loops release the GIL."""
+"""Independent pieces of work on threads: compiled loops release the GIL.
+
+Who asks takes pieces like any helper. A thread that only waits would leave its core to be found by
+the scheduler, which takes longer than two blocks of a kernel: 4.5 in place of 3 ms.
+"""
 
 import os
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
-from typing import TypeVar
+from functools import cache
+from typing import Any, TypeVar
 
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
+
+_MOST = 64  # helpers in a process; as many run as were ever wanted at the same time
 
 
 def cores() -> int:
@@ -21,12 +28,34 @@ def side_by_side(
 ) -> list[Answer]:
     """The answers to items, in their order; ``threads`` None takes one for each core.
 
-    What needs no second thread stays in the caller's: another one keeps memory of its own, 30 MB on
-    a long recording.
+    The caller's is one of them. After an error, or an interrupt, no further item is begun.
     """
     given = list(items)
     most = min(threads or cores(), len(given))
     if most <= 1:
         return [work(one) for one in given]
-    with ThreadPoolExecutor(most) as pool:
-        return list(pool.map(work, given))
+    answers: list[Any] = [None] * len(given)
+    rest = iter(range(len(given)))
+
+    def drain() -> None:
+        try:
+            for n in rest:
+                answers[n] = work(given[n])
+        finally:
+            for _ in rest:
+                pass
+
+    # a forked process has none of its parent's threads
+    helpers = [_helpers(os.getpid()).submit(drain) for _ in range(most - 1)]
+    try:
+        drain()
+    finally:
+        begun = [one for one in helpers if not one.cancel()]
+    for one in begun:
+        one.result()
+    return answers
+
+
+@cache
+def _helpers(process: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(_MOST, thread_name_prefix="ematwin")

@@ -2,6 +2,7 @@
 
 import os
 import threading
+import time
 
 import pytest
 
@@ -26,10 +27,55 @@ def test_what_needs_no_second_thread_stays_in_this_one(items, threads) -> None:
     assert side_by_side(here, items, threads) == [threading.get_ident()] * len(items)
 
 
+def test_the_caller_is_one_of_the_threads_and_no_more_are_used() -> None:
+    both = threading.Barrier(2, timeout=10.0)
+
+    def here(n: int) -> int:
+        if n < 2:
+            both.wait()
+        return threading.get_ident()
+
+    used = set(side_by_side(here, range(20), threads=2))
+    assert threading.get_ident() in used
+    assert len(used) == 2
+
+
+def test_work_may_share_its_own_work() -> None:
+    def summed(n: int) -> int:
+        return sum(side_by_side(lambda m: n * m, range(50), threads=4))
+
+    assert side_by_side(summed, range(100), threads=4) == [1225 * n for n in range(100)]
+
+
 def test_an_error_reaches_the_caller() -> None:
     for threads in (1, 2):
         with pytest.raises(ZeroDivisionError):
             side_by_side(lambda n: 1 // n, (1, 0), threads)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_after_an_error_no_further_item_is_begun(threads) -> None:
+    begun = []
+
+    def fails(n: int) -> None:
+        begun.append(n)
+        time.sleep(0.01)
+        raise KeyError(n)
+
+    with pytest.raises(KeyError):
+        side_by_side(fails, range(100), threads)
+    assert len(begun) <= threads
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork processes")
+def test_a_forked_process_has_threads_of_its_own() -> None:
+    assert side_by_side(abs, (-1, -2), threads=2) == [1, 2]
+    both = threading.Barrier(2, timeout=10.0)
+    child = os.fork()
+    if child == 0:
+        found = side_by_side(lambda n: (both.wait(), n)[1], (3, 4), threads=2)
+        os._exit(0 if found == [3, 4] else 1)
+    assert os.waitpid(child, 0)[1] == 0
 
 
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="threads are bound on Linux only")

@@ -127,7 +127,7 @@ def _ratio(one: np.ndarray, other: np.ndarray) -> float | None:
     norms = float(np.linalg.norm(a)), float(np.linalg.norm(b))
     if min(norms) == 0.0:
         return None
-    size = 2 * a.size  # padded: no wrapping round
+    size = 2 ** (2 * a.size - 1).bit_length()  # padded: no wrapping round
     spectrum = np.conj(np.fft.rfft(a / norms[0], size)) * np.fft.rfft(b / norms[1], size)
     alike = np.fft.irfft(spectrum, size)[: max(1, int(_LATEST * a.size))]
     if float(np.abs(alike).max()) < _ALIKE:

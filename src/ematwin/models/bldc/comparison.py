@@ -8,10 +8,9 @@ candidates is then simulated and scored without keeping traces.
 
 import copy
 import math
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 
@@ -37,7 +36,7 @@ from ematwin.numerics.low_pass import LowPass
 from ematwin.numerics.means import means
 from ematwin.numerics.misfit import SlopeWeighting
 from ematwin.numerics.shift import advanced
-from ematwin.numerics.side_by_side import cores
+from ematwin.numerics.side_by_side import cores, side_by_side
 from ematwin.numerics.white_noise import white_noise
 from ematwin.recordings.recording import Recording
 
@@ -148,7 +147,6 @@ class BldcComparison(Comparison):
         near = float(np.max(np.abs(self.command))) <= _FAR
         self.single = backend == "cpu-single" and self.truer is None and near
         self.threads = threads or cores()
-        self._pool: ThreadPoolExecutor | None = None
         self._filter(low_pass or LowPass(), weighting or SlopeWeighting())
 
     def with_cutoff(self, cutoff: float) -> "BldcComparison":
@@ -346,7 +344,10 @@ class BldcComparison(Comparison):
         leaves nothing in between, and memory stays bounded.
         """
         kept = self.kept_of(stretches)
-        costs, response, watts = self.run(stretches, batch, kept)
+        chosen, back = batch.distinct()
+        some = batch if len(chosen) == len(back) else batch.part(chosen)
+        answers = self.run(stretches, some, kept)
+        costs, response, watts = answers if some is batch else (one[back] for one in answers)
         stride, late = -(-stretches.samples // kept), self._late(batch)
         response[~np.isfinite(costs)] = np.nan  # a friction that is no number holds all at rest
         found, power = [], stretches.power
@@ -437,7 +438,7 @@ class BldcComparison(Comparison):
                 within[rows], self.truer, None if more is None else more[some], *cases,
             )  # fmt: skip
 
-        self.share(work_on, _tasks(parts, blocks, width, self.threads))
+        side_by_side(work_on, _tasks(parts, blocks, width, self.threads), self.threads)
         return costs.sum(axis=0)[:count], _joined(response, count), _joined(watts, count)
 
     def _more(self, stretches: Stretches) -> np.ndarray | None:
@@ -474,19 +475,6 @@ class BldcComparison(Comparison):
             voltage=voltage, voltage_pending=voltage, voltage_integral=voltage,
         ))  # fmt: skip
 
-    def share(self, work: Callable[[Any], None], tasks: Sequence[Any]) -> None:
-        """Do tasks, on several threads if there are several."""
-        if self.threads == 1 or len(tasks) == 1:
-            for task in tasks:
-                work(task)
-            return
-        if self._pool is None:
-            self._pool = ThreadPoolExecutor(self.threads, thread_name_prefix="ematwin")
-        list(self._pool.map(work, tasks))
-
-    def __getstate__(self) -> dict[str, object]:
-        return {**self.__dict__, "_pool": None}  # threads stay where they are
-
 
 @dataclass(frozen=True)
 class Batch:
@@ -499,7 +487,17 @@ class Batch:
     constants: np.ndarray | None
     sensor: Candidates
 
-    def part(self, rows: slice) -> "Batch":
+    def distinct(self) -> tuple[np.ndarray, np.ndarray]:
+        """Candidates (N,) that differ beside their sensors, and which of these each one (B,) is.
+
+        Of a Jacobian the columns of all sensors are one simulation.
+        """
+        rows = self.faults if self.constants is None else np.hstack([self.faults, self.constants])
+        places: dict[bytes, int] = {}
+        back = [places.setdefault(row.tobytes(), len(places)) for row in rows]
+        return np.unique(back, return_index=True)[1], np.array(back)
+
+    def part(self, rows: slice | np.ndarray) -> "Batch":
         """Some of the candidates."""
         constants = None if self.constants is None else self.constants[rows]
         sensor = {name: values[rows] for name, values in self.sensor.items()}

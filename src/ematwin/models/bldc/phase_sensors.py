@@ -14,12 +14,14 @@ Both hold with any fault of the actuator.
 """
 
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 
 import numpy as np
 
 from ematwin.models.bldc.channels import PHASES
 from ematwin.numerics.quantiles import median
+from ematwin.numerics.remembered import Remembered
 from ematwin.numerics.white_noise import white_noise
 from ematwin.recordings.recording import Recording
 
@@ -78,6 +80,10 @@ def phase_sensors(recording: Recording) -> PhaseSensors | None:
     currents = recording.phase_currents
     if currents is None:
         return None
+    return _FOUND.of([currents], partial(_looked_for, currents))
+
+
+def _looked_for(currents: np.ndarray) -> PhaseSensors | None:
     shown = currents[:: -(-len(currents) // _LOOKED_AT)]
     rms = float(np.sqrt(np.mean(shown**2)))
     if rms == 0.0 or max(map(white_noise, currents.T)) > _LOUD * rms:
@@ -96,6 +102,9 @@ def phase_sensors(recording: Recording) -> PhaseSensors | None:
     if not (offsets.any() or gains.any()):
         return None
     return PhaseSensors(offsets, 1.0 + gains)
+
+
+_FOUND = Remembered[PhaseSensors | None]()
 
 
 def balanced(recording: Recording) -> Recording:

@@ -14,10 +14,9 @@ Which of its poles a rotor stands at is told by nothing: the direction of an ecc
 from one of them.
 """
 
-import hashlib
 import math
-from collections import deque
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -25,6 +24,7 @@ from ematwin.models.bldc.envelope import trapezoid_shape
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.comparison import Placed
 from ematwin.numerics.quantiles import quantiles
+from ematwin.numerics.remembered import Remembered
 from ematwin.numerics.white_noise import white_noise
 from ematwin.recordings.recording import Recording
 
@@ -41,7 +41,7 @@ _TREMBLES = 7.0  # times the noise of its angle: five standard deviations of a d
 _CROSSED = 0.5  # times the healthy gap by which motor and output must have moved apart
 _OFF_CENTRE = 0.25  # times the healthy gap, beside
 _OF_REACH = 0.02  # times the one that is seen: by so much the middle may be off
-_LATEST: deque[tuple[bytes, float | None]] = deque(maxlen=8)  # hash of what was asked, and answer
+_FOUND = Remembered[float | None]()
 
 
 @dataclass(frozen=True)
@@ -195,14 +195,8 @@ def _best(
     None where for one of them it lies at the first or the last step. The latest answers are kept: a
     recording is asked when it is checked, and again in each comparison with it.
     """
-    parts = (currents, angle, steps, *ways)
-    asked = hashlib.sha256(b"".join(one.tobytes() for one in parts)).digest()
-    for known, answer in tuple(_LATEST):
-        if known == asked:
-            return answer
-    answer = _looked_for(currents, angle, steps, ways)
-    _LATEST.append((asked, answer))
-    return answer
+    look = partial(_looked_for, currents, angle, steps, ways)
+    return _FOUND.of((currents, angle, steps, *ways), look)
 
 
 def _looked_for(

@@ -197,6 +197,34 @@ def test_thinned_residuals_of_a_long_record_have_the_same_cost() -> None:
     assert np.allclose((residuals**2).sum(axis=1), objective(k), rtol=5e-3)
 
 
+def test_what_differs_by_its_sensors_alone_is_simulated_once(
+    twin_record: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sensors = {
+        "skew": np.array([0.0, 1e-4, 0.0, 0.0, 0.0, -2e-4]),
+        "current_gain": np.array([1.0, 1.0, 1.02, 1.0, 1.0, 0.97]),
+        "current_offset": np.array([0.0, 0.0, 0.0, 0.1, 0.0, -0.2]),
+    }
+    candidates = {
+        **sensors,
+        "friction": np.array([0.2, 0.2, 0.2, 0.2, 0.3, 0.3]),
+        "motor.resistance": np.array([2.1, 2.1, 2.1, 2.1, 2.1, 2.0]),
+    }
+    objective, sizes = BldcComparison(twin_record, ACTUATOR), []
+    run = objective.run
+
+    def counted(stretches, batch, kept, limits=None):
+        sizes.append(len(batch.faults))
+        return run(stretches, batch, kept, limits)
+
+    monkeypatch.setattr(objective, "run", counted)
+    together = objective.residuals(candidates, 6)
+    assert sizes == [3]
+    for n, alone in enumerate(together):
+        one = {name: values[n : n + 1] for name, values in candidates.items()}
+        assert (objective.residuals(one, 1)[0] == alone).all()
+
+
 def test_any_parameter_may_differ_from_candidate_to_candidate(twin_record: Recording) -> None:
     resistances = np.array([2.0, 2.13, 2.4])
     gaps = np.array([0.004, 0.005, 0.007])
