@@ -15,7 +15,7 @@ from ematwin.models.chart import Chart
 from ematwin.numerics.quantiles import quantiles
 
 LEVEL = 0.95
-_DRAWS, _ROUNDS, _ENOUGH, _FEWEST = 20_000, 20, 4000, 200
+_DRAWS, _ROUNDS, _FEWEST, _ENOUGH, _MOST = 20_000, 20, 200, 4000, 10_000
 _TRIED, _HARDLY = 4, 20  # rounds after which so few draws say that all rounds will bring too few
 _NEAR = 0.15  # of an interval: so close to a bound it begins there
 _SEED = 20_201
@@ -89,7 +89,7 @@ def draws(chart: Chart, z: np.ndarray, covariance: np.ndarray) -> Draws:
         if total >= _ENOUGH or (done == _TRIED and total < _HARDLY):
             break
     few = total < _FEWEST
-    away = tried if few else np.concatenate(found)[:_ENOUGH]
+    away = tried if few else np.concatenate(found)[:_MOST]
     drawn = np.empty((len(away), len(z)))
     drawn[:, hard] = away
     drawn[:, ~hard] = away @ gain.T + rng.standard_normal((len(away), len(rest))) @ rest.T

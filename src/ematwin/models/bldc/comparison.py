@@ -490,7 +490,7 @@ class Batch:
     def distinct(self) -> tuple[np.ndarray, np.ndarray]:
         """Candidates (N,) that differ beside their sensors, and which of these each one (B,) is.
 
-        Of a Jacobian the columns of all sensors are one simulation.
+        Of a Jacobian the columns of what a sensor makes of one answer are one simulation.
         """
         rows = self.faults if self.constants is None else np.hstack([self.faults, self.constants])
         places: dict[bytes, int] = {}
