@@ -4,13 +4,16 @@
 
 Recordings of the reference model, most with 2 % noise and 12 bits. With exact parameters, and by
 data sheet; seconds are medians of identifications in one process, after one that loads what is
-needed.
+needed. Linear algebra has one thread, as in a command.
 """
 
 import argparse
 import json
+import os
 import statistics
 import time
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read where numpy is loaded
 
 import ematwin
 from ematwin.models.bldc.channels import PHASES
