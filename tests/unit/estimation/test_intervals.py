@@ -66,6 +66,29 @@ def test_draws_keep_the_bounds_of_faults() -> None:
     assert len(x) > 1000
 
 
+@pytest.mark.parametrize("rank", [4, 2])
+def test_what_has_no_bounds_follows_the_faults_as_the_covariance_says(rank) -> None:
+    roles = ("nuisance", "fault", "nominal", "fault")
+    chart = Chart([fault(name, role=role) for name, role in zip("abcd", roles, strict=True)])
+    root = 0.03 * np.random.default_rng(7).standard_normal((4, rank))
+    middle = np.full(4, 0.5)  # of the faults; ten standard deviations from all bounds
+    x = draws(chart, middle, root @ root.T).values
+    size = np.sqrt(np.diag(root @ root.T))
+    assert np.abs(x.mean(axis=0) - 0.5).max() < 0.04 * size.max()
+    unit = np.outer(size, size)
+    assert np.cov(x.T) / unit == pytest.approx(root @ root.T / unit, abs=0.05)
+
+
+def test_a_bound_of_a_fault_moves_what_goes_with_it() -> None:
+    chart = Chart([fault("a", role="nuisance"), fault("b")])
+    covariance = SPREAD**2 * np.array([[1.0, 0.9], [0.9, 1.0]])
+    x = draws(chart, np.array([0.5, 0.0]), covariance)
+    # of a half-normal distribution the mean is sqrt(2/pi)
+    mean = np.sqrt(2.0 / np.pi) * SPREAD
+    assert x.of("b").mean() == pytest.approx(mean, rel=0.03)
+    assert x.of("a").mean() - 0.5 == pytest.approx(0.9 * mean, rel=0.06)
+
+
 def test_three_faults_that_go_together_keep_an_interval_with_one_side() -> None:
     """At the corner where none is: the common part is limited, each alone much better known."""
     alone, common = 0.005, 0.1
