@@ -71,28 +71,28 @@ def compare(
 
     A row has every so many samples from each start (N,) on. It is compared with the target (S,) as
     it is ``shift`` samples before, times the roots (S,) of the weights there, which are linear
-    between samples. A target has all of its samples, where a row may have few. Its ends go on. NaN
-    where a shift is no finite number.
+    between samples. A target has all of its samples, where a row may have few; beyond its ends
+    nothing counts, for nothing was recorded there. NaN where a shift is no finite number.
     """
     known, most = np.isfinite(shift), target.size
     earlier = np.clip(np.where(known, -shift, 0.0), -most, most)
     ahead = 2 + math.ceil(float(np.max(np.abs(earlier), initial=0.0)))
     compare_rows(
-        rows, _columns(target, ahead, stride), _columns(roots, ahead, stride), ahead + starts,
-        earlier,
+        rows, _columns(target, ahead, stride, target[0], target[-1]),
+        _columns(roots, ahead, stride, 0.0, 0.0), ahead + starts, earlier,
     )  # fmt: skip
     rows[~known] = np.nan
 
 
-def _columns(signal: np.ndarray, more: int, count: int) -> np.ndarray:
+def _columns(signal: np.ndarray, more: int, count: int, before: float, behind: float) -> np.ndarray:
     """(count, M): every so many samples of a signal (S,) from each of the first ones on.
 
-    ``more`` samples are put before and behind it, as its ends are.
+    ``more`` samples are put ``before`` and ``behind`` it.
     """
     size = signal.size + 2 * more
     longer = np.empty(-(-size // count) * count)
-    longer[:more], longer[more : more + signal.size] = signal[0], signal
-    longer[more + signal.size :] = signal[-1]
+    longer[:more], longer[more : more + signal.size] = before, signal
+    longer[more + signal.size :] = behind
     return np.ascontiguousarray(longer.reshape(-1, count).T)
 
 

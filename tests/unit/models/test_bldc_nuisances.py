@@ -163,6 +163,21 @@ def test_a_skewed_candidate_answers_as_if_the_command_had_been_on_time(record) -
     assert rms((found - on_time)[settled]) < 5e-3 * rms(on_time)
 
 
+@pytest.mark.parametrize("samples", [-12, -3.3, 2.5, 12])
+def test_what_was_not_recorded_for_a_skewed_clock_counts_for_nothing(samples) -> None:
+    """At the end of a recording the actuator moves on."""
+    chirp = [{"type": "chirp", "amplitude": 0.005, "f_start": 5.0, "f_end": 25.0}]
+    scenario = Scenario(duration=0.2, command=chirp)
+    whole = record_with_late_command(simulate("monitor", scenario, FAULTY), samples)
+    subject = BldcComparison(whole, ACTUATOR, threads=1)
+    skews = batch([{"skew": samples * INTERVAL}, {"skew": 0.0}])
+    right, none = subject.residuals(skews, 2)
+    assert none @ none > 1e-4 * subject.scale
+    assert right @ right < 0.03 * (none @ none)
+    ends = right[-40:]
+    assert ends @ ends < 0.5 * (right @ right)
+
+
 # Sensors
 
 

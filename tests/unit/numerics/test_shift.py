@@ -49,7 +49,7 @@ def test_whole_samples_are_moved_as_they_are_and_the_ends_repeat() -> None:
     assert (earlier == [row[0, 0], *row[0, :-1]]).all()
 
 
-def test_rows_are_compared_with_what_was_recorded_earlier() -> None:
+def test_rows_are_compared_with_what_was_recorded_earlier_and_with_nothing_else() -> None:
     rng = np.random.default_rng(5)
     target, roots = rng.standard_normal(60), rng.uniform(0.0, 2.0, 60)
     starts, stride = np.array([0, 30]), 7
@@ -58,7 +58,7 @@ def test_rows_are_compared_with_what_was_recorded_earlier() -> None:
     places = starts[:, None] + stride * np.arange(4)
     expected = [
         (row - np.array(signals.advanced(target, -s))[places])
-        * np.interp(places - s, np.arange(60), roots)
+        * np.interp(places - s, np.arange(-1, 61), [0.0, *roots, 0.0])
         for row, s in zip(rows, shift, strict=True)
     ]
     compare(rows, target, roots, starts, stride, shift)
