@@ -345,9 +345,10 @@ class BldcComparison(Comparison):
         """
         kept = self.kept_of(stretches)
         chosen, back = batch.distinct()
-        some = batch if len(chosen) == len(back) else batch.part(chosen)
-        answers = self.run(stretches, some, kept)
-        costs, response, watts = answers if some is batch else (one[back] for one in answers)
+        fewer = len(chosen) < len(back)
+        costs, response, watts = self.run(stretches, batch.part(chosen) if fewer else batch, kept)
+        if fewer:
+            costs, response, watts = costs[back], response[back], watts[back]
         stride, late = -(-stretches.samples // kept), self._late(batch)
         response[~np.isfinite(costs)] = np.nan  # a friction that is no number holds all at rest
         found, power = [], stretches.power
