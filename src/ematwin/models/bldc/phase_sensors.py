@@ -75,6 +75,9 @@ class PhaseSensors:
         )
 
 
+_FOUND = Remembered[PhaseSensors | None]()
+
+
 def phase_sensors(recording: Recording) -> PhaseSensors | None:
     """How far the sensors of three phases are off; None where it is nothing, or cannot be told."""
     currents = recording.phase_currents
@@ -102,9 +105,6 @@ def _looked_for(currents: np.ndarray) -> PhaseSensors | None:
     if not (offsets.any() or gains.any()):
         return None
     return PhaseSensors(offsets, 1.0 + gains)
-
-
-_FOUND = Remembered[PhaseSensors | None]()
 
 
 def balanced(recording: Recording) -> Recording:

@@ -192,8 +192,7 @@ def _best(
 ) -> float | None:
     """The angle near one of ``steps`` on which most current lies, in the mean of the ways.
 
-    None where for one of them it lies at the first or the last step. The latest answers are kept: a
-    recording is asked when it is checked, and again in each comparison with it.
+    None where for one of them it lies at the first or the last step.
     """
     look = partial(_looked_for, currents, angle, steps, ways)
     return _FOUND.of((currents, angle, steps, *ways), look)
