@@ -13,6 +13,8 @@ BASES = np.linalg.qr(np.random.default_rng(5).standard_normal((SAMPLES, 4)))[0].
 class OneChannel(Comparison):
     """A recording ``y`` (S,) with noise of a size, beside `responses`, which subclasses have."""
 
+    model_error = 1.0
+
     def __init__(self, y, noise):
         self.recording = Recording(1e-3 * np.arange(y.size), {"y": y})
         self.actuator, self.noise, self.independent = None, noise, float(y.size)

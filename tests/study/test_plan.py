@@ -101,6 +101,8 @@ def test_recorded_profiles_travel_with_the_runs(tmp_path: Path) -> None:
 class Bowl(Comparison):
     """Misfit that grows with the distance from a vector, whatever the actuator."""
 
+    model_error = 1.0
+
     noise = 0.0  # priors do not count
 
     def __init__(self, subject: Subject, bottom: np.ndarray) -> None:

@@ -14,6 +14,7 @@ from functools import partial
 import numpy as np
 
 from ematwin.estimation.baseline import Baseline, frees_parameters, with_all_free
+from ematwin.estimation.correction import Corrected, corrected
 from ematwin.estimation.descent import Descent
 from ematwin.estimation.intervals import Draws, draws
 from ematwin.estimation.joint import Joint
@@ -21,7 +22,6 @@ from ematwin.estimation.laplace import Laplace, laplace, profiled, sharp_errors
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found
 from ematwin.estimation.significance import ANYTHING
-from ematwin.estimation.twin_error import twin_error
 from ematwin.estimation.valleys import beside
 from ematwin.estimation.verdict import HOPELESS, worst_misfit
 from ematwin.models.base import Model
@@ -69,6 +69,8 @@ class Assessment:
     others : values by name of other answers that explain the recording nearly as well
     trust : how far the evidence of further channels counted (`Problem.trust`); 1 if there was none
     evaluations : int
+    reference_runs : int, answers of the reference model that the best one took
+    unsettled : names of what the last of them still moved by more than a standard error
     joint : the joint density of which these are the peak and its width; None after an interruption
     drawn : draws from that width within the bounds; None after an interruption
     """
@@ -85,6 +87,8 @@ class Assessment:
     others: tuple[dict[str, float], ...]
     evaluations: int
     trust: float = 1.0
+    reference_runs: int = 0
+    unsettled: tuple[str, ...] = ()
     joint: Joint | None = None
     drawn: Draws | None = None
 
@@ -120,31 +124,36 @@ def assess(
         settled=settled, iterations=iterations,
     )  # fmt: skip
 
-    def peak_from(point: np.ndarray) -> Laplace:
+    def peak_from(point: np.ndarray) -> Corrected:
         known = dict(zip(problem.names, point.tolist(), strict=True))
         start = np.array([known.get(one.name, one.healthy) for one in full.unknowns])
-        return laplace(full, start, descent)
+        return corrected(full, laplace(full, start, descent), descent)
+
+    def beside_it(near: Corrected, anew: bool = False) -> list[Corrected]:
+        return [corrected(full, one, descent) for one in beside(near.peak, descent, anew)]
 
     starts = [found.point, *_worth_a_look(full, found, problem)]
     # each may use all cores: most of its batches are one block
-    peak, *rivals = side_by_side(peak_from, starts, threads)
-    misfit = full.relative_misfit(min(one.cost for one in (peak, *rivals)))
-    explained = full.relative_misfit(peak.cost) <= _SETTLED * healthy
+    best, *others = side_by_side(peak_from, starts, threads)
+    misfit = full.relative_misfit(min(one.peak.cost for one in (best, *others)))
+    explained = full.relative_misfit(best.peak.cost) <= _SETTLED * healthy
     # from further off no other load has led to a verdict
-    if misfit <= worst_misfit(baseline.misfit) and (_strained(peak) or not explained):
-        rivals += beside(peak, descent)
-        best = min((peak, *rivals), key=lambda one: height(one, peak.problem.noise))
-        if _strained(best):
-            rivals += beside(best, descent, anew=True)
-    spent = sum(one.evaluations for one in (peak, *rivals))
-    noise = min(one.problem.noise for one in (peak, *rivals))
-    rivals.sort(key=lambda one: height(one, noise))
-    if rivals and height(rivals[0], noise) < height(peak, noise):
-        rivals.append(peak)
-        peak = rivals.pop(0)
+    if misfit <= worst_misfit(baseline.misfit) and (_strained(best.peak) or not explained):
+        others += beside_it(best)
+        noise = best.peak.problem.noise
+        nearest = min((best, *others), key=lambda one: height(one.peak, noise))
+        if _strained(nearest.peak):
+            others += beside_it(nearest, anew=True)
+    spent = sum(one.peak.evaluations for one in (best, *others))
+    noise = min(one.peak.problem.noise for one in (best, *others))
+    others.sort(key=lambda one: height(one.peak, noise))
+    if others and height(others[0].peak, noise) < height(best.peak, noise):
+        others.append(best)
+        best = others.pop(0)
+    peak, rivals = best.peak, [one.peak for one in others]
     own = len(problem.names)
-    wider = twin_error(model, full, peak.cost)
-    covariance = _with_scatter(peak, baseline, wider)
+    wider = peak.problem.model_error
+    covariance = _with_scatter(best, baseline)
     covariance = profiled(peak, covariance, range(own), wider, _REACHES)
     drawn = draws(full.chart, peak.z, covariance)
     sharp = sharp_errors(peak, own, wider).tolist()
@@ -170,7 +179,11 @@ def assess(
         others=_other_answers(problem, peak, rivals, wider),
         evaluations=spent,
         trust=peak.problem.trust,
-        joint=Joint((peak, *rivals), wider, own, full.comparisons[0].noise, scatter(baseline)),
+        reference_runs=best.rounds,
+        unsettled=best.unsettled,
+        joint=Joint(
+            (peak, *rivals), wider, own, peak.problem.comparisons[0].noise, scatter(baseline)
+        ),
         drawn=drawn,
     )
 
@@ -232,9 +245,9 @@ def height(peak: Laplace, noise: float) -> float:
     return data + float(distances @ distances)
 
 
-def _with_scatter(peak: Laplace, baseline: Baseline, wider: float) -> np.ndarray:
+def _with_scatter(found: Corrected, baseline: Baseline) -> np.ndarray:
     """The covariance with what the twin misses, and what healthy recordings are off by."""
-    covariance = peak.widened(wider)
+    peak, covariance = found.peak, found.covariance
     widths, differ = peak.problem.chart.widths, scatter(baseline)
     for n, name in enumerate(peak.problem.names):
         if name in differ:

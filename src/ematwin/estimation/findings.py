@@ -11,7 +11,7 @@ from ematwin.estimation.baseline import Baseline
 from ematwin.estimation.estimate import Estimate
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found
-from ematwin.estimation.verdict import HOPELESS, Verdict, judged, most_misfit
+from ematwin.estimation.verdict import HOPELESS, Verdict, judged, listed, most_misfit
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
@@ -139,6 +139,12 @@ def remarks_on(model: Model, actuator: ParameterSet, assessed: Assessment) -> li
         found.append(
             f"{one.meaning[:1].upper()}{one.meaning[1:]} is {value:.3g}{unit} ({ends.low:.3g} to "
             f"{ends.high:.3g}); that was taken into account."
+        )
+    if assessed.unsettled:
+        found.append(
+            f"After {assessed.reference_runs} answers of the reference model "
+            f"{listed(assessed.unsettled)} still moved by more than a standard error; the "
+            "intervals are wider by that."
         )
     if assessed.trust < _DISTRUSTED:
         found.append(

@@ -23,6 +23,7 @@ from ematwin.estimation.baseline import (
     searched_range,
     uncertain,
 )
+from ematwin.estimation.correction import Corrected, corrected
 from ematwin.estimation.descent import Descent
 from ematwin.estimation.laplace import Laplace, laplace, profiled
 from ematwin.estimation.multistart import MultistartDescent
@@ -107,7 +108,8 @@ def learn(
         return Learnt(template, replace(baseline, recordings=len(comparisons)), [], [], [])
     floor = expected_misfit(comparisons, model.command)
     fit = _Fit(model, template, nominals, floor)
-    problem, peak, alone = fit.run(comparisons, progress)
+    end, alone = fit.run(comparisons, progress)
+    peak, problem = end.peak, end.peak.problem
     misfit = problem.relative_misfit(peak.cost)
     if misfit > max(_TOGETHER * alone, _UNALIKE) and len(comparisons) > 1:
         _refuse_odd(fit, comparisons, misfit)
@@ -116,7 +118,7 @@ def learn(
     _check_template(problem, peak, nominals)
     values = dict(zip(problem.names, peak.point.tolist(), strict=True))
     actuator = template.changed({place: values[place] for place in places})
-    prior = _prior(problem, peak, places, model.model_error)
+    prior = _prior(end, places)
     baseline = Baseline(
         prior=prior,
         misfit=misfit,
@@ -169,8 +171,8 @@ class _Fit:
 
     def run(
         self, comparisons: Sequence[Comparison], tell: Progress = lambda share: None
-    ) -> tuple[Problem, Laplace, float]:
-        """The joint problem, its peak, and the relative misfit of those that were searched."""
+    ) -> tuple[Corrected, float]:
+        """The peak of all together, and the relative misfit of those that were searched."""
         beside = [one.with_evidence() for one in comparisons]
         nuisances = effective(self.model.unknowns(self.template), beside)
         own = [
@@ -200,9 +202,9 @@ class _Fit:
                 break
         assert best is not None
         # coarse to fine: what is learnt here is what faults are multiples of
-        fine = problem.refined()
-        peak = laplace(fine, best.point, Descent(aliases, settled=np.inf))
-        return fine, peak, searched.relative_misfit(ends[0][0])
+        fine, near = problem.refined(), Descent(aliases, settled=np.inf)
+        end = corrected(fine, laplace(fine, best.point, near), near)
+        return end, searched.relative_misfit(ends[0][0])
 
     def _ends(
         self, comparisons: Sequence[Comparison], clocks: Sequence[Unknown], tell: Progress
@@ -234,8 +236,8 @@ def _refuse_odd(fit: _Fit, comparisons: Sequence[Comparison], misfit: float) -> 
     left = []
     for n in range(len(comparisons)):
         others = [one for k, one in enumerate(comparisons) if k != n]
-        problem, peak, _ = fit.run(others)
-        left.append(problem.relative_misfit(peak.cost))
+        peak = fit.run(others)[0].peak
+        left.append(peak.problem.relative_misfit(peak.cost))
     best = int(np.argmin(left))
     if left[best] > _WITHOUT * misfit:
         return  # no better without any of them: the twin lacks something
@@ -252,16 +254,16 @@ def _refuse_odd(fit: _Fit, comparisons: Sequence[Comparison], misfit: float) -> 
     )
 
 
-def _prior(problem: Problem, peak: Laplace, places: Sequence[str], model_error: float) -> Prior:
+def _prior(end: Corrected, places: Sequence[str]) -> Prior:
     """What is known of the parameters afterwards, by logarithms.
 
     The curvature takes what is left for noise; what the twin misses pulls the same way throughout,
-    so the data count ``model_error**2`` times less.
+    so that the data of a twin without a reference count less (`Problem.model_error`).
     """
+    peak, problem = end.peak, end.peak.problem
     chosen = [problem.names.index(place) for place in places]
-    widths = problem.chart.widths[chosen]
-    covariance = peak.widened(model_error)
-    covariance = profiled(peak, covariance, chosen, model_error, _REACHES)[np.ix_(chosen, chosen)]
+    widths, factor = problem.chart.widths[chosen], problem.model_error
+    covariance = profiled(peak, end.covariance, chosen, factor, _REACHES)[np.ix_(chosen, chosen)]
     return Prior(tuple(places), np.log(peak.point[chosen]), covariance * np.outer(widths, widths))
 
 

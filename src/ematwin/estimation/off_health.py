@@ -64,6 +64,7 @@ def _descended_to(beside: Sequence[Comparison], faults: Sequence[Unknown]) -> np
     ends = []
     for one in beside:
         problem = Problem([one], free)
+        problem = problem.corrected(problem.healthy) or problem
         ends.append(LocalDescent().run(problem, budget=None, seed=1, report=lambda *_: None).point)
     return np.array(ends)
 

@@ -21,6 +21,7 @@ from ematwin.models.chart import Chart
 from ematwin.models.comparison import Comparison
 from ematwin.models.registry import load_actuator, model_of
 from ematwin.models.unknown import Unknown
+from ematwin.numerics.side_by_side import side_by_side
 from ematwin.recordings.recording import Recording
 
 _ROUNDING = 1e-12
@@ -116,6 +117,8 @@ class Problem:
     noise : float, standard deviation of an independent residual: the unit in which priors count
     trust : float, how far evidence counts: one over its noise in the unit of that expected, 1 at
         most
+    model_error : float, factor on standard errors for what the fast model gets wrong in the same
+        way throughout a recording; 1 where it is corrected by the reference
     """
 
     def __init__(
@@ -145,6 +148,7 @@ class Problem:
         self.chart = Chart(self.unknowns)
         self.noise = self.comparisons[0].noise
         self.trust = 1.0
+        self.model_error = self.comparisons[0].model_error
         self.prior = known = Prior.independent(self.unknowns) if prior is None else prior
         names = [one.name for one in self.unknowns]
         self._priors = [names.index(name) for name in known.names]
@@ -319,6 +323,28 @@ class Problem:
         """The same problem with the finer steps of its twins."""
         return self._with([one.refined() for one in self.comparisons])
 
+    def corrected(self, point: np.ndarray) -> "Problem | None":
+        """The same problem with what the fast model misses of the reference at a point (d,).
+
+        Its noise is what recordings are expected to leave beside the reference. None where a
+        recording has no reference, or the reference diverged.
+        """
+        values = [
+            {name: float(x[0]) for name, x in self.candidates(point[None], n).items()}
+            for n in range(len(self.comparisons))
+        ]
+        tasks = list(zip(self.comparisons, values, strict=True))
+        missed = side_by_side(lambda task: task[0].missed(task[1]), tasks, None)
+        if any(one is None or not _all_finite(one) for one in missed):
+            return None
+        other = self._with([
+            one.with_missed(by_channel)
+            for one, by_channel in zip(self.comparisons, missed, strict=True)
+            if by_channel is not None
+        ])  # fmt: skip
+        other.model_error = 1.0
+        return other.with_noise(other.comparisons[0].noise)
+
     def restarted(self) -> "Problem | None":
         """The same problem by stretches from recorded states, or None without states."""
         parts = [one.restarted() for one in self.comparisons]
@@ -370,6 +396,7 @@ class Problem:
             start=dict(zip(self.names, self.start, strict=True)), prior=self.prior.given(logs),
         )  # fmt: skip
         other.noise, other.trust, other._latest = self.noise, self.trust, self._latest
+        other.model_error = self.model_error
         return other
 
     def with_noise(self, noise: float) -> "Problem":
@@ -397,6 +424,10 @@ class Problem:
         scale = sum(one.scale for one in self.comparisons)
         independent = sum(one.independent for one in self.comparisons)
         return float(np.sqrt((data @ data) / independent)) or 1e-9 * float(np.sqrt(scale))
+
+
+def _all_finite(traces: Mapping[str, np.ndarray]) -> bool:
+    return all(bool(np.isfinite(trace).all()) for trace in traces.values())
 
 
 def unknowns_of(

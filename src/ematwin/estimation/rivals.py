@@ -15,6 +15,7 @@ import numpy as np
 
 from ematwin.estimation.assess import Assessment, height
 from ematwin.estimation.baseline import Baseline, uncertain, with_all_free, with_nuisances
+from ematwin.estimation.correction import corrected
 from ematwin.estimation.descent import Descent, TooFarError
 from ematwin.estimation.laplace import Laplace, laplace, standard_errors, step_lengths
 from ematwin.estimation.levenberg_marquardt import NOTHING
@@ -211,7 +212,7 @@ def _compared(
             end = _descended(model, form.actuator, full, start, steps, **known)
         except TooFarError:
             return None
-        return end, _rise(model, peak, end)
+        return end, _rise(peak, end)
 
     ends = [descended_from(starts[best])]
     short = ends[0] is None or ends[0][1] > _NEARLY
@@ -230,7 +231,7 @@ def _compared(
         for names in (problem.names, peak.problem.names):
             point = _start(peak.problem, names, {**own, **beside})
             again = _descended(model, actuator, peak.problem, point)
-            rise = max(rise, _rise(model, again, end))
+            rise = max(rise, _rise(again, end))
             if rise >= -_NEARLY:
                 break
     return end, rise
@@ -243,7 +244,8 @@ def _rival(
 
     Where both forms are free, one stands for the other, and those of the other form are too wide.
     """
-    errors = standard_errors(first.problem.chart, first.z, first.widened(model.model_error))
+    covariance = first.widened(first.problem.model_error)
+    errors = standard_errors(first.problem.chart, first.z, covariance)
     error_of = dict(zip(first.problem.names, errors.tolist(), strict=True))
     values = end.problem.values(end.point)
     faults = [model.unknown(form.actuator, name) for name in _own_names(problem, form)]
@@ -308,12 +310,12 @@ def _descended(
         least_noise=full.comparisons[0].noise,
         **known,
     )
-    return laplace(full, start, descent, steps=steps)
+    return corrected(full, laplace(full, start, descent, steps=steps), descent).peak
 
 
-def _rise(model: Model, first: Laplace, other: Laplace) -> float:
+def _rise(first: Laplace, other: Laplace) -> float:
     """How much higher the second peak lies, squared standard deviations."""
-    noise = model.model_error * min(first.problem.noise, other.problem.noise)
+    noise = first.problem.model_error * min(first.problem.noise, other.problem.noise)
     return height(other, noise) - height(first, noise)
 
 

@@ -152,8 +152,6 @@ class Model(ABC):
     default_search : name of the search method that `identify` uses
     model_error : factor on standard errors for what the twin gets wrong in the same way throughout
         a recording; the default is that measured for the brushless actuator of version 0.1
-    lacking_error : the same factor where what the twin leaves is all more than noise and its usual
-        error, because it lacks something of the actuator; None where that makes no difference
     frees_parameters : whether parameters are free, as far as their tolerances allow, where healthy
         recordings are learnt and others judged; None where that follows from the default search
         (so it is for all but a local one)
@@ -190,7 +188,6 @@ class Model(ABC):
     needs: ClassVar[tuple[str | tuple[tuple[str, ...], ...], ...]] = ()
     default_search: ClassVar[str] = "multistart"
     model_error: ClassVar[float] = 2.5
-    lacking_error: ClassVar[float | None] = None
     frees_parameters: ClassVar[bool | None] = None
     fidelities: ClassVar[tuple[str, ...]] = ("twin",)
     sample_rate: ClassVar[float] = 1000.0

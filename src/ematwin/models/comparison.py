@@ -75,6 +75,13 @@ class Comparison(ABC):
     ignores: frozenset[str] = frozenset()
     unplaced: bool = False
 
+    @property
+    def model_error(self) -> float:
+        """Factor on standard errors for what the twin gets wrong (`Model.model_error`)."""
+        from ematwin.models.registry import model_of
+
+        return model_of(self.actuator).model_error
+
     @abstractmethod
     def residuals(self, candidates: Candidates, count: int) -> np.ndarray:
         """Weighted residuals (B, K) of B = ``count`` candidates; not finite where one diverged."""
@@ -132,6 +139,21 @@ class Comparison(ABC):
     def restarted(self) -> "Comparison | None":
         """The same comparison by stretches, each from its recorded state; None without states."""
         return None
+
+    def exact(self, values: Mapping[str, float]) -> dict[str, np.ndarray] | None:
+        """What the reference model of the kind answers with on the compared channels, (S,) arrays.
+
+        None where the kind has no reference. NaN where it diverged.
+        """
+        return None
+
+    def missed(self, values: Mapping[str, float]) -> dict[str, np.ndarray] | None:
+        """What the fast model misses of the reference at one candidate, (S,) arrays by channel."""
+        exact = self.exact(values)
+        if exact is None:
+            return None
+        fast = self.responses({name: np.array([value]) for name, value in values.items()}, 1)
+        return {name: trace - fast[name][0] for name, trace in exact.items()}
 
     def with_missed(self, missed: Mapping[str, np.ndarray]) -> "Comparison":
         """The same comparison with what the twin misses, (S,) arrays, taken off the recording.

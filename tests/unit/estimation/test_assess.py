@@ -32,6 +32,8 @@ WORSE = 0.005 * np.sqrt(2.0) * np.sin(4.0 * _T)  # what one of two gaps does not
 class Answer(OneChannel):
     """A recording of the made-up actuator; ``worse`` makes gaps above a half explain it less."""
 
+    model_error = MODEL_ERROR
+
     def __init__(self, worse: float = 0.0) -> None:
         self.worse = worse
         noise = NOISE * np.random.default_rng(2).standard_normal(SAMPLES)
@@ -66,7 +68,7 @@ class Kind:
     """What an assessment asks of a kind."""
 
     default_search, model_error = "multistart", MODEL_ERROR
-    lacking_error = frees_parameters = None
+    frees_parameters = None
 
     def unknowns(self, actuator):
         return (

@@ -15,6 +15,8 @@ B = Unknown("b", "", "", 1.0, 0.1, 10.0)
 class Linear(Comparison):
     """y = a u + b v with white noise of a known size."""
 
+    model_error = 1.0
+
     def __init__(self, u: np.ndarray, v: np.ndarray, noise: float, seed: int = 1) -> None:
         self.u, self.v, self.noise = u, v, noise
         y = 0.5 * u + 2.0 * v + noise * np.random.default_rng(seed).standard_normal(u.size)

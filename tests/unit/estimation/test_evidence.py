@@ -20,6 +20,8 @@ TRUE = {"constant": 1.1, "short": 0.3, "load": 0.4}
 class TwoSensors(Comparison):
     """A current that only knows constant x (1 - short), and a power that knows the constant."""
 
+    model_error = 1.0
+
     noise = 0.02
 
     def __init__(self, noise: float = 0.02, watts_noise: float = 0.05, evidence: bool = False):

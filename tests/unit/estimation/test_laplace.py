@@ -18,6 +18,8 @@ ROUGH = 1e-4  # of the answer, where it is not smooth
 class Linear(Comparison):
     """y = sum of a basis times x; of a logarithmic unknown times its logarithm."""
 
+    model_error = 1.0
+
     def __init__(self, unknowns, basis, y, rough=0.0):
         self.unknowns, self.basis, self.y, self.rough = unknowns, basis, y, rough
         self.recording = Recording(1e-3 * np.arange(y.size), {"y": y})

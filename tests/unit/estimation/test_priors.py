@@ -20,6 +20,8 @@ PRIOR = Prior(NAMES, MEAN, COVARIANCE)
 class Line(Comparison):
     """y = mass (slope t + offset); counts the candidates that it was asked for."""
 
+    model_error = 1.0
+
     def __init__(self, size: float) -> None:
         self.t = np.linspace(0.0, 1.0, 30)
         self.recording = Recording(self.t, {"current": size * self.t})

@@ -17,6 +17,8 @@ FAULTY = Faults(friction=0.3, backlash=0.2)
 class Line(Comparison):
     """y = slope t + offset, measured on a recording that was made up."""
 
+    model_error = 1.0
+
     def __init__(self, slope: float, offset: float) -> None:
         self.t = np.linspace(0.0, 1.0, 50)
         self.recording = Recording(self.t, {"current": slope * self.t + offset})

@@ -32,7 +32,7 @@ from ematwin.models.bldc.truer.state import REST
 from ematwin.models.bldc.unknowns import POWER, SENSOR, UNKNOWNS
 from ematwin.models.bldc.zeros import counted, turned
 from ematwin.models.comparison import Candidates, Comparison, Placed
-from ematwin.numerics.low_pass import LowPass
+from ematwin.numerics.low_pass import LowPass, filtered
 from ematwin.numerics.means import means
 from ematwin.numerics.misfit import SlopeWeighting
 from ematwin.numerics.shift import advanced
@@ -42,6 +42,7 @@ from ematwin.recordings.recording import Recording
 
 SMOOTH_CUTOFF = 100.0  # Hz: misfits of currents low-passed there are smooth over wide valleys
 _TWIN_ERROR = 0.003  # relative misfit of the twin to healthy records of the reference model
+_REFERENCE_ERROR = 0.002  # of the reference model to simulators of other make: 0.0 to 0.18 %
 _SHORTEST = 100  # samples: fewer cannot tell eight parameters apart
 KEPT = 5_000  # samples of a response: more are thinned, as far as the low-pass allows
 _KEPT_SMOOTH = 1_000  # the same of smoothed currents
@@ -94,6 +95,8 @@ class BldcComparison(Comparison):
     _stands_for = 1  # samples as recorded, each sample
     power: Power | None = None
     _filtered_power: PowerStretches | None = None
+    _missed: Mapping[str, np.ndarray] | None = None
+    _passed: LowPass | None = None  # by what was missed
     ignores = frozenset(POWER)
 
     def __init__(
@@ -156,10 +159,41 @@ class BldcComparison(Comparison):
         return other
 
     def with_missed(self, missed: Mapping[str, np.ndarray]) -> "BldcComparison":
-        """The same comparison with what the twin misses of the filtered current (A) taken off."""
+        """With what the twin misses of filtered current (A) and power (W) taken off."""
         other = copy.copy(self)
-        other.target = self.target - missed.get("current", 0.0)
+        other._missed, other._passed = dict(missed), self.low_pass
+        other._filter(self.low_pass, self.weighting)
         return other
+
+    def exact(self, values: Mapping[str, float]) -> dict[str, np.ndarray]:
+        """Filtered current and, if it counts, power of the reference model, (S,) arrays, A and W."""
+        from ematwin.models.bldc.reference import reference_answer
+
+        _, w_m, theta_m, w_o, theta_o, _, _ = self.state
+        answer = reference_answer(
+            self.recording, getattr(self, "reference_actuator", self.actuator), values, (w_m, theta_m, w_o, theta_o)
+        )
+        signed = None if self.rectify else signed_current(answer, self.actuator.motor.pole_pairs)
+        current = current_envelope(answer) if signed is None else signed
+        current[0] = self.current[0]  # as the twin's: nothing has been simulated yet
+        one = self.batch({name: np.array([value]) for name, value in values.items()}, 1)
+        response, watts = filtered(self.taps, current)[0][None], None
+        if self.power is not None and self._filtered_power is not None:
+            power = self.power.of(answer)
+            power[0] = self._filtered_power.target[0]
+            taps = np.r_[self.taps[:5], self._filtered_power.states[0]]
+            watts = filtered(taps, power)[0][None]
+        return {name: rows[0] for name, rows in self._shown(response, watts, one).items()}
+
+    def _shown(
+        self, response: np.ndarray, watts: np.ndarray | None, batch: "Batch"
+    ) -> dict[str, np.ndarray]:
+        """Filtered currents and powers (B, S), changed in place, as sensors show them."""
+        late, found = self._late(batch), {}
+        if watts is not None:
+            found["power"] = self._sensed_power(watts, response, batch)
+        found["current"] = _sensed(response, batch)
+        return found if late is None else {n: advanced(rows, late) for n, rows in found.items()}
 
     def with_evidence(self) -> "BldcComparison":
         """With the electrical power, where voltages or the current of the supply tell it."""
@@ -181,6 +215,16 @@ class BldcComparison(Comparison):
         """The coarse one through a low-pass of `SMOOTH_CUTOFF` at most."""
         return self._coarse(LowPass(min(SMOOTH_CUTOFF, self.low_pass.cutoff)), _KEPT_SMOOTH)
 
+    def _filtered_missed(self, name: str) -> np.ndarray | float:
+        """What the twin misses of a channel (S,), which passed a low-pass as wide or wider."""
+        assert self._missed is not None
+        trace = self._missed.get(name)
+        if trace is None:
+            return 0.0
+        if self._passed == self.low_pass:
+            return trace
+        return self.low_pass.apply(trace, self.recording.sample_rate)
+
     def _coarse(self, low_pass: LowPass, kept: int) -> "BldcComparison":
         """With one sample, of currents and power the mean, for so many as a long step takes."""
         longest = _COARSE * self.actuator.step_of("monitor")
@@ -193,6 +237,8 @@ class BldcComparison(Comparison):
         # copies: machine code for arrays with gaps would be compiled apart
         other.command, other.load = self.command[some].copy(), self.load[some].copy()
         other.current = means(self.current, stride)
+        if self._missed is not None:
+            other._missed = {name: trace[some] for name, trace in self._missed.items()}
         other._white_noise = self._white_noise / math.sqrt(stride)
         if self.power is not None:
             other.power = replace(self.power, watts=means(self.power.watts, stride))
@@ -251,12 +297,14 @@ class BldcComparison(Comparison):
         if self.power is None:
             return
         rate = self.recording.sample_rate
-        filtered = self.low_pass.apply(self.power.watts, rate)
-        error = self.power.error(filtered, self.low_pass, rate)
+        target = self.low_pass.apply(self.power.watts, rate)
+        error = self.power.error(target, self.low_pass, rate)
         counting = self.weights > 0.0
         weights = counting * self.independent / (counting.sum() * error**2)
-        states = self.low_pass.taps(rate, float(filtered[0]))[None, 5:]
-        self._filtered_power = PowerStretches(filtered, weights, states)
+        states = self.low_pass.taps(rate, float(target[0]))[None, 5:]
+        if self._missed is not None:
+            target = target - self._filtered_missed("power")
+        self._filtered_power = PowerStretches(target, weights, states)
         self.evidence = self.kept_of(self.whole)
 
     def _filter(self, low_pass: LowPass, weighting: SlopeWeighting) -> None:
@@ -275,8 +323,10 @@ class BldcComparison(Comparison):
         # behind the low-pass a recording holds so many independent samples
         duration = float(recording.time[-1] - recording.time[0])
         self.independent = max(1.0, 2.0 * low_pass.cutoff * duration)
-        self.noise = _TWIN_ERROR * math.sqrt(self.scale / self.independent)
-        self.expected_misfit = _TWIN_ERROR
+        self.expected_misfit = _TWIN_ERROR if self._missed is None else _REFERENCE_ERROR
+        self.noise = self.expected_misfit * math.sqrt(self.scale / self.independent)
+        if self._missed is not None:
+            self.target = self.target - self._filtered_missed("current")
         passed = self._white_noise**2 * low_pass.noise_gain(recording.sample_rate)
         self.recorded_noise = math.sqrt(passed * float(np.sum(self.weights)) / self.scale)
         self._filter_power()
@@ -308,13 +358,10 @@ class BldcComparison(Comparison):
         return np.where(np.isfinite(costs), costs, np.inf)
 
     def responses(self, candidates: Candidates, count: int) -> dict[str, np.ndarray]:
-        """Filtered equivalent currents, (B, S) array, A."""
+        """Filtered equivalent currents and, if it counts, powers, (B, S) arrays, A and W."""
         batch = self.batch(candidates, count)
-        response = self.run(self.whole, batch, self.target.size)[1]
-        late = self._late(batch)
-        if late is not None:
-            response = advanced(response, late)
-        return {"current": _sensed(response, batch)}
+        _, response, watts = self.run(self.whole, batch, self.target.size)
+        return self._shown(response, None if self.power is None else watts, batch)
 
     def measured(self) -> dict[str, np.ndarray]:
         """The filtered equivalent current of the recording, (S,) array, A."""

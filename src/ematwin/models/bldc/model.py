@@ -43,7 +43,6 @@ class BldcModel(Model):
     compared_rate: ClassVar[float | None] = 20_000.0
     # Parameters that a healthy recording may determine, and how far a template may be off.
     model_error: ClassVar[float] = 3.5
-    lacking_error: ClassVar[float | None] = 5.25
     nominal: ClassVar[dict[str, float]] = {
         "motor.emf_constant": 1.1,
         "motor.inertia": 1.3,

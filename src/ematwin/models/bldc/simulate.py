@@ -17,9 +17,12 @@ from ematwin.recordings.recording import Recording
 DEFAULT_SAMPLE_RATE = 20_000.0  # Hz
 _MOST_SAMPLES = 10_000_000  # of a record: some 1 GB
 _MOST_POINTS = 50_000_000  # of the inputs: some 2 GB
-_INPUT_INTERVAL = 1e-5  # s, at most, where steps are shorter
+INPUT_INTERVAL = 1e-5  # s, at most, where steps are shorter
 SLICE_STEPS = 1_000_000  # steps between two reports of progress: about 0.1 s
-_STATE_OF = {"motor_position": "theta_m", "output_position": "theta_o"}  # not zero at rest
+_STATE_OF = {
+    "motor_position": "theta_m", "motor_speed": "w_m", "output_position": "theta_o",
+    "output_speed": "w_o",
+}  # fmt: skip
 
 
 def simulate(
@@ -53,9 +56,10 @@ def simulate(
     grid = time_grid(actuator, model, scenario.duration, sample_rate, step)
     ratio = actuator.transmission.ratio
     command, load = scenario.histories(grid.time)
-    columns = _run(
-        model, faults, command * ratio, load / ratio, initial_position * ratio, actuator, grid,
-        progress,
+    start = initial_position * ratio
+    columns = simulated(
+        model, faults.vector, command * ratio, load / ratio, (0.0, start, 0.0, start), actuator,
+        grid, progress,
     )  # fmt: skip
     if model == "reference":
         columns["bus_voltage"] = np.full_like(columns["bus_current"], actuator.drive.supply_voltage)
@@ -94,17 +98,27 @@ def simulate(
     return record if noise is None else noise.apply(record, np.random.default_rng(seed))
 
 
-def _run(
+def simulated(
     model: str,
-    faults: Faults,
+    faults: np.ndarray,
     command: np.ndarray,
     load: np.ndarray,
-    start: float,
+    start: tuple[float, float, float, float],
     actuator: BldcActuator,
     grid: "TimeGrid",
-    progress: Callable[[float], None] | None,
+    progress: Callable[[float], None] | None = None,
 ) -> dict[str, np.ndarray]:
-    """Columns of the trace; command, load and start are on the motor shaft."""
+    """Columns (S,) of a trace, on the motor shaft; the phases carry no current at first.
+
+    Parameters
+    ----------
+    model : "reference" or "monitor"
+    faults : (8,) array
+    command, load : arrays on the points of the grid, rad and N m on the motor shaft
+    start : speed and angle of the motor, those of the output, on the motor shaft
+    actuator, grid
+    progress : called with the share done
+    """
     from ematwin.models.bldc import batch  # compiles, or loads what an earlier process compiled
     from ematwin.models.bldc.constants import kernel_cases, kernel_constants, truer_constants
     from ematwin.models.bldc.monitor_step import MonitorState
@@ -114,14 +128,15 @@ def _run(
     rest: ReferenceState | MonitorState
     names: tuple[str, ...]
     cases: tuple[bool | None, ...]
+    w_m, theta_m, w_o, theta_o = start
     if model == "reference":
         run, names = batch.reference_trace, batch.REFERENCE_COLUMNS
         cases = ()  # its contact is compliant anyway
-        rest = ReferenceState(0.0, 0.0, 0.0, 0.0, start, 0.0, start, 1.0, 0.0, 0.0, 0.0)
+        rest = ReferenceState(0.0, 0.0, 0.0, w_m, theta_m, w_o, theta_o, 1.0, 0.0, 0.0, 0.0)
     else:
         run, names = batch.monitor_trace, batch.MONITOR_COLUMNS
         cases = kernel_cases(actuator)
-        rest = MonitorState(0.0, 0.0, start, 0.0, start, 0.0, 0.0)
+        rest = MonitorState(0.0, w_m, theta_m, w_o, theta_o, 0.0, 0.0)
     state = np.array(rest)
     constants, truer = kernel_constants(actuator), truer_constants(actuator)
     more = None if truer is None else np.array(REST)
@@ -135,7 +150,7 @@ def _run(
         part = slice(left, right + 1)
         pieces.append(
             run(
-                faults.vector,
+                faults,
                 command[part],
                 load[part],
                 state,
@@ -183,6 +198,7 @@ class TimeGrid:
                 f"A scenario of {duration:g} s has {(samples - 1) * self.decimation:.3g} steps of "
                 f"{spacing:.3g} s; at most {_MOST_POINTS:g} can be kept. Shorten the scenario."
             )
+        self.samples, self.rate = samples, rate
         self.time = np.arange((samples - 1) * self.decimation + 1) / (rate * self.decimation)
 
 
@@ -204,7 +220,7 @@ def time_grid(
     except InputError as error:
         text = str(error)
         raise InputError(text[0].upper() + text[1:] + ".") from None
-    return TimeGrid(chosen, max(_INPUT_INTERVAL, chosen), duration, sample_rate)
+    return TimeGrid(chosen, max(INPUT_INTERVAL, chosen), duration, sample_rate)
 
 
 def _check_start(position: float, actuator: BldcActuator) -> None:

@@ -1,0 +1,98 @@
+"""Minima of the reference model, by a fast model that is corrected at the best point so far.
+
+A search needs thousands of answers, and only a fast model gives so many. What it misses of the
+reference model changes little from one point to the next, so it is taken off the recording at the
+minimum of the fast model, and the minimum is looked for again,
+
+    x_{k+1} = argmin_x | y - [f(x) + R(x_k) - f(x_k)] |^2,
+
+until it stays where it is: defect correction (Boehmer, Hemker and Stetter 1984, Computing Suppl. 5,
+1-32), in design known as space mapping (Bandler et al. 2004, IEEE Trans. Microw. Theory Tech. 52,
+337-361). Each round takes one answer of the reference model for each recording.
+
+Where R - f changes with x the rounds converge slowly, or not at all. Then the last ones are
+combined to the point from which a round would lead nowhere, if rounds were linear (Anderson 1965,
+J. ACM 12, 547-560, with steps measured in standard errors).
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ematwin.estimation.descent import Descent
+from ematwin.estimation.laplace import Laplace, laplace
+from ematwin.estimation.problem import Problem
+
+ROUNDS = 10  # at most
+_STAYS = 0.25  # standard errors: adds 3 % to an error that it widens
+_NEAR = 1.0  # standard errors, within which scatter of the reference may be all that moves a peak
+_SHRINKS = 0.5  # of the step before: less is progress
+_DEPTH = 3  # rounds that are combined
+
+
+@dataclass(frozen=True)
+class Corrected:
+    """A peak of the posterior by the reference model.
+
+    Attributes
+    ----------
+    peak : Laplace, of the problem as it was corrected last
+    rounds : int, answers of the reference model for each recording; 0 where the kind has none
+    left : (d,) array, how far the last round moved the peak, in coordinates of the chart
+    """
+
+    peak: Laplace
+    rounds: int
+    left: np.ndarray
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """(d, d), with what the twin misses: by the fast model, or what the last round left."""
+        return self.peak.widened(self.peak.problem.model_error) + np.outer(self.left, self.left)
+
+    @property
+    def unsettled(self) -> tuple[str, ...]:
+        """Names of coordinates that the last round moved by more than a standard error."""
+        far = np.abs(self.left) > _NEAR * np.sqrt(np.diag(self.peak.covariance))
+        return tuple(np.array(self.peak.problem.names)[far].tolist())
+
+
+def corrected(problem: Problem, peak: Laplace, descent: Descent, rounds: int = ROUNDS) -> Corrected:
+    """The peak of the reference model next to one of the fast model.
+
+    Parameters
+    ----------
+    problem : that has the peak, not corrected
+    peak : of the fast model
+    descent : how it was gone to
+    rounds : at most
+    """
+    chart = problem.chart
+    known: list[tuple[np.ndarray, np.ndarray]] = []  # where rounds began, and how far they led
+    z, spent, moved = peak.z, peak.evaluations, np.inf
+    for count in range(1, rounds + 1):
+        nearer = problem.corrected(chart.to_values(z[None])[0])
+        if nearer is None:
+            return Corrected(peak, 0, np.zeros(len(z)))
+        near = replace(descent.afresh(settled=np.inf), least_noise=nearer.noise)
+        peak = laplace(nearer, chart.to_values(z[None])[0], near)
+        spent += peak.evaluations
+        known.append((z, peak.z - z))
+        errors = np.sqrt(np.diag(peak.covariance))
+        before, moved = moved, float((np.abs(known[-1][1]) / errors).max())
+        # impacts and ripple of the reference scatter: nearer than that rounds do not come
+        if moved <= _STAYS or _SHRINKS * before < moved <= _NEAR:
+            break
+        z = chart.project(_combined(known[-_DEPTH - 1 :], errors)[None])[0]
+    return Corrected(replace(peak, evaluations=spent), count, known[-1][1])
+
+
+def _combined(known: list[tuple[np.ndarray, np.ndarray]], errors: np.ndarray) -> np.ndarray:
+    """The point (d,) from which a round would lead nowhere, by secants through the last ones."""
+    z, step = known[-1]
+    if len(known) == 1:
+        return z + step
+    moved = np.array([z - before for before, _ in known[:-1]])
+    changed = np.array([step - before for _, before in known[:-1]])
+    shares = np.linalg.lstsq((changed / errors).T, step / errors, rcond=1e-3)[0]
+    return z + step - shares @ (moved + changed)
