@@ -70,8 +70,9 @@ def corrected(problem: Problem, peak: Laplace, descent: Descent, rounds: int = R
     chart = problem.chart
     known: list[tuple[np.ndarray, np.ndarray]] = []  # where rounds began, and how far they led
     z, spent, moved = peak.z, peak.evaluations, np.inf
+    nearer: Problem | None = None
     for count in range(1, rounds + 1):
-        nearer = problem.corrected(chart.to_values(z[None])[0])
+        nearer = problem.corrected(chart.to_values(z[None])[0], nearer)
         if nearer is None:
             return Corrected(peak, 0, np.zeros(len(z)))
         near = replace(descent.afresh(settled=np.inf), least_noise=nearer.noise)

@@ -94,6 +94,21 @@ class Residuals(NamedTuple):
     priors: np.ndarray
 
 
+class _Unseen(NamedTuple):
+    """An unknown on which only the reference depends.
+
+    Attributes
+    ----------
+    unknown : Unknown
+    around : float, where the reference was asked: the value, or its logarithm
+    slopes : (K,) array for each recording, how residuals change with it
+    """
+
+    unknown: Unknown
+    around: float
+    slopes: list[np.ndarray]
+
+
 class Problem:
     """What is searched: free unknowns over one or several recordings.
 
@@ -157,6 +172,7 @@ class Problem:
         # distances in standard deviations: the inverse root of the covariance
         self._whiten = np.linalg.inv(np.linalg.cholesky(known.covariance)).T
         self._latest = Latest()
+        self._unseen: list[_Unseen] = []
         given = dict(start or {})
         self.start = np.array([given.get(one.name, one.healthy) for one in self.unknowns])
         self.starts = np.array(
@@ -217,7 +233,7 @@ class Problem:
 
         Costs above ``limits`` (B,) may be given as infinite.
         """
-        if self.has_evidence:
+        if self.has_evidence or self._unseen:
             residuals = self.residuals(points)
             squares = np.einsum("bk,bk->b", residuals, residuals)
             return np.where(np.isfinite(squares), squares, np.inf)
@@ -258,8 +274,19 @@ class Problem:
 
         The columns of a Jacobian over the unknowns that each recording has for itself do.
         """
+        candidates = self.candidates(points, n)
+        found = self._seen_of(n, comparison, points, candidates)
+        for one, around, slopes in self._unseen:
+            moved = _coordinate(one, candidates[one.name]) - around
+            found = found + np.outer(moved, slopes[n])
+        return found
+
+    def _seen_of(
+        self, n: int, comparison: Comparison, points: np.ndarray, candidates: dict[str, np.ndarray]
+    ) -> np.ndarray:
+        """The same by the comparison alone."""
         if not self._each:
-            return self._latest.residuals(comparison, self.candidates(points, n), len(points))
+            return self._latest.residuals(comparison, candidates, len(points))
         first = len(self._shared) + n * len(self._each)
         mine = np.r_[0 : len(self._shared), first : first + len(self._each)]
         _, chosen, back = np.unique(points[:, mine], axis=0, return_index=True, return_inverse=True)
@@ -323,25 +350,51 @@ class Problem:
         """The same problem with the finer steps of its twins."""
         return self._with([one.refined() for one in self.comparisons])
 
-    def corrected(self, point: np.ndarray) -> "Problem | None":
+    def corrected(self, point: np.ndarray, like: "Problem | None" = None) -> "Problem | None":
         """The same problem with what the fast model misses of the reference at a point (d,).
 
-        Its noise is what recordings are expected to leave beside the reference. None where a
+        Of unknowns that the fast model does not have, what it misses is taken to be linear; slopes
+        are those of ``like``, which was corrected before, or take an answer of the reference each.
+        The noise is what recordings are expected to leave beside the reference. None where a
         recording has no reference, or the reference diverged.
         """
-        values = [
-            {name: float(x[0]) for name, x in self.candidates(point[None], n).items()}
-            for n in range(len(self.comparisons))
+        beside = [self.candidates(point[None], n) for n in range(len(self.comparisons))]
+        places = [{name: float(x[0]) for name, x in one.items()} for one in beside]
+        unseen = [one for one in self._shared if one.name in self.comparisons[0].unseen]
+        steps = []
+        if like is None:
+            likely = dict(zip(self.prior.names, np.diag(self.prior.covariance), strict=True))
+            steps = [
+                {one.name: _likely(one, places[0][one.name], math.sqrt(likely.get(one.name, 0.01)))}
+                for one in unseen
+            ]
+        tasks = [
+            (one, {**values, **step})
+            for one, values in zip(self.comparisons, places, strict=True)
+            for step in ({}, *steps)
         ]
-        tasks = list(zip(self.comparisons, values, strict=True))
-        missed = side_by_side(lambda task: task[0].missed(task[1]), tasks, None)
+        missed = side_by_side(lambda task: task[0].missed(task[1]), tasks)
         if any(one is None or not _all_finite(one) for one in missed):
             return None
+        each = len(steps) + 1
         other = self._with([
-            one.with_missed(by_channel)
-            for one, by_channel in zip(self.comparisons, missed, strict=True)
-            if by_channel is not None
+            one.with_missed(missed[each * n] or {}) for n, one in enumerate(self.comparisons)
         ])  # fmt: skip
+        slopes = [one.slopes for one in like._unseen] if like is not None else []
+        for k, (one, step) in enumerate(zip(unseen, steps, strict=True), 1):
+            moved = _coordinate(one, step[one.name]) - _coordinate(one, places[0][one.name])
+            slopes.append([
+                (
+                    compared.with_missed(missed[each * n + k] or {}).residuals(here, 1)[0]
+                    - other.comparisons[n].residuals(here, 1)[0]
+                )
+                / moved
+                for n, (compared, here) in enumerate(zip(self.comparisons, beside, strict=True))
+            ])  # fmt: skip
+        other._unseen = [
+            _Unseen(one, float(_coordinate(one, places[0][one.name])), by_recording)
+            for one, by_recording in zip(unseen, slopes, strict=True)
+        ]
         other.model_error = 1.0
         return other.with_noise(other.comparisons[0].noise)
 
@@ -354,7 +407,7 @@ class Problem:
 
     def _with(self, comparisons: Sequence[Comparison]) -> "Problem":
         other = copy.copy(self)
-        other.comparisons = tuple(comparisons)
+        other.comparisons, other._unseen = tuple(comparisons), []
         return other
 
     def prior_distances(self, points: np.ndarray) -> np.ndarray:
@@ -397,6 +450,7 @@ class Problem:
         )  # fmt: skip
         other.noise, other.trust, other._latest = self.noise, self.trust, self._latest
         other.model_error = self.model_error
+        other._unseen = self._unseen
         return other
 
     def with_noise(self, noise: float) -> "Problem":
@@ -424,6 +478,17 @@ class Problem:
         scale = sum(one.scale for one in self.comparisons)
         independent = sum(one.independent for one in self.comparisons)
         return float(np.sqrt((data @ data) / independent)) or 1e-9 * float(np.sqrt(scale))
+
+
+def _coordinate(one: Unknown, value: Any) -> Any:
+    return np.log(value) if one.logarithmic else value
+
+
+def _likely(one: Unknown, value: float, spread: float) -> float:
+    """A value one standard deviation from another: impacts make shorter differences rough."""
+    sign = 1.0 if one.upper - value >= value - one.lower else -1.0
+    moved = value * math.exp(sign * spread) if one.logarithmic else value + sign * spread
+    return min(max(moved, one.lower), one.upper)
 
 
 def _all_finite(traces: Mapping[str, np.ndarray]) -> bool:

@@ -57,6 +57,7 @@ class Comparison(ABC):
         intervals are formed (`with_evidence`); in their standard deviations
     tells : names of pivots of aliases (`Model.aliases`) that this evidence tells from the others
     ignores : names of nuisances of the kind that have no effect on what is compared
+    unseen : names of parameters on which only the reference depends, and not the fast model
     unplaced : whether only an answer can show from where the recording counts (`placed`)
     """
 
@@ -73,6 +74,7 @@ class Comparison(ABC):
     evidence: int = 0
     tells: frozenset[str] = frozenset()
     ignores: frozenset[str] = frozenset()
+    unseen: frozenset[str] = frozenset()
     unplaced: bool = False
 
     @property
