@@ -18,7 +18,7 @@ from ematwin.estimation.correction import Corrected, corrected
 from ematwin.estimation.descent import Descent
 from ematwin.estimation.intervals import Draws, draws
 from ematwin.estimation.joint import Joint
-from ematwin.estimation.laplace import Laplace, laplace, profiled, sharp_errors
+from ematwin.estimation.laplace import Laplace, profiled, sharp_errors
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found
 from ematwin.estimation.significance import ANYTHING
@@ -36,6 +36,7 @@ _NEARLY = 9.0  # rise of the squared distance up to which another answer is near
 _WORTH_A_LOOK = 4.0  # ratio of costs up to which another valley is gone into
 _BEYOND_BELIEF = 4.0  # standard deviations of a prior; 2.1 at most on actuators within tolerances
 _SETTLED = 1.3  # times the misfit of healthy recordings: parameters, or load, need no looking for
+_EXPLAINED = 1.6  # times what healthy recordings or noise leave: nothing else needs looking for
 _KNOWN, _BY_SHEET = 5, 10  # iterations from there: parameters have yet to leave the sheet's
 _RIVALS = 2  # other valleys that are gone into
 _EVIDENT = 3.0  # standard errors
@@ -127,16 +128,18 @@ def assess(
     def peak_from(point: np.ndarray) -> Corrected:
         known = dict(zip(problem.names, point.tolist(), strict=True))
         start = np.array([known.get(one.name, one.healthy) for one in full.unknowns])
-        return corrected(full, laplace(full, start, descent), descent)
+        return corrected(full, start, descent)
 
     def beside_it(near: Corrected, anew: bool = False) -> list[Corrected]:
-        return [corrected(full, one, descent) for one in beside(near.peak, descent, anew)]
+        near_it = descent.afresh(settled=math.inf)
+        return [corrected(full, one.point, near_it) for one in beside(near.peak, descent, anew)]
 
     starts = [found.point, *_worth_a_look(full, found, problem)]
     # each may use all cores: most of its batches are one block
     best, *others = side_by_side(peak_from, starts, threads)
     misfit = full.relative_misfit(min(one.peak.cost for one in (best, *others)))
-    explained = full.relative_misfit(best.peak.cost) <= _SETTLED * healthy
+    usual = max(healthy, best.peak.problem.recorded_misfit)
+    explained = full.relative_misfit(best.peak.cost) <= _EXPLAINED * usual
     # from further off no other load has led to a verdict
     if misfit <= worst_misfit(baseline.misfit) and (_strained(best.peak) or not explained):
         others += beside_it(best)

@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ematwin.estimation.descent import Descent
-from ematwin.estimation.laplace import Laplace, laplace
+from ematwin.estimation.laplace import Laplace, laplace, step_lengths
 from ematwin.estimation.problem import Problem
 
 ROUNDS = 10  # at most
@@ -57,26 +57,41 @@ class Corrected:
         return tuple(np.array(self.peak.problem.names)[far].tolist())
 
 
-def corrected(problem: Problem, peak: Laplace, descent: Descent, rounds: int = ROUNDS) -> Corrected:
-    """The peak of the reference model next to one of the fast model.
+def corrected(
+    problem: Problem,
+    start: np.ndarray,
+    descent: Descent,
+    *,
+    steps: np.ndarray | None = None,
+    rounds: int = ROUNDS,
+) -> Corrected:
+    """The peak next to a point: of the reference model where the kind has one.
 
     Parameters
     ----------
-    problem : that has the peak, not corrected
-    peak : of the fast model
-    descent : how it was gone to
+    problem : not corrected
+    start : (d,) array, values, from which the first round descends
+    descent : how it does; later rounds begin in the valley that it found
+    steps : (d,) array, as of `laplace`, of the first round
     rounds : at most
+
+    Raises
+    ------
+    TooFarError
+        If the descent raises it.
     """
     chart = problem.chart
+    z = chart.project(chart.from_values(start[None]))[0]
     known: list[tuple[np.ndarray, np.ndarray]] = []  # where rounds began, and how far they led
-    z, spent, moved = peak.z, peak.evaluations, np.inf
     nearer: Problem | None = None
-    for count in range(1, rounds + 1):
-        nearer = problem.corrected(chart.to_values(z[None])[0], nearer)
+    spent, moved = 0, np.inf
+    for _ in range(rounds):
+        point = chart.to_values(z[None])[0]
+        nearer = problem.corrected(point, nearer)
         if nearer is None:
-            return Corrected(peak, 0, np.zeros(len(z)))
-        near = replace(descent.afresh(settled=np.inf), least_noise=nearer.noise)
-        peak = laplace(nearer, chart.to_values(z[None])[0], near)
+            return Corrected(laplace(problem, start, descent, steps=steps), 0, np.zeros(len(z)))
+        peak = laplace(nearer, point, replace(descent, least_noise=nearer.noise), steps=steps)
+        descent, steps = descent.afresh(settled=np.inf), step_lengths(peak.covariance)
         spent += peak.evaluations
         known.append((z, peak.z - z))
         errors = np.sqrt(np.diag(peak.covariance))
@@ -85,7 +100,7 @@ def corrected(problem: Problem, peak: Laplace, descent: Descent, rounds: int = R
         if moved <= _STAYS or _SHRINKS * before < moved <= _NEAR:
             break
         z = chart.project(_combined(known[-_DEPTH - 1 :], errors)[None])[0]
-    return Corrected(replace(peak, evaluations=spent), count, known[-1][1])
+    return Corrected(replace(peak, evaluations=spent), len(known), known[-1][1])
 
 
 def _combined(known: list[tuple[np.ndarray, np.ndarray]], errors: np.ndarray) -> np.ndarray:

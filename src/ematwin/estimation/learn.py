@@ -203,7 +203,7 @@ class _Fit:
         assert best is not None
         # coarse to fine: what is learnt here is what faults are multiples of
         fine, near = problem.refined(), Descent(aliases, settled=np.inf)
-        end = corrected(fine, laplace(fine, best.point, near), near)
+        end = corrected(fine, best.point, near)
         return end, searched.relative_misfit(ends[0][0])
 
     def _ends(

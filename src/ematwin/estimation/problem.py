@@ -358,45 +358,61 @@ class Problem:
         The noise is what recordings are expected to leave beside the reference. None where a
         recording has no reference, or the reference diverged.
         """
-        beside = [self.candidates(point[None], n) for n in range(len(self.comparisons))]
-        places = [{name: float(x[0]) for name, x in one.items()} for one in beside]
         unseen = [one for one in self._shared if one.name in self.comparisons[0].unseen]
-        steps = []
-        if like is None:
-            likely = dict(zip(self.prior.names, np.diag(self.prior.covariance), strict=True))
-            steps = [
-                {one.name: _likely(one, places[0][one.name], math.sqrt(likely.get(one.name, 0.01)))}
-                for one in unseen
-            ]
-        tasks = [
-            (one, {**values, **step})
-            for one, values in zip(self.comparisons, places, strict=True)
-            for step in ({}, *steps)
-        ]
-        missed = side_by_side(lambda task: task[0].missed(task[1]), tasks)
-        if any(one is None or not _all_finite(one) for one in missed):
+        values = self.values(point)
+        first = self._missed(point, {})
+        if first is None:
             return None
-        each = len(steps) + 1
-        other = self._with([
-            one.with_missed(missed[each * n] or {}) for n, one in enumerate(self.comparisons)
-        ])  # fmt: skip
-        slopes = [one.slopes for one in like._unseen] if like is not None else []
-        for k, (one, step) in enumerate(zip(unseen, steps, strict=True), 1):
-            moved = _coordinate(one, step[one.name]) - _coordinate(one, places[0][one.name])
-            slopes.append([
-                (
-                    compared.with_missed(missed[each * n + k] or {}).residuals(here, 1)[0]
-                    - other.comparisons[n].residuals(here, 1)[0]
-                )
-                / moved
-                for n, (compared, here) in enumerate(zip(self.comparisons, beside, strict=True))
-            ])  # fmt: skip
-        other._unseen = [
-            _Unseen(one, float(_coordinate(one, places[0][one.name])), by_recording)
-            for one, by_recording in zip(unseen, slopes, strict=True)
-        ]
+        other = self._without(first)
+        for k, one in enumerate(unseen):
+            now = _coordinate(one, values[one.name])
+            if like is not None:
+                slopes = like._unseen[k].slopes
+            else:
+                there = _likely(one, values[one.name], self.prior)
+                missed = self._missed(point, {one.name: there})
+                if missed is None:
+                    return None
+                far = _coordinate(one, there) - now
+                slopes = other._changes(self._without(missed), point, far)
+            other._unseen.append(_Unseen(one, now, slopes))
         other.model_error = 1.0
         return other.with_noise(other.comparisons[0].noise)
+
+    def _missed(
+        self, point: np.ndarray, moved: Mapping[str, float]
+    ) -> list[Mapping[str, np.ndarray]] | None:
+        """What the fast model misses of each recording at a point (d,), some values ``moved``.
+
+        None where a recording has no reference, or the reference diverged.
+        """
+
+        def missed(n: int) -> Mapping[str, np.ndarray] | None:
+            beside = {name: float(x[0]) for name, x in self.candidates(point[None], n).items()}
+            found = self.comparisons[n].missed({**beside, **moved})
+            if found is None or not all(np.isfinite(trace).all() for trace in found.values()):
+                return None
+            return found
+
+        every = side_by_side(missed, range(len(self.comparisons)))
+        known = [one for one in every if one is not None]
+        return known if len(known) == len(every) else None
+
+    def _without(self, missed: Sequence[Mapping[str, np.ndarray]]) -> "Problem":
+        """The same problem with that taken off each recording."""
+        pairs = zip(self.comparisons, missed, strict=True)
+        return self._with([one.with_missed(by_channel) for one, by_channel in pairs])
+
+    def _changes(self, other: "Problem", point: np.ndarray, far: float) -> list[np.ndarray]:
+        """How residuals (K,) of each recording change to those of another problem, per ``far``."""
+        return [
+            (
+                other.comparisons[n].residuals(self.candidates(point[None], n), 1)[0]
+                - mine.residuals(self.candidates(point[None], n), 1)[0]
+            )
+            / far
+            for n, mine in enumerate(self.comparisons)
+        ]
 
     def restarted(self) -> "Problem | None":
         """The same problem by stretches from recorded states, or None without states."""
@@ -484,15 +500,15 @@ def _coordinate(one: Unknown, value: Any) -> Any:
     return np.log(value) if one.logarithmic else value
 
 
-def _likely(one: Unknown, value: float, spread: float) -> float:
+def _likely(one: Unknown, value: float, prior: Prior) -> float:
     """A value one standard deviation from another: impacts make shorter differences rough."""
+    spread = 0.1 if one.logarithmic else 0.1 * one.width
+    if one.name in prior.names:
+        n = prior.names.index(one.name)
+        spread = math.sqrt(prior.covariance[n, n])
     sign = 1.0 if one.upper - value >= value - one.lower else -1.0
     moved = value * math.exp(sign * spread) if one.logarithmic else value + sign * spread
     return min(max(moved, one.lower), one.upper)
-
-
-def _all_finite(traces: Mapping[str, np.ndarray]) -> bool:
-    return all(bool(np.isfinite(trace).all()) for trace in traces.values())
 
 
 def unknowns_of(

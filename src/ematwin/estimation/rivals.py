@@ -17,7 +17,7 @@ from ematwin.estimation.assess import Assessment, height
 from ematwin.estimation.baseline import Baseline, uncertain, with_all_free, with_nuisances
 from ematwin.estimation.correction import corrected
 from ematwin.estimation.descent import Descent, TooFarError
-from ematwin.estimation.laplace import Laplace, laplace, standard_errors, step_lengths
+from ematwin.estimation.laplace import Laplace, standard_errors, step_lengths
 from ematwin.estimation.levenberg_marquardt import NOTHING
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.significance import is_present
@@ -310,7 +310,7 @@ def _descended(
         least_noise=full.comparisons[0].noise,
         **known,
     )
-    return corrected(full, laplace(full, start, descent, steps=steps), descent).peak
+    return corrected(full, start, descent, steps=steps).peak
 
 
 def _rise(first: Laplace, other: Laplace) -> float:

@@ -49,11 +49,25 @@ class OneModel(TwoModels):
         return None
 
 
-def ended(comparison):
-    problem = Problem([comparison], FAULTS)
+class OnlyTheReferenceHasALoop(TwoModels):
+    """Its gain shifts a third feature of the reference alone."""
+
+    unseen = frozenset({"loop.gain"})
+
+    def __init__(self, gain):
+        super().__init__()
+        self.recording = self.recording.changed(y=self.recording.y + (gain - 1.0) * BASES[2])
+        self.target = self.recording.y
+
+    def exact(self, values):
+        return {"y": super().exact(values)["y"] + (values.get("loop.gain", 1.0) - 1.0) * BASES[2]}
+
+
+def ended(comparison, more=()):
+    problem = Problem([comparison], [*FAULTS, *more])
     descent = Descent(settled=np.inf)
-    first = laplace(problem, np.array([0.5, 0.5]), descent)
-    return first, corrected(problem, first, descent)
+    start = np.r_[0.5, 0.5, np.ones(len(more))]
+    return laplace(problem, start, descent), corrected(problem, start, descent)
 
 
 def test_the_peak_is_that_of_the_reference_and_not_of_the_fast_model():
@@ -87,5 +101,17 @@ def test_each_round_takes_one_answer_of_the_reference():
 @pytest.mark.parametrize("comparison", [OneModel(), TwoModels(lost=True)])
 def test_a_peak_stays_where_there_is_no_reference_or_it_diverges(comparison):
     first, end = ended(comparison)
-    assert end.peak is first
+    assert end.peak.point == pytest.approx(first.point)
     assert end.rounds == 0
+
+
+def test_what_only_the_reference_depends_on_is_learnt_through_it():
+    gain = fault(
+        "loop.gain", healthy=1.0, lower=0.2, upper=5.0, role="nominal", logarithmic=True, spread=0.4
+    )
+    comparison = OnlyTheReferenceHasALoop(1.3)
+    _, end = ended(comparison, [gain])
+    assert end.peak.point == pytest.approx([WEAR, GAP, 1.3], abs=0.03)
+    assert comparison.asked == end.rounds + 1
+    errors = np.sqrt(np.diag(end.peak.covariance)) * end.peak.problem.chart.widths
+    assert errors[2] < 0.1 * 0.4
