@@ -179,7 +179,7 @@ def assess(
         nuisances=_evident(full, peak, intervals, own),
         strained=_strained(peak),
         cost=peak.cost,
-        others=_other_answers(problem, peak, rivals, wider),
+        others=_other_answers(problem, peak, rivals),
         evaluations=spent,
         trust=peak.problem.trust,
         reference_runs=best.rounds,
@@ -246,6 +246,17 @@ def height(peak: Laplace, noise: float) -> float:
     distances = peak.problem.prior_distances(peak.point[None])[0] / peak.problem.noise
     data = (peak.cost + peak.evidence) / noise**2
     return data + float(distances @ distances)
+
+
+def risen(first: Laplace, other: Laplace) -> float:
+    """How much higher the second peak lies, squared standard deviations.
+
+    Costs at the bottom of two valleys scatter with impacts and ripple, by a tenth from one answer
+    of the reference to the next, where noise alone would have them differ by far less: so all that
+    a fast model misses counts as noise here.
+    """
+    noise = first.problem.comparisons[0].model_error * min(first.problem.noise, other.problem.noise)
+    return height(other, noise) - height(first, noise)
 
 
 def _with_scatter(found: Corrected, baseline: Baseline) -> np.ndarray:
@@ -394,14 +405,13 @@ def _strained(peak: Laplace) -> dict[str, float]:
 
 
 def _other_answers(
-    problem: Problem, peak: Laplace, rivals: list[Laplace], wider: float
+    problem: Problem, peak: Laplace, rivals: list[Laplace]
 ) -> tuple[dict[str, float], ...]:
     """Rivals that explain the recording nearly as well and say something else."""
     own = len(problem.names)
     found = []
     for one in rivals:
-        noise = peak.problem.noise * wider
-        rise = height(one, noise) - height(peak, noise)
+        rise = risen(peak, one)
         away = np.abs(one.z[:own] - peak.z[:own]).max()
         if rise < _NEARLY and away > _APART:
             found.append(dict(zip(problem.names, one.point[:own].tolist(), strict=True)))

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.estimation.assess import Assessment, height
+from ematwin.estimation.assess import Assessment, risen
 from ematwin.estimation.baseline import Baseline, uncertain, with_all_free, with_nuisances
 from ematwin.estimation.correction import corrected
 from ematwin.estimation.descent import Descent, TooFarError
@@ -212,7 +212,7 @@ def _compared(
             end = _descended(model, form.actuator, full, start, steps, **known)
         except TooFarError:
             return None
-        return end, _rise(peak, end)
+        return end, risen(peak, end)
 
     ends = [descended_from(starts[best])]
     short = ends[0] is None or ends[0][1] > _NEARLY
@@ -231,7 +231,7 @@ def _compared(
         for names in (problem.names, peak.problem.names):
             point = _start(peak.problem, names, {**own, **beside})
             again = _descended(model, actuator, peak.problem, point)
-            rise = max(rise, _rise(again, end))
+            rise = max(rise, risen(again, end))
             if rise >= -_NEARLY:
                 break
     return end, rise
@@ -311,12 +311,6 @@ def _descended(
         **known,
     )
     return corrected(full, start, descent, steps=steps).peak
-
-
-def _rise(first: Laplace, other: Laplace) -> float:
-    """How much higher the second peak lies, squared standard deviations."""
-    noise = first.problem.model_error * min(first.problem.noise, other.problem.noise)
-    return height(other, noise) - height(first, noise)
 
 
 def _own_names(problem: Problem, form: OtherForm) -> list[str]:

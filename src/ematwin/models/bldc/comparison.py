@@ -143,7 +143,9 @@ class BldcComparison(Comparison):
             recording, actuator, None if self.rectify else float(self.current[0])
         )
         self.fast = actuator.model_copy(update=dict.fromkeys(UNSEEN))
-        self.unseen = frozenset(row[0] for row in actuator.parameters() if row[0].partition(".")[0] in UNSEEN)
+        self.unseen = frozenset(
+            row[0] for row in actuator.parameters() if row[0].partition(".")[0] in UNSEEN
+        )
         self.constants, self.truer = kernel_constants(self.fast), truer_constants(self.fast)
         if backend == "cuda" and self.truer is not None:
             raise InputError(
@@ -424,7 +426,13 @@ class BldcComparison(Comparison):
         for n, one in enumerate(UNKNOWNS):
             faults[:, n] = candidates.get(one.name, one.healthy)
         sensor = {name: candidates[name] for name in SENSOR if name in candidates}
-        return Batch(faults, constants_by_candidate(self.fast, {n: x for n, x in candidates.items() if n not in self.unseen}, count), sensor)
+        return Batch(
+            faults,
+            constants_by_candidate(
+                self.fast, {n: x for n, x in candidates.items() if n not in self.unseen}, count
+            ),
+            sensor,
+        )
 
     def _late(self, batch: "Batch") -> np.ndarray | None:
         """By how many samples (B,) the command of a candidate came late; None if it did not."""

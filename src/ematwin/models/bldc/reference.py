@@ -43,9 +43,7 @@ def reference_answer(
     load = values.get("load_gain", 1.0) * load + values.get("load_offset", 0.0)
     faults = np.array([values.get(one.name, one.healthy) for one in UNKNOWNS])
     command = np.interp(grid.time, time, recording.command)
-    columns = simulated(
-        "reference", faults, command * ratio, load / ratio, start, actuator, grid
-    )
+    columns = simulated("reference", faults, command * ratio, load / ratio, start, actuator, grid)
     columns["bus_voltage"] = np.full(count, actuator.drive.supply_voltage)
     columns["output_position"] /= ratio
     columns["output_speed"] /= ratio
