@@ -23,6 +23,7 @@ from ematwin.models.pmsm.channels import (
 )
 from ematwin.models.pmsm.constants import constants_of
 from ematwin.models.pmsm.parameters import PmsmActuator
+from ematwin.models.pmsm.state import Constants
 from ematwin.numerics.low_pass import LowPass
 from ematwin.numerics.side_by_side import cores, side_by_side
 from ematwin.recordings.recording import Recording
@@ -32,6 +33,7 @@ LOWEST_CUTOFF = 200.0  # Hz, for recordings that are sampled slowly
 _RATE = 4.0  # times the cutoff: the least rate at which a low-pass acts as one
 _KEPT = 3.0  # times the cutoff: rate of the samples that are compared
 _TWIN_ERROR = 0.003  # of the RMS of a channel
+_REFERENCE_ERROR = 0.001  # the same of what corrects the twin
 _FEWEST = 100  # samples
 _AT_REST = 0.005  # s at the start whose means are the first state
 _SETTLED = 0.1  # s that a candidate holds its first position before the recording begins
@@ -124,7 +126,13 @@ class PmsmComparison(Comparison):
         rate = self.recording.sample_rate
         self._signals = dict(signals)
         self._filtered = {n: self.low_pass.apply(trace, rate) for n, trace in signals.items()}
-        passed = min(0.5, 2.0 * self.low_pass.cutoff / rate)
+        self._target = self._thinned(self._filtered)
+        self._weigh(_TWIN_ERROR)
+
+    def _weigh(self, model_error: float) -> None:
+        """Weigh channels by their noise and by what a model gets wrong, as a share of their RMS."""
+        signals = self._signals
+        passed = min(0.5, 2.0 * self.low_pass.cutoff / self.recording.sample_rate)
         self._weights = np.zeros(len(COMPARED))
         size: dict[str, float] = {}
         for name, trace in self._filtered.items():
@@ -132,11 +140,11 @@ class PmsmComparison(Comparison):
             size[group] = size.get(group, 0.0) + float(np.mean(trace**2))
         for name, trace in self._filtered.items():
             noise = float(np.mean((signals[name] - trace) ** 2)) * passed / (1.0 - passed)
-            error = noise + _TWIN_ERROR**2 * size[_TOGETHER.get(name, name)]
+            error = noise + model_error**2 * size[_TOGETHER.get(name, name)]
             self._weights[COMPARED.index(name)] = 1.0 / error if error > 0.0 else 0.0
-        self._target = self._thinned(self._filtered)
-        kept = self._target.shape[1] * len(signals)
-        self.scale = float(np.sum(self._weights[:, None] * self._target**2))
+        measured = self._thinned(self._filtered)
+        kept = measured.shape[1] * len(signals)
+        self.scale = float(np.sum(self._weights[:, None] * measured**2))
         self.independent = max(1.0, 2.0 * self.low_pass.cutoff * float(self._ticks[-1])) * len(
             signals
         )
@@ -161,10 +169,40 @@ class PmsmComparison(Comparison):
     def with_missed(self, missed: Mapping[str, np.ndarray]) -> "PmsmComparison":
         """The same comparison with what the twin misses, (S,) arrays, taken off the recording."""
         other = copy.copy(self)
-        other._target = self._target - self._thinned(
+        other._target = self._thinned(self._filtered) - self._thinned(
             {name: trace for name, trace in missed.items() if name in self._signals}
         )
+        other._weigh(_REFERENCE_ERROR)
         return other
+
+    def exact(self, values: Mapping[str, float]) -> dict[str, np.ndarray] | None:
+        """What the reference model answers with, low-passed, (S,) arrays by name.
+
+        None where a recording begins in motion: what its loops had integrated is not known.
+        """
+        if self.before == 0:
+            return None
+        from ematwin.models.pmsm.simulate import channels_of, reference_columns
+
+        actuator = self.actuator.with_arrays({n: x for n, x in values.items() if "." in n})
+        ratio, tick = actuator.transmission.ratio, actuator.controller.current_time
+        resolver = constants_of(actuator, {n: np.array([x]) for n, x in values.items()}, 1, tick)
+        offset = resolver[0, Constants._fields.index("resolver")] / actuator.motor.pole_pairs
+        substeps = max(1, math.ceil(tick / actuator.steps.reference - 1e-9))
+        columns = reference_columns(
+            actuator, values, self.command / ratio, self.load * ratio,
+            float(self.start[0] - offset) / ratio, tick / substeps, substeps, 1,
+            output=float(self.start[2]) / ratio,
+        )  # fmt: skip
+        found = channels_of({n: column[self.before :] for n, column in columns.items()}, actuator)
+        recorded, time = self.recording, self.recording.time - self.recording.time[0]
+        answer = recorded.changed(**{
+            name: np.interp(time, self._ticks, trace)
+            for name, trace in found.items()
+            if name in recorded.channels
+        })  # fmt: skip
+        signals = signals_of(answer, actuator)
+        return {n: self.low_pass.apply(x, recorded.sample_rate) for n, x in signals.items()}
 
     def averaged(self, others: Sequence[Comparison]) -> "PmsmComparison":
         """The mean of this recording and others over the same command."""

@@ -75,7 +75,7 @@ def simulate(
     held = whole_ticks(actuator, _SETTLED, every)
     command = np.concatenate([np.full(held, initial_position), asked])
     load = np.concatenate([np.full(held, carried[0]), carried])
-    run = _reference if fidelity == "reference" else _monitor
+    run = reference_columns if fidelity == "reference" else _monitor
     columns = run(
         actuator,
         values,
@@ -94,7 +94,7 @@ def simulate(
         )
     columns = {name: column[held // every :] for name, column in columns.items()}
     channels = {
-        "command": asked[::every], "load": carried[::every], **_channels(columns, actuator)
+        "command": asked[::every], "load": carried[::every], **channels_of(columns, actuator)
     }  # fmt: skip
     found = Recording(
         time[::every],
@@ -149,7 +149,7 @@ def reference_states(
     return c, state, control
 
 
-def _reference(
+def reference_columns(
     actuator: PmsmActuator,
     values: Mapping[str, float],
     command: np.ndarray,
@@ -158,12 +158,30 @@ def _reference(
     step: float,
     substeps: int,
     every: int,
-    progress: Progress | None,
+    progress: Progress | None = None,
+    output: float | None = None,
 ) -> dict[str, np.ndarray]:
+    """Columns of the reference model, as its drive reads and commands them.
+
+    Parameters
+    ----------
+    actuator, values : parameters and faults
+    command, load : (K,) arrays at the ticks of the current loops, rad and N m on the output
+    start : angle of the motor at rest, rad on the output
+    step, substeps : s, and how many make a tick
+    every : ticks from one sample to the next
+    progress : called with the share done
+    output : angle of the output, where it is not that of the motor
+
+    Returns
+    -------
+    dict of (ceil(K/every),) arrays; positions are on the motor shaft
+    """
     from ematwin.models.pmsm.batch import REFERENCE_COLUMNS, reference_trace
 
     ratio, ticks = actuator.transmission.ratio, ticks_of(actuator)
     c, state, control = reference_states(actuator, values, start * ratio, step)
+    state[8] = ratio * (start if output is None else output)
     # whole samples of all loops, so that a slice begins as the simulation does
     stride = math.lcm(*(int(n) for n in ticks), every) * max(1, _SLICE // math.lcm(*ticks, every))
     pieces = []
@@ -227,7 +245,7 @@ def _monitor(
     return found | dict(zip(TERMINALS, phases, strict=True))
 
 
-def _channels(columns: Mapping[str, np.ndarray], actuator: PmsmActuator) -> dict[str, np.ndarray]:
+def channels_of(columns: Mapping[str, np.ndarray], actuator: PmsmActuator) -> dict[str, np.ndarray]:
     """All channels, from d and q, the motor's speed, and positions on the motor shaft."""
     angle = actuator.motor.pole_pairs * columns["motor_position"]
     found: dict[str, np.ndarray] = {}
