@@ -59,7 +59,8 @@ class Law:
     slack : RMS of what actuators may leave besides, in the unit of ``left``
     most : RMS from which the law is broken though no channel explains it; infinite if it may be
         broken by what the recording does not show
-    play : what is left may range over so much while a channel that is sound stands still
+    play : what is left may range over so much while a channel that is sound stands still or
+        reverses; a delay that changes it by less is none
     """
 
     text: str
@@ -194,7 +195,8 @@ class _Trial:
         if least <= self._law.slack:
             return (), ""
         late, lag = self._latest()
-        if lag and self._left(self._early(lag), {}, late, lag) <= _EXPLAINS * least:
+        explains = lag and self._left(self._early(lag), {}, late, lag) <= _EXPLAINS * least
+        if explains and self._moved(late, lag) > self._law.play:
             return (late,), (
                 f"{late} is {1e3 * lag * self._recording.interval:.2g} ms late: {self._law.text}, "
                 "and do if it is taken so much earlier. Check that sensor, its filter and its "
@@ -242,6 +244,14 @@ class _Trial:
             kept = rest <= np.quantile(rest, 1.0 - _FALSE)
         rest = rest[kept]
         return float(np.sqrt(max(0.0, np.mean(rest**2) - self._noise**2)))
+
+    def _moved(self, late: str, lag: int) -> float:
+        """How far a delay changes what is left, peak to peak."""
+        early, channels = self._early(lag), self._law.channels
+        taken = {name: values[..., early] for name, values in channels.items()}
+        sooner = {**taken, late: channels[late][..., early + lag]}
+        one, other = (np.atleast_2d(self._law.left(each))[0] for each in (taken, sooner))
+        return float(np.ptp(one - other))
 
     def _follows(self, name: str) -> tuple[float, float] | None:
         """Gain of a channel on what the others make of it, and their correlation.

@@ -126,6 +126,13 @@ def test_an_output_that_stands_still_while_its_motor_crosses_the_gap_is_sound():
     assert found(recording, BRUSHLESS) == {}
 
 
+def test_a_delay_that_a_gap_may_pass_for_is_none():
+    recording = pmsm()
+    output = recording.channels["output_position"]
+    slightly = recording.changed(output_position=np.r_[output[0], output[:-1]])
+    assert found(slightly) == {}
+
+
 @pytest.mark.parametrize("name", ["position", "voltage"])
 def test_the_controller_of_a_linear_axis_tells_what_is_late(name):
     recording = axis()
@@ -136,9 +143,11 @@ def test_the_controller_of_a_linear_axis_tells_what_is_late(name):
     assert said.startswith(f"{name} is 2 ms late")
 
 
-def test_the_gain_of_its_position_loop_is_a_fault_and_no_contradiction():
-    weaker = AXIS.changed({"controller.position_gain": 0.8 * AXIS.controller.position_gain})
-    assert found(axis(weaker), AXIS) == {}
+@pytest.mark.parametrize("gain", ["position_gain", "velocity_gain"])
+@pytest.mark.parametrize("times", [0.8, 0.98, 1.1])
+def test_gains_of_its_loops_are_no_contradiction(gain, times):
+    other = AXIS.changed({f"controller.{gain}": times * getattr(AXIS.controller, gain)})
+    assert found(axis(other), AXIS) == {}
 
 
 def screw(current):

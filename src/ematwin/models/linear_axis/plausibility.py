@@ -83,7 +83,8 @@ def controller_voltage(recording: Recording, actuator: LinearAxis) -> np.ndarray
 def controller_law(recording: Recording, actuator: LinearAxis) -> Law:
     """The voltage is what the controller gives for the recorded positions, within its limit.
 
-    The gain of the position loop is a fault, and may be any.
+    The gain of the position loop is a fault and that of the speed loop may be misstated: both may
+    be any, which leaves a delay to be told by how it differs from them.
     """
     channels, control = recording.channels, actuator.controller
     position, voltage = channels["position"], channels["voltage"]
@@ -95,8 +96,9 @@ def controller_law(recording: Recording, actuator: LinearAxis) -> Law:
         (at, moves), put = taken["position"], taken["voltage"]
         inside = np.abs(put) < limit
         demand = control.velocity_gain * control.position_gain * (taken["reference"] - at)
-        added = put - taken.get("pulses", 0.0) + control.velocity_gain * moves
-        return np.where(inside, np.stack([added, demand]), 0.0)
+        slowed = control.velocity_gain * moves
+        added = put - taken.get("pulses", 0.0) + slowed
+        return np.where(inside, np.stack([added, demand, slowed]), 0.0)
 
     sources = {"reference": channels["reference"], "voltage": voltage,
                "position": np.stack([position, speed])}  # fmt: skip
