@@ -20,6 +20,7 @@ from ematwin.estimation.rivals import hints, objections, qualified, rivals_of
 from ematwin.estimation.search import Progress, Search, find, named
 from ematwin.estimation.verdict import Verdict
 from ematwin.models.base import Model
+from ematwin.models.channels_agree import checked
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.reading import read
 from ematwin.models.registry import load_actuator, model_of
@@ -337,7 +338,8 @@ def identify(
         method = way_of(uncertainty)
     recording = record if isinstance(record, Recording) else read(record, columns, actuator=chosen)
     recording = _loaded(model, recording, load)
-    warnings = [*recording.provenance.get("warnings", []), *model.check(recording, chosen)]
+    doubts, barred = checked(model, recording, chosen)
+    warnings = [*recording.provenance.get("warnings", []), *doubts]
     recording = model.averaged(recording)
     del record  # who gives it away frees what was sampled faster
 
@@ -389,6 +391,7 @@ def identify(
     warnings += doubts_of(estimate, found, problem, assessed.sharp_errors)
     warnings += remarks_on(model, chosen, assessed)
     obstacles = [
+        *barred,
         *model.excitation(recording, chosen),
         *obstacles_to(model.load, recording, problem, found, estimate.misfit, assessed, baseline),
         *where.obstacles,

@@ -25,10 +25,10 @@ from ematwin.estimation.uncertainty import (
     strained,
     tells_nothing,
 )
-from ematwin.estimation.verdict import listed
 from ematwin.estimation.walk import NEAR, Walk, crossing, shape_of, smoothed, value_at
 from ematwin.models.chart import Chart
 from ematwin.models.unknown import Unknown
+from ematwin.showing.words import listed
 
 _FAR_ENOUGH = 9.0  # rise at which a walk ends
 _STRIDE = 0.9  # of the root of the rise

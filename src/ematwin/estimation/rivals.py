@@ -21,11 +21,12 @@ from ematwin.estimation.laplace import Laplace, standard_errors, step_lengths
 from ematwin.estimation.levenberg_marquardt import NOTHING
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.significance import is_present
-from ematwin.estimation.verdict import EXPLAINED, HOPELESS, Verdict, listed
+from ematwin.estimation.verdict import EXPLAINED, HOPELESS, Verdict
 from ematwin.models.base import Model, OtherForm
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
 from ematwin.numerics.side_by_side import side_by_side
+from ematwin.showing.words import listed
 
 _NEARLY = 9.0  # squared standard deviations that do not decide between two answers
 _SETTLED = 1.3  # times the misfit of the first answer: the start lies in its valley already

@@ -19,10 +19,10 @@ from ematwin.estimation.presence import Weights, is_absent, weights
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.significance import ANYTHING, SMALLEST
 from ematwin.estimation.thresholds import Threshold
-from ematwin.estimation.verdict import listed
 from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
+from ematwin.showing.words import listed
 
 Report = Callable[[int, int], None]
 """Called with simulations and how many there may be; may raise to end the work."""

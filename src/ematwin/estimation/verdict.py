@@ -15,6 +15,7 @@ from typing import Any, Literal
 from ematwin.estimation.estimate import Estimate
 from ematwin.estimation.significance import SMALLEST, is_present, present
 from ematwin.showing import markup
+from ematwin.showing.words import listed
 
 Grade = Literal["healthy", "changed", "fault", "none"]
 
@@ -152,8 +153,3 @@ def judged(
     return Verdict(
         "healthy", (), "", f"Healthy: no fault larger than {100 * SMALLEST:g} % of its range shows."
     )
-
-
-def listed(names: Sequence[str]) -> str:
-    """ "a, b and c"."""
-    return ", ".join(names[:-1]) + (" and " if len(names) > 1 else "") + names[-1]

@@ -13,7 +13,7 @@ making of one.
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
@@ -21,6 +21,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from ematwin.errors import InputError, RecordError
+from ematwin.models.channels_agree import Law as Law  # authors have it from here
 from ematwin.models.comparison import Candidates as Candidates  # authors have it from here
 from ematwin.models.comparison import Comparison, TraceComparison
 from ematwin.models.parameter_set import ParameterSet, not_searchable
@@ -400,6 +401,13 @@ class Model(ABC):
     def excitation(self, recording: Recording, actuator: Any) -> list[str]:
         """Sentences on why a recording moves too little to tell faults; each forbids a verdict."""
         return []
+
+    def laws(self, recording: Recording, actuator: Any) -> Sequence[Law]:
+        """What the channels of a recording satisfy whatever the faults; one that does not is named.
+
+        `ematwin.models.channels_agree` tests them; a channel that breaks one bars any verdict.
+        """
+        return ()
 
     def starts(self, actuator: Any, recording: Recording) -> list[dict[str, float]]:
         """Values from which a local search may start; what is not named starts healthy."""

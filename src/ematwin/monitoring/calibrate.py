@@ -20,6 +20,7 @@ from ematwin.estimation.local import LocalDescent
 from ematwin.estimation.nominal import NominalParameter
 from ematwin.files import written_whole
 from ematwin.models.base import Model
+from ematwin.models.channels_agree import checked
 from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.registry import load_actuator, model_of
@@ -217,7 +218,9 @@ def _calibrated(
     model = model_of(chosen)
     healthy = recordings_of(recordings, chosen)
     for one in healthy:
-        model.check(one, chosen)
+        _, barred = checked(model, one, chosen)
+        if barred:
+            raise RecordError(f"{one.name} is nothing to learn from: {' '.join(barred)}")
     runs = list(dict.fromkeys(one.run for one in healthy))
     wanted = held_back is not None or bool(known)
     obstacle = _no_population(model, healthy, runs)

@@ -490,6 +490,9 @@ class _Judge:
 
     def _doubt(self, members: np.ndarray) -> str:
         """Why there can be no verdict; "" if there can."""
+        barred = dict.fromkeys(text for n in members for text in self._measured.barred[n])
+        if barred:
+            return " ".join(barred)
         if self._is_strange(members):
             return (
                 "So unlike the healthy recordings that another rig or a wrong unit is more likely "

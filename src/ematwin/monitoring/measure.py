@@ -17,6 +17,7 @@ from ematwin.estimation.nominal import searched
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found, Search, named
 from ematwin.models.base import Model
+from ematwin.models.channels_agree import checked
 from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.monitoring.features import Layout
@@ -39,12 +40,14 @@ class Measured:
     features : (N, F) array
     covariate : (N,) array, SI; zeros for a kind that has none
     groups : (N,) array, number of the run (and condition) of each recording
+    barred : of each recording, sentences on channels that forbid a verdict
     """
 
     estimates: tuple[Estimate, ...]
     features: np.ndarray
     covariate: np.ndarray
     groups: np.ndarray
+    barred: tuple[tuple[str, ...], ...]
 
 
 @dataclass(frozen=True)
@@ -81,6 +84,7 @@ class Bench:
     layout : phases and features
     comparisons : one for each recording
     warnings : sentences on what is doubtful, for each recording
+    barred : sentences on channels that forbid a verdict, for each recording
     groups : (N,) array, number of the run (and condition) of each recording
     """
 
@@ -95,7 +99,9 @@ class Bench:
         channels: Sequence[str] | None = None,
     ) -> None:
         self.model, self.actuator, self.recordings = model, actuator, tuple(recordings)
-        self.warnings = [check_alike(model, actuator, one, command, interval) for one in recordings]
+        found = [check_alike(model, actuator, one, command, interval) for one in recordings]
+        self.warnings = [doubts for doubts, _ in found]
+        self.barred = [tuple(barred) for _, barred in found]
         self.comparisons: list[Comparison] = [
             model.monitored(one, actuator, settling_time) for one in recordings
         ]
@@ -197,7 +203,10 @@ class Bench:
             values = problem.values(found.point)
             residuals = {name: rows[n] for name, rows in fit.residuals.items()}
             features.append(self.layout.values(values, residuals))
-        return Measured(tuple(estimates), np.stack(features), fit.covariate, self.groups)
+        return Measured(
+            tuple(estimates), np.stack(features), fit.covariate, self.groups,
+            tuple(self.barred),
+        )  # fmt: skip
 
 
 def layout_of(
@@ -240,8 +249,14 @@ def check_alike(
     recording: Recording,
     command: np.ndarray,
     interval: float,
-) -> list[str]:
-    """What is doubtful about a recording; `RecordError` unless it follows a command at a rate."""
+) -> tuple[list[str], list[str]]:
+    """What is doubtful about a recording, and what forbids a verdict (`checked`).
+
+    Raises
+    ------
+    RecordError
+        Unless it follows a command at a rate.
+    """
     model.check_channels(recording)
     channel = model.channel(model.command)
     travel = float(np.ptp(command))
@@ -268,7 +283,7 @@ def check_alike(
             f"{channel.unit} of {travel:.4g} {channel.unit} of travel. Leave it out, calibrate for "
             "it, or correct its unit."
         )
-    return model.check(recording, actuator)
+    return checked(model, recording, actuator)
 
 
 def statistics_of(estimates: Sequence[Estimate]) -> Mapping[str, np.ndarray]:

@@ -38,6 +38,7 @@ class Channel:
     is_mean : a sample is the mean over the interval that ends at its time, as an integrating
         converter gives it; else the value at that time
     derived : how it follows from others; None if it has to be recorded
+    may_rest : one value throughout is no sign of a dead sensor: a current that is held at zero
     stands_in_for : the channel that this one is only there to derive: files may have it instead,
         and recordings read from them hold the other
     """
@@ -50,6 +51,7 @@ class Channel:
     is_mean: bool = False
     derived: Derivation | None = None
     stands_in_for: str | None = None
+    may_rest: bool = False
 
     def __post_init__(self) -> None:
         NAMED.add(self.name)

@@ -254,7 +254,7 @@ WRONG = {
     ),
     "inches": (GOOD.changed(set_point=SET_POINT / 0.0254), "correct its unit"),
     "negative current": (GOOD.changed(current=-GOOD.current), "change its sign"),
-    "dead current": (GOOD.changed(current=np.full(250, 3.0)), "the channel is dead"),
+    "dead current": (GOOD.changed(current=np.full(250, 3.0)), "current stands still at 3 A"),
     "no current": (GOOD.changed(current=None), "has no current"),
     "turned error": (GOOD.changed(position_error=-GOOD.position_error), "has the wrong sign"),
     "error in mm": (
@@ -268,7 +268,7 @@ WRONG = {
 
 @pytest.mark.parametrize(("wrong", "said"), WRONG.values(), ids=WRONG)
 def test_a_motion_of_another_kind_is_refused_by_its_name(wrong, said):
-    assert check_alike(MODEL, rig(), GOOD, SET_POINT, INTERVAL) == []
+    assert check_alike(MODEL, rig(), GOOD, SET_POINT, INTERVAL) == ([], [])
     text = refusal(wrong)
     assert "simulated run 7" in text
     assert said in text
@@ -285,4 +285,4 @@ def test_faults_are_not_taken_for_wrong_units_or_signs():
         motion(load=-1500.0), motion(roughness=0.5),
     ]  # fmt: skip
     for one in motions:
-        assert check_alike(MODEL, rig(), one, SET_POINT, INTERVAL) == []
+        assert check_alike(MODEL, rig(), one, SET_POINT, INTERVAL) == ([], [])

@@ -411,3 +411,24 @@ def test_the_twin_of_the_rig_itself_is_healthy(calibration):
     (verdict,) = detect([motion(load=100.0, backlash=rig().screw.backlash)], calibration).motions
     assert not verdict.alarm
     assert value(verdict, "friction") == pytest.approx(1.0, abs=0.03)
+
+
+# Sensors
+
+
+def test_a_channel_that_stands_still_is_named_in_place_of_a_fault(calibration):
+    one = motion(901)
+    held = one.channels["position_error"].copy()
+    held[len(held) // 2 :] = held[len(held) // 2]
+    (verdict,) = detect([one.changed(position_error=held)], calibration).runs
+    assert verdict.grade == "none"
+    assert verdict.faults == ()
+    assert verdict.reason.startswith("position_error stands still at")
+
+
+def test_healthy_recordings_with_a_channel_that_stands_still_are_not_learnt():
+    runs = healthy_runs(3)
+    held = runs[0].channels["current"].copy()
+    held[len(held) // 2 :] = held[len(held) // 2]
+    with pytest.raises(RecordError, match="nothing to learn from: current stands still at"):
+        ematwin.calibrate([runs[0].changed(current=held), *runs[1:]])

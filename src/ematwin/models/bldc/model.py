@@ -5,7 +5,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ematwin.models.base import Demand, Model, OtherForm, Progress, Reported, Signal, Values
+from ematwin.models.base import Demand, Law, Model, OtherForm, Progress, Reported, Signal, Values
 from ematwin.models.bldc.channels import CHANNELS, CURRENTS, ON_REQUEST, PHASES
 from ematwin.models.bldc.faults import (
     PAPER_CASES,
@@ -17,7 +17,12 @@ from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.unknowns import CONTRASTS, FAULTS, FIXED, UNKNOWNS, aliases, nuisances
 from ematwin.models.comparison import Candidates
 from ematwin.models.scenario import Chirp, Component, Ramp, Scenario, Step
-from ematwin.models.servo import reported_magnitudes, tracking_signals
+from ematwin.models.servo import (
+    current_laws,
+    motion_laws,
+    reported_magnitudes,
+    tracking_signals,
+)
 from ematwin.models.unknown import Alias, Contrast, PhysicalValue, Unknown
 from ematwin.recordings.channel import Channel
 from ematwin.recordings.noise import Noise
@@ -92,6 +97,10 @@ class BldcModel(Model):
         from ematwin.models.bldc.truer.rivals import other_forms
 
         return other_forms(actuator, found)
+
+    def laws(self, recording: Recording, actuator: Any) -> list[Law]:
+        """Phases of a star, sides of the gear, and speeds beside positions."""
+        return [*current_laws(recording), *motion_laws(self, recording, actuator)]
 
     def excitation(self, recording: Recording, actuator: Any) -> list[str]:
         """Whether every phase conducts, and the gap is crossed."""

@@ -18,5 +18,5 @@ CHANNELS = (
     Channel("position_error", "m", "reference less position", ("following_error", "error"),
             derived=Derivation("reference - position", ("reference", "position"), _error)),
     Channel("pulses", "V", "voltage that is added to the controller's output",
-            ("pulses_n", "disturbance", "added_voltage")),
+            ("pulses_n", "disturbance", "added_voltage"), may_rest=True),
 )  # fmt: skip

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ematwin.errors import DivergedError, InputError
-from ematwin.models.base import Demand, Model, Progress, Signal, Values, simulated_provenance
+from ematwin.models.base import Demand, Law, Model, Progress, Signal, Values, simulated_provenance
 from ematwin.models.comparison import Candidates
 from ematwin.models.linear_axis.channels import CHANNELS
 from ematwin.models.linear_axis.constants import FIXED
@@ -104,6 +104,12 @@ class LinearAxisModel(Model):
 
         self.check_channels(recording)
         return check_signals(recording, actuator)
+
+    def laws(self, recording: Recording, actuator: Any) -> list[Law]:
+        """The controller gives the voltage that its inputs ask for."""
+        from ematwin.models.linear_axis.plausibility import controller_law
+
+        return [controller_law(recording, actuator)]
 
     def excitation(self, recording: Recording, actuator: Any) -> list[str]:
         """It has to move both ways."""

@@ -1,8 +1,11 @@
 """What a recording of a linear axis cannot be: a wrong unit, sign, or another controller."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from ematwin.errors import RecordError
+from ematwin.models.base import Law
 from ematwin.models.linear_axis.parameters import LinearAxis
 from ematwin.models.linear_axis.twin import check_interval
 from ematwin.recordings.recording import Recording
@@ -11,6 +14,8 @@ _LONGEST = 100.0  # m: no axis travels further; a larger span is a wrong unit
 _FEWEST = 100  # samples
 _OTHER = 0.05  # relative, of the voltage that the controller would have given
 _MOVES = 1e-3  # of the travel
+_AGREES = 0.005  # of the voltage, RMS: twice what a real axis leaves (docs/real-recordings.md)
+_INSIDE = 0.99  # of its limit the voltage is not limited
 
 
 def check_signals(recording: Recording, actuator: LinearAxis) -> list[str]:
@@ -73,6 +78,34 @@ def controller_voltage(recording: Recording, actuator: LinearAxis) -> np.ndarray
     if "pulses" in channels:
         output = output + channels["pulses"][2:]
     return np.clip(output, -actuator.drive.voltage_limit, actuator.drive.voltage_limit)
+
+
+def controller_law(recording: Recording, actuator: LinearAxis) -> Law:
+    """The voltage is what the controller gives for the recorded positions, within its limit.
+
+    The gain of the position loop is a fault and that of the speed loop may be misstated: both may
+    be any, which leaves a delay to be told by how it differs from them.
+    """
+    channels, control = recording.channels, actuator.controller
+    position, voltage = channels["position"], channels["voltage"]
+    slopes = (position[2:] - position[:-2]) / (2.0 * control.sample_time)
+    speed = np.r_[slopes[:1], slopes[:1], slopes]
+    limit = _INSIDE * actuator.drive.voltage_limit
+
+    def left(taken: Mapping[str, np.ndarray]) -> np.ndarray:
+        (at, moves), put = taken["position"], taken["voltage"]
+        inside = np.abs(put) < limit
+        demand = control.velocity_gain * control.position_gain * (taken["reference"] - at)
+        slowed = control.velocity_gain * moves
+        added = put - taken.get("pulses", 0.0) + slowed
+        return np.where(inside, np.stack([added, demand, slowed]), 0.0)
+
+    sources = {"reference": channels["reference"], "voltage": voltage,
+               "position": np.stack([position, speed])}  # fmt: skip
+    if "pulses" in channels:
+        sources["pulses"] = channels["pulses"]
+    text = "the controller does not give the recorded voltage for the recorded positions"
+    return Law(text, sources, left, _AGREES * float(np.sqrt(np.mean(voltage**2))))
 
 
 def _check_controller(recording: Recording, actuator: LinearAxis) -> list[str]:

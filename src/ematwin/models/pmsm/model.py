@@ -5,7 +5,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ematwin.models.base import Demand, Model, Progress, Reported, Signal, Values
+from ematwin.models.base import Demand, Law, Model, Progress, Reported, Signal, Values
 from ematwin.models.comparison import Candidates
 from ematwin.models.pmsm.channels import (
     CHANNELS,
@@ -83,6 +83,12 @@ class PmsmModel(Model):
     def contrasts(self, actuator: Any) -> tuple[Contrast, ...]:
         """What heat may do as well."""
         return CONTRASTS
+
+    def laws(self, recording: Recording, actuator: Any) -> list[Law]:
+        """Phases of a star, the drive's control of the current, sides of the gear, speed."""
+        from ematwin.models.pmsm.laws import laws
+
+        return laws(self, recording, actuator)
 
     def excitation(self, recording: Recording, actuator: Any) -> list[str]:
         """Whether the motor turns, and the gap is crossed."""

@@ -4,6 +4,8 @@ What makes a recording useless is an error with the likely cause; what makes it 
 sentence. The bounds are wide: a faulty actuator must pass, a wrong unit must not.
 """
 
+from itertools import permutations
+
 import numpy as np
 
 from ematwin.errors import RecordError
@@ -13,6 +15,7 @@ from ematwin.models.pmsm.channels import (
     ROTATING_VOLTAGES,
     TERMINALS,
     VOLTAGES,
+    to_rotor,
 )
 from ematwin.models.pmsm.comparison import MOVING
 from ematwin.models.pmsm.parameters import PmsmActuator
@@ -24,6 +27,10 @@ _OVERSPEED = 3.0  # times the speed limit
 _BEYOND = 1.02  # times the travel
 _ALIKE = 0.1  # of its swing: how far the output may be from where the motor puts it
 _SUM = 0.1  # of the RMS of the phases
+_SWAPPED, _ORDERED = (
+    0.5,
+    0.2,
+)  # of the current, RMS: along the magnets in another order, and in the right one
 _GAPS = 5.0  # times the healthy gap that a motion should cross
 _DEGREES = 180.0 / np.pi
 
@@ -61,6 +68,7 @@ def check_plausible(recording: Recording, actuator: PmsmActuator) -> list[str]:
     _check_sizes(recording, actuator)
     _check_travel(recording, actuator)
     _check_sides(recording, actuator)
+    _check_order(recording, actuator)
     doubts = _check_voltages(recording)
     doubts += _check_sums(recording)
     doubts += _check_start(recording, actuator)
@@ -134,6 +142,27 @@ def _check_sides(recording: Recording, actuator: PmsmActuator) -> None:
         f"motor_position moves {times:.3g} times as far as output_position does through the gear "
         f"of {actuator.transmission.ratio:g}: {cause}. Correct it in the map."
     )
+
+
+def _check_order(recording: Recording, actuator: PmsmActuator) -> None:
+    """Raise if phases are swapped: the drive holds the current along the magnets at zero."""
+    if not {*PHASES, "motor_position"} <= recording.channels.keys():
+        return
+    angle = actuator.motor.pole_pairs * recording.channels["motor_position"]
+    phases = [recording.channels[name] for name in PHASES]
+    along = {}
+    for order in permutations(range(3)):
+        d, q = to_rotor(phases[order[0]], phases[order[1]], phases[order[2]], angle)
+        along[order] = float(np.sqrt(np.mean(d**2) / max(np.mean(d**2 + q**2), 1e-30)))
+    given, best = along[0, 1, 2], min(along, key=along.__getitem__)
+    if given > _SWAPPED and along[best] < _ORDERED:
+        # phase_order names the phases that the given channels carry: the inverse of `best`
+        carried = "".join("abc"[best.index(n)] for n in range(3))
+        raise RecordError(
+            "The phases are swapped: the drive holds the current along the magnets at zero, and "
+            f"{100.0 * given:.0f} % of the current as recorded lies there, and "
+            f'{100.0 * along[best]:.0f} % with phase_order = "{carried}". Give that in the map.'
+        )
 
 
 def _check_voltages(recording: Recording) -> list[str]:

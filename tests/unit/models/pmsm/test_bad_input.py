@@ -172,3 +172,11 @@ def test_a_simulation_that_cannot_be_is_refused():
     far = Scenario(duration=1.0, command=[{"type": "step", "value": 2.0}])
     with pytest.raises(ParameterError, match="beyond the end stops"):
         simulate(None, far, None, ACTUATOR)
+
+
+def test_swapped_phases_are_told_by_the_current_that_the_drive_holds_at_zero(recording):
+    swapped = {
+        "current_a": recording.channels["current_b"], "current_b": recording.channels["current_a"],
+    }  # fmt: skip
+    with pytest.raises(RecordError, match=r'The phases are swapped.*phase_order = "bac"'):
+        MODEL.check(recording.changed(**swapped), ACTUATOR)

@@ -161,3 +161,11 @@ def test_voltages_at_the_terminals_lack_what_the_legs_take():
     lost = drive.supply_voltage * drive.dead_time / tick + drive.device_drop
     gap = np.hypot(*(commanded[f"voltage_{x}"] - at_terminals[f"voltage_{x}"] for x in "dq"))
     assert 0.5 * lost < np.median(gap) < 1.5 * lost
+
+
+def test_no_fault_is_named_from_a_dead_current_sensor(healthy):
+    recording = without(healthy, "current_d", "current_q")
+    dead = recording.changed(current_a=np.zeros(len(recording)))
+    verdict = ematwin.identify(dead, ACTUATOR, exact=True).verdict
+    assert (verdict.grade, verdict.faults) == ("none", ())
+    assert verdict.reason.startswith("current_a stands still at 0 A while")
