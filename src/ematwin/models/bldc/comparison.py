@@ -44,7 +44,6 @@ SMOOTH_CUTOFF = 100.0  # Hz: misfits of currents low-passed there are smooth ove
 _TWIN_ERROR = 0.003  # relative misfit of the twin to healthy records of the reference model
 _REFERENCE_ERROR = 0.002  # of the reference model to simulators of other make: 0.0 to 0.18 %
 _SHORTEST = 100  # samples: fewer cannot tell eight parameters apart
-UNSEEN = ("emf", "cogging", "speed_loop", "current_loop", "compliance")
 KEPT = 5_000  # samples of a response: more are thinned, as far as the low-pass allows
 _KEPT_SMOOTH = 1_000  # the same of smoothed currents
 _OVERSAMPLING = 8.0  # rate of kept samples over the cutoff, at least
@@ -134,7 +133,7 @@ class BldcComparison(Comparison):
                 "Check the channel, or record a motion."
             )
         self._white_noise = white_noise(self.current)
-        self._stepped(actuator.model_copy(update=dict.fromkeys(UNSEEN)).step_of("monitor"))
+        self._stepped(actuator.step_of("monitor"))
         ratio = actuator.transmission.ratio
         load = recording.load
         self.command = recording.command * ratio
@@ -142,11 +141,7 @@ class BldcComparison(Comparison):
         self.state = initial_state(
             recording, actuator, None if self.rectify else float(self.current[0])
         )
-        self.fast = actuator.model_copy(update=dict.fromkeys(UNSEEN))
-        self.unseen = frozenset(
-            row[0] for row in actuator.parameters() if row[0].partition(".")[0] in UNSEEN
-        )
-        self.constants, self.truer = kernel_constants(self.fast), truer_constants(self.fast)
+        self.constants, self.truer = kernel_constants(actuator), truer_constants(actuator)
         if backend == "cuda" and self.truer is not None:
             raise InputError(
                 f"A GPU knows only the paper's forms, but {actuator.name} has others "
@@ -176,7 +171,7 @@ class BldcComparison(Comparison):
 
         _, w_m, theta_m, w_o, theta_o, _, _ = self.state
         answer = reference_answer(
-            self.recording, self.actuator, values, (w_m, theta_m, w_o, theta_o)
+            self.recording, getattr(self, "reference_actuator", self.actuator), values, (w_m, theta_m, w_o, theta_o)
         )
         signed = None if self.rectify else signed_current(answer, self.actuator.motor.pole_pairs)
         current = current_envelope(answer) if signed is None else signed
@@ -232,8 +227,8 @@ class BldcComparison(Comparison):
 
     def _coarse(self, low_pass: LowPass, kept: int) -> "BldcComparison":
         """With one sample, of currents and power the mean, for so many as a long step takes."""
-        longest = _COARSE * self.fast.step_of("monitor")
-        longest = min(longest, self.fast.largest_stable_step("monitor"))
+        longest = _COARSE * self.actuator.step_of("monitor")
+        longest = min(longest, self.actuator.largest_stable_step("monitor"))
         recording, rate = self.recording, self.recording.sample_rate
         stride = int(min(longest * rate + 1e-9, rate / (_OVERSAMPLING * low_pass.cutoff)))
         stride = max(1, stride)
@@ -277,7 +272,7 @@ class BldcComparison(Comparison):
         trace = monitor_trace(
             k, self.command, self.load, self.state.copy(), self.constants, self.step, self.substeps,
             1, self.truer, None if self.truer is None else np.array(REST),
-            *kernel_cases(self.fast),
+            *kernel_cases(self.actuator),
         )  # fmt: skip
         pole_pairs = self.actuator.motor.pole_pairs
         behind = turned(currents[1:], pole_pairs * trace[:, 1], trace[:, 0])
@@ -426,13 +421,7 @@ class BldcComparison(Comparison):
         for n, one in enumerate(UNKNOWNS):
             faults[:, n] = candidates.get(one.name, one.healthy)
         sensor = {name: candidates[name] for name in SENSOR if name in candidates}
-        return Batch(
-            faults,
-            constants_by_candidate(
-                self.fast, {n: x for n, x in candidates.items() if n not in self.unseen}, count
-            ),
-            sensor,
-        )
+        return Batch(faults, constants_by_candidate(self.actuator, candidates, count), sensor)
 
     def _late(self, batch: "Batch") -> np.ndarray | None:
         """By how many samples (B,) the command of a candidate came late; None if it did not."""
@@ -482,7 +471,7 @@ class BldcComparison(Comparison):
         response = np.empty((*costs.shape, kept))
         power = stretches.power if kept else None
         watts = np.empty((*costs.shape, 0 if power is None else kept))
-        more, cases = self._more(stretches), kernel_cases(self.fast)
+        more, cases = self._more(stretches), kernel_cases(self.actuator)
         constants, step = Constants._make(map(real, self.constants)), real(self.step)
 
         def work_on(task: tuple[slice, slice]) -> None:
