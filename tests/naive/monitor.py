@@ -86,7 +86,7 @@ def equivalent_phase(theta_m, moved, faults, actuator):
         resistance += share * sum(h[k] * actuator.motor.resistance / 2 for k in pair)
         mobility += share / sum(motor.inductance(h[k], actuator) for k in pair)
         # on the flats of the pair, wherever the rotor stands
-        turning = [motor.gap_factor(theta_m, k, faults) for k in pair]
+        turning = [motor.gap_factor(theta_m, k, faults, actuator) for k in pair]
         flats = [h[k] * actuator.motor.emf_constant / 2 for k in pair]
         kappa += share * sum(flat * factor for flat, factor in zip(flats, turning, strict=True))
     return resistance, 1 / mobility, kappa

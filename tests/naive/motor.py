@@ -45,10 +45,12 @@ def inductance(h, actuator):
     return share * whole + (1 - share) * whole * h**2
 
 
-def gap_factor(theta_m, phase, faults):
-    """The air gap that a phase sees with the rotor off centre."""
-    phi = 2 * math.pi * (faults.eccentricity_phase - 0.5)
-    return 1 + faults.eccentricity * math.cos(theta_m + phi - 2 * math.pi * phase / 3)
+def gap_factor(theta_m, phase, faults, actuator):
+    """The air gap that a phase sees: part of the offset turns with the rotor, the rest does not."""
+    turning = 1.0 if actuator.eccentricity is None else actuator.eccentricity.turning_share
+    angle = 2 * math.pi * (faults.eccentricity_phase - 0.5) - 2 * math.pi * phase / 3
+    wave = turning * math.cos(theta_m + angle) + (1 - turning) * math.cos(angle)
+    return 1 + faults.eccentricity * wave
 
 
 def kappa(theta_m, faults, actuator):
@@ -56,7 +58,10 @@ def kappa(theta_m, faults, actuator):
     k_e = actuator.motor.emf_constant / 2
     theta_e = actuator.motor.pole_pairs * theta_m
     return [
-        h * k_e * trapezoid(theta_e - 2 * math.pi * k / 3) * gap_factor(theta_m, k, faults)
+        h
+        * k_e
+        * trapezoid(theta_e - 2 * math.pi * k / 3)
+        * gap_factor(theta_m, k, faults, actuator)
         for k, h in enumerate(turns_left(faults))
     ]
 

@@ -17,9 +17,9 @@ import pytest
 from ematwin.models.bldc.constants import kernel_constants, truer_constants
 from ematwin.models.bldc.faults import Faults
 from ematwin.models.bldc.inverter import gate_signals, hysteresis, pair_current
-from ematwin.models.bldc.motor import hall_sector
+from ematwin.models.bldc.motor import emf_constants, hall_sector
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.models.bldc.reference_step import advance_bridge, emf_constants, phase_constants
+from ematwin.models.bldc.reference_step import advance_bridge, phase_constants
 from ematwin.models.bldc.state import fault_state
 from ematwin.models.bldc.truer.emf import truer_emf_constants
 from ematwin.models.bldc.truer.reference_step import advance_shorted_bridge
@@ -85,7 +85,7 @@ def run_shorted_bridge(k, speed, c, truer, dt, steps):
         g_a, g_b, g_c = gate_signals(sector, sign)
         after, _, _, _, _ = advance_shorted_bridge(
             i_a, i_b, i_c, f_a, f_b, f_c, kappa_a * speed, kappa_b * speed, kappa_c * speed,
-            g_a, g_b, g_c, turns, c, truer, dt,
+            g_a, g_b, g_c, turns, c, dt,
         )  # fmt: skip
         i_a, i_b, i_c, f_a, f_b, f_c = after
         gates[n] = g_a, g_b, g_c

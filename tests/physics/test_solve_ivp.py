@@ -138,7 +138,7 @@ def test_current_rises_to_its_reference_as_the_supply_allows(speed):
     slope = (ACTUATOR.drive.supply_voltage - motor.emf_constant * speed) / motor.inductance
     start = np.array([-0.5 * dt * slope, speed, 0.0, speed, 0.0, 0.0, -0.5 * dt * slope])
     trace = batch.monitor_trace(
-        HEALTHY.vector, command, np.zeros_like(command), start, c, dt, 1, 1, None, None, None, None
+        HEALTHY.vector, command, np.zeros_like(command), start, c, dt, 1, 1, None
     )
 
     def reached(t, i):
@@ -203,7 +203,7 @@ def test_healthy_monitor_model_is_that_of_an_integrator_with_events():
         steps = np.linspace(0.0, times[-1], substeps * (times.size - 1) + 1)
         trace = batch.monitor_trace(
             HEALTHY.vector, np.interp(steps, grid, command) * gear.ratio, np.zeros_like(steps),
-            np.zeros(7), C, dt, 1, substeps, None, None, None, None,
+            np.zeros(7), C, dt, 1, substeps, None,
         )  # fmt: skip
         errors.append(
             [

@@ -112,7 +112,7 @@ def lanes_against_scalar(repeats: int) -> Figure:
         for vector in k[:16]:
             batch.monitor_trace(
                 vector, command * ratio, load / ratio, np.zeros(6), constants, comparison.step, 1,
-                comparison.substeps, None, None, None, None,
+                comparison.substeps, None,
             )  # fmt: skip
 
     ratios = []

@@ -32,7 +32,7 @@ from ematwin.numerics.machine_code import MachineCode, add_symbols
 from ematwin.numerics.notice import compiling
 
 # LLVM gives up the vectors of a loop that would have to check more pairs of arrays for overlap. The
-# lanes of the truer forms with power have more of them, and were 8 times slower without vectors.
+# lanes of loops of shorted turns with power have more, and were 8 times slower without vectors.
 _OVERLAPS, _USUAL_OVERLAPS, _MOST_OVERLAPS = "vectorize-memory-check-threshold", 128, 4096
 
 # Nor does it take vectors for a loop of fewer than 16 passes that has to be checked so.

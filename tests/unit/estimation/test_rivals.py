@@ -46,8 +46,9 @@ def test_forms_that_a_file_has_are_no_rivals():
     both = PLAIN.changed({"eccentricity.turning_share": 0.0, "shorted_turns.resistance": 0.1})
     assert len(other_forms(PLAIN, {})) == 2
     assert other_forms(both, {}) == ()
-    names = [one.actuator.truer_forms for one in other_forms(PLAIN, {})]
-    assert names == [("eccentricity",), ("shorted_turns",)]
+    offset, loops = (one.actuator for one in other_forms(PLAIN, {}))
+    assert offset == PLAIN.changed({"eccentricity.turning_share": 0.0})
+    assert loops == PLAIN.changed({"shorted_turns.resistance": 0.1})
 
 
 def test_a_nearer_form_that_says_something_else_forbids_the_verdict():

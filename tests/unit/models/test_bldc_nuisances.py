@@ -113,9 +113,6 @@ def test_whole_traces_take_the_corrected_load_as_well() -> None:
             10,
             5,
             None,
-            None,
-            None,
-            None,
         )
 
     changed = kernel_constants(ACTUATOR, load_gain=1.3, load_offset=0.7)

@@ -24,9 +24,9 @@ from ematwin.models.bldc.state import (
     fault_state,
     lane_constants,
 )
-from ematwin.models.bldc.truer.monitor_step import truer_monitor_step
+from ematwin.models.bldc.truer.monitor_step import Loops, looped_monitor_step
 from ematwin.models.bldc.truer.reference_step import truer_reference_step
-from ematwin.models.bldc.truer.state import lane_truer, truer_state
+from ematwin.models.bldc.truer.state import truer_state
 from ematwin.numerics.compile import loop, loop_in_single, step, wide_vectors
 from ematwin.numerics.vectors import doubles_in_a_vector
 
@@ -51,8 +51,8 @@ STOPPED = 2  # the cost has passed its limit
 _PAIR_VALUES = len(Pairs._fields)
 
 # What is kept of a candidate between two segments, beside the fields of `MonitorState`; those of
-# `TruerState` come last.
-_Z1, _Z2, _COST, _MORE = 7, 8, 9, 10
+# `Loops` come last.
+_Z1, _Z2, _COST, _LOOPS = 7, 8, 9, 10
 
 
 @step
@@ -87,7 +87,7 @@ def reference_trace(k, command, load, state, c, dt, substeps, decimation, truer,
     decimation : int, grid intervals from one sample to the next
     truer : None for the paper's forms; or `Truer`, constants of the truer ones. numba compiles the
         two cases apart
-    more : None; or (16,) array, the fields of `TruerState`, kept like ``state``
+    more : None; or (13,) array, the fields of `TruerState`, kept like ``state``
 
     Returns
     -------
@@ -157,13 +157,11 @@ def reference_trace(k, command, load, state, c, dt, substeps, decimation, truer,
 
 
 @loop
-def monitor_trace(
-    k, command, load, state, c, dt, substeps, decimation, truer, more, compliant, regulated
-):  # fmt: skip
+def monitor_trace(k, command, load, state, c, dt, substeps, decimation, loops):
     """Simulate the monitor model; arguments as in `reference_trace`.
 
-    ``state`` (7,) holds the fields of `MonitorState`; ``compliant`` is None for a rigid gear,
-    ``regulated`` without a current loop.
+    ``state`` (7,) holds the fields of `MonitorState`; ``loops`` is None where shorted turns are
+    missing, or (4,), the fields of `Loops`, kept like ``state``: numba compiles the cases apart.
 
     Returns
     -------
@@ -173,8 +171,8 @@ def monitor_trace(
     fault = fault_state(k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7], c.half_gap)
     pairs = pairs_of(fault, c)
     now = MonitorState(state[0], state[1], state[2], state[3], state[4], state[5], state[6])
-    if truer is not None:
-        now_more = truer_state(more)
+    if loops is not None:
+        now_loops = Loops(loops[0], loops[1], loops[2], loops[3])
     samples = (command.size - 1) // decimation
     trace = np.empty((samples, 6))
     share = 1.0 / (substeps * decimation)
@@ -187,14 +185,12 @@ def monitor_trace(
             for j in range(substeps):
                 load_now = c.load_gain * (load[g] + (j + 0.5) * d_load) + c.load_offset
                 command_now = command[g] + (j + 0.5) * d_command
-                if truer is None:
+                if loops is None:
                     now, p_mean = monitor_step(now, command_now, load_now, fault, pairs, c, dt)
                 else:
-                    now, now_more, p_mean = truer_monitor_step(
-                        now, now_more, command_now, load_now, fault, c, truer, compliant,
-                        regulated, dt,
-                    )  # fmt: skip
-                    total += now_more.beside
+                    now, now_loops, p_mean = looped_monitor_step(
+                        now, now_loops, command_now, load_now, fault, c, dt
+                    )
                 total += now.i
                 energy += p_mean
         trace[sample, 0] = total * share
@@ -205,16 +201,16 @@ def monitor_trace(
         trace[sample, 5] = energy * share
     for n, value in enumerate(now):
         state[n] = value
-    if truer is not None:
-        for n, value in enumerate(now_more):
-            more[n] = value
+    if loops is not None:
+        for n, value in enumerate(now_loops):
+            loops[n] = value
     return trace
 
 
 @loop(interleave=2)
 def monitor_scores(
     k, commands, loads, starts, samples, states, c, by_candidate, dt, substeps, taps, rectify,
-    targets, weights, costs, status, responses, power, limits, truer, more, compliant, regulated,
+    targets, weights, costs, status, responses, power, limits, loops,
 ):  # fmt: skip
     """Simulate and score a batch of candidates in one pass, over each of some stretches.
 
@@ -230,9 +226,8 @@ def monitor_scores(
     samples : int, of each stretch
     states : (N, 7) array, the fields of `MonitorState` at the first sample of each
     c : Constants that all candidates share
-    by_candidate : None; or (B, 33) array, the fields of `Constants` of each candidate, in place of
-        ``c``; with truer forms (B, 48), the fields of `Truer` behind them. numba compiles the two
-        cases apart, so that shared constants stay scalars
+    by_candidate : None; or (B, 35) array, the fields of `Constants` of each candidate, in place of
+        ``c``. numba compiles the two cases apart, so that shared constants stay scalars
     dt : float, step, s
     substeps : int, steps from one sample to the next
     taps : (N, 7) array, low-pass ``b0 b1 b2 a1 a2`` and its state ``z1 z2`` at each start
@@ -248,11 +243,8 @@ def monitor_scores(
     limits : (B,) array, costs above which a candidate is not wanted: its cost becomes infinite.
         Costs only rise with the samples, so that it is simulated only until that shows, unless
         responses are kept. The other costs are the same bit for bit, whatever the limits
-    truer : None for the paper's forms; or `Truer`, constants of the truer ones that all candidates
-        share. numba compiles the two cases apart
-    more : None; or (N, 16) array, the fields of `TruerState` at the first sample of each stretch
-    compliant, regulated : None for a rigid gear, and without a current loop, which numba compiles
-        apart; or True, with truer forms
+    loops : None where shorted turns are missing; or (N, 4) array, the fields of `Loops` at the
+        first sample of each stretch. numba compiles the two cases apart
     """
     wide_vectors()
     keep = responses.shape[2] > 0
@@ -282,11 +274,8 @@ def monitor_scores(
     z1 = np.empty(LANES)
     z2 = np.empty(LANES)
     cost = np.empty(LANES)
-    columns = len(c)
-    if truer is not None:
-        columns += len(truer)
-        added = np.empty((more.shape[1], LANES), REAL)
-    own = np.empty((columns, LANES), REAL)
+    looped = np.empty((4, LANES), REAL)
+    own = np.empty((len(c), LANES), REAL)
     # the load of each lane, which may be late: by how many samples, and by which part of one
     late = np.empty(LANES, np.int64)
     late_part = np.empty(LANES)
@@ -297,10 +286,7 @@ def monitor_scores(
     rate = 1.0 / (dt * substeps)
     left = np.empty(k.shape[0], np.int64)  # the candidates whose cost is still wanted
     segment = samples
-    kept_values = _MORE
-    if truer is not None:
-        kept_values += more.shape[1]
-    saved = np.empty((k.shape[0], kept_values))
+    saved = np.empty((k.shape[0], _LOOPS + 4))
     for n in range(k.shape[0]):
         if not keep and limits[n] < math.inf:
             segment = SEGMENT
@@ -312,8 +298,8 @@ def monitor_scores(
         for n in range(count):
             left[n] = n
             saved[n, :_Z1] = states[s]
-            if truer is not None:
-                saved[n, _MORE:] = more[s]
+            if loops is not None:
+                saved[n, _LOOPS:] = loops[s]
             saved[n, _Z1] = taps[s, 5]
             saved[n, _Z2] = taps[s, 6]
             saved[n, _COST] = 0.0
@@ -330,7 +316,7 @@ def monitor_scores(
                     for m in range(v.size):
                         nothing += 0.0 * v[m]
                     if by_candidate is not None:
-                        for m in range(columns):
+                        for m in range(len(c)):
                             own[m, n] = by_candidate[who, m]
                             nothing += 0.0 * own[m, n]
                         half_gap_n = own[HALF_GAP, n]
@@ -368,9 +354,9 @@ def monitor_scores(
                     z1[n] = saved[who, _Z1]
                     z2[n] = saved[who, _Z2]
                     cost[n] = saved[who, _COST] + nothing
-                    if truer is not None:
-                        for m in range(more.shape[1]):
-                            added[m, n] = saved[who, _MORE + m]
+                    if loops is not None:
+                        for m in range(4):
+                            looped[m, n] = saved[who, _LOOPS + m]
                     if power is not None:
                         y1[n] = power[0][s, 0]
                         y2[n] = power[0][s, 1]
@@ -408,37 +394,20 @@ def monitor_scores(
                                 friction[n], half_gap[n], h_a[n], h_b[n], h_c[n],
                                 zeta_cos[n], zeta_sin[n], gain[n],
                             )  # fmt: skip
-                            if truer is None:
+                            if loops is None:
                                 now, p_mean = monitor_step(
                                     now, command_now, load_n, fault, lane_pairs(paired, n), c_n, dt
                                 )
                             else:
-                                if by_candidate is None:  # numba prunes statements
-                                    truer_n = truer
-                                else:
-                                    truer_n = lane_truer(own, len(c), n)
-                                now, now_more, p_mean = truer_monitor_step(
-                                    now, truer_state(added[:, n]),
-                                    command_now, load_n, fault, c_n, truer_n, compliant, regulated,
-                                    dt,
+                                now, now_loops, p_mean = looped_monitor_step(
+                                    now,
+                                    Loops(looped[0, n], looped[1, n], looped[2, n], looped[3, n]),
+                                    command_now, load_n, fault, c_n, dt,
                                 )  # fmt: skip
-                                added[0, n] = now_more.loop_a
-                                added[1, n] = now_more.loop_b
-                                added[2, n] = now_more.loop_c
-                                added[3, n] = now_more.sector
-                                added[4, n] = now_more.asked
-                                added[5, n] = now_more.pending
-                                added[6, n] = now_more.integral
-                                added[7, n] = now_more.wait
-                                added[8, n] = now_more.late
-                                if regulated is not None:
-                                    added[9, n] = now_more.voltage
-                                    added[10, n] = now_more.voltage_pending
-                                    added[11, n] = now_more.voltage_integral
-                                    added[12, n] = now_more.voltage_wait
-                                    added[13, n] = now_more.voltage_late
-                                    added[14, n] = now_more.leaving
-                                    total[n] += now_more.beside
+                                looped[0, n] = now_loops.a
+                                looped[1, n] = now_loops.b
+                                looped[2, n] = now_loops.c
+                                looped[3, n] = now_loops.sector
                             i[n] = now.i
                             w_m[n] = now.w_m
                             theta_m[n] = now.theta_m
@@ -483,9 +452,9 @@ def monitor_scores(
                     saved[who, _Z1] = z1[n]
                     saved[who, _Z2] = z2[n]
                     saved[who, _COST] = cost[n]
-                    if truer is not None:
-                        for m in range(more.shape[1]):
-                            saved[who, _MORE + m] = added[m, n]
+                    if loops is not None:
+                        for m in range(4):
+                            saved[who, _LOOPS + m] = looped[m, n]
             wanted = 0
             for n in range(count):
                 who = left[n]

@@ -16,19 +16,13 @@ import numpy as np
 
 from ematwin.errors import InputError, RecordError
 from ematwin.models.bldc.channels import PHASES
-from ematwin.models.bldc.constants import (
-    constants_by_candidate,
-    kernel_cases,
-    kernel_constants,
-    truer_constants,
-)
+from ematwin.models.bldc.constants import constants_by_candidate, kernel_constants
 from ematwin.models.bldc.envelope import current_envelope, signed_current
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.phase_sensors import balanced
 from ematwin.models.bldc.power import Power, recorded_power
 from ematwin.models.bldc.state import V_SUPPLY, Constants
 from ematwin.models.bldc.stretches import PowerStretches, Stretches
-from ematwin.models.bldc.truer.state import REST
 from ematwin.models.bldc.unknowns import POWER, SENSOR, UNKNOWNS
 from ematwin.models.bldc.zeros import counted, turned
 from ematwin.models.comparison import Candidates, Comparison, Placed
@@ -44,6 +38,8 @@ SMOOTH_CUTOFF = 100.0  # Hz: misfits of currents low-passed there are smooth ove
 _TWIN_ERROR = 0.003  # relative misfit of the twin to healthy records of the reference model
 _REFERENCE_ERROR = 0.002  # of the reference model to simulators of other make: 0.0 to 0.18 %
 _SHORTEST = 100  # samples: fewer cannot tell eight parameters apart
+# sections of forms that the reference model alone has (docs/models.md, "Truer forms")
+_REFERENCE_ALONE = ("emf.", "cogging.", "speed_loop.", "current_loop.", "compliance.")
 KEPT = 5_000  # samples of a response: more are thinned, as far as the low-pass allows
 _KEPT_SMOOTH = 1_000  # the same of smoothed currents
 _OVERSAMPLING = 8.0  # rate of kept samples over the cutoff, at least
@@ -79,8 +75,8 @@ class BldcComparison(Comparison):
     rectify : whether magnitudes are compared
     threads : threads that share a batch
     kept : samples of a response that are kept at most
-    single : whether costs are simulated in single precision: not those of truer forms, nor of
-        motions over more than 16 rad of the motor, whose angles it rounds too much
+    single : whether costs are simulated in single precision: not those of loops of shorted turns,
+        nor of motions over more than 16 rad of the motor, whose angles it rounds too much
     power : the electrical power, where it counts as evidence
 
     Raises
@@ -133,7 +129,7 @@ class BldcComparison(Comparison):
                 "Check the channel, or record a motion."
             )
         self._white_noise = white_noise(self.current)
-        self._stepped(actuator.step_of("monitor"))
+        self._stepped(actuator.steps.monitor)
         ratio = actuator.transmission.ratio
         load = recording.load
         self.command = recording.command * ratio
@@ -141,14 +137,18 @@ class BldcComparison(Comparison):
         self.state = initial_state(
             recording, actuator, None if self.rectify else float(self.current[0])
         )
-        self.constants, self.truer = kernel_constants(actuator), truer_constants(actuator)
-        if backend == "cuda" and self.truer is not None:
+        self.constants = kernel_constants(actuator)
+        self.unseen = frozenset(
+            place for place, *_ in actuator.parameters() if place.startswith(_REFERENCE_ALONE)
+        )
+        looped = actuator.shorted_turns is not None
+        if backend == "cuda" and looped:
             raise InputError(
-                f"A GPU knows only the paper's forms, but {actuator.name} has others "
-                f"({', '.join(actuator.truer_forms)}); use the backend cpu, or leave these out."
+                f"A GPU knows shorted turns that are missing, but those of {actuator.name} are a "
+                "loop ([shorted_turns]); use the backend cpu, or leave the section out."
             )
         near = float(np.max(np.abs(self.command))) <= _FAR
-        self.single = backend == "cpu-single" and self.truer is None and near
+        self.single = backend == "cpu-single" and near and not looped
         self.threads = threads or cores()
         self._filter(low_pass or LowPass(), weighting or SlopeWeighting())
 
@@ -171,7 +171,7 @@ class BldcComparison(Comparison):
 
         _, w_m, theta_m, w_o, theta_o, _, _ = self.state
         answer = reference_answer(
-            self.recording, getattr(self, "reference_actuator", self.actuator), values, (w_m, theta_m, w_o, theta_o)
+            self.recording, self.actuator, values, (w_m, theta_m, w_o, theta_o)
         )
         signed = None if self.rectify else signed_current(answer, self.actuator.motor.pole_pairs)
         current = current_envelope(answer) if signed is None else signed
@@ -227,7 +227,7 @@ class BldcComparison(Comparison):
 
     def _coarse(self, low_pass: LowPass, kept: int) -> "BldcComparison":
         """With one sample, of currents and power the mean, for so many as a long step takes."""
-        longest = _COARSE * self.actuator.step_of("monitor")
+        longest = _COARSE * self.actuator.steps.monitor
         longest = min(longest, self.actuator.largest_stable_step("monitor"))
         recording, rate = self.recording, self.recording.sample_rate
         stride = int(min(longest * rate + 1e-9, rate / (_OVERSAMPLING * low_pass.cutoff)))
@@ -271,8 +271,7 @@ class BldcComparison(Comparison):
         k = np.array([values.get(one.name, one.healthy) for one in UNKNOWNS])
         trace = monitor_trace(
             k, self.command, self.load, self.state.copy(), self.constants, self.step, self.substeps,
-            1, self.truer, None if self.truer is None else np.array(REST),
-            *kernel_cases(self.actuator),
+            1, None if self.actuator.shorted_turns is None else np.zeros(4),
         )  # fmt: skip
         pole_pairs = self.actuator.motor.pole_pairs
         behind = turned(currents[1:], pole_pairs * trace[:, 1], trace[:, 0])
@@ -471,7 +470,7 @@ class BldcComparison(Comparison):
         response = np.empty((*costs.shape, kept))
         power = stretches.power if kept else None
         watts = np.empty((*costs.shape, 0 if power is None else kept))
-        more, cases = self._more(stretches), kernel_cases(self.actuator)
+        loops = self._loops(stretches)
         constants, step = Constants._make(map(real, self.constants)), real(self.step)
 
         def work_on(task: tuple[slice, slice]) -> None:
@@ -483,50 +482,28 @@ class BldcComparison(Comparison):
                 self.rectify, stretches.target, stretches.weights,
                 costs[some, rows], status[some, rows], response[some, rows],
                 None if power is None else (power.states[some], watts[some, rows]),
-                within[rows], self.truer, None if more is None else more[some], *cases,
+                within[rows], None if loops is None else loops[some],
             )  # fmt: skip
 
         side_by_side(work_on, _tasks(parts, blocks, width, self.threads), self.threads)
         return costs.sum(axis=0)[:count], _joined(response, count), _joined(watts, count)
 
-    def _more(self, stretches: Stretches) -> np.ndarray | None:
-        """States (N, 16) of the truer forms at the start of each stretch; None without any.
+    def _loops(self, stretches: Stretches) -> np.ndarray | None:
+        """Loops of shorted turns (N, 4) at the start of each stretch; None where they are missing.
 
-        A stretch that begins later than the recording finds the controller at work. Loop currents
-        fade within 0.1 ms. The speed loop is taken to ask for the recorded current, the current
-        loop for the voltage that keeps it.
+        Their currents are zero there: within 0.1 ms they forget it.
         """
-        if self.truer is None:
+        if self.actuator.shorted_turns is None:
             return None
-        commands = stretches.command[stretches.starts]
-        return np.stack([
-            self._at_work(state, command) if start else np.array(REST)
-            for start, state, command in zip(
-                stretches.starts, stretches.states, commands, strict=True
-            )
-        ])  # fmt: skip
-
-    def _at_work(self, state: np.ndarray, command: float) -> np.ndarray:
-        """State (16,) of the truer forms from a state (7,) of the monitor model."""
-        assert self.truer is not None
-        current, w_m, theta_m, _, theta_o, _, _ = state
-        integral = 0.0
-        if self.truer.integral_gain > 0.0:
-            c = self.constants
-            wanted = c.k_position * (command - theta_o)
-            error = min(max(wanted, -c.w_max), c.w_max) - w_m
-            integral = 2.0 * c.k_e * current - c.k_speed * error
-        voltage = 2.0 * (self.constants.resistance * current + self.constants.k_e * w_m)
-        sector = math.floor(self.constants.pole_pairs * theta_m / (math.pi / 3.0) - 0.5) % 6
-        return np.array(REST._replace(
-            asked=current, pending=current, integral=integral, sector=float(sector),
-            voltage=voltage, voltage_pending=voltage, voltage_integral=voltage,
-        ))  # fmt: skip
+        found = np.zeros((len(stretches), 4))
+        theta_e = self.constants.pole_pairs * stretches.states[:, 2]
+        found[:, 3] = np.floor(theta_e / (math.pi / 3.0) - 0.5) % 6.0
+        return found
 
 
 @dataclass(frozen=True)
 class Batch:
-    """Candidates of a batch: fault vectors (B, 8); constants (B, 33), or None if all share them.
+    """Candidates of a batch: fault vectors (B, 8); constants (B, 35), or None if all share them.
 
     ``sensor`` holds what the sensors make of the answers, by name, (B,) arrays.
     """

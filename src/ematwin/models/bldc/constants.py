@@ -10,10 +10,6 @@ from ematwin.models.bldc.state import Constants
 from ematwin.models.bldc.truer.state import NEUTRAL, Truer
 from ematwin.models.bldc.unknowns import FIXED, LOAD
 
-# A: takes all of the static friction of the motor, as a ripple does. Under a current loop there is
-# none; but a motor that leans on a stiff contact creeps, and slides before the output gives.
-_CREEPS = 1e3
-
 
 def kernel_constants(
     actuator: BldcActuator,
@@ -28,15 +24,18 @@ def kernel_constants(
     """
     motor, drive, control = actuator.motor, actuator.drive, actuator.controller
     gear, contact = actuator.transmission, actuator.contact
+    turns, offset = actuator.shorted_turns, actuator.eccentricity
     return Constants(
         resistance=motor.resistance / 2.0,
         inductance=motor.inductance / 2.0,
         leakage=motor.leakage_share,
         k_e=motor.emf_constant / 2.0,
         pole_pairs=float(motor.pole_pairs),
+        turning=1.0 if offset is None else offset.turning_share,
+        short_resistance=1.0 if turns is None else turns.resistance,
         v_supply=drive.supply_voltage,
         v_diode=drive.diode_drop,
-        half_band=drive.hysteresis_band / 2.0 if actuator.current_loop is None else _CREEPS,
+        half_band=drive.hysteresis_band / 2.0,
         i_max=drive.current_limit,
         w_max=control.speed_limit,
         k_position=control.position_gain,
@@ -66,17 +65,14 @@ def kernel_constants(
 
 
 def truer_constants(actuator: BldcActuator) -> Truer | None:
-    """Constants of the truer forms; None where the actuator has the paper's alone.
+    """Constants of the forms that the reference model alone has; None without any of them.
 
-    Where parameters are arrays (B,), so are the constants that depend on them.
+    A gear that gives and a share of the eccentricity that turns are in `kernel_constants`.
     """
-    turns, offset = actuator.shorted_turns, actuator.eccentricity
-    emf, cogging = actuator.emf, actuator.cogging
-    found: dict[str, Any] = {}
-    if turns is not None:
-        found |= {"loops": 1.0, "contact": turns.resistance}
-    if offset is not None:
-        found |= {"turning": offset.turning_share}
+    emf, cogging, speed = actuator.emf, actuator.cogging, actuator.speed_loop
+    found: dict[str, float] = {}
+    if actuator.shorted_turns is not None:
+        found |= {"loops": 1.0}
     if emf is not None:
         found |= {"rounding": emf.rounding}
     if cogging is not None:
@@ -84,11 +80,10 @@ def truer_constants(actuator: BldcActuator) -> Truer | None:
             "cogging": cogging.torque, "cogging_cycles": float(cogging.cycles),
             "cogging_phase": cogging.phase,
         }  # fmt: skip
-    if actuator.speed_loop is not None:
-        loop = actuator.speed_loop
+    if speed is not None:
         found |= {
-            "integral_gain": loop.integral_gain, "sample_time": loop.sample_time,
-            "delay": loop.delay,
+            "integral_gain": speed.integral_gain, "sample_time": speed.sample_time,
+            "delay": speed.delay,
         }  # fmt: skip
     if actuator.current_loop is not None:
         current = actuator.current_loop
@@ -97,24 +92,13 @@ def truer_constants(actuator: BldcActuator) -> Truer | None:
             "current_sample": current.sample_time, "current_delay": current.delay,
             "lost_voltage": current.lost_voltage,
         }  # fmt: skip
-    return NEUTRAL._replace(**found) if actuator.truer_forms else None
-
-
-def kernel_cases(actuator: BldcActuator) -> tuple[bool | None, bool | None]:
-    """What kernels of the monitor model are compiled apart for: a compliant gear, a current loop.
-
-    None where the actuator has none, else True.
-    """
-    forms = actuator.compliance, actuator.current_loop
-    return None if forms[0] is None else True, None if forms[1] is None else True
+    return NEUTRAL._replace(**found) if found else None
 
 
 def constants_by_candidate(
     actuator: BldcActuator, candidates: Mapping[str, Any], count: int
 ) -> np.ndarray | None:
-    """(B, 33) array of the constants of B candidates; None where all share the actuator's.
-
-    With truer forms it is (B, 48), and theirs come last.
+    """(B, 35) array of the constants of B candidates; None where all share the actuator's.
 
     ``candidates`` name parameters by their place, such as ``motor.resistance``, or the corrections
     of the load, each with (B,) values; what else it holds is left alone.
@@ -126,7 +110,7 @@ def constants_by_candidate(
         load["load_delay"] = candidates["skew"]
     if own is actuator and not load:
         return None
-    constants = (*kernel_constants(own, **load), *(truer_constants(own) or ()))
+    constants = kernel_constants(own, **load)
     rows = np.empty((count, len(constants)))
     for n, value in enumerate(constants):
         rows[:, n] = value

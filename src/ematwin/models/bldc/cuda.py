@@ -30,7 +30,7 @@ class Work:
     ----------
     stretches : N of them
     faults : (B, 8) array, fault vectors
-    constants : (B, 33) array, or the `Constants` that all share
+    constants : (B, 35) array, or the `Constants` that all share
     step, substeps : step of the monitor model (s), and how many make a sampling interval
     rectify : whether magnitudes are compared
     kept : samples of a response over a stretch that are kept; 0 for none

@@ -22,7 +22,7 @@ _score = _inlined(score_candidate)
 def _by_thread(k, constants, which, signals, numbers, counts, costs, status, response, watts):
     """Score candidate n in thread n on its stretch ``which[n]``.
 
-    Arguments as in `score_candidate`; ``constants`` (33, B) and ``which`` (B,) of each candidate.
+    Arguments as in `score_candidate`; ``constants`` (35, B) and ``which`` (B,) of each candidate.
     """
     n = cuda.grid(1)
     if n < costs.size:

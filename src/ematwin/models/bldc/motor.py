@@ -4,10 +4,13 @@ Phases k = 0, 1, 2 (a, b, c). With h_k the share of turns left, zeta the eccentr
 phi its direction (paper, section 6; docs/models.md):
 
     R_k = h_k R,   L_k = (h_k^2 (1 - l) + l) L,
-    kappa_k = h_k k_e f(theta_e - 2 pi k/3) (1 + zeta cos(theta_m + phi - 2 pi k/3)),
+    kappa_k = h_k k_e f(theta_e - 2 pi k/3) (1 + zeta (s cos(theta_m + phi - 2 pi k/3)
+                                                      + (1 - s) cos(phi - 2 pi k/3))).
 
 ``l`` is the share of the inductance that lies outside the turns (leads, connections): it keeps a
-fully shorted phase finite.
+fully shorted phase finite. The share ``s`` of the offset turns with the rotor (a bent shaft; 1 is
+the paper's form), the rest is fixed in space (a bearing seat), where each phase keeps its own gap;
+that is derived here.
 """
 
 import math
@@ -19,6 +22,7 @@ from ematwin.numerics.scalar import clip, sincos
 
 _HALF_SQRT3 = 0.5 * math.sqrt(3.0)
 _SIXTH_TURN = math.pi / 3.0
+_THIRD = 2.0 * math.pi / 3.0
 
 
 @step
@@ -38,15 +42,34 @@ def hall_sector(theta_e):
 
 
 @step
-def gap_factors(theta_m, zeta_cos, zeta_sin):
-    """1 + zeta cos(theta_m + phi - 2 pi k/3) for the three phases.
+def offset_turned(theta_m, turning):
+    """Sine and cosine by which the offset has turned, of which a share ``turning`` does."""
+    s, c = sincos(theta_m)
+    return turning * s, turning * c + (1.0 - turning)
+
+
+@step
+def gap_factors(theta_m, zeta_cos, zeta_sin, turning):
+    """The factors of the three phases by eccentricity, 1 + zeta (...) above.
 
     ``zeta_cos`` and ``zeta_sin`` are zeta cos(phi) and zeta sin(phi).
     """
-    s, c = sincos(theta_m)
-    along = c * zeta_cos - s * zeta_sin  # zeta cos(theta_m + phi)
+    s, c = offset_turned(theta_m, turning)
+    along = c * zeta_cos - s * zeta_sin  # zeta cos(theta_m + phi), where all of it turns
     across = _HALF_SQRT3 * (s * zeta_cos + c * zeta_sin)  # times sin(2 pi/3)
     return 1.0 + along, 1.0 - 0.5 * along + across, 1.0 - 0.5 * along - across
+
+
+@step
+def emf_constants(theta_m, fault, c):
+    """kappa_k of the three phases, V s/rad (equally N m/A)."""
+    theta_e = c.pole_pairs * theta_m
+    gap_a, gap_b, gap_c = gap_factors(theta_m, fault.zeta_cos, fault.zeta_sin, c.turning)
+    return (
+        fault.h_a * c.k_e * gap_a * trapezoid(theta_e),
+        fault.h_b * c.k_e * gap_b * trapezoid(theta_e - _THIRD),
+        fault.h_c * c.k_e * gap_c * trapezoid(theta_e - 2.0 * _THIRD),
+    )
 
 
 @step

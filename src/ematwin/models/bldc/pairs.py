@@ -5,7 +5,9 @@ its direction (`ematwin.models.bldc.motor`),
 
     R_eq = (h_p + h_n) R,   L_eq = L_p + L_n,
     kappa_eq = k_e sum over p, n of h_k (1 + zeta cos(theta_m + phi - 2 pi k/3))
-             = k_e (h_p + h_n + C cos theta_m + S sin theta_m).
+             = k_e (h_p + h_n + C cos theta_m + S sin theta_m),
+
+with what `offset_turned` gives for sine and cosine where some of the offset is fixed in space.
 
 On the 120 degree flats |f| = 1, and zeta is 1 at most, so that no magnitude is left to take. All
 but the angle is the same for as long as a candidate is simulated: three pairs, worked out once, as
@@ -18,9 +20,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ematwin.models.bldc.motor import phase_inductance
+from ematwin.models.bldc.motor import offset_turned, phase_inductance
 from ematwin.numerics.compile import step
-from ematwin.numerics.scalar import clip, sincos
+from ematwin.numerics.scalar import clip
 
 _HALF_SQRT3 = 0.5 * math.sqrt(3.0)
 _SECTORS_PER_RAD = 3.0 / math.pi
@@ -102,7 +104,7 @@ def equivalent_phase(theta_m, moved, pairs, c):
     mobility = pairs.mobility + off_a * pairs.mobility_a + off_b * pairs.mobility_b
     cosine = pairs.cosine + off_a * pairs.cosine_a + off_b * pairs.cosine_b
     sine = pairs.sine + off_a * pairs.sine_a + off_b * pairs.sine_b
-    s, co = sincos(theta_m)
+    s, co = offset_turned(theta_m, c.turning)
     return turns * c.resistance, mobility, (turns + cosine * co + sine * s) * c.k_e
 
 

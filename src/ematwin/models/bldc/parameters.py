@@ -29,11 +29,6 @@ from ematwin.errors import ParameterError
 from ematwin.models.parameter_set import ParameterSet, Section, quantity
 
 DEFAULT_ACTUATOR = "servo48"
-TRUER_FORMS = (
-    "shorted_turns", "eccentricity", "emf", "cogging", "speed_loop", "current_loop", "compliance",
-)  # fmt: skip
-_SHORTER_STEP = 25e-6  # s, of the monitor model with a gear that gives or with sampled loops
-_STIFFEST = 0.1  # K dt^2 (1/J_m + 1/J_o) of a step of the monitor model with a compliant gear
 SHORTEST_STEP = 1e-9  # s: nothing in an actuator is so fast; a shorter one is a slip of the unit
 _UNMOVABLE = 1000.0  # times the inertia of the rotor: no gear is chosen so
 _UNREACHABLE = 100.0  # times the current that the supply can drive: mA taken for A give 1000
@@ -246,9 +241,9 @@ class CurrentLoop(Section):
 
 
 class Compliance(Section):
-    """A gear that gives under torque; left out, the monitor model has a rigid one.
+    """A gear that gives under torque; it takes the place of the contact.
 
-    It takes the place of the contact in both models.
+    The monitor model has a rigid gear all the same: what it misses is taken from the reference.
     """
 
     example: ClassVar[dict[str, float]] = {"stiffness": 10.0, "damping": 0.005}
@@ -302,28 +297,11 @@ class BldcActuator(ParameterSet):
             stiffness=gear.contact_stiffness, damping=gear.contact_damping
         )
 
-    @property
-    def truer_forms(self) -> tuple[str, ...]:
-        """The sections that it has and that could be left out."""
-        return tuple(key for key in TRUER_FORMS if getattr(self, key) is not None)
-
     @model_validator(mode="after")
     def _steps_are_stable(self) -> Self:
         for model in ("reference", "monitor"):
-            if not SHORTEST_STEP <= self.step_of(model) <= self.largest_stable_step(model):
-                self.check_step(model, getattr(self.steps, model))
+            self.check_step(model, getattr(self.steps, model))
         return self
-
-    def step_of(self, model: str) -> float:
-        """Step of a model, s: that of the file; of the monitor model 25 us at most in some forms.
-
-        What impacts and commutations do in a gear that gives, or under sampled loops, counts for
-        whole steps.
-        """
-        own: float = getattr(self.steps, model)
-        sampled = self.current_loop is not None or self.speed_loop is not None
-        coarse = sampled or self.compliance is not None
-        return min(own, _SHORTER_STEP) if model == "monitor" and coarse else own
 
     @model_validator(mode="after")
     def _sampled_loop_is_stable(self) -> Self:
@@ -429,20 +407,17 @@ class BldcActuator(ParameterSet):
         # semi-implicit Euler holds dt/tau < 1 for first-order modes without ringing; the implicit
         # midpoint rule of the monitor model 2, and turns 2 % of a mode round at 2.1
         speed_loop = j_m / (self.controller.speed_gain + self.motor.viscous_damping)
-        limits = [speed_loop if model == "reference" else 2.1 * speed_loop]
+        if model == "monitor":
+            return 2.1 * speed_loop
+        compliance = 1.0 / j_m + 1.0 / j_o
+        limits = [speed_loop, 1.0 / math.sqrt(self.contact.stiffness * compliance)]
+        if self.contact.damping > 0.0:
+            limits.append(1.0 / (self.contact.damping * compliance))
+        limits.append(self.motor.inductance / self.motor.resistance)
         if self.speed_loop is not None and self.speed_loop.sample_time > 0.0:
             limits.append(self.speed_loop.sample_time)
         if self.current_loop is not None:
             limits.append(self.current_loop.sample_time)
-        if model == "monitor" and self.compliance is not None:
-            # an impact counts from the start of its step on; s of models/bldc/truer/compliance.py
-            limits.append(math.sqrt(_STIFFEST / (self.contact.stiffness * (1.0 / j_m + 1.0 / j_o))))
-        if model == "reference":
-            compliance = 1.0 / j_m + 1.0 / j_o
-            limits.append(1.0 / math.sqrt(self.contact.stiffness * compliance))
-            if self.contact.damping > 0.0:
-                limits.append(1.0 / (self.contact.damping * compliance))
-            limits.append(self.motor.inductance / self.motor.resistance)
         return min(limits)
 
     def check_step(self, model: str, step: float) -> None:

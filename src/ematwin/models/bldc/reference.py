@@ -33,7 +33,7 @@ def reference_answer(
     start : speed and angle of the motor, those of the output, on the motor shaft
     """
     actuator = actuator.with_arrays({name: x for name, x in values.items() if "." in name})
-    ratio, step = actuator.transmission.ratio, actuator.step_of("reference")
+    ratio, step = actuator.transmission.ratio, actuator.steps.reference
     rate, count = recording.sample_rate, len(recording)
     grid = TimeGrid(step, max(INPUT_INTERVAL, step), (count - 0.5) / rate, rate)
     time = np.arange(count) / rate

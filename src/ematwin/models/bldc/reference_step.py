@@ -18,7 +18,7 @@ from ematwin.models.bldc.inverter import (
     share_until_blocked,
     terminal_voltages,
 )
-from ematwin.models.bldc.motor import gap_factors, hall_sector, phase_inductance, trapezoid
+from ematwin.models.bldc.motor import emf_constants, hall_sector, phase_inductance
 from ematwin.numerics.backlash import contact_torque, stop_at_ends
 from ematwin.numerics.compile import part, step
 from ematwin.numerics.friction import advance_mobile, loaded_friction
@@ -51,19 +51,6 @@ def phase_constants(fault, c):
         1.0 / phase_inductance(fault.h_a, c.inductance, c.leakage),
         1.0 / phase_inductance(fault.h_b, c.inductance, c.leakage),
         1.0 / phase_inductance(fault.h_c, c.inductance, c.leakage),
-    )
-
-
-@step
-def emf_constants(theta_m, fault, c):
-    """kappa_k of the three phases, V s/rad (equally N m/A)."""
-    theta_e = c.pole_pairs * theta_m
-    third = 2.0943951023931953  # 2 pi/3
-    gap_a, gap_b, gap_c = gap_factors(theta_m, fault.zeta_cos, fault.zeta_sin)
-    return (
-        fault.h_a * c.k_e * gap_a * trapezoid(theta_e),
-        fault.h_b * c.k_e * gap_b * trapezoid(theta_e - third),
-        fault.h_c * c.k_e * gap_c * trapezoid(theta_e - 2.0 * third),
     )
 
 

@@ -120,26 +120,26 @@ def simulated(
     progress : called with the share done
     """
     from ematwin.models.bldc import batch  # compiles, or loads what an earlier process compiled
-    from ematwin.models.bldc.constants import kernel_cases, kernel_constants, truer_constants
+    from ematwin.models.bldc.constants import kernel_constants, truer_constants
     from ematwin.models.bldc.monitor_step import MonitorState
     from ematwin.models.bldc.reference_step import ReferenceState
     from ematwin.models.bldc.truer.state import REST
 
     rest: ReferenceState | MonitorState
     names: tuple[str, ...]
-    cases: tuple[bool | None, ...]
+    further: tuple[object, ...]
     w_m, theta_m, w_o, theta_o = start
     if model == "reference":
         run, names = batch.reference_trace, batch.REFERENCE_COLUMNS
-        cases = ()  # its contact is compliant anyway
+        truer = truer_constants(actuator)
+        further = truer, None if truer is None else np.array(REST)
         rest = ReferenceState(0.0, 0.0, 0.0, w_m, theta_m, w_o, theta_o, 1.0, 0.0, 0.0, 0.0)
     else:
         run, names = batch.monitor_trace, batch.MONITOR_COLUMNS
-        cases = kernel_cases(actuator)
+        further = (None if actuator.shorted_turns is None else np.zeros(4),)
         rest = MonitorState(0.0, w_m, theta_m, w_o, theta_o, 0.0, 0.0)
     state = np.array(rest)
-    constants, truer = kernel_constants(actuator), truer_constants(actuator)
-    more = None if truer is None else np.array(REST)
+    constants = kernel_constants(actuator)
     first = [getattr(rest, _STATE_OF.get(name, ""), 0.0) for name in names]
     pieces = [np.array([first])]
     # In slices, so that a long simulation shows progress and can be interrupted.
@@ -158,9 +158,7 @@ def simulated(
                 grid.step,
                 grid.substeps,
                 grid.decimation,
-                truer,
-                more,
-                *cases,
+                *further,
             )
         )
         if progress is not None:
@@ -214,7 +212,7 @@ def time_grid(
     """
     if not (math.isfinite(sample_rate) and sample_rate > 0.0):
         raise InputError(f"sample_rate must be a positive number of Hz, received {sample_rate}.")
-    chosen = actuator.step_of(model) if step is None else step
+    chosen = getattr(actuator.steps, model) if step is None else step
     try:
         actuator.check_step(model, chosen)
     except InputError as error:

@@ -242,6 +242,10 @@ def _apart(recording: Recording, actuator: BldcActuator, motor: float) -> float:
     low, high = quantiles(apart, (0.01, 0.99))
     middle, reach = 0.5 * (low + high), high - low
     healthy = actuator.transmission.backlash
-    if reach < _CROSSED * healthy or abs(middle) < _OF_REACH * reach + _OFF_CENTRE * healthy:
+    load = 0.0 if recording.load is None else float(np.abs(recording.load).max())
+    # a load that pushes one way twists a gear that gives to one side
+    twist = load / (actuator.transmission.ratio * actuator.contact.stiffness)
+    beside = _OF_REACH * reach + _OFF_CENTRE * healthy + twist
+    if reach < _CROSSED * healthy or abs(middle) < beside:
         return 0.0
     return float(middle)

@@ -75,7 +75,7 @@ def of_lanes(k, some, own, rectify):  # type: ignore[no-untyped-def]
     batch.monitor_scores(
         k, some.command, some.load, some.starts, some.samples, some.states, C, own, STEP, SUBSTEPS,
         some.taps, rectify, some.target, some.weights, costs, status, response,
-        (some.power.states, watts), np.full(len(k), np.inf), None, None, None, None,
+        (some.power.states, watts), np.full(len(k), np.inf), None,
     )  # fmt: skip
     return costs.sum(axis=0), np.hstack(response), np.hstack(watts)
 

@@ -34,7 +34,7 @@ def scoring(
         k, command, load, np.zeros(1, dtype=np.int64), SAMPLES, np.zeros((1, 7)), c, by_candidate,
         1.0 / (RATE * SUBSTEPS), SUBSTEPS, low_pass.taps(RATE, float(target[0]))[None], rectify,
         target, weights, costs, status, response, power,
-        np.full(len(k), np.inf) if limits is None else limits, None, None, None, None,
+        np.full(len(k), np.inf) if limits is None else limits, None,
     )  # fmt: skip
     return costs[0], status[0], response[0], target
 
@@ -53,8 +53,7 @@ def test_scores_are_trace_then_filter_then_misfit(rectify):
     assert (status == batch.OK).all()
     for n in range(batch.LANES):
         trace = batch.monitor_trace(
-            k[n], command, load, np.zeros(7), C, 1.0 / (RATE * SUBSTEPS), SUBSTEPS, 1,
-            None, None, None, None,
+            k[n], command, load, np.zeros(7), C, 1.0 / (RATE * SUBSTEPS), SUBSTEPS, 1, None,
         )  # fmt: skip
         current = np.abs(trace[:, 0]) if rectify else trace[:, 0]
         filtered = naive_signals.low_pass([target[0], *current], 500.0, RATE)
@@ -74,8 +73,7 @@ def test_power_is_that_of_the_trace_filtered_like_the_current():
     command, load = history(SAMPLES - 1, 1.0 / RATE)
     for n in range(batch.LANES):
         trace = batch.monitor_trace(
-            k[n], command, load, np.zeros(7), C, 1.0 / (RATE * SUBSTEPS), SUBSTEPS, 1,
-            None, None, None, None,
+            k[n], command, load, np.zeros(7), C, 1.0 / (RATE * SUBSTEPS), SUBSTEPS, 1, None,
         )  # fmt: skip
         filtered = naive_signals.low_pass([3.0, *trace[:, 5]], 500.0, RATE)
         np.testing.assert_allclose(watts[0, n, 1:], filtered[1:], rtol=1e-9, atol=1e-6)
@@ -102,8 +100,7 @@ def test_stretches_are_scored_as_each_alone(vary):
         batch.monitor_scores(
             k, *signals[:2], first, size, states[some], C, own, 1.0 / (RATE * SUBSTEPS), SUBSTEPS,
             taps[some], True, *signals[2:], found[0], np.empty((count, len(k)), dtype=np.int64),
-            found[1], (2.0 * taps[some, 5:], watts), np.full(len(k), np.inf),
-            None, None, None, None,
+            found[1], (2.0 * taps[some, 5:], watts), np.full(len(k), np.inf), None,
         )  # fmt: skip
         return *found, watts
 
@@ -205,7 +202,7 @@ def test_candidates_above_their_limits_are_not_simulated_to_the_end(monkeypatch)
 
 
 def varied(count, seed=3):
-    """(B, 33) constants of actuators that differ by up to a tenth; pole pairs are counted."""
+    """(B, 35) constants of actuators that differ by up to a tenth; pole pairs are counted."""
     scale = np.random.default_rng(seed).uniform(0.9, 1.1, (count, len(C)))
     scale[:, C._fields.index("pole_pairs")] = 1.0
     return scale * np.array(C)

@@ -335,7 +335,7 @@ def test_parameters_may_differ_from_candidate_to_candidate_in_single_precision(
     assert (np.abs(np.sqrt(b) - np.sqrt(a)) < 5e-4 * math.sqrt(double.scale)).all()
 
 
-def test_long_ways_and_truer_forms_stay_double() -> None:
+def test_long_ways_and_loops_of_shorted_turns_stay_double() -> None:
     way = 17.0 / ACTUATOR.transmission.ratio
     command = [{"type": "chirp", "amplitude": way, "f_start": 0.5, "f_end": 2.0}]
     far = simulate("monitor", Scenario(duration=0.2, command=command), initial_position=0.0)

@@ -64,7 +64,7 @@ def test_a_thread_gives_the_scores_of_the_lanes() -> None:
     monitor_scores(
         k, command, load, one.starts, SAMPLES, one.states, C, None, step, SUBSTEPS, one.taps, True,
         target, one.weights, costs, status, response, (power.states, watts),
-        np.full(len(k), np.inf), None, None, None, None,
+        np.full(len(k), np.inf), None,
     )  # fmt: skip
     costs, status, response, watts = costs[0], status[0], response[0], watts[0]
 

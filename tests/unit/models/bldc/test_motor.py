@@ -11,12 +11,12 @@ from ematwin.models.bldc.constants import kernel_constants
 from ematwin.models.bldc.faults import Faults
 from ematwin.models.bldc.pairs import equivalent_phase, pairs_of
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.models.bldc.reference_step import emf_constants
 from naive import monitor as naive_monitor
 from naive import motor as naive_motor
 
 ACTUATOR = BldcActuator.load()
 C = kernel_constants(ACTUATOR)
+BOTH = [ACTUATOR, ACTUATOR.changed({"eccentricity.turning_share": 0.3})]
 angles = st.floats(-1e4, 1e4)
 shares = st.floats(0.0, 1.0)
 
@@ -48,21 +48,24 @@ def test_sectors_are_six_of_sixty_degrees_from_thirty_on():
         assert naive_motor.sector(math.radians(degrees)) == expected
 
 
+@pytest.mark.parametrize("actuator", BOTH, ids=["turning", "turning in part"])
 @given(angles, shares, shares, shares, shares, shares)
-def test_emf_constants_are_those_of_the_naive_version(theta, a, b, c, zeta, phase):
+def test_emf_constants_are_those_of_the_naive_version(actuator, theta, a, b, c, zeta, phase):
     values = dict(short_a=a, short_b=b, short_c=c, eccentricity=zeta, eccentricity_phase=phase)
-    seen = emf_constants(theta, fault(**values), C)
-    expected = naive_motor.kappa(theta, Faults(**values), ACTUATOR)
+    seen = motor.emf_constants(theta, fault(**values), kernel_constants(actuator))
+    expected = naive_motor.kappa(theta, Faults(**values), actuator)
     assert seen == pytest.approx(expected, abs=1e-9)
 
 
+@pytest.mark.parametrize("actuator", BOTH, ids=["turning", "turning in part"])
 @given(angles, st.just(0.0) | st.floats(-0.5, 0.5), shares, shares, shares, shares, shares)
 def test_equivalent_phase_is_the_two_conducting_phases_in_series(
-    theta, moved, a, b, c, zeta, phase
+    actuator, theta, moved, a, b, c, zeta, phase
 ):
     values = dict(short_a=a, short_b=b, short_c=c, eccentricity=zeta, eccentricity_phase=phase)
     turns = C.pole_pairs * theta / (math.pi / 3.0) - 0.5
     assume(abs(turns - round(turns)) > 1e-6 + 1e-12 * abs(turns))
-    r, per_l, kappa = equivalent_phase(theta, moved, pairs_of(fault(**values), C), C)
-    expected = naive_monitor.equivalent_phase(theta, moved, Faults(**values), ACTUATOR)
+    pairs, constants = pairs_of(fault(**values), C), kernel_constants(actuator)
+    r, per_l, kappa = equivalent_phase(theta, moved, pairs, constants)
+    expected = naive_monitor.equivalent_phase(theta, moved, Faults(**values), actuator)
     assert (r, 1.0 / per_l, kappa) == pytest.approx(expected, abs=1e-9)

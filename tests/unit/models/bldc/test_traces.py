@@ -35,9 +35,7 @@ def test_reference_model_is_that_of_the_naive_loop(values):
 def test_monitor_model_is_that_of_the_naive_loop(values):
     faults, dt, steps = Faults(**values), 1e-5, 4_000
     command, load = history(steps, dt)
-    trace = batch.monitor_trace(
-        faults.vector, command, load, np.zeros(7), C, dt, 1, 1, None, None, None, None
-    )
+    trace = batch.monitor_trace(faults.vector, command, load, np.zeros(7), C, dt, 1, 1, None)
     command, load = (0.5 * (x[:-1] + x[1:]) for x in (command, load))  # of the middles
     slow = naive_monitor.simulate(ACTUATOR, faults, command, load, dt)
     assert np.ptp(slow["motor"]) > 2.0
@@ -54,7 +52,7 @@ def test_motor_is_stopped_half_a_gap_beyond_the_end_stop_of_the_output(way):
     end = C.travel_high if way > 0.0 else C.travel_low
     command = np.full(80_001, 2.0 * end)
     trace = batch.monitor_trace(
-        k, command, np.zeros_like(command), np.zeros(7), C, 1e-5, 1, 100, None, None, None, None
+        k, command, np.zeros_like(command), np.zeros(7), C, 1e-5, 1, 100, None
     )
     assert trace[-1, 3] == end
     assert trace[-1, 1] == pytest.approx(end + way * half_gap, rel=1e-12)

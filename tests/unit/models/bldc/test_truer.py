@@ -10,14 +10,20 @@ from bldc_inputs import SEVERE, history
 from ematwin.errors import InputError, ParameterError
 from ematwin.models.bldc import batch
 from ematwin.models.bldc.channels import VOLTAGES
-from ematwin.models.bldc.constants import kernel_cases, kernel_constants, truer_constants
+from ematwin.models.bldc.constants import kernel_constants, truer_constants
 from ematwin.models.bldc.faults import Faults
 from ematwin.models.bldc.parameters import BldcActuator
+from ematwin.models.bldc.state import fault_state
+from ematwin.models.bldc.truer.current_loop import advance_current_loop
+from ematwin.models.bldc.truer.emf import truer_emf_constants
 from ematwin.models.bldc.truer.reference_step import advance_shorted_bridge
+from ematwin.models.bldc.truer.speed_loop import advance_speed_loop
 from ematwin.models.bldc.truer.state import NEUTRAL, REST
 from ematwin.models.registry import model_of
 from ematwin.models.simulating import simulate
 from ematwin.numerics.compile import loop
+from naive import monitor as naive_monitor
+from naive import reference as naive_reference
 from naive import truer as naive
 
 PLAIN = BldcActuator.load()
@@ -53,32 +59,76 @@ TRUER = PLAIN.changed(ALL)
 MODEL = model_of(PLAIN)
 
 
-def monitor_trace(actuator, faults, command, load, dt):
-    truer = truer_constants(actuator)
+LOOPS = PLAIN.changed(FORMS["shorted_turns"] | FORMS["eccentricity"])
+
+
+def monitor_trace(faults, command, load, dt, actuator, substeps=1, state=None):
     return batch.monitor_trace(
-        faults.vector, command, load, np.zeros(7), kernel_constants(actuator), dt, 1, 1, truer,
-        None if truer is None else np.array(REST), *kernel_cases(actuator),
+        faults, command, load, np.zeros(7) if state is None else state, kernel_constants(actuator),
+        dt, substeps, 1, None if actuator.shorted_turns is None else np.zeros(4),
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("form", [*FORMS.values(), ALL], ids=[*FORMS, "all"])
-def test_monitor_model_is_that_of_the_naive_loop(form):
-    actuator, faults, dt, steps = PLAIN.changed(form), Faults(**SEVERE), 1e-5, 2_000
+@pytest.mark.parametrize(
+    ("form", "same"), [("shorted_turns", 1500), ("eccentricity", 2000), ("both", 1100)]
+)
+def test_monitor_model_is_that_of_the_naive_loop(form, same):
+    actuator = LOOPS if form == "both" else PLAIN.changed(FORMS[form])
+    faults, dt, steps = Faults(**SEVERE), 1e-5, 2_000
     command, load = history(steps, dt)
-    trace = monitor_trace(actuator, faults, command, load, dt)
+    trace = monitor_trace(faults.vector, command, load, dt, actuator)
     command, load = (0.5 * (x[:-1] + x[1:]) for x in (command, load))  # of the middles
-    slow = naive.simulate_monitor(actuator, faults, command, load, dt)
+    naive_loop = naive_monitor.simulate if form == "eccentricity" else naive.simulate_monitor
+    slow = naive_loop(actuator, faults, command, load, dt)
     assert np.ptp(slow["motor"]) > 2.0
     names = ("mean_current", "motor", "motor_speed", "output", "output_speed", "power")
     for column, name in enumerate(names):
-        np.testing.assert_allclose(trace[:1500, column], slow[name][:1500], rtol=1e-7, atol=1e-7)
+        np.testing.assert_allclose(trace[:same, column], slow[name][:same], rtol=1e-7, atol=1e-7)
         # impacts of loops under overspeed amplify the last digit
         np.testing.assert_allclose(trace[:, column], slow[name], rtol=1e-2, atol=1e-2)
 
 
+def test_reference_model_with_an_offset_that_turns_in_part_is_that_of_the_naive_loop():
+    actuator, faults, dt = PLAIN.changed(FORMS["eccentricity"]), Faults(**SEVERE), 1e-6
+    assert truer_constants(actuator) is None  # a constant of the paper's form
+    command, load = history(8_000, dt)
+    rest = np.zeros(11)
+    rest[7] = 1.0
+    trace = batch.reference_trace(
+        faults.vector, command, load, rest, kernel_constants(actuator), dt, 1, 1, None, None
+    )
+    slow = naive_reference.simulate(actuator, faults, command[:-1], load[:-1], dt)
+    np.testing.assert_allclose(trace[:, :3], slow["mean_currents"], rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(trace[:, 3], slow["motor"], rtol=0.0, atol=1e-9)
+
+
+def test_rounded_emf_constants_are_those_of_the_naive_version():
+    rng, faults = np.random.default_rng(8), Faults(**SEVERE)
+    windings = naive.Windings(TRUER, faults)
+    c, truer = kernel_constants(TRUER), truer_constants(TRUER)
+    fault = fault_state.py_func(*faults.vector, c.half_gap)
+    for theta in rng.uniform(-10.0, 10.0, 50):
+        found = truer_emf_constants(theta, *windings.h, fault, c, truer)
+        assert found == pytest.approx(windings.kappa(theta), abs=1e-12)
+
+
+def test_sampled_loops_answer_as_the_naive_ones_do():
+    rng, faults, dt = np.random.default_rng(9), Faults(gain=0.7), 1e-6
+    c, truer = kernel_constants(TRUER), truer_constants(TRUER)
+    speed, current = naive.SpeedLoop(TRUER, faults, dt), naive.CurrentLoop(TRUER, dt)
+    asked, volts = (0.0,) * 5, (0.0,) * 5
+    steps = 2_000  # limits of current, voltage and speed among them
+    inputs = np.repeat(rng.normal(size=(steps // 20, 4)) * [2.0, 0.5, 100.0, 15.0], 20, axis=0)
+    for command, output, w_m, i in inputs:
+        asked = advance_speed_loop(*asked, command, output, w_m, c.k_position * 1.2, c, truer, dt)
+        assert asked[0] == pytest.approx(speed.demand(command, output, w_m), rel=1e-9)
+        i_ref = min(max(asked[0], -c.i_max), c.i_max)
+        volts = advance_current_loop(*volts, i_ref, i, c.v_supply, truer, dt)
+        assert volts[0] == pytest.approx(current.answer(i_ref, i), rel=1e-9)
+
+
 def test_bridge_with_shorted_turns_solves_the_equations_of_coupled_windings():
     rng, c, dt = np.random.default_rng(5), kernel_constants(TRUER), 1e-6
-    truer = truer_constants(TRUER)
     for _ in range(20):
         faults = Faults(**dict(zip(("short_a", "short_b", "short_c"), rng.random(3), strict=True)))
         windings = naive.Windings(TRUER, faults)
@@ -90,73 +140,54 @@ def test_bridge_with_shorted_turns_solves_the_equations_of_coupled_windings():
         volts = np.array([c.v_supply, 0.0, -c.v_diode])
         expected = naive.advance_phases(windings, currents, volts, emf, dt)
         found, _, taken, _, _ = advance_shorted_bridge(
-            *currents, *emf[:3], 1.0, -1.0, 0.0, (1.0, 1.0, 1.0, *windings.mu), c, truer, dt
+            *currents, *emf[:3], 1.0, -1.0, 0.0, (1.0, 1.0, 1.0, *windings.mu), c, dt
         )
         np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
         mean = 0.5 * (currents + expected)[:3]
         assert taken == pytest.approx(dt * volts @ mean, rel=1e-9)
 
 
-@pytest.mark.parametrize("model", ["reference", "monitor"])
-def test_neutral_values_give_the_models_of_the_paper(model):
-    """Windings are implicit in the truer steps, which moves some switching instants."""
-    c, dt = kernel_constants(PLAIN), 1e-6 if model == "reference" else 1e-5
-    command, load = history(20_000 if model == "reference" else 4_000, dt)
-    faults = Faults(**SEVERE)
-    rest = np.zeros(11 if model == "reference" else 7)
-    if model == "reference":
-        rest[7] = 1.0
-    run = getattr(batch, f"{model}_trace")
-    rigid = () if model == "reference" else (None, None)
-    paper = run(faults.vector, command, load, rest.copy(), c, dt, 1, 1, None, None, *rigid)
-    truer = run(
-        faults.vector, command, load, rest.copy(), c, dt, 1, 1, NEUTRAL, np.array(REST), *rigid
-    )
-    at = 3 if model == "reference" else 1
-    assert np.ptp(paper[:, at]) > 2.0
-    assert np.abs(truer[:, at] - paper[:, at]).max() < 2e-3 * np.ptp(paper[:, at])
-
-
-def compared(actuator):
-    record = simulate("reference", faults={"short_a": 0.15}, actuator=actuator)
-    return MODEL.compare(record, actuator, threads=2)
+def test_neutral_values_give_the_reference_model_of_the_paper():
+    """Windings are implicit in the truer step, which moves some switching instants."""
+    c, dt = kernel_constants(PLAIN), 1e-6
+    command, load = history(20_000, dt)
+    faults, rest = Faults(**SEVERE), np.zeros(11)
+    rest[7] = 1.0
+    run = batch.reference_trace
+    paper = run(faults.vector, command, load, rest.copy(), c, dt, 1, 1, None, None)
+    truer = run(faults.vector, command, load, rest.copy(), c, dt, 1, 1, NEUTRAL, np.array(REST))
+    assert np.ptp(paper[:, 3]) > 2.0
+    assert np.abs(truer[:, 3] - paper[:, 3]).max() < 2e-3 * np.ptp(paper[:, 3])
 
 
 @pytest.fixture(scope="module")
 def comparison():
-    return compared(TRUER)
-
-
-@pytest.fixture(scope="module")
-def calm():
-    """Without the current loop: behind it some mixtures amplify the last digit."""
-    return compared(PLAIN.changed({k: v for k, v in ALL.items() if "current_loop" not in k}))
+    record = simulate("reference", faults={"short_a": 0.15}, actuator=TRUER)
+    return MODEL.compare(record, TRUER, threads=2)
 
 
 VECTORS = 0.4 * np.random.default_rng(3).random((40, 8))
 CANDIDATES = {one.name: VECTORS[:, n] for n, one in enumerate(MODEL.faults(PLAIN))}
 
 
-def test_a_batch_answers_as_the_monitor_model_does(comparison):
+def test_a_batch_answers_as_the_monitor_model_does_with_the_forms_that_it_has(comparison):
     answers = comparison.responses(CANDIDATES, len(VECTORS))["current"]
     for n in (0, 17):
-        trace = batch.monitor_trace(
-            VECTORS[n], comparison.command, comparison.load, comparison.state.copy(),
-            kernel_constants(TRUER), comparison.step, comparison.substeps, 1,
-            truer_constants(TRUER), np.array(REST), True, True,
+        trace = monitor_trace(
+            VECTORS[n], comparison.command, comparison.load, comparison.step, LOOPS,
+            comparison.substeps, comparison.state.copy(),
         )  # fmt: skip
         current = np.concatenate([[comparison.current[0]], trace[:, 0]])
         expected = comparison.low_pass.apply(current, comparison.recording.sample_rate)
         np.testing.assert_allclose(answers[n], expected, rtol=1e-9, atol=1e-9)
 
 
-def test_costs_are_the_same_however_a_batch_is_run(calm):
-    comparison = calm
+def test_costs_are_the_same_however_a_batch_is_run(comparison):
     costs = comparison.costs(CANDIDATES, len(VECTORS))
     assert np.isfinite(costs).all()
     residuals = comparison.residuals(CANDIDATES, len(VECTORS))
     np.testing.assert_allclose((residuals**2).sum(axis=1), costs, rtol=0.05)
-    # with limits it runs in segments, and keeps what the truer forms add between them
+    # with limits it runs in segments, and keeps the loops between them
     limits = np.where(np.arange(len(costs)) % 2, np.inf, np.median(costs))
     within = comparison.costs_within(CANDIDATES, len(VECTORS), limits)
     kept = np.isfinite(within)
@@ -164,8 +195,8 @@ def test_costs_are_the_same_however_a_batch_is_run(calm):
     assert not kept.all()
     np.testing.assert_array_equal(within[kept], costs[kept])
     # each candidate may have constants of its own
-    own = dict.fromkeys(("shorted_turns.resistance", "cogging.torque"))
-    own = {place: np.full(len(VECTORS), TRUER.value(place)) for place in own}
+    places = "shorted_turns.resistance", "eccentricity.turning_share"
+    own = {place: np.full(len(VECTORS), TRUER.value(place)) for place in places}
     np.testing.assert_allclose(
         comparison.costs({**CANDIDATES, **own}, len(VECTORS)), costs, rtol=1e-9
     )
@@ -177,9 +208,27 @@ def test_costs_are_the_same_however_a_batch_is_run(calm):
     assert np.isposinf(comparison.costs({**CANDIDATES, **own}, len(VECTORS))[2])
 
 
-def test_lanes_of_truer_forms_with_power_are_computed_in_vectors(monkeypatch):
+@pytest.mark.parametrize("section", ["emf", "cogging", "speed_loop", "current_loop", "compliance"])
+def test_a_form_of_the_reference_alone_changes_its_answer_and_not_that_of_the_lanes(section):
+    record = simulate("reference", "step", sample_rate=5e3)
+    with_it, without = (
+        MODEL.compare(record, one) for one in (PLAIN.changed(FORMS[section]), PLAIN)
+    )
+    costs = without.costs(CANDIDATES, len(VECTORS))
+    place = next(iter(FORMS[section]))
+    named = CANDIDATES | {place: np.linspace(0.5, 1.0, len(VECTORS)) * FORMS[section][place]}
+    np.testing.assert_array_equal(with_it.costs(CANDIDATES, len(VECTORS)), costs)
+    np.testing.assert_allclose(with_it.costs(named, len(VECTORS)), costs, rtol=1e-9)
+    exact = [one.exact(one_set)["current"] for one, one_set in (
+        (without, {}), (with_it, {}), (with_it, {place: 0.5 * FORMS[section][place]}),
+    )]  # fmt: skip
+    for n, other in ((0, 1), (1, 2)):
+        assert np.abs(exact[n] - exact[other]).max() > 1e-3 * np.abs(exact[n]).max()
+
+
+def test_lanes_of_loops_with_power_are_computed_in_vectors(monkeypatch):
     """LLVM gives up where a loop has too many arrays: 8 times slower, and nobody would see it."""
-    actuator = PLAIN.changed(FORMS["eccentricity"])
+    actuator = PLAIN.changed(FORMS["shorted_turns"])
     fresh = loop(batch.monitor_scores.py_func, interleave=2)
     fresh.kept = False  # compiled anew
     monkeypatch.setattr(batch, "monitor_scores", fresh)
@@ -193,17 +242,15 @@ def test_lanes_of_truer_forms_with_power_are_computed_in_vectors(monkeypatch):
 
 
 def test_a_gpu_refuses_what_it_does_not_know(comparison):
-    with pytest.raises(InputError, match="paper's forms, but servo48 has others"):
+    with pytest.raises(InputError, match=r"those of servo48 are a loop \(\[shorted_turns\]\)"):
         MODEL.compare(comparison.recording, TRUER, backend="cuda")
 
 
 def test_sections_that_are_left_out_leave_no_trace():
-    assert PLAIN.truer_forms == ()
     assert truer_constants(PLAIN) is None
     assert PLAIN.changed({"steps.monitor": 25 * 1e-6}).fingerprint == "28230fd0bc8ee55b"
-    for section, form in FORMS.items():
+    for form in FORMS.values():
         one = PLAIN.changed(form)
-        assert one.truer_forms == (section,)
         assert one.fingerprint != PLAIN.fingerprint
         assert {place for place, *_ in one.parameters()} - {
             place for place, *_ in PLAIN.parameters()
@@ -219,7 +266,8 @@ def test_a_template_shows_what_is_left_out_as_comments_that_can_be_used(tmp_path
     lines = [line.removeprefix("# ") for line in options.splitlines()]
     used = [x for x in lines if x.startswith("[") or " = {value" in x]
     path.write_text(head + "\n".join(used), encoding="utf-8")
-    assert BldcActuator.load(path).truer_forms == tuple(FORMS)
+    loaded = BldcActuator.load(path)
+    assert all(getattr(loaded, section) is not None for section in FORMS)
     # and a file with all of them reads back as it is
     path.write_text(TRUER.template(), encoding="utf-8")
     assert BldcActuator.load(path).fingerprint == TRUER.fingerprint

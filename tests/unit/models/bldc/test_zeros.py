@@ -102,6 +102,13 @@ def test_a_motion_that_does_not_cross_the_gap_leaves_its_side_open():
     assert zeros(stuck, ACTUATOR) is None
 
 
+def test_a_gear_that_a_load_twists_to_one_side_is_not_off_the_middle_of_its_gap():
+    soft = ACTUATOR.changed({"compliance.stiffness": 1.0, "compliance.damping": 0.005})
+    record = ematwin.simulate("reference", faults={"backlash": 0.1}, actuator=soft)
+    assert zeros(record, soft) is None
+    assert zeros(record, ACTUATOR) is not None  # as a stiff gear would have it
+
+
 def test_an_encoder_turned_further_is_left_to_the_check_of_the_wiring():
     assert zeros(mounted(recorded({}), 90.0), ACTUATOR).motor == 0.0
 

@@ -1,6 +1,8 @@
-"""Truer forms of what the paper simplifies: options of the parameter file, in both models.
+"""Truer forms of what the paper simplifies: options of the parameter file.
 
-A section such as ``[shorted_turns]`` in the file turns them on. The models of the paper's forms
-are left as they are: kernels are compiled once without the steps in this folder and once with them
-all, where a form that the file leaves out has a neutral value.
+A section such as ``[shorted_turns]`` in the file turns them on. They live in the reference model,
+by which answers are corrected; the monitor model has only what such a correction does not reach,
+the loops of shorted turns. The models of the paper's forms are left as they are: kernels are
+compiled once without the steps in this folder and once with them, where a form that the file leaves
+out has a neutral value.
 """

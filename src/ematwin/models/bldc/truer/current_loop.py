@@ -11,26 +11,16 @@ voltage and e points beyond it. Textbook form of a sampled PI controller.
 The loop sees half of the difference of the pair's currents. Commutation passes the current of one
 leg on to the next, which has none: the flux linkage of the pair, L_p i_p - L_n i_n, begins with
 that of the leg which both pairs share, whatever the diode of the third leg does meanwhile. Hence
-the loop sees its current fall to L_shared/(L_shared + L_new), one half in a healthy motor, and so
-does the torque once the third leg has run out (derived here). A comparator, which sees the shared
-leg, does not let it fall. Through its diode the third leg, of EMF e_o, runs out at
+the loop sees its current fall to L_shared/(L_shared + L_new), one half in a healthy motor (derived
+here). A comparator, which sees the shared leg, does not let it fall.
 
-    (V/2 + V_d +- e_o)/(3 L/2),
-
-and until then makes torque, and shows in the equivalent current by half of what it still carries.
 Dead time and switches take a voltage that has the sign of the current (`left_of_voltage`).
 """
-
-import math
-
-import numpy as np
 
 from ematwin.models.bldc.truer.speed_loop import SOON
 from ematwin.numerics.compile import part
 from ematwin.numerics.scalar import clip
 
-_SIXTH_TURN = math.pi / 3.0
-_AT_REST = 1e-9  # rad/s
 _SMALL = 0.1  # A: below it dead time takes less, as the ripple changes the sign of the current
 
 
@@ -62,32 +52,3 @@ def advance_current_loop(
 def left_of_voltage(voltage, i, truer):
     """Voltage across the pair after what dead time and switches take, V."""
     return voltage - truer.lost_voltage * clip(i / _SMALL, -1.0, 1.0)
-
-
-@part
-def run_out(leaving, e, supply, diode, inductance, dt):
-    """Current (A) of a leg that was switched off after ``dt``, and its mean meanwhile.
-
-    ``e`` is its back-EMF, V, ``inductance`` that of one phase, H.
-    """
-    way = 1.0 if leaving >= 0.0 else -1.0
-    falls = dt * (0.5 * supply + diode + way * e) / (1.5 * inductance)
-    falls = falls if falls > 0.0 else 0.0
-    size = way * leaving
-    ends = falls >= size
-    mean = 0.5 * size * size / falls if ends & (falls > 0.0) else size - 0.5 * falls
-    return 0.0 if ends else way * (size - falls), way * mean
-
-
-@part
-def since_commutation(theta_e, speed_e, dt):
-    """Time since the last change of the sector (s, at most ``dt``) at an electrical angle (rad).
-
-    ``speed_e`` is the electrical speed, rad/s; the sectors are those of `hall_sector`.
-    """
-    place = theta_e / _SIXTH_TURN - 0.5
-    gone = place - np.floor(place)
-    gone = gone if speed_e >= 0.0 else 1.0 - gone
-    size = abs(speed_e)
-    size = size if size > _AT_REST else _AT_REST
-    return clip(gone * _SIXTH_TURN / size, 0.0, dt)

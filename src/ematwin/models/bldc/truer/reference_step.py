@@ -33,11 +33,11 @@ class SeenPhase(NamedTuple):
 
 
 @part
-def seen_phase(i, loop, e, h, mu, c, truer, dt):
+def seen_phase(i, loop, e, h, mu, c, dt):
     """The phase with a loop eliminated, for linearly implicit Euler over ``dt``."""
     r = h * c.resistance
     turns = h * h * (1.0 - c.leakage) * c.inductance
-    remains, follows = loop_answer(mu, loop, i, e, r, turns, truer.contact, dt)
+    remains, follows = loop_answer(mu, loop, i, e, r, turns, c.short_resistance, dt)
     linked = mu * (turns + dt * r)
     inertia = phase_inductance(h, c.inductance, c.leakage) + dt * r - linked * follows
     # the loop current if i stayed as it is
@@ -55,16 +55,16 @@ def copper_loss(m, loop, mu, r, contact):
 
 @part
 def advance_shorted_bridge(i_a, i_b, i_c, loop_a, loop_b, loop_c, e_a, e_b, e_c,
-                           g_a, g_b, g_c, turns, c, truer, dt):  # fmt: skip
+                           g_a, g_b, g_c, turns, c, dt):  # fmt: skip
     """`advance_bridge` with loops.
 
     ``turns`` are h_a, h_b, h_c and mu_a, mu_b, mu_c. Gives currents and loop currents after ``dt``,
     the means of both, the energies taken in and lost, and the `Supply`.
     """
     h_a, h_b, h_c, mu_a, mu_b, mu_c = turns
-    a = seen_phase(i_a, loop_a, e_a, h_a, mu_a, c, truer, dt)
-    b = seen_phase(i_b, loop_b, e_b, h_b, mu_b, c, truer, dt)
-    p = seen_phase(i_c, loop_c, e_c, h_c, mu_c, c, truer, dt)
+    a = seen_phase(i_a, loop_a, e_a, h_a, mu_a, c, dt)
+    b = seen_phase(i_b, loop_b, e_b, h_b, mu_b, c, dt)
+    p = seen_phase(i_c, loop_c, e_c, h_c, mu_c, c, dt)
     n_a, n_b, n_c, m_a, m_b, m_c, taken, _, supply = advance_bridge(
         i_a, i_b, i_c, a.e, b.e, p.e, g_a, g_b, g_c, (a.r, b.r, p.r, a.y, b.y, p.y), c, dt
     )
@@ -75,9 +75,9 @@ def advance_shorted_bridge(i_a, i_b, i_c, loop_a, loop_b, loop_c, e_a, e_b, e_c,
     mean_b = 0.5 * (loop_b + after_b)
     mean_c = 0.5 * (loop_c + after_c)
     lost = dt * (
-        copper_loss(m_a, mean_a, mu_a, a.r, truer.contact)
-        + copper_loss(m_b, mean_b, mu_b, b.r, truer.contact)
-        + copper_loss(m_c, mean_c, mu_c, p.r, truer.contact)
+        copper_loss(m_a, mean_a, mu_a, a.r, c.short_resistance)
+        + copper_loss(m_b, mean_b, mu_b, b.r, c.short_resistance)
+        + copper_loss(m_c, mean_c, mu_c, p.r, c.short_resistance)
     )
     currents = n_a, n_b, n_c, after_a, after_b, after_c
     return currents, (m_a, m_b, m_c, mean_a, mean_b, mean_c), taken, lost, supply
@@ -117,7 +117,7 @@ def truer_reference_step(state, more, command, load, fault, c, truer, dt):
     currents, means, taken, lost, supply = advance_shorted_bridge(
         state.i_a, state.i_b, state.i_c, more.loop_a, more.loop_b, more.loop_c,
         kappa_a * state.w_m, kappa_b * state.w_m, kappa_c * state.w_m,
-        g_a, g_b, g_c, (h_a, h_b, h_c, mu_a, mu_b, mu_c), c, truer, dt,
+        g_a, g_b, g_c, (h_a, h_b, h_c, mu_a, mu_b, mu_c), c, dt,
     )  # fmt: skip
     i_a, i_b, i_c, loop_a, loop_b, loop_c = currents
     m_a, m_b, m_c, mean_a, mean_b, mean_c = means
@@ -136,7 +136,7 @@ def truer_reference_step(state, more, command, load, fault, c, truer, dt):
         state.e_mechanical + dt * torque * state.w_m,
     )  # fmt: skip
     more_after = TruerState(
-        loop_a, loop_b, loop_c, sector, asked, pending, integral, wait, late,
-        voltage, voltage_pending, voltage_integral, voltage_wait, voltage_late, 0.0, 0.0,
+        loop_a, loop_b, loop_c, asked, pending, integral, wait, late,
+        voltage, voltage_pending, voltage_integral, voltage_wait, voltage_late,
     )  # fmt: skip
     return after, more_after, m_a, m_b, m_c, supply

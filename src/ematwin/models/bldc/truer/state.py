@@ -1,4 +1,4 @@
-"""What the truer forms add to the constants and to the state of a kernel.
+"""What the truer forms add to the constants and to the state of the reference model.
 
 All in SI and reflected to the motor shaft. Each value has one at which the paper's form results.
 """
@@ -12,8 +12,6 @@ class Truer(NamedTuple):
     """Constants of the truer forms."""
 
     loops: float  # 1: shorted turns are a loop; 0: they are missing
-    contact: float  # ohm, between shorted turns
-    turning: float  # share of the eccentricity that turns with the rotor
     rounding: float  # share of a sine in the EMF shape
     cogging: float  # N m
     cogging_cycles: float  # in a turn of the motor
@@ -29,8 +27,7 @@ class Truer(NamedTuple):
 
 
 NEUTRAL = Truer(
-    loops=0.0, contact=1.0, turning=1.0, rounding=0.0,
-    cogging=0.0, cogging_cycles=1.0, cogging_phase=0.0,
+    loops=0.0, rounding=0.0, cogging=0.0, cogging_cycles=1.0, cogging_phase=0.0,
     integral_gain=0.0, sample_time=0.0, delay=0.0,
     current_gain=0.0, current_integral=0.0, current_sample=1.0, current_delay=0.0,
     lost_voltage=0.0,
@@ -43,7 +40,6 @@ class TruerState(NamedTuple):
     loop_a: float  # A, through the contact between shorted turns of phase a
     loop_b: float
     loop_c: float
-    sector: float  # of the last step; the reference model does without
     asked: float  # A, by the speed loop
     pending: float  # A, that will be asked for
     integral: float  # N m
@@ -54,29 +50,15 @@ class TruerState(NamedTuple):
     voltage_integral: float  # V
     voltage_wait: float  # s, until the next sample of the current loop
     voltage_late: float  # s, until what is pending is applied
-    leaving: float  # A, into the leg that is off and runs out; of the monitor model, as is
-    beside: float  # A, what that adds to the equivalent current, mean of the last step
 
 
-REST = TruerState(*[0.0] * 16)
+REST = TruerState(*[0.0] * 13)
 
 
 @step
 def truer_state(values):
-    """The fields of `TruerState` from an array (16,)."""
+    """The fields of `TruerState` from an array (13,)."""
     return TruerState(
         values[0], values[1], values[2], values[3], values[4], values[5], values[6], values[7],
-        values[8], values[9], values[10], values[11], values[12], values[13],
-        values[14], values[15],
-    )  # fmt: skip
-
-
-@step
-def lane_truer(own, first, n):
-    """The constants of lane ``n`` from the rows of an array from ``first`` on."""
-    return Truer(
-        own[first, n], own[first + 1, n], own[first + 2, n], own[first + 3, n], own[first + 4, n],
-        own[first + 5, n], own[first + 6, n], own[first + 7, n], own[first + 8, n],
-        own[first + 9, n], own[first + 10, n], own[first + 11, n], own[first + 12, n],
-        own[first + 13, n], own[first + 14, n],
+        values[8], values[9], values[10], values[11], values[12],
     )  # fmt: skip
