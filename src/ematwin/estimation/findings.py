@@ -11,11 +11,12 @@ from ematwin.estimation.baseline import Baseline
 from ematwin.estimation.estimate import Estimate
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found
-from ematwin.estimation.verdict import HOPELESS, Verdict, judged, listed, most_misfit
+from ematwin.estimation.verdict import HOPELESS, Verdict, judged, most_misfit
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
 from ematwin.recordings.recording import Recording
+from ematwin.showing.words import listed
 
 _ABOVE_NOISE = 2.0  # times the misfit that noise alone leaves is still a fit
 _DISTRUSTED = 0.33  # share of its weight with which evidence counts
