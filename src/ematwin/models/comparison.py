@@ -57,6 +57,8 @@ class Comparison(ABC):
         intervals are formed (`with_evidence`); in their standard deviations
     tells : names of pivots of aliases (`Model.aliases`) that this evidence tells from the others
     ignores : names of nuisances of the kind that have no effect on what is compared
+    model_error : float, factor on standard errors for what the twin gets wrong
+        (`Model.model_error`)
     unseen : names of parameters on which only the reference depends, and not the fast model
     unplaced : whether only an answer can show from where the recording counts (`placed`)
     """
@@ -74,15 +76,9 @@ class Comparison(ABC):
     evidence: int = 0
     tells: frozenset[str] = frozenset()
     ignores: frozenset[str] = frozenset()
+    model_error: float = 1.0
     unseen: frozenset[str] = frozenset()
     unplaced: bool = False
-
-    @property
-    def model_error(self) -> float:
-        """Factor on standard errors for what the twin gets wrong (`Model.model_error`)."""
-        from ematwin.models.registry import model_of
-
-        return model_of(self.actuator).model_error
 
     @abstractmethod
     def residuals(self, candidates: Candidates, count: int) -> np.ndarray:
@@ -196,7 +192,7 @@ class TraceComparison(Comparison):
         actuator: Any,
         prepared: Mapping[str, np.ndarray] | None = None,
     ) -> None:
-        self._model = model
+        self._model, self.model_error = model, model.model_error
         self.recording, self.actuator = recording, actuator
         channels = {**recording.channels, **(prepared or {})}
         self._noise = {

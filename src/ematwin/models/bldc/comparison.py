@@ -23,7 +23,7 @@ from ematwin.models.bldc.phase_sensors import balanced
 from ematwin.models.bldc.power import Power, recorded_power
 from ematwin.models.bldc.state import V_SUPPLY, Constants
 from ematwin.models.bldc.stretches import PowerStretches, Stretches
-from ematwin.models.bldc.unknowns import POWER, SENSOR, UNKNOWNS
+from ematwin.models.bldc.unknowns import MODEL_ERROR, POWER, SENSOR, UNKNOWNS
 from ematwin.models.bldc.zeros import counted, turned
 from ematwin.models.comparison import Candidates, Comparison, Placed
 from ematwin.numerics.low_pass import LowPass, filtered
@@ -89,6 +89,7 @@ class BldcComparison(Comparison):
 
     kept: int
     _stands_for = 1  # samples as recorded, each sample
+    model_error = MODEL_ERROR
     power: Power | None = None
     _filtered_power: PowerStretches | None = None
     _missed: Mapping[str, np.ndarray] | None = None
@@ -166,7 +167,7 @@ class BldcComparison(Comparison):
         return other
 
     def exact(self, values: Mapping[str, float]) -> dict[str, np.ndarray]:
-        """Filtered current and, if it counts, power of the reference model, (S,) arrays, A and W."""
+        """Filtered current (A) and, if it counts, power (W) of the reference, (S,) arrays."""
         from ematwin.models.bldc.reference import reference_answer
 
         _, w_m, theta_m, w_o, theta_o, _, _ = self.state

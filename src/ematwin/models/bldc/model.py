@@ -14,7 +14,15 @@ from ematwin.models.bldc.faults import (
     error_percent_wrapped,
 )
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.models.bldc.unknowns import CONTRASTS, FAULTS, FIXED, UNKNOWNS, aliases, nuisances
+from ematwin.models.bldc.unknowns import (
+    CONTRASTS,
+    FAULTS,
+    FIXED,
+    MODEL_ERROR,
+    UNKNOWNS,
+    aliases,
+    nuisances,
+)
 from ematwin.models.comparison import Candidates
 from ematwin.models.scenario import Chirp, Component, Ramp, Scenario, Step
 from ematwin.models.servo import (
@@ -47,7 +55,7 @@ class BldcModel(Model):
     backends: ClassVar[tuple[str, ...]] = ("cpu", "cpu-single", "cuda")
     compared_rate: ClassVar[float | None] = 20_000.0
     # Parameters that a healthy recording may determine, and how far a template may be off.
-    model_error: ClassVar[float] = 3.5
+    model_error: ClassVar[float] = MODEL_ERROR
     nominal: ClassVar[dict[str, float]] = {
         "motor.emf_constant": 1.1,
         "motor.inertia": 1.3,

@@ -62,6 +62,9 @@ LOAD = ("load_gain", "load_offset")  # corrections of the recorded load
 POWER = ("power_gain", "power_offset", "voltage_drop")  # of the recorded power
 SENSOR = ("skew", "current_gain", "current_offset", *POWER)  # what sensors make of the answer
 
+# of the monitor model where the reference does not correct it: 95 % of errors on records of the
+# reference lie within 2 standard errors (``python benchmarks/identification.py --coverage``)
+MODEL_ERROR = 3.5
 _LOAD_OFFSET = 0.05  # of the dry friction, seen on the output
 _POWER_OFFSET = 0.001  # of the largest power that the drive can take
 _CURRENT_OFFSET = 0.005  # of the current limit: Hall sensors state 0.5 to 1 % of their range

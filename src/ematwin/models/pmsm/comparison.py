@@ -14,6 +14,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ematwin.errors import RecordError
+from ematwin.models.base import Model
 from ematwin.models.comparison import Candidates, Comparison
 from ematwin.models.pmsm.channels import (
     ROTATING_VOLTAGES,
@@ -67,6 +68,7 @@ class PmsmComparison(Comparison):
     """
 
     whitened = True
+    model_error = Model.model_error
 
     def __init__(
         self, recording: Recording, actuator: PmsmActuator, *, threads: int | None = None
