@@ -1,16 +1,14 @@
-"""What rotary servo actuators share: normalised faults, and what of them is reported and drawn.
+"""What rotary servo actuators share: normalised faults, and what is drawn.
 
 Faults of a motor with a gear that follows a commanded output position, each from 0 to 1.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Any
 
-from ematwin.models.base import Reported, Signal
+from ematwin.models.base import Signal
 from ematwin.models.unknown import Unknown
 from ematwin.recordings.recording import Recording
-
-_LEAST = 0.2  # of its range: no healthy run is so far from the others
 
 
 def normalised_fault(
@@ -24,22 +22,6 @@ def normalised_fault(
     """A fault from 0 to 1; ``unit`` is that of ``physical``, ``more`` as of `Unknown`."""
     return Unknown(
         name, "", meaning, healthy, 0.0, 1.0, physical_unit=unit, physical=physical, **more
-    )
-
-
-def reported_magnitudes(unknowns: Iterable[Unknown]) -> tuple[Reported, ...]:
-    """Each magnitude as it is searched; a direction is no finding of its own."""
-    return tuple(
-        Reported(
-            one.name,
-            "",
-            one.meaning,
-            named=one.name,
-            least=_LEAST,
-            either=one.lower < one.healthy,
-        )
-        for one in unknowns
-        if one.direction_of is None
     )
 
 

@@ -4,12 +4,12 @@ import copy
 
 import numpy as np
 import pytest
-from naive.toy import BASES, NOISE, SAMPLES, OneChannel, fault, stacked
 
 from ematwin.estimation.correction import corrected
 from ematwin.estimation.descent import Descent
 from ematwin.estimation.laplace import laplace
 from ematwin.estimation.problem import Problem
+from naive.toy import BASES, NOISE, SAMPLES, OneChannel, fault, stacked
 
 WEAR, GAP = 0.4, 0.3
 FAULTS = [fault("wear"), fault("gap")]
