@@ -20,7 +20,7 @@ import numpy as np
 
 import ematwin
 from ematwin.models.ball_screw.simulate import simulate_motion
-from ematwin.monitoring import CalibrationReport, Detection, Scores, Verdict
+from ematwin.monitoring import CalibrationReport, Detection, Diagnosis, Scores
 from ematwin.report.detection import detection_page
 
 HEALTHY = "normal"
@@ -282,7 +282,7 @@ def drifted(
     )
 
 
-def rates(verdicts: list[Verdict], kind: str) -> str:
+def rates(verdicts: list[Diagnosis], kind: str) -> str:
     """Alarms, named ones, and changes below an alarm, as a text."""
     alarm, named, changed = (
         100 * np.mean([found(v) for v in verdicts])

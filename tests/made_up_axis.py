@@ -22,12 +22,27 @@ def axis() -> ematwin.BldcActuator:
 @cache
 def run(number: int, **fault: float) -> ematwin.Recording:
     """One recording of a day, with noise and a friction of its own."""
+    return _recorded(number, axis(), fault)
+
+
+def drifted(number: int) -> ematwin.Recording:
+    """One recording with magnets 1 % weaker and a winding 8 % warmer."""
+    known = axis()
+    factors = {"motor.emf_constant": 0.99, "motor.resistance": 1.08}
+    return _recorded(
+        number, known.changed({place: f * known.value(place) for place, f in factors.items()}), {}
+    )
+
+
+def _recorded(
+    number: int, actuator: ematwin.BldcActuator, fault: dict[str, float]
+) -> ematwin.Recording:
     day = {"friction": abs(np.random.default_rng(number).normal(0.0, 0.02)), **fault}
     recording = ematwin.simulate(
         "reference",
         ematwin.Scenario(duration=0.15, command=[Chirp(amplitude=0.005, f_start=5.0, f_end=25.0)]),
         day,
-        axis(),
+        actuator,
         noise=ematwin.Noise(white=0.02, bits=12),
         seed=number,
         sample_rate=RATE,

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from ematwin.estimation.discriminate import Discrimination, discriminate
     from ematwin.estimation.estimate import Estimate
     from ematwin.estimation.identifiability import Identifiability, identifiability
-    from ematwin.estimation.identify import Identification, identify
+    from ematwin.estimation.identify import Identification
     from ematwin.estimation.problem import Problem
     from ematwin.estimation.sensitivity import Sensitivity, sensitivity
     from ematwin.exploring.explore import explore
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from ematwin.models.unknown import Unknown
     from ematwin.monitoring.calibrate import calibrate
     from ematwin.monitoring.calibration import Calibration
-    from ematwin.monitoring.detect import detect
+    from ematwin.monitoring.identify import detect, identify
     from ematwin.optimizers.loop import minimize
     from ematwin.optimizers.registry import register
     from ematwin.recordings.channel import Channel
@@ -70,13 +70,13 @@ _HOMES = {
     "calibrate": "ematwin.monitoring.calibrate",
     "compare": "ematwin.comparison.comparing",
     "design": "ematwin.estimation.design",
-    "detect": "ematwin.monitoring.detect",
+    "detect": "ematwin.monitoring.identify",
     "discriminate": "ematwin.estimation.discriminate",
     "error_percent": "ematwin.models.bldc.faults",
     "error_percent_wrapped": "ematwin.models.bldc.faults",
     "explore": "ematwin.exploring.explore",
     "identifiability": "ematwin.estimation.identifiability",
-    "identify": "ematwin.estimation.identify",
+    "identify": "ematwin.monitoring.identify",
     "load_actuator": "ematwin.models.registry",
     "minimize": "ematwin.optimizers.loop",
     "propose_map": "ematwin.models.proposing",

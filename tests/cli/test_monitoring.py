@@ -287,15 +287,14 @@ def test_units_that_were_assumed_are_said(ematwin, files):
 # identify
 
 
-def test_identify_adds_a_verdict_where_the_actuator_is_calibrated(ematwin, files):
+def test_identify_gives_the_verdict_of_the_healthy_population(ematwin, files):
     answer = ematwin(
         "identify", "one.parquet", "--actuator", "rig.toml", "--report", "out.html", "--json"
     )
     assert answer.code == 0, answer.err
     told = json.loads(answer.out)
-    assert told["each"] == "motion"
     assert told["report"] == "out.html"
-    assert [v["fault"] for v in told["verdicts"]] == ["lubrication"]
+    assert told["verdict"]["faults"] == ["lubrication"]
     assert told["faults"]["friction"] == pytest.approx(1.35, rel=0.06)
     assert (files / "out.html").stat().st_size > 10_000
 
@@ -308,7 +307,7 @@ def test_identify_judges_every_motion_of_a_table_against_a_calibrated_actuator(e
     assert answer.code == 0, answer.err
     told = json.loads(answer.out)
     assert told.keys() == {
-        "actuator", "kind", "each", "verdicts", "report", "assumed", "warnings",
+        "actuator", "kind", "each", "verdicts", "not_judged", "report", "assumed", "warnings",
     }  # fmt: skip
     assert (told["each"], told["report"], len(told["verdicts"])) == ("motion", "all.html", 4)
     assert (files / "all.html").stat().st_size > 10_000
@@ -329,28 +328,37 @@ def test_a_brushless_actuator_is_calibrated_and_judged_from_the_shell(ematwin, f
     answer = ematwin("calibrate", *healthy, "--actuator", "servo48", "--out", "axis.toml")
     assert answer.code == 0, answer.err
     assert "controller.position_gain" in answer.out
-    assert re.search(r"friction +scatters by [\d.]+ within a run", answer.out)
-    assert "learnt from runs day1.parquet, day2.parquet, day3.parquet" in answer.out
-    answer = ematwin("detect", "dry.parquet", "--actuator", "axis.toml", "--json")
-    assert answer.code == 0, answer.err
-    told = json.loads(answer.out)
-    (verdict,) = told["verdicts"]
+    assert re.search(r"found off healthy by .*: friction [\d.]+, backlash", answer.out)
+    answers = [
+        ematwin(command, "dry.parquet", "day1.parquet", "--actuator", "axis.toml", "--json")
+        for command in ("detect", "identify")
+    ]
+    assert [answer.code for answer in answers] == [0, 0], answers[0].err + answers[1].err
+    told, same = (json.loads(answer.out) for answer in answers)
+    assert told["verdicts"] == same["verdicts"]
     assert told["kind"] == "bldc"
-    assert verdict["load_N"] is verdict["sensor_coupling"] is None
-    friction = verdict["magnitudes"]["friction"]
+    worn, sound = told["verdicts"]
+    assert worn["load_N"] is worn["sensor_coupling"] is worn["index"] is None
+    assert (worn["grade"], worn["faults"], worn["alarm"]) == ("fault", ["friction"], True)
+    assert (sound["grade"], sound["faults"], sound["alarm"]) == ("healthy", [], False)
+    friction = worn["magnitudes"]["friction"]
     assert friction["value"] == pytest.approx(0.25, abs=0.03)
     assert friction["score"] > 3.0
-    answer = ematwin(
-        "detect", "dry.parquet", "--actuator", "axis.toml", "--report", "a.html", "--table", "a.csv"
-    )
-    assert answer.code == 0, answer.err
-    heading = answer.out.splitlines()[1]
-    assert "eccentricity" in heading
-    assert "load" not in heading
-    with (files / "a.csv").open(encoding="utf-8") as file:
-        (row,) = csv.DictReader(file)
-    assert float(row["friction"]) == pytest.approx(friction["value"])
-    assert (files / "a.html").stat().st_size > 10_000
+    (files / "runs").mkdir()
+    shutil.copy(files / "dry.parquet", files / "runs")
+    for command in ("detect", "identify"):
+        answer = ematwin(
+            command, "runs", "--actuator", "axis.toml", "--report", "a.html", "--table", "a.csv"
+        )
+        assert answer.code == 0, answer.err
+        heading = answer.out.splitlines()[1]
+        assert "eccentricity" in heading
+        assert "load" not in heading
+        assert "1 of 1 recordings raise an alarm: friction in 1." in answer.out
+        with (files / "a.csv").open(encoding="utf-8") as file:
+            (row,) = csv.DictReader(file)
+        assert float(row["friction"]) == pytest.approx(friction["value"])
+        assert (files / "a.html").stat().st_size > 10_000
 
 
 def ematwin_of(recording, path: Path) -> None:
@@ -414,7 +422,10 @@ CASES = [
     (["detect", "turned.csv", "--actuator", "rig.toml", "--report", "x.html"], "wrong sign"),
     (["detect", "rotary.csv", "--actuator", "rig.toml"], "It has the channels of the kind bldc"),
     # identify
-    (["identify", "later.parquet", "--actuator", "rm1605"], "later.parquet holds 4 motions"),
+    (["identify", "one.parquet", "--actuator", "rig.toml", "--table", "x.csv"],
+     "--table is of several recordings"),
+    (["identify", "folder.toml", "--actuator", "rig.toml"], "folder.toml holds no recording"),
+    (["detect", "none*.csv", "--actuator", "rig.toml"], "none*.csv holds no recording"),
     (["identify", "one.parquet", "--actuator", "cut.toml"], "cut.toml"),
     (["identify", "rotary.csv", "--actuator", "rig.toml"], "It has the channels of the kind bldc"),
 ]  # fmt: skip

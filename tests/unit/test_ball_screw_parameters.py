@@ -13,13 +13,14 @@ import tomli_w
 
 import ematwin
 from ematwin.errors import FileError, ParameterError
+from ematwin.estimation.baseline import Baseline
 from ematwin.models.ball_screw.constants import kernel_constants
 from ematwin.models.ball_screw.model import MODEL
 from ematwin.models.ball_screw.parameters import BallScrew
 from ematwin.models.ball_screw.simulate import out_and_back
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.registry import kind_of, load_actuator, models, shipped_actuators
-from ematwin.monitoring.calibration import FORMAT, Calibration, Thresholds
+from ematwin.monitoring.calibration import FORMAT, Calibration, PopulationCalibration, Thresholds
 from ematwin.monitoring.classification import Signature
 from ematwin.monitoring.population import Population
 
@@ -290,8 +291,9 @@ def calibration() -> Calibration:
             212.5, random.normal(size=(3, count)), *np.exp(random.normal(size=(2, count)))
         )
 
-    return Calibration(
+    return PopulationCalibration(
         actuator=actuator,
+        baseline=Baseline.of_template(MODEL, actuator),
         command=command,
         interval=interval,
         settling_time=1.4,
@@ -354,7 +356,7 @@ def test_a_calibration_is_an_actuator_too(tmp_path, calibration):
 def test_a_calibration_keeps_the_tolerances_of_its_actuator(tmp_path, calibration):
     path = tmp_path / "mine.toml"
     known = calibration.actuator.with_tolerances({"screw.lead": "0.5 %"})
-    Calibration(**{**vars(calibration), "actuator": known}).save(path, {})
+    type(calibration)(**{**vars(calibration), "actuator": known}).save(path, {})
     assert Calibration.load(path).actuator.tolerance("screw.lead") == 0.005
     assert load_actuator(path).tolerance("screw.lead") == 0.005
 
@@ -364,7 +366,7 @@ def test_a_calibration_that_cannot_be_written_leaves_the_old_one(tmp_path, calib
     calibration.save(path, {})
     before = path.read_bytes()
     with pytest.raises(TypeError):
-        Calibration(**{**vars(calibration), "facts": {"runs": object()}}).save(path, {})
+        type(calibration)(**{**vars(calibration), "facts": {"runs": object()}}).save(path, {})
     assert path.read_bytes() == before
     assert [file.name for file in tmp_path.iterdir()] == ["mine.toml"]
 

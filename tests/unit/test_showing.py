@@ -14,7 +14,7 @@ import ematwin
 from ematwin import plots
 from ematwin.errors import InputError, MissingExtraError, RecordError
 from ematwin.estimation.identify import Identification
-from ematwin.monitoring.detect import Detection
+from ematwin.monitoring.diagnosis import Detection
 from ematwin.recordings.survey import survey
 from ematwin.showing import bars, markup
 from ematwin.testing.reader_contract import bench_channels

@@ -19,14 +19,15 @@ from ematwin.cli.recordings import choice, known_fault, load, remarks
 
 if TYPE_CHECKING:
     from ematwin.monitoring.calibrate import CalibrationReport
-    from ematwin.monitoring.calibration import Calibration
+    from ematwin.monitoring.calibration import PopulationCalibration
 
 
 def calibrate(
     records: Annotated[
         list[Path],
         typer.Argument(
-            help="Files with healthy recordings: one for the twin, three runs for detect as well."
+            help="Files with healthy recordings, or folders of them: one for the twin, three runs "
+            "for a healthy population as well."
         ),
     ],
     out: Annotated[Path, typer.Option(help="Where to write the calibrated actuator (.toml).")],
@@ -55,9 +56,12 @@ def calibrate(
         ),
     ] = None,
     false_alarms: Annotated[
-        float,
-        typer.Option(help="Share of healthy recordings on another day that may raise an alarm."),
-    ] = 0.1,
+        float | None,
+        typer.Option(
+            help="Share of healthy recordings on another day that may raise an alarm, of a healthy "
+            "population; 0.1 if not given."
+        ),
+    ] = None,
     add: Annotated[
         Path | None,
         typer.Option(
@@ -97,7 +101,7 @@ def calibrate(
             template,
             held_back=hold_back,
             false_alarm_rate=false_alarms,
-            known=faults,
+            known=faults or None,
             name=out.stem,
             progress=progress,
             add_to=before,
@@ -116,6 +120,8 @@ def calibrate(
 def print_calibration(report: "CalibrationReport") -> None:
     """Fitted parameters, spread between runs, and the self-check, for people."""
     from rich.table import Table
+
+    from ematwin.monitoring.calibration import PopulationCalibration
 
     actuator = report.actuator
     units = {place: unit for place, _, unit, _, _ in actuator.parameters()}
@@ -159,12 +165,15 @@ def print_calibration(report: "CalibrationReport") -> None:
             f"The twin leaves {100.0 * baseline.misfit:.2f} % of healthy recordings "
             f"unexplained{floor}."
         )
-    if report.calibration is not None:
+    if isinstance(report.calibration, PopulationCalibration):
         _print_population(report, report.calibration)
+    elif baseline.scatter:
+        said = ", ".join(f"{name} {value:.2g}" for name, value in baseline.scatter.items())
+        typer.echo(f"Healthy recordings are found off healthy by (one standard deviation): {said}.")
     print_notes("Warning", report.notes)
 
 
-def _print_population(report: "CalibrationReport", calibration: "Calibration") -> None:
+def _print_population(report: "CalibrationReport", calibration: "PopulationCalibration") -> None:
     """Spread between runs, thresholds, and known faults."""
     for one in calibration.model.reported(calibration.actuator):
         within, between = report.run_spread[one.name]

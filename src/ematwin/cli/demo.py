@@ -34,10 +34,10 @@ def demo(
     """Calibrate an unknown actuator on healthy records, and find the faults of a later one."""
     from ematwin import BldcActuator, Faults, Noise, simulate
     from ematwin.errors import FileError
-    from ematwin.estimation.identify import identify
     from ematwin.files import write_text
     from ematwin.models.reading import read, write
     from ematwin.monitoring.calibrate import calibrate
+    from ematwin.monitoring.identify import identify
     from ematwin.report.comparison import comparison_page
     from ematwin.report.identification import identification_page
 

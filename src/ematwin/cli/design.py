@@ -190,8 +190,8 @@ def _explanations(
     if path.suffix.lower() == ".json":
         answer, others = _answer(path)
     elif path.suffix.lower() in _RECORDED:
-        from ematwin.estimation.identify import identify
         from ematwin.models.reading import read
+        from ematwin.monitoring.identify import identify
 
         found = identify(read(path, actuator=chosen), actuator)
         answer, others = {**found.values, **found.fitted}, list(found.others)

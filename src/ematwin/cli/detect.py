@@ -7,32 +7,43 @@ import typer
 
 from ematwin.cli.options import (
     JsonOption,
+    LoadOption,
     MapOption,
     ReportOption,
+    TableOption,
     print_json,
     print_notes,
     print_table,
+    progress_bar,
 )
-from ematwin.cli.recordings import choice, load, remarks
+from ematwin.cli.recordings import choice, constant_load, remarks
+from ematwin.cli.recordings import load as loaded
 from ematwin.errors import InputError
 
 if TYPE_CHECKING:
-    from ematwin.monitoring.detect import Detection, Verdict
+    from ematwin.monitoring.diagnosis import Detection, Diagnosis
     from ematwin.recordings.recording import Recording
 
 _EACH = ("motion", "run")
-_OF_BALL_SCREWS = {"load_N": None, "sensor_coupling": None}  # keys that each verdict has had
+# Keys that each verdict has, null where they do not apply.
+_ALWAYS = dict.fromkeys(
+    ("index", "threshold", "clear_threshold", "named_by", "load_N", "sensor_coupling")
+)
+_MOST_COLUMNS = 8  # of magnitudes; of more, those that some verdict names
 
 
 def detect(
-    records: Annotated[list[Path], typer.Argument(help="Files with recordings to judge.")],
+    records: Annotated[
+        list[Path], typer.Argument(help="Files with recordings to judge, or folders of them.")
+    ],
     actuator: Annotated[
         Path, typer.Option(help="Actuator calibrated by `ematwin calibrate` (.toml).")
     ],
     each: Annotated[
         str,
         typer.Option(
-            help="What to judge: each run (its recordings together) or each motion (recording)."
+            help="What to judge: each run (its recordings together, where a healthy population "
+            "judges) or each motion (recording)."
         ),
     ] = "run",
     where: Annotated[
@@ -44,33 +55,41 @@ def detect(
         typer.Option(help='Which channel is what, e.g. set_point="Demand [mm]". Repeatable.'),
     ] = None,
     map_file: MapOption = None,
+    load: LoadOption = None,
     report: ReportOption = None,
-    table: Annotated[
-        Path | None, typer.Option(help="Write all verdicts as a table (.csv or .parquet).")
-    ] = None,
+    table: TableOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Judge recordings against the healthy actuator: value, interval, alarm, name of the fault.
+    """Judge recordings against the healthy actuator: what identify says of each, as a table.
 
-    healthy; changed: unlike healthy runs, but like no fault that can be named; fault: named, and an
-    alarm; none: no verdict. A change raises an alarm where it is clearly more than what may drift.
+    healthy; changed: by no more than drift, or like no fault that can be named; fault: all faults
+    by name, and an alarm; none: no verdict, with the reason.
     """
-    from ematwin.files import check_target
     from ematwin.monitoring.calibration import Calibration
-    from ematwin.monitoring.detect import detect as run
+    from ematwin.monitoring.identify import detect as run
 
     if each not in _EACH:
         raise InputError(f"--each must be motion or run, received {each!r}.")
+    check_targets(table, report)
+    calibration = Calibration.load(actuator)
+    wanted = choice(where or [], "--where")
+    recordings = loaded(
+        records, column, map_file, calibration.actuator, *([wanted] if wanted else [])
+    )
+    given = constant_load(load, calibration.actuator)
+    with progress_bar("Judging", not json) as progress:
+        found = run(recordings, calibration, load=given, progress=progress)
+    answer(found, recordings, each, table, report, json)
+
+
+def check_targets(table: Path | None, report: Path | None) -> None:
+    """Refuse a table or page that cannot be written, before any work is done."""
+    from ematwin.files import check_target
+
     if report is not None:
         check_target(report, (".html",))
     if table is not None:
         check_target(table, (".csv", ".parquet"))
-    calibration = Calibration.load(actuator)
-    wanted = choice(where or [], "--where")
-    recordings = load(
-        records, column, map_file, calibration.actuator, *([wanted] if wanted else [])
-    )
-    answer(run(recordings, calibration), recordings, each, table, report, json)
 
 
 def answer(
@@ -86,7 +105,7 @@ def answer(
 
     actuator = found.calibration.actuator
     assumed, doubtful = remarks(recordings)
-    shown = found.runs if each == "run" else found.motions
+    shown = found.each(each)
     if table is not None:
         _write_table(table, shown)
     if report is not None:
@@ -99,7 +118,8 @@ def answer(
                 "actuator": actuator.name,
                 "kind": actuator.kind,
                 "each": each,
-                "verdicts": [{**_OF_BALL_SCREWS, **verdict.as_dict()} for verdict in shown],
+                "verdicts": [{**_ALWAYS, **one.as_dict()} for one in shown],
+                "not_judged": found.missing,
                 "report": None if report is None else str(report),
                 "assumed": assumed,
                 "warnings": doubtful,
@@ -118,36 +138,39 @@ def print_verdicts(found: "Detection", each: str) -> None:
     """The table for people, and what there is to say of it."""
     from rich.table import Table
 
-    from ematwin.monitoring.detect import counted, gathered_notes, gathered_reasons
+    from ematwin.monitoring.diagnosis import counted, gathered_notes, gathered_reasons
 
-    shown = found.runs if each == "run" else found.motions
-    reported = [m.name for m in shown[0].magnitudes]
-    covariate = shown[0].covariate
+    shown = found.each(each)
+    columns = [m.name for m in shown[0].magnitudes]
+    if len(columns) > _MOST_COLUMNS:
+        columns = [name for name in columns if any(name in one.faults for one in shown)]
+    at = shown[0].standing
+    covariate = None if at is None else at.covariate
     table = Table()
-    table.add_column(each)
-    for heading in (*reported, *([covariate.name] if covariate else []), "index", "limit"):
+    table.add_column(each if found.by_run else "recording")
+    beside = [] if covariate is None else [covariate.name]
+    for heading in (*columns, *beside, *(() if at is None else ("index", "limit"))):
         table.add_column(heading, justify="right")
     table.add_column("verdict")
-    for verdict in shown:
-        cells = [
-            f"{m.value:.2f} ({m.low:.2f} to {m.high:.2f}) {m.unit}".rstrip()
-            for m in verdict.magnitudes
-        ]
-        table.add_row(
-            verdict.name, *cells, *([str(verdict.covariate)] if covariate else []),
-            f"{verdict.index:.2f}", f"{verdict.threshold:.2f}", verdict.said,
-            style="bold" if verdict.alarm else None,
-        )  # fmt: skip
+    for one in shown:
+        cells = [f"{m} {m.unit}".rstrip() for m in one.magnitudes if m.name in columns]
+        if one.standing is not None:
+            cells += [str(one.standing.covariate)] if covariate else []
+            cells += [f"{one.standing.index:.2f}", f"{one.standing.threshold:.2f}"]
+        table.add_row(one.name, *cells, one.said, style="bold" if one.alarm else None)
     print_table(table, 200)
-    for kind, verdicts in (("runs", found.runs), ("motions", found.motions)):
-        typer.echo(counted(verdicts, kind))
+    if found.by_run:
+        for kind, rows in (("runs", found.runs), ("motions", found.motions)):
+            typer.echo(counted(rows, kind))
+    else:
+        typer.echo(found.sentence)
     print_notes("Why", gathered_reasons(shown))
     print_notes("Note", gathered_notes(shown))
 
 
-def _write_table(path: Path, verdicts: "tuple[Verdict, ...]") -> None:
+def _write_table(path: Path, shown: "tuple[Diagnosis, ...]") -> None:
     from ematwin.recordings.tables import write_table
 
-    rows = [verdict.row for verdict in verdicts]
+    rows = [one.row for one in shown]
     names = list(dict.fromkeys(name for row in rows for name in row))
     write_table(path, {name: [row.get(name) for row in rows] for name in names})

@@ -1,10 +1,10 @@
-"""``ematwin identify``: a recording in, what it says of its actuator out."""
+"""``ematwin identify``: recordings in, what they say of their actuator out."""
 
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, cast
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
@@ -13,8 +13,10 @@ from ematwin.cli.options import (
     ActuatorOption,
     ColumnOption,
     JsonOption,
+    LoadOption,
     MapOption,
     ReportOption,
+    TableOption,
     numbers,
     pairs,
     print_json,
@@ -22,19 +24,22 @@ from ematwin.cli.options import (
     print_table,
     progress_bar,
 )
+from ematwin.cli.recordings import constant_load
+from ematwin.errors import InputError
 
 if TYPE_CHECKING:
     from ematwin.estimation.identify import Identification
     from ematwin.estimation.uncertainty import Uncertainty
-    from ematwin.models.parameter_set import ParameterSet
-    from ematwin.monitoring.calibration import Calibration
-    from ematwin.monitoring.detect import Detection
     from ematwin.recordings.gaps import Policy
 
 
 def identify(
-    record: Annotated[
-        Path, typer.Argument(help="A recording: Parquet, CSV, MAT, MDF4, TDMS or HDF5.")
+    records: Annotated[
+        list[Path],
+        typer.Argument(
+            help="A recording: Parquet, CSV, MAT, MDF4, TDMS or HDF5. Of several, or of a folder, "
+            "a table of verdicts."
+        ),
     ],
     actuator: ActuatorOption = "servo48",
     algorithm: Annotated[
@@ -70,13 +75,7 @@ def identify(
     gaps: Annotated[
         str, typer.Option(help="Holes in the record: refuse, longest or mask.")
     ] = "refuse",
-    load: Annotated[
-        str | None,
-        typer.Option(
-            help='The constant load of a record that does not hold it, e.g. "10 N*m"; 0 if there '
-            "was none."
-        ),
-    ] = None,
+    load: LoadOption = None,
     exact: Annotated[
         bool,
         typer.Option(
@@ -109,76 +108,62 @@ def identify(
         Path | None, typer.Option(help="Keep a population method's state here; resume from it.")
     ] = None,
     report: ReportOption = None,
+    table: TableOption = None,
     json: JsonOption = False,
 ) -> None:
     """Find the faults with which the digital twin behaves like the recorded actuator."""
     from ematwin.cli.channels import map_of
-    from ematwin.estimation.baseline import frees_parameters
-    from ematwin.estimation.identify import identify as run
-    from ematwin.files import check_target, write_text
+    from ematwin.cli.detect import answer, check_targets
+    from ematwin.files import write_text
     from ematwin.models.reading import read
+    from ematwin.monitoring.calibration import Calibration
+    from ematwin.monitoring.gather import files_of, is_one
+    from ematwin.monitoring.identify import identify as run
 
-    if report is not None:
-        check_target(report, (".html",))
-    chosen, calibration = _loaded(actuator)
-    columns = map_of(column, map_file, chosen)
-    with progress_bar(f"Reading {record.name}", not json) as progress:
+    check_targets(table, report)
+    known = Calibration.of(actuator)
+    columns = map_of(column, map_file, known.actuator)
+    files = [file for path in records for file in files_of(path)]
+    with progress_bar(f"Reading {records[0].name}", not json) as progress:
         recordings = read(
-            [record], columns, actuator=chosen, resample_to=resample_to, gaps=cast("Policy", gaps),
-            split=calibration is not None, progress=progress,
+            files, columns, actuator=known.actuator, resample_to=resample_to,
+            gaps=cast("Policy", gaps), split=True, progress=progress,
         )  # fmt: skip
-    if calibration is not None:
-        from ematwin.monitoring.detect import detect
-    if calibration is not None and len(recordings) > 1:
-        from ematwin.cli.detect import answer
-
-        answer(detect(recordings, calibration), recordings, "motion", None, report, json)
+    settings: dict[str, Any] = {
+        "budget": budget,
+        "population": population,
+        "iterations": iterations,
+        "seed": seed,
+        "only": None if only is None else [name.strip() for name in only.split(",")],
+        "held": numbers(hold or [], "--hold"),
+        "checkpoint": checkpoint,
+        "load": constant_load(load, known.actuator),
+        "exact": exact,
+        "backend": backend,
+        "uncertainty": uncertainty,
+        "thresholds": pairs(threshold or [], "--threshold"),
+    }
+    if len(records) > 1 or len(recordings) > 1 or not is_one(records[0]):
+        with progress_bar("Judging", not json) as show:
+            judged = run(
+                recordings, known, algorithm, **settings,
+                progress=lambda done, cost, count: show(done / count),
+            )  # fmt: skip
+        answer(judged, recordings, "motion", table, report, json)
         return
+    if table is not None:
+        raise InputError("--table is of several recordings; give more, or a folder.")
     with search_bar(not json) as progress_of_search:
-        found = run(
-            # given away, so that what was sampled faster than it is compared can be freed
-            recordings.pop() if calibration is None else recordings[0],
-            actuator if calibration is None else calibration,
-            algorithm,
-            budget=budget,
-            population=population,
-            iterations=iterations,
-            seed=seed,
-            only=None if only is None else [name.strip() for name in only.split(",")],
-            held=numbers(hold or [], "--hold"),
-            checkpoint=checkpoint,
-            progress=progress_of_search,
-            load=None if load is None else _load(load, chosen),
-            exact=exact,
-            backend=backend,
-            uncertainty=uncertainty,
-            thresholds=pairs(threshold or [], "--threshold"),
-        )
-    judged = None
-    if calibration is not None:
-        judged = detect(recordings, calibration)
+        # given away, so that what was sampled faster than it is compared can be freed
+        found = run(recordings.pop(), known, algorithm, **settings, progress=progress_of_search)
     if report is not None:
         from ematwin.report.identification import identification_page
 
-        write_text(report, identification_page(found, judged))
+        write_text(report, identification_page(found))
     if json:
-        told = {**found.as_dict(), "report": None if report is None else str(report)}
-        if judged is not None:
-            verdicts = [verdict.as_dict() for verdict in judged.motions]
-            told |= {"each": "motion", "verdicts": verdicts}
-            if not frees_parameters(found.model):
-                told["verdict"] = _of_population(judged)
-        print_json(told)
+        print_json({**found.as_dict(), "report": None if report is None else str(report)})
         return
-    shown = None
-    if judged is not None and not frees_parameters(found.model):
-        shown = str(_of_population(judged)["sentence"])
-    print_findings(found, shown)
-    if judged is not None:
-        from ematwin.cli.detect import print_verdicts
-
-        typer.echo("\nAgainst the healthy runs:")
-        print_verdicts(judged, "motion")
+    print_findings(found)
     if not found.calibrated:
         typer.echo(
             f"Not calibrated: {found.actuator.name} is known as far as its tolerances go. "
@@ -186,31 +171,6 @@ def identify(
         )
     if report is not None:
         typer.echo(f"wrote {report}")
-
-
-def _load(text: str, actuator: "ParameterSet") -> float:
-    """A load in SI, from a number with or without its unit."""
-    from ematwin.errors import InputError
-    from ematwin.models.registry import model_of
-    from ematwin.quantities import parse_quantity
-
-    model = model_of(actuator)
-    if model.load is None:
-        raise InputError(f"The kind {model.kind} takes no load; leave --load out.")
-    return parse_quantity(text, model.channel(model.load).unit, "--load")
-
-
-def _loaded(name: str) -> "tuple[ParameterSet, Calibration | None]":
-    """The actuator that a name or file means, and its calibration if the file holds one."""
-    from ematwin.models.registry import load_actuator
-    from ematwin.validation import load_toml
-
-    if name.endswith(".toml") and "calibration" in load_toml(Path(name), "actuator"):
-        from ematwin.monitoring.calibration import Calibration
-
-        calibration = Calibration.load(name)
-        return calibration.actuator, calibration
-    return load_actuator(name), None
 
 
 @contextmanager
@@ -239,23 +199,11 @@ def search_bar(shown: bool) -> Iterator[Callable[[int, float, int], None]]:
         yield update
 
 
-def _of_population(judged: "Detection") -> dict[str, object]:
-    """The verdict of the healthy population, which knows of more than the twin's magnitudes."""
-    one = judged.motions[0]
-    because = f": {one.reason}" if one.reason else ""
-    return {
-        "grade": one.grade,
-        "faults": list(one.faults),
-        "reason": one.reason,
-        "sentence": f"{one.said[:1].upper()}{one.said[1:]}{because}",
-    }
-
-
-def print_findings(found: "Identification", verdict: str | None = None) -> None:
-    """The verdict, its own or a given one, then the table for people."""
+def print_findings(found: "Identification") -> None:
+    """The verdict, then the table for people."""
     from rich.table import Table
 
-    typer.echo(f"{verdict or found.verdict.sentence}\n")
+    typer.echo(f"{found.verdict.sentence}\n")
     table = Table(title=f"Faults of {found.actuator.name}", title_justify="left")
     table.add_column("fault")
     for heading in ("k", "95 % of k", "value", "95 % of value", "healthy"):

@@ -29,6 +29,16 @@ MapOption = Annotated[
     Path | None, typer.Option("--map", help="The same in a TOML file (docs/recordings.md).")
 ]
 NoiseOption = Annotated[str | None, typer.Option(help="Sensor noise, e.g. white=0.02,bits=12.")]
+LoadOption = Annotated[
+    str | None,
+    typer.Option(
+        help='The constant load of a record that does not hold it, e.g. "10 N*m"; 0 if there '
+        "was none."
+    ),
+]
+TableOption = Annotated[
+    Path | None, typer.Option(help="Write all verdicts as a table (.csv or .parquet).")
+]
 ReportOption = Annotated[
     Path | None, typer.Option(help="Write a self-contained page here (.html).")
 ]

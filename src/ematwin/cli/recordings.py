@@ -8,6 +8,7 @@ from ematwin.cli.options import pairs
 from ematwin.errors import InputError
 
 if TYPE_CHECKING:
+    from ematwin.models.parameter_set import ParameterSet
     from ematwin.recordings.recording import Recording
 
 Choices = dict[str, list[str]]
@@ -20,15 +21,30 @@ def load(
     actuator: Any,
     *choices: Choices,
 ) -> "list[Recording]":
-    """Recordings of an actuator in files, each motion of a table, that fit one of the choices.
+    """Recordings of an actuator in files and folders, each motion of a table, that fit a choice.
 
     ``column`` holds texts such as ``set_point=Demand [mm]``, ``map_file`` the same for all files.
     """
     from ematwin.cli.channels import map_of
     from ematwin.models.reading import read
+    from ematwin.monitoring.gather import files_of
 
     columns = map_of(column, map_file, actuator)
+    files = [file for path in files for file in files_of(path)]
     return read(files, columns, actuator=actuator, split=True, where=choices or None)
+
+
+def constant_load(text: str | None, actuator: "ParameterSet") -> float | None:
+    """A load in SI, from a number with or without its unit; None where none is given."""
+    from ematwin.models.registry import model_of
+    from ematwin.quantities import parse_quantity
+
+    if text is None:
+        return None
+    model = model_of(actuator)
+    if model.load is None:
+        raise InputError(f"The kind {model.kind} takes no load; leave --load out.")
+    return parse_quantity(text, model.channel(model.load).unit, "--load")
 
 
 def remarks(recordings: "Sequence[Recording]") -> tuple[list[str], list[str]]:

@@ -24,10 +24,10 @@ _ENTRIES = {"sample_rate": '"20 kHz"', "gear_ratio": "100", "phase_order": "acb"
 # Advice that has another form here.
 SENTENCES = {
     "Read it with split=True, which gives a recording for each.": (
-        "Give a file with one motion; ematwin calibrate and ematwin detect take many."
+        "Give a file with one motion; ematwin identify and ematwin detect take many."
     ),
     "Narrow it to one, or read them with split=True, which gives a recording for each.": (
-        "Give a file with one motion; ematwin calibrate and ematwin detect take many."
+        "Give a file with one motion; ematwin identify and ematwin detect take many."
     ),
     "leave step and initial_position out": "leave --step out",
 }

@@ -1,17 +1,17 @@
-"""From a recording to the faults: `identify`."""
+"""From one recording to the faults, by the values with which the twin answers as it does."""
 
 import math
 import time
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from ematwin.errors import InputError
 from ematwin.estimation.assess import Interval, assess, unassessed
-from ematwin.estimation.baseline import Baseline, baseline_of
+from ematwin.estimation.baseline import Baseline
 from ematwin.estimation.estimate import Estimate
 from ematwin.estimation.findings import caveats_of, doubts_of, obstacles_to, remarks_on, verdict_on
 from ematwin.estimation.placing import place
@@ -22,11 +22,10 @@ from ematwin.estimation.verdict import Verdict
 from ematwin.models.base import Model
 from ematwin.models.channels_agree import checked
 from ematwin.models.parameter_set import ParameterSet
-from ematwin.models.reading import read
-from ematwin.models.registry import load_actuator, model_of
+from ematwin.models.registry import model_of
 from ematwin.models.unknown import PhysicalValue, table_of
 from ematwin.optimizers.base import ITERATIONS, POPULATION, Optimizer
-from ematwin.recordings.read import Columns, assumptions
+from ematwin.recordings.read import assumptions
 from ematwin.recordings.recording import Recording
 from ematwin.showing import markup
 from ematwin.showing.bars import told
@@ -260,9 +259,10 @@ class Identification:
         return "\n".join(lines)
 
 
-def identify(
-    record: Recording | str | Path | Any,
-    actuator: Any = None,
+def identified(
+    ready: "Prepared",
+    actuator: ParameterSet,
+    baseline: Baseline,
     algorithm: str | Search | Optimizer | Any | None = None,
     *,
     budget: int | None = None,
@@ -274,61 +274,16 @@ def identify(
     checkpoint: str | Path | None = None,
     progress: Progress | bool | None = None,
     threads: int | None = None,
-    columns: Columns = None,
-    load: float | None = None,
-    exact: bool = False,
     backend: str = "cpu",
     uncertainty: "str | Method | None" = None,
     thresholds: Mapping[str, float | str] | None = None,
 ) -> Identification:
-    """Find the values with which the twin answers as the recorded actuator did.
+    """The values with which the twin answers as a prepared recording.
 
-    Parameters
-    ----------
-    record : a `Recording`, a file that `ematwin.read` knows, or a DataFrame of pandas
-    actuator : parameters of any kind, a calibration, the name of a shipped set, or a TOML file;
-        the default brushless actuator if not given
-    algorithm : a name of ``ematwin algorithms``, a `Search`, or an optimiser; the default method
-        of the kind if not given
-    budget : simulations at most; for a population method exactly, by default
-        ``population * iterations``
-    population, iterations : of the population methods; 50 and 200 as in the paper
-    seed : int
-    only : names of the unknowns that are searched: faults, nuisances, or parameters of the actuator
-        by their place, such as ``motor.emf_constant``. None searches all faults and nuisances
-    held : values of the others; healthy if not given
-    checkpoint : file of a population method's state; an interrupted run goes on from it
-    progress : True shows a bar, in a terminal or a notebook; else called with evaluations, best
-        cost and budget now and then
-    threads : threads that share a batch; None takes one for each core
-    columns : which channel of a file or DataFrame is which, as of `ematwin.read`
-    load : the constant load, SI, of a recording that does not hold it; 0 for none
-    exact : the parameters are exactly those of the actuator, and the sensors are ideal but for
-        noise, as in a simulation; no tolerances count
-    backend : what simulates the candidates: "cpu"; for brushless actuators "cpu-single", costs in
-        single precision, from which population methods gain, intervals and all else in double; or
-        "cuda", a GPU (needs ``ematwin[gpu]``)
-    uncertainty : how sure the answer is: "laplace", "profile" or "posterior" (docs/certainty.md),
-        or such a method with settings of its own, e.g. ``Posterior(most=50_000)``
-    thresholds : by fault, the value from which on it matters; a text with a unit is physical, e.g.
-        ``"0.05 N*m"``. Tells the probability of each to be beyond; "laplace" if no method is given
-
-    Returns
-    -------
-    Identification, also after an interruption (Ctrl-C), with the best found so far
-
-    Raises
-    ------
-    RecordError
-        If the recording cannot be identified from.
-    InputError
-        If an argument cannot be used.
+    Other parameters are those of `ematwin.identify`.
     """
-    chosen = load_actuator(actuator)
-    baseline = Baseline.of_simulation() if exact else baseline_of(actuator, chosen)
-    model = model_of(chosen)
-    if isinstance(record, Recording) and columns is not None:
-        raise InputError("A Recording has its channels already; leave columns out.")
+    model, recording = model_of(actuator), ready.recording
+    warnings = list(ready.warnings)
     if thresholds and uncertainty is None:
         uncertainty = "laplace"
     method = None
@@ -336,22 +291,16 @@ def identify(
         from ematwin.estimation.uncertainty import named as way_of
 
         method = way_of(uncertainty)
-    recording = record if isinstance(record, Recording) else read(record, columns, actuator=chosen)
-    recording = _loaded(model, recording, load)
-    doubts, barred = checked(model, recording, chosen)
-    warnings = [*recording.provenance.get("warnings", []), *doubts]
-    recording = model.averaged(recording)
-    del record  # who gives it away frees what was sampled faster
 
     def problem_of(one: Recording) -> Problem:
-        return Problem.of(one, chosen, only=only, held=held, threads=threads, backend=backend)
+        return Problem.of(one, actuator, only=only, held=held, threads=threads, backend=backend)
 
     problem = problem_of(recording)
     limits: dict[str, Threshold] = {}
     if thresholds:
         from ematwin.estimation.thresholds import thresholds_of
 
-        limits = thresholds_of(thresholds, problem.unknowns, chosen)
+        limits = thresholds_of(thresholds, problem.unknowns, actuator)
     search: Search = named(
         model.default_search if algorithm is None else algorithm,
         population=population, iterations=iterations, checkpoint=checkpoint,
@@ -368,14 +317,14 @@ def identify(
             found = find(problem, search, budget=budget, seed=seed, progress=tell)
         interrupted = found.stopped == "interrupted"
         if interrupted:
-            assessed = unassessed(model, chosen, problem, found, baseline)
+            assessed = unassessed(model, actuator, problem, found, baseline)
         else:
-            assessed = assess(model, chosen, problem, found, baseline, threads)
+            assessed = assess(model, actuator, problem, found, baseline, threads)
         sure = None
         if method is not None and assessed.joint is not None:
             from ematwin.estimation.uncertainty import Question
 
-            question = Question(problem, chosen, assessed, assessed.joint, limits)
+            question = Question(problem, actuator, assessed, assessed.joint, limits)
 
             def tell_more(spent: int, most: int) -> None:
                 if tell is not None:
@@ -385,23 +334,23 @@ def identify(
     point = np.array([assessed.values[name] for name in problem.names])
     cost = found.cost if found.problem is not None else assessed.cost
     estimate = estimate_of(
-        model, chosen, problem, point, assessed.covariance, problem.relative_misfit(cost),
+        model, actuator, problem, point, assessed.covariance, problem.relative_misfit(cost),
         recording, dict(problem.comparisons[0].statistics),
     )  # fmt: skip
     warnings += doubts_of(estimate, found, problem, assessed.sharp_errors)
-    warnings += remarks_on(model, chosen, assessed)
+    warnings += remarks_on(model, actuator, assessed)
     obstacles = [
-        *barred,
-        *model.excitation(recording, chosen),
+        *ready.barred,
+        *model.excitation(recording, actuator),
         *obstacles_to(model.load, recording, problem, found, estimate.misfit, assessed, baseline),
         *where.obstacles,
     ]
-    verdict = verdict_on(model, chosen, problem, estimate, assessed, baseline, obstacles)
+    verdict = verdict_on(model, actuator, problem, estimate, assessed, baseline, obstacles)
     if found.problem is None:
-        rivals = rivals_of(model, chosen, problem, assessed, baseline, verdict, threads)
+        rivals = rivals_of(model, actuator, problem, assessed, baseline, verdict, threads)
         warnings += hints(rivals, verdict)
         if objected := objections(rivals, verdict):
-            verdict = verdict_on(model, chosen, problem, estimate, assessed, baseline, objected)
+            verdict = verdict_on(model, actuator, problem, estimate, assessed, baseline, objected)
         verdict = qualified(rivals, verdict)
     warnings += caveats_of(problem, verdict)
     seconds = time.perf_counter() - started
@@ -419,7 +368,7 @@ def identify(
         searched=problem.names,
         warnings=warnings,
         assumed=assumptions(recording),
-        actuator=chosen,
+        actuator=actuator,
         provenance=recording.provenance,
         intervals=_ends(assessed.intervals, problem.names),
         physical_values={name: (x, i.low, i.high) for name, (x, i) in assessed.physical.items()},
@@ -436,6 +385,38 @@ def identify(
 def _shown(done: int, cost: float, budget: int) -> tuple[float, str]:
     """The share done of a search, and words beside it."""
     return done / budget, f"best misfit {cost:.4g}"
+
+
+class Prepared(NamedTuple):
+    """A recording as it is compared.
+
+    Attributes
+    ----------
+    recording : at the rate at which it is compared
+    warnings : sentences on what is doubtful about it
+    barred : sentences on channels that forbid a verdict
+    """
+
+    recording: Recording
+    warnings: list[str]
+    barred: list[str]
+
+
+def prepared(recording: Recording, actuator: ParameterSet, load: float | None = None) -> Prepared:
+    """A recording that is checked, with the load that is given, at the rate it is compared at.
+
+    Raises
+    ------
+    RecordError
+        If it cannot be identified from.
+    InputError
+        If it has a load already, or the kind takes none.
+    """
+    model = model_of(actuator)
+    recording = _loaded(model, recording, load)
+    doubts, barred = checked(model, recording, actuator)
+    warnings = [*recording.provenance.get("warnings", []), *doubts]
+    return Prepared(model.averaged(recording), warnings, barred)
 
 
 def _loaded(model: Model, recording: Recording, load: float | None) -> Recording:

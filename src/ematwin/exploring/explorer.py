@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from ematwin.errors import InputError
-from ematwin.estimation.identify import identify
 from ematwin.estimation.local import LocalDescent
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import find
@@ -21,6 +20,7 @@ from ematwin.models.reading import read
 from ematwin.models.registry import load_actuator, model_of
 from ematwin.models.scenario import Scenario
 from ematwin.models.unknown import Unknown
+from ematwin.monitoring.identify import identify
 from ematwin.plots.style import BLUE, GREEN, GREY, ORANGE
 from ematwin.recordings.recording import Recording
 

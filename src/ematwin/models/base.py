@@ -39,7 +39,7 @@ _FACTOR = 3.0  # a nominal parameter may be so much smaller or larger than its f
 
 @dataclass(frozen=True)
 class Reported:
-    """A quantity of a healthy population that `detect` reports.
+    """A quantity that is reported where a healthy population judges.
 
     Parameters
     ----------
@@ -549,10 +549,10 @@ class Model(ABC):
             if channel.name in self.outputs and channel.name in recording.channels
         ]
 
-    # What monitoring asks for
+    # What a healthy population asks for, where one judges
 
     def reported(self, actuator: Any) -> tuple[Reported, ...]:
-        """What `detect` reports; by default each fault as it is searched."""
+        """What is reported; by default each fault as it is searched."""
         return tuple(
             Reported(
                 one.name, one.unit, one.meaning, named=one.name, either=one.lower < one.healthy
@@ -566,7 +566,7 @@ class Model(ABC):
         return 0.0
 
     def monitored(self, recording: Recording, actuator: Any, settling_time: float) -> Comparison:
-        """A recording prepared for monitoring.
+        """A recording prepared for the healthy population.
 
         ``settling_time`` (s) is that with which the calibration was made; a kind whose preparation
         depends on what is steady takes it from here.

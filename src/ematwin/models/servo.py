@@ -1,18 +1,17 @@
-"""What rotary servo actuators share: normalised faults, and what of them is reported and drawn.
+"""What rotary servo actuators share: normalised faults, and what is drawn.
 
 Faults of a motor with a gear that follows a commanded output position, each from 0 to 1.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from ematwin.models.base import Law, Model, Reported, Signal
+from ematwin.models.base import Law, Model, Signal
 from ematwin.models.unknown import Unknown
 from ematwin.recordings.recording import Recording
 
-_LEAST = 0.2  # of its range: no healthy run is so far from the others
 _SUM = 0.05  # of the RMS of the phases: their sensors and converters differ by less
 _BROKEN = 0.2  # of it: no gains of sensors leave as much once the best is taken off
 _SLOPE = 0.1  # of the RMS of a speed: how far a drive's own may be from the slope of the position
@@ -29,22 +28,6 @@ def normalised_fault(
     """A fault from 0 to 1; ``unit`` is that of ``physical``, ``more`` as of `Unknown`."""
     return Unknown(
         name, "", meaning, healthy, 0.0, 1.0, physical_unit=unit, physical=physical, **more
-    )
-
-
-def reported_magnitudes(unknowns: Iterable[Unknown]) -> tuple[Reported, ...]:
-    """Each magnitude as it is searched; a direction is no finding of its own."""
-    return tuple(
-        Reported(
-            one.name,
-            "",
-            one.meaning,
-            named=one.name,
-            least=_LEAST,
-            either=one.lower < one.healthy,
-        )
-        for one in unknowns
-        if one.direction_of is None
     )
 
 

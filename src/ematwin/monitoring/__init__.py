@@ -1,7 +1,7 @@
 """Condition monitoring: calibrate a twin on healthy recordings, then judge others against them.
 
-`ematwin.calibrate` and `ematwin.detect` are the way in; here stand the types of what they give, and
-the index and its threshold for analyses of one's own.
+`ematwin.calibrate`, `ematwin.identify` and `ematwin.detect` are the way in; here stand the types of
+what they give, and the index and its threshold for analyses of one's own.
 """
 
 from importlib import import_module
@@ -9,21 +9,22 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ematwin.monitoring.calibrate import CalibrationReport
-    from ematwin.monitoring.calibration import Calibration, Thresholds
+    from ematwin.monitoring.calibration import Calibration, PopulationCalibration, Thresholds
     from ematwin.monitoring.classification import Signature
-    from ematwin.monitoring.detect import Detection, Magnitude, Verdict
+    from ematwin.monitoring.diagnosis import Detection, Diagnosis, Magnitude
     from ematwin.monitoring.index import health_index, prediction_bound
     from ematwin.monitoring.scores import Scores
 
 _HOMES = {
     "Calibration": "calibration",
     "CalibrationReport": "calibrate",
-    "Detection": "detect",
-    "Magnitude": "detect",
+    "Detection": "diagnosis",
+    "Diagnosis": "diagnosis",
+    "Magnitude": "diagnosis",
+    "PopulationCalibration": "calibration",
     "Scores": "scores",
     "Signature": "classification",
     "Thresholds": "calibration",
-    "Verdict": "detect",
     "health_index": "index",
     "prediction_bound": "index",
 }
@@ -32,11 +33,12 @@ __all__ = [
     "Calibration",
     "CalibrationReport",
     "Detection",
+    "Diagnosis",
     "Magnitude",
+    "PopulationCalibration",
     "Scores",
     "Signature",
     "Thresholds",
-    "Verdict",
     "health_index",
     "prediction_bound",
 ]

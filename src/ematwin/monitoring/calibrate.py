@@ -1,12 +1,12 @@
-"""``calibrate``: from healthy recordings to a twin, its healthy population and its thresholds.
+"""``calibrate``: from healthy recordings to a twin, and where it judges, the healthy population.
 
-One recording is enough for the twin. The population, by which `detect` judges, takes three runs
-over one command.
+One recording is enough for the twin. Kinds that one descent fits are judged by a healthy population
+as well, which takes three runs over one command.
 """
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,16 +15,15 @@ import numpy as np
 from ematwin import __version__
 from ematwin.errors import InputError, RecordError
 from ematwin.estimation.baseline import Baseline, frees_parameters
-from ematwin.estimation.learn import learn, same_command
+from ematwin.estimation.learn import learn
 from ematwin.estimation.local import LocalDescent
 from ematwin.estimation.nominal import NominalParameter
-from ematwin.files import written_whole
-from ematwin.models.base import Model
 from ematwin.models.channels_agree import checked
 from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.registry import load_actuator, model_of
-from ematwin.monitoring.calibration import Calibration, Thresholds
+from ematwin.monitoring.by_population import by_population
+from ematwin.monitoring.calibration import Calibration, PopulationCalibration, Thresholds
 from ematwin.monitoring.classification import REACH, Signature
 from ematwin.monitoring.features import Layout
 from ematwin.monitoring.gather import Given, recordings_of
@@ -51,28 +50,34 @@ class CalibrationReport:
 
     Attributes
     ----------
-    actuator : with the values that were found
-    baseline : how well they are known
-    calibration : with the healthy population; None where there were too few runs over one command
+    calibration : with the healthy population, where there is one (`PopulationCalibration`)
     parameters : fitted ones, with what could not be determined; none where runs were added
     tied : groups of parameters of which only ratios or products are known
-    run_spread : of each reported quantity, standard deviations within a run and between runs;
-        of logarithms for multiples of healthy, else SI
     learnt, held_back : names of the runs; none is held back where each was judged by the others
+    run_spread : of each quantity of the population, standard deviations within a run and between
+        runs; of logarithms for multiples of healthy, else SI
     false_alarms : share of the recordings so judged above the threshold
     notes : sentences on what to be careful of
     """
 
-    actuator: ParameterSet
-    baseline: Baseline
-    calibration: Calibration | None
+    calibration: Calibration
     parameters: list[NominalParameter]
     tied: list[tuple[str, ...]]
-    run_spread: dict[str, tuple[float, float]]
     learnt: list[str]
-    held_back: list[str]
-    false_alarms: float
+    held_back: list[str] = field(default_factory=list)
+    run_spread: dict[str, tuple[float, float]] = field(default_factory=dict)
+    false_alarms: float = 0.0
     notes: tuple[str, ...] = ()
+
+    @property
+    def actuator(self) -> ParameterSet:
+        """With the values that were found."""
+        return self.calibration.actuator
+
+    @property
+    def baseline(self) -> Baseline:
+        """How well they are known."""
+        return self.calibration.baseline
 
     @property
     def sources(self) -> dict[str, str]:
@@ -116,19 +121,12 @@ class CalibrationReport:
 
     def save(self, path: str | Path) -> None:
         """Write the calibrated actuator as a TOML file, with the sources of its parameters."""
-        if self.calibration is not None:
-            self.calibration.save(path, self.sources)
-            return
-        import tomli_w
-
-        table = {**self.actuator.as_table(self.sources), "baseline": self.baseline.as_table()}
-        with written_whole(path) as draft:
-            draft.write_text(tomli_w.dumps(table), encoding="utf-8")
+        self.calibration.save(path, self.sources)
 
     def as_dict(self) -> dict[str, object]:
         """For JSON."""
         of_population: dict[str, object] = {"threshold": None, "signatures": []}
-        if self.calibration is not None:
+        if isinstance(self.calibration, PopulationCalibration):
             of_population = {
                 "threshold": vars(self.calibration.thresholds).copy(),
                 "signatures": [s.fault for s in self.calibration.signatures],
@@ -140,6 +138,7 @@ class CalibrationReport:
             "tied": [list(group) for group in self.tied],
             "parameters": {p.place: vars(p).copy() for p in self.parameters},
             "spread": {k: {"within": a, "between": b} for k, (a, b) in self.run_spread.items()},
+            "scatter": dict(self.baseline.scatter),
             "learnt": self.learnt,
             "held_back": self.held_back,
             "false_alarms": self.false_alarms,
@@ -153,7 +152,7 @@ def calibrate(
     template: ParameterSet | str | Path | Any = "rm1605",
     *,
     held_back: int | None = None,
-    false_alarm_rate: float = FALSE_ALARM_RATE,
+    false_alarm_rate: float | None = None,
     known: Mapping[str, Given] | None = None,
     name: str | None = None,
     progress: Progress | bool | None = None,
@@ -163,13 +162,13 @@ def calibrate(
 
     Parameters
     ----------
-    recordings : healthy ones, or the files that hold them; one is enough for the twin, three runs
-        over one command also give the population that `detect` needs; nuisances such as a load
-        need not be known
+    recordings : healthy ones, or the files or folders that hold them; one is enough for the twin;
+        three runs over one command also give the healthy population by which kinds that one
+        descent fits are judged; nuisances such as a load need not be known
     template : actuator of any kind to start from: parameters, the name of a shipped set, or a file
     held_back : runs, the last ones, that take no part in learning and set the thresholds; by
         default all runs are learnt from, and each, judged by the others, sets the thresholds
-    false_alarm_rate : of a healthy recording, or run, of another day
+    false_alarm_rate : of a healthy recording, or run, of another day; 0.1 if not given
     known : recordings with a known fault, by a text ``fault`` or ``fault: remark``; each entry
         becomes a signature
     name : of the calibrated actuator
@@ -177,6 +176,9 @@ def calibrate(
     add_to : calibration, or its file, whose healthy runs these join: actuator and discrepancy stay,
         population and thresholds are learnt from all; ``template`` is not looked at, and one run
         is enough
+
+    ``held_back``, ``false_alarm_rate``, ``known`` and ``add_to`` are of the healthy population, and
+    refused for kinds without one.
 
     Raises
     ------
@@ -196,37 +198,51 @@ def _calibrated(
     recordings: Given,
     template: ParameterSet | str | Path | Any,
     held_back: int | None,
-    false_alarm_rate: float,
+    false_alarm_rate: float | None,
     known: Mapping[str, Given],
     name: str | None,
     tell: Progress,
     add_to: Calibration | str | Path | None,
 ) -> CalibrationReport:
     """Do what `calibrate` says, and tell ``tell`` of it."""
-    if not 0.0 < false_alarm_rate < 0.5:
-        raise InputError(
-            f"The false alarm rate must lie between 0 and 0.5, received {false_alarm_rate:g}."
-        )
+    rate = FALSE_ALARM_RATE if false_alarm_rate is None else false_alarm_rate
+    if not 0.0 < rate < 0.5:
+        raise InputError(f"The false alarm rate must lie between 0 and 0.5, received {rate:g}.")
     if add_to is not None:
         if held_back is not None:
             raise InputError(
                 f"Runs that are added are judged by all others, received held_back={held_back}; "
                 "leave it out."
             )
-        return _added(recordings, add_to, false_alarm_rate, known, name, tell)
+        return _added(recordings, add_to, rate, known, name, tell)
     chosen = load_actuator(template)
     model = model_of(chosen)
+    by_values = frees_parameters(model)
+    asked = {
+        "held_back": held_back is not None,
+        "false_alarm_rate": false_alarm_rate is not None,
+        "known": bool(known),
+    }
+    given = [option for option, wanted in asked.items() if wanted]
+    if by_values and given:
+        raise InputError(
+            f"Actuators of the kind {model.kind} are judged by the values of their faults, not by "
+            f"a healthy population; leave {' and '.join(given)} out."
+        )
     healthy = recordings_of(recordings, chosen)
     for one in healthy:
         _, barred = checked(model, one, chosen)
         if barred:
             raise RecordError(f"{one.name} is nothing to learn from: {' '.join(barred)}")
     runs = list(dict.fromkeys(one.run for one in healthy))
-    wanted = held_back is not None or bool(known)
-    obstacle = _no_population(model, healthy, runs)
-    if obstacle and wanted:
-        raise RecordError(obstacle)
-    back = [] if obstacle else _held_back(runs, held_back)
+    few = "" if by_values or len(runs) >= 3 else (
+        "A healthy population needs at least three healthy runs, so that two can judge the third; "
+        f"received {len(runs)} ({', '.join(runs)}). Record more, on other days; a run is a file, "
+        "or a value of the column run."
+    )  # fmt: skip
+    if few and (held_back is not None or known):
+        raise RecordError(few)
+    back = [] if by_values or few else _held_back(runs, held_back)
     learnt_runs = [run for run in runs if run not in back]
     learning = np.array([one.run not in back for one in healthy])
     settling = model.settling_time(chosen)
@@ -235,25 +251,27 @@ def _calibrated(
     taught = [one for one, own in zip(healthy, learning, strict=True) if own]
     first = None
     means: list[Comparison] = []
-    if not frees_parameters(model):
+    if not by_values:
         first = Bench(model, chosen, healthy, command, interval, settling)
         means = _means(first, learning)
     learnt = learn(
         model, chosen, [model.compare(one, chosen) for one in _evenly(taught, _MOST_LEARNT)],
         means=means, progress=lambda share: tell(0.05 + 0.45 * share),
     )  # fmt: skip
-    actuator, parameters, baseline = learnt.actuator, learnt.parameters, learnt.baseline
+    actuator, parameters = learnt.actuator, learnt.parameters
     if name is not None:
         actuator = actuator.model_copy(update={"name": name})
     tell(0.5)
-    if obstacle:
+    if first is None or few:
         tell(1.0)
-        notes = (*learnt.notes, f"{obstacle} Without that, ematwin detect has no population.")
+        notes = list(learnt.notes)
+        if few:
+            notes.append(f"{few} Without that, ematwin detect cannot judge.")
         return CalibrationReport(
-            actuator, baseline, None, parameters, learnt.tied, {}, learnt_runs, [], 0.0, notes
-        )
-    channels = None if first is None else first.layout.channels
-    bench = Bench(model, actuator, healthy, command, interval, settling, channels)
+            Calibration(actuator, learnt.baseline), parameters, learnt.tied, learnt_runs,
+            notes=tuple(notes),
+        )  # fmt: skip
+    bench = Bench(model, actuator, healthy, command, interval, settling, first.layout.channels)
     layout = bench.layout
     fit, discrepancy, scale = _with_discrepancy(bench, learning)
     measured = bench.measured(fit)
@@ -265,14 +283,15 @@ def _calibrated(
     )  # fmt: skip
     learning_runs = Learning(model, actuator, layout, kept, scale)
     learning_runs.check_outliers()
-    calibration = Calibration(
+    calibration = PopulationCalibration(
         actuator=actuator,
+        baseline=learnt.baseline,
         command=command,
         interval=interval,
         settling_time=settling,
         channels=layout.channels,
         discrepancy=discrepancy,
-        **_learnt(learning_runs, ~learning, false_alarm_rate),
+        **_learnt(learning_runs, ~learning, rate),
         facts={
             "runs": learnt_runs,
             "held_back": back,
@@ -283,31 +302,12 @@ def _calibrated(
             "undetermined": [p.place for p in parameters if not p.determined],
         },
     )
-    baseline = _with_population(baseline, calibration, measured)
-    calibration = replace(calibration, learnt_baseline=baseline)
+    calibration = replace(calibration, baseline=_with_population(calibration, measured))
     signatures = tuple(signature(calibration, fault, examples) for fault, examples in known.items())
     tell(1.0)
     return _report(
         replace(calibration, signatures=signatures), parameters, learnt.tied, learnt.notes
     )
-
-
-def _no_population(model: Model, healthy: Sequence[Recording], runs: list[str]) -> str:
-    """Why recordings make no population; "" if they do."""
-    if len(runs) < 3:
-        return (
-            f"A population needs at least three healthy runs, so that two can judge the third; "
-            f"received {len(runs)} ({', '.join(runs)}). Record more, on other days; a run is a "
-            "file, or a value of the column run."
-        )
-    if frees_parameters(model):
-        for one in healthy[1:]:
-            if not same_command(one, healthy[0], model.command):
-                return (
-                    f"A population needs recordings over one command; {one.name} follows another "
-                    f"than {healthy[0].name}."
-                )
-    return ""
 
 
 def _evenly(recordings: Sequence[Recording], most: int) -> list[Recording]:
@@ -316,17 +316,15 @@ def _evenly(recordings: Sequence[Recording], most: int) -> list[Recording]:
     return [recordings[n] for n in np.unique(np.round(places).astype(int))]
 
 
-def _with_population(baseline: Baseline, calibration: Calibration, measured: Measured) -> Baseline:
-    """The baseline with how far healthy runs differ, where the population says more of it."""
-    population, layout = calibration.population, calibration.layout
-    scatter = dict(baseline.scatter)
-    for n, name in enumerate(layout.magnitudes):
-        scatter.setdefault(name, float(np.hypot(population.within[n], population.between[n])))
-    misfit = baseline.misfit
-    if not math.isfinite(misfit):
-        misfit = float(np.median([one.misfit for one in measured.estimates]))
-    runs = max(baseline.recordings, len(calibration.facts["runs"]))
-    return replace(baseline, scatter=scatter, misfit=misfit, recordings=runs)
+def _with_population(calibration: PopulationCalibration, measured: Measured) -> Baseline:
+    """The baseline with how far healthy runs differ, as the population says."""
+    spread = calibration.population.spread.tolist()
+    return replace(
+        calibration.baseline,
+        scatter=dict(zip(calibration.layout.magnitudes, spread, strict=False)),
+        misfit=float(np.median([one.misfit for one in measured.estimates])),
+        recordings=len(calibration.facts["runs"]),
+    )
 
 
 def _learnt(learning: Learning, held_back: np.ndarray, rate: float) -> dict[str, Any]:
@@ -354,7 +352,7 @@ def _learnt(learning: Learning, held_back: np.ndarray, rate: float) -> dict[str,
 
 
 def _report(
-    calibration: Calibration,
+    calibration: PopulationCalibration,
     parameters: list[NominalParameter],
     tied: list[tuple[str, ...]],
     notes: list[str],
@@ -365,17 +363,15 @@ def _report(
     reported = calibration.reported
     runs = len(calibration.learning.healthy.names)
     return CalibrationReport(
-        calibration.actuator,
-        calibration.baseline,
         calibration,
         parameters,
         tied,
+        calibration.facts["runs"],
+        back,
         {
             one.name: (float(reported.within[n]), float(reported.between[n]))
             for n, one in enumerate(calibration.model.reported(calibration.actuator))
         },
-        calibration.facts["runs"],
-        back,
         float(over.mean()),
         (*notes, *_cautions(calibration.thresholds, calibration.layout, runs, len(back))),
     )
@@ -390,9 +386,12 @@ def _added(
     tell: Progress,
 ) -> CalibrationReport:
     """A calibration with more healthy runs, such as those of a later occasion."""
-    from ematwin.monitoring.detect import judge
-
     before = add_to if isinstance(add_to, Calibration) else Calibration.load(add_to)
+    if not isinstance(before, PopulationCalibration):
+        raise InputError(
+            f"The calibration of {before.actuator.name} has no healthy population to add to; "
+            "calibrate anew with all healthy recordings."
+        )
     if before.healthy is None:
         raise InputError(
             f"The calibration of {before.actuator.name} does not keep its healthy runs, as those "
@@ -401,11 +400,11 @@ def _added(
     given = recordings_of(recordings, before.actuator)
     measured = before.measure(given)
     tell(0.6)
-    for verdict in judge(given, measured, before).runs:
-        if verdict.grade in ("fault", "none"):
+    for one_run in by_population(given, before, measured).runs:
+        if one_run.grade in ("fault", "none"):
             raise RecordError(
-                f"{verdict.name} is no healthy run by the calibration that it is to join "
-                f"({verdict.reason.rstrip('.')}). Leave it out, or calibrate anew with it if it is "
+                f"{one_run.name} is no healthy run by the calibration that it is to join "
+                f"({one_run.reason.rstrip('.')}). Leave it out, or calibrate anew with it if it is "
                 "healthy all the same."
             )
     taken, of_run = set(before.healthy.names), []
@@ -450,7 +449,7 @@ def _restated(one: Signature, before: Population, after: Population) -> Signatur
     return replace(one, coefficients=(raw - after.coefficients) / after.spread)
 
 
-def signature(calibration: Calibration, fault: str, recordings: Given) -> Signature:
+def signature(calibration: PopulationCalibration, fault: str, recordings: Given) -> Signature:
     """What recordings with a known fault look like; ``fault`` as in `calibrate`."""
     given = recordings_of(recordings, calibration.actuator)
     measured = calibration.measure(given)

@@ -1,8 +1,8 @@
-"""Calibration: an actuator with its healthy population, as `calibrate` makes and `detect` takes it.
+"""Calibration: an actuator, and what is known of it, as `calibrate` makes and `detect` takes it.
 
-It is one TOML file: a parameter file of the actuator with the tables ``baseline`` (how well its
-parameters are known), ``calibration`` (what was learnt from which runs) and ``signature`` (known
-faults) beside it.
+It is one TOML file: a parameter file of the actuator with the table ``baseline`` (how well its
+parameters are known). Where a healthy population judges, the tables ``calibration`` (what was
+learnt from which runs) and ``signature`` (known faults) stand beside it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,12 +16,12 @@ import tomli_w
 
 from ematwin import __version__
 from ematwin.errors import ParameterError
-from ematwin.estimation.baseline import Baseline, uncertain
+from ematwin.estimation.baseline import Baseline, baseline_of, frees_parameters, uncertain
 from ematwin.estimation.problem import Prior
 from ematwin.files import written_whole
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
-from ematwin.models.registry import actuator_in, model_of
+from ematwin.models.registry import actuator_in, load_actuator, model_of
 from ematwin.monitoring.classification import Signature
 from ematwin.monitoring.features import Layout
 from ematwin.monitoring.gather import Given, recordings_of
@@ -69,11 +69,76 @@ class Thresholds:
 
 @dataclass(frozen=True)
 class Calibration:
-    """What `detect` and `identify` need of the healthy actuator.
+    """An actuator, and how well its parameters are known.
 
     Attributes
     ----------
-    actuator : nominal, of any kind
+    actuator : of any kind
+    baseline : Baseline
+    """
+
+    actuator: ParameterSet
+    baseline: Baseline
+
+    @property
+    def model(self) -> Model:
+        """The kind of its actuator."""
+        return model_of(self.actuator)
+
+    @classmethod
+    def of(cls, given: Any) -> "Calibration":
+        """What is known by what `ematwin.identify` takes as an actuator.
+
+        Of a parameter set without recordings that is what its tolerances say.
+        """
+        held = getattr(given, "calibration", given)  # a report holds one
+        if isinstance(held, Calibration):
+            return held
+        if str(given).endswith(".toml") and isinstance(given, str | Path):
+            path = Path(given)
+            return _in_table(load_toml(path, "actuator"), path)
+        actuator = load_actuator(given)
+        return Calibration(actuator, baseline_of(given, actuator))
+
+    @classmethod
+    def load(cls, path: str | Path) -> "Calibration":
+        """Read what `save` wrote.
+
+        Raises
+        ------
+        ParameterError
+            If the file holds no calibration, one of a newer version, or a damaged one.
+        FileError
+            If it cannot be read.
+        """
+        path = Path(path)
+        table = load_toml(path, "calibration")
+        if not {"baseline", "calibration"} & set(table):
+            raise ParameterError(
+                f"{path} holds an actuator but no calibration; make one with ematwin calibrate "
+                "from healthy recordings."
+            )
+        return _in_table(table, path)
+
+    def save(self, path: str | Path, sources: Mapping[str, str] | None = None) -> None:
+        """Write the TOML file, whole or not at all.
+
+        ``sources`` says where the values of parameters come from, by place, where that is not known
+        to the actuator.
+        """
+        with written_whole(path) as draft:
+            draft.write_text(tomli_w.dumps(self._table(sources)), encoding="utf-8")
+
+    def _table(self, sources: Mapping[str, str] | None) -> dict[str, Any]:
+        return {**self.actuator.as_table(sources), "baseline": self.baseline.as_table()}
+
+
+@dataclass(frozen=True)
+class PopulationCalibration(Calibration):
+    """A calibration with the healthy population, which judges kinds that one descent fits.
+
+    Attributes
+    ----------
     command : (S,) array, SI; ``interval`` s
     settling_time : s
     channels : names of the C channels that are compared
@@ -88,10 +153,8 @@ class Calibration:
     facts : runs, files, version
     healthy : what was measured on each healthy recording, to which later ones can be added; None
         in calibrations of versions that did not keep it
-    learnt_baseline : how well the parameters are known; None in calibrations of older versions
     """
 
-    actuator: ParameterSet
     command: np.ndarray
     interval: float
     settling_time: float
@@ -105,17 +168,6 @@ class Calibration:
     signatures: tuple[Signature, ...] = ()
     facts: dict[str, Any] = field(default_factory=dict)
     healthy: HealthyRuns | None = None
-    learnt_baseline: Baseline | None = None
-
-    @property
-    def baseline(self) -> Baseline:
-        """How well the parameters are known."""
-        return self.learnt_baseline or _older_baseline(self)
-
-    @property
-    def model(self) -> Model:
-        """The kind of its actuator."""
-        return model_of(self.actuator)
 
     @cached_property
     def layout(self) -> Layout:
@@ -179,12 +231,7 @@ class Calibration:
         values, groups = learning.tested(held_back)
         return Scores(values, self.layout.names, self.layout.kinds, groups)
 
-    def save(self, path: str | Path, sources: Mapping[str, str] | None = None) -> None:
-        """Write the TOML file, whole or not at all.
-
-        ``sources`` says where the values of parameters come from, by place, where that is not known
-        to the actuator.
-        """
+    def _table(self, sources: Mapping[str, str] | None) -> dict[str, Any]:
         learnt: dict[str, Any] = {
             "format": FORMAT,
             "ematwin": __version__,
@@ -205,87 +252,14 @@ class Calibration:
             learnt["covariate_range"] = list(self.covariate_range)
         if self.healthy is not None:
             learnt["healthy"] = self.healthy.as_table(_DIGITS)
-        own = self.learnt_baseline
-        table = {
-            **self.actuator.as_table(sources),
-            **({} if own is None else {"baseline": own.as_table()}),
+        return {
+            **super()._table(sources),
             "calibration": learnt,
             "signature": [
                 {"fault": s.fault, "source": s.source, "coefficients": _plain(s.coefficients)}
                 for s in self.signatures
             ],
         }
-        with written_whole(path) as draft:
-            draft.write_text(tomli_w.dumps(table), encoding="utf-8")
-
-    @classmethod
-    def load(cls, path: str | Path) -> "Calibration":
-        """Read what `save` wrote.
-
-        Raises
-        ------
-        ParameterError
-            If the file holds no calibration, one of a newer version, or a damaged one.
-        FileError
-            If it cannot be read.
-        """
-        path = Path(path)
-        table = load_toml(path, "calibration")
-        learnt = table.pop("calibration", None)
-        if not isinstance(learnt, dict):
-            raise ParameterError(
-                f"{path} holds an actuator but no calibration; make one with ematwin calibrate "
-                "from three healthy runs over one command."
-            )
-        written = learnt.get("format", FORMAT)
-        if isinstance(written, int) and written > FORMAT:
-            raise ParameterError(
-                f"{path} was written by a newer ematwin (format {written}, this one knows "
-                f"{FORMAT}). Update ematwin."
-            )
-        signatures = table.pop("signature", [])
-        known = table.pop("baseline", None)
-        actuator = actuator_in(table, path)
-        try:
-            if not isinstance(written, int):
-                raise ValueError(f"its format is {written!r}")
-            if written == 1:
-                learnt = _from_first_format(learnt)
-            within = learnt.get("covariate_range")
-            found = cls(
-                actuator=actuator,
-                command=np.array(learnt["command"], dtype=float),
-                interval=float(learnt["interval"]),
-                settling_time=float(learnt["settling_time"]),
-                channels=tuple(learnt["channels"]),
-                discrepancy=np.array(learnt["discrepancy"], dtype=float),
-                population=_population(learnt["population"]),
-                reported=_population(learnt["reported"]),
-                thresholds=Thresholds(**learnt["threshold"]),
-                statistics={
-                    name: (float(pair[0]), float(pair[1]))
-                    for name, pair in learnt["statistics"].items()
-                },
-                covariate_range=None if within is None else (float(within[0]), float(within[1])),
-                signatures=tuple(
-                    Signature(s["fault"], np.array(s["coefficients"], dtype=float), s["source"])
-                    for s in signatures
-                ),
-                facts=dict(learnt.get("facts", {})),
-                healthy=HealthyRuns.from_table(learnt["healthy"]) if "healthy" in learnt else None,
-                learnt_baseline=None if known is None else Baseline.from_table(known, str(path)),
-            )
-            found.check(learnt.get("magnitudes"), learnt.get("quantities"))
-        except (
-            KeyError, TypeError, ValueError, IndexError, AttributeError, ArithmeticError
-        ) as error:  # fmt: skip
-            if isinstance(error, ParameterError):
-                raise
-            raise ParameterError(
-                f"{path}: its calibration is damaged ({type(error).__name__}: {error}). Make it "
-                "anew with ematwin calibrate."
-            ) from None
-        return found
 
     def check(
         self, magnitudes: Sequence[str] | None = None, quantities: Sequence[str] | None = None
@@ -335,18 +309,88 @@ class Calibration:
                 raise ValueError(f"{name} holds values that are not finite")
 
 
-def _older_baseline(calibration: Calibration) -> Baseline:
+def _in_table(table: dict[str, Any], path: Path) -> Calibration:
+    """The calibration in the content of a file; tolerances, where it holds an actuator alone."""
+    learnt, signatures = table.pop("calibration", None), table.pop("signature", [])
+    known = table.pop("baseline", None)
+    actuator = actuator_in(table, path)
+    model = model_of(actuator)
+    baseline = None if known is None else Baseline.from_table(known, str(path))
+    if not isinstance(learnt, dict):
+        return Calibration(actuator, baseline or Baseline.of_template(model, actuator))
+    written = learnt.get("format", FORMAT)
+    if isinstance(written, int) and written > FORMAT:
+        raise ParameterError(
+            f"{path} was written by a newer ematwin (format {written}, this one knows "
+            f"{FORMAT}). Update ematwin."
+        )
+    try:
+        if not isinstance(written, int):
+            raise ValueError(f"its format is {written!r}")
+        if written == 1:
+            learnt = _from_first_format(learnt)
+        if baseline is None:
+            baseline = _older_baseline(model, actuator, learnt)
+        if frees_parameters(model):  # versions up to 0.2 wrote a population, which judges no more
+            return Calibration(actuator, baseline)
+        return _with_population(actuator, baseline, learnt, signatures)
+    except (
+        KeyError, TypeError, ValueError, IndexError, AttributeError, ArithmeticError
+    ) as error:  # fmt: skip
+        if isinstance(error, ParameterError):
+            raise
+        raise ParameterError(
+            f"{path}: its calibration is damaged ({type(error).__name__}: {error}). Make it "
+            "anew with ematwin calibrate."
+        ) from None
+
+
+def _with_population(
+    actuator: ParameterSet,
+    baseline: Baseline,
+    learnt: Mapping[str, Any],
+    signatures: Sequence[Mapping[str, Any]],
+) -> PopulationCalibration:
+    within = learnt.get("covariate_range")
+    found = PopulationCalibration(
+        actuator=actuator,
+        baseline=baseline,
+        command=np.array(learnt["command"], dtype=float),
+        interval=float(learnt["interval"]),
+        settling_time=float(learnt["settling_time"]),
+        channels=tuple(learnt["channels"]),
+        discrepancy=np.array(learnt["discrepancy"], dtype=float),
+        population=_population(learnt["population"]),
+        reported=_population(learnt["reported"]),
+        thresholds=Thresholds(**learnt["threshold"]),
+        statistics={
+            name: (float(pair[0]), float(pair[1])) for name, pair in learnt["statistics"].items()
+        },
+        covariate_range=None if within is None else (float(within[0]), float(within[1])),
+        signatures=tuple(
+            Signature(s["fault"], np.array(s["coefficients"], dtype=float), s["source"])
+            for s in signatures
+        ),
+        facts=dict(learnt.get("facts", {})),
+        healthy=HealthyRuns.from_table(learnt["healthy"]) if "healthy" in learnt else None,
+    )
+    found.check(learnt.get("magnitudes"), learnt.get("quantities"))
+    return found
+
+
+def _older_baseline(model: Model, actuator: ParameterSet, learnt: Mapping[str, Any]) -> Baseline:
     """How well parameters are known by a calibration that did not say so."""
-    model, facts = calibration.model, calibration.facts
-    prior = Prior.independent(uncertain(model, calibration.actuator))
+    prior = Prior.independent(uncertain(model, actuator))
+    facts = learnt.get("facts", {})
     undetermined = set(facts.get("undetermined", []))
     fitted = [n for n, p in enumerate(prior.names) if p in model.nominal and p not in undetermined]
     covariance = prior.covariance.copy()
     covariance[fitted, fitted] = _FITTED**2
-    spread = calibration.population.spread.tolist()
+    magnitudes = [one.name for one in model.faults(actuator) if one.direction_of is None]
+    spread = _population(learnt["population"]).spread.tolist()
     return Baseline(
         Prior(prior.names, prior.mean, covariance),
-        scatter=dict(zip(calibration.layout.magnitudes, spread, strict=False)),
+        scatter=dict(zip(magnitudes, spread, strict=False)),
         recordings=max(1, len(facts.get("runs", []))),
     )
 

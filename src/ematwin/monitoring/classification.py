@@ -17,7 +17,6 @@ from ematwin.estimation.significance import is_present
 from ematwin.models.base import Reported
 from ematwin.monitoring.population import basis
 
-UNNAMED = "unnamed change"
 # Share of the squared mean scores, for a name from a signature. Chosen on runs 1 to 5 of
 # docs/real-recordings.md, each judged by the signatures of the others, and with drift made up on
 # the healthy ones: at 0.15 up to a fifth of drifting motions are named, at 0.2 up to 7 %, at 0.25
@@ -32,8 +31,8 @@ class Name:
 
     Attributes
     ----------
-    fault : e.g. "lubrication", or `UNNAMED`
-    by : "physics", "signature" or ""
+    fault : e.g. "lubrication"
+    by : "physics" or "signature"
     """
 
     fault: str
@@ -56,8 +55,8 @@ class Signature:
     source: str
 
 
-def named_by_physics(scores: Mapping[str, float], reported: Sequence[Reported]) -> Name:
-    """The fault whose quantity has left its healthy spread furthest, as wear moves it.
+def named_by_physics(scores: Mapping[str, float], reported: Sequence[Reported]) -> Name | None:
+    """The fault whose quantity has left its healthy spread furthest, as wear moves it; or None.
 
     Parameters
     ----------
@@ -70,7 +69,7 @@ def named_by_physics(scores: Mapping[str, float], reported: Sequence[Reported]) 
         # how small a change may be, the healthy runs themselves say
         if one.named and score > 0.0 and is_present(score, 0.0, 1.0, smallest=0.0):
             clear.append((score, one.named))
-    return Name(max(clear)[1], "physics") if clear else Name(UNNAMED, "")
+    return Name(max(clear)[1], "physics") if clear else None
 
 
 def named_by_signature(
@@ -78,8 +77,8 @@ def named_by_signature(
     covariate: np.ndarray,
     scale: float | None,
     signatures: Sequence[Signature],
-) -> Name:
-    """The fault whose signature is nearest to recordings with these scores.
+) -> Name | None:
+    """The fault whose signature is nearest to recordings with these scores; None if none is near.
 
     Parameters
     ----------
@@ -93,5 +92,5 @@ def named_by_signature(
     nearest = int(np.argmin(distances))
     healthy = float((limited**2).sum())
     if distances[nearest] > (1.0 - _EXPLAINED) * healthy:
-        return Name(UNNAMED, "")
+        return None
     return Name(signatures[nearest].fault, "signature")

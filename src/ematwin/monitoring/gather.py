@@ -1,22 +1,30 @@
-"""Recordings as they are given: themselves, or the files that hold them."""
+"""Recordings as they are given: themselves, or the files, folders or globs that hold them."""
 
+import re
 from collections.abc import Iterable
+from glob import glob
 from pathlib import Path
 from typing import Any
 
 from ematwin.errors import InputError
 from ematwin.models.parameter_set import ParameterSet
+from ematwin.models.reading import read
 from ematwin.models.registry import model_of
+from ematwin.recordings.formats.base import known_suffixes
+from ematwin.recordings.read import Columns
 from ematwin.recordings.recording import Recording
 from ematwin.showing.frames import is_frame
 
 Given = Recording | str | Path | Iterable[Recording | str | Path]  # or a DataFrame, or several
+_GLOB = re.compile(r"[*?\[]")
 
 
-def recordings_of(given: Given, actuator: ParameterSet) -> list[Recording]:
+def recordings_of(
+    given: Given, actuator: ParameterSet, columns: Columns = None, *, averaged: bool = True
+) -> list[Recording]:
     """Recordings at the rate at which they are compared; files are read as the actuator's kind.
 
-    A table of several motions gives each of them.
+    A table of several motions gives each of them. ``averaged`` False keeps the recorded rate.
 
     Raises
     ------
@@ -30,16 +38,52 @@ def recordings_of(given: Given, actuator: ParameterSet) -> list[Recording]:
     found: list[Recording] = []
     for one in items:
         if isinstance(one, Recording):
+            if columns is not None:
+                raise InputError("A Recording has its channels already; leave columns out.")
             found.append(one)
-        elif isinstance(one, str | Path) or is_frame(one):
-            from ematwin.models.reading import read
-
-            found += read(one, actuator=actuator, split=True)
+        elif isinstance(one, str | Path):
+            found += read(files_of(one), columns, actuator=actuator, split=True)
+        elif is_frame(one):
+            found += read(one, columns, actuator=actuator, split=True)
         else:
             raise InputError(
                 f"Give recordings, DataFrames or the paths of files, received {type(one).__name__}."
             )
     if not found:
         raise InputError("No recording was given; give at least one.")
-    model = model_of(actuator)
-    return [model.averaged(one) for one in found]
+    return [model_of(actuator).averaged(one) for one in found] if averaged else found
+
+
+def is_one(given: Any) -> bool:
+    """Whether a recording, a DataFrame, or the path of one file is given."""
+    if isinstance(given, str | Path):
+        return not (Path(given).is_dir() or _is_glob(given))
+    return isinstance(given, Recording) or is_frame(given)
+
+
+def files_of(path: str | Path) -> list[Path]:
+    """The files of recordings that a path, a folder or a glob means, day2 before day10.
+
+    Raises
+    ------
+    InputError
+        If a folder or a glob holds none.
+    """
+    path = Path(path)
+    if not (path.is_dir() or _is_glob(path)):
+        return [path]
+    inside = path.iterdir() if path.is_dir() else map(Path, glob(str(path)))
+    known = set(known_suffixes())
+    found = [one for one in inside if one.suffix.lower() in known and one.is_file()]
+    if not found:
+        raise InputError(f"{path} holds no recording: no file ends in {', '.join(sorted(known))}.")
+    return sorted(found, key=_in_order)
+
+
+def _is_glob(path: str | Path) -> bool:
+    return bool(_GLOB.search(str(path))) and not Path(path).exists()
+
+
+def _in_order(path: Path) -> list[tuple[int, str]]:
+    """Numbers within a name count as numbers."""
+    return [(int(p), "") if p.isdigit() else (-1, p) for p in re.split(r"(\d+)", str(path))]

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from ematwin.plots.channels import plot_channels, plot_recording
     from ematwin.plots.design import plot_command, plot_errors
-    from ematwin.plots.detection import plot_index, plot_trend
+    from ematwin.plots.detection import plot_trend
     from ematwin.plots.identifiability import plot_correlation, plot_smallest
     from ematwin.plots.identification import plot_convergence, plot_faults, plot_fit
     from ematwin.plots.simulation import plot_response
@@ -28,7 +28,6 @@ _HOMES = {
     "plot_errors": "design",
     "plot_faults": "identification",
     "plot_fit": "identification",
-    "plot_index": "detection",
     "plot_posterior": "uncertainty",
     "plot_profile": "uncertainty",
     "plot_recording": "channels",
@@ -46,7 +45,6 @@ __all__ = [
     "plot_errors",
     "plot_faults",
     "plot_fit",
-    "plot_index",
     "plot_posterior",
     "plot_profile",
     "plot_recording",

@@ -3,8 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from ematwin.models.base import Reported
-from ematwin.monitoring.detect import Detection, Verdict
+from ematwin.monitoring.diagnosis import Detection, Diagnosis, Magnitude, Standing
 from ematwin.plots.style import (
     AMBER,
     GREEN,
@@ -23,10 +22,11 @@ _PLAIN = {
 
 
 def plot_trend(found: Detection, each: str = "run") -> Any:
-    """Health index and reported quantities over runs, with healthy bands and intervals.
+    """Faults, or what else is reported, over runs, with healthy bands and intervals.
 
     Runs stand at the time of their recordings where all have one, else by their names in the
-    order in which they were given. Faults are told apart by colour and symbol.
+    order in which they were given. Faults are told apart by colour and symbol. The health index
+    comes first where a healthy population judges.
 
     Parameters
     ----------
@@ -36,55 +36,39 @@ def plot_trend(found: Detection, each: str = "run") -> Any:
     -------
     plotly.graph_objects.Figure
     """
-    verdicts = found.motions if each == "motion" else found.runs
-    calibration = found.calibration
-    reported = calibration.model.reported(calibration.actuator)
-    titles = ["Health index", *(_title(one) for one in reported)]
-    units = ["", *("times healthy" if one.logarithmic else one.unit for one in reported)]
-    x, axis = _places(verdicts, each)
+    rows = found.each(each)
+    x, axis = _places(rows, each)
+    first = rows[0]
+    at = [one.standing for one in rows if one.standing is not None]
+    titles = ["Health index"] * bool(at) + [_title(m) for m in first.magnitudes]
+    units = [""] * bool(at)
+    units += ["times healthy" if m.unit == "x" else m.unit for m in first.magnitudes]
     figure = stacked(titles, units, "", 150 + 180 * len(titles))
-    texts = [_hover(verdict) for verdict in verdicts]
+    texts = [_hover(one) for one in rows]
     looks = _looks(found)
-    _limits(figure, x, verdicts)
-    _marks(figure, 1, x, [v.index for v in verdicts], verdicts, texts, looks)
-    for row, one in enumerate(reported, start=2):
-        values = [next(m for m in v.magnitudes if m.name == one.name) for v in verdicts]
-        _band(figure, row, x, [m.healthy for m in values])
+    if at:
+        _limits(figure, x, at)
+        _marks(figure, 1, x, [one.index for one in at], rows, texts, looks)
+        figure.update_yaxes(rangemode="tozero", row=1, col=1)
+    for row, one in enumerate(first.magnitudes, start=1 + bool(at)):
+        values = [next(m for m in v.magnitudes if m.name == one.name) for v in rows]
+        _band(figure, row, x, [m.healthy for m in values], row == 1 + bool(at))
         bars = {
             "type": "data", "symmetric": False, "color": GREY, "thickness": 1,
             "array": [m.high - m.value for m in values],
             "arrayminus": [m.value - m.low for m in values],
         }  # fmt: skip
-        _marks(figure, row, x, [m.value for m in values], verdicts, texts, looks, bars)
+        _marks(figure, row, x, [m.value for m in values], rows, texts, looks, bars)
     figure.update_layout(hovermode="closest")
-    figure.update_yaxes(rangemode="tozero", row=1, col=1)
     figure.update_xaxes(row=len(titles), col=1, **axis)
     return figure
 
 
-def plot_index(found: Detection) -> Any:
-    """Health index of each motion, judged alone.
-
-    Returns
-    -------
-    plotly.graph_objects.Figure
-    """
-    verdicts = found.motions
-    x, axis = _places(verdicts, "motion")
-    figure = stacked(["Health index of each motion"], [""], "", 360)
-    _limits(figure, x, verdicts)
-    texts = [_hover(v) for v in verdicts]
-    _marks(figure, 1, x, [v.index for v in verdicts], verdicts, texts, _looks(found))
-    figure.update_layout(hovermode="closest")
-    figure.update_xaxes(row=1, col=1, **axis)
-    return figure
-
-
-def _title(one: Reported) -> str:
+def _title(one: Magnitude) -> str:
     return one.name.replace("_", " ").capitalize()
 
 
-def _places(verdicts: Sequence[Verdict], each: str) -> tuple[list[Any], dict[str, Any]]:
+def _places(verdicts: Sequence[Diagnosis], each: str) -> tuple[list[Any], dict[str, Any]]:
     """Where verdicts stand on the axis, and what the axis says."""
     times = [verdict.when for verdict in verdicts]
     if all(times) and len(set(times)) == len(times):
@@ -102,10 +86,10 @@ def _looks(found: Detection) -> dict[str, tuple[str, str]]:
     }
 
 
-def _limits(figure: Any, x: list[Any], verdicts: Sequence[Verdict]) -> None:
+def _limits(figure: Any, x: list[Any], at: Sequence[Standing]) -> None:
     for name, dash, values in (
-        ("healthy up to here", "dash", [v.threshold for v in verdicts]),
-        ("may drift up to here", "dot", [v.clear for v in verdicts]),
+        ("healthy up to here", "dash", [one.threshold for one in at]),
+        ("may drift up to here", "dot", [one.clear for one in at]),
     ):
         figure.add_scatter(
             x=x, y=values, mode="lines", name=name, hoverinfo="skip", row=1, col=1,
@@ -118,7 +102,7 @@ def _marks(
     row: int,
     x: list[Any],
     y: list[float],
-    verdicts: Sequence[Verdict],
+    verdicts: Sequence[Diagnosis],
     texts: list[str],
     looks: dict[str, tuple[str, str]],
     bars: dict[str, Any] | None = None,
@@ -139,15 +123,18 @@ def _marks(
         )  # fmt: skip
 
 
-def _band(figure: Any, row: int, x: list[Any], healthy: list[tuple[float, float]]) -> None:
+def _band(
+    figure: Any, row: int, x: list[Any], healthy: list[tuple[float, float]], first: bool
+) -> None:
     low, high = [pair[0] for pair in healthy], [pair[1] for pair in healthy]
     figure.add_scatter(
         x=[*x, *reversed(x)], y=[*high, *reversed(low)], fill="toself", mode="lines",
         line={"width": 0}, fillcolor="rgba(0,158,115,0.15)", name="healthy band",
-        legendgroup="band", showlegend=row == 2, hoverinfo="skip", row=row, col=1,
+        legendgroup="band", showlegend=first, hoverinfo="skip", row=row, col=1,
     )  # fmt: skip
 
 
-def _hover(verdict: Verdict) -> str:
-    one = verdict.covariate
-    return f"{verdict.name}<br>{verdict.said}" + ("" if one is None else f", {one.name} {one}")
+def _hover(one: Diagnosis) -> str:
+    covariate = None if one.standing is None else one.standing.covariate
+    said = "" if covariate is None else f", {covariate.name} {covariate}"
+    return f"{one.name}<br>{one.said}{said}"

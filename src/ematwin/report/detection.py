@@ -1,72 +1,78 @@
 """Page: verdicts on recordings, value by value against the healthy band."""
 
-from ematwin.monitoring.detect import Detection, Verdict, counted, gathered_notes
+from ematwin.monitoring.calibration import PopulationCalibration
+from ematwin.monitoring.diagnosis import Detection, Diagnosis, counted, gathered_notes
 from ematwin.monitoring.index import DRIFT
-from ematwin.plots.detection import plot_index, plot_trend
+from ematwin.plots.detection import plot_trend
 from ematwin.report.page import Row, Section, Table, render
 
 _MOST_ROWS = 400  # of the table; the figures show all
 
 
 def detection_page(found: Detection) -> str:
-    """HTML page: trend of index and magnitudes, table of runs, how healthy was learnt."""
-    reasons = {
-        v.name: f"{v.said}. {v.reason}" for v in found.runs[:_MOST_ROWS] if v.grade != "healthy"
-    }
+    """HTML page: trend of the magnitudes, table of verdicts, how healthy was learnt."""
+    shown = found.runs[:_MOST_ROWS]
+    kind = "run" if found.by_run else "recording"
+    reasons = {one.name: one.verdict.sentence for one in shown if one.grade != "healthy"}
+    told = f"A point for each {kind}, with its interval. In the band lie 95 % of healthy ones."
+    if found.by_run:
+        told += (
+            " Above the dashed line a run has changed; an alarm is a fault that can be named, or "
+            "an index above the dotted line, which no drift between occasions explains."
+        )
     sections = [
-        Section(
-            "Trend",
-            text="A point for each run, its motions together. The band is where 95 % of healthy "
-            "runs lie; bars are the same spread around the value. Above the dashed line a run has "
-            "changed; an alarm is a fault that can be named, or an index above the dotted line, "
-            "which no drift between occasions explains.",
-            figure=plot_trend(found),
-        ),
-        Section("Runs", table=verdict_table(found.runs[:_MOST_ROWS])),
+        Section("Trend", text=told, figure=plot_trend(found)),
+        Section(f"{kind.capitalize()}s", table=verdict_table(shown)),
         *([Section("Why", facts=reasons)] if reasons else []),
-        Section(
-            "Each motion alone",
-            text=f"Judged alone, {counted(found.motions, 'motions')}.",
-            figure=plot_index(found),
-        ),
-        Section("How healthy was learnt", facts=_facts(found)),
     ]
+    if found.by_run:
+        text = f"Judged alone, {counted(found.motions, 'motions')}."
+        figure = plot_trend(found, "motion")
+        sections.append(Section("Each motion alone", text=text, figure=figure))
+    sections.append(Section("How healthy was learnt", facts=_facts(found)))
     notes = gathered_notes(found.runs)
     title = f"{found.calibration.actuator.name}: condition"
     return render(title, found.sentence, sections, notes, grade=found.grade)
 
 
-def verdict_table(verdicts: tuple[Verdict, ...]) -> Table:
+def verdict_table(rows: tuple[Diagnosis, ...]) -> Table:
     """A row for each verdict."""
-    first = verdicts[0]
-    header = ["run", "verdict", "index / limit"]
-    header += [f"{m.name}, {m.unit}" if m.unit not in ("", "x") else m.name
-               for m in first.magnitudes]  # fmt: skip
-    header += [] if first.covariate is None else [first.covariate.name]
-    rows = []
-    for verdict in verdicts:
-        by = f" (by {verdict.named_by})" if verdict.named_by else ""
-        cells = [
-            verdict.name,
-            f"{verdict.said}{by}",
-            f"{verdict.index:.2f} / {verdict.threshold:.2f}",
-        ]
-        for m in verdict.magnitudes:
-            cells.append(f"{m.value:.2f} ({m.low:.2f}–{m.high:.2f})")
-        if verdict.covariate is not None:
-            cells.append(str(verdict.covariate))
-        rows.append(Row(cells, marked=verdict.alarm))
-    return Table(header, rows, texts=(1,))
+    first = rows[0]
+    header = ["recording" if first.standing is None else "run", "verdict"]
+    if first.standing is not None:
+        header.append("index / limit")
+    header += [m.title for m in first.magnitudes]
+    covariate = None if first.standing is None else first.standing.covariate
+    header += [] if covariate is None else [covariate.name]
+    return Table(header, [_cells(one) for one in rows], texts=(1,))
+
+
+def _cells(one: Diagnosis) -> Row:
+    at = one.standing
+    by = f" (by {at.named_by})" if at is not None and at.named_by else ""
+    cells = [one.name, f"{one.said}{by}"]
+    if at is not None:
+        cells.append(f"{at.index:.2f} / {at.threshold:.2f}")
+    cells += [str(m) for m in one.magnitudes]
+    if at is not None and at.covariate is not None:
+        cells.append(str(at.covariate))
+    return Row(cells, marked=one.alarm)
 
 
 def _facts(found: Detection) -> dict[str, str]:
     calibration = found.calibration
-    facts = calibration.facts
-    limits = calibration.thresholds
+    actuator = {"actuator": f"{calibration.actuator.name}: {calibration.actuator.description}"}
+    if not isinstance(calibration, PopulationCalibration):
+        return actuator | {
+            "learnt from": f"{calibration.baseline.recordings} healthy recordings",
+            "a fault": "a value further from healthy than noise, what the twin misses, and drift "
+            "of the parameters may account for (three standard errors)",
+            "intervals": "95 %, over noise, the twin's own error, and parameters, load and sensors",
+        }
+    facts, limits = calibration.facts, calibration.thresholds
     held_back = facts.get("held_back", [])
     back = f"runs {', '.join(held_back)}" if held_back else "each run, judged by the others"
-    return {
-        "actuator": f"{calibration.actuator.name}: {calibration.actuator.description}",
+    return actuator | {
         "learnt from": f"runs {', '.join(facts.get('runs', []))} of "
         f"{', '.join(facts.get('sources', []))}",
         "threshold from": f"{back}: a healthy run of another "

@@ -4,23 +4,17 @@ from collections.abc import Sequence
 
 from ematwin.errors import InputError
 from ematwin.estimation.identify import Identification
-from ematwin.monitoring.detect import Detection
 from ematwin.plots.identification import plot_convergence, plot_faults, plot_fit, true_faults
 from ematwin.recordings.recording import Recording
-from ematwin.report.detection import verdict_table
 from ematwin.report.page import Row, Section, Table, columns_in_words, listed, render
 from ematwin.report.uncertainty import uncertainty_sections
 
 
-def identification_page(found: Identification, judged: Detection | None = None) -> str:
+def identification_page(found: Identification) -> str:
     """HTML page: faults, measured and fitted channels, residuals, convergence, provenance.
 
     The recording is the one that was identified from: with the load that was given, counted from
     where its rotor stood, and averaged.
-
-    Parameters
-    ----------
-    judged : the verdict against the actuator's healthy population, where there is one
 
     Raises
     ------
@@ -50,9 +44,6 @@ def identification_page(found: Identification, judged: Detection | None = None) 
         Section("Convergence", figure=plot_convergence(found)),
         Section("How it was found", facts=_facts(found, record)),
     ]
-    if judged is not None:
-        table = verdict_table(judged.motions)
-        sections.insert(0, Section("Against the healthy population", table=table))
     notes = [*(f"Assumed: {sentence}" for sentence in found.assumed), *found.warnings]
     title = f"{found.actuator.name}: identified faults"
     return render(title, found.verdict.sentence, sections, notes, grade=found.verdict.grade)

@@ -11,7 +11,7 @@ from typing import Any
 from ematwin.errors import InputError
 
 
-def drawn(result: Any, kind: str, functions: Mapping[str, str]) -> Any:
+def drawn(result: Any, kind: str, functions: Mapping[str, str], *settings: Any) -> Any:
     """The figure of a result.
 
     Parameters
@@ -19,6 +19,7 @@ def drawn(result: Any, kind: str, functions: Mapping[str, str]) -> Any:
     result : what is drawn
     kind : which of its figures
     functions : kind to the name of a function of `ematwin.plots`
+    settings : what the function takes beside the result
 
     Raises
     ------
@@ -27,4 +28,4 @@ def drawn(result: Any, kind: str, functions: Mapping[str, str]) -> Any:
     """
     if kind not in functions:
         raise InputError(f"There is no figure {kind!r}; choose {' or '.join(functions)}.")
-    return getattr(import_module("ematwin.plots"), functions[kind])(result)
+    return getattr(import_module("ematwin.plots"), functions[kind])(result, *settings)

@@ -25,7 +25,6 @@ import numpy as np
 import pytest
 
 from ematwin.errors import EmatwinError, InputError, ParameterError
-from ematwin.estimation.identify import identify
 from ematwin.estimation.search import named
 from ematwin.models.base import Model
 from ematwin.models.comparison import Comparison
@@ -34,6 +33,7 @@ from ematwin.models.reading import read, write
 from ematwin.models.registry import load_actuator, model_of
 from ematwin.models.simulating import simulate
 from ematwin.models.unknown import Unknown
+from ematwin.monitoring.identify import identify
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
 
@@ -236,7 +236,7 @@ class ModelContract:
                 assert _in_si(row.unit) > 0.0
 
     def test_reported_quantities_are_named_once(self, model: Model, actuator: ParameterSet) -> None:
-        """`detect` reports something, and each name once."""
+        """A healthy population reports something, and each name once."""
         names = [one.name for one in model.reported(actuator)]
         assert names, "`reported` must name at least one quantity"
         assert len(set(names)) == len(names)

@@ -10,12 +10,12 @@ import pytest
 import ematwin
 from ematwin.errors import InputError
 from ematwin.estimation.baseline import Baseline
-from ematwin.estimation.identify import identify
 from ematwin.estimation.observed import drawn_actuator, observe
 from ematwin.estimation.promise import Judge, Judged, drawn_faults, fault_shares
 from ematwin.estimation.trial import Tried, best_of, tried
 from ematwin.models.registry import load_actuator, model_of
 from ematwin.models.scenario import Chirp, Scenario
+from ematwin.monitoring.identify import identify
 
 NOISE = ematwin.Noise(white=0.02, bits=12)
 quick = partial(

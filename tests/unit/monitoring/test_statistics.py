@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from ematwin.errors import InputError
 from ematwin.models.ball_screw.model import MODEL
 from ematwin.models.ball_screw.parameters import BallScrew
+from ematwin.models.base import Reported
 from ematwin.monitoring.calibration import Thresholds
 from ematwin.monitoring.classification import (
-    UNNAMED,
     Signature,
     named_by_physics,
     named_by_signature,
@@ -276,19 +276,19 @@ def test_what_wear_does_not_do_stays_unnamed():
         {"friction": 0.0, "backlash": 0.0, "gain": 30.0, "roughness": 0.0},
         {"friction": 2.9, "backlash": 2.9, "gain": 0.0, "roughness": 2.9},
     ):
-        assert named_by_physics(scores, REPORTED).fault == UNNAMED
-        assert named_by_physics(scores, REPORTED).by == ""
+        assert named_by_physics(scores, REPORTED) is None
 
 
 def test_a_gain_that_falls_is_named_where_either_sense_is_a_fault():
-    from ematwin.models.bldc.model import MODEL as BLDC
-
-    reported = BLDC.reported(None)
+    reported = [
+        Reported("friction", "", "made up", named="friction"),
+        Reported("gain", "", "made up", named="gain", either=True),
+    ]
     scores = {one.name: 0.0 for one in reported} | {"gain": -14.0, "friction": 6.0}
     assert named_by_physics(scores, reported).fault == "gain"
     # but less friction than healthy is none
     scores |= {"gain": 0.0, "friction": -20.0}
-    assert named_by_physics(scores, reported).fault == UNNAMED
+    assert named_by_physics(scores, reported) is None
 
 
 def signatures() -> tuple[Signature, ...]:
@@ -310,9 +310,9 @@ def test_a_signature_names_what_lies_near_it_at_its_load():
 
 def test_what_no_signature_explains_stays_unnamed():
     scores = np.zeros((1, 10))
-    assert named_by_signature(scores, np.zeros(1), 200.0, signatures()).fault == UNNAMED
+    assert named_by_signature(scores, np.zeros(1), 200.0, signatures()) is None
     scores[0, 5:] = -4.0  # the other way
-    assert named_by_signature(scores, np.zeros(1), 200.0, signatures()).fault == UNNAMED
+    assert named_by_signature(scores, np.zeros(1), 200.0, signatures()) is None
 
 
 # The package

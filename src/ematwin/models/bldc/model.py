@@ -5,7 +5,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ematwin.models.base import Demand, Law, Model, OtherForm, Progress, Reported, Signal, Values
+from ematwin.models.base import Demand, Law, Model, OtherForm, Progress, Signal, Values
 from ematwin.models.bldc.channels import CHANNELS, CURRENTS, ON_REQUEST, PHASES
 from ematwin.models.bldc.faults import (
     PAPER_CASES,
@@ -28,7 +28,6 @@ from ematwin.models.scenario import Chirp, Component, Ramp, Scenario, Step
 from ematwin.models.servo import (
     current_laws,
     motion_laws,
-    reported_magnitudes,
     tracking_signals,
 )
 from ematwin.models.unknown import Alias, Contrast, PhysicalValue, Unknown
@@ -232,14 +231,6 @@ class BldcModel(Model):
         current = shown_current(recording, actuator)
         shown = Signal("Equivalent current, 500 Hz low-pass", "A", current)
         return [shown, *tracking_signals(recording)]
-
-    def reported(self, actuator: Any) -> tuple[Reported, ...]:
-        """Each magnitude as it is searched; a direction is no finding of its own."""
-        return reported_magnitudes(UNKNOWNS)
-
-    def settling_time(self, actuator: Any) -> float:
-        """Six time constants of the position loop."""
-        return 6.0 / float(actuator.controller.position_gain)
 
     def cases(self, actuator: Any) -> dict[str, dict[str, float]]:
         """Table 1 of the paper."""

@@ -21,7 +21,6 @@ from ematwin.recordings.recording import Recording
 
 COMPARED = ("voltage", "position_error")
 _MISSED = 0.02  # share of a channel's spread that the twin leaves, and that weighs its residuals
-_SETTLED = 10.0  # time constants of the position loop until a transient has died out
 
 
 class LinearAxisModel(Model):
@@ -205,10 +204,6 @@ class LinearAxisModel(Model):
             Signal("Position of the carriage", "mm", 1e3 * position, 1e3 * reference),
             Signal("Position error", "um", 1e6 * (reference - position)),
         ]
-
-    def settling_time(self, actuator: Any) -> float:
-        """Seconds until a transient of the position loop has died out."""
-        return float(_SETTLED / actuator.controller.position_gain)
 
 
 MODEL = LinearAxisModel()

@@ -5,7 +5,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ematwin.models.base import Demand, Law, Model, Progress, Reported, Signal, Values
+from ematwin.models.base import Demand, Law, Model, Progress, Signal, Values
 from ematwin.models.comparison import Candidates
 from ematwin.models.pmsm.channels import (
     CHANNELS,
@@ -18,7 +18,7 @@ from ematwin.models.pmsm.channels import (
 from ematwin.models.pmsm.parameters import PmsmActuator
 from ematwin.models.pmsm.unknowns import CONTRASTS, FIXED, UNKNOWNS, aliases, unknowns
 from ematwin.models.scenario import Scenario
-from ematwin.models.servo import reported_magnitudes, tracking_signals
+from ematwin.models.servo import tracking_signals
 from ematwin.models.unknown import Alias, Contrast, Unknown
 from ematwin.recordings.channel import Channel
 from ematwin.recordings.noise import Noise
@@ -178,14 +178,6 @@ class PmsmModel(Model):
                 name = "Current" if quantity == "current" else "Commanded voltage"
                 found += [Signal(f"{name}, q", unit, pair[1]), Signal(f"{name}, d", unit, pair[0])]
         return found + tracking_signals(recording)
-
-    def reported(self, actuator: Any) -> tuple[Reported, ...]:
-        """Each magnitude as it is searched; a direction is no finding of its own."""
-        return reported_magnitudes(UNKNOWNS)
-
-    def settling_time(self, actuator: Any) -> float:
-        """Six time constants of the position loop."""
-        return 6.0 / float(actuator.controller.position_gain)
 
 
 MODEL = PmsmModel()

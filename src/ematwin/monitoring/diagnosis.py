@@ -1,0 +1,344 @@
+"""Diagnosis: the verdict on a recording with its values, as a row of a table; and the table.
+
+`ematwin.identify` of several recordings and `ematwin.detect` give the same one.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from ematwin.errors import InputError
+from ematwin.estimation.estimate import Estimate
+from ematwin.estimation.identify import Identification
+from ematwin.estimation.verdict import Grade, Verdict
+from ematwin.monitoring.calibration import Calibration
+from ematwin.recordings.recording import Recording, label_text
+from ematwin.showing import markup
+from ematwin.showing.drawing import drawn
+from ematwin.showing.frames import frame_of_rows
+
+UNNAMED = "unnamed change"
+
+
+@dataclass(frozen=True)
+class Magnitude:
+    """A fault, or another reported quantity, with its interval.
+
+    Attributes
+    ----------
+    value, low, high : in ``unit``, with the 95 % interval
+    healthy : (2,) band in which 95 % of healthy recordings lie
+    score : standard deviations from healthy
+    """
+
+    name: str
+    unit: str
+    value: float
+    low: float
+    high: float
+    healthy: tuple[float, float]
+    score: float
+
+    @property
+    def title(self) -> str:
+        """The name with its unit, for the head of a table."""
+        return f"{self.name}, {self.unit}" if self.unit not in ("", "x") else self.name
+
+    def __str__(self) -> str:
+        digits = ".2f" if self.unit in ("", "x", "mm") else ".3g"
+        return f"{self.value:{digits}} ({self.low:{digits}} to {self.high:{digits}})"
+
+
+@dataclass(frozen=True)
+class Covariate:
+    """The covariate that was estimated with a recording, such as its load.
+
+    Attributes
+    ----------
+    name, unit, value : SI
+    """
+
+    name: str
+    unit: str
+    value: float
+
+    @property
+    def key(self) -> str:
+        """Name with unit, for tables: ``load_N``."""
+        return f"{self.name}_{self.unit}".rstrip("_")
+
+    def __str__(self) -> str:
+        digits = ".0f" if abs(self.value) >= 10.0 else ".3g"
+        return f"{self.value:{digits}} {self.unit}".rstrip()
+
+
+@dataclass(frozen=True)
+class Standing:
+    """Where recordings stand beside the healthy population, for kinds that are judged by one.
+
+    Attributes
+    ----------
+    index, threshold : health index, and the bound that healthy runs seldom exceed
+    clear : the index from which a change without a name raises an alarm
+    named_by : "physics", "signature" or ""
+    alone : magnitudes that raise the alarm by themselves, where the threshold lies beyond what a
+        single one can bring the index to
+    evidence : the features furthest from health: name to score
+    statistics : what was measured beside the twin, by name, SI
+    covariate : estimated with it, such as the load; None for a kind without one
+    """
+
+    index: float
+    threshold: float
+    clear: float
+    named_by: str = ""
+    alone: tuple[str, ...] = ()
+    evidence: Mapping[str, float] = field(default_factory=dict)
+    statistics: Mapping[str, float] = field(default_factory=dict)
+    covariate: Covariate | None = None
+
+    def as_dict(self) -> dict[str, object]:
+        """For JSON."""
+        one = self.covariate
+        return {
+            "index": self.index,
+            "threshold": self.threshold,
+            "clear_threshold": self.clear,
+            **({"alone": list(self.alone)} if self.alone else {}),
+            "named_by": self.named_by or None,
+            **({} if one is None else {one.key: one.value}),
+            **self.statistics,
+            "evidence": dict(self.evidence),
+        }
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The verdict on one recording, or on the recordings of a run together, with its values.
+
+    Attributes
+    ----------
+    name : of the recording or run
+    labels : what the file says of it
+    verdict : Verdict
+    magnitudes : faults, or what the kind reports
+    motions : how many recordings it rests on
+    alarm : whether somebody should look: at a fault, and at a change that is clear
+    notes : sentences
+    when : time at which its first recording began, ISO 8601, or None
+    standing : beside the healthy population; None where that did not judge
+    identification : what the values come from; None where the population alone was asked
+    """
+
+    name: str
+    labels: dict[str, str]
+    verdict: Verdict
+    magnitudes: tuple[Magnitude, ...]
+    motions: int = 1
+    alarm: bool = False
+    notes: tuple[str, ...] = ()
+    when: str | None = None
+    standing: Standing | None = None
+    identification: Identification | None = field(default=None, repr=False, compare=False)
+
+    @property
+    def grade(self) -> Grade:
+        """That of the verdict."""
+        return self.verdict.grade
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """Names of the faults; none unless the grade is "fault"."""
+        return self.verdict.faults
+
+    @property
+    def reason(self) -> str:
+        """A sentence on why this grade."""
+        return self.verdict.reason or self.verdict.sentence
+
+    @property
+    def fault(self) -> str:
+        """The faults in one text, `UNNAMED` for another alarm, "" without one."""
+        return ", ".join(self.faults) or (UNNAMED if self.alarm else "")
+
+    @property
+    def said(self) -> str:
+        """Names of the faults or grade, for tables."""
+        if self.grade == "none":
+            return "no verdict"
+        return self.fault or self.grade
+
+    @property
+    def load(self) -> float | None:
+        """The estimated load, SI, where that is the covariate."""
+        one = None if self.standing is None else self.standing.covariate
+        return one.value if one is not None and one.name == "load" else None
+
+    @property
+    def row(self) -> dict[str, object]:
+        """It as a row of a table: labels, verdict, each magnitude with its interval."""
+        found: dict[str, object] = {"name": self.name, **self.labels, "motions": self.motions}
+        at = self.standing
+        if at is not None:
+            found |= {"index": at.index, "limit": at.threshold, "named_by": at.named_by}
+        found |= {"alarm": self.alarm, "fault": self.fault}
+        found |= {"grade": self.grade, "reason": self.reason}
+        for m in self.magnitudes:
+            key = f"{m.name}_{m.unit}" if m.unit not in ("", "x") else m.name
+            found |= {key: m.value, f"{key}_low": m.low, f"{key}_high": m.high}
+        if at is None:
+            return found
+        if at.covariate is not None:
+            found[at.covariate.key] = at.covariate.value
+        return found | dict(at.statistics)
+
+    def _repr_html_(self) -> str:
+        """The verdict, then the magnitudes, in a notebook."""
+        rows = [
+            (m.name, f"{m.value:.3g} {m.unit}".rstrip(), f"{m.low:.3g} to {m.high:.3g}",
+             f"{m.healthy[0]:.3g} to {m.healthy[1]:.3g}")
+            for m in self.magnitudes
+        ]  # fmt: skip
+        return "".join(
+            [
+                markup.verdict(f"{self.name}: {self.verdict.sentence}", self.grade),
+                markup.table(("quantity", "value", "95 %", "healthy"), rows),
+                *(markup.note(text) for text in self.notes),
+            ]
+        )
+
+    def as_dict(self) -> dict[str, object]:
+        """For JSON."""
+        return {
+            "name": self.name,
+            "when": self.when,
+            "labels": self.labels,
+            "motions": self.motions,
+            "alarm": self.alarm,
+            "grade": self.grade,
+            "faults": list(self.faults),
+            "reason": self.reason,
+            "sentence": self.verdict.sentence,
+            "fault": self.fault or None,
+            "magnitudes": {
+                m.name: {
+                    "value": m.value, "unit": m.unit, "low": m.low, "high": m.high,
+                    "healthy": list(m.healthy), "score": m.score,
+                }
+                for m in self.magnitudes
+            },
+            **({} if self.standing is None else self.standing.as_dict()),
+            "notes": list(self.notes),
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Detection:
+    """Diagnoses of recordings and of runs.
+
+    Attributes
+    ----------
+    motions : of each recording
+    runs : of the recordings of each run together, where a healthy population judges; else of each
+        recording
+    calibration : Calibration
+    estimates : of each recording, in the order of ``motions``
+    missing : how many recordings are left after an interruption
+    """
+
+    motions: tuple[Diagnosis, ...]
+    runs: tuple[Diagnosis, ...]
+    calibration: Calibration
+    estimates: tuple[Estimate, ...] = ()
+    missing: int = 0
+
+    @property
+    def grade(self) -> Grade:
+        """The grade of the run that somebody has to look at first."""
+        grades = [one.grade for one in self.runs]
+        order: tuple[Grade, ...] = ("fault", "changed", "none")
+        return next((grade for grade in order if grade in grades), "healthy")
+
+    @property
+    def by_run(self) -> bool:
+        """Whether recordings of a run are judged together as well."""
+        return self.runs is not self.motions
+
+    @property
+    def sentence(self) -> str:
+        """How many runs raise an alarm, and of which faults."""
+        names: dict[str, int] = {}
+        for one in self.runs:
+            for name in one.faults or ((one.fault,) if one.alarm else ()):
+                names[name] = names.get(name, 0) + 1
+        said = "; ".join(f"{fault} in {count}" for fault, count in names.items())
+        kind = "runs" if self.by_run else "recordings"
+        left = f" Interrupted: {self.missing} more were not judged." if self.missing else ""
+        return f"{counted(self.runs, kind)}{': ' + said if said else ''}.{left}"
+
+    def to_frame(self, each: str = "run") -> Any:
+        """A pandas DataFrame with a row for each "run" or "motion", by name; needs pandas."""
+        return frame_of_rows((one.row for one in self.each(each)), "name")
+
+    to_dataframe = to_frame
+
+    def plot(self, each: str = "run") -> Any:
+        """The trend over runs, or over motions: a figure of plotly."""
+        return drawn(self, each, dict.fromkeys(("run", "motion"), "plot_trend"), each)
+
+    def each(self, each: str) -> tuple[Diagnosis, ...]:
+        """Those of each "run" or of each "motion"."""
+        if each not in ("run", "motion"):
+            raise InputError(f"each must be run or motion, received {each!r}.")
+        return self.runs if each == "run" else self.motions
+
+    def _repr_html_(self) -> str:
+        """How many raise an alarm, then each run, in a notebook."""
+        rows = [(one.name, one.said, one.reason) for one in self.runs]
+        marked = [n for n, one in enumerate(self.runs) if one.alarm]
+        return "".join(
+            [
+                markup.verdict(self.sentence, self.grade),
+                markup.table(("run", "verdict", "because"), rows, marked),
+                *(markup.note(text) for text in gathered_notes(self.runs)),
+            ]
+        )
+
+
+def name_of(recording: Recording, labels: dict[str, str], one_source: bool) -> str:
+    """Labels for tables, with the file where there are several or no labels."""
+    said = label_text(labels)
+    return said if said and one_source else f"{recording.source} {said}".strip()
+
+
+def counted(rows: Sequence[Diagnosis], kind: str) -> str:
+    """How many raise an alarm, and of how many of the rest something is to be said."""
+    rest = [one.grade for one in rows if not one.alarm]
+    said = {
+        "changed by no more than may drift": rest.count("changed"),
+        "without a verdict": rest.count("none"),
+    }
+    more = "".join(f", {count} {text}" for text, count in said.items() if count)
+    return f"{sum(one.alarm for one in rows)} of {len(rows)} {kind} raise an alarm{more}"
+
+
+def gathered_notes(rows: Sequence[Diagnosis]) -> list[str]:
+    """The notes of many, alike ones once, each with how many have it."""
+    seen: dict[str, list[tuple[str, str]]] = {}
+    for one in rows:
+        for note in one.notes:
+            seen.setdefault(note.partition(" (")[0], []).append((one.name, note))
+    return [
+        f"{found[0][0]}: {found[0][1]}"
+        + (f" {len(found)} of {len(rows)} are like this." if len(found) > 1 else "")
+        for found in seen.values()
+    ]
+
+
+def gathered_reasons(rows: Sequence[Diagnosis]) -> list[str]:
+    """Why verdicts are other than healthy, the first of each name or grade."""
+    found: dict[str, str] = {}
+    for one in rows:
+        if one.grade != "healthy":
+            found.setdefault(one.said, f"{one.said}: {one.reason}")
+    return list(found.values())

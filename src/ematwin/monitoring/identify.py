@@ -1,0 +1,302 @@
+"""`identify` and `detect`: recordings in, one verdict on each out.
+
+Both ask `judge`. Where parameters are free beside the faults, the values of a recording decide
+(`ematwin.estimation.verdict`). Of kinds that one descent fits, the healthy population does, where
+the calibration has one: it knows what the twin leaves of healthy recordings.
+"""
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, overload
+
+from ematwin.errors import InputError
+from ematwin.estimation.assess import scatter
+from ematwin.estimation.baseline import Baseline, frees_parameters
+from ematwin.estimation.identify import Identification, Prepared, identified, prepared
+from ematwin.estimation.interrupt import noting_interrupts
+from ematwin.estimation.search import Progress, Search
+from ematwin.models.reading import read
+from ematwin.monitoring.by_population import COVERAGE, by_population
+from ematwin.monitoring.calibration import Calibration, PopulationCalibration
+from ematwin.monitoring.diagnosis import Detection, Diagnosis, Magnitude, name_of
+from ematwin.monitoring.gather import Given, is_one, recordings_of
+from ematwin.numerics.side_by_side import cores
+from ematwin.optimizers.base import ITERATIONS, POPULATION, Optimizer
+from ematwin.recordings.read import Columns
+from ematwin.recordings.recording import Recording
+from ematwin.showing.bars import told
+
+if TYPE_CHECKING:
+    from ematwin.estimation.uncertainty import Method
+
+
+@overload
+def identify(record: Recording, *settings: Any, **more: Any) -> Identification: ...
+@overload
+def identify(
+    record: Sequence[Recording | str | Path], *settings: Any, **more: Any
+) -> Detection: ...
+@overload
+def identify(record: Any, *settings: Any, **more: Any) -> Any: ...
+def identify(
+    record: Any,
+    actuator: Any = None,
+    algorithm: str | Search | Optimizer | Any | None = None,
+    *,
+    budget: int | None = None,
+    population: int = POPULATION,
+    iterations: int = ITERATIONS,
+    seed: int = 1,
+    only: Iterable[str] | None = None,
+    held: Mapping[str, float] | Any | None = None,
+    checkpoint: str | Path | None = None,
+    progress: Progress | bool | None = None,
+    threads: int | None = None,
+    columns: Columns = None,
+    load: float | None = None,
+    exact: bool = False,
+    backend: str = "cpu",
+    uncertainty: "str | Method | None" = None,
+    thresholds: Mapping[str, float | str] | None = None,
+) -> Identification | Detection:
+    """Find the values with which the twin answers as the recorded actuator did.
+
+    Parameters
+    ----------
+    record : a `Recording`, a file that `ematwin.read` knows, or a DataFrame of pandas; or several
+        of them in a list, a folder or a glob, which are judged side by side
+    actuator : parameters of any kind, a calibration, the name of a shipped set, or a TOML file;
+        the default brushless actuator if not given
+    algorithm : a name of ``ematwin algorithms``, a `Search`, or an optimiser; the default method
+        of the kind if not given
+    budget : simulations at most; for a population method exactly, by default
+        ``population * iterations``
+    population, iterations : of the population methods; 50 and 200 as in the paper
+    seed : int
+    only : names of the unknowns that are searched: faults, nuisances, or parameters of the actuator
+        by their place, such as ``motor.emf_constant``. None searches all faults and nuisances
+    held : values of the others; healthy if not given
+    checkpoint : file of a population method's state; an interrupted run goes on from it
+    progress : True shows a bar, in a terminal or a notebook; else called with evaluations, best
+        cost and budget now and then; for several recordings with how many are done, the last
+        cost, and how many there are
+    threads : threads that share the work; None takes one for each core
+    columns : which channel of a file or DataFrame is which, as of `ematwin.read`
+    load : the constant load, SI, of a recording that does not hold it; 0 for none
+    exact : the parameters are exactly those of the actuator, and the sensors are ideal but for
+        noise, as in a simulation; no tolerances and no healthy recordings count
+    backend : what simulates the candidates: "cpu"; for brushless actuators "cpu-single", costs in
+        single precision, from which population methods gain, intervals and all else in double; or
+        "cuda", a GPU (needs ``ematwin[gpu]``)
+    uncertainty : how sure the answer is: "laplace", "profile" or "posterior" (docs/certainty.md),
+        or such a method with settings of its own, e.g. ``Posterior(most=50_000)``
+    thresholds : by fault, the value from which on it matters; a text with a unit is physical, e.g.
+        ``"0.05 N*m"``. Tells the probability of each to be beyond; "laplace" if no method is given
+
+    Returns
+    -------
+    Identification of one recording, also after an interruption (Ctrl-C), with the best found so far
+    Detection of several, as of `ematwin.detect`; after an interruption of those that were done
+
+    Raises
+    ------
+    RecordError
+        If a recording cannot be identified from.
+    InputError
+        If an argument cannot be used.
+    """
+    known = Calibration.of(actuator)
+    if exact:
+        known = Calibration(known.actuator, Baseline.of_simulation())
+    settings: dict[str, Any] = {
+        "budget": budget, "population": population, "iterations": iterations, "seed": seed,
+        "only": None if only is None else list(only), "held": held, "checkpoint": checkpoint,
+        "backend": backend, "uncertainty": uncertainty, "thresholds": thresholds,
+    }  # fmt: skip
+    if not is_one(record):
+        if checkpoint is not None:
+            raise InputError("A checkpoint is of one search; leave it out for several recordings.")
+        ready = _ready(record, known, columns, load)
+
+        def work(one: Prepared, share: int) -> Identification:
+            return identified(
+                one, known.actuator, known.baseline, algorithm, threads=share, **settings
+            )
+
+        with told(progress, "judging", _shown) as tell:
+            found = _side_by_side(work, ready, tell, threads)
+        return judge(known, [one.recording for one in ready], found)
+    if isinstance(record, Recording) and columns is not None:
+        raise InputError("A Recording has its channels already; leave columns out.")
+    if not isinstance(record, Recording):
+        record = read(record, columns, actuator=known.actuator)
+    # the recorded rate is not kept: who gives a recording away frees its memory
+    record = prepared(record, known.actuator, load)
+    alone = identified(
+        record, known.actuator, known.baseline, algorithm, progress=progress, threads=threads,
+        **settings,
+    )  # fmt: skip
+    if alone.stopped == "interrupted":
+        return alone
+    return replace(alone, verdict=judge(known, [record.recording], [alone]).motions[0].verdict)
+
+
+def detect(
+    recordings: Given,
+    calibration: Any,
+    *,
+    load: float | None = None,
+    progress: Callable[[float], None] | bool | None = None,
+    threads: int | None = None,
+) -> Detection:
+    """Judge recordings against the healthy actuator: what `identify` says of each, as a table.
+
+    Parameters
+    ----------
+    recordings : or the files, folders or globs that hold them
+    calibration : what `calibrate` gave, or its file
+    load : the constant load, SI, of recordings that do not hold it; 0 for none
+    progress : True shows a bar, in a terminal or a notebook; else called with the share done
+    threads : threads that share the recordings; None takes one for each core
+
+    Returns
+    -------
+    Detection; after an interruption (Ctrl-C) of the recordings that were done
+
+    Raises
+    ------
+    RecordError
+        If a recording cannot be judged, or is of another command, rate or rig than the healthy
+        population.
+    InputError
+        If a healthy population is needed, and the calibration has none.
+    """
+    held = getattr(calibration, "calibration", calibration)
+    known = held if isinstance(held, Calibration) else Calibration.load(held)
+    ready = _ready(recordings, known, None, load)
+    given = [one.recording for one in ready]
+    if isinstance(known, PopulationCalibration):
+        return judge(known, given, ())
+    if not frees_parameters(known.model):
+        raise InputError(
+            f"The calibration of {known.actuator.name} has no healthy population to judge by. "
+            "Calibrate with three healthy runs or more, or ask ematwin identify."
+        )
+
+    def work(one: Prepared, share: int) -> Identification:
+        return identified(one, known.actuator, known.baseline, threads=share)
+
+    with told(progress, "judging") as show:
+
+        def tell(done: int, cost: float, count: int) -> None:
+            if show is not None:
+                show(done / count)
+
+        return judge(known, given, _side_by_side(work, ready, tell, threads))
+
+
+def judge(
+    known: Calibration, recordings: Sequence[Recording], found: Sequence[Identification]
+) -> Detection:
+    """The verdict on recordings beside a calibration: the one rule of all commands.
+
+    Parameters
+    ----------
+    known : of the actuator
+    recordings : as they are compared
+    found : identifications of the first of them, of all unless there was an interruption; none
+        where a healthy population judges and no values are wanted
+    """
+    if isinstance(known, PopulationCalibration):
+        table = by_population(recordings, known)
+        if not found:
+            return table
+        kept = zip(table.motions, found, strict=False)
+        return replace(table, motions=tuple(replace(a, identification=b) for a, b in kept))
+    one_source = len({one.source for one in recordings}) == 1
+    rows = tuple(
+        _row(known, identification, one, name_of(one, one.labels, one_source) or f"recording {n}")
+        for n, (one, identification) in enumerate(zip(recordings, found, strict=False), 1)
+    )
+    return Detection(
+        rows, rows, known, tuple(one.estimate for one in found), len(recordings) - len(found)
+    )
+
+
+def _row(known: Calibration, found: Identification, recording: Recording, name: str) -> Diagnosis:
+    """An identification as a row of a table."""
+    estimate, usual = found.estimate, scatter(known.baseline)
+    errors = estimate.standard_errors
+    magnitudes = []
+    for one in known.model.faults(known.actuator):
+        if one.direction_of is not None or one.name not in found.intervals:
+            continue
+        value, error = estimate[one.name], errors[one.name]
+        reach = COVERAGE * usual.get(one.name, 0.0)
+        band = max(one.lower, one.healthy - reach), min(one.upper, one.healthy + reach)
+        score = (value - one.healthy) / error if 0.0 < error < math.inf else 0.0
+        low, high = found.intervals[one.name]
+        magnitudes.append(Magnitude(one.name, one.unit, value, low, high, band, score))
+    return Diagnosis(
+        name=name,
+        labels=recording.labels,
+        verdict=found.verdict,
+        magnitudes=tuple(magnitudes),
+        alarm=found.verdict.grade == "fault",
+        notes=tuple(found.warnings),
+        when=estimate.when,
+        identification=found,
+    )
+
+
+def _ready(
+    given: Given, known: Calibration, columns: Columns, load: float | None
+) -> list[Prepared]:
+    """Recordings as they are compared; what cannot be used is refused before any work begins."""
+    found = recordings_of(given, known.actuator, columns, averaged=False)
+    return [prepared(one, known.actuator, load) for one in found]
+
+
+def _side_by_side(
+    work: Callable[[Prepared, int], Identification],
+    ready: Sequence[Prepared],
+    tell: Progress | None,
+    threads: int | None,
+) -> list[Identification]:
+    """What comes of each recording, over the cores; after Ctrl-C of the first ones that are done.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        If none was done.
+    """
+    lent = threads or cores()
+    share = max(1, lent // len(ready))
+    with noting_interrupts() as interrupts, ThreadPoolExecutor(min(lent, len(ready))) as pool:
+        tasks = [pool.submit(work, one, share) for one in ready]
+        stopped = False
+        try:
+            for done, task in enumerate(as_completed(tasks), 1):
+                if tell is not None:
+                    tell(done, task.result().cost, len(tasks))
+                interrupts.check()
+        except KeyboardInterrupt:
+            interrupts.pressed, stopped = False, True
+        finally:
+            pool.shutdown(cancel_futures=True)
+    found = []
+    for task in tasks:
+        if stopped and task.cancelled():
+            break
+        found.append(task.result())
+    if not found:
+        raise KeyboardInterrupt
+    return found
+
+
+def _shown(done: int, cost: float, count: int) -> tuple[float, str]:
+    """The share done, and words beside it."""
+    return done / count, f"{done} of {count} recordings"

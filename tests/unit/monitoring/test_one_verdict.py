@@ -1,0 +1,291 @@
+"""One verdict for `identify` and `detect`, of kinds whose parameters are free beside the faults."""
+
+import math
+import signal
+import threading
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import ematwin
+from ematwin.errors import InputError, ParameterError, RecordError
+from ematwin.estimation.baseline import Baseline
+from ematwin.models.registry import model_of
+from ematwin.monitoring import CalibrationReport, Detection, Diagnosis
+from ematwin.monitoring.calibration import PopulationCalibration
+from ematwin.monitoring.gather import files_of
+from ematwin.report.detection import detection_page
+from made_up_axis import TRUTH, axis, drifted, run
+from made_up_rig import healthy_runs
+from made_up_rig import motion as ball_screw_motion
+from made_up_rig import run as rig_run
+
+FAULTS = {
+    "friction": {"friction": 0.25},
+    "gain": {"gain": 0.4},
+    "short_a": {"short_a": 0.3},
+    "two faults": {"friction": 0.25, "short_a": 0.3},
+}
+
+
+@pytest.fixture(scope="module")
+def report() -> CalibrationReport:
+    return ematwin.calibrate([run(n) for n in range(1, 6)], "servo48", name="axis")
+
+
+@pytest.fixture(scope="module")
+def recordings() -> list[ematwin.Recording]:
+    """A healthy one, one with magnets 1 % weaker and a winding 8 % warmer, and faulty ones."""
+    return [run(30), drifted(31), *(run(60 + n, **f) for n, f in enumerate(FAULTS.values()))]
+
+
+@pytest.fixture(scope="module")
+def found(report, recordings) -> Detection:
+    return ematwin.detect(recordings, report)
+
+
+# One verdict
+
+
+def test_identify_and_detect_say_the_same_of_each_recording(report, recordings, found):
+    together = ematwin.identify(recordings, report)
+    for recording, row, other in zip(recordings, found.motions, together.motions, strict=True):
+        alone = ematwin.identify(recording, report)
+        assert row.verdict == other.verdict == alone.verdict
+        assert row.magnitudes == other.magnitudes
+    assert found.runs is found.motions
+
+
+def test_drift_is_no_fault_and_every_fault_is_named(found):
+    healthy, drifting, *faulty = found.motions
+    assert healthy.grade == "healthy"
+    assert drifting.grade in ("healthy", "changed")
+    assert [one.faults for one in faulty] == [tuple(fault) for fault in FAULTS.values()]
+    assert [one.alarm for one in found.motions] == [False, False, True, True, True, True]
+    assert found.grade == "fault"
+    assert found.sentence == (
+        "4 of 6 recordings raise an alarm: friction in 2; gain in 1; short_a in 2."
+    )
+
+
+def test_they_agree_on_a_servo_of_another_kind():
+    actuator = ematwin.load_actuator("servo400")
+    weak = {"motor.flux": 0.99, "motor.resistance": 1.08}
+    drifting = actuator.changed({place: f * actuator.value(place) for place, f in weak.items()})
+    baseline = replace(Baseline.of_template(model_of(actuator), actuator), recordings=3)
+    known = ematwin.Calibration(actuator, baseline)
+    simulated = [
+        ematwin.simulate(None, None, None, drifting, seed=1),
+        ematwin.simulate(None, None, {"friction": 0.4, "short_b": 0.3}, actuator, seed=2),
+    ]
+    rows = ematwin.detect(simulated, known).motions
+    assert [row.verdict for row in rows] == [
+        ematwin.identify(one, known).verdict for one in simulated
+    ]
+    assert not rows[0].alarm
+
+
+def test_a_healthy_population_judges_for_both_commands():
+    """Of a ball screw: what the twin leaves of healthy recordings was learnt."""
+    calibration = ematwin.calibrate(healthy_runs(4)).calibration
+    assert isinstance(calibration, PopulationCalibration)
+    motions = [*rig_run(60, friction=1.3), *rig_run(61, roughness=0.1), *healthy_runs(1, first=101)]
+    found = ematwin.detect(motions, calibration)
+    together = ematwin.identify(motions, calibration)
+    assert {"lubrication", "spalling"} <= {name for one in found.motions for name in one.faults}
+    assert [one.verdict for one in together.runs] == [one.verdict for one in found.runs]
+    for motion, row, other in zip(motions, found.motions, together.motions, strict=True):
+        assert row.verdict == other.verdict == ematwin.identify(motion, calibration).verdict
+        assert row.identification is None
+        assert other.identification is not None
+    # on request the parameters are exact, and no healthy recordings count
+    assert ematwin.identify(motions[0], calibration, exact=True).verdict.faults == ("friction",)
+
+
+# Rows and pages
+
+
+@pytest.mark.parametrize("name", ["friction", "gain", "short_a"])
+def test_a_row_shows_values_with_intervals(found, name):
+    row = found.motions[2 + list(FAULTS).index(name)]
+    magnitude = next(m for m in row.magnitudes if m.name == name)
+    assert magnitude.low < magnitude.value < magnitude.high
+    assert magnitude.value == pytest.approx(FAULTS[name][name], abs=0.03)
+    assert not magnitude.healthy[0] <= magnitude.value <= magnitude.healthy[1]
+    assert abs(magnitude.score) > 3.0
+    assert row.standing is row.load is None
+    assert row.identification.verdict is row.verdict
+    assert row.said == row.fault == name
+
+
+def test_a_row_is_plain_json_and_a_line_of_a_table(found):
+    told = found.motions[2].as_dict()
+    assert set(told["magnitudes"]) == {
+        "friction", "backlash", "short_a", "short_b", "short_c", "eccentricity", "gain",
+    }  # fmt: skip
+    assert not {"load_N", "sensor_coupling", "index"} & set(told)
+    assert np.isfinite([m["score"] for m in told["magnitudes"].values()]).all()
+    table = found.to_frame()
+    assert isinstance(table, pd.DataFrame)
+    assert table.iloc[-1]["fault"] == "friction, short_a"
+    assert (
+        table.iloc[2]["friction_low"] < table.iloc[2]["friction"] < table.iloc[2]["friction_high"]
+    )
+
+
+def test_the_page_shows_the_faults_of_the_kind(found):
+    page = detection_page(found)
+    for title in ("Short a", "Eccentricity", "Gain"):
+        assert title in page
+    for title in ("Roughness", "Health index"):
+        assert title not in page
+    assert len(found.plot("motion").data) > 7
+
+
+# Several recordings
+
+
+def test_a_folder_a_glob_and_a_list_are_several_recordings(report, tmp_path):
+    for name, fault in (("day10", {"friction": 0.25}), ("day2", {})):
+        ematwin.write(run(60, **fault).changed(labels={}), tmp_path / f"{name}.parquet")
+    (tmp_path / "notes.md").write_text("no recording")
+    tables = [
+        ematwin.identify(given, report)
+        for given in (tmp_path, str(tmp_path / "*.parquet"), [tmp_path / "day2.parquet"])
+    ]
+    names = [[row.name for row in table.motions] for table in tables]
+    assert names == [["day2.parquet", "day10.parquet"]] * 2 + [["day2.parquet"]]
+    assert [row.grade for row in tables[0].motions] == ["healthy", "fault"]
+    assert tables[0].motions[1].identification.verdict.faults == ("friction",)
+    alone = ematwin.identify(tmp_path / "day2.parquet", report)
+    assert isinstance(alone, ematwin.Identification)
+
+
+def test_what_cannot_be_judged_is_refused_before_any_work(report, tmp_path):
+    (tmp_path / "empty").mkdir()
+    for given in (tmp_path / "empty", str(tmp_path / "*.csv")):
+        with pytest.raises(InputError, match="holds no recording: no file ends in"):
+            ematwin.identify(given, report)
+    with pytest.raises(InputError, match="leave it out for several"):
+        ematwin.identify([run(30)], report, checkpoint=tmp_path / "x")
+    with pytest.raises(RecordError, match="has no channel 'command'"):
+        ematwin.identify([run(30), ball_screw_motion()], report)
+    with pytest.raises(RecordError, match="has no channel 'command'"):
+        ematwin.detect(ball_screw_motion(), report)
+    with pytest.raises(RecordError, match="has no channel 'command'"):
+        ematwin.calibrate(healthy_runs(3, motions=1), "servo48")
+    with pytest.raises(ParameterError, match="holds an actuator but no calibration"):
+        ematwin.detect(run(30), ematwin.BldcActuator.shipped()["servo48"])
+
+
+def test_numbers_in_names_of_files_count_as_numbers(tmp_path):
+    for name in ("run10.csv", "run9.csv", "run9b.CSV", "a.txt"):
+        (tmp_path / name).write_text("")
+    assert [one.name for one in files_of(tmp_path)] == [
+        "a.txt",
+        "run9.csv",
+        "run9b.CSV",
+        "run10.csv",
+    ]
+
+
+def test_progress_tells_how_many_are_done(report):
+    seen: list[tuple[int, int]] = []
+    ematwin.identify(
+        [run(30), run(60, friction=0.25)], report,
+        progress=lambda done, cost, count: seen.append((done, count)),
+    )  # fmt: skip
+    assert seen == [(1, 2), (2, 2)]
+    shares: list[float] = []
+    ematwin.detect([run(30)], report, progress=shares.append)
+    assert shares == [1.0]
+
+
+def test_an_interruption_leaves_the_rows_that_are_done(report):
+    def stop(share: float) -> None:
+        signal.raise_signal(signal.SIGINT)
+
+    table = ematwin.detect([run(30) for _ in range(8)], report, progress=stop, threads=1)
+    assert 1 <= len(table.motions) < 8
+    assert len(table.motions) + table.missing == 8
+    assert f"Interrupted: {table.missing} more were not judged." in table.sentence
+    assert threading.active_count() < 70
+
+
+# Calibrating
+
+
+def test_what_the_current_tells_of_the_axis_is_found(report):
+    """Friction of motor and gear, which both are higher than in the template."""
+    found, true = report.calibration.actuator, axis()
+    # days rub by 0 to 8 % more than the axis itself; a current tells torques over its constant,
+    # and this motion, without a load, hardly on which side of the gear they rub
+    scale = found.motor.emf_constant / true.motor.emf_constant
+    rubbing, truly = (sum(one.value(place) for place in TRUTH) for one in (found, true))
+    assert rubbing / scale == pytest.approx(1.03 * truly, rel=0.05)
+    assert scale == pytest.approx(1.0, abs=0.1)
+    for place in ("motor.inertia", "transmission.output_inertia", "controller.position_gain"):
+        torque = 1.0 if place == "controller.position_gain" else scale
+        assert found.value(place) / torque == pytest.approx(true.value(place), rel=0.1), place
+
+
+def test_what_the_recordings_do_not_determine_stays_within_the_tolerance_of_the_template(report):
+    undetermined = [p for p in report.parameters if not p.determined]
+    assert undetermined
+    for parameter in undetermined:
+        away = abs(parameter.value / parameter.template - 1.0)
+        assert away < 1.5 * report.actuator.tolerance(parameter.place), parameter.place
+        assert "not determined" in report.sources[parameter.place]
+
+
+def test_one_recording_is_enough_and_no_population_is_learnt(report):
+    assert not isinstance(report.calibration, PopulationCalibration)
+    assert report.learnt == ["1", "2", "3", "4", "5"]
+    assert report.held_back == []
+    assert all(0.0 <= x < 0.05 for x in report.baseline.scatter.values())
+    assert math.isfinite(report.baseline.misfit)
+
+
+@pytest.mark.parametrize(
+    "option", [{"held_back": 1}, {"known": {"dry": [run(60)]}}, {"false_alarm_rate": 0.1}], ids=str
+)
+def test_what_is_of_a_population_is_refused(option):
+    with pytest.raises(InputError, match=f"judged by the values.*; leave {next(iter(option))} out"):
+        ematwin.calibrate([run(1)], "servo48", **option)
+
+
+def test_runs_are_added_to_populations_only(report):
+    with pytest.raises(InputError, match="calibrate anew with all healthy recordings"):
+        ematwin.calibrate([run(9)], add_to=report.calibration)
+
+
+def test_a_saved_calibration_judges_alike_from_files(report, found, tmp_path):
+    report.save(tmp_path / "axis.toml")
+    again = ematwin.Calibration.load(tmp_path / "axis.toml")
+    assert again.actuator.fingerprint == report.calibration.actuator.fingerprint
+    ematwin.write(run(60, **FAULTS["friction"]), tmp_path / "today.parquet")
+    (row,) = ematwin.detect(tmp_path / "today.parquet", tmp_path / "axis.toml").motions
+    assert row.verdict == found.motions[2].verdict
+    # it is an actuator, for identification too
+    assert ematwin.load_actuator(tmp_path / "axis.toml") == again.actuator
+    assert again.actuator.name == "axis"
+
+
+def test_a_calibration_of_0_2_loads_without_its_population(tmp_path):
+    path = Path(__file__).parents[2] / "data" / "0.2" / "axis.toml"
+    known = ematwin.Calibration.load(path)
+    assert type(known) is ematwin.Calibration
+    assert known.baseline.recordings == 5
+    row: Diagnosis = ematwin.detect(run(61, short_a=0.3), path).motions[0]
+    assert row.verdict == ematwin.identify(run(61, short_a=0.3), path).verdict
+    assert row.faults == ("short_a",)
+    # and without a baseline, as the versions before wrote it
+    text = path.read_text(encoding="utf-8")
+    start, end = text.index("[baseline]"), text.index("[calibration]")
+    (tmp_path / "older.toml").write_text(text[:start] + text[end:], encoding="utf-8")
+    older = ematwin.Calibration.load(tmp_path / "older.toml").baseline
+    assert older.calibrated
+    assert set(older.scatter) == set(known.baseline.scatter)
