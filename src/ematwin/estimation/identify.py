@@ -50,6 +50,8 @@ class Identification:
     cost : float, misfit over the whole recording at the end of the search, before parameters and
         sensors are freed; for the brushless actuator eq. 2 of the paper, A s
     evaluations : int, simulations that the search took
+    reference_runs : int, answers of the reference model by which these were corrected; 0 where the
+        kind has none
     seconds : float, wall time of the search and of the intervals
     history : (B, 2) array, evaluations and best cost so far
     algorithm, seed : what searched, and from which seed
@@ -94,6 +96,7 @@ class Identification:
     calibrated: bool = False
     recording: Recording | None = field(default=None, repr=False, compare=False)
     uncertainty: "Uncertainty | None" = None
+    reference_runs: int = 0
 
     @property
     def model(self) -> Model:
@@ -172,6 +175,7 @@ class Identification:
             "cost": self.cost,
             "relative_misfit": self.relative_misfit,
             "evaluations": self.evaluations,
+            "reference_runs": self.reference_runs,
             "seconds": self.seconds,
             "algorithm": self.algorithm,
             "seed": self.seed,
@@ -379,6 +383,7 @@ def identified(
         calibrated=baseline.calibrated,
         recording=recording,
         uncertainty=sure,
+        reference_runs=assessed.reference_runs,
     )
 
 
