@@ -87,8 +87,8 @@ def main() -> None:
     asked = parser.parse_args()
     drive = load_actuator("servo48").changed(GAINS)
     print(
-        "| the actuator has | Err%, median / P90 | verdict | answers of the reference, median / P90 "
-        "| error over standard error | intervals that hold, % |"
+        "| the actuator has | Err%, median / P90 | verdict | answers of the reference, median / "
+        "P90 | error over standard error | intervals that hold, % |"
     )
     print("|---|--:|--:|--:|--:|--:|")
     for name, form in ROWS.items():

@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ematwin.errors import RecordError
+from ematwin.numerics.quantiles import quantiles
 from ematwin.numerics.white_noise import white_noise
 from ematwin.recordings.recording import Recording
 from ematwin.showing.words import listed
@@ -39,6 +40,7 @@ _APART = 0.1  # and standing still no more than this, where a channel that moves
 _GAIN = 0.3  # a gain may be so far off 1: faults of sensors reach 0.2, and a law sees two of them
 _DEAD = 0.3  # correlation with what the others make of it: a third dead phase leaves the others 0.5
 _FEWEST = 8  # equal samples: a converter that rounds repeats a value now and then
+_SHORTEST = 100  # samples: of fewer nothing can be said
 _LONG = 0.1  # of the recording: standing still for so long shows without a law
 _MOVES = 0.1  # of its range: the command moves
 _NEAR = 20  # samples
@@ -99,7 +101,7 @@ def contradictions(
     By the channel, or by those of which it cannot be told which one it is.
     """
     command = recording.channels[model.command]
-    if not np.ptp(command) > 0.0:
+    if len(recording) < _SHORTEST or not np.ptp(command) > 0.0:
         return {}
     laws = model.laws(recording, actuator)
     needed = {name for group in model.required for part in group for name in part}
@@ -241,7 +243,7 @@ class _Trial:
         for _ in range(2):
             best = np.linalg.lstsq(shapes[kept], rows[0, kept], rcond=None)[0]
             rest = np.abs(rows[0] - shapes @ best)
-            kept = rest <= np.quantile(rest, 1.0 - _FALSE)
+            kept = rest <= quantiles(rest, [1.0 - _FALSE])[0]
         rest = rest[kept]
         return float(np.sqrt(max(0.0, np.mean(rest**2) - self._noise**2)))
 
