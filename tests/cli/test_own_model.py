@@ -158,13 +158,15 @@ def test_calibrate_learns_the_actuator_and_detect_judges_it(shell, recorded, hea
               "--report", "later.html", "--json")
     )["verdicts"]  # fmt: skip
     good, dry, loose = judged
-    assert good["index"] < dry["index"]
+    assert [one["grade"] for one in judged] == ["healthy", "fault", "fault"]
+    assert not good["alarm"]
     assert dry["alarm"] is loose["alarm"] is True
     assert [dry["fault"], loose["fault"]] == ["friction", "backlash"]
     assert dry["magnitudes"]["friction"]["value"] == pytest.approx(1.5, rel=0.05)
     assert (tmp_path / "later.html").stat().st_size > 10_000
     found = json.loads(shell("identify", "dry.parquet", "--actuator", "arm.toml", "--json"))
-    assert found["verdicts"][0]["alarm"] is True
+    assert found["verdict"]["grade"] == "fault"
+    assert found["present"] == dry["faults"] == ["friction"]
 
 
 def test_compare_runs_a_study_of_it_and_report_makes_its_page(shell, tmp_path):

@@ -301,7 +301,7 @@ class _Trial:
         if most < 1:
             return "", 0
         here = self._early(most)
-        lags = np.unique(np.geomspace(1, most, _TRIED).astype(int)).tolist()
+        lags = sorted(set(np.geomspace(1, most, _TRIED).astype(int).tolist()))
         name, lag = min(
             ((name, lag) for name in self._law.channels for lag in lags),
             key=lambda one: self._left(here, {}, *one),
