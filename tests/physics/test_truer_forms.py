@@ -268,13 +268,16 @@ def test_a_fixed_offset_of_a_fifth_is_identified():
 
 
 def test_backlash_in_a_gear_that_gives_is_identified():
-    faults = {"backlash": 0.1, "friction": 0.2}
-    record = simulate("reference", faults=faults, actuator=SOFT, noise=NOISE)
-    found = ematwin.identify(record, actuator=SOFT, exact=True)
-    for name, value in faults.items():
-        low, high = found.intervals[name]
-        assert found.estimate[name] == pytest.approx(value, abs=0.02)
-        assert low <= value <= high
+    """Of eight intervals that hold 95 % one may miss: in two of three such tests none does."""
+    faults, held = {"backlash": 0.1, "friction": 0.2}, []
+    for seed in range(4):
+        record = simulate("reference", faults=faults, actuator=SOFT, noise=NOISE, seed=seed)
+        found = ematwin.identify(record, actuator=SOFT, exact=True)
+        for name, value in faults.items():
+            low, high = found.intervals[name]
+            assert found.estimate[name] == pytest.approx(value, abs=0.002)
+            held.append(low <= value <= high)
+    assert sum(held) >= 7
 
 
 def test_a_gain_in_a_sampled_loop_with_an_integral_is_identified():

@@ -38,7 +38,8 @@ class Corrected:
     ----------
     peak : Laplace, of the problem as it was corrected last
     rounds : int, answers of the reference model for each recording; 0 where the kind has none
-    left : (d,) array, how far the last round moved the peak, in coordinates of the chart
+    left : (m, d) array, how far the last round moved the peak, in coordinates of the chart; the
+        last few, where rounds came to no end
     """
 
     peak: Laplace
@@ -48,12 +49,12 @@ class Corrected:
     @property
     def covariance(self) -> np.ndarray:
         """(d, d), with what the twin misses: by the fast model, or what the last round left."""
-        return self.peak.widened(self.peak.problem.model_error) + np.outer(self.left, self.left)
+        return self.peak.widened(self.peak.problem.model_error) + self.left.T @ self.left
 
     @property
     def unsettled(self) -> tuple[str, ...]:
         """Names of coordinates that the last round moved by more than a standard error."""
-        far = np.abs(self.left) > _NEAR * np.sqrt(np.diag(self.peak.covariance))
+        far = np.abs(self.left[-1]) > _NEAR * np.sqrt(np.diag(self.peak.covariance))
         return tuple(np.array(self.peak.problem.names)[far].tolist())
 
 
@@ -84,12 +85,14 @@ def corrected(
     z = chart.project(chart.from_values(start[None]))[0]
     known: list[tuple[np.ndarray, np.ndarray]] = []  # where rounds began, and how far they led
     nearer: Problem | None = None
-    spent, moved = 0, np.inf
+    spent, moved, many = 0, np.inf, _DEPTH
     for _ in range(rounds):
         point = chart.to_values(z[None])[0]
         nearer = problem.corrected(point, nearer)
         if nearer is None:
-            return Corrected(laplace(problem, start, descent, steps=steps), 0, np.zeros(len(z)))
+            return Corrected(
+                laplace(problem, start, descent, steps=steps), 0, np.zeros((1, len(z)))
+            )
         peak = laplace(nearer, point, replace(descent, least_noise=nearer.noise), steps=steps)
         descent, steps = descent.afresh(settled=np.inf), step_lengths(peak.covariance)
         spent += peak.evaluations
@@ -98,9 +101,11 @@ def corrected(
         before, moved = moved, float((np.abs(known[-1][1]) / errors).max())
         # impacts and ripple of the reference scatter: nearer than that rounds do not come
         if moved <= _STAYS or _SHRINKS * before < moved <= _NEAR:
+            many = 1
             break
         z = chart.project(_combined(known[-_DEPTH - 1 :], errors)[None])[0]
-    return Corrected(replace(peak, evaluations=spent), len(known), known[-1][1])
+    left = np.array([step for _, step in known[-many:]])
+    return Corrected(replace(peak, evaluations=spent), len(known), left)
 
 
 def _combined(known: list[tuple[np.ndarray, np.ndarray]], errors: np.ndarray) -> np.ndarray:

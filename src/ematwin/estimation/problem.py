@@ -133,7 +133,7 @@ class Problem:
     trust : float, how far evidence counts: one over its noise in the unit of that expected, 1 at
         most
     model_error : float, factor on standard errors for what the fast model gets wrong in the same
-        way throughout a recording; 1 where it is corrected by the reference
+        way throughout a recording; of a corrected problem for its slopes alone
     """
 
     def __init__(
@@ -376,7 +376,7 @@ class Problem:
                 far = _coordinate(one, there) - now
                 slopes = other._changes(self._without(missed), point, far)
             other._unseen.append(_Unseen(one, now, slopes))
-        other.model_error = 1.0
+        other.model_error = self.comparisons[0].slope_error
         return other.with_noise(other.comparisons[0].noise)
 
     def _missed(
