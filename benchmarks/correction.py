@@ -18,6 +18,7 @@ from joblib import Parallel, delayed
 from ematwin import Noise, identify, simulate
 from ematwin.models.bldc.model import MODEL
 from ematwin.models.bldc.parameters import BldcActuator
+from ematwin.models.bldc.unknowns import UNKNOWNS
 from ematwin.models.registry import load_actuator
 
 GAINS = {"controller.position_gain": 60.0, "controller.speed_gain": 0.004}
@@ -39,7 +40,7 @@ ROWS = {
 }
 REACHES = {"gain": (0.05, 0.3), "friction": (0.05, 0.6), "backlash": (0.02, 0.4)}
 OTHERS = (0.03, 0.4)
-MAGNITUDES = tuple(one.name for one in MODEL.faults(None) if one.direction_of is None)
+MAGNITUDES = tuple(one.name for one in UNKNOWNS if one.direction_of is None)
 
 
 def mixture(seed: int) -> dict[str, float]:

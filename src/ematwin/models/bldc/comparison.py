@@ -38,8 +38,8 @@ SMOOTH_CUTOFF = 100.0  # Hz: misfits of currents low-passed there are smooth ove
 _TWIN_ERROR = 0.003  # relative misfit of the twin to healthy records of the reference model
 _REFERENCE_ERROR = 0.002  # of the reference model to simulators of other make: 0.0 to 0.18 %
 _SHORTEST = 100  # samples: fewer cannot tell eight parameters apart
-# Of a fast model without a gear that gives, or sampled loops: errors over standard errors were 1.4 to
-# 3.2 (root mean square) with slopes taken for right, 0.8 to 1.1 without these forms.
+# Of a fast model without a gear that gives, or sampled loops: errors over standard errors were 1.4
+# to 3.2 (root mean square) with slopes taken for right, 0.8 to 1.1 without these forms.
 _SLOPE_ERROR = 2.0
 # sections of forms that the reference model alone has (docs/models.md, "Truer forms")
 _REFERENCE_ALONE = ("emf.", "cogging.", "speed_loop.", "current_loop.", "compliance.")
