@@ -316,9 +316,9 @@ def _in_table(table: dict[str, Any], path: Path) -> Calibration:
     actuator = actuator_in(table, path)
     model = model_of(actuator)
     baseline = None if known is None else Baseline.from_table(known, str(path))
-    if not isinstance(learnt, dict):
+    if learnt is None:
         return Calibration(actuator, baseline or Baseline.of_template(model, actuator))
-    written = learnt.get("format", FORMAT)
+    written = learnt.get("format", FORMAT) if isinstance(learnt, dict) else None
     if isinstance(written, int) and written > FORMAT:
         raise ParameterError(
             f"{path} was written by a newer ematwin (format {written}, this one knows "

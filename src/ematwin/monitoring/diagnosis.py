@@ -262,7 +262,7 @@ class Detection:
     @property
     def by_run(self) -> bool:
         """Whether recordings of a run are judged together as well."""
-        return self.runs is not self.motions
+        return any(one.standing is not None for one in self.runs)
 
     @property
     def sentence(self) -> str:

@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import replace
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
@@ -204,7 +205,7 @@ def detect(
 def judge(
     known: Calibration, recordings: Sequence[Recording], found: Sequence[Identification]
 ) -> Detection:
-    """The verdict on recordings beside a calibration: the one rule of all commands.
+    """The verdict on recordings beside a calibration: one rule for all commands.
 
     Parameters
     ----------
@@ -215,9 +216,7 @@ def judge(
     """
     if isinstance(known, PopulationCalibration):
         table = by_population(recordings, known)
-        if not found:
-            return table
-        kept = zip(table.motions, found, strict=False)
+        kept = zip_longest(table.motions, found)
         return replace(table, motions=tuple(replace(a, identification=b) for a, b in kept))
     one_source = len({one.source for one in recordings}) == 1
     rows = tuple(
