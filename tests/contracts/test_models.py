@@ -8,6 +8,7 @@ import pytest
 
 from ematwin.models.registry import models
 from ematwin.models.simulating import simulate
+from ematwin.models.unknown import Alias
 from ematwin.recordings.channel import Channel
 from ematwin.testing.model_contract import ModelContract
 from own_model import laid_out
@@ -18,6 +19,7 @@ class TestBldc(ModelContract):
     healthy_misfit = 0.005
     step = "steps.monitor"
     thinned = 0.01
+    units = 0  # seconds each: benchmarks/certainty.py counts them
 
     @pytest.fixture
     def model(self):
@@ -28,6 +30,7 @@ class TestPmsm(ModelContract):
     # recordings are simulated with the reference model, and the monitor model is the twin
     healthy_misfit = 0.002
     step = "steps.monitor"
+    units = 0  # seconds each: benchmarks/certainty_kinds.py counts them
 
     @pytest.fixture
     def model(self):
@@ -130,3 +133,23 @@ def test_the_contract_says_what_is_missing(installed, check, members, said):
         given["comparison"] = model.compare(healthy, actuator)
     with pytest.raises(AssertionError, match=said):
         test(**{name: given[name] for name in wanted})
+
+
+def _an_alias_that_is_none(self, actuator, values):
+    return [Alias("motor.friction_torque", {"friction": 0.05})]
+
+
+MISLEADING = {
+    "tolerances that are taken as exact": (
+        "fixed", ("steps.twin", "motor.torque_constant", "motor.friction_torque", "gear.backlash"),
+    ),
+    "an alias that is none": ("aliases", _an_alias_that_is_none),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "value"), MISLEADING.values(), ids=MISLEADING)
+def test_a_kind_that_misleads_does_not_keep_the_contract(installed, monkeypatch, name, value):
+    monkeypatch.setattr(type(installed), name, value)
+    test = ModelContract().test_units_within_their_tolerances_are_judged_honestly
+    with pytest.raises(AssertionError, match="check"):
+        test(installed, installed.parameters.load())

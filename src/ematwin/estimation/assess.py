@@ -15,15 +15,16 @@ import numpy as np
 
 from ematwin.estimation.baseline import Baseline, frees_parameters, with_all_free
 from ematwin.estimation.correction import Corrected, corrected
-from ematwin.estimation.descent import Descent
+from ematwin.estimation.descent import WORTH, Descent
 from ematwin.estimation.intervals import Draws, draws
 from ematwin.estimation.joint import Joint
 from ematwin.estimation.laplace import Laplace, profiled, sharp_errors
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found
-from ematwin.estimation.significance import ANYTHING
+from ematwin.estimation.significance import ANYTHING, is_present
 from ematwin.estimation.valleys import beside
 from ematwin.estimation.verdict import HOPELESS, worst_misfit
+from ematwin.estimation.without import without
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
@@ -40,6 +41,8 @@ _EXPLAINED = 1.6  # times what healthy recordings or noise leave: nothing else n
 _KNOWN, _BY_SHEET = 5, 10  # iterations from there: parameters have yet to leave the sheet's
 _RIVALS = 2  # other valleys that are gone into
 _EVIDENT = 3.0  # standard errors
+_ANEW = 3  # rounds in which a best point is looked for without the faults that it names
+_ALIKE = 1e-6  # logarithms so near that their mean slope is the slope
 _WIDE = 12.0  # sharp standard errors: an interval that others than noise make
 
 
@@ -153,15 +156,27 @@ def assess(
     if others and height(others[0].peak, noise) < height(best.peak, noise):
         others.append(best)
         best = others.pop(0)
-    peak, rivals = best.peak, [one.peak for one in others]
     own = len(problem.names)
+    for left in reversed(range(_ANEW)):
+        values = full.values(best.peak.point)
+        drawn = _drawn(best, own, baseline)
+        covariance = _covariance_of(drawn, problem, values)
+        named = _named(problem, values, covariance)
+        tried = without(best.peak, named, descent, threads)
+        spent += tried.evaluations
+        if not left or tried.rises.min(initial=0.0) > -WORTH:
+            break
+        # better without one of them: the search had ended beside the best point
+        near = descent.afresh(settled=math.inf)
+        nearer = corrected(full, tried.point, near)
+        spent += nearer.peak.evaluations
+        if not height(nearer.peak, noise) < height(best.peak, noise):
+            break
+        best = nearer
+    peak, rivals = best.peak, [one.peak for one in others]
     wider = peak.problem.model_error
-    covariance = _with_scatter(best, baseline)
-    covariance = profiled(peak, covariance, range(own), wider, _REACHES)
-    drawn = draws(full.chart, peak.z, covariance)
     sharp = sharp_errors(peak, own, wider).tolist()
     errors = dict(zip(problem.names, sharp, strict=True))
-    values = full.values(peak.point)
     free = {one.name: one for one in full.unknowns}
     intervals = {
         name: Interval(*drawn.interval(name, one.lower, one.upper)) for name, one in free.items()
@@ -169,9 +184,16 @@ def assess(
     for name, error in errors.items():
         ends = with_corner((intervals[name].low, intervals[name].high), error, free[name])
         intervals[name] = Interval(*ends)
+    for name, rise in zip(named, tried.rises.tolist(), strict=True):
+        apart = math.sqrt(max(1.0, rise))  # standard errors from healthy
+        error = abs(values[name] - free[name].healthy) / apart
+        error = math.hypot(error, scatter(baseline).get(name, 0.0))
+        covariance = _widened(covariance, problem.names.index(name), error)
+        old, end = intervals[name], _towards_healthy(free[name], values[name], 1.96 / apart)
+        intervals[name] = Interval(min(old.low, end), max(old.high, end))
     return Assessment(
         values=values,
-        covariance=_covariance_of(drawn, problem),
+        covariance=covariance,
         sharp_errors=errors,
         intervals=intervals,
         physical=_physical(problem, actuator, values, drawn, intervals),
@@ -275,22 +297,35 @@ def scatter(baseline: Baseline) -> dict[str, float]:
     return {name: more * value for name, value in baseline.scatter.items()}
 
 
-def _covariance_of(drawn: Draws, problem: Problem) -> np.ndarray:
-    """(d, d) of the searched unknowns.
+def _drawn(found: Corrected, own: int, baseline: Baseline) -> Draws:
+    """Draws of all that is free around a peak; the first ``own`` unknowns were searched."""
+    peak = found.peak
+    covariance = _with_scatter(found, baseline)
+    covariance = profiled(peak, covariance, range(own), peak.problem.model_error, _REACHES)
+    return draws(peak.problem.chart, peak.z, covariance)
 
-    Infinite for a direction that has no meaning, and for a value that may be anything.
+
+def _covariance_of(drawn: Draws, problem: Problem, values: Mapping[str, float]) -> np.ndarray:
+    """(d, d) of the searched unknowns, in the unit of their deviations from healthy.
+
+    Of a logarithmic unknown it is that of the logarithm, scaled such that ``values`` are as many
+    standard errors from healthy as their logarithms are: halved is as far off as doubled. Infinite
+    for a direction that has no meaning, and for a value that may be anything.
     """
     count = len(problem.names)
-    values = drawn.values[:, :count].copy()
+    drawn_values = drawn.values[:, :count].copy()
     lost = []
     for n, one in enumerate(problem.unknowns):
+        if one.logarithmic:
+            scale = _mean_slope(values[one.name], one.healthy)
+            drawn_values[:, n] = scale * np.log(drawn_values[:, n])
         if one.direction_of is None:
             continue
-        turn = np.exp(2j * np.pi * values[:, n])
-        values[:, n] = np.angle(turn / np.exp(1j * np.angle(turn.mean()))) / (2.0 * np.pi)
+        turn = np.exp(2j * np.pi * drawn_values[:, n])
+        drawn_values[:, n] = np.angle(turn / np.exp(1j * np.angle(turn.mean()))) / (2.0 * np.pi)
         if abs(turn.mean()) < 0.3:
             lost.append(n)
-    found = np.atleast_2d(np.cov(values.T))
+    found = np.atleast_2d(np.cov(drawn_values.T))
     widths = problem.upper - problem.lower
     for n, one in enumerate(problem.unknowns):
         if one.role == "fault" and math.sqrt(found[n, n]) > ANYTHING * widths[n]:
@@ -299,6 +334,43 @@ def _covariance_of(drawn: Draws, problem: Problem) -> np.ndarray:
         found[n, :] = found[:, n] = 0.0
         found[n, n] = np.inf
     return found
+
+
+def _mean_slope(value: float, healthy: float) -> float:
+    """The logarithmic mean: the difference of two values over that of their logarithms."""
+    away = math.log(value / healthy)
+    return (value - healthy) / away if abs(away) > _ALIKE else healthy
+
+
+def _named(
+    problem: Problem, values: Mapping[str, float], covariance: np.ndarray
+) -> tuple[str, ...]:
+    """Faults that lie further from healthy than their errors make likely."""
+    errors = np.sqrt(np.diag(covariance))
+    return tuple(
+        one.name
+        for one, error in zip(problem.unknowns, errors, strict=True)
+        if one.role == "fault" and one.direction_of is None
+        and is_present(values[one.name] - one.healthy, one.width, error)
+    )  # fmt: skip
+
+
+def _widened(covariance: np.ndarray, n: int, error: float) -> np.ndarray:
+    """The covariance (d, d) where the standard error of one unknown is at least ``error``."""
+    found = covariance.copy()
+    wider = max(1.0, error / math.sqrt(covariance[n, n]))
+    found[n, :] *= wider
+    found[:, n] *= wider
+    return found
+
+
+def _towards_healthy(one: Unknown, value: float, share: float) -> float:
+    """The value a share of the way to healthy and beyond, within the bounds."""
+    if one.logarithmic:
+        end = value * (one.healthy / value) ** share
+    else:
+        end = value + share * (one.healthy - value)
+    return min(max(end, one.lower), one.upper)
 
 
 def with_corner(

@@ -9,9 +9,13 @@ the twin misses in the same way throughout.
 
 Impacts make residuals rough, and differences over short steps see that roughness where a change
 of parameters has no effect: unknowns that cannot be told apart would seem to be. Steps of one
-standard deviation, to both sides, look past most of it. Directions in which answers do not change
-at all (`ematwin.estimation.aliases`) are not differenced. At the end all move together by the
-linearised residuals, what aliases had held included, as far as that gains.
+standard deviation, to both sides, look past most of it. Where two unknowns have the same effect,
+what is left of one column of the Jacobian beside the other is the error of their differences, and
+long columns make much of it. So the last differences are taken along the principal directions of
+the width found before, each one standard deviation long (`_along`): what recordings do not see is
+then measured as the small change that it is. Directions that a kind knows
+(`ematwin.estimation.aliases`) are not differenced. At the end all move together by the linearised
+residuals, what aliases had held included, as far as that gains.
 """
 
 from collections.abc import Callable, Collection, Sequence
@@ -28,6 +32,7 @@ from ematwin.models.chart import Chart
 from ematwin.numerics.bounded_squares import bounded_squares
 
 _JOINT = 2  # steps of everything together, where evidence decides what data do not see
+_STEPS = 8  # of everything together at the end, at most
 _FRACTIONS = (1.0, 0.7, 0.5, 0.35, 0.25, 0.18, 0.12, 0.08)  # of such a step that are tried
 _ROUGH = 1.02  # ratio of costs that is mere roughness
 _SHORTEST, _LONGEST = 1e-3, 2e-2  # steps of the last Jacobian, shares of a range
@@ -115,8 +120,7 @@ def laplace(
             break
         z = tried
         slopes = _slopes(problem, seen, z, aliases)
-    if pivots:
-        z, slopes = _stepped(problem, seen, z, slopes, aliases, held)
+    z, slopes = _stepped(problem, seen, z, slopes, aliases, held)
     return _peak(problem, z, slopes, spent + seen.spent)
 
 
@@ -246,13 +250,16 @@ def _slopes(
     aliases: Aliases | None,
     known_steps: np.ndarray | None = None,
 ) -> _Slopes:
-    """Differences over steps as long as the peak is wide; known directions by what is known."""
+    """Differences over steps as long as the peak is wide; known directions by what is known.
+
+    First of each unknown, then along principal directions; ``known_steps`` make the first enough.
+    """
     chart = problem.chart
     known = directions(problem, chart.to_values(z[None])[0], aliases)
     shown = [_shown(problem, seen, z, one) for one in known]
     steps = np.full(len(z), _SHORTEST) if known_steps is None else known_steps
-    for _ in range(2 if known_steps is None else 1):
-        here, jacobian = central(seen, z, steps, chart.lower, chart.upper, seen.size)
+    here, jacobian = central(seen, z, steps, chart.lower, chart.upper, seen.size)
+    for last in (True,) if known_steps is not None else (False, False, True):
         parts = problem.split(jacobian)
         for one, change in zip(known, shown, strict=True):
             parts.data[one.pivot] = one.same @ parts.data
@@ -260,8 +267,35 @@ def _slopes(
         data = (parts.data @ parts.data.T + parts.evidence @ parts.evidence.T) / problem.noise**2
         priors = parts.priors @ parts.priors.T / problem.noise**2
         covariance = inverse(data + priors)
-        steps = step_lengths(covariance)
+        if not last:
+            jacobian = _along(seen, z, _principal(data + priors), chart)
     return _Slopes(here, jacobian, data, priors, covariance)
+
+
+def _principal(information: np.ndarray) -> np.ndarray:
+    """Principal directions (d, d), a row each, one standard deviation long.
+
+    As differences are: what the strongest component moves by is limited (`step_lengths`).
+    """
+    scale = np.sqrt(np.maximum(np.diag(information), 1e-12))
+    values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
+    ways = (vectors / scale[:, None] / np.sqrt(np.maximum(values, 1e-10))).T
+    size = np.abs(ways).max(axis=1, keepdims=True)
+    return np.asarray(ways * (np.clip(size, _SHORTEST, _LONGEST) / size))
+
+
+def _along(seen: _Seen, z: np.ndarray, ways: np.ndarray, chart: Chart) -> np.ndarray:
+    """The Jacobian (d, K) by differences to both sides along ``ways`` (d, d), within the bounds."""
+    up, down = chart.project(z + ways), chart.project(z - ways)
+    moved = up - down
+    change = np.empty((len(z), seen.size))
+    many = max(1, LARGEST_BATCH // (2 * seen.size))
+    for first in range(0, len(z), many):
+        some = slice(first, first + many)
+        found = seen(np.vstack([up[some], down[some]]))
+        half = len(found) // 2
+        change[some] = found[:half] - found[half:]
+    return np.linalg.solve(moved, change)
 
 
 def _is_better(problem: Problem, pair: np.ndarray) -> bool:
@@ -287,7 +321,7 @@ def _stepped(
     the pivot, and what it was held at has been forced on others.
     """
     chart = problem.chart
-    for _ in range(_JOINT if np.isfinite(slopes.jacobian).all() else 0):
+    for _ in range(_STEPS if np.isfinite(slopes.jacobian).all() else 0):
         step = _bounded_step(slopes, z, chart, held)
         tried = chart.project(z + np.outer(_FRACTIONS, step))
         left = seen(tried)

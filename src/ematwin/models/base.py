@@ -35,6 +35,7 @@ Values = Mapping[str, float]
 Progress = Callable[[float], None]
 SEVERITY = (0.1, 0.9)
 _FACTOR = 3.0  # a nominal parameter may be so much smaller or larger than its file says
+_REACH = 4.0  # standard deviations of its prior that it may be off in any case
 
 
 @dataclass(frozen=True)
@@ -286,8 +287,11 @@ class Model(ABC):
         low, high = actuator.limits(place)
         factor = self.nominal.get(place)
         if value > 0.0:
-            lower = max(value / _FACTOR, low)
-            upper = min(value * _FACTOR, high)
+            tolerance = actuator.tolerance(place)
+            usual = factor or 1.0 if tolerance is None else math.sqrt(1.0 + tolerance)
+            reach = max(_FACTOR, usual**_REACH)
+            lower = max(value / reach, low)
+            upper = min(value * reach, high)
             if not lower < upper:
                 raise InputError(f"{place} of {actuator.name} has no range to search.")
             return Unknown(

@@ -25,7 +25,9 @@ import numpy as np
 import pytest
 
 from ematwin.errors import EmatwinError, InputError, ParameterError
+from ematwin.estimation.intervals import LEVEL
 from ematwin.estimation.search import named
+from ematwin.estimation.significance import FALSE_ALARM_RATE
 from ematwin.models.base import Model
 from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
@@ -39,6 +41,9 @@ from ematwin.recordings.recording import Recording
 
 PERFECT = Noise()  # a sensor without noise, where a kind would otherwise add that of a usual rig
 _SEEN = 1e-3  # share of the whole signal by which a fault must at least move it
+_SENSORS = 0.01  # noise of a usual sensor as a share of a channel's RMS about its mean
+_DRAWS = 20  # tries to find a unit whose parameters allow one another
+_CHANCE = 1e-3  # that a kind which keeps its word fails
 _ALIKE = 1e-9  # of the largest value: one candidate in a batch and alone
 
 
@@ -53,6 +58,8 @@ class ModelContract:
     recovered_within : how near `identify` comes to it, as a share of the range
     step : place of the step of the twin, such as ``steps.twin``, or None if it has none
     convergence : relative misfit of the twin to itself with half the step
+    units : how many actuators within the stated tolerances are judged by the data sheet, half of
+        them faulty; 0 where that takes too long
     thinned : relative difference of costs and sums of squared residuals; more than 0 where only
         some samples of a long answer are residuals
     """
@@ -63,6 +70,7 @@ class ModelContract:
     step: ClassVar[str | None] = None
     convergence: ClassVar[float] = 0.02
     thinned: ClassVar[float] = 0.0
+    units: ClassVar[int] = 16
 
     # What is tested
 
@@ -439,6 +447,46 @@ class ModelContract:
         found = identify(healthy, actuator, exact=True)
         assert found.present == (), f"{', '.join(found.present)} in a healthy recording"
 
+    def test_units_within_their_tolerances_are_judged_honestly(
+        self, model: Model, actuator: ParameterSet
+    ) -> None:
+        """No two units are alike, and their sensors have noise: wrong names and coverage, counted.
+
+        Each parameter is off by what its tolerance says, each nuisance by its prior. Half of the
+        units are healthy, the others have one fault each. A fault that is not there may be named
+        on as many as `FALSE_ALARM_RATE` lets expect, and intervals may miss as often as 95 % ones
+        do, with what chance adds once in a thousand cases.
+        """
+        if not self.units:
+            pytest.skip("units take too long; count them elsewhere")
+        wrong, missed, intervals, said = 0, 0, 0, []
+        for n in range(self.units):
+            random = np.random.default_rng(n)
+            unit = _unit_of(model, actuator, random)
+            magnitudes = _magnitudes(model, unit)
+            fault = {} if n % 2 else _one_fault(magnitudes[n // 2 % len(magnitudes)], random)
+            recording = _simulated(model, unit, {**_by_chance(model, unit, random), **fault})
+            found = identify(_with_noise(model, recording, random), actuator)
+            names = set(found.present) - set(fault)
+            wrong += bool(names)
+            said += [f"{', '.join(sorted(names))} on unit {n}"] if names else []
+            for one in magnitudes:
+                low, high = found.intervals[one.name]
+                edge = 1e-6 * one.width
+                missed += not low - edge <= fault.get(one.name, one.healthy) <= high + edge
+                intervals += 1
+        most = _at_most(self.units, FALSE_ALARM_RATE)
+        assert wrong <= most, (
+            f"a fault that is not there is named on {wrong} of {self.units} units, and {most} may "
+            f"be ({'; '.join(said)}): check that `nominal`, tolerances and priors of nuisances say "
+            "how far units differ, that `fixed` holds none of these, and that `aliases` are right"
+        )
+        most = _at_most(intervals, 1.0 - LEVEL)
+        assert missed <= most, (
+            f"{missed} of {intervals} intervals of 95 % miss the true value, and {most} may: check "
+            "`noise` and `model_error`, tolerances, and that `aliases` are right"
+        )
+
     def test_recordings_sum_up_and_show(
         self, model: Model, actuator: ParameterSet, healthy: Recording
     ) -> None:
@@ -505,6 +553,60 @@ def _candidates(model: Model, actuator: ParameterSet, count: int) -> dict[str, n
     rows = np.array([[_towards(one, s) for one, s in zip(searched, row, strict=True)]
                      for row in shares])  # fmt: skip
     return _by_name(searched, rows)
+
+
+def _unit_of(model: Model, actuator: ParameterSet, random: np.random.Generator) -> ParameterSet:
+    """An actuator of which each parameter is off by what is stated of it."""
+    drawn = {}
+    for place, value, *_ in actuator.parameters():
+        tolerance = actuator.tolerance(place)
+        # as `uncertain` has it, but for what a kind leaves out by mistake
+        factor = model.nominal.get(place) if tolerance is None else math.sqrt(1.0 + tolerance)
+        if factor is not None and value > 0.0:
+            drawn[place] = value * factor ** random.standard_normal()
+    for _ in range(_DRAWS):
+        limited = {place: float(np.clip(x, *actuator.limits(place))) for place, x in drawn.items()}
+        try:
+            return actuator.changed(limited)
+        except ParameterError:  # the parameters do not allow one another: a unit nearer to nominal
+            drawn = {p: math.sqrt(x * actuator.value(p)) for p, x in drawn.items()}
+    return actuator
+
+
+def _one_fault(one: Unknown, random: np.random.Generator) -> dict[str, float]:
+    return {one.name: _towards(one, random.uniform(0.3, 0.7))}
+
+
+def _by_chance(
+    model: Model, actuator: ParameterSet, random: np.random.Generator
+) -> dict[str, float]:
+    """Nuisances as their priors have them."""
+    found = {}
+    for one in model.unknowns(actuator):
+        if one.role == "nuisance" and one.spread is not None:
+            off = one.spread * random.standard_normal()
+            value = one.healthy * math.exp(off) if one.logarithmic else one.healthy + off
+            found[one.name] = float(np.clip(value, one.lower, one.upper))
+    return found
+
+
+def _with_noise(model: Model, recording: Recording, random: np.random.Generator) -> Recording:
+    """The recording with the white noise of usual sensors on what is compared."""
+    noisy = {}
+    for name in model.outputs:
+        values = recording.channels.get(name)
+        if values is not None:
+            noise = _SENSORS * float(values.std()) * random.standard_normal(len(values))
+            noisy[name] = values + noise
+    return recording.changed(**noisy)
+
+
+def _at_most(count: int, rate: float) -> int:
+    """What a binomial number exceeds once in a thousand cases."""
+    chances = [
+        math.comb(count, k) * rate**k * (1.0 - rate) ** (count - k) for k in range(count + 1)
+    ]
+    return int(np.searchsorted(np.cumsum(chances), 1.0 - _CHANCE))
 
 
 def _by_name(unknowns: list[Unknown], rows: np.ndarray) -> dict[str, np.ndarray]:

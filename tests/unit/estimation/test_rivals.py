@@ -117,6 +117,6 @@ def test_a_form_that_explains_a_wrong_load_hardly_better_is_not_told():
 def test_forms_that_share_the_cores_say_what_one_after_another_says():
     record = ematwin.simulate("reference", faults={"short_b": 0.2, "friction": 0.1}, seed=3)
     alone, shared = (ematwin.identify(record, threads=count) for count in (1, 2))
-    assert "may as well be" in alone.verdict.sentence  # another form was asked for
+    assert alone.present == ("short_b",)  # a loop of turns may pass for it, and is asked for
     assert shared.verdict == alone.verdict
     assert shared.warnings == alone.warnings

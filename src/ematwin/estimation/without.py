@@ -1,0 +1,93 @@
+"""How well a recording is explained without a fault, everything else free to take its place.
+
+A fault is no more certain than the best explanation that does without it. Its standard error is
+read from the curvature at the best point, and so from slopes there: those of a rough misfit may be
+wrong, the way along which parameters take a fault's place may bend, and a search may have ended
+beside the best point. So each fault that would be named is held at healthy while all else descends,
+parameters within their tolerances included. What data and priors rise by then, in squared standard
+deviations, is the likelihood ratio of the two explanations (Wilks 1938, Ann. Math. Stat. 9, 60-62;
+profile likelihood: Venzon and Moolgavkar 1988, Appl. Stat. 37, 87-94); the standard error is at
+least that by which the fault is so far from healthy.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ematwin.estimation.descent import WORTH, Descent
+from ematwin.estimation.laplace import Laplace
+from ematwin.numerics.side_by_side import side_by_side
+
+
+@dataclass(frozen=True)
+class Without:
+    """The best explanations of a recording without some faults.
+
+    Attributes
+    ----------
+    rises : (F,) array, by how many squared standard deviations each is worse than with the fault;
+        below zero where the search had not found the best point
+    point : (d,) array, the best point next to the best of them, its fault free again
+    evaluations : int
+    """
+
+    rises: np.ndarray
+    point: np.ndarray
+    evaluations: int
+
+
+def without(
+    peak: Laplace, names: Sequence[str], descent: Descent, threads: int | None = 1
+) -> Without:
+    """The best explanations in which one of some faults is healthy.
+
+    Parameters
+    ----------
+    peak : the best point of all
+    names : of the faults
+    descent : how the peak was gone to; parameters that it holds are free here, with the fault as
+        without it
+    threads : for descents side by side; None takes one for each core
+    """
+    if not names:
+        return Without(np.zeros(0), peak.point, 0)
+    # what the fast model misses counts as noise here too, and the noise is that of the best point
+    noise = peak.problem.noise * peak.problem.model_error
+    problem, chart = peak.problem.with_noise(noise), peak.problem.chart
+    free = replace(descent.afresh(settled=np.inf), held=(), least_noise=noise)
+
+    def end(name: str | None) -> tuple[np.ndarray, int]:
+        if name is None:
+            return free.end(problem, peak.point)
+        start = chart.to_values(chart.project((peak.z + _step(peak, name))[None]))[0]
+        small = problem.holding({name: problem.unknowns[problem.names.index(name)].healthy})
+        kept = [problem.names.index(one) for one in small.names]
+        point, spent = free.end(small, start[kept])
+        values = small.values(point)
+        return np.array([values[one] for one in problem.names]), spent
+
+    ends = side_by_side(end, (None, *names), threads)
+    points = np.array([point for point, _ in ends])
+    rises = (problem.costs(points)[1:] - problem.costs(points[:1])) / noise**2
+    spent = sum(more for _, more in ends) + len(points)
+    best = points[1 + int(np.argmin(rises))]
+    if rises.min() < -WORTH:
+        # pivots of aliases are off the means of their priors here: none is held
+        best, more = replace(free, aliases=None).end(problem, best)
+        spent += more
+    return Without(rises, best, spent)
+
+
+def _step(peak: Laplace, name: str) -> np.ndarray:
+    """The step (d,) to a healthy fault on which the others follow by the linearised residuals."""
+    n = peak.problem.names.index(name)
+    direction = dict(peak.problem.chart.pairs).get(n)
+    places = [n] if direction is None else [n, direction]
+    point = peak.point
+    point[n] = peak.problem.unknowns[n].healthy
+    gap = peak.problem.chart.from_values(point[None])[0] - peak.z
+    covariance = peak.widened(peak.problem.model_error)
+    return np.asarray(
+        covariance[:, places] @ np.linalg.solve(covariance[np.ix_(places, places)], gap[places])
+    )
