@@ -18,7 +18,7 @@ import numpy as np
 
 import ematwin
 from ematwin.estimation.command_search import BUDGET, excess
-from ematwin.estimation.observed import observe
+from ematwin.estimation.expected import observe
 from ematwin.recordings.noise import Noise
 
 NOISE = Noise(white=0.02, bits=12)

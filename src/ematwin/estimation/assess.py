@@ -162,7 +162,7 @@ def assess(
         drawn = _drawn(best, own, baseline)
         covariance = _covariance_of(drawn, problem, values)
         named = _named(problem, values, covariance)
-        tried = without(best.peak, named, descent, threads)
+        tried = without(best.peak, named, threads)
         spent += tried.evaluations
         if not left or tried.rises.min(initial=0.0) > -WORTH:
             break

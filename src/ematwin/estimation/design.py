@@ -2,13 +2,15 @@
 
 An optimal design of an experiment (Atkinson, Donev and Tobias 2007, Optimum Experimental Designs,
 with SAS, chapters 10 and 17): the numbers of a scenario are chosen so that the expected standard
-error (`ematwin.estimation.promise`)
+error (`ematwin.estimation.expected`)
 
     of one named fault, everything else being a nuisance (Ds-optimal), or
     of the fault that is worst in share of its range (min-max),
 
-is least. Differential evolution searches the box of `DesignSpace`, from the scenario itself; the
-best few are judged again at other faults, and tried (`ematwin.estimation.trial`).
+is least. Differential evolution searches the box of `DesignSpace`, from the scenario itself. The
+best few are judged again at other faults, and `identify` answers simulated recordings of the best
+of these and of the given command, all of the same actuators. A few recordings are luck as well: the
+given one stays unless the other promises clearly less and errs clearly less.
 """
 
 import math
@@ -23,6 +25,7 @@ import numpy as np
 from ematwin.errors import InputError
 from ematwin.estimation.baseline import Baseline, baseline_of
 from ematwin.estimation.command_search import (
+    BEYOND,
     BUDGET,
     CommandSearch,
     Looked,
@@ -32,10 +35,17 @@ from ematwin.estimation.command_search import (
     excess,
     limits_of,
 )
+from ematwin.estimation.expected import (
+    DRAWS,
+    FRESH,
+    Judge,
+    Judged,
+    drawn_faults,
+    fault_shares,
+    observe,
+)
 from ematwin.estimation.identifiability import Identifiability, identifiability
 from ematwin.estimation.interrupt import noting_interrupts
-from ematwin.estimation.promise import DRAWS, FRESH, Judge, Judged, drawn_faults, fault_shares
-from ematwin.estimation.trial import CLEARLY, TRIALS, TRIED, Tried, best_of, tried
 from ematwin.models.base import Demand, Model, no_unknown
 from ematwin.models.designed import DesignSpace
 from ematwin.models.parameter_set import ParameterSet
@@ -45,6 +55,8 @@ from ematwin.models.unknown import Unknown
 from ematwin.recordings.noise import Noise
 from ematwin.showing.drawing import drawn
 
+TRIALS = 8  # recordings of each command: its root mean square error is known to a fifth
+CLEARLY = 1.1  # times less that another command has to promise, and to err
 _FINALISTS = 5  # commands that are judged thoroughly
 _OTHERS = 7919  # seeds of trials lie so far from those of a search and of `Design.check`
 
@@ -134,7 +146,7 @@ class Design:
     @property
     def gain(self) -> float:
         """The error of the default over that of the design, of the fault that it was made for."""
-        return _worst(self.default, self.fault) / _worst(self.promised, self.fault)
+        return _worst(self.default.shares, self.fault) / _worst(self.promised.shares, self.fault)
 
     @property
     def observed_gain(self) -> float | None:
@@ -143,14 +155,10 @@ class Design:
             return None
         widths = {one.name: one.width for one in self.judge.magnitudes}
         before, after = (
-            max(
-                error / widths[name]
-                for name, error in one.observed.items()
-                if self.fault in (None, name)
-            )
+            {name: error / widths[name] for name, error in one.observed.items()}
             for one in (self.default, self.promised)
         )
-        return before / after
+        return _worst(before, self.fault) / _worst(after, self.fault)
 
     @property
     def sentence(self) -> str:
@@ -202,31 +210,17 @@ class Design:
         -------
         Design, also after Ctrl-C: with the recordings that were done; itself if there are none
         """
-        from ematwin.estimation.observed import observe
-
         if recordings < 1:
             raise InputError(f"recordings must be at least 1, received {recordings}.")
-        scenarios = {"promised": self.scenario, "default": self.default.scenario}
-        errors = observe(
-            self.judge, list(scenarios.values()), recordings, seed=seed, step=step,
-            progress=progress,
-        )  # fmt: skip
+        scenarios = [self.scenario, self.default.scenario]
+        errors = observe(self.judge, scenarios, recordings, seed=seed, step=step, progress=progress)
         if not len(errors):
             return self
-        found = {
-            name: replace(
-                getattr(self, name),
-                observed={
-                    one.name: float(rms)
-                    for one, rms in zip(
-                        self.judge.magnitudes, np.sqrt((errors[:, n] ** 2).mean(0)), strict=True
-                    )
-                },
-                checks=len(errors),
-            )
-            for n, name in enumerate(scenarios)
-        }
-        return replace(self, **found, checked=True)
+        promised, default = (
+            replace(one, observed=_observed(self.judge, errors[:, n]), checks=len(errors))
+            for n, one in enumerate((self.promised, self.default))
+        )
+        return replace(self, promised=promised, default=default, checked=True)
 
     def save(self, path: str | Path) -> None:
         """Write the command as a scenario file (TOML), whole or not at all."""
@@ -286,8 +280,8 @@ def design(
     sample_rate : float, Hz; None takes the kind's
     draws : fault vectors over which errors are averaged in the search
     fresh : others, on which the best commands and the given one are judged anew
-    trials : simulated recordings of each of the most promising commands, and of the given one, that
-        are identified before one is chosen: the given one stays unless another errs clearly less.
+    trials : simulated recordings of the most promising command, and of the given one, that are
+        identified before one is chosen: the given one stays unless the other errs clearly less.
         0 takes the promise as it is
     budget : commands that are looked at
     seed : of the fault vectors, the noise and the search
@@ -324,11 +318,11 @@ def design(
         model, chosen, baseline, vectors, noise=noise, sample_rate=sample_rate, seed=seed,
         threads=threads,
     )  # fmt: skip
-    within = limits_of(model, judge.judge(given, draft=True).demands, limits)
+    within = limits_of(model, judge.judge(given, fast=True).demands, limits)
 
     def look(command: Scenario, limit: float) -> Looked:
         one = judge.judge(
-            command, within, draft=True, enough=lambda errors: _worst_of(errors, wanted) > limit
+            command, within, fast=True, enough=lambda errors: _worst_of(errors, wanted) > limit
         )
         return Looked(_worst_of(one.errors, wanted), one.demands, one.obstacle)
 
@@ -337,20 +331,43 @@ def design(
     final = judge.at(
         drawn_faults(model, chosen, fault_shares(model, chosen, fresh, seed + 1), held)
     )
-    found, default = _decided(search, final, given, limits, wanted, trials, _OTHERS + seed, trying)
-    told = [
-        identifiability(
-            one.judged.scenario, actuator, faults=held, noise=noise, exact=exact,
-            sample_rate=sample_rate, seed=seed, threads=threads,
+    best, default = _finalists(search, final, given, limits, wanted)
+    both = [default] if best is default else [best, default]
+    asked = trials if len(both) > 1 and search.stopped != "interrupted" else 0
+    errors = observe(
+        final, [one.scenario for one in both], asked, seed=_OTHERS + seed, progress=trying
+    )
+    if len(errors) < asked:
+        search.stopped = "interrupted"
+
+    def promise(one: Judged, n: int) -> Promise:
+        told = identifiability(
+            one.scenario, actuator, faults=held, noise=noise, exact=exact, sample_rate=sample_rate,
+            seed=seed, threads=threads,
+        )  # fmt: skip
+        expected = _by_name(judge, one.errors)
+        return Promise(
+            scenario=one.scenario,
+            errors=expected,
+            shares={o.name: expected[o.name] / o.width for o in judge.magnitudes},
+            demands=one.demands,
+            faulty=one.faulty,
+            told=told,
+            observed=_observed(judge, errors[:, n]) if len(errors) else {},
+            checks=len(errors),
         )
-        for one in (found, default)
-    ]  # fmt: skip
+
+    promised = [promise(one, n) for n, one in enumerate(both)]
+    if len(errors) and not default.obstacle and len(both) > 1:
+        first, second = (_worst_of(rms, wanted) for rms in np.sqrt((errors**2).mean(axis=0)))
+        if CLEARLY * first > second:
+            promised = promised[1:]
     return Design(
-        promised=_promise(found, judge.magnitudes, told[0]),
-        default=_promise(default, judge.magnitudes, told[1]),
+        promised=promised[0],
+        default=promised[-1],
         actuator=chosen,
         fault=fault,
-        limits=limits_of(model, default.judged.demands, limits),
+        limits=limits_of(model, default.demands, limits),
         demands=demands_of(model),
         held=judge.held,
         evaluations=search.evaluations,
@@ -376,46 +393,37 @@ def _places(
     return np.array([1.0 / one.width if fault in (None, one.name) else 0.0 for one in magnitudes])
 
 
-def _decided(
+def _finalists(
     search: CommandSearch,
     judge: Judge,
     given: Scenario,
     limits: Mapping[str, float],
     wanted: np.ndarray,
-    trials: int,
-    seed: int,
-    trying: Callable[[float], object] | None,
-) -> tuple[Tried, Tried]:
-    """The best of the finalists and the given command: judged at fresh faults, whole, then tried.
+) -> tuple[Judged, Judged]:
+    """The best of the search and the given command, judged at fresh faults.
 
-    The search has fitted its best commands to the few faults that it looked at.
+    The search has fitted its best commands to the few faults that it looked at: the given one is
+    the best unless another promises clearly less.
     """
     default = judge.judge(given)
     final = limits_of(judge.model, default.demands, limits)
     usable = not default.obstacle and excess(default.demands, final) == 0.0
-    least = _worst_of(default.errors, wanted) if usable else math.inf
-    better: list[Judged] = []
+    if not usable and not default.obstacle:
+        default = replace(default, obstacle=BEYOND)
+    least = _worst_of(default.errors, wanted) / CLEARLY if usable else math.inf
+    best = default
     with noting_interrupts() as interrupts:
         try:
             for one in search.best(1 if search.stopped == "interrupted" else _FINALISTS):
                 interrupts.check()
                 judged = judge.judge(one, final)
-                if not judged.obstacle and CLEARLY * _worst_of(judged.errors, wanted) < least:
-                    better.append(judged)
+                if not judged.obstacle and _worst_of(judged.errors, wanted) < least:
+                    best, least = judged, _worst_of(judged.errors, wanted)
         except KeyboardInterrupt:
             interrupts.pressed, search.stopped = False, "interrupted"
-    better.sort(key=lambda one: _worst_of(one.errors, wanted))
-    commands = [default, *better[:TRIED]]
-    if not better:
-        if not usable:
-            raise search.refusal(judge.actuator.name, limits)
-        commands = commands[:1]
-    asked = trials if better and search.stopped != "interrupted" else 0
-    first, *others = tried(judge, commands, asked, seed, trying)
-    if first.recordings < asked:
-        search.stopped = "interrupted"
-    best = best_of(first if usable else None, others, lambda errors: _worst_of(errors, wanted))
-    return best, first
+    if best is default and not usable:
+        raise search.refusal(judge.actuator.name, limits)
+    return best, default
 
 
 def _worst_of(errors: np.ndarray, wanted: np.ndarray) -> float:
@@ -423,20 +431,15 @@ def _worst_of(errors: np.ndarray, wanted: np.ndarray) -> float:
     return float(np.max(errors[wanted > 0.0] * wanted[wanted > 0.0]))
 
 
-def _promise(one: Tried, magnitudes: tuple[Unknown, ...], told: Identifiability) -> Promise:
-    judged = one.judged
-    errors = {o.name: float(e) for o, e in zip(magnitudes, judged.errors, strict=True)}
-    return Promise(
-        scenario=judged.scenario,
-        errors=errors,
-        shares={o.name: errors[o.name] / o.width for o in magnitudes},
-        demands=judged.demands,
-        faulty=judged.faulty,
-        told=told,
-        observed=one.observed([o.name for o in magnitudes]),
-        checks=one.recordings,
-    )
+def _observed(judge: Judge, errors: np.ndarray) -> dict[str, float]:
+    """Root mean squares by name, of errors (N, n)."""
+    return _by_name(judge, np.sqrt((errors**2).mean(axis=0)))
 
 
-def _worst(promise: Promise, fault: str | None) -> float:
-    return max(share for name, share in promise.shares.items() if fault in (None, name))
+def _by_name(judge: Judge, errors: np.ndarray) -> dict[str, float]:
+    """Errors (n,) by the name of the magnitude."""
+    return {one.name: float(x) for one, x in zip(judge.magnitudes, errors, strict=True)}
+
+
+def _worst(shares: Mapping[str, float], fault: str | None) -> float:
+    return max(share for name, share in shares.items() if fault in (None, name))

@@ -1,21 +1,12 @@
 """What a command can tell of the faults of an actuator, before anything is recorded.
 
-The twin answers the command. Slopes of its answer over all that is unknown, the noise that has to
-be expected and what is known of the parameters beforehand give the covariance that `identify`
-would find, without a search (Van Trees 1968, eq. 2.4.246; docs/identifiability.md):
-
-    cov = (J J^T/(f sigma)^2 + P)^-1
-
-J : Jacobian (d, K) of the weighted residuals; sigma : their noise, what the twin leaves unexplained
-of a simulated recording with that noise; f : `Model.model_error`; P : inverse covariance of what is
-known of parameters, load and sensors. What the twin gets wrong pulls more at some faults than at
-others; the error that is to be expected of each is in `ematwin.estimation.expected`.
+The twin answers the command, and the width of the posterior at the true values
+(`ematwin.estimation.expected`) is the covariance that `identify` would find, without a search.
 """
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from statistics import NormalDist
 from typing import Any
@@ -23,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from ematwin.errors import InputError
-from ematwin.estimation.baseline import Baseline, baseline_of, with_all_free
-from ematwin.estimation.expected import expected_errors
-from ematwin.estimation.laplace import sharp_errors, standard_errors, width_at
+from ematwin.estimation.baseline import Baseline, baseline_of
+from ematwin.estimation.expected import width_of
+from ematwin.estimation.laplace import sharp_errors, standard_errors
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.significance import ANYTHING, SIGMAS, SMALLEST
 from ematwin.models.base import Model
@@ -40,7 +31,7 @@ from ematwin.showing.frames import frame_of_rows
 
 FALSE_ALARM, MISS = 1.0 - NormalDist().cdf(SIGMAS), 0.1
 HEADINGS = (
-    "fault", "standard error", "all else known", "to be expected", "smallest found", "that is", "",
+    "fault", "standard error", "all else known", "smallest found", "that is", "",
 )  # fmt: skip
 _TRADED = 3.0  # times the error with all else known, from which others are named
 _PARTNER = 0.5  # correlation from which another is named
@@ -57,8 +48,6 @@ class Told:
     value, range : where it was looked at, and upper less lower bound
     error : standard error, with parameters, load and sensors as uncertain as they are
     sharp_error : standard error if all of them were known exactly
-    expected : root mean square error that an estimate will have (`estimation.expected`); ``error``
-        is what it will state, which has to hold for any fault
     smallest : float, least deviation from healthy that is found with the rates that were asked for;
         infinite if none within the range is
     physical : the value that deviates so much, in physical units; None if there is none
@@ -73,7 +62,6 @@ class Told:
     range: float
     error: float
     sharp_error: float
-    expected: float
     smallest: float
     physical: PhysicalValue | None
     how: str
@@ -104,7 +92,6 @@ class Told:
             self.name,
             f"{self.error:.2g}",
             f"{self.sharp_error:.2g}",
-            f"{self.expected:.2g}",
             f"{self.smallest:.2g}" if math.isfinite(self.smallest) else "none",
             "" if shown is None else f"{shown.value:.4g} {shown.unit}".rstrip(),
             self.sentence,
@@ -248,23 +235,14 @@ def identifiability(
     values = model.values_of(chosen, {**_just_faulty(model, chosen), **(faults or {})})
     recording = model.simulate(
         chosen, asked, values, noise=noise, seed=seed, sample_rate=sample_rate
-    )
-    problem = Problem.of(recording, chosen, threads=threads)
-    baseline = Baseline.of_simulation() if exact else baseline_of(actuator, chosen)
-    full = with_all_free(model, chosen, problem, baseline)
-    peak = width_at(
-        full,
-        np.array([values.get(one.name, one.healthy) for one in full.unknowns]),
-        aliases=partial(model.aliases, chosen),
-        least_noise=full.comparisons[0].noise,
-    )
-    covariance = peak.widened(model.model_error)
-    errors = standard_errors(full.chart, peak.z, covariance)
-    sharp = sharp_errors(peak, len(problem.names), model.model_error)
-    expected = expected_errors(
-        model, chosen, asked, values, baseline, peak.problem, noise=noise,
-        sample_rate=sample_rate, seed=seed, threads=threads,
     )  # fmt: skip
+    baseline = Baseline.of_simulation() if exact else baseline_of(actuator, chosen)
+    peak = width_of(model, chosen, baseline, recording, values, threads=threads)
+    full, factor = peak.problem, peak.problem.model_error
+    covariance = peak.widened(factor)
+    errors = standard_errors(full.chart, peak.z, covariance)
+    searched = sum(o.role in ("fault", "nuisance") and not o.marginal for o in full.unknowns)
+    sharp = sharp_errors(peak, searched, factor)
     spread = np.sqrt(np.diag(covariance))
     correlation = covariance / np.outer(spread, spread)
     needed = NormalDist().inv_cdf(1.0 - false_alarm) + NormalDist().inv_cdf(1.0 - miss)
@@ -272,20 +250,20 @@ def identifiability(
     if obstacles:
         needed = math.inf  # no fault is named, however large
     told = []
-    for n, one in enumerate(problem.unknowns):
+    for n, one in enumerate(full.unknowns):
         if one.role == "fault" and one.direction_of is None:
             others = _partners(full, n, correlation[n])
-            found = (float(errors[n]), float(sharp[n]), float(expected[n]))
-            told.append(_told(chosen, one, values[one.name], found, needed, others))
+            pair = float(errors[n]), float(sharp[n])
+            told.append(_told(chosen, one, values[one.name], pair, needed, others))
     return Identifiability(
         scenario=asked,
         actuator=chosen,
-        faults={one.name: values[one.name] for one in problem.unknowns if one.role == "fault"},
+        faults={one.name: values[one.name] for one in full.unknowns if one.role == "fault"},
         told=tuple(told),
         contrasts=_contrasts(model, chosen, full, covariance),
         names=full.chart.names,
         correlation=correlation,
-        noise=peak.problem.relative_misfit(peak.cost),
+        noise=full.relative_misfit(peak.cost),
         obstacles=obstacles,
         false_alarm=false_alarm,
         miss=miss,
@@ -311,15 +289,15 @@ def _told(
     actuator: ParameterSet,
     one: Unknown,
     value: float,
-    errors: tuple[float, float, float],
+    errors: tuple[float, float],
     needed: float,
     others: tuple[tuple[str, float], ...],
 ) -> Told:
-    """What errors mean for a fault: stated, if all else were known, and to be expected.
+    """What errors mean for a fault: the standard error, and that if all else were known.
 
-    ``needed`` stated ones are a detectable deviation.
+    ``needed`` of the first are a detectable deviation.
     """
-    error, sharp_error, expected = errors
+    error, sharp_error = errors
     smallest = max(SMALLEST * one.width, needed * error)
     up, down = one.upper - one.healthy, one.healthy - one.lower
     physical = None
@@ -334,7 +312,7 @@ def _told(
     else:
         how = "traded" if error > _TRADED * sharp_error else "pinned"
     return Told(
-        one.name, one.meaning, value, one.width, error, sharp_error, expected, smallest, physical,
+        one.name, one.meaning, value, one.width, error, sharp_error, smallest, physical,
         how, others if how in ("open", "traded") else (),
     )  # fmt: skip
 
@@ -368,8 +346,7 @@ def _told_as_dict(one: Told) -> dict[str, Any]:
     finite = {
         name: value if math.isfinite(value) else None
         for name, value in (
-            ("error", one.error), ("sharp_error", one.sharp_error), ("expected", one.expected),
-            ("smallest", one.smallest),
+            ("error", one.error), ("sharp_error", one.sharp_error), ("smallest", one.smallest),
         )
     }  # fmt: skip
     shown = None

@@ -1,7 +1,7 @@
 """What a recording and all that was known before say together of everything that is unknown.
 
 The one density under intervals, profiles and posteriors. With r the weighted residuals of the data
-at a point, sigma their noise, f the model's own error (`Model.model_error`), N the independent
+at a point, sigma their noise, f the model's own error (`Problem.model_error`), N the independent
 residuals and p the distances from priors in standard deviations,
 
     D = N_0 + (|r|^2 - |r_0|^2)/(f sigma)^2,      -2 log density = N log(D/N) + |p|^2 + constant,
@@ -60,7 +60,7 @@ class Joint:
     Parameters
     ----------
     peaks : its peaks as `laplace` found them, the best first
-    factor : times that the noise of the data is larger (`Model.model_error`)
+    factor : times that the noise of the data is larger (`Problem.model_error`)
     own : how many of the unknowns, the first ones, were searched: faults and what was asked for
     least_noise : float, in the unit of `Problem.noise`
     scatter : by fault, standard deviation by which healthy recordings may be found off healthy

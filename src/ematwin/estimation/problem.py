@@ -376,8 +376,14 @@ class Problem:
                 far = _coordinate(one, there) - now
                 slopes = other._changes(self._without(missed), point, far)
             other._unseen.append(_Unseen(one, now, slopes))
-        other.model_error = self.comparisons[0].slope_error
-        return other.with_noise(other.comparisons[0].noise)
+        return other
+
+    def of_fast_model(self) -> "Problem":
+        """The same problem where the recordings are of the fast model: a correction is nothing."""
+        if self.comparisons[0].slope_error is None:
+            return self
+        every = [one.measured() for one in self.comparisons]
+        return self._without([{n: np.zeros_like(x) for n, x in one.items()} for one in every])
 
     def _missed(
         self, point: np.ndarray, moved: Mapping[str, float]
@@ -399,9 +405,11 @@ class Problem:
         return known if len(known) == len(every) else None
 
     def _without(self, missed: Sequence[Mapping[str, np.ndarray]]) -> "Problem":
-        """The same problem with that taken off each recording."""
+        """The same problem with that taken off each recording, and the noise that is left then."""
         pairs = zip(self.comparisons, missed, strict=True)
-        return self._with([one.with_missed(by_channel) for one, by_channel in pairs])
+        other = self._with([one.with_missed(by_channel) for one, by_channel in pairs])
+        other.model_error = self.comparisons[0].slope_error or self.model_error
+        return other.with_noise(other.comparisons[0].noise)
 
     def _changes(self, other: "Problem", point: np.ndarray, far: float) -> list[np.ndarray]:
         """How residuals (K,) of each recording change to those of another problem, per ``far``."""

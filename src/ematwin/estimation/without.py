@@ -11,7 +11,7 @@ least that by which the fault is so far from healthy.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -37,17 +37,13 @@ class Without:
     evaluations: int
 
 
-def without(
-    peak: Laplace, names: Sequence[str], descent: Descent, threads: int | None = 1
-) -> Without:
+def without(peak: Laplace, names: Sequence[str], threads: int | None = 1) -> Without:
     """The best explanations in which one of some faults is healthy.
 
     Parameters
     ----------
     peak : the best point of all
     names : of the faults
-    descent : how the peak was gone to; parameters that it holds are free here, with the fault as
-        without it
     threads : for descents side by side; None takes one for each core
     """
     if not names:
@@ -55,7 +51,8 @@ def without(
     # what the fast model misses counts as noise here too, and the noise is that of the best point
     noise = peak.problem.noise * peak.problem.model_error
     problem, chart = peak.problem.with_noise(noise), peak.problem.chart
-    free = replace(descent.afresh(settled=np.inf), held=(), least_noise=noise)
+    # nothing is held, pivots of aliases included: parameters leave the means of their priors here
+    free = Descent(least_noise=noise, settled=np.inf)
 
     def end(name: str | None) -> tuple[np.ndarray, int]:
         if name is None:
@@ -73,8 +70,7 @@ def without(
     spent = sum(more for _, more in ends) + len(points)
     best = points[1 + int(np.argmin(rises))]
     if rises.min() < -WORTH:
-        # pivots of aliases are off the means of their priors here: none is held
-        best, more = replace(free, aliases=None).end(problem, best)
+        best, more = free.end(problem, best)
         spent += more
     return Without(rises, best, spent)
 

@@ -513,10 +513,6 @@ class Model(ABC):
         )
         return Scenario.load_file(name_or_path, self.scenarios(), units)
 
-    def draft(self, actuator: Any) -> dict[str, Any]:
-        """Arguments of `simulate` that are quicker and nearly as good, where many are simulated."""
-        return {}
-
     def demanded(self, recording: Recording) -> dict[str, float]:
         """What a recorded motion asks of an actuator, SI, by the name of the demand."""
         travel = Demand("travel", self.channel(self.command).unit, (self.command,))

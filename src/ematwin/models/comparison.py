@@ -60,7 +60,7 @@ class Comparison(ABC):
     model_error : float, factor on standard errors for what the twin gets wrong
         (`Model.model_error`)
     slope_error : float, the same factor where the reference corrects the answers, but slopes are
-        those of a fast model that lacks forms of the actuator
+        those of a fast model that lacks forms of the actuator; None where the kind has no reference
     unseen : names of parameters on which only the reference depends, and not the fast model
     unplaced : whether only an answer can show from where the recording counts (`placed`)
     """
@@ -79,7 +79,7 @@ class Comparison(ABC):
     tells: frozenset[str] = frozenset()
     ignores: frozenset[str] = frozenset()
     model_error: float = 1.0
-    slope_error: float = 1.0
+    slope_error: float | None = None
     unseen: frozenset[str] = frozenset()
     unplaced: bool = False
 

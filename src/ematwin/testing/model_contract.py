@@ -24,7 +24,7 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from ematwin.errors import EmatwinError, InputError, ParameterError
+from ematwin.errors import EmatwinError, InputError, ParameterError, RecordError
 from ematwin.estimation.intervals import LEVEL
 from ematwin.estimation.search import named
 from ematwin.estimation.significance import FALSE_ALARM_RATE
@@ -455,18 +455,23 @@ class ModelContract:
         Each parameter is off by what its tolerance says, each nuisance by its prior. Half of the
         units are healthy, the others have one fault each. A fault that is not there may be named
         on as many as `FALSE_ALARM_RATE` lets expect, and intervals may miss as often as 95 % ones
-        do, with what chance adds once in a thousand cases.
+        do, with what chance adds once in a thousand cases. A recording that the kind refuses, as
+        that of a drive that a fault has made unstable, says nothing; most must be judged.
         """
         if not self.units:
             pytest.skip("units take too long; count them elsewhere")
-        wrong, missed, intervals, said = 0, 0, 0, []
+        wrong, missed, intervals, said, refused = 0, 0, 0, [], []
         for n in range(self.units):
             random = np.random.default_rng(n)
             unit = _unit_of(model, actuator, random)
             magnitudes = _magnitudes(model, unit)
             fault = {} if n % 2 else _one_fault(magnitudes[n // 2 % len(magnitudes)], random)
             recording = _simulated(model, unit, {**_by_chance(model, unit, random), **fault})
-            found = identify(_with_noise(model, recording, random), actuator)
+            try:
+                found = identify(_with_noise(model, recording, random), actuator)
+            except RecordError as refusal:
+                refused.append(str(refusal))
+                continue
             names = set(found.present) - set(fault)
             wrong += bool(names)
             said += [f"{', '.join(sorted(names))} on unit {n}"] if names else []
@@ -475,6 +480,9 @@ class ModelContract:
                 edge = 1e-6 * one.width
                 missed += not low - edge <= fault.get(one.name, one.healthy) <= high + edge
                 intervals += 1
+        assert len(refused) < self.units / 2, (
+            f"{len(refused)} of {self.units} units are refused: {refused[0]}"
+        )
         most = _at_most(self.units, FALSE_ALARM_RATE)
         assert wrong <= most, (
             f"a fault that is not there is named on {wrong} of {self.units} units, and {most} may "

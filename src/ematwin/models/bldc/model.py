@@ -204,10 +204,6 @@ class BldcModel(Model):
             progress=progress,
         )
 
-    def draft(self, actuator: Any) -> dict[str, Any]:
-        """Twice the step of the reference model: what the twin misses of it hardly changes."""
-        return {"step": 2.0 * actuator.steps.reference}
-
     def check_scenario(self, scenario: Scenario, actuator: Any) -> None:
         """Raise `ParameterError` if the command leaves the travel."""
         from ematwin.models.bldc.simulate import check_travel

@@ -68,7 +68,7 @@ class PmsmComparison(Comparison):
     """
 
     whitened = True
-    model_error = Model.model_error
+    model_error, slope_error = Model.model_error, 1.0
 
     def __init__(
         self, recording: Recording, actuator: PmsmActuator, *, threads: int | None = None
