@@ -14,16 +14,26 @@ from functools import partial
 import numpy as np
 
 from ematwin.estimation.baseline import Baseline, frees_parameters, with_all_free
+from ematwin.estimation.constants import (
+    ANYTHING,
+    AS_GOOD,
+    BEYOND_BELIEF,
+    COVERAGE,
+    DECIDES,
+    HOPELESS,
+    SIGMAS,
+    WORTH,
+)
 from ematwin.estimation.correction import Corrected, corrected
-from ematwin.estimation.descent import WORTH, Descent
+from ematwin.estimation.descent import Descent
 from ematwin.estimation.intervals import Draws, draws
 from ematwin.estimation.joint import Joint
 from ematwin.estimation.laplace import Laplace, profiled, sharp_errors
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found
-from ematwin.estimation.significance import ANYTHING, is_present
+from ematwin.estimation.significance import is_present
 from ematwin.estimation.valleys import beside
-from ematwin.estimation.verdict import HOPELESS, worst_misfit
+from ematwin.estimation.verdict import worst_misfit
 from ematwin.estimation.without import without
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
@@ -33,14 +43,9 @@ from ematwin.numerics.side_by_side import side_by_side
 
 _REACHES = (2.0,)  # standard errors at which the misfit along a fault is looked at
 _APART = 0.05  # share of a range by which another answer differs
-_NEARLY = 9.0  # rise of the squared distance up to which another answer is nearly as good
 _WORTH_A_LOOK = 4.0  # ratio of costs up to which another valley is gone into
-_BEYOND_BELIEF = 4.0  # standard deviations of a prior; 2.1 at most on actuators within tolerances
-_SETTLED = 1.3  # times the misfit of healthy recordings: parameters, or load, need no looking for
-_EXPLAINED = 1.6  # times what healthy recordings or noise leave: nothing else needs looking for
 _KNOWN, _BY_SHEET = 5, 10  # iterations from there: parameters have yet to leave the sheet's
 _RIVALS = 2  # other valleys that are gone into
-_EVIDENT = 3.0  # standard errors
 _ANEW = 3  # rounds in which a best point is looked for without the faults that it names
 _ALIKE = 1e-6  # logarithms so near that their mean slope is the slope
 _WIDE = 12.0  # sharp standard errors: an interval that others than noise make
@@ -119,7 +124,7 @@ def assess(
     still = set() if frees_parameters(model) else set(baseline.prior.names) & set(full.names)
     measured = math.isfinite(baseline.misfit)
     healthy = baseline.misfit if measured else full.recorded_misfit
-    settled, iterations = _SETTLED * healthy, _KNOWN if measured else _BY_SHEET
+    settled, iterations = AS_GOOD * healthy, _KNOWN if measured else _BY_SHEET
     if baseline.exact:
         settled, iterations = math.inf, _KNOWN
 
@@ -142,7 +147,7 @@ def assess(
     best, *others = side_by_side(peak_from, starts, threads)
     misfit = full.relative_misfit(min(one.peak.cost for one in (best, *others)))
     usual = max(healthy, best.peak.problem.recorded_misfit)
-    explained = full.relative_misfit(best.peak.cost) <= _EXPLAINED * usual
+    explained = full.relative_misfit(best.peak.cost) <= AS_GOOD * usual
     # from further off no other load has led to a verdict
     if misfit <= worst_misfit(baseline.misfit) and (_strained(best.peak) or not explained):
         others += beside_it(best)
@@ -189,7 +194,7 @@ def assess(
         error = abs(values[name] - free[name].healthy) / apart
         error = math.hypot(error, scatter(baseline).get(name, 0.0))
         covariance = _widened(covariance, problem.names.index(name), error)
-        old, end = intervals[name], _towards_healthy(free[name], values[name], 1.96 / apart)
+        old, end = intervals[name], _towards_healthy(free[name], values[name], COVERAGE / apart)
         intervals[name] = Interval(min(old.low, end), max(old.high, end))
     return Assessment(
         values=values,
@@ -384,7 +389,8 @@ def with_corner(
     low, high = interval
     if one.direction_of is not None or high - low < _WIDE * sharp_error:
         return interval
-    return max(one.lower, low - 1.96 * sharp_error), min(one.upper, high + 1.96 * sharp_error)
+    margin = COVERAGE * sharp_error
+    return max(one.lower, low - margin), min(one.upper, high + margin)
 
 
 def _physical(
@@ -455,9 +461,9 @@ def _evident(
     for n, one in enumerate(full.unknowns):
         if n < own or one.role != "nuisance":
             continue
-        reach = 0.5 * (intervals[one.name].high - intervals[one.name].low) / 1.96
+        reach = 0.5 * (intervals[one.name].high - intervals[one.name].low) / COVERAGE
         away = abs(point[n] - one.healthy)
-        if one.spread is not None and away > max(_EVIDENT * reach, 0.5 * one.spread):
+        if one.spread is not None and away > max(SIGMAS * reach, 0.5 * one.spread):
             found[one.name] = (float(point[n]), intervals[one.name])
     return found
 
@@ -471,7 +477,7 @@ def _strained(peak: Laplace) -> dict[str, float]:
         n = problem.names.index(name)
         here = math.log(point[n]) if problem.unknowns[n].logarithmic else point[n]
         away = abs(here - mean) / error
-        if away > _BEYOND_BELIEF and problem.unknowns[n].role != "fault":
+        if away > BEYOND_BELIEF and problem.unknowns[n].role != "fault":
             found[name] = float(away)
     return found
 
@@ -485,6 +491,6 @@ def _other_answers(
     for one in rivals:
         rise = risen(peak, one)
         away = np.abs(one.z[:own] - peak.z[:own]).max()
-        if rise < _NEARLY and away > _APART:
+        if rise < DECIDES and away > _APART:
             found.append(dict(zip(problem.names, one.point[:own].tolist(), strict=True)))
     return tuple(found)

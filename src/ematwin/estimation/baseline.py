@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ematwin.errors import ParameterError
+from ematwin.estimation.constants import SEARCHED, TWO_SIGMA
 from ematwin.estimation.local import LocalDescent
 from ematwin.estimation.problem import Prior, Problem
 from ematwin.models.base import Model
@@ -25,9 +26,7 @@ from ematwin.validation import load_toml
 
 FORMAT = 1
 
-_TWO_SIGMA = 2.0  # a tolerance holds 95 %
 _KNOWN = 1e-3  # share of its spread that is left of what counts as known
-_WIDEST = 3.0  # standard deviations of the prior that a search looks at
 
 
 @dataclass(frozen=True)
@@ -91,7 +90,7 @@ class Baseline:
             drifts = "." in name and name not in self.known
             drift = actuator.drift(name) if drifts else None
             if drift is not None and self.calibrated:
-                covariance[n, n] += (math.log1p(drift) / _TWO_SIGMA) ** 2
+                covariance[n, n] += (math.log1p(drift) / TWO_SIGMA) ** 2
         return Prior(self.prior.names, self.prior.mean, covariance)
 
     def as_table(self) -> dict[str, Any]:
@@ -185,7 +184,7 @@ def uncertain(model: Model, actuator: ParameterSet) -> list[Unknown]:
     for place, value, *_ in actuator.parameters():
         tolerance = actuator.tolerance(place)
         if tolerance is not None:
-            spread = math.log1p(tolerance) / _TWO_SIGMA
+            spread = math.log1p(tolerance) / TWO_SIGMA
         elif place in model.nominal:
             spread = math.log(model.nominal[place])
         else:
@@ -198,7 +197,7 @@ def uncertain(model: Model, actuator: ParameterSet) -> list[Unknown]:
 def searched_range(one: Unknown) -> Unknown:
     """The unknown with bounds that its prior makes likely."""
     assert one.spread is not None
-    reach = math.exp(_WIDEST * one.spread)
+    reach = math.exp(SEARCHED * one.spread)
     return replace(
         one, lower=max(one.lower, one.healthy / reach), upper=min(one.upper, one.healthy * reach)
     )

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ematwin.estimation.aliases import Aliases, Direction, directions, held_pivots
+from ematwin.estimation.constants import WORTH
 from ematwin.estimation.levenberg_marquardt import LevenbergMarquardt
 from ematwin.estimation.problem import Problem
 
 STEP = 5e-3  # along directions that data do not see, share of a range
-WORTH = 4.0  # squared standard deviations that a stage, or a step of everything, has to gain
 _STAGES, _LEAST_STAGES, _ITERATIONS = 8, 1, 5
 _ROUNDS = 2  # along aliases, which curve: ratios stay as they are
 

@@ -38,9 +38,9 @@ from ematwin.estimation.command_search import (
     excess,
     limits_of,
 )
+from ematwin.estimation.constants import SIGMAS
 from ematwin.estimation.levenberg_marquardt import LevenbergMarquardt
 from ematwin.estimation.problem import Problem
-from ematwin.estimation.significance import SIGMAS
 from ematwin.models.base import Model
 from ematwin.models.designed import DesignSpace
 from ematwin.models.parameter_set import ParameterSet

@@ -32,11 +32,11 @@ from ematwin.errors import DivergedError, ParameterError, RecordError
 from ematwin.estimation.assess import assess
 from ematwin.estimation.baseline import Baseline, with_all_free
 from ematwin.estimation.command_search import BEYOND, excess
+from ematwin.estimation.constants import SMALLEST
 from ematwin.estimation.interrupt import noting_interrupts
 from ematwin.estimation.laplace import Laplace, standard_errors, width_at
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import find, named
-from ematwin.estimation.significance import SMALLEST
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.scenario import Scenario

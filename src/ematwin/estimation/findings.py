@@ -8,17 +8,17 @@ from collections.abc import Mapping
 
 from ematwin.estimation.assess import Assessment
 from ematwin.estimation.baseline import Baseline
+from ematwin.estimation.constants import HOPELESS, WORSE
 from ematwin.estimation.estimate import Estimate
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found
-from ematwin.estimation.verdict import HOPELESS, Verdict, judged, most_misfit
+from ematwin.estimation.verdict import Verdict, judged, most_misfit
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
 from ematwin.recordings.recording import Recording
 from ematwin.showing.words import listed
 
-_ABOVE_NOISE = 2.0  # times the misfit that noise alone leaves is still a fit
 _DISTRUSTED = 0.33  # share of its weight with which evidence counts
 _SATURATED = 0.01  # share of the samples of a current
 _VAGUE = 0.05  # standard error, as a share of the range, above which a fault is not determined
@@ -90,7 +90,7 @@ def obstacles_to(
     limit = most_misfit(baseline.misfit)
     if found.problem is not None:
         misfit = found.problem.relative_misfit(assessed.cost)
-    if misfit > max(limit, _ABOVE_NOISE * problem.expected_misfit):
+    if misfit > max(limit, WORSE * problem.expected_misfit):
         usual = (
             f"healthy recordings left {100.0 * baseline.misfit:.2f} %"
             if math.isfinite(baseline.misfit)

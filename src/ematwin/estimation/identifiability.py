@@ -15,10 +15,10 @@ import numpy as np
 
 from ematwin.errors import InputError
 from ematwin.estimation.baseline import Baseline, baseline_of
+from ematwin.estimation.constants import ANYTHING, PARTNERS, SIGMAS, SMALLEST, TRADED
 from ematwin.estimation.expected import width_of
 from ematwin.estimation.laplace import sharp_errors, standard_errors
 from ematwin.estimation.problem import Problem
-from ematwin.estimation.significance import ANYTHING, SIGMAS, SMALLEST
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.registry import load_actuator, model_of
@@ -33,9 +33,7 @@ FALSE_ALARM, MISS = 1.0 - NormalDist().cdf(SIGMAS), 0.1
 HEADINGS = (
     "fault", "standard error", "all else known", "smallest found", "that is", "",
 )  # fmt: skip
-_TRADED = 3.0  # times the error with all else known, from which others are named
 _PARTNER = 0.5  # correlation from which another is named
-_PARTNERS = 2  # named at most
 
 
 @dataclass(frozen=True)
@@ -51,7 +49,7 @@ class Told:
     smallest : float, least deviation from healthy that is found with the rates that were asked for;
         infinite if none within the range is
     physical : the value that deviates so much, in physical units; None if there is none
-    how : "pinned"; "traded" (others widen its error `_TRADED` times or more); "open" (it may be
+    how : "pinned"; "traded" (others widen its error `TRADED` times or more); "open" (it may be
         anything); "dead" (it hardly shows, even if all else is known)
     partners : what widens it, with the correlation, the strongest first
     """
@@ -310,7 +308,7 @@ def _told(
     elif error > ANYTHING * one.width:
         how = "open"
     else:
-        how = "traded" if error > _TRADED * sharp_error else "pinned"
+        how = "traded" if error > TRADED * sharp_error else "pinned"
     return Told(
         one.name, one.meaning, value, one.width, error, sharp_error, smallest, physical,
         how, others if how in ("open", "traded") else (),
@@ -324,7 +322,7 @@ def _partners(full: Problem, n: int, correlation: np.ndarray) -> tuple[tuple[str
     """
     along = [k for k in range(len(correlation)) if k != n and abs(correlation[k]) >= _PARTNER]
     along.sort(key=lambda k: (full.unknowns[k].role == "fault", -abs(correlation[k])))
-    return tuple((full.chart.names[k], float(correlation[k])) for k in along[:_PARTNERS])
+    return tuple((full.chart.names[k], float(correlation[k])) for k in along[:PARTNERS])
 
 
 def _contrasts(

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ematwin.estimation.constants import LEVEL
 from ematwin.models.chart import Chart
 from ematwin.numerics.quantiles import quantiles
 
-LEVEL = 0.95
 _DRAWS, _ROUNDS, _FEWEST, _ENOUGH, _MOST = 20_000, 20, 200, 4000, 10_000
 _TRIED, _HARDLY = 4, 20  # rounds after which so few draws say that all rounds will bring too few
 _NEAR = 0.15  # of an interval: so close to a bound it begins there

@@ -25,7 +25,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ematwin.estimation.aliases import Aliases, Direction, directions, held_pivots
-from ematwin.estimation.descent import STEP, WORTH, Descent
+from ematwin.estimation.constants import WORTH
+from ematwin.estimation.descent import STEP, Descent
 from ematwin.estimation.levenberg_marquardt import LARGEST_BATCH
 from ematwin.estimation.problem import Problem
 from ematwin.models.chart import Chart

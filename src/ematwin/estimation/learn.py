@@ -23,6 +23,7 @@ from ematwin.estimation.baseline import (
     searched_range,
     uncertain,
 )
+from ematwin.estimation.constants import AS_GOOD, BEYOND_BELIEF, DETERMINED, EXPLAINED, SAME_COMMAND
 from ematwin.estimation.correction import Corrected, corrected
 from ematwin.estimation.descent import Descent
 from ematwin.estimation.laplace import Laplace, laplace, profiled
@@ -41,19 +42,13 @@ Progress = Callable[[float], None]
 _SEARCHES = 8  # at most: of one actuator in sixty six of them end in the same wrong valley
 _EQUALLY_DEEP = 1.1  # ratio of misfits
 _BUDGET = 20_000  # an upper limit: a search takes 1,300
-_GOOD = 1.3  # times the expected misfit: as deep as can be
-_SETTLED = 1.3  # times the misfit of a search: all recordings together start in its valley
 _TRIED = 2  # ends of searches from which all recordings are fitted together
 _TOGETHER = 3.0  # times the misfit of one recording alone that several leave together
-_UNALIKE = 0.015  # relative misfit that days which differ a little may leave together
 _WITHOUT = 0.5  # times the misfit with it that recordings leave without an odd one
-_DETERMINED = 0.5  # of the width that a parameter had before
 _REACHES = (4.0,)  # standard errors at which the misfit along a parameter is looked at
 _TIED = 0.9  # correlation of two parameters of which only ratio or product is known
 _COMMANDS = 2  # different ones that the search looks at
-_SAME_COMMAND = 0.02  # of the travel
 _LOAD_GAIN = 0.01  # while calibrating the load is taken as a load cell states it
-_BEYOND = 5.0  # standard deviations of its prior at which a template contradicts its recordings
 
 
 @dataclass(frozen=True)
@@ -111,7 +106,7 @@ def learn(
     end, alone = fit.run(comparisons, progress)
     peak, problem = end.peak, end.peak.problem
     misfit = problem.relative_misfit(peak.cost)
-    if misfit > max(_TOGETHER * alone, _UNALIKE) and len(comparisons) > 1:
+    if misfit > max(_TOGETHER * alone, EXPLAINED) and len(comparisons) > 1:
         _refuse_odd(fit, comparisons, misfit)
     progress(0.8)
     places = [one.name for one in nominals]
@@ -157,7 +152,7 @@ def same_command(a: Recording, b: Recording, command: str) -> bool:
     if len(a) != len(b) or abs(a.interval - b.interval) > 1e-3 * a.interval:
         return False
     mine, theirs = a.channels[command], b.channels[command]
-    return bool(np.abs(mine - theirs).max() <= _SAME_COMMAND * max(float(np.ptp(mine)), 1e-300))
+    return bool(np.abs(mine - theirs).max() <= SAME_COMMAND * max(float(np.ptp(mine)), 1e-300))
 
 
 @dataclass(frozen=True)
@@ -193,12 +188,12 @@ class _Fit:
                 for name, value in zip(problem.names, problem.start, strict=True)
             ]
             # what a search has found fits as it is: smoothed currents hardly tell an inductance
-            settled = _SETTLED * searched.relative_misfit(cost)
+            settled = AS_GOOD * searched.relative_misfit(cost)
             peak = laplace(problem, np.array(first), Descent(aliases, settled=settled))
             tell(0.6 + 0.2 * (n + 1) / _TRIED)
             if best is None or peak.cost < best.cost:
                 best = peak
-            if problem.relative_misfit(best.cost) < _GOOD * self.floor:
+            if problem.relative_misfit(best.cost) < AS_GOOD * self.floor:
                 break
         assert best is not None
         # coarse to fine: what is learnt here is what faults are multiples of
@@ -225,7 +220,7 @@ class _Fit:
             ends.sort(key=lambda one: one[0])
             agree = len(ends) > 1 and ends[1][0] < _EQUALLY_DEEP**2 * ends[0][0]
             # a floor is known where a recording was repeated
-            low = problem.relative_misfit(ends[0][0]) < _GOOD * self.floor
+            low = problem.relative_misfit(ends[0][0]) < AS_GOOD * self.floor
             if agree and (low or len(comparisons) == 1):
                 break
         return problem, ends
@@ -272,7 +267,7 @@ def _check_template(problem: Problem, peak: Laplace, nominals: Sequence[Unknown]
     for n, one in enumerate(nominals):
         assert one.spread is not None
         away = np.log(peak.point[n] / one.healthy) / one.spread
-        if abs(away) > _BEYOND:
+        if abs(away) > BEYOND_BELIEF:
             unit = f" {one.unit}".rstrip()
             raise RecordError(
                 f"The recordings put {one.name} at {peak.point[n]:.4g}{unit}, where the template "
@@ -295,7 +290,7 @@ def _parameters(
         found.append(
             NominalParameter(
                 one.name, value, template.value(one.name), float(error * value),
-                bool(error < _DETERMINED * one.spread),
+                bool(error < DETERMINED * one.spread),
             )
         )  # fmt: skip
     return found

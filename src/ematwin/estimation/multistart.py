@@ -23,6 +23,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ematwin.errors import InputError, RecordError
+from ematwin.estimation.constants import AS_GOOD, EXPLAINED
 from ematwin.estimation.levenberg_marquardt import LevenbergMarquardt
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found, Report
@@ -31,8 +32,6 @@ from ematwin.numerics.sobol import Sobol
 SAMPLES = 256
 THINNING = ((10, 2), (5, 2), (3, 3))  # descents and their iterations, smooth misfit
 POLISH = ((2, 4), (1, 12))  # the same with the full bandwidth
-GOOD_FIT = 0.015  # relative misfit that needs no second opinion
-ABOVE_NOISE = 1.3  # times what noise alone leaves: as good
 CLEARLY_BETTER = 3.0  # ratio of misfits by stretches; 3.6 to 160 where a search was misled
 AGREEMENT = 0.02  # largest difference of two ends that agree, in any coordinate
 ALIKE = 1.02  # ratio of costs of two ends that fit alike: no search to come is likely to fit better
@@ -47,7 +46,7 @@ End = tuple[float, np.ndarray]  # cost and point of a finished descent
 
 def good_fit(problem: Problem) -> float:
     """The relative misfit below which a fit needs no second opinion."""
-    return max(GOOD_FIT, ABOVE_NOISE * problem.expected_misfit)
+    return max(EXPLAINED, AS_GOOD * problem.expected_misfit)
 
 
 @dataclass

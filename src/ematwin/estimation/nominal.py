@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ematwin.estimation.constants import DETERMINED
 from ematwin.estimation.local import LocalDescent
 from ematwin.estimation.problem import Problem
 from ematwin.models.base import Model
@@ -18,7 +19,6 @@ from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
 
-_DETERMINED = 0.5  # of the prior's standard deviation
 _EVALUATIONS = 60  # of the residuals, without those of the Jacobians
 _DIFFERENCE = 1e-4  # of a coordinate
 _SMALLEST = float(np.sqrt(np.finfo(float).eps))  # where a coordinate is zero
@@ -59,7 +59,7 @@ def fit_nominal(
     places = [place for place in model.nominal if template.value(place) > 0.0]
     fit = _Fit(model, template, comparisons)
     values, errors = fit.run(places)
-    vague = [p for p in places if errors[p] >= _DETERMINED * np.log(model.nominal[p])]
+    vague = [p for p in places if errors[p] >= DETERMINED * np.log(model.nominal[p])]
     if vague:
         values, again = fit.run([place for place in places if place not in vague])
         errors |= again

@@ -13,11 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ematwin.estimation.constants import BEFOREHAND, SMALLEST
 from ematwin.estimation.intervals import Draws
-from ematwin.estimation.significance import SMALLEST
 from ematwin.models.unknown import Unknown
 
-BEFOREHAND = 0.5  # that a fault is present, before the recording is seen
 _FEWEST = 20.0  # draws that all together must be worth; else each fault is weighed alone
 
 

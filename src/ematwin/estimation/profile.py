@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
+from ematwin.estimation.constants import COVERAGE, DECIDES, PARTNERS, SMALLEST, TRADED
 from ematwin.estimation.interrupt import noting_interrupts
 from ematwin.estimation.joint import Joint
 from ematwin.estimation.levenberg_marquardt import LevenbergMarquardt
 from ematwin.estimation.presence import odds
-from ematwin.estimation.significance import SMALLEST
 from ematwin.estimation.uncertainty import (
     Question,
     Report,
@@ -30,7 +30,6 @@ from ematwin.models.chart import Chart
 from ematwin.models.unknown import Unknown
 from ematwin.showing.words import listed
 
-_FAR_ENOUGH = 9.0  # rise at which a walk ends
 _STRIDE = 0.9  # of the root of the rise
 _STEPS, _DESCENTS = 16, 4  # at most
 _TOO_STEEP = 2.5  # strides that one may climb; else it is taken anew, half as long
@@ -38,9 +37,7 @@ _TO_THE_BOTTOM = 10  # iterations, before the first stride
 _TIMES = 3  # that all set out anew, where a walk found a lower point
 _SHORTEST = 1e-6  # share of a range
 _DAMPING = 1e-2
-_TRADED = 3.0  # times the width with all else known, from which others are named
 _MOVED = 0.7  # standard errors by which others move to each side that are named
-_PARTNERS = 2
 _LONGER = 1.25  # times that an interval is longer than its walk, which is said then
 _BETTER = 1.0  # fall of the deviance that says that the search had not reached the bottom
 
@@ -235,7 +232,7 @@ class _Walkers:
         u, deviance = self.trails[key][-1]
         n = self.places[fault]
         ended = u[n] <= 0.0 if sign < 0 else u[n] >= 1.0
-        return not ended and deviance - self.least < _FAR_ENOUGH
+        return not ended and deviance - self.least < DECIDES
 
     def _step(self, going: list[tuple[int, int]], polar: bool) -> None:
         """One stride of some walks, and a descent of everything else."""
@@ -339,7 +336,7 @@ class _Walkers:
             end = crossing(u[:, n], rise, way)
             crossed.append(end is not None)
             ends.append(float(bound) if end is None else end)
-        wide = ends[1] - ends[0] > _TRADED * 2.0 * 1.96 / self._sharpness(n)
+        wide = ends[1] - ends[0] > TRADED * 2.0 * COVERAGE / self._sharpness(n)
         partners = self._partners(fault, u, rise) if wide else ()
         values = points[:, n]
         low, high = self._with_scatter(one, values[best], [value_at(one, end) for end in ends])
@@ -352,7 +349,7 @@ class _Walkers:
 
     def _with_scatter(self, one: Unknown, best: float, ends: list[float]) -> tuple[float, float]:
         """Ends with what healthy recordings differed by, within the bounds."""
-        reach = 1.96 * self.joint.scatter.get(one.name, 0.0)
+        reach = COVERAGE * self.joint.scatter.get(one.name, 0.0)
         low = best - math.hypot(best - ends[0], reach)
         high = best + math.hypot(ends[1] - best, reach)
         return max(float(low), one.lower), min(float(high), one.upper)
@@ -369,7 +366,7 @@ class _Walkers:
         unknowns = self.chart.unknowns
         along = [k for k in range(len(moved)) if k != n and moved[k] > _MOVED]
         along.sort(key=lambda k: (unknowns[k].role == "fault", -moved[k]))
-        return tuple(self.chart.names[k] for k in along[:_PARTNERS])
+        return tuple(self.chart.names[k] for k in along[:PARTNERS])
 
     def _bounds(self, polar: bool) -> tuple[np.ndarray, np.ndarray]:
         if not polar:

@@ -15,21 +15,20 @@ import numpy as np
 
 from ematwin.estimation.assess import Assessment, risen
 from ematwin.estimation.baseline import Baseline, uncertain, with_all_free, with_nuisances
+from ematwin.estimation.constants import AS_GOOD, DECIDES, EXPLAINED, HOPELESS
 from ematwin.estimation.correction import corrected
 from ematwin.estimation.descent import Descent, TooFarError
 from ematwin.estimation.laplace import Laplace, standard_errors, step_lengths
 from ematwin.estimation.levenberg_marquardt import NOTHING
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.significance import is_present
-from ematwin.estimation.verdict import EXPLAINED, HOPELESS, Verdict
+from ematwin.estimation.verdict import Verdict
 from ematwin.models.base import Model, OtherForm
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
 from ematwin.numerics.side_by_side import side_by_side
 from ematwin.showing.words import listed
 
-_NEARLY = 9.0  # squared standard deviations that do not decide between two answers
-_SETTLED = 1.3  # times the misfit of the first answer: the start lies in its valley already
 _FAR = 5.0  # times the misfit of the first answer: a start, or a smooth descent, not worth more
 _FAR_BETTER = 0.7  # times the misfit of the first answer; 0.42 at most where the form was right
 
@@ -92,7 +91,7 @@ def rivals_of(
     return [
         _rival(model, form, problem, first, *one)
         for form, one in zip(forms, ends, strict=True)
-        if one is not None and one[1] < _NEARLY
+        if one is not None and one[1] < DECIDES
     ]
 
 
@@ -102,7 +101,7 @@ def objections(rivals: Iterable[Rival], verdict: Verdict) -> list[str]:
         f"{_told(one)} explains it better: if the actuator may have that, put "
         f"{one.form.setting} into its file."
         for one in rivals
-        if one.rise < -_NEARLY and verdict.grade == "fault" and not _agrees(one, verdict)
+        if one.rise < -DECIDES and verdict.grade == "fault" and not _agrees(one, verdict)
     ]
 
 
@@ -129,13 +128,13 @@ def hints(rivals: Iterable[Rival], verdict: Verdict) -> list[str]:
     for one in rivals:
         setting = f"put {one.form.setting} into the file of the actuator"
         if verdict.grade == "none":
-            if one.rise < -_NEARLY:
+            if one.rise < -DECIDES:
                 found.append(
                     f"{_told(one)} would explain this "
                     f"recording far better: {setting} if it may have that."
                 )
         elif _agrees(one, verdict):
-            if one.rise < -_NEARLY and set(one.form.names) & set(one.present):
+            if one.rise < -DECIDES and set(one.form.names) & set(one.present):
                 found.append(
                     f"{_told(one)} would explain this recording better; the same "
                     f"fault, of another size: {setting} if it may have that."
@@ -163,7 +162,7 @@ def _is_as_near(one: Rival, verdict: Verdict) -> bool:
     if verdict.grade != "fault" or not one.present or _agrees(one, verdict):
         return False
     named = one.form.mistaken & set(verdict.faults)
-    return abs(one.rise) <= _NEARLY and len(one.present) <= len(named)
+    return abs(one.rise) <= DECIDES and len(one.present) <= len(named)
 
 
 def _agrees(one: Rival, verdict: Verdict) -> bool:
@@ -204,7 +203,7 @@ def _compared(
     steps = _steps(peak, full)
     known = {
         "within": (1.0 if unexplained else _FAR) * _smooth_misfit(peak),
-        "settled": _SETTLED * peak.problem.relative_misfit(peak.cost),
+        "settled": AS_GOOD * peak.problem.relative_misfit(peak.cost),
         "least": NOTHING,
     }
 
@@ -216,7 +215,7 @@ def _compared(
         return end, risen(peak, end)
 
     ends = [descended_from(starts[best])]
-    short = ends[0] is None or ends[0][1] > _NEARLY
+    short = ends[0] is None or ends[0][1] > DECIDES
     # it may have stopped short: it gets the parameters of the first answer
     if short and not unexplained and not np.array_equal(as_found, starts[best]):
         ends.append(descended_from(as_found))
@@ -226,14 +225,14 @@ def _compared(
     end, rise = min(near, key=lambda one: one[1])
     if unexplained and end.cost > _FAR_BETTER**2 * peak.cost:
         return None
-    if rise < -_NEARLY:  # so may the first answer: it gets what the other found beside the fault
+    if rise < -DECIDES:  # so may the first answer: it gets what the other found beside the fault
         its = _own_names(problem, form)
         beside = {name: x for name, x in full.values(end.point).items() if name not in its}
         for names in (problem.names, peak.problem.names):
             point = _start(peak.problem, names, {**own, **beside})
             again = _descended(model, actuator, peak.problem, point)
             rise = max(rise, risen(again, end))
-            if rise >= -_NEARLY:
+            if rise >= -DECIDES:
                 break
     return end, rise
 

@@ -12,12 +12,8 @@ errors are what they say. `FALSE_ALARM_RATE` is what is promised; docs/trust.md 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ematwin.estimation.constants import SIGMAS, SMALLEST
 from ematwin.estimation.estimate import Estimate
-
-SMALLEST = 0.02  # of the range of an unknown
-SIGMAS = 3.0  # standard errors
-ANYTHING = 0.25  # standard deviation as a share of a range; 0.29 where all is equally likely
-FALSE_ALARM_RATE = 0.05  # of healthy recordings that may be called faulty
 
 
 def present(estimate: Estimate, smallest: float = SMALLEST) -> tuple[str, ...]:

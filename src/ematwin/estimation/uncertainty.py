@@ -13,11 +13,11 @@ import numpy as np
 
 from ematwin.errors import InputError
 from ematwin.estimation.assess import Assessment
+from ematwin.estimation.constants import ANYTHING, SMALLEST
 from ematwin.estimation.intervals import Draws
 from ematwin.estimation.joint import Joint
 from ematwin.estimation.presence import Weights, is_absent, weights
 from ematwin.estimation.problem import Problem
-from ematwin.estimation.significance import ANYTHING, SMALLEST
 from ematwin.estimation.thresholds import Threshold
 from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet

@@ -18,13 +18,13 @@ from dataclasses import replace
 import numpy as np
 
 from ematwin.estimation.aliases import held_by
+from ematwin.estimation.constants import SEARCHED
 from ematwin.estimation.descent import Descent
 from ematwin.estimation.laplace import Laplace, laplace
 from ematwin.estimation.levenberg_marquardt import NOTHING, LevenbergMarquardt
 from ematwin.estimation.problem import Problem
 from ematwin.models.unknown import Unknown
 
-_REACH = 3.0  # standard deviations of the prior to both sides
 _SMOOTH, _SHARP = 5, 8  # iterations of a descent
 _FAR = 4.0  # times the least cost: a start so far behind does not win, 1.7 times did
 _DAMPING = 1e-2
@@ -48,7 +48,7 @@ def beside(peak: Laplace, descent: Descent, anew: bool = False) -> list[Laplace]
     for one in problem.unknowns:
         if one.spread is None or one.valleys == 1 or one.name in held:
             continue
-        point, middle, reach, spent = start, one.healthy, _REACH * one.spread, 0
+        point, middle, reach, spent = start, one.healthy, SEARCHED * one.spread, 0
         for wide in (True, False):
             still = (held_by(problem, point, descent.aliases) | held) - loose
             point, more = _across(problem, point, one, middle, reach, still, wide)

@@ -12,19 +12,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from ematwin.estimation.constants import EXPLAINED, SMALLEST, TELLING, UNCALIBRATED, WORSE, WORST
 from ematwin.estimation.estimate import Estimate
-from ematwin.estimation.significance import SMALLEST, is_present, present
+from ematwin.estimation.significance import is_present, present
 from ematwin.showing import markup
 from ematwin.showing.words import listed
 
 Grade = Literal["healthy", "changed", "fault", "none"]
-
-EXPLAINED = 0.015  # relative misfit up to which a fit is good, whatever healthy recordings left
-HOPELESS = 0.5  # relative misfit beyond which a twin explains nothing; it leaves 1 at rest
-_WORSE = 2.0  # times the misfit of healthy recordings
-_WORST = 0.1  # relative misfit beyond which no twin is, unless healthy recordings leave as much
-_UNCALIBRATED = 0.03  # relative misfit allowed where no healthy recording says what is usual
-TELLING = 0.15  # share of its range that an unseen fault may have where a verdict says healthy
 
 
 @dataclass(frozen=True)
@@ -67,13 +61,13 @@ def most_misfit(healthy: float) -> float:
     ``healthy`` is that of healthy recordings, NaN where there are none.
     """
     if math.isnan(healthy):
-        return _UNCALIBRATED
-    return min(max(EXPLAINED, _WORSE * healthy), worst_misfit(healthy))
+        return UNCALIBRATED
+    return min(max(EXPLAINED, WORSE * healthy), worst_misfit(healthy))
 
 
 def worst_misfit(healthy: float) -> float:
     """The relative misfit beyond which no fit is a ground for a verdict; ``healthy`` as above."""
-    return _WORST if math.isnan(healthy) else max(_WORST, 1.2 * healthy)
+    return WORST if math.isnan(healthy) else max(WORST, 1.2 * healthy)
 
 
 def judged(

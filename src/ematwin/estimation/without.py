@@ -15,7 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ematwin.estimation.descent import WORTH, Descent
+from ematwin.estimation.constants import WORTH
+from ematwin.estimation.descent import Descent
 from ematwin.estimation.laplace import Laplace
 from ematwin.numerics.side_by_side import side_by_side
 

@@ -17,7 +17,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ematwin.estimation.verdict import EXPLAINED, Grade, Verdict
+from ematwin.estimation.constants import COVERAGE, EXPLAINED
+from ematwin.estimation.verdict import Grade, Verdict
 from ematwin.models.base import Reported
 from ematwin.monitoring.calibration import PopulationCalibration
 from ematwin.monitoring.classification import Name, named_by_physics, named_by_signature
@@ -35,7 +36,6 @@ from ematwin.monitoring.measure import Measured, reported_values, statistics_of
 from ematwin.numerics.student import student_quantile
 from ematwin.recordings.recording import Recording
 
-COVERAGE = 1.96  # standard deviations of an interval: 95 %
 _ENDS = np.array([-1.0, 1.0])
 _CHANGED = 6.0  # healthy standard deviations of a statistic
 _LEAST_CHANGE = 0.05  # of its healthy mean: the standard deviation counts as no less

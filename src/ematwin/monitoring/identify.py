@@ -16,11 +16,12 @@ from typing import TYPE_CHECKING, Any, overload
 from ematwin.errors import InputError
 from ematwin.estimation.assess import scatter
 from ematwin.estimation.baseline import Baseline, frees_parameters
+from ematwin.estimation.constants import COVERAGE
 from ematwin.estimation.identify import Identification, Prepared, identified, prepared
 from ematwin.estimation.interrupt import noting_interrupts
 from ematwin.estimation.search import Progress, Search
 from ematwin.models.reading import read
-from ematwin.monitoring.by_population import COVERAGE, by_population
+from ematwin.monitoring.by_population import by_population
 from ematwin.monitoring.calibration import Calibration, PopulationCalibration
 from ematwin.monitoring.diagnosis import Detection, Diagnosis, Magnitude, name_of
 from ematwin.monitoring.gather import Given, is_one, recordings_of

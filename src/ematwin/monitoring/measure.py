@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ematwin.errors import RecordError
+from ematwin.estimation.constants import SAME_COMMAND
 from ematwin.estimation.covariance import covariance
 from ematwin.estimation.estimate import Estimate
 from ematwin.estimation.local import LocalDescent
@@ -25,7 +26,6 @@ from ematwin.monitoring.population import basis
 from ematwin.recordings.phases import phases
 from ematwin.recordings.recording import Recording
 
-_SAME_COMMAND = 0.02  # of the travel
 _SAME_RATE = 0.01
 _SEED = 1
 
@@ -277,7 +277,7 @@ def check_alike(
             "another motion, or cut short. Leave it out, or calibrate for it."
         )
     off = float(np.abs(own - command).max())
-    if off > _SAME_COMMAND * travel:
+    if off > SAME_COMMAND * travel:
         raise RecordError(
             f"{recording.name} follows another command: it is off by up to {off:.4g} "
             f"{channel.unit} of {travel:.4g} {channel.unit} of travel. Leave it out, calibrate for "

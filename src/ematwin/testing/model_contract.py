@@ -25,9 +25,8 @@ import numpy as np
 import pytest
 
 from ematwin.errors import EmatwinError, InputError, ParameterError, RecordError
-from ematwin.estimation.intervals import LEVEL
+from ematwin.estimation.constants import FALSE_ALARM_RATE, LEVEL
 from ematwin.estimation.search import named
-from ematwin.estimation.significance import FALSE_ALARM_RATE
 from ematwin.models.base import Model
 from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet

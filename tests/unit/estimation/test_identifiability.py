@@ -8,8 +8,8 @@ import pytest
 
 import ematwin
 from ematwin.errors import InputError
+from ematwin.estimation.constants import SMALLEST
 from ematwin.estimation.identifiability import ranked
-from ematwin.estimation.significance import SMALLEST
 from ematwin.models.scenario import Scenario
 
 NOISE = ematwin.Noise(white=0.02, bits=12)

@@ -6,9 +6,9 @@ import math
 import numpy as np
 import pytest
 
+from ematwin.estimation.constants import EXPLAINED, SIGMAS, SMALLEST, TELLING
 from ematwin.estimation.estimate import Estimate
-from ematwin.estimation.significance import SIGMAS, SMALLEST
-from ematwin.estimation.verdict import EXPLAINED, TELLING, Verdict, judged, most_misfit
+from ematwin.estimation.verdict import Verdict, judged, most_misfit
 
 NAMES = ("friction", "short_a", "eccentricity", "eccentricity_phase", "gain")
 HEALTHY = {"friction": 0.0, "short_a": 0.0, "eccentricity": 0.0, "eccentricity_phase": 0.5,

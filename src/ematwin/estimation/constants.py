@@ -1,0 +1,36 @@
+"""The numbers by which answers are judged: one table, explained in docs/inference.md.
+
+Stated probabilities, what a user would call a fault, and what was counted: docs/trust.md says on
+which recordings. Steps, iterations and batches are not among them: they change how long an answer
+takes, and stand where they are used.
+"""
+
+# stated probabilities
+LEVEL, COVERAGE = 0.95, 1.96  # of intervals, and standard deviations to both sides
+SIGMAS = 3.0  # standard errors from which a deviation is a fault: by chance once in 740 cases
+DECIDES = SIGMAS**2  # squared standard deviations by which one explanation beats another
+WORTH = 4.0  # the same by which a step of a descent has to gain: two standard deviations
+BEYOND_BELIEF = 4.0  # standard deviations of a prior: once in 16,000 cases
+FALSE_ALARM_RATE = 0.05  # of healthy recordings that may be called faulty
+BEFOREHAND = 0.5  # probability of a fault before the recording is seen
+TWO_SIGMA = 2.0  # standard deviations in a tolerance: a data sheet's 95 %
+SEARCHED = 3.0  # standard deviations of a prior, to both sides, that a search looks at
+
+# what matters to a user, as shares of a range
+SMALLEST = 0.02  # less is no fault, however certain
+TELLING = 0.15  # an unseen fault may be so large where a verdict says healthy
+ANYTHING = 0.25  # standard error from which a value may be anything; 0.29 where all is as likely
+
+# relative misfits, and ratios of them
+EXPLAINED = 0.015  # a good fit, whatever healthy recordings left
+UNCALIBRATED = 0.03  # the most for a verdict where no healthy recording says what is usual
+WORST = 0.1  # the most for a verdict in any case
+HOPELESS = 0.5  # explains nothing; a twin at rest leaves 1
+AS_GOOD = 1.3  # times what noise, or healthy recordings, leave: as deep as can be
+WORSE = 2.0  # times the same: something is missing, and there is no verdict
+
+# of calibrations, reports of trade-offs, and commands
+DETERMINED = 0.5  # of the width that a parameter had before: the recordings determine it
+SAME_COMMAND = 0.02  # of the travel
+TRADED = 3.0  # times the error with all else known, from which others are named
+PARTNERS = 2  # of those named at most
