@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -16,7 +16,7 @@ from ematwin.estimation.estimate import Estimate
 from ematwin.estimation.findings import caveats_of, doubts_of, obstacles_to, remarks_on, verdict_on
 from ematwin.estimation.placing import place
 from ematwin.estimation.problem import Problem
-from ematwin.estimation.rivals import hints, objections, qualified, rivals_of
+from ematwin.estimation.rivals import Rival, hints, objections, qualified, rivals_of
 from ematwin.estimation.search import Progress, Search, find, named
 from ematwin.estimation.verdict import Verdict
 from ematwin.models.base import Model
@@ -319,20 +319,23 @@ def identified(
         found = where.found
         if found is None or not (usual or found.stopped == "interrupted"):
             found = find(problem, search, budget=budget, seed=seed, progress=tell)
-        interrupted = found.stopped == "interrupted"
-        if interrupted:
-            assessed = unassessed(model, actuator, problem, found, baseline)
-        else:
+        try:
+            if found.stopped == "interrupted":
+                raise KeyboardInterrupt
             assessed = assess(model, actuator, problem, found, baseline, threads)
+        except KeyboardInterrupt:
+            found = replace(found, stopped="interrupted")
+            assessed = unassessed(model, actuator, problem, found, baseline)
         sure = None
         if method is not None and assessed.joint is not None:
             from ematwin.estimation.uncertainty import Question
 
             question = Question(problem, actuator, assessed, assessed.joint, limits)
+            best = found.cost
 
             def tell_more(spent: int, most: int) -> None:
                 if tell is not None:
-                    tell(spent, found.cost, most)
+                    tell(spent, best, most)
 
             sure = method.run(question, seed=seed, report=tell_more)
     point = np.array([assessed.values[name] for name in problem.names])
@@ -351,9 +354,15 @@ def identified(
     ]
     verdict = verdict_on(model, actuator, problem, estimate, assessed, baseline, obstacles)
     if found.problem is None:
-        rivals = rivals_of(model, actuator, problem, assessed, baseline, verdict, threads)
+        rivals: list[Rival] = []
+        try:
+            rivals = rivals_of(model, actuator, problem, assessed, baseline, verdict, threads)
+            objected = objections(rivals, verdict)
+        except KeyboardInterrupt:
+            found = replace(found, stopped="interrupted")
+            objected = ["Interrupted before other forms of the faults were tried."]
         warnings += hints(rivals, verdict)
-        if objected := objections(rivals, verdict):
+        if objected:
             verdict = verdict_on(model, actuator, problem, estimate, assessed, baseline, objected)
         verdict = qualified(rivals, verdict)
     warnings += caveats_of(problem, verdict)

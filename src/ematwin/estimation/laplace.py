@@ -328,13 +328,9 @@ def _stepped(
         left = seen(tried)
         costs = np.einsum("bk,bk->b", left, left)
         best = int(np.argmin(np.where(np.isfinite(costs), costs, np.inf)))
-        gained = slopes.here @ slopes.here - costs[best]
-        if not gained > 0.0:
+        if not costs[best] < slopes.here @ slopes.here - WORTH * problem.noise**2:
             break
         z = tried[best]
-        if gained < WORTH * problem.noise**2:  # too short for other slopes
-            slopes = slopes._replace(here=left[best])
-            break
         slopes = _slopes(problem, seen, z, aliases, step_lengths(slopes.covariance))
     return z, slopes
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from ematwin import identify, simulate
+from ematwin.estimation import identify as identifying
 from ematwin.estimation.interrupt import noting_interrupts
 
 
@@ -71,3 +72,17 @@ def test_the_best_so_far_comes_within_two_seconds_on_a_long_record(algorithm: st
     assert found.stopped == "interrupted"
     assert np.isfinite(found.cost)
     assert waited < 2.0
+
+
+@pytest.mark.parametrize("part", ["assess", "rivals_of"])
+def test_an_interrupt_after_the_search_keeps_what_it_found(monkeypatch, part: str) -> None:
+    def pressed(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    record = simulate("monitor", faults={"short_b": 0.2})
+    monkeypatch.setattr(identifying, part, pressed)
+    found = identify(record, exact=True)
+    assert found.stopped == "interrupted"
+    assert found.verdict.grade == "none"
+    assert "nterrupted" in found.verdict.reason
+    assert found.values["short_b"] == pytest.approx(0.2, abs=0.02)
