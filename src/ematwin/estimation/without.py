@@ -55,9 +55,7 @@ def without(peak: Laplace, names: Sequence[str], threads: int | None = 1) -> Wit
     # nothing is held, pivots of aliases included: parameters leave the means of their priors here
     free = Descent(least_noise=noise, settled=np.inf)
 
-    def end(name: str | None) -> tuple[np.ndarray, int]:
-        if name is None:
-            return free.end(problem, peak.point)
+    def end(name: str) -> tuple[np.ndarray, int]:
         start = chart.to_values(chart.project((peak.z + _step(peak, name))[None]))[0]
         small = problem.holding({name: problem.unknowns[problem.names.index(name)].healthy})
         kept = [problem.names.index(one) for one in small.names]
@@ -65,11 +63,15 @@ def without(peak: Laplace, names: Sequence[str], threads: int | None = 1) -> Wit
         values = small.values(point)
         return np.array([values[one] for one in problem.names]), spent
 
-    ends = side_by_side(end, (None, *names), threads)
+    base, spent = peak.point, 1 + len(names)
+    if noise > peak.problem.noise:  # where data count less, priors have the peak elsewhere
+        base, more = free.end(problem, base)
+        spent += more
+    ends = side_by_side(end, names, threads)
     points = np.array([point for point, _ in ends])
-    rises = (problem.costs(points)[1:] - problem.costs(points[:1])) / noise**2
-    spent = sum(more for _, more in ends) + len(points)
-    best = points[1 + int(np.argmin(rises))]
+    rises = (problem.costs(points) - problem.costs(base[None])) / noise**2
+    spent += sum(more for _, more in ends)
+    best = points[int(np.argmin(rises))]
     if rises.min() < -WORTH:
         best, more = free.end(problem, best)
         spent += more
