@@ -8,7 +8,7 @@ under which the answer of the one is furthest from the best fit of the other:
 
 theta : what only the second explanation names, and load, sensors and parameters as far as they are
 uncertain; r : weighted residuals of the twin's answers; sigma : the noise of an independent
-residual; f : what slopes are off by, as in `ematwin.estimation.expected`. Each is fitted to the
+residual; f : `Model.model_error`, for fits end in the roughness of impacts. Each is fitted to the
 other, and the smaller distance counts. It is in standard deviations: below `significance.SIGMAS`
 the two cannot be told apart.
 """
@@ -312,7 +312,7 @@ class _Pair:
         aim = self._residuals(comparison, {**nominal, **truth})
         here = self._residuals(comparison, self.model.healthy(self.actuator))
         noise = max(comparison.noise, float(np.sqrt(here @ here / comparison.independent)))
-        noise *= comparison.slope_error or comparison.model_error
+        noise *= comparison.model_error
         if not free:
             gap = aim - self._residuals(comparison, other)
             return float(np.sqrt(gap @ gap)) / noise
