@@ -14,11 +14,11 @@ import numpy as np
 from joblib import Parallel, delayed
 
 import ematwin
+from ematwin.estimation.constants import COVERAGE
 from ematwin.models.bldc.faults import FAULTS
 from ematwin.recordings.noise import Noise
 
 NOISE = Noise(white=0.02, bits=12)
-TWO = 1.96  # standard errors that hold 95 % of normal ones
 OTHER = 100_000  # seeds of promises lie so far from those of recordings
 MAGNITUDES = tuple(name for name in FAULTS if name != "eccentricity_phase")
 
@@ -48,11 +48,11 @@ def main() -> None:
     seeds = range(given.first, given.first + given.recordings)
     found = np.array(Parallel(given.workers)(delayed(ratios)(seed) for seed in seeds))
     each = [*np.sqrt(np.mean(found**2, axis=0)), np.sqrt(np.mean(found**2))]
-    held = [*np.mean(np.abs(found) < TWO, axis=0), np.mean(np.abs(found) < TWO)]
+    held = [*np.mean(np.abs(found) < COVERAGE, axis=0), np.mean(np.abs(found) < COVERAGE)]
     print(f"| | {' | '.join(MAGNITUDES)} | all |")
     print(f"|---|{'--:|' * (len(MAGNITUDES) + 1)}")
     print(f"| error over promise | {' | '.join(f'{x:.2f}' for x in each)} |")
-    print(f"| within {TWO}, % | {' | '.join(f'{100 * x:.0f}' for x in held)} |")
+    print(f"| within {COVERAGE}, % | {' | '.join(f'{100 * x:.0f}' for x in held)} |")
 
 
 if __name__ == "__main__":

@@ -357,11 +357,12 @@ def design(
             checks=len(errors),
         )
 
-    promised = [promise(one, n) for n, one in enumerate(both)]
-    if len(errors) and not default.obstacle and len(both) > 1:
+    kept = list(enumerate(both))
+    if len(errors) and not default.obstacle:
         first, second = (_worst_of(rms, wanted) for rms in np.sqrt((errors**2).mean(axis=0)))
         if CLEARLY * first > second:
-            promised = promised[1:]
+            kept = kept[1:]
+    promised = [promise(one, n) for n, one in kept]
     return Design(
         promised=promised[0],
         default=promised[-1],
