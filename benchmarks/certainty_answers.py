@@ -22,7 +22,7 @@ from ematwin.estimation.uncertainty import (
     Question,
     Report,
     Uncertainty,
-    told,
+    probabilities,
 )
 from populations import MAGNITUDES, drawn
 
@@ -44,7 +44,7 @@ class LaplaceOwn:
             one.name: found.interval(one.name, one.lower, one.upper)
             for one in peak.problem.unknowns
         }
-        return Uncertainty(self.name, ends, **told(question, found), doubts=())
+        return Uncertainty(self.name, ends, **probabilities(question, found), doubts=())
 
 
 @dataclass(frozen=True)

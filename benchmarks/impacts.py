@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 import ematwin
-from ematwin.estimation import walk
+from ematwin.estimation import profile
 from ematwin.estimation.profile import Profiles, ProfileUncertainty
 from ematwin.estimation.uncertainty import Question, Report, Uncertainty
 
@@ -39,11 +39,11 @@ class Both:
 
     def run(self, question: Question, *, seed: int, report: Report) -> Uncertainty:
         """The profiles; the intervals as walked are kept."""
-        limit, walk.ROUGH = walk.ROUGH, np.inf
+        limit, profile.ROUGH = profile.ROUGH, np.inf
         try:
             self.walked = Profiles().run(question, seed=seed, report=report).intervals
         finally:
-            walk.ROUGH = limit
+            profile.ROUGH = limit
         return Profiles().run(question, seed=seed, report=report)
 
 

@@ -72,7 +72,7 @@ class Density:
         found = np.full(len(z), np.inf)
         within = self.joint.inside(z)
         if within.any():
-            found[within] = 0.5 * self.joint.deviance(z[within])
+            found[within] = 0.5 * self.joint.deviance(self.joint.residuals(z[within]))
         return found
 
     def value(self, z: np.ndarray) -> float:

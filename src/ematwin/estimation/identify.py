@@ -33,7 +33,7 @@ from ematwin.showing.drawing import drawn
 from ematwin.showing.frames import frame_of_rows
 
 if TYPE_CHECKING:
-    from ematwin.estimation.thresholds import Threshold
+    from ematwin.estimation.probabilities import Threshold
     from ematwin.estimation.uncertainty import Method, Uncertainty
 
 
@@ -302,7 +302,7 @@ def identified(
     problem = problem_of(recording)
     limits: dict[str, Threshold] = {}
     if thresholds:
-        from ematwin.estimation.thresholds import thresholds_of
+        from ematwin.estimation.probabilities import thresholds_of
 
         limits = thresholds_of(thresholds, problem.unknowns, actuator)
     search: Search = named(

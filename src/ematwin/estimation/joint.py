@@ -1,16 +1,17 @@
-"""What a recording and all that was known before say together of everything that is unknown.
+"""Joint posterior density of everything that is unknown.
 
-The one density under intervals, profiles and posteriors. With r the weighted residuals of the data
-at a point, sigma their noise, f the model's own error (`Problem.model_error`), N the independent
-residuals and p the distances from priors in standard deviations,
+Laplace's intervals, profiles and the sampler evaluate this one density. With r the weighted
+residuals of the data at a point, sigma their noise, f the model's own error
+(`Problem.model_error`), N the number of independent residuals and p the distances from priors in
+standard deviations,
 
     D = N_0 + (|r|^2 - |r_0|^2)/(f sigma)^2,      -2 log density = N log(D/N) + |p|^2 + constant,
 
 the noise integrated out with a prior uniform in its logarithm (Gelman et al. 2013, Bayesian Data
-Analysis, 3rd ed., section 14.2); N_0 is |r_0|^2/sigma^2 at the best point. Noise below what healthy
-recordings left is not believed: where D falls below N times its share, sigma stays there. Rises
-count f^2 times less, because what the twin misses pulls the same way throughout (Bissiri, Holmes
-and Walker 2016, J. R. Stat. Soc. B 78, 1103-1130, call this a general Bayesian update).
+Analysis, 3rd ed., section 14.2); N_0 is |r_0|^2/sigma^2 at the best point. The noise is no less
+than what healthy recordings left: where D falls below N times its share, sigma stays there. Rises
+count f^2 times less, because the error of the model is not independent from sample to sample
+(Bissiri, Holmes and Walker 2016, J. R. Stat. Soc. B 78, 1103-1130: a general Bayesian update).
 
 The prior is uniform over the declared range of each fault and of each direction. In the components
 (x, y) of a vector that is no uniform density; it is one where the length of the vector is the root
@@ -28,16 +29,15 @@ from ematwin.estimation.laplace import Laplace, inverse
 from ematwin.estimation.problem import Problem
 
 _EDGE = 1e-9
-_STEP = 1e-3  # of differences of what is linear
 
 
 @dataclass(frozen=True)
-class Valley:
-    """A normal approximation of the joint density in coordinates of the chart, without bounds.
+class Normal:
+    """Normal approximation around one maximum, in coordinates of the chart and without bounds.
 
     Attributes
     ----------
-    z : (d,) array, best point within the bounds
+    z : (d,) array, the maximum within the bounds
     mean : (d,) array
     precision, covariance : (d, d) arrays, inverse to one another
     """
@@ -55,15 +55,15 @@ class Valley:
 
 @dataclass(frozen=True)
 class Joint:
-    """The joint density of all that is free.
+    """Joint posterior density.
 
     Parameters
     ----------
-    peaks : its peaks as `laplace` found them, the best first
+    peaks : its maxima as `laplace` found them, the best first
     factor : times that the noise of the data is larger (`Problem.model_error`)
     own : how many of the unknowns, the first ones, were searched: faults and what was asked for
     least_noise : float, in the unit of `Problem.noise`
-    scatter : by fault, standard deviation by which healthy recordings may be found off healthy
+    scatter : by fault, standard deviation of estimates on healthy recordings
     """
 
     peaks: tuple[Laplace, ...]
@@ -74,13 +74,22 @@ class Joint:
 
     @property
     def problem(self) -> Problem:
-        """With the noise of the best peak."""
+        """With the noise of the best maximum."""
         return self.peaks[0].problem
 
     @cached_property
-    def independent(self) -> float:
-        """Independent residuals N of the data."""
-        return float(sum(one.independent for one in self.problem.comparisons))
+    def normals(self) -> tuple[Normal, ...]:
+        """Normal approximations around the maxima, with the noise of the best one."""
+        return tuple(self._normal(one) for one in self.peaks)
+
+    def _normal(self, peak: Laplace) -> Normal:
+        slopes, here = peak.problem.split(peak.jacobian), peak.problem.split(peak.residuals)
+        noise = self.factor * self.problem.noise
+        gradient = (slopes.data @ here.data + slopes.evidence @ here.evidence) / noise**2
+        gradient += slopes.priors @ here.priors / peak.problem.noise**2
+        precision = peak.data * (peak.problem.noise / noise) ** 2 + peak.priors
+        covariance = inverse(precision)
+        return Normal(peak.z, peak.z - covariance @ gradient, precision, covariance)
 
     def residuals(self, z: np.ndarray) -> np.ndarray:
         """(B, K) in standard deviations, the model's own error included, at points z (B, d)."""
@@ -91,57 +100,40 @@ class Joint:
         parts.evidence[...] /= self.factor
         return found
 
-    def rises(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Sums of squares (B,) over those of data at the best peak, and of evidence and priors."""
-        return self.rises_of(self.residuals(z))
+    def deviance(self, residuals: np.ndarray) -> np.ndarray:
+        """Minus twice the logarithm of the density (B,), but for a constant; of residuals (B, K).
 
-    def rises_of(self, found: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The same of residuals (B, K)."""
-        parts = self.problem.split(found)
-        data = np.einsum("bk,bk->b", parts.data, parts.data)
-        rest = found[:, parts.data.shape[1] :]
-        known = np.einsum("bk,bk->b", rest, rest)
-        least = self.peaks[0].cost / (self.factor * self.problem.noise) ** 2
-        return np.where(np.isfinite(data), data - least, np.inf), known
-
-    def deviance(self, z: np.ndarray) -> np.ndarray:
-        """Minus twice the logarithm of the density (B,) at z (B, d), but for a constant.
-
-        Infinite where the twin diverged. Points must lie within the bounds.
+        Infinite where the model diverged.
         """
-        return self.deviance_of(*self.rises(z))
-
-    def deviance_of(self, rise: np.ndarray, known: np.ndarray) -> np.ndarray:
-        """The deviance (B,) where data rise by ``rise`` and the rest stands at ``known``."""
-        count, noise = self.independent, self.problem.noise
-        squares = np.maximum(self.peaks[0].cost / noise**2 + rise, 1e-300)
+        problem, noise = self.problem, self.problem.noise
+        data = problem.split(residuals).data
+        other = residuals[:, data.shape[1] :]
+        count = sum(one.independent for one in problem.comparisons)
+        least = self.peaks[0].cost / noise**2
+        squares = np.einsum("bk,bk->b", data, data) - least / self.factor**2 + least
+        squares = np.maximum(squares, 1e-300)
         size = np.maximum(squares / count, (self.least_noise / noise) ** 2)
         with np.errstate(invalid="ignore"):
-            found = count * np.log(size) + squares / size + known
+            found = count * np.log(size) + squares / size
+            found += np.einsum("bk,bk->b", other, other)
         return np.where(np.isfinite(found), found, np.inf)
 
+    def log_density(self, even: np.ndarray) -> np.ndarray:
+        """(B,) logarithms of the density at even coordinates (B, d); -inf outside the bounds."""
+        z = self.to_chart(even)
+        found = np.full(len(z), -np.inf)
+        within = self.inside(z)
+        if within.any():
+            found[within] = -0.5 * self.deviance(self.residuals(z[within]))
+        return found
+
     def inside(self, z: np.ndarray) -> np.ndarray:
-        """(B,) of bool: which z (B, d) values can have."""
-        chart = self.problem.chart
-        return np.asarray(np.abs(chart.project(z) - z).max(axis=1) < _EDGE)
+        """(B,) of bool: which z (B, d) lie within the bounds."""
+        return np.asarray(np.abs(self.problem.chart.project(z) - z).max(axis=1) < _EDGE)
 
-    @cached_property
-    def valleys(self) -> tuple[Valley, ...]:
-        """Each peak with the width that the noise of the best one gives it."""
-        return tuple(self._valley(one) for one in self.peaks)
-
-    def _valley(self, peak: Laplace) -> Valley:
-        # the gradient of priors is exact by differences: they are linear in the chart
-        chart, problem = self.problem.chart, self.problem
-        at = chart.to_values(np.vstack([peak.z[None], peak.z + _STEP * np.eye(len(peak.z))]))
-        distances = problem.prior_distances(at) / problem.noise
-        slope = (distances[1:] - distances[0]) @ distances[0] / _STEP
-        total = inverse(peak.covariance) @ (peak.z - peak.mean)
-        share = (peak.problem.noise / (self.factor * problem.noise)) ** 2
-        precision = share * peak.data + peak.priors
-        covariance = inverse(precision)
-        mean = peak.z - covariance @ (share * (total - slope) + slope)
-        return Valley(peak.z, mean, precision, covariance)
+    def nearest(self, z: np.ndarray) -> np.ndarray:
+        """The maximum (B,) to which points z (B, d) are nearest, in its standard deviations."""
+        return np.argmax([one.log_density(z) for one in self.normals], axis=0)
 
     def to_chart(self, even: np.ndarray) -> np.ndarray:
         """Coordinates z (B, d) of the chart of even coordinates (B, d)."""
@@ -158,11 +150,9 @@ class Joint:
             even[:, list(pair)] /= np.sqrt(np.maximum(size, 1e-300))[:, None]
         return even
 
-    def log_density(self, even: np.ndarray) -> np.ndarray:
-        """(B,) logarithms of the density at even coordinates (B, d); -inf outside the bounds."""
-        z = self.to_chart(even)
-        found = np.full(len(z), -np.inf)
-        within = self.inside(z)
-        if within.any():
-            found[within] = -0.5 * self.deviance(z[within])
-        return found
+    def log_radii(self, z: np.ndarray) -> np.ndarray:
+        """Logarithms (B,) of the product of the magnitudes that have directions, at z (B, d)."""
+        total = np.zeros(len(z))
+        for x, y in self.problem.chart.pairs:
+            total += np.log(np.maximum(np.hypot(z[:, x], z[:, y]), 1e-300))
+        return total

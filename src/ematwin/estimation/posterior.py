@@ -1,53 +1,115 @@
-"""Posterior: draws of everything that is unknown, by an ensemble of walkers.
+"""Posterior draws of everything that is unknown, by an ensemble of walkers.
 
 emcee (Foreman-Mackey et al. 2013, Publ. Astron. Soc. Pac. 125, 306-312) moves all walkers as one
-batch of the lanes. A quarter of the moves are its differential evolution (ter Braak 2006, Stat.
-Comput. 16, 239-249), which needs no knowledge of the density; the others know its valleys
-(`ematwin.estimation.moves`) and need a tenth of the simulations where these are nearly normal.
-Walkers set out from all valleys that the search found.
+batch of the lanes, by differential evolution (ter Braak 2006, Stat. Comput. 16, 239-249). Walkers
+start from draws of Laplace's approximation around all minima that the search found, and change
+between these by `Jump`.
+
+Convergence: autocorrelation time by Sokal's window as emcee has it (Goodman and Weare 2010, Commun.
+Appl. Math. Comput. Sci. 5, 65-80), and split R-hat (Gelman et al. 2013, section 11.4) of groups of
+walkers by where they started, so that walkers which stay in their minima show (nested R-hat:
+Margossian et al. 2024, Bayesian Anal.).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ematwin.errors import InputError, MissingExtraError
 from ematwin.estimation.assess import with_corner
-from ematwin.estimation.chains import Diagnostics, diagnosed
 from ematwin.estimation.interrupt import noting_interrupts
-from ematwin.estimation.intervals import Draws
+from ematwin.estimation.intervals import Draws, draws
 from ematwin.estimation.joint import Joint
-from ematwin.estimation.moves import Jump, Surrogate, walked
 from ematwin.estimation.uncertainty import (
     Question,
     Report,
     Uncertainty,
+    probabilities,
     strained,
-    told,
     uninformed,
 )
 
 EFFECTIVE = 400.0  # Vehtari et al. (2021), section 4: enough for quantiles of 95 %
 MOST = 200_000  # simulations
+GROUPS = 4  # of walkers
+# 1.01 is for one quantity; the largest of some thirty is more where each has 400 effective samples
+RHAT = 1.02
+_LONG_ENOUGH = 10.0  # autocorrelation times that a chain must last for its own to be believed
 _LEAST_WALKERS, _LANES = 64, 32
 _FIRST, _GROWTH = 150, 1.5  # steps until chains are looked at, and how many times more then
-_SETTLING = 1.0 / 3.0  # share of the steps that is left out
+_BURN_IN = 1.0 / 3.0  # share of the steps that is left out
 _KEPT = 8000  # draws
-_BESIDE = 1e-2  # standard errors
-_HALVINGS = 8  # of the way to the peak, for walkers that set out too far away
+_HALVINGS = 8  # of the distance to the maximum, for walkers that start too far away
 _TOO_FAR = 4.0  # standard deviations of a chi-squared distribution
 
 
 @dataclass(frozen=True)
+class Diagnostics:
+    """Diagnostics of chains of W walkers and T steps.
+
+    Attributes
+    ----------
+    rhat, tau, effective : by name of the coordinate: split R-hat, autocorrelation time in steps,
+        effective samples
+    steps, walkers : of what was kept
+    evaluations : int, simulations altogether
+    acceptance : float, share of the proposals that were accepted
+    wanted : float, effective samples that were asked for
+    """
+
+    rhat: dict[str, float]
+    tau: dict[str, float]
+    effective: dict[str, float]
+    steps: int
+    walkers: int
+    evaluations: int
+    acceptance: float
+    wanted: float
+
+    @property
+    def worst(self) -> str:
+        """The coordinate with the fewest effective samples."""
+        return min(self.effective, key=lambda name: self.effective[name])
+
+    @property
+    def largest_rhat(self) -> tuple[str, float]:
+        """Of all coordinates."""
+        return max(self.rhat.items(), key=lambda one: one[1])
+
+    @property
+    def converged(self) -> bool:
+        """Whether all coordinates have converged."""
+        return (
+            self.effective[self.worst] >= self.wanted
+            and self.largest_rhat[1] < RHAT
+            and self.steps >= _LONG_ENOUGH * max(self.tau.values())
+        )
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain JSON values; what is infinite is null."""
+        rhat = {name: one if np.isfinite(one) else None for name, one in self.rhat.items()}
+        return {**vars(self), "rhat": rhat, "converged": self.converged}
+
+    def __str__(self) -> str:
+        name, largest = self.largest_rhat
+        return (
+            f"{self.effective[self.worst]:.0f} effective samples of {self.worst} (the fewest), "
+            f"largest R-hat {largest:.3f} ({name}), longest autocorrelation time "
+            f"{max(self.tau.values()):.0f} steps of {self.steps}, {self.walkers} walkers, "
+            f"{self.evaluations} simulations, {100.0 * self.acceptance:.0f} % accepted"
+        )
+
+
+@dataclass(frozen=True)
 class PosteriorUncertainty(Uncertainty):
-    """Draws of a posterior, with what is known of the chains that they come from.
+    """Draws of a posterior, with diagnostics of the chains that they come from.
 
     Attributes
     ----------
     diagnostics : of the chains
-    valleys : probability of each valley that the search found, the best fit first
+    valleys : probability of each minimum that the search found, the best fit first
     chains : (T, W, d) values along the walkers, in the order of ``draws.names``
     log_density : (T, W)
     """
@@ -59,15 +121,13 @@ class PosteriorUncertainty(Uncertainty):
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values, without the draws."""
-        told = super().as_dict()
         assert self.diagnostics is not None
-        return {
-            **told, "valleys": list(self.valleys), "diagnostics": self.diagnostics.as_dict()
-        }  # fmt: skip
+        own = {"valleys": list(self.valleys), "diagnostics": self.diagnostics.as_dict()}
+        return {**super().as_dict(), **own}
 
     @property
     def sentences(self) -> list[str]:
-        """What it says beside the intervals, the diagnostics last."""
+        """Probabilities in words, the diagnostics last."""
         said = super().sentences
         if len(self.valleys) > 1:
             shares = ", ".join(f"{100.0 * share:.0f} %" for share in self.valleys)
@@ -95,7 +155,7 @@ class PosteriorUncertainty(Uncertainty):
 
 @dataclass(frozen=True)
 class Posterior:
-    """The posterior by emcee.
+    """Posterior by emcee.
 
     Parameters
     ----------
@@ -127,186 +187,208 @@ class Posterior:
             raise MissingExtraError("emcee", "posterior", "Sampling the posterior") from None
 
     def run(self, question: Question, *, seed: int, report: Report) -> Uncertainty:
-        """Sample until the chains have arrived, or the limit is reached; Ctrl-C ends it early."""
-        chains = sampled(
-            question.joint, effective=self.effective, most=self.most, walkers=self.walkers,
-            seed=seed, report=report,
+        """Sample until the chains have converged or the limit is reached; Ctrl-C ends it early."""
+        chains = sampled(question.joint, self, seed=seed, report=report)
+        joint, problem = question.joint, question.joint.problem
+        steps, walkers, size = chains.z.shape
+        z = chains.z.reshape(-1, size)
+        values = problem.chart.to_values(z)
+        rng = np.random.default_rng(seed)
+        chosen = np.sort(rng.permutation(len(values))[:_KEPT])
+        drawn = Draws(
+            problem.names,
+            _with_scatter(joint, values[chosen], rng),
+            {one.name: one.direction_of for one in problem.unknowns if one.direction_of},
+        )
+        shares = np.bincount(joint.nearest(z), minlength=len(joint.peaks)) / len(z)
+        return PosteriorUncertainty(
+            self.name, _intervals(question, drawn), **probabilities(question, drawn),
+            doubts=(*_unfinished(chains), *strained(question), *uninformed(question, drawn)),
+            diagnostics=chains.diagnostics, valleys=tuple(shares.tolist()),
+            chains=values.reshape(steps, walkers, size), log_density=chains.log_density,
         )  # fmt: skip
-        return _answer(question, chains, seed, self.name)
 
 
 @dataclass(frozen=True)
 class Chains:
-    """Walkers on their way through a joint density.
+    """Chains of walkers in a joint density.
 
     Attributes
     ----------
     z : (T, W, d) array, coordinates of the chart
     log_density : (T, W) array
     diagnostics : Diagnostics
-    stopped : "converged", "limit" or "interrupted"
+    interrupted : bool
     """
 
     z: np.ndarray
     log_density: np.ndarray
     diagnostics: Diagnostics
-    stopped: str
+    interrupted: bool
 
 
 def sampled(
-    joint: Joint,
-    *,
-    effective: float = EFFECTIVE,
-    most: int = MOST,
-    walkers: int | None = None,
-    seed: int = 1,
-    report: Report = lambda spent, most: None,
+    joint: Joint, method: Posterior, *, seed: int = 1, report: Report = lambda spent, most: None
 ) -> Chains:
-    """Chains of a joint density; arguments as of `Posterior`."""
-    import emcee
+    """Chains of a joint density.
+
+    Raises
+    ------
+    InputError
+        If there are too few walkers.
+    """
+    from emcee import EnsembleSampler, State, moves
 
     size = len(joint.problem.names)
-    count = walkers or _LANES * -(-max(_LEAST_WALKERS, int(2.5 * size)) // _LANES)
+    count = method.walkers or _LANES * -(-max(_LEAST_WALKERS, int(2.5 * size)) // _LANES)
     if count < 2 * size or count % 2:
         raise InputError(
             f"An ensemble needs an even number of walkers, at least twice the {size} unknowns; "
             f"received {count}."
         )
     rng = np.random.RandomState(seed)  # emcee takes no generator
-    counted = _Counted(joint)
-    names = (
-        *joint.problem.chart.names,
-        *(f"valley {n + 1}" for n in range(1, len(joint.valleys))),
-    )
-
-    def looked_at() -> Chains:
-        gone = int(_SETTLING * sampler.iteration)
-        even = sampler.get_chain(discard=gone)
-        z = joint.to_chart(even.reshape(-1, size))
-        told = even
-        if len(joint.valleys) > 1:  # how often walkers change their valleys decides the weights
-            within = [_nearest(joint, z) == n for n in range(1, len(joint.valleys))]
-            told = np.concatenate([even, *(w.reshape(*even.shape[:2], 1) for w in within)], axis=2)
-        found = diagnosed(
-            told, names, evaluations=counted.spent, wanted=effective,
-            acceptance=float(sampler.acceptance_fraction.mean()),
-        )  # fmt: skip
-        return Chains(z.reshape(even.shape), sampler.get_log_prob(discard=gone), found, "limit")
-
-    sampler = emcee.EnsembleSampler(count, size, counted, moves=_moves(joint), vectorize=True)
-    stopped, steps = "limit", _FIRST
+    # no snooker: that of emcee 3.1.6 scales its steps by a distance that it changes, without making
+    # up for it, and does not leave the weights of two minima as they are
+    mixed = [(moves.DEMove(), 0.8), (moves.DEMove(gamma0=1.0), 0.05)]
+    if len(joint.peaks) > 1:
+        mixed.append((moves.MHMove(Jump(joint)), 0.15))
+    sampler = EnsembleSampler(count, size, joint.log_density, moves=mixed, vectorize=True)
+    first = State(_starts(joint, count, rng), random_state=rng.get_state())
+    steps, look, interrupted = max(2, method.most // count), _FIRST, False
     with noting_interrupts() as interrupts:
         try:
-            first = _starts(joint, counted, count, rng)
-            state = emcee.State(first, random_state=rng.get_state())
-            while True:
-                rest = steps - sampler.iteration
-                for moved in sampler.sample(state, iterations=rest, skip_initial_state_check=True):
-                    state_now = moved
-                    interrupts.check()
-                    report(counted.spent, most)
-                    if counted.spent >= most:
+            for _ in sampler.sample(first, iterations=steps, skip_initial_state_check=True):
+                interrupts.check()
+                report(count * sampler.iteration, method.most)
+                if sampler.iteration >= look:
+                    look = int(_GROWTH * look)
+                    if _diagnosed(joint, sampler, method.effective).converged:
                         break
-                state = state_now
-                chains = looked_at()
-                if chains.diagnostics.converged or counted.spent >= most:
-                    stopped = "converged" if chains.diagnostics.converged else "limit"
-                    break
-                steps = int(_GROWTH * steps)
         except KeyboardInterrupt:
             if sampler.iteration < 2:
                 raise
-            stopped, chains = "interrupted", looked_at()
-    return replace(chains, stopped=stopped)
+            interrupted = True
+    even = sampler.get_chain(discard=int(_BURN_IN * sampler.iteration))
+    return Chains(
+        joint.to_chart(even.reshape(-1, size)).reshape(even.shape),
+        sampler.get_log_prob(discard=int(_BURN_IN * sampler.iteration)),
+        _diagnosed(joint, sampler, method.effective), interrupted,
+    )  # fmt: skip
 
 
-class _Counted:
-    """The log density of even coordinates, and how many were asked for."""
+class Jump:
+    """Proposal from one minimum to another, at the same distance in standard deviations.
+
+    As `emcee.moves.MHMove` takes it. Differential evolution alone changes minima too rarely: the
+    weight of two in nine unknowns was not known after 200,000 simulations, here after 50,000.
+    """
 
     def __init__(self, joint: Joint) -> None:
-        self.joint, self.spent = joint, 0
+        self.joint = joint
+        self.places = np.array([one.z for one in joint.normals])
+        self.roots = np.linalg.cholesky([one.covariance for one in joint.normals])
+        self.sizes = np.log(np.diagonal(self.roots, axis1=1, axis2=2)).sum(axis=1)
 
-    def __call__(self, even: np.ndarray) -> np.ndarray:
-        self.spent += len(even)
-        return self.joint.log_density(even)
+    def __call__(self, even: np.ndarray, rng: Any) -> tuple[np.ndarray, np.ndarray]:
+        """New walkers (W, d), and logarithms (W,) of the ratio of the proposals' densities."""
+        z, count = self.joint.to_chart(even), len(self.places)
+        # each walker for itself: walkers that choose alike are not worth as many
+        here = rng.randint(count, size=len(z))
+        there = (here + 1 + rng.randint(count - 1, size=len(z))) % count
+        away = np.linalg.solve(self.roots[here], (z - self.places[here])[:, :, None])
+        moved = self.places[there] + (self.roots[there] @ away)[:, :, 0]
+        # an area of the chart is 1/r of one of even coordinates
+        ratio = self.sizes[there] - self.sizes[here]
+        ratio += self.joint.log_radii(z) - self.joint.log_radii(moved)
+        return self.joint.to_even(moved), ratio
 
 
-def _moves(joint: Joint) -> list[tuple[Any, float]]:
-    """Moves with their shares; the map between valleys only where there are several."""
-    from emcee import moves
+def _starts(joint: Joint, count: int, rng: Any) -> np.ndarray:
+    """(W, d) even coordinates around all maxima, in the order of these: draws of Laplace's widths.
 
-    jump = 0.15 if len(joint.valleys) > 1 else 0.0
-    own = [(moves.MHMove(Surrogate(joint)), 0.75 - jump)]
-    if jump:
-        own.append((moves.MHMove(Jump(joint)), jump))
-    # no snooker: that of emcee 3.1.6 scales its steps by a distance that it changes, without making
-    # up for it, and does not leave the weights of two valleys as they are
-    return [*own, (moves.DEMove(), 0.2), (moves.DEMove(gamma0=1.0), 0.05)]
-
-
-def _starts(joint: Joint, counted: _Counted, count: int, rng: Any) -> np.ndarray:
-    """(W, d) even coordinates, spread over all valleys, each by its width."""
-    share = np.array_split(np.arange(count), len(joint.valleys))
-    found = []
-    for valley, places in zip(joint.valleys, share, strict=True):
-        # off the middle of a vector, which no step leaves
-        first = np.repeat(valley.z[None], len(places), axis=0)
-        beside = np.sqrt(np.diag(valley.covariance)) * rng.standard_normal(first.shape)
-        first = joint.problem.chart.project(first + _BESIDE * np.minimum(beside, 1.0))
-        z = walked(joint, valley, first, 10 * len(valley.z), rng)
-        size = len(valley.z)
-        least = float(counted(joint.to_even(valley.z[None]))[0])
-        limit = least - 0.5 * (size + _TOO_FAR * np.sqrt(2.0 * size))
+    Draws that are far less likely than their maximum are moved towards it.
+    """
+    chart, found = joint.problem.chart, []
+    shares = np.array_split(np.arange(count), len(joint.peaks))
+    for one, places in zip(joint.normals, shares, strict=True):
+        drawn = draws(chart, one.z, one.covariance).values
+        z = chart.from_values(drawn[rng.permutation(len(drawn))[: len(places)]])
+        size = len(one.z)
+        likely = 0.5 * (size + _TOO_FAR * np.sqrt(2.0 * size))
+        least = joint.log_density(joint.to_even(one.z[None])) - likely
         for _ in range(_HALVINGS):
-            far = counted(joint.to_even(z)) < limit
+            far = joint.log_density(joint.to_even(z)) < least
             if not far.any():
                 break
-            z[far] = 0.5 * (z[far] + valley.z)
+            z[far] = 0.5 * (z[far] + one.z)
         found.append(joint.to_even(z))
     return np.concatenate(found)
 
 
-def _answer(question: Question, chains: Chains, seed: int, method: str) -> PosteriorUncertainty:
-    joint, problem = question.joint, question.joint.problem
-    steps, walkers, size = chains.z.shape
-    values = problem.chart.to_values(chains.z.reshape(-1, size))
-    rng = np.random.default_rng(seed)
-    chosen = np.sort(rng.permutation(len(values))[:_KEPT])
-    drawn = Draws(
-        problem.names,
-        _with_scatter(joint, values[chosen], rng),
-        {one.name: one.direction_of for one in problem.unknowns if one.direction_of},
-    )
-    cornered = _at_bounds(question, drawn)
-    intervals = {}
-    for one in problem.unknowns:
-        ends = drawn.interval(one.name, one.lower, one.upper)
-        if one.name in question.assessed.sharp_errors and cornered - {one.name}:
-            ends = with_corner(ends, question.assessed.sharp_errors[one.name], one)
-        intervals[one.name] = ends
-    nearest = _nearest(joint, chains.z.reshape(-1, size))
-    shares = np.bincount(nearest, minlength=len(joint.valleys)) / len(nearest)
-    return PosteriorUncertainty(
-        method, intervals, **told(question, drawn),
-        doubts=(*_unfinished(chains), *strained(question), *uninformed(question, drawn)),
-        diagnostics=chains.diagnostics, valleys=tuple(shares.tolist()),
-        chains=values.reshape(steps, walkers, size), log_density=chains.log_density,
+def _diagnosed(joint: Joint, sampler: Any, wanted: float) -> Diagnostics:
+    """Diagnostics of the steps after burn-in, in even coordinates and of the share of minima."""
+    chains = sampler.get_chain(discard=int(_BURN_IN * sampler.iteration))
+    names = list(joint.problem.chart.names)
+    if len(joint.peaks) > 1:  # how often walkers change between minima decides their weights
+        nearest = joint.nearest(joint.to_chart(chains.reshape(-1, len(names))))
+        others = range(1, len(joint.peaks))
+        within = [(nearest == n).reshape(*chains.shape[:2], 1) for n in others]
+        chains = np.concatenate([chains, *within], axis=2)
+        names += [f"minimum {n + 1}" for n in others]
+    steps, walkers, _ = chains.shape
+    tau = autocorrelation_times(chains).tolist()
+    return Diagnostics(
+        rhat=dict(zip(names, split_rhat(chains).tolist(), strict=True)),
+        tau=dict(zip(names, tau, strict=True)),
+        effective={name: steps * walkers / time for name, time in zip(names, tau, strict=True)},
+        steps=steps, walkers=walkers, evaluations=walkers * sampler.iteration,
+        acceptance=float(sampler.acceptance_fraction.mean()), wanted=wanted,
     )  # fmt: skip
 
 
-def _at_bounds(question: Question, drawn: Draws) -> set[str]:
-    """Names of faults of which draws reach a bound: the truth may lie in a corner of them."""
-    found = set()
+def autocorrelation_times(chains: np.ndarray) -> np.ndarray:
+    """Steps (d,) between independent draws of chains (T, W, d)."""
+    from emcee.autocorr import integrated_time
+
+    with np.errstate(invalid="ignore"):
+        tau = np.maximum(integrated_time(chains, tol=0, quiet=True), 1.0)
+    tau = np.where(np.isfinite(tau), tau, float(len(chains)))
+    return np.where(np.ptp(chains, axis=(0, 1)) > 0.0, tau, 1.0)  # a minimum where nobody is
+
+
+def split_rhat(chains: np.ndarray) -> np.ndarray:
+    """R-hat (d,) of chains (T, W, d): of groups of neighbours, their early and late halves."""
+    steps, walkers, size = chains.shape
+    half, many = steps // 2, walkers // GROUPS
+    parts = np.array([
+        chains[start : start + half, group * many : (group + 1) * many].reshape(-1, size)
+        for group in range(GROUPS)
+        for start in (0, steps - half)
+    ])  # fmt: skip
+    within, between = parts.var(axis=1, ddof=1).mean(axis=0), parts.mean(axis=1).var(axis=0, ddof=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(between > 0.0, np.sqrt(1.0 + between / within), 1.0)
+
+
+def _intervals(question: Question, drawn: Draws) -> dict[str, tuple[float, float]]:
+    """Intervals of draws; with a margin where bounds of other faults end them."""
+    sharp = question.assessed.sharp_errors
+    cornered = set()  # faults of which draws reach a bound
     for one in question.faults:
         low, high = np.quantile(drawn.of(one.name), [0.05, 0.95])
-        reach = question.assessed.sharp_errors[one.name]
-        if low - one.lower < reach or one.upper - high < reach:
-            found.add(one.name)
+        if min(low - one.lower, one.upper - high) < sharp[one.name]:
+            cornered.add(one.name)
+    found = {}
+    for one in question.joint.problem.unknowns:
+        ends = drawn.interval(one.name, one.lower, one.upper)
+        if one.name in sharp and cornered - {one.name}:
+            ends = with_corner(ends, sharp[one.name], one)
+        found[one.name] = ends
     return found
 
 
 def _with_scatter(joint: Joint, values: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Values (N, d) with what healthy recordings differed by, within the bounds."""
+    """Values (N, d) with the scatter of estimates on healthy recordings, within the bounds."""
     values = values.copy()
     for n, one in enumerate(joint.problem.unknowns):
         if one.name in joint.scatter:
@@ -318,18 +400,13 @@ def _with_scatter(joint: Joint, values: np.ndarray, rng: np.random.Generator) ->
     return values
 
 
-def _nearest(joint: Joint, z: np.ndarray) -> np.ndarray:
-    """The valley (N,) to which points z (N, d) are nearest, in its standard deviations."""
-    return np.argmax([one.log_density(z) for one in joint.valleys], axis=0)
-
-
 def _unfinished(chains: Chains) -> Sequence[str]:
-    """That chains have not arrived, if so."""
+    """Doubt about chains that have not converged."""
     found = chains.diagnostics
     if found.converged:
         return []
     name, largest = found.largest_rhat
-    why = "was interrupted" if chains.stopped == "interrupted" else "reached its limit"
+    why = "was interrupted" if chains.interrupted else "reached its limit"
     return [
         f"The chains have not converged: sampling {why} after {found.evaluations} simulations, "
         f"with {found.effective[found.worst]:.0f} effective samples of {found.worst} and R-hat "

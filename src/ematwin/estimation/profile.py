@@ -1,45 +1,143 @@
-"""Profiles: how much worse the best answer becomes when a fault is held somewhere else.
+"""Profile likelihood of each fault: the least deviance with the fault held at a value.
 
-Each fault is walked to both sides in steps of about equal rise, from where the search ended. After
-each step everything else descends again (Levenberg-Marquardt), from where the tangent puts it. All
-walks go together, as one batch of the lanes. What they tell is for `ematwin.estimation.walk`; Raue
-et al. (2009, Bioinformatics 25, 1923-1929) read from the shape what a recording cannot tell.
+The fault is moved to both sides in steps of about equal rise, from the best point on. After each
+step everything else descends again (Levenberg-Marquardt), from where the last two points put it.
+All profiles are traced together, as one batch of the lanes.
+
+The 95 % interval ends where the rise of the deviance passes 3.84 (Wilks 1938; Venzon and Moolgavkar
+1988, J. R. Stat. Soc. C 37, 87-94); its shape shows what a recording cannot determine (Raue et al.
+2009, Bioinformatics 25, 1923-1929). Impacts make the deviance rough: descents stop before
+everything else has made up for a wrong value, and profiles rise too early. Where the rise along any
+fault scatters by more than `ROUGH` about a parabola, no interval is therefore shorter than
+Laplace's, whose slopes look past that: descents along all faults go through the same misfit.
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from ematwin.estimation.constants import COVERAGE, DECIDES, PARTNERS, SMALLEST, TRADED
+from ematwin.estimation.constants import COVERAGE, DECIDES, PARTNERS, TRADED
 from ematwin.estimation.interrupt import noting_interrupts
+from ematwin.estimation.intervals import Draws
 from ematwin.estimation.joint import Joint
 from ematwin.estimation.levenberg_marquardt import LevenbergMarquardt
-from ematwin.estimation.presence import odds
-from ematwin.estimation.uncertainty import (
-    Question,
-    Report,
-    Uncertainty,
-    strained,
-    tells_nothing,
-)
-from ematwin.estimation.walk import NEAR, Walk, crossing, shape_of, smoothed, value_at
+from ematwin.estimation.probabilities import presence
+from ematwin.estimation.uncertainty import Question, Report, Uncertainty, strained, tells_nothing
 from ematwin.models.chart import Chart
 from ematwin.models.unknown import Unknown
 from ematwin.showing.words import listed
 
+LIMIT = 3.841  # quantile of the chi-squared distribution of one degree, 95 %
+NEAR = 16.0  # rise of points to which a parabola is fitted
+ROUGH = 0.5  # root mean square of the rise about it; 0.1 to 0.4 of what impacts hardly touch
+_FEWEST = 5  # points that the parabola needs
+_AT_BOUND = 2e-3  # share of the range
+_TAIL = 40.0  # rise up to which a profile is continued for probabilities
+_FINE = 40  # points between two of a profile
 _STRIDE = 0.9  # of the root of the rise
 _STEPS, _DESCENTS = 16, 4  # at most
-_TOO_STEEP = 2.5  # strides that one may climb; else it is taken anew, half as long
-_TO_THE_BOTTOM = 10  # iterations, before the first stride
-_TIMES = 3  # that all set out anew, where a walk found a lower point
+_TOO_STEEP = 2.5  # strides that one may climb; else it is repeated at half its length
+_FIRST_DESCENTS = 10  # iterations at the best point
+_RESTARTS = 3  # from a lower point that a profile found, at most
 _SHORTEST = 1e-6  # share of a range
 _DAMPING = 1e-2
 _MOVED = 0.7  # standard errors by which others move to each side that are named
-_LONGER = 1.25  # times that an interval is longer than its walk, which is said then
-_BETTER = 1.0  # fall of the deviance that says that the search had not reached the bottom
+_LONGER = 1.25  # ratio of Laplace's interval to that of the profile from which that is said
+_BETTER = 1.0  # fall of the deviance that shows that the search had not converged
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Profile of one fault.
+
+    Attributes
+    ----------
+    name : of the fault
+    values : (n,) array, ascending
+    rise : (n,) array, of the deviance over the least one
+    points : (n, d) array, values of everything that is free, in the order of the problem
+    interval : ends of 95 %
+    shape : "bounded", "one-sided", "flat", or "at its bound"
+    partners : unknowns that it is traded off against, the strongest first
+    roughness : root mean square of the rise about a parabola; 0 if there are too few points
+    """
+
+    name: str
+    values: np.ndarray
+    rise: np.ndarray
+    points: np.ndarray
+    interval: tuple[float, float]
+    shape: str
+    partners: tuple[str, ...]
+    roughness: float = 0.0
+
+    @property
+    def length(self) -> float:
+        """Of the interval."""
+        return self.interval[1] - self.interval[0]
+
+    @property
+    def rough(self) -> bool:
+        """Whether impacts make the rise too rough to be relied on."""
+        return self.roughness > ROUGH
+
+    @property
+    def sentence(self) -> str:
+        """The shape, in words."""
+        if self.partners:
+            return f"{self.shape}, traded off against {' and '.join(self.partners)}"
+        return self.shape
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain JSON values."""
+        return {
+            "values": self.values.tolist(),
+            "rise": self.rise.tolist(),
+            "interval": list(self.interval),
+            "shape": self.shape,
+            "partners": list(self.partners),
+            "roughness": self.roughness,
+        }
+
+    def reaching(self, low: float, high: float) -> "Profile":
+        """The profile with an interval at least as long; the rise is lower in proportion."""
+        best = float(self.values[np.argmin(self.rise)])
+        ends = (min(self.interval[0], low), max(self.interval[1], high))
+        rise = self.rise.copy()
+        for own, end, side in zip(
+            self.interval, ends, (self.values < best, self.values > best), strict=True
+        ):
+            if end != own and own != best:
+                rise[side] *= ((own - best) / (end - best)) ** 2
+        return replace(self, interval=ends, rise=rise)
+
+    def density(self, one: Unknown) -> tuple[np.ndarray, np.ndarray]:
+        """Values (N,) and the share of exp(-rise/2) that lies at each (N,), of sum 1.
+
+        Between points the root of the rise is linear, and beyond them it goes on straight.
+        """
+        best = int(np.argmin(self.rise))
+        root = np.sqrt(self.rise) * np.where(np.arange(len(self.rise)) < best, -1.0, 1.0)
+        x, bounds = self.values, np.array([one.lower, one.upper])
+        if one.logarithmic:
+            x, bounds = np.log(x), np.log(bounds)
+        if len(x) == 1:  # nowhere to go: all within the bounds is alike
+            x, root = bounds, np.zeros(2)
+        else:
+            first, last = (max(step, 1e-12) for step in (np.diff(root) / np.diff(x))[[0, -1]])
+            low = max(bounds[0], x[0] - max(math.sqrt(_TAIL) + root[0], 0.0) / first)
+            high = min(bounds[1], x[-1] + max(math.sqrt(_TAIL) - root[-1], 0.0) / last)
+            root = np.r_[root[0] + first * (low - x[0]), root, root[-1] + last * (high - x[-1])]
+            x = np.r_[low, x, high]
+        fine = np.unique(np.concatenate([np.linspace(a, b, _FINE) for a, b in pairwise(x)]))
+        height = np.exp(-0.5 * np.interp(fine, x, root) ** 2)
+        mass = 0.5 * (height[1:] + height[:-1]) * np.diff(fine)
+        middle = 0.5 * (fine[1:] + fine[:-1])
+        return (np.exp(middle) if one.logarithmic else middle), mass / mass.sum()
 
 
 @dataclass(frozen=True)
@@ -48,11 +146,11 @@ class ProfileUncertainty(Uncertainty):
 
     Attributes
     ----------
-    walks : by fault
+    walks : profiles by fault
     evaluations : int
     """
 
-    walks: dict[str, Walk] = field(default_factory=dict)
+    walks: dict[str, Profile] = field(default_factory=dict)
     evaluations: int = 0
 
     @property
@@ -64,8 +162,7 @@ class ProfileUncertainty(Uncertainty):
     def rows(self) -> list[tuple[str, ...]]:
         """A row for each fault, with the shape of its profile."""
         return [
-            (*row, walk.sentence)
-            for row, walk in zip(super().rows, self.walks.values(), strict=True)
+            (*row, one.sentence) for row, one in zip(super().rows, self.walks.values(), strict=True)
         ]
 
     def as_dict(self) -> dict[str, Any]:
@@ -76,313 +173,324 @@ class ProfileUncertainty(Uncertainty):
 
 @dataclass(frozen=True)
 class Profiles:
-    """A profile of each fault that was searched; of directions only the magnitudes."""
+    """Profile of each fault that was searched; of directions only the magnitudes."""
 
     name: str = "profile"
 
     def run(self, question: Question, *, seed: int, report: Report) -> Uncertainty:
-        """Walk; Ctrl-C ends the walks where they are."""
-        joint, faults = question.joint, question.faults
-        walkers = _Walkers(joint, faults, question.assessed.sharp_errors)
-        finished = walkers.run(report)
-        walks = {}
-        for n, one in enumerate(faults):
-            answer = question.assessed.values[one.name]
-            walks[one.name] = walkers.walk(n).reaching(answer, answer)
-        doubts = strained(question)
-        longer = []
-        if any(walk.rough for walk in walks.values()):
-            for name, walk in walks.items():
-                least = question.assessed.intervals[name]
-                walks[name] = walk.reaching(least.low, least.high)
-                if walks[name].length > _LONGER * walk.length:
-                    longer.append(name)
-        if longer:
-            doubts.append(
-                f"Impacts make the misfit rough along {listed(longer)}, where walks end too soon; "
-                "the interval is that of laplace. Use the posterior."
-            )
-        flat = [name for name, one in walks.items() if one.shape == "flat"]
+        """Trace the profiles; Ctrl-C ends them where they are."""
+        tracer = _Tracer(question)
+        finished = tracer.run(report)
+        profiles = {one.name: tracer.profile(n) for n, one in enumerate(question.faults)}
+        doubts = [*strained(question), *_lengthened(question, profiles)]
+        flat = [name for name, one in profiles.items() if one.shape == "flat"]
         if flat:
             doubts.append(tells_nothing(flat))
-        if walkers.fall > _BETTER:
+        if tracer.fall > _BETTER:
             doubts.append(
-                f"The misfit is rough: walks still found better answers than the one they set out "
-                f"from (by {walkers.fall:.1f} in the deviance). Use the posterior."
+                "The misfit is rough: profiles still found better answers than the one that they "
+                f"began at (by {tracer.fall:.1f} in the deviance). Use the posterior."
             )
-        if len(joint.valleys) > 1:
+        if len(question.joint.peaks) > 1:
             doubts.append(
-                "The search found other answers apart from this one, and profiles walk through "
+                "The search found other answers apart from this one, and profiles are those of "
                 "this one only; use the posterior, which weighs them all."
             )
         if not finished:
-            doubts.append("The walks were interrupted; intervals end where these had come to.")
+            doubts.append("The profiles were interrupted; intervals end where they had come to.")
         present, exceeds = {}, {}
-        for one in faults:
-            ends, reach = (one.lower, one.upper), SMALLEST * one.width
-            walk = walks[one.name]
-            share = walk.share_beyond(one.healthy - reach, one.healthy + reach, ends)
-            present[one.name] = odds(share, one)
-            if one.name in question.thresholds:
-                limit = question.thresholds[one.name]
-                at = limit.along(question.actuator, joint.problem.names, walk.points, walk.values)
-                inside = (-math.inf, at) if limit.above else (at, math.inf)
-                beyond = walk.share_beyond(*inside, ends)
-                exceeds[one.name] = odds(share, one, beyond)
+        for one in question.faults:
+            present[one.name], beyond = _probabilities(question, one, profiles[one.name])
+            if beyond is not None:
+                exceeds[one.name] = beyond
         return ProfileUncertainty(
-            self.name, {name: one.interval for name, one in walks.items()}, present, None, exceeds,
-            {name: one.text for name, one in question.thresholds.items()}, tuple(doubts), None,
-            walks=walks, evaluations=walkers.spent,
+            self.name, {name: one.interval for name, one in profiles.items()}, present, None,
+            exceeds, {name: one.text for name, one in question.thresholds.items()}, tuple(doubts),
+            None, walks=profiles, evaluations=tracer.evaluations,
         )  # fmt: skip
 
 
-class _Walkers:
-    """Two walks for each fault, down and up, all of them together.
+def _lengthened(question: Question, profiles: dict[str, Profile]) -> list[str]:
+    """Lengthen intervals to hold the answer and, on rough profiles, Laplace's; in words."""
+    rough = any(one.rough for one in profiles.values())
+    longer = []
+    for name, one in profiles.items():
+        answer, laplace = question.assessed.values[name], question.assessed.intervals[name]
+        profiles[name] = one.reaching(answer, answer)
+        if rough:
+            before = profiles[name].length
+            profiles[name] = profiles[name].reaching(laplace.low, laplace.high)
+            if profiles[name].length > _LONGER * before:
+                longer.append(name)
+    if not longer:
+        return []
+    return [
+        f"Impacts make the misfit rough along {listed(longer)}, where profiles end too soon; "
+        "the interval is that of laplace. Use the posterior."
+    ]
 
-    A magnitude with a direction is walked in both as they are (`plain`): in the components of its
-    vector it is no coordinate. The others are walked in those, where a magnitude of zero may grow
+
+def _probabilities(
+    question: Question, one: Unknown, profile: Profile
+) -> tuple[float, float | None]:
+    """That a fault is present, and that it is beyond its threshold where it has one."""
+    values, mass = profile.density(one)
+    weighed = presence([one], {one.name: values}, mass)
+    limit = question.thresholds.get(one.name)
+    if limit is None:
+        return weighed.probability(one.name), None
+    if limit.physical:  # along the profile; beyond its ends as on the actuator as it is
+        names = question.joint.problem.names
+        along = limit.values(question.actuator, Draws(names, profile.points, {}))
+        ends = [one.physical_value(question.actuator, x).value for x in (one.lower, one.upper)]
+        at = [one.lower, *profile.values, one.upper]
+        values = np.interp(values, at, [ends[0], *along, ends[1]])
+    return weighed.probability(one.name), float(weighed.weights[one.name] @ limit.is_beyond(values))
+
+
+@dataclass
+class _Trace:
+    """Points along one fault to one side.
+
+    Attributes
+    ----------
+    place : of the fault among the unknowns
+    sign : of the steps
+    chart : of the points
+    stride : float, of the next step
+    points : (d,) arrays
+    deviances : of the points
+    """
+
+    place: int
+    sign: int
+    chart: Chart
+    stride: float
+    points: list[np.ndarray]
+    deviances: list[float]
+
+    @property
+    def at_bound(self) -> bool:
+        """Whether the fault has come to the end of its range."""
+        last = self.points[-1][self.place]
+        return bool(last <= 0.0 if self.sign < 0 else last >= 1.0)
+
+    def next(self, tangent: np.ndarray) -> np.ndarray:
+        """The next point (d,), along the last two; along a tangent (d,) at first."""
+        n, last = self.place, self.points[-1]
+        target = np.clip(last[n] + self.sign * self.stride, 0.0, 1.0)
+        if len(self.points) > 1 and last[n] != self.points[-2][n]:
+            tangent = (last - self.points[-2]) / (last[n] - self.points[-2][n])
+        u = self.chart.project((last + (target - last[n]) * tangent)[None])[0]
+        u[n] = target
+        return u
+
+    def adapt(self, least: float) -> None:
+        """Choose the next stride by the rise of the last; take that back where it was too long."""
+        before, after = (math.sqrt(max(one - least, 0.0)) for one in self.deviances[-2:])
+        gone = abs(self.points[-1][self.place] - self.points[-2][self.place])
+        if after - before > _TOO_STEEP * _STRIDE and gone > _SHORTEST:
+            # also where the model diverged: nothing is known of what lies between
+            self.points.pop()
+            self.deviances.pop()
+            self.stride = 0.5 * gone
+            return
+        ratio = _STRIDE / max(after - before, 1e-9)
+        self.stride = gone * min(max(ratio, 0.5), 2.5)
+
+
+class _Tracer:
+    """Two traces of each fault, down and up, all of them together.
+
+    A magnitude with a direction is traced in both as they are (`polar`): in the components of its
+    vector it is no coordinate. The others are traced in those, where a magnitude of zero may grow
     to every side.
     """
 
-    def __init__(self, joint: Joint, faults: Sequence[Unknown], sharp: dict[str, float]) -> None:
-        self.joint, self.faults, self.spent = joint, faults, 0
-        self.chart = joint.problem.chart
-        self.plain = Chart([replace(one, direction_of=None) for one in self.chart.unknowns])
-        self.best = joint.valleys[0].z
-        self.places = [joint.problem.names.index(one.name) for one in faults]
-        polar = {radius for radius, _ in self.chart.pairs}
-        self.polar = [n in polar for n in self.places]
-        covariance = joint.valleys[0].covariance
-        self.errors = np.sqrt(np.diag(covariance))
-        self.sharp = [sharp[one.name] / self.chart.widths[n] for one, n in
-                      zip(faults, self.places, strict=True)]  # fmt: skip
-        self.trails: dict[tuple[int, int], list[tuple[np.ndarray, float]]] = {}
-        self.strides: dict[tuple[int, int], float] = {}
-
-    def _set_out(self, z: np.ndarray, deviance: float) -> None:
-        """All walks stand at z (d,)."""
-        self.best = z
-        for n, polar in enumerate(self.polar):
-            stride = self.sharp[n] if polar else self.errors[self.places[n]]
-            for sign in (-1, 1):
-                self.trails[n, sign] = [(self._own(z, polar), deviance)]
-                self.strides[n, sign] = _STRIDE * min(stride, 1.0)
-
-    def _bottom(self, starts: np.ndarray) -> tuple[np.ndarray, float]:
-        """The lowest point (d,) below starts (M, d), and its deviance.
-
-        The search minimises the misfit; with the model's own error priors count for more.
-        """
-        chart = self.chart
-
-        def residuals(z: np.ndarray) -> np.ndarray:
-            self.spent += len(z)
-            return self.joint.residuals(z)
-
-        descent = LevenbergMarquardt.start(chart.project(starts), residuals, damping=_DAMPING)
-        for _ in range(_TO_THE_BOTTOM):
-            descent.iterate(residuals, chart.lower, chart.upper, chart.project)
-        found = self.joint.deviance_of(*self.joint.rises_of(descent.residuals))
-        best = int(np.argmin(found))
-        return chart.project(descent.points[best][None])[0], float(found[best])
+    def __init__(self, question: Question) -> None:
+        self.joint: Joint = question.joint
+        self.faults: Sequence[Unknown] = question.faults
+        self.evaluations = 0
+        self.chart = chart = self.joint.problem.chart
+        self.polar = Chart([replace(one, direction_of=None) for one in chart.unknowns])
+        for _, direction in chart.pairs:  # once round and further
+            self.polar.lower[direction], self.polar.upper[direction] = -np.inf, np.inf
+        self.covariance = self.joint.normals[0].covariance
+        self.errors = np.sqrt(np.diag(self.covariance))
+        self.sharp = question.assessed.sharp_errors
+        self.traces: list[_Trace] = []
 
     @property
     def least(self) -> float:
         """The least deviance so far."""
-        return min(deviance for trail in self.trails.values() for _, deviance in trail)
+        return min(min(one.deviances) for one in self.traces)
 
     @property
     def fall(self) -> float:
-        """By how much a walk went below where all set out."""
-        return next(iter(self.trails.values()))[0][1] - self.least
+        """How far below the best point a trace went."""
+        return self.traces[0].deviances[0] - self.least
 
     def run(self, report: Report) -> bool:
-        """Walk until all rises are far enough; False if Ctrl-C ended it."""
-        valley = self.joint.valleys[0]
-        starts = np.stack([valley.z, valley.mean])
+        """Trace until all rises are large enough; False if Ctrl-C ended it."""
+        normal = self.joint.normals[0]
+        starts = np.stack([normal.z, normal.mean])
         with noting_interrupts() as interrupts:
             try:
-                for _ in range(_TIMES):
-                    self._set_out(*self._bottom(starts))
+                for _ in range(_RESTARTS):
+                    self.traces = self._begun(starts)
                     for step in range(_STEPS):
-                        for polar in (False, True):
-                            going = [key for key in self.trails if self.polar[key[0]] == polar
-                                     and self._goes_on(key)]  # fmt: skip
-                            if going:
-                                self._step(going, polar)
+                        for chart in (self.chart, self.polar):
+                            self._step([t for t in self.traces if t.chart is chart], chart)
                             interrupts.check()
-                        report(self.spent, self.spent * _STEPS // (step + 1))
+                        report(self.evaluations, self.evaluations * _STEPS // (step + 1))
                     if self.fall < _BETTER:
                         break
-                    starts = self._lowest()[None]
+                    lowest = min(self.traces, key=lambda one: min(one.deviances))
+                    at = lowest.points[int(np.argmin(lowest.deviances))][None]
+                    starts = self._z(at, lowest.chart)
             except KeyboardInterrupt:
-                if not self.trails:
+                if not self.traces:
                     raise
                 return False
         return True
 
-    def _lowest(self) -> np.ndarray:
-        """The point (d,) of least deviance so far."""
-        ends = [(deviance, key, u) for key, trail in self.trails.items() for u, deviance in trail]
-        _, (fault, _), u = min(ends, key=lambda end: end[0])
-        return self._z(u[None], self.polar[fault])[0]
+    def _begun(self, starts: np.ndarray) -> list[_Trace]:
+        """Traces at the lowest point below starts (M, d).
 
-    def _goes_on(self, key: tuple[int, int]) -> bool:
-        fault, sign = key
-        u, deviance = self.trails[key][-1]
-        n = self.places[fault]
-        ended = u[n] <= 0.0 if sign < 0 else u[n] >= 1.0
-        return not ended and deviance - self.least < DECIDES
+        The search minimises the misfit; with the model's own error priors count for more.
+        """
+        starts = self.chart.project(starts)
+        low, high = (np.tile(end, (len(starts), 1)) for end in (self.chart.lower, self.chart.upper))
+        points, deviances = self._descended(starts, self.chart, low, high, _FIRST_DESCENTS)
+        best = int(np.argmin(deviances))
+        z, least = points[best], float(deviances[best])
+        traces = []
+        for one in self.faults:
+            n = self.joint.problem.names.index(one.name)
+            chart, stride, u = self.chart, self.errors[n], z
+            if any(n == magnitude for magnitude, _ in self.chart.pairs):
+                chart, stride = self.polar, self.sharp[one.name] / self.chart.widths[n]
+                u = chart.from_values(self.chart.to_values(z[None]))[0]
+            stride = _STRIDE * min(stride, 1.0)
+            traces += [_Trace(n, sign, chart, stride, [u], [least]) for sign in (-1, 1)]
+        return traces
 
-    def _step(self, going: list[tuple[int, int]], polar: bool) -> None:
-        """One stride of some walks, and a descent of everything else."""
-        lower, upper = self._bounds(polar)
-        points = self._better(
-            np.array([self._ahead(key) for key in going]),
-            np.array([self._expected(key) for key in going]), polar,
-        )  # fmt: skip
-        low, high = np.tile(lower, (len(going), 1)), np.tile(upper, (len(going), 1))
-        for m, (fault, _) in enumerate(going):
-            n = self.places[fault]
-            low[m, n] = high[m, n] = points[m, n]
+    def _step(self, traces: list[_Trace], chart: Chart) -> None:
+        """One stride of each trace that has not ended, and a descent of everything else."""
+        least = self.least
+        going = [
+            one for one in traces
+            if not one.at_bound and one.deviances[-1] - least < DECIDES
+        ]  # fmt: skip
+        if not going:
+            return
+        points = np.array([one.next(self._tangent(one)) for one in going])
+        low, high = (np.tile(end, (len(going), 1)) for end in (chart.lower, chart.upper))
+        for m, one in enumerate(going):
+            low[m, one.place] = high[m, one.place] = points[m, one.place]
+        found = self._descended(points, chart, low, high, _DESCENTS)
+        for one, u, deviance in zip(going, *found, strict=True):
+            one.points.append(u)
+            one.deviances.append(float(deviance))
+        for one in going:
+            one.adapt(self.least)
+
+    def _tangent(self, one: _Trace) -> np.ndarray:
+        """How everything (d,) moves with the fault by the normal approximation, bounds apart."""
+        if one.chart is self.polar:
+            return np.zeros(len(self.errors))
+        return np.asarray(self.covariance[:, one.place] / self.covariance[one.place, one.place])
+
+    def _descended(
+        self, points: np.ndarray, chart: Chart, low: np.ndarray, high: np.ndarray, iterations: int
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Points (M, d) after a descent within bounds (M, d), and their deviances (M,)."""
 
         def residuals(u: np.ndarray) -> np.ndarray:
-            self.spent += len(u)
-            return self.joint.residuals(self._z(u, polar))
-
-        def project(u: np.ndarray) -> np.ndarray:
-            return self._own_all(self.chart.project(self._z(u, polar)), polar)
+            self.evaluations += len(u)
+            return self.joint.residuals(self._z(u, chart))
 
         descent = LevenbergMarquardt.start(points, residuals, damping=_DAMPING)
-        for _ in range(_DESCENTS):
-            descent.iterate(residuals, low, high, project)
-        found = self.joint.deviance_of(*self.joint.rises_of(descent.residuals))
-        for key, u, deviance in zip(going, descent.points, found, strict=True):
-            self.trails[key].append((u, float(deviance)))
-            self._adapt(key)
+        for _ in range(iterations):
+            descent.iterate(residuals, low, high, chart.project)
+        return descent.points, self.joint.deviance(descent.residuals)
 
-    def _target(self, key: tuple[int, int]) -> float:
-        """Where a walk sets its next foot."""
-        fault, sign = key
-        here = self.trails[key][-1][0][self.places[fault]]
-        return float(np.clip(here + sign * self.strides[key], 0.0, 1.0))
+    def _z(self, u: np.ndarray, chart: Chart) -> np.ndarray:
+        """Coordinates (B, d) of the problem's chart of those of another."""
+        return u if chart is self.chart else self.chart.from_values(chart.to_values(u))
 
-    def _ahead(self, key: tuple[int, int]) -> np.ndarray:
-        """The point (d,) there that lies along the last stride."""
-        trail, n, target = self.trails[key], self.places[key[0]], self._target(key)
-        u = trail[-1][0].copy()
-        if len(trail) > 1 and u[n] != trail[-2][0][n]:
-            gone = u - trail[-2][0]
-            u += gone * (target - u[n]) / gone[n]
-        polar = self.polar[key[0]]
-        u = np.clip(u, *self._bounds(polar))
-        if not polar:
-            u = self.chart.project(u[None])[0]
-        u[n] = target
-        return u
-
-    def _expected(self, key: tuple[int, int]) -> np.ndarray:
-        """The point (d,) there at which the valley's normal approximation is lowest."""
-        from scipy.optimize import lsq_linear
-
-        n, target = self.places[key[0]], self._target(key)
-        if self.polar[key[0]]:
-            return self._ahead(key)
-        valley = self.joint.valleys[0]
-        sizes, vectors = np.linalg.eigh(valley.precision)
-        root = np.sqrt(np.maximum(sizes, 0.0))[:, None] * vectors.T
-        rest = np.arange(len(valley.z)) != n
-        left = root @ valley.mean - root[:, n] * target
-        bounds = self.chart.lower[rest], self.chart.upper[rest]
-        u = np.full(len(rest), target)
-        u[rest] = lsq_linear(root[:, rest], left, bounds, method="bvls").x
-        u = self.chart.project(u[None])[0]
-        u[n] = target
-        return u
-
-    def _better(self, some: np.ndarray, others: np.ndarray, polar: bool) -> np.ndarray:
-        """Of each pair of points (M, d) the lower one."""
-        self.spent += 2 * len(some)
-        both = self.joint.deviance(self._z(np.vstack([some, others]), polar))
-        first = both[: len(some)] <= both[len(some) :]
-        return np.where(first[:, None], some, others)
-
-    def _adapt(self, key: tuple[int, int]) -> None:
-        """The next stride: as long as the rise of the last ones lets it be."""
-        n, least, trail = self.places[key[0]], self.least, self.trails[key]
-        (before, first), (after, then) = trail[-2:]
-        gone = abs(after[n] - before[n])
-        climbed = math.sqrt(max(then - least, 0.0)) - math.sqrt(max(first - least, 0.0))
-        if climbed > _TOO_STEEP * _STRIDE and gone > _SHORTEST:
-            # also where the twin diverged: nothing is known of what lies between
-            trail.pop()
-            self.strides[key] = 0.5 * gone
-            return
-        ratio = _STRIDE / max(climbed, 1e-9)
-        self.strides[key] = gone * min(max(ratio, 0.5), 2.5)
-
-    def walk(self, fault: int) -> Walk:
-        """What two walks tell of a fault."""
-        one, n, polar = self.faults[fault], self.places[fault], self.polar[fault]
-        down, up = self.trails[fault, -1], self.trails[fault, 1]
-        trail = sorted([*down[1:], *up], key=lambda point: float(point[0][n]))
-        u = np.array([point for point, _ in trail])
-        rise, rough = smoothed(u[:, n], np.array([deviance for _, deviance in trail]) - self.least)
-        points = self.chart.to_values(self._z(u, polar))
-        best = int(np.argmin(rise))
-        ends, crossed = [], []
-        for bound in (0, 1):
-            way = list(range(best, len(rise)) if bound else range(best, -1, -1))
-            end = crossing(u[:, n], rise, way)
-            crossed.append(end is not None)
-            ends.append(float(bound) if end is None else end)
-        wide = ends[1] - ends[0] > TRADED * 2.0 * COVERAGE / self._sharpness(n)
-        partners = self._partners(fault, u, rise) if wide else ()
+    def profile(self, fault: int) -> Profile:
+        """The profile from two traces."""
+        one, (down, up) = self.faults[fault], self.traces[2 * fault : 2 * fault + 2]
+        n, chart = down.place, down.chart
+        u = np.array([*down.points[:0:-1], *up.points])
+        deviances = np.array([*down.deviances[:0:-1], *up.deviances])
+        rise, rough = smoothed(u[:, n], deviances - self.least)
+        points = chart.to_values(u)
+        best, root = int(np.argmin(rise)), np.sqrt(rise)
+        ends = [
+            _crossing(u[best::-1, n], root[best::-1]),
+            _crossing(u[best:, n], root[best:]),
+        ]
+        low, high = (0.0 if ends[0] is None else ends[0]), (1.0 if ends[1] is None else ends[1])
+        sharpness = math.sqrt(max(self.joint.normals[0].precision[n, n], 1e-12))
+        wide = high - low > TRADED * 2.0 * COVERAGE / sharpness
+        partners = self._partners(n, u[rise < NEAR]) if wide and chart is self.chart else ()
         values = points[:, n]
-        low, high = self._with_scatter(one, values[best], [value_at(one, end) for end in ends])
-        shape = shape_of(crossed, float(values[best]), one)
-        return Walk(one.name, values, rise, points, (low, high), shape, partners, rough)
-
-    def _sharpness(self, n: int) -> float:
-        """One over the error of an unknown if all others were known, as shares of its range."""
-        return math.sqrt(max(self.joint.valleys[0].precision[n, n], 1e-12))
-
-    def _with_scatter(self, one: Unknown, best: float, ends: list[float]) -> tuple[float, float]:
-        """Ends with what healthy recordings differed by, within the bounds."""
+        lower, upper = self.chart.from_unit(np.tile([[low], [high]], len(self.errors)))[:, n]
         reach = COVERAGE * self.joint.scatter.get(one.name, 0.0)
-        low = best - math.hypot(best - ends[0], reach)
-        high = best + math.hypot(ends[1] - best, reach)
-        return max(float(low), one.lower), min(float(high), one.upper)
+        interval = (
+            max(float(values[best] - math.hypot(values[best] - lower, reach)), one.lower),
+            min(float(values[best] + math.hypot(upper - values[best], reach)), one.upper),
+        )
+        shape = _shape([end is not None for end in ends], float(values[best]), one)
+        return Profile(one.name, values, rise, points, interval, shape, partners, rough)
 
-    def _partners(self, fault: int, u: np.ndarray, rise: np.ndarray) -> tuple[str, ...]:
-        """Names of what moves along, what is no fault first."""
-        if self.polar[fault]:
+    def _partners(self, n: int, near: np.ndarray) -> tuple[str, ...]:
+        """Names of what moves along at points (M, d), what is no fault first."""
+        if np.ptp(near[:, n]) == 0.0:
             return ()
-        near = u[rise < NEAR]
-        n = self.places[fault]
-        # what moves as far as it is uncertain while the fault does
-        slopes = np.abs(np.polyfit(near[:, n], near, 1)[0]) if np.ptp(near[:, n]) > 0.0 else 0.0
-        moved = slopes * self.errors[n] / self.errors
-        unknowns = self.chart.unknowns
+        # in standard errors while the fault moves by one
+        moved = np.abs(np.polyfit(near[:, n], near, 1)[0]) * self.errors[n] / self.errors
         along = [k for k in range(len(moved)) if k != n and moved[k] > _MOVED]
-        along.sort(key=lambda k: (unknowns[k].role == "fault", -moved[k]))
+        along.sort(key=lambda k: (self.chart.unknowns[k].role == "fault", -moved[k]))
         return tuple(self.chart.names[k] for k in along[:PARTNERS])
 
-    def _bounds(self, polar: bool) -> tuple[np.ndarray, np.ndarray]:
-        if not polar:
-            return self.chart.lower, self.chart.upper
-        lower, upper = self.plain.lower.copy(), self.plain.upper.copy()
-        for _, direction in self.chart.pairs:  # once round and further
-            lower[direction], upper[direction] = -np.inf, np.inf
-        return lower, upper
 
-    def _z(self, u: np.ndarray, polar: bool) -> np.ndarray:
-        """Coordinates of the chart (B, d) of those of a walk."""
-        return self.chart.from_values(self.plain.to_values(u)) if polar else u
+def smoothed(u: np.ndarray, rise: np.ndarray) -> tuple[np.ndarray, float]:
+    """Rises (n,) over the bottom of a parabola through them, at least 0; and their roughness.
 
-    def _own(self, z: np.ndarray, polar: bool) -> np.ndarray:
-        return self._own_all(z[None], polar)[0]
+    Impacts make the misfit rough. The least of many rough values is a lucky one, and an interval
+    that began there would be too short.
+    """
+    near = rise < NEAR
+    if near.sum() < _FEWEST:
+        return rise, 0.0
+    at = u[near] - u[near].mean()
+    at /= float(np.abs(at).max()) or 1.0
+    fitted = np.polyfit(at, rise[near], 2)
+    rough = float(np.sqrt(np.mean((rise[near] - np.polyval(fitted, at)) ** 2)))
+    if fitted[0] <= 0.0:
+        return rise, rough
+    lowest = np.clip(-fitted[1] / (2.0 * fitted[0]), at.min(), at.max())
+    return np.maximum(rise - max(float(np.polyval(fitted, lowest)), 0.0), 0.0), rough
 
-    def _own_all(self, z: np.ndarray, polar: bool) -> np.ndarray:
-        """Coordinates of a walk (B, d) of those of the chart."""
-        return self.plain.from_values(self.chart.to_values(z)) if polar else z
+
+def _crossing(u: np.ndarray, root: np.ndarray) -> float | None:
+    """Where the root (n,) of the rise passes that of the limit, from the best point on."""
+    limit = math.sqrt(LIMIT)
+    beyond = np.flatnonzero(root[1:] >= limit)
+    if not len(beyond):
+        return None
+    b = int(beyond[0]) + 1
+    return float(u[b - 1] + (limit - root[b - 1]) / (root[b] - root[b - 1]) * (u[b] - u[b - 1]))
+
+
+def _shape(crossed: Sequence[bool], best: float, one: Unknown) -> str:
+    """The shape in a word, from where the limit was crossed (below, above) and the best value."""
+    if all(crossed):
+        return "bounded"
+    if not any(crossed):
+        return "flat"
+    bound = one.lower if crossed[1] else one.upper
+    return "at its bound" if abs(best - bound) < _AT_BOUND * one.width else "one-sided"

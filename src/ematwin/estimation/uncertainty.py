@@ -1,8 +1,8 @@
-"""Uncertainty: what is sure of an identification, whichever way it was found out.
+"""Uncertainty of an identification: intervals, probabilities, and doubts about them.
 
-Three ways, one promise: `LaplaceIntervals` here, `ematwin.estimation.profile.Profiles` and
-`ematwin.estimation.posterior.Posterior`. Each takes a `Question` and answers with an `Uncertainty`:
-intervals, probabilities, and what is doubtful about them.
+Three methods evaluate the joint density (`ematwin.estimation.joint`): `LaplaceIntervals` here,
+`ematwin.estimation.profile.Profiles` and `ematwin.estimation.posterior.Posterior`. Each takes a
+`Question` and answers with an `Uncertainty`.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -16,9 +16,8 @@ from ematwin.estimation.assess import Assessment
 from ematwin.estimation.constants import ANYTHING, SMALLEST
 from ematwin.estimation.intervals import Draws
 from ematwin.estimation.joint import Joint
-from ematwin.estimation.presence import Weights, is_absent, weights
+from ematwin.estimation.probabilities import Threshold, presence
 from ematwin.estimation.problem import Problem
-from ematwin.estimation.thresholds import Threshold
 from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
@@ -29,12 +28,12 @@ Report = Callable[[int, int], None]
 
 METHODS = ("laplace", "profile", "posterior")
 _PREDICTED = 80  # draws of a band
-_UNINFORMED = 0.9  # of its prior's width that a value has afterwards
+_UNINFORMED = 0.9  # share of its prior's width that a value still has
 
 
 @dataclass(frozen=True)
 class Question:
-    """What is asked: the answer of a search with everything that nobody knows exactly.
+    """Result of a search, and the joint density around it.
 
     Attributes
     ----------
@@ -60,20 +59,20 @@ class Question:
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """What is sure of an identification.
+    """Intervals and probabilities of an identification.
 
     Attributes
     ----------
     method : "laplace", "profile" or "posterior"
-    intervals : by name, ends of what holds the true value in 95 %
-    present : by fault, the probability that it deviates by `significance.SMALLEST` of its range,
-        where it is as likely as not beforehand (`ematwin.estimation.presence`)
-    healthy : the probability that none does; None where the method, or so few draws, tell of each
-        fault alone
+    intervals : by name, ends of the 95 % interval
+    present : by fault, the probability that it deviates by `constants.SMALLEST` of its range,
+        where it is as likely as not beforehand (`ematwin.estimation.probabilities`)
+    healthy : the probability that none does; None where the method, or so few draws, give that of
+        each fault alone
     exceeds : by fault, the probability that it lies beyond its threshold
     thresholds : by fault, as it was given, with its unit
     doubts : sentences on why not to believe it
-    draws : values as likely as the method finds them; None where it draws none
+    draws : of the joint density; None where the method draws none
     """
 
     method: str
@@ -114,7 +113,7 @@ class Uncertainty:
 
     @property
     def sentences(self) -> list[str]:
-        """What it says beside the intervals."""
+        """Probabilities in words."""
         said = []
         if self.healthy is not None:
             said.append(
@@ -132,7 +131,7 @@ class Uncertainty:
 
 
 class Method(Protocol):
-    """A way to an `Uncertainty`."""
+    """Method that finds an `Uncertainty`."""
 
     @property
     def name(self) -> str:
@@ -140,7 +139,7 @@ class Method(Protocol):
         ...
 
     def run(self, question: Question, *, seed: int, report: Report) -> Uncertainty:
-        """The answer; after Ctrl-C with the best until then, which its doubts say."""
+        """The answer; after Ctrl-C the best until then, which its doubts say."""
         ...
 
 
@@ -161,7 +160,9 @@ class LaplaceIntervals:
                 "Other answers explain the recording nearly as well, and these intervals leave "
                 "them out; use the posterior, which does not."
             )
-        return Uncertainty(self.name, ends, **told(question, assessed.drawn), doubts=tuple(doubts))
+        return Uncertainty(
+            self.name, ends, **probabilities(question, assessed.drawn), doubts=tuple(doubts)
+        )
 
 
 def named(method: "str | Method") -> Method:
@@ -187,17 +188,15 @@ def named(method: "str | Method") -> Method:
     raise InputError(f"uncertainty must be {', '.join(METHODS)}, received {method!r}.")
 
 
-def told(question: Question, drawn: Draws) -> dict[str, Any]:
+def probabilities(question: Question, drawn: Draws) -> dict[str, Any]:
     """Probabilities by draws, as arguments of `Uncertainty`."""
     limits, faults = question.thresholds, question.faults
-    counting = weights(faults, drawn)
-    absent = {one.name: is_absent(one, drawn) for one in faults}
-    by_fault = counting.by_fault
+    weighed = presence(faults, {one.name: drawn.of(one.name) for one in faults})
     return {
-        "present": {name: float(by_fault[name] @ ~here) for name, here in absent.items()},
-        "healthy": _none_present(absent, counting),
+        "present": {one.name: weighed.probability(one.name) for one in faults},
+        "healthy": weighed.healthy,
         "exceeds": {
-            name: one.share(question.actuator, drawn, by_fault[name])
+            name: float(weighed.weights[name] @ one.is_beyond(one.values(question.actuator, drawn)))
             for name, one in limits.items()
         },
         "thresholds": {name: one.text for name, one in limits.items()},
@@ -205,17 +204,10 @@ def told(question: Question, drawn: Draws) -> dict[str, Any]:
     }
 
 
-def _none_present(absent: Mapping[str, np.ndarray], counting: Weights) -> float | None:
-    """The probability that all faults are absent; None where draws tell of each alone."""
-    if not absent or not counting.together:
-        return None
-    return float(next(iter(counting.by_fault.values())) @ np.all(list(absent.values()), axis=0))
-
-
 def predicted(
     drawn: Draws, held: Mapping[str, float], comparison: Comparison, count: int = _PREDICTED
 ) -> dict[str, np.ndarray]:
-    """Bands of the twin's answers by compared channel: (3, S), 2.5 %, half and 97.5 % of draws.
+    """Bands of the model's answers by compared channel: (3, S), 2.5 %, 50 % and 97.5 % of draws.
 
     Parameters
     ----------
@@ -232,7 +224,7 @@ def predicted(
 
 
 def strained(question: Question) -> list[str]:
-    """A sentence for each prior that the recording contradicts."""
+    """Sentences on priors that the recording contradicts."""
     return [
         f"What was known of {name} excludes this recording, which puts it {away:.1f} standard "
         "deviations off: correct the value, widen its tolerance, or check the channels."
@@ -241,7 +233,7 @@ def strained(question: Question) -> list[str]:
 
 
 def uninformed(question: Question, drawn: Draws) -> list[str]:
-    """A sentence on faults of which the recording tells nothing, and one on parameters."""
+    """Sentences on faults and parameters about which the recording holds no information."""
     faults: list[str] = []
     rest: list[str] = []
     prior = question.joint.problem.prior
@@ -265,7 +257,7 @@ def uninformed(question: Question, drawn: Draws) -> list[str]:
 
 
 def tells_nothing(faults: Sequence[str]) -> str:
-    """That a recording has no information on faults."""
+    """Sentence: a recording holds no information on faults."""
     return (
         f"The recording tells nothing of {listed(faults)}; the interval is all that was "
         "possible before. Use a command that moves the actuator more."

@@ -1,4 +1,4 @@
-"""How sure an identification is: joint picture, profiles, and the band of answers."""
+"""Figures of uncertainty: corner plot, profiles, and the band of answers."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -8,8 +8,7 @@ import numpy as np
 from ematwin.errors import InputError
 from ematwin.estimation.identify import Identification
 from ematwin.estimation.intervals import Draws
-from ematwin.estimation.profile import ProfileUncertainty
-from ematwin.estimation.walk import LIMIT, Walk
+from ematwin.estimation.profile import LIMIT, Profile, ProfileUncertainty
 from ematwin.plots.style import BLUE, GREEN, GREY, ORANGE, line, stacked, styled
 
 _BINS, _SHOWN = 32, 0.002  # of a histogram; share of the draws left out at each end
@@ -19,7 +18,7 @@ _HIGHEST = 8.0  # rise that is shown
 
 
 def plot_posterior(found: Identification, names: Sequence[str] | None = None) -> Any:
-    """Faults together, by draws: each pair as a cloud, each alone as a histogram.
+    """Joint distribution of faults: each pair as a cloud of draws, each alone as a histogram.
 
     Parameters
     ----------
@@ -48,7 +47,7 @@ def plot_posterior(found: Identification, names: Sequence[str] | None = None) ->
 
 
 def plot_profile(found: Identification) -> Any:
-    """How the misfit rises along each fault while everything else follows.
+    """Rise of the deviance along each fault while everything else follows.
 
     Parameters
     ----------
@@ -117,14 +116,14 @@ def _edges(x: np.ndarray) -> np.ndarray:
     return np.linspace(low, high if high > low else low + 1e-12, _BINS + 1)
 
 
-def profile_figure(walks: Mapping[str, Walk]) -> Any:
+def profile_figure(profiles: Mapping[str, Profile]) -> Any:
     """The rise of the deviance along each fault, and where it ends the 95 % interval."""
     from plotly.subplots import make_subplots
 
-    rows = -(-len(walks) // _COLUMNS)
-    titles = [f"{name}<br>{one.shape}" for name, one in walks.items()]
+    rows = -(-len(profiles) // _COLUMNS)
+    titles = [f"{name}<br>{one.shape}" for name, one in profiles.items()]
     figure = make_subplots(rows=rows, cols=_COLUMNS, subplot_titles=titles, vertical_spacing=0.12)
-    for n, (name, one) in enumerate(walks.items()):
+    for n, (name, one) in enumerate(profiles.items()):
         place = {"row": n // _COLUMNS + 1, "col": n % _COLUMNS + 1}
         figure.add_scatter(
             x=one.values, y=one.rise, mode="lines+markers", name=name, showlegend=False,

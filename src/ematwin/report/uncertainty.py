@@ -1,4 +1,4 @@
-"""Sections of a page: how sure an identification is."""
+"""Sections of a page: uncertainty of an identification."""
 
 from ematwin.estimation.identify import Identification
 from ematwin.estimation.profile import ProfileUncertainty
@@ -11,7 +11,7 @@ _SHOWN_POINTS = 5_000  # of a band: more make the page slow and show nothing mor
 
 
 def uncertainty_sections(found: Identification, record: Recording) -> list[Section]:
-    """Intervals and probabilities, then the pictures that the method has."""
+    """Intervals and probabilities, then the figures of the method."""
     sure = found.uncertainty
     if sure is None:
         return []

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from ematwin.estimation.intervals import Draws
-from ematwin.estimation.presence import is_absent, odds, weight, weights
+from ematwin.estimation.probabilities import presence, weight
 from ematwin.models.unknown import Unknown
 
 
@@ -13,12 +12,12 @@ def fault(name="wear", **more) -> Unknown:
     return Unknown(name, unit="", meaning=name, **given)
 
 
-def drawn(likelihood, names, count=200_000, seed=1) -> Draws:
+def drawn(likelihood, names, count=200_000, seed=1) -> dict:
     """Draws of a flat prior in [0, 1] under a likelihood of points (N, d)."""
     rng = np.random.default_rng(seed)
     points = rng.uniform(size=(20 * count, len(names)))
     kept = rng.uniform(size=len(points)) < likelihood(points)
-    return Draws(names, points[kept][:count], {})
+    return dict(zip(names, points[kept][:count].T, strict=True))
 
 
 def absent_by_integral(likelihood, low, high) -> float:
@@ -37,20 +36,18 @@ def test_a_fault_alone_has_the_probability_of_the_integral(healthy, middle, widt
     def likelihood(x):
         return np.exp(-0.5 * ((x - middle) / width) ** 2)
 
-    draws = drawn(lambda points: likelihood(points[:, 0]), ("wear",))
     expected = 1.0 - absent_by_integral(likelihood, healthy - 0.02, healthy + 0.02)
-    share = 1.0 - float(is_absent(one, draws).mean())
-    assert odds(share, one) == pytest.approx(expected, abs=0.02)
-    counting = weights([one], draws).by_fault["wear"]
-    assert 1.0 - counting @ is_absent(one, draws) == pytest.approx(expected, abs=0.02)
+    values = drawn(lambda points: likelihood(points[:, 0]), ("wear",))
+    assert presence([one], values).probability("wear") == pytest.approx(expected, abs=0.02)
+    x = (np.arange(20_000) + 0.5) / 20_000  # the same by a density on a grid
+    found = presence([one], {"wear": x}, likelihood(x))
+    assert found.probability("wear") == pytest.approx(expected, abs=0.01)
 
 
 def test_a_fault_that_nothing_is_known_of_stays_as_likely_as_not():
     one = fault(healthy=0.5)
-    draws = drawn(lambda points: np.ones(len(points)), ("wear",))
-    assert weights([one], draws).by_fault["wear"] @ is_absent(one, draws) == pytest.approx(
-        0.5, abs=0.02
-    )
+    values = drawn(lambda points: np.ones(len(points)), ("wear",))
+    assert presence([one], values).probability("wear") == pytest.approx(0.5, abs=0.02)
 
 
 def test_of_two_that_make_up_for_one_another_one_is_present():
@@ -60,12 +57,9 @@ def test_of_two_that_make_up_for_one_another_one_is_present():
         return np.exp(-0.5 * ((points.sum(axis=1) - 0.3) / 0.02) ** 2)
 
     both = [fault("a"), fault("b")]
-    draws = drawn(likelihood, ("a", "b"), count=20_000)
-    found = weights(both, draws)
+    found = presence(both, drawn(likelihood, ("a", "b"), count=20_000))
     assert found.together
-    counting = found.by_fault
-    here = np.array([is_absent(one, draws) for one in both])
-    assert counting["a"] @ here.all(axis=0) == 0.0
+    assert found.healthy == 0.0
     # by integral over the four quarters of the prior
     x = (np.arange(2000) + 0.5) / 2000
     seen = likelihood(np.stack(np.meshgrid(x, x), axis=-1).reshape(-1, 2)).reshape(2000, 2000)
@@ -73,7 +67,7 @@ def test_of_two_that_make_up_for_one_another_one_is_present():
     one_absent = seen[np.ix_(near, ~near)].mean() * 0.25
     neither = seen[np.ix_(~near, ~near)].mean() * 0.25
     expected = (one_absent + neither) / (2.0 * one_absent + neither)
-    assert 1.0 - counting["a"] @ here[0] == pytest.approx(expected, abs=0.03)
+    assert found.probability("a") == pytest.approx(expected, abs=0.03)
 
 
 def test_few_draws_where_all_are_absent_leave_each_fault_to_itself():
@@ -82,9 +76,9 @@ def test_few_draws_where_all_are_absent_leave_each_fault_to_itself():
     values[:5] = 0.0
     names = tuple("abcdef")
     faults = [fault(name) for name in names]
-    found = weights(faults, Draws(names, values, {}))
+    found = presence(faults, dict(zip(names, values.T, strict=True)))
     assert not found.together
-    counting = found.by_fault
+    assert found.healthy is None
     share = 5 / 4000
     expected = share * weight(faults[0]) / (share * weight(faults[0]) + 1.0 - share)
-    assert counting["a"][:5].sum() == pytest.approx(expected)
+    assert found.probability("a") == pytest.approx(1.0 - expected)
