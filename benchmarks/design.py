@@ -17,8 +17,9 @@ import time
 import numpy as np
 
 import ematwin
-from ematwin.estimation.command_search import BUDGET, excess
-from ematwin.estimation.expected import observe
+from ematwin.experiments.command_errors import expected_errors, fault_vectors, identified_errors
+from ematwin.experiments.expected import excess
+from ematwin.experiments.search import BUDGET
 from ematwin.recordings.noise import Noise
 
 NOISE = Noise(white=0.02, bits=12)
@@ -45,7 +46,7 @@ def main() -> None:
         budget=1 if given.command else given.budget, threads=given.threads, speed=given.speed,
         load=given.load,
     )  # fmt: skip
-    command, judge = found.scenario, found.judge
+    command, experiment = found.scenario, found.experiment
     if given.command:
         command = ematwin.Scenario.load_file(given.command)
     else:
@@ -53,24 +54,28 @@ def main() -> None:
         found.save(given.out)
         print(f"{found.evaluations} commands, {found.seconds:.0f} s, {spent:.0f} s of processor")
         print(found.sentence, flush=True)
-    promised = judge.judge(command)
+    vectors = fault_vectors(
+        experiment, found.draws, np.random.default_rng(given.seed + 1), {}, even=True
+    )
+    promised = expected_errors(experiment, command, vectors)
     print(
         "demands", promised.demands, "beyond the limits by", excess(promised.demands, found.limits)
     )
-    told = np.array([list(found.default.errors.values()), promised.errors])
+    told = np.array([list(found.default.errors.values()), list(promised.errors.values())])
     print("promised", told.round(5).tolist(), flush=True)
     step = 0.5 * found.actuator.value("steps.reference")
-    errors = observe(
-        judge, [found.default.scenario, command], given.recordings, seed=given.check_seed, step=step
-    )
+    errors = identified_errors(
+        experiment, [found.default.scenario, command], given.recordings, seed=given.check_seed,
+        step=step,
+    )  # fmt: skip
     seen = np.sqrt((errors**2).mean(axis=0))
     middle = np.median(np.abs(errors), axis=0)
     print("| fault | default | designed | times | default, observed | designed, observed | times |")
     print("|---|--:|--:|--:|--:|--:|--:|")
-    for n, one in enumerate(judge.magnitudes):
+    for n, one in enumerate(experiment.magnitudes):
         cells = [f"{x[0, n]:.2g} | {x[1, n]:.2g} | {x[0, n] / x[1, n]:.2f}" for x in (told, seen)]
         print(f"| {one.name} | {' | '.join(cells)} |")
-    widths = np.array([one.width for one in judge.magnitudes])
+    widths = np.array([one.width for one in experiment.magnitudes])
     for what, x in (("promised", told), ("observed", seen), ("median observed", middle)):
         largest = (x / widths).max(axis=1)
         print(f"largest, {what}: {largest[0]:.2g}, {largest[1]:.2g}: {largest[0] / largest[1]:.2f}")

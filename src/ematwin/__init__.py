@@ -18,13 +18,13 @@ if TYPE_CHECKING:
     from ematwin.comparison.analysis.study import StudyAnalysis
     from ematwin.comparison.comparing import compare
     from ematwin.errors import EmatwinError
-    from ematwin.estimation.design import Design, design
-    from ematwin.estimation.discriminate import Discrimination, discriminate
     from ematwin.estimation.estimate import Estimate
-    from ematwin.estimation.identifiability import Identifiability, identifiability
     from ematwin.estimation.identify import Identification
     from ematwin.estimation.problem import Problem
-    from ematwin.estimation.sensitivity import Sensitivity, sensitivity
+    from ematwin.experiments.design import Design, design
+    from ematwin.experiments.discriminate import Discrimination, discriminate
+    from ematwin.experiments.identifiability import Identifiability, identifiability
+    from ematwin.experiments.sensitivity import Sensitivity, sensitivity
     from ematwin.exploring.explore import explore
     from ematwin.models.ball_screw.parameters import BallScrew
     from ematwin.models.base import Model
@@ -51,12 +51,12 @@ _HOMES = {
     "BldcActuator": "ematwin.models.bldc.parameters",
     "Calibration": "ematwin.monitoring.calibration",
     "Channel": "ematwin.recordings.channel",
-    "Design": "ematwin.estimation.design",
-    "Discrimination": "ematwin.estimation.discriminate",
+    "Design": "ematwin.experiments.design",
+    "Discrimination": "ematwin.experiments.discriminate",
     "EmatwinError": "ematwin.errors",
     "Estimate": "ematwin.estimation.estimate",
     "Faults": "ematwin.models.bldc.faults",
-    "Identifiability": "ematwin.estimation.identifiability",
+    "Identifiability": "ematwin.experiments.identifiability",
     "Identification": "ematwin.estimation.identify",
     "Model": "ematwin.models.base",
     "Noise": "ematwin.recordings.noise",
@@ -64,18 +64,18 @@ _HOMES = {
     "Problem": "ematwin.estimation.problem",
     "Recording": "ematwin.recordings.recording",
     "Scenario": "ematwin.models.scenario",
-    "Sensitivity": "ematwin.estimation.sensitivity",
+    "Sensitivity": "ematwin.experiments.sensitivity",
     "StudyAnalysis": "ematwin.comparison.analysis.study",
     "Unknown": "ematwin.models.unknown",
     "calibrate": "ematwin.monitoring.calibrate",
     "compare": "ematwin.comparison.comparing",
-    "design": "ematwin.estimation.design",
+    "design": "ematwin.experiments.design",
     "detect": "ematwin.monitoring.identify",
-    "discriminate": "ematwin.estimation.discriminate",
+    "discriminate": "ematwin.experiments.discriminate",
     "error_percent": "ematwin.models.bldc.faults",
     "error_percent_wrapped": "ematwin.models.bldc.faults",
     "explore": "ematwin.exploring.explore",
-    "identifiability": "ematwin.estimation.identifiability",
+    "identifiability": "ematwin.experiments.identifiability",
     "identify": "ematwin.monitoring.identify",
     "load_actuator": "ematwin.models.registry",
     "minimize": "ematwin.optimizers.loop",
@@ -84,7 +84,7 @@ _HOMES = {
     "read_motions": "ematwin.models.reading",
     "register": "ematwin.optimizers.registry",
     "register_model": "ematwin.models.registry",
-    "sensitivity": "ematwin.estimation.sensitivity",
+    "sensitivity": "ematwin.experiments.sensitivity",
     "simulate": "ematwin.models.simulating",
     "write": "ematwin.models.reading",
 }

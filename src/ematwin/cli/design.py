@@ -20,8 +20,7 @@ from ematwin.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from ematwin.estimation.design import Design
-    from ematwin.models.base import Model
+    from ematwin.experiments.design import Design
     from ematwin.models.parameter_set import ParameterSet
 
 _RECORDED = (".csv", ".parquet")
@@ -88,7 +87,7 @@ def design(
     """Find the test command that tells the faults of an actuator best."""
     from ematwin.errors import InputError
     from ematwin.files import check_target, write_text
-    from ematwin.models.registry import load_actuator, model_of
+    from ematwin.models.registry import load_actuator
     from ematwin.quantities import parse_quantity
     from ematwin.recordings.noise import Noise
 
@@ -106,7 +105,7 @@ def design(
         "exact": exact,
         "seed": seed,
         **({} if budget is None else {"budget": budget}),
-        **_limits(limit or [], model_of(chosen)),
+        **_limits(limit or [], chosen),
     }
     if discriminate:
         if fault is not None or at or check or trials is not None:
@@ -114,7 +113,7 @@ def design(
                 "--discriminate takes no --fault, --at, --check or --trials; it compares two "
                 "explanations."
             )
-        from ematwin.estimation.discriminate import discriminate as tell_apart
+        from ematwin.experiments.discriminate import discriminate as tell_apart
         from ematwin.report.design import discrimination_page
 
         first, second = _explanations(discriminate, actuator, chosen)
@@ -128,7 +127,7 @@ def design(
             return
         typer.echo(told.sentence)
     else:
-        from ematwin.estimation.design import design as run
+        from ematwin.experiments.design import design as run
         from ematwin.report.design import design_page
 
         if trials is not None:
@@ -157,12 +156,12 @@ def _written(out: Path, report: Path | None) -> dict[str, str | None]:
     return {"out": str(out), "report": None if report is None else str(report)}
 
 
-def _limits(texts: list[str], model: "Model") -> dict[str, float]:
+def _limits(texts: list[str], actuator: "ParameterSet") -> dict[str, float]:
     """Limits in SI, from numbers with or without units."""
-    from ematwin.estimation.command_search import demands_of
+    from ematwin.experiments.expected import Experiment
     from ematwin.quantities import parse_quantity
 
-    units = {one.name: one.unit for one in demands_of(model)}
+    units = {one.name: one.unit for one in Experiment.of(actuator).demands}
     found = {}
     for name, text in pairs(texts, "--limit").items():
         # a name that there is not is refused below, with those that there are

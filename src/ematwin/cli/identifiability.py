@@ -18,8 +18,8 @@ from ematwin.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from ematwin.estimation.identifiability import Identifiability
-    from ematwin.estimation.sensitivity import Sensitivity
+    from ematwin.experiments.identifiability import Identifiability
+    from ematwin.experiments.sensitivity import Sensitivity
 
 
 def identifiability(
@@ -67,8 +67,8 @@ def identifiability(
 
     Several commands are compared, the most telling first.
     """
-    from ematwin.estimation.identifiability import FALSE_ALARM, MISS, ranked
-    from ematwin.estimation.identifiability import identifiability as run
+    from ematwin.experiments.identifiability import FALSE_ALARM, MISS, ranked
+    from ematwin.experiments.identifiability import identifiability as run
     from ematwin.files import check_target, write_text
     from ematwin.recordings.noise import Noise
 
@@ -87,7 +87,7 @@ def identifiability(
     ])  # fmt: skip
     parts = {}
     if sobol:
-        from ematwin.estimation.sensitivity import sensitivity
+        from ematwin.experiments.sensitivity import sensitivity
 
         for one in found:
             with progress_bar(f"Varying all of {one.scenario.name}", not json) as progress:
@@ -122,7 +122,7 @@ def identifiability(
 def _print(found: "Identifiability") -> None:
     from rich.table import Table
 
-    from ematwin.estimation.identifiability import HEADINGS
+    from ematwin.experiments.identifiability import HEADINGS
 
     table = Table(
         title=f"{found.scenario.name}, {found.scenario.duration:g} s, on {found.actuator.name}",

@@ -43,7 +43,7 @@ _STEPS, _DESCENTS = 16, 4  # at most
 _TOO_STEEP = 2.5  # strides that one may climb; else it is repeated at half its length
 _FIRST_DESCENTS = 10  # iterations at the best point
 _RESTARTS = 3  # from a lower point that a profile found, at most
-_SHORTEST = 1e-6  # share of a range
+_SHORTEST = 0.1  # of the first stride: what is still too steep there is a step of the misfit
 _DAMPING = 1e-2
 _MOVED = 0.7  # standard errors by which others move to each side that are named
 _LONGER = 1.25  # ratio of Laplace's interval to that of the profile from which that is said
@@ -257,7 +257,7 @@ class _Trace:
     place : of the fault among the unknowns
     sign : of the steps
     chart : of the points
-    stride : float, of the next step
+    first_stride, stride : float, of the first step and of the next
     points : (d,) arrays
     deviances : of the points
     """
@@ -265,6 +265,7 @@ class _Trace:
     place: int
     sign: int
     chart: Chart
+    first_stride: float
     stride: float
     points: list[np.ndarray]
     deviances: list[float]
@@ -289,8 +290,9 @@ class _Trace:
         """Choose the next stride by the rise of the last; take that back where it was too long."""
         before, after = (math.sqrt(max(one - least, 0.0)) for one in self.deviances[-2:])
         gone = abs(self.points[-1][self.place] - self.points[-2][self.place])
-        if after - before > _TOO_STEEP * _STRIDE and gone > _SHORTEST:
-            # also where the model diverged: nothing is known of what lies between
+        # where the model diverged nothing is known of what lies between
+        again = gone > _SHORTEST * self.first_stride or not math.isfinite(after)
+        if after - before > _TOO_STEEP * _STRIDE and again:
             self.points.pop()
             self.deviances.pop()
             self.stride = 0.5 * gone
@@ -372,7 +374,7 @@ class _Tracer:
                 chart, stride = self.polar, self.sharp[one.name] / self.chart.widths[n]
                 u = chart.from_values(self.chart.to_values(z[None]))[0]
             stride = _STRIDE * min(stride, 1.0)
-            traces += [_Trace(n, sign, chart, stride, [u], [least]) for sign in (-1, 1)]
+            traces += [_Trace(n, sign, chart, stride, stride, [u], [least]) for sign in (-1, 1)]
         return traces
 
     def _step(self, traces: list[_Trace], chart: Chart) -> None:

@@ -1,11 +1,11 @@
-"""Figures of a designed command: the command beside the given one, and what each tells."""
+"""Figures of a designed command: the command beside the given one, and the errors of both."""
 
 from typing import Any
 
 import numpy as np
 
-from ematwin.estimation.design import Design
-from ematwin.estimation.discriminate import Discrimination
+from ematwin.experiments.design import Design
+from ematwin.experiments.discriminate import Discrimination
 from ematwin.models.registry import model_of
 from ematwin.plots.style import BLUE, GREEN, GREY, ORANGE, line, stacked, styled
 
@@ -13,7 +13,7 @@ _POINTS = 2000  # of a curve
 
 
 def plot_command(found: Design | Discrimination) -> Any:
-    """Command and load of a design and of the given one, and what a healthy twin answers."""
+    """Command and load of a design and of the given one, and the answer of a healthy actuator."""
     actuator, model = found.actuator, model_of(found.actuator)
     given = found.default.scenario if isinstance(found, Design) else found.default
     histories = []
@@ -45,22 +45,21 @@ def plot_errors(found: Design) -> Any:
     import plotly.graph_objects as go
 
     figure = go.Figure()
-    widths = {one.name: one.width for one in found.judge.magnitudes}
-    for name, color, seen, promise in (
+    for name, color, seen, command in (
         ("given", GREY, "#57606a", found.default),
         ("designed", BLUE, GREEN, found.promised),
     ):
-        faults = list(promise.shares)
+        faults = list(command.shares)
         figure.add_bar(
             x=faults,
-            y=[100.0 * promise.shares[fault] for fault in faults],
+            y=[100.0 * command.shares[fault] for fault in faults],
             name=f"{name}, expected",
             marker_color=color,
         )
-        if promise.observed:
+        if command.observed:
             figure.add_scatter(
                 x=faults,
-                y=[100.0 * promise.observed[fault] / widths[fault] for fault in faults],
+                y=[100.0 * command.observed[fault] / command.ranges[fault] for fault in faults],
                 name=f"{name}, observed",
                 mode="markers",
                 marker={"color": seen if name == "given" else ORANGE, "size": 11,

@@ -1,4 +1,4 @@
-"""Figures of what commands can tell of an actuator's faults."""
+"""Figures of identifiability: smallest detectable faults, and correlations."""
 
 import math
 from collections.abc import Sequence
@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.estimation.identifiability import Identifiability
+from ematwin.experiments.identifiability import Identifiability
 from ematwin.plots.style import BLUE, GREEN, GREY, ORANGE, styled
 
 _SERIES = (BLUE, ORANGE, GREEN, GREY)

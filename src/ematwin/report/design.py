@@ -1,10 +1,11 @@
-"""Pages: a designed command, what it tells beside the given one, and its price."""
+"""Pages: a designed command with its errors beside those of the given one, and its price."""
 
 import math
 from collections.abc import Mapping
 
-from ematwin.estimation.design import Design, Promise
-from ematwin.estimation.discriminate import Discrimination
+from ematwin.experiments.command_errors import CommandErrors
+from ematwin.experiments.design import Design
+from ematwin.experiments.discriminate import Discrimination
 from ematwin.models.base import Demand
 from ematwin.models.scenario import Scenario
 from ematwin.plots.design import plot_command, plot_errors
@@ -47,6 +48,7 @@ def design_page(found: Design) -> str:
                 table=told_table(one.told),
             )
             for title, one in (("the designed", found.promised), ("the given", found.default))
+            if one.told is not None
         ),
         Section("How it was found", facts=_facts(found)),
     ]
@@ -54,7 +56,7 @@ def design_page(found: Design) -> str:
 
 
 def discrimination_page(found: Discrimination) -> str:
-    """HTML page of a command that is to tell two explanations apart."""
+    """HTML page of a command under which two explanations differ."""
     rows = [
         Row([name, _shown(found.first.get(name)), _shown(found.second.get(name))])
         for name in {**found.first, **found.second}
@@ -105,7 +107,7 @@ def compared(before: float, after: float) -> tuple[str, str, str]:
 def price_table(found: Design) -> Table:
     """Duration and motion of both commands beside the limits."""
 
-    def asked(one: Promise, demand: Demand) -> str:
+    def asked(one: CommandErrors, demand: Demand) -> str:
         more = one.faulty.get(demand.name)
         text = f"{one.demands.get(demand.name, math.nan):.4g} {demand.unit}"
         return text if more is None else f"{text} ({more:.4g})"
@@ -116,7 +118,7 @@ def price_table(found: Design) -> Table:
         *(
             Row([one.name, asked(found.default, one), asked(found.promised, one),
                  f"{found.limits[one.name]:.4g} {one.unit}"])
-            for one in found.demands
+            for one in found.experiment.demands
             if one.name in found.limits
         ),
     ]  # fmt: skip
@@ -124,7 +126,7 @@ def price_table(found: Design) -> Table:
 
 
 def parts_table(scenario: Scenario) -> Table:
-    """What command and load are made of."""
+    """Parts of command and load."""
     rows = []
     for history in ("command", "load"):
         for part in getattr(scenario, history):
@@ -151,6 +153,6 @@ def _facts(found: Design) -> dict[str, str]:
         "made for": found.fault or "the fault with the largest expected error, as a share of range",
         "search": f"{found.evaluations} commands in {found.seconds:.1f} s, seed {found.seed}, "
         f"{found.stopped}",
-        "faults": f"{len(found.judge.vectors)} vectors drawn from their prior",
+        "faults": f"{found.draws} vectors drawn from their prior",
         "limits": _listed(found.limits),
     }

@@ -1,9 +1,9 @@
-"""Page: what commands can tell of an actuator's faults, before any test."""
+"""Page: identifiability of an actuator's faults under commands."""
 
 from collections.abc import Mapping, Sequence
 
-from ematwin.estimation.identifiability import HEADINGS, Identifiability
-from ematwin.estimation.sensitivity import Sensitivity
+from ematwin.experiments.identifiability import HEADINGS, Identifiability
+from ematwin.experiments.sensitivity import Sensitivity
 from ematwin.plots.identifiability import plot_correlation, plot_smallest
 from ematwin.report.page import Row, Section, Table, render
 
@@ -31,10 +31,7 @@ def identifiability_page(
         ]
         if parts:
             sections += sobol_sections(parts[one.scenario.name])
-    lead = f"{best.scenario.name}: {best.weakest.name} {best.weakest.sentence}."
-    if all(one.how == "pinned" for one in best.told):
-        lead = f"{best.scenario.name} tells all faults."
-    return render(f"{best.actuator.name}: what a command tells", lead, sections)
+    return render(f"{best.actuator.name}: what a command tells", best.lead, sections)
 
 
 def sobol_sections(parts: Sensitivity) -> list[Section]:

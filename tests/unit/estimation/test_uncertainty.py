@@ -17,9 +17,9 @@ from ematwin.estimation.posterior import (
     autocorrelation_times,
     split_rhat,
 )
+from ematwin.estimation.probabilities import thresholds_of
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.profile import Profiles
-from ematwin.estimation.probabilities import thresholds_of
 from ematwin.estimation.uncertainty import LaplaceIntervals, Question, named
 from ematwin.models.unknown import Unknown
 from naive.toy import BASES, NOISE, SAMPLES, Toy, fault, stacked
@@ -226,6 +226,17 @@ def test_where_profiles_cross_dips_no_interval_is_shorter_than_that_of_laplace(d
     assert not found.walks["gap"].rough
     assert high - low == pytest.approx((8.0 if dips else 3.9) * ERROR, rel=0.1)
     assert any("rough along gap" in doubt for doubt in found.doubts) == bool(dips)
+
+
+def test_a_step_of_the_misfit_ends_the_interval():
+    def features(values):
+        return stacked(values["wear"] - 0.2 * (values["wear"] < 0.5 - ERROR))
+
+    low, high = run(Profiles(), question(Toy(features, wear=0.5), LINEAR[:1], (0.5,))).intervals[
+        "wear"
+    ]
+    assert low == pytest.approx(0.5 - ERROR, abs=0.2 * ERROR)
+    assert high == pytest.approx(0.5 + 1.96 * ERROR, abs=0.4 * ERROR)
 
 
 def test_a_profile_holds_the_answer_that_the_search_gave():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ematwin.errors import InputError, ParameterError
-from ematwin.models.designed import DesignSpace
+from ematwin.experiments.space import DesignSpace
 from ematwin.models.registry import load_actuator, model_of
 from ematwin.models.scenario import Chirp, Profile, Scenario, Sine, Step
 

@@ -1,20 +1,20 @@
-"""The search for a command: over the numbers of a scenario, within what a motion may demand.
+"""Search for a command: over the numbers of a scenario, within what a motion may demand.
 
-What makes a command good is the caller's: `design` asks for small errors, `discriminate` for
+The cost of a command is the caller's: `design` asks for small errors, `discriminate` for
 explanations that lie far apart. Differential evolution begins with the given command, so that the
 best is never worse.
 """
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from ematwin.errors import InputError
 from ematwin.estimation.interrupt import InterruptNoted, noting_interrupts
-from ematwin.models.base import Demand, Model
-from ematwin.models.designed import DesignSpace
+from ematwin.experiments.expected import BEYOND, excess
+from ematwin.experiments.space import DesignSpace
 from ematwin.models.scenario import Scenario
 from ematwin.optimizers.base import Box, FloatArray
 from ematwin.optimizers.differential_evolution import DifferentialEvolution, Dither
@@ -22,24 +22,21 @@ from ematwin.optimizers.loop import minimize
 from ematwin.optimizers.stopping import Progress as SearchProgress
 
 BUDGET, POPULATION = 500, 12
-BEYOND = "beyond its limits"
 _SCATTER = 0.15  # of the first commands about the given one, share of the box
 _NEAR = 0.3  # share of the first commands that lie near the given one
 _APART = 0.05  # share of the box by which commands differ
 _IMPOSSIBLE = 1e6  # cost of a command that cannot be judged; more, the further beyond its limits
-_SLACK = 1e-3  # share of a limit: motions that differ by rounding keep it alike
 
 Progress = Callable[[int, float, int], object]
-"""Takes commands looked at, the best value so far, and the budget."""
+"""Takes the number of commands so far, the best value, and the budget."""
 
 
-@dataclass(frozen=True)
-class Looked:
-    """What a look at a command gave.
+class Cost(NamedTuple):
+    """Cost of a command.
 
     Attributes
     ----------
-    cost : float, the lower the better; infinite where ``obstacle`` says why there is none
+    cost : float, infinite where ``obstacle`` says why there is none
     demands : what the motion demands, by name, SI
     obstacle : str
     """
@@ -56,11 +53,11 @@ class CommandSearch:
     ----------
     space : commands that can be made of a scenario
     limits : what they may demand, by name, SI
-    look : a command, and a cost above which it does not matter -> `Looked`
+    cost_of : a command, and a cost above which it does not matter -> `Cost`
 
     Attributes
     ----------
-    evaluations : commands looked at
+    evaluations : commands that were judged
     stopped : why the search ended
     nearest : demands of the command that was nearest to keeping the limits; empty if none was asked
     """
@@ -69,9 +66,9 @@ class CommandSearch:
         self,
         space: DesignSpace,
         limits: Mapping[str, float],
-        look: Callable[[Scenario, float], Looked],
+        cost_of: Callable[[Scenario, float], Cost],
     ) -> None:
-        self.space, self.limits, self._look = space, limits, look
+        self.space, self.limits, self._cost_of = space, limits, cost_of
         self.evaluations, self.stopped = 0, ""
         self.nearest: Mapping[str, float] = {}
         self._seen: list[tuple[float, np.ndarray]] = []
@@ -79,7 +76,7 @@ class CommandSearch:
         self._interrupts = InterruptNoted()
 
     def run(self, budget: int, seed: int, progress: Progress | None) -> None:
-        """Look at ``budget`` commands, or at fewer after Ctrl-C."""
+        """Judge ``budget`` commands, or fewer after Ctrl-C."""
 
         def tell(state: SearchProgress) -> None:
             if progress is not None:
@@ -108,7 +105,7 @@ class CommandSearch:
     def _cost(self, point: np.ndarray, limit: float) -> float:
         self._interrupts.check()
         self.evaluations += 1
-        one = self._look(self.space.scenario(point), limit)
+        one = self._cost_of(self.space.scenario(point), limit)
         if math.isfinite(one.cost):
             self._seen.append((one.cost, point.copy()))
             return one.cost
@@ -154,56 +151,3 @@ class _From(DifferentialEvolution):
         step[0] = 0.0
         points[:near] = self.box.clip(self._first + step)
         return points
-
-
-def demands_of(model: Model) -> tuple[Demand, ...]:
-    """What may be limited for a kind."""
-    unit = model.channel(model.command).unit
-    return model.demands or (Demand("travel", unit, (model.command,)),)
-
-
-def limits_of(
-    model: Model, default: Mapping[str, float], given: Mapping[str, float]
-) -> dict[str, float]:
-    """Limits that were given; where none was, what the given command demands.
-
-    Raises
-    ------
-    InputError
-        If a name or a value cannot be used.
-    """
-    known = [one.name for one in demands_of(model)]
-    for name, value in given.items():
-        if name not in known:
-            raise InputError(
-                f"There is no limit {name!r} for the kind {model.kind}; choose of "
-                f"{', '.join(known)}."
-            )
-        if not (math.isfinite(value) and value > 0.0):
-            raise InputError(f"The limit of {name} must be a positive number, received {value}.")
-    return {**default, **{name: float(value) for name, value in given.items()}}
-
-
-def excess(demands: Mapping[str, float], limits: Mapping[str, float]) -> float:
-    """By what share demands exceed their limits, added up; 0 where all are kept."""
-    return sum(
-        demands[name] / limit - 1.0
-        for name, limit in limits.items()
-        if demands.get(name, 0.0) > limit * (1.0 + _SLACK)
-    )
-
-
-def begun(model: Model, scenario: object, duration: float | None) -> Scenario:
-    """The command to begin from, in the duration that is asked for.
-
-    Raises
-    ------
-    InputError
-        If it cannot be used, or the duration is none.
-    """
-    given = model.load_scenario(scenario)  # type: ignore[arg-type]
-    if duration is None:
-        return given
-    if not (math.isfinite(duration) and duration > 0.0):
-        raise InputError(f"duration must be a positive number of s, received {duration}.")
-    return given.lasting(duration)

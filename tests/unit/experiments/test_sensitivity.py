@@ -9,7 +9,7 @@ from SALib.sample.sobol import sample
 
 import ematwin
 from ematwin.errors import InputError
-from ematwin.estimation.sensitivity import _indices
+from ematwin.experiments.sensitivity import _indices
 
 
 def rows_of(function, bounds: list, samples: int) -> np.ndarray:

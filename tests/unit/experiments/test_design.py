@@ -1,4 +1,4 @@
-"""A designed command: what it promises, what it keeps, and what it does with bad input."""
+"""Designed commands: expected errors, those of `identify`, and bad input."""
 
 import json
 from dataclasses import replace
@@ -9,10 +9,9 @@ import pytest
 
 import ematwin
 from ematwin.errors import InputError
-from ematwin.estimation import design as designing
-from ematwin.estimation.baseline import Baseline
-from ematwin.estimation.expected import Judge, drawn_actuator, drawn_faults, fault_shares, observe
-from ematwin.models.registry import load_actuator, model_of
+from ematwin.experiments import design as designing
+from ematwin.experiments.command_errors import expected_errors, fault_vectors, identified_errors
+from ematwin.experiments.expected import Experiment
 from ematwin.models.scenario import Chirp, Scenario
 from ematwin.monitoring.identify import identify
 
@@ -27,17 +26,19 @@ def found() -> ematwin.Design:
     return quick("servo48")
 
 
-def judge_of(vectors: int = 1, threads: int = 1) -> Judge:
-    actuator = load_actuator(None)
-    model = model_of(actuator)
-    drawn = drawn_faults(model, actuator, fault_shares(model, actuator, vectors, 1), {})
-    return Judge(model, actuator, Baseline.of_simulation(), drawn, noise=NOISE, threads=threads)
+def experiment(threads: int = 1) -> Experiment:
+    return Experiment.of(None, exact=True, noise=NOISE, threads=threads)
+
+
+def vectors(count: int, **given: float) -> list[dict[str, float]]:
+    return fault_vectors(experiment(), count, np.random.default_rng(1), given, even=True)
+
+
+GIVEN = experiment().model.load_scenario(None)
 
 
 def test_drawn_faults_begin_and_lie_to_either_side() -> None:
-    actuator = load_actuator(None)
-    model = model_of(actuator)
-    drawn = drawn_faults(model, actuator, fault_shares(model, actuator, 64, 1), {"friction": 0.3})
+    drawn = vectors(64, friction=0.3)
     short = [one["short_a"] for one in drawn]
     gain = np.array([one["gain"] for one in drawn])
     assert 0.02 <= min(short) < 0.06
@@ -46,21 +47,18 @@ def test_drawn_faults_begin_and_lie_to_either_side() -> None:
     assert all(one["friction"] == 0.3 for one in drawn)
 
 
-def test_the_promise_is_the_mean_squared_error_of_a_linear_fit() -> None:
+def test_expected_errors_are_those_of_a_linear_fit() -> None:
     """Written out for one vector: slopes at the truth, and the noise that is left there."""
-    judge = judge_of()
-    given = judge.model.load_scenario()
-    promised = judge.judge(given).errors
-    values = judge.vectors[0]
-    record = judge.model.simulate(
-        judge.actuator, given, values, fidelity="reference", noise=NOISE, seed=1
+    setting, (values,) = experiment(), vectors(1)
+    found = expected_errors(setting, GIVEN, [values]).errors
+    record = setting.model.simulate(
+        setting.actuator, GIVEN, values, fidelity="reference", noise=NOISE, seed=1
     )
-    plain = ematwin.Problem.of(record, judge.actuator, threads=1)
+    plain = ematwin.Problem.of(record, setting.actuator, threads=1)
     point = np.array([values[name] for name in plain.names])
     problem = plain.corrected(point)
     here = problem.residuals(point[None])[0]
     problem = problem.weighed(here, problem.noise)
-    here = problem.residuals(point[None])[0]
     chart, step = problem.chart, 2e-3
     z = chart.from_values(point[None])
     up, down = (problem.residuals(chart.to_values(z + h * np.eye(8))) for h in (step, -step))
@@ -69,18 +67,16 @@ def test_the_promise_is_the_mean_squared_error_of_a_linear_fit() -> None:
     expected = dict(zip(problem.names, errors, strict=True))
     # a vector counts by its larger component
     expected["eccentricity"] = max(expected["eccentricity"], expected["eccentricity_phase"])
-    for one, error in zip(judge.magnitudes, promised, strict=True):
-        assert error == pytest.approx(expected[one.name] * one.width, rel=0.2)
+    for one in setting.magnitudes:
+        assert found[one.name] == pytest.approx(expected[one.name] * one.width, rel=0.2)
 
 
 def test_a_command_beyond_its_limits_is_not_judged() -> None:
-    judge = judge_of()
-    given = judge.model.load_scenario()
-    one = judge.judge(given, {"travel": 0.001}, fast=True)
+    one = expected_errors(experiment(), GIVEN, vectors(1), {"travel": 0.001}, fast=True)
     assert one.obstacle
-    assert np.isinf(one.errors).all()
+    assert np.isinf(list(one.errors.values())).all()
     still = Scenario(duration=0.5, command=[Chirp(amplitude=20e-6, f_start=5.0, f_end=9.0)])
-    assert "turn" in judge.judge(still, fast=True).obstacle
+    assert "turn" in expected_errors(experiment(), still, vectors(1), fast=True).obstacle
 
 
 def test_the_design_is_never_worse_and_keeps_the_limits(found) -> None:
@@ -96,17 +92,17 @@ def test_the_design_is_never_worse_and_keeps_the_limits(found) -> None:
 
 @pytest.mark.parametrize(("errs", "stays"), [(0.9, False), (0.95, True), (2.0, True)])
 def test_the_given_command_stays_unless_another_errs_clearly_less(monkeypatch, errs, stays) -> None:
-    def better(search, judge, given, limits, wanted):
-        default = judge.judge(given)
-        other = replace(default, scenario=given.lasting(0.4), errors=0.5 * default.errors)
-        return other, default
+    def better(search, judged, given, limits, fault):
+        default = judged(given)
+        halved = {name: 0.5 * error for name, error in default.errors.items()}
+        return replace(default, scenario=given.lasting(0.4), errors=halved), default
 
-    def observed(judge, scenarios, recordings, **more):
+    def observed(setting, scenarios, recordings, **more):
         assert len(scenarios) == 2
         return np.stack([np.full((3, 7), errs), np.ones((3, 7))], axis=1)
 
     monkeypatch.setattr(designing, "_finalists", better)
-    monkeypatch.setattr(designing, "observe", observed)
+    monkeypatch.setattr(designing, "identified_errors", observed)
     one = quick("servo48", trials=3)
     assert (one.scenario == one.default.scenario) is stays
     assert one.observed_gain == pytest.approx(1.0 if stays else 1.0 / errs)
@@ -154,30 +150,23 @@ def test_an_interrupted_search_keeps_its_best() -> None:
     assert kept.gain >= 1.0
 
 
-def test_trials_say_how_far_they_are() -> None:
-    judge, shares = judge_of(), []
-    errors = observe(judge, [judge.model.load_scenario(None)], 2, seed=3, progress=shares.append)
-    assert len(errors) == 2
-    assert shares == [0.5, 1.0]
-
-
 def test_trials_that_share_the_cores_err_as_one_after_another() -> None:
-    given = judge_of().model.load_scenario(None)
-    alone, shared = (observe(judge_of(threads=n), [given], 3, seed=3) for n in (1, 3))
+    shares: list[float] = []
+    alone = identified_errors(experiment(), [GIVEN], 3, seed=3, progress=shares.append)
+    assert shares == pytest.approx([1 / 3, 2 / 3, 1.0])
     assert alone.shape == (3, 1, 7)
-    np.testing.assert_array_equal(alone, shared)
+    np.testing.assert_array_equal(alone, identified_errors(experiment(3), [GIVEN], 3, seed=3))
 
 
 def test_interrupted_trials_keep_the_actuators_that_answered_every_command() -> None:
-    judge, shares = judge_of(), []
+    shares: list[float] = []
 
     def stop(share: float) -> None:
         shares.append(share)
         if len(shares) == 3:
             raise KeyboardInterrupt
 
-    given = judge.model.load_scenario(None)
-    errors = observe(judge, [given, given], 4, seed=3, progress=stop)
+    errors = identified_errors(experiment(), [GIVEN, GIVEN], 4, seed=3, progress=stop)
     assert errors.shape == (1, 2, 7)
     assert shares == [0.125, 0.25, 0.375]
 
@@ -218,16 +207,15 @@ def test_wrong_input_gets_one_sentence(options: dict, said: str) -> None:
         quick("servo48", **{"budget": 5, **options})
 
 
-def test_what_is_observed_is_what_identify_answers() -> None:
-    judge = judge_of()
-    given = judge.model.load_scenario(None)
-    (errors,) = observe(judge, [given], 1, seed=3)
+def test_trials_err_as_identify_does() -> None:
+    setting = experiment()
+    (errors,) = identified_errors(setting, [GIVEN], 1, seed=3)
     rng = np.random.default_rng(3)
-    (faults,) = drawn_faults(judge.model, judge.actuator, rng.random((1, 8)), {})
-    real = drawn_actuator(judge, rng)
-    record = judge.model.simulate(
-        real, given, faults, fidelity="reference", noise=judge.noise, seed=30_000
+    (faults,) = fault_vectors(setting, 1, rng, {}, even=False)
+    real = setting.drawn_actuator(rng)
+    record = setting.model.simulate(
+        real, GIVEN, faults, fidelity="reference", noise=NOISE, seed=30_000
     )
-    answer = identify(record, judge.actuator, exact=judge.baseline.exact, threads=1)
-    expected = [answer.values[one.name] - faults[one.name] for one in judge.magnitudes]
+    answer = identify(record, setting.actuator, exact=True, threads=1)
+    expected = [answer.values[one.name] - faults[one.name] for one in setting.magnitudes]
     np.testing.assert_allclose(errors[0], expected, rtol=0.0, atol=1e-12)

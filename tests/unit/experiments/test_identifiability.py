@@ -1,4 +1,4 @@
-"""What a command is said to tell, beside what is known of it otherwise."""
+"""Identifiability of faults, beside what is known of it otherwise."""
 
 import json
 import math
@@ -9,7 +9,7 @@ import pytest
 import ematwin
 from ematwin.errors import InputError
 from ematwin.estimation.constants import SMALLEST
-from ematwin.estimation.identifiability import ranked
+from ematwin.experiments.identifiability import ranked
 from ematwin.models.scenario import Scenario
 
 NOISE = ematwin.Noise(white=0.02, bits=12)

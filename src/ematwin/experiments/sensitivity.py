@@ -23,8 +23,8 @@ import numpy as np
 
 from ematwin.errors import InputError, MissingExtraError
 from ematwin.estimation.baseline import Baseline, baseline_of, with_all_free
-from ematwin.estimation.expected import SEVEREST
 from ematwin.estimation.problem import Problem
+from ematwin.experiments.command_errors import SEVEREST
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.registry import load_actuator, model_of
 from ematwin.models.scenario import Scenario

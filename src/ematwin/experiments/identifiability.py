@@ -1,7 +1,6 @@
-"""What a command can tell of the faults of an actuator, before anything is recorded.
+"""Identifiability of faults from the answer to a command, before anything is recorded.
 
-The twin answers the command, and the width of the posterior at the true values
-(`ematwin.estimation.expected`) is the covariance that `identify` would find, without a search.
+It is read from the expected posterior of a simulated recording (`ematwin.experiments.expected`).
 """
 
 import math
@@ -14,14 +13,9 @@ from typing import Any
 import numpy as np
 
 from ematwin.errors import InputError
-from ematwin.estimation.baseline import Baseline, baseline_of
 from ematwin.estimation.constants import ANYTHING, PARTNERS, SIGMAS, SMALLEST, TRADED
-from ematwin.estimation.expected import width_of
-from ematwin.estimation.laplace import sharp_errors, standard_errors
-from ematwin.estimation.problem import Problem
-from ematwin.models.base import Model
+from ematwin.experiments.expected import Expected, Experiment
 from ematwin.models.parameter_set import ParameterSet
-from ematwin.models.registry import load_actuator, model_of
 from ematwin.models.scenario import Scenario
 from ematwin.models.unknown import PhysicalValue, Unknown
 from ematwin.recordings.noise import Noise
@@ -37,13 +31,13 @@ _PARTNER = 0.5  # correlation from which another is named
 
 
 @dataclass(frozen=True)
-class Told:
-    """What a command tells of one fault.
+class FaultIdentifiability:
+    """Identifiability of one fault.
 
     Attributes
     ----------
     name, meaning : of the fault
-    value, range : where it was looked at, and upper less lower bound
+    value, range : where slopes were taken, and upper less lower bound
     error : standard error, with parameters, load and sensors as uncertain as they are
     sharp_error : standard error if all of them were known exactly
     smallest : float, least deviation from healthy that is found with the rates that were asked for;
@@ -67,7 +61,7 @@ class Told:
 
     @property
     def sentence(self) -> str:
-        """How well it is told, in words."""
+        """Identifiability in words."""
         against = " and ".join(f"{name} ({r:+.2f})" for name, r in self.partners)
         if self.how == "dead":
             return "does not show"
@@ -79,7 +73,7 @@ class Told:
 
     @property
     def weakness(self) -> tuple[float, float]:
-        """What faults are ordered by: the smallest that is found, then the error, as shares."""
+        """Order of faults: the smallest that is found, then the error, as shares."""
         return self.smallest / self.range, self.error / self.range
 
     @property
@@ -95,10 +89,23 @@ class Told:
             self.sentence,
         ]
 
+    def as_dict(self) -> dict[str, Any]:
+        """Plain JSON values; what is infinite is null."""
+        numbers = {
+            "error": self.error, "sharp_error": self.sharp_error, "smallest": self.smallest
+        }  # fmt: skip
+        shown = self.physical
+        return {
+            "name": self.name, "meaning": self.meaning, "value": self.value,
+            **{name: x if math.isfinite(x) else None for name, x in numbers.items()},
+            "smallest_physical": shown and {"value": shown.value, "unit": shown.unit},
+            "how": self.how, "sentence": self.sentence, "partners": dict(self.partners),
+        }  # fmt: skip
+
 
 @dataclass(frozen=True)
 class Identifiability:
-    """What a command tells of all faults of an actuator.
+    """Identifiability of all faults of an actuator from its answer to a command.
 
     Attributes
     ----------
@@ -115,7 +122,7 @@ class Identifiability:
     scenario: Scenario
     actuator: ParameterSet
     faults: dict[str, float]
-    told: tuple[Told, ...]
+    told: tuple[FaultIdentifiability, ...]
     contrasts: dict[str, float]
     names: tuple[str, ...]
     correlation: np.ndarray
@@ -125,11 +132,18 @@ class Identifiability:
     miss: float
 
     @property
-    def weakest(self) -> Told:
-        """The fault of which least can be told, as a share of its range."""
+    def weakest(self) -> FaultIdentifiability:
+        """The fault that is least identifiable, as a share of its range."""
         return max(self.told, key=lambda one: one.weakness)
 
-    def __getitem__(self, fault: str) -> Told:
+    @property
+    def lead(self) -> str:
+        """The least identifiable fault, in words."""
+        if all(one.how == "pinned" for one in self.told):
+            return f"{self.scenario.name} tells all faults."
+        return f"{self.scenario.name}: {self.weakest.name} {self.weakest.sentence}."
+
+    def __getitem__(self, fault: str) -> FaultIdentifiability:
         for one in self.told:
             if one.name == fault:
                 return one
@@ -156,15 +170,11 @@ class Identifiability:
         return drawn(self, kind, {"smallest": "plot_smallest", "correlation": "plot_correlation"})
 
     def _repr_html_(self) -> str:
-        """What is told least, then all of it, in a notebook."""
-        weak = self.weakest
-        lead = f"{self.scenario.name}: {weak.name} {weak.sentence}."
-        if all(one.how == "pinned" for one in self.told):
-            lead = f"{self.scenario.name} tells all faults."
+        """The lead, then all faults, in a notebook."""
         marked = [n for n, one in enumerate(self.told) if one.how in ("open", "dead")]
         return "".join(
             [
-                markup.verdict(lead, "changed" if marked else "healthy"),
+                markup.verdict(self.lead, "changed" if marked else "healthy"),
                 markup.table(HEADINGS, (one.cells for one in self.told), marked),
                 *(markup.note(sentence) for sentence in self.obstacles),
             ]
@@ -182,7 +192,7 @@ class Identifiability:
             "false_alarm": self.false_alarm,
             "miss": self.miss,
             "weakest": self.weakest.name,
-            "told": [_told_as_dict(one) for one in self.told],
+            "told": [one.as_dict() for one in self.told],
             "contrasts": self.contrasts,
             "names": list(self.names),
             "correlation": self.correlation.tolist(),
@@ -227,41 +237,32 @@ def identifiability(
     for name, rate in (("false_alarm", false_alarm), ("miss", miss)):
         if not 0.0 < rate < 0.5:
             raise InputError(f"{name} must lie between 0 and 0.5, received {rate:g}.")
-    chosen = load_actuator(actuator)
-    model = model_of(chosen)
+    experiment = Experiment.of(
+        actuator, exact=exact, noise=noise, sample_rate=sample_rate, seed=seed, threads=threads
+    )
+    model, chosen = experiment.model, experiment.actuator
     asked = model.load_scenario(scenario)
-    values = model.values_of(chosen, {**_just_faulty(model, chosen), **(faults or {})})
-    recording = model.simulate(
-        chosen, asked, values, noise=noise, seed=seed, sample_rate=sample_rate
-    )  # fmt: skip
-    baseline = Baseline.of_simulation() if exact else baseline_of(actuator, chosen)
-    peak = width_of(model, chosen, baseline, recording, values, threads=threads)
-    full, factor = peak.problem, peak.problem.model_error
-    covariance = peak.widened(factor)
-    errors = standard_errors(full.chart, peak.z, covariance)
-    searched = sum(o.role in ("fault", "nuisance") and not o.marginal for o in full.unknowns)
-    sharp = sharp_errors(peak, searched, factor)
-    spread = np.sqrt(np.diag(covariance))
-    correlation = covariance / np.outer(spread, spread)
+    values = model.values_of(chosen, {**_just_faulty(experiment), **(faults or {})})
+    recording = experiment.record(asked, values)
+    expected = experiment.expected(recording, values)
     needed = NormalDist().inv_cdf(1.0 - false_alarm) + NormalDist().inv_cdf(1.0 - miss)
     obstacles = tuple(model.excitation(recording, chosen))
     if obstacles:
         needed = math.inf  # no fault is named, however large
-    told = []
-    for n, one in enumerate(full.unknowns):
-        if one.role == "fault" and one.direction_of is None:
-            others = _partners(full, n, correlation[n])
-            pair = float(errors[n]), float(sharp[n])
-            told.append(_told(chosen, one, values[one.name], pair, needed, others))
+    problem = expected.problem
     return Identifiability(
         scenario=asked,
         actuator=chosen,
-        faults={one.name: values[one.name] for one in full.unknowns if one.role == "fault"},
-        told=tuple(told),
-        contrasts=_contrasts(model, chosen, full, covariance),
-        names=full.chart.names,
-        correlation=correlation,
-        noise=full.relative_misfit(peak.cost),
+        faults={one.name: values[one.name] for one in problem.unknowns if one.role == "fault"},
+        told=tuple(
+            _identifiability(chosen, one, values[one.name], expected, needed)
+            for one in problem.unknowns
+            if one.role == "fault" and one.direction_of is None
+        ),
+        contrasts=_contrasts(experiment, expected),
+        names=problem.chart.names,
+        correlation=expected.correlation,
+        noise=problem.relative_misfit(expected.peak.cost),
         obstacles=obstacles,
         false_alarm=false_alarm,
         miss=miss,
@@ -273,29 +274,20 @@ def ranked(found: Sequence[Identifiability]) -> list[Identifiability]:
     return sorted(found, key=lambda one: one.weakest.weakness)
 
 
-def _just_faulty(model: Model, actuator: ParameterSet) -> dict[str, float]:
+def _just_faulty(experiment: Experiment) -> dict[str, float]:
     """Values off their healthy ones and bounds, so that slopes to both sides mean something."""
     found = {}
-    for one in model.faults(actuator):
-        if one.direction_of is None:
-            step = SMALLEST * one.width
-            found[one.name] = one.healthy + (step if one.healthy + step < one.upper else -step)
+    for one in experiment.magnitudes:
+        step = SMALLEST * one.width
+        found[one.name] = one.healthy + (step if one.healthy + step < one.upper else -step)
     return found
 
 
-def _told(
-    actuator: ParameterSet,
-    one: Unknown,
-    value: float,
-    errors: tuple[float, float],
-    needed: float,
-    others: tuple[tuple[str, float], ...],
-) -> Told:
-    """What errors mean for a fault: the standard error, and that if all else were known.
-
-    ``needed`` of the first are a detectable deviation.
-    """
-    error, sharp_error = errors
+def _identifiability(
+    actuator: ParameterSet, one: Unknown, value: float, expected: Expected, needed: float
+) -> FaultIdentifiability:
+    """Identifiability of a fault; ``needed`` standard errors are a detectable deviation."""
+    error, sharp_error = expected.errors[one.name], expected.sharp_errors[one.name]
     smallest = max(SMALLEST * one.width, needed * error)
     up, down = one.upper - one.healthy, one.healthy - one.lower
     physical = None
@@ -309,49 +301,34 @@ def _told(
         how = "open"
     else:
         how = "traded" if error > TRADED * sharp_error else "pinned"
-    return Told(
-        one.name, one.meaning, value, one.width, error, sharp_error, smallest, physical,
-        how, others if how in ("open", "traded") else (),
+    partners = _partners(expected, one.name) if how in ("open", "traded") else ()
+    return FaultIdentifiability(
+        one.name, one.meaning, value, one.width, error, sharp_error, smallest, physical, how,
+        partners,
     )  # fmt: skip
 
 
-def _partners(full: Problem, n: int, correlation: np.ndarray) -> tuple[tuple[str, float], ...]:
-    """What moves along with an unknown, by the correlation (d,); what is no fault comes first.
+def _partners(expected: Expected, name: str) -> tuple[tuple[str, float], ...]:
+    """Unknowns correlated with one, those that are no faults first.
 
     Equal shorts move along with one another because each moves along with the torque constant.
     """
-    along = [k for k in range(len(correlation)) if k != n and abs(correlation[k]) >= _PARTNER]
-    along.sort(key=lambda k: (full.unknowns[k].role == "fault", -abs(correlation[k])))
-    return tuple((full.chart.names[k], float(correlation[k])) for k in along[:PARTNERS])
+    problem = expected.problem
+    n = problem.names.index(name)
+    row = expected.correlation[n]
+    along = [k for k in range(len(row)) if k != n and abs(row[k]) >= _PARTNER]
+    along.sort(key=lambda k: (problem.unknowns[k].role == "fault", -abs(row[k])))
+    return tuple((problem.chart.names[k], float(row[k])) for k in along[:PARTNERS])
 
 
-def _contrasts(
-    model: Model, actuator: ParameterSet, full: Problem, covariance: np.ndarray
-) -> dict[str, float]:
+def _contrasts(experiment: Experiment, expected: Expected) -> dict[str, float]:
     """Standard errors of the combinations of faults that a kind reports."""
-    found = {}
-    for one in model.contrasts(actuator):
-        if set(one.weights) <= set(full.names):
-            way = np.zeros(len(full.names))
+    problem, found = expected.problem, {}
+    for one in experiment.model.contrasts(experiment.actuator):
+        if set(one.weights) <= set(problem.names):
+            way = np.zeros(len(problem.names))
             for name, weight in one.weights.items():
-                n = full.names.index(name)
-                way[n] = weight * full.chart.widths[n]
-            found[one.name] = float(np.sqrt(way @ covariance @ way))
+                n = problem.names.index(name)
+                way[n] = weight * problem.chart.widths[n]
+            found[one.name] = float(np.sqrt(way @ expected.covariance @ way))
     return found
-
-
-def _told_as_dict(one: Told) -> dict[str, Any]:
-    finite = {
-        name: value if math.isfinite(value) else None
-        for name, value in (
-            ("error", one.error), ("sharp_error", one.sharp_error), ("smallest", one.smallest),
-        )
-    }  # fmt: skip
-    shown = None
-    if one.physical is not None:
-        shown = {"value": one.physical.value, "unit": one.physical.unit}
-    return {
-        "name": one.name, "meaning": one.meaning, "value": one.value, **finite,
-        "smallest_physical": shown, "how": one.how, "sentence": one.sentence,
-        "partners": dict(one.partners),
-    }  # fmt: skip

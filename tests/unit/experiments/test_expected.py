@@ -1,4 +1,4 @@
-"""What a command promises: the width of a posterior that `identify` then finds."""
+"""Expected posterior of a command, beside that which `identify` finds."""
 
 import numpy as np
 import pytest
@@ -19,8 +19,8 @@ def told(noise: float) -> ematwin.Identifiability:
 
 def test_it_is_the_standard_error_that_identify_states() -> None:
     record = ematwin.simulate("reference", faults=MIDDLE, noise=Noise(white=0.02), seed=8)
-    found, promised = ematwin.identify(record, exact=True, threads=1), told(0.02)
-    ratios = [promised[n].error / found.estimate.standard_errors[n] for n in MAGNITUDES]
+    found, expected = ematwin.identify(record, exact=True, threads=1), told(0.02)
+    ratios = [expected[n].error / found.estimate.standard_errors[n] for n in MAGNITUDES]
     assert 0.8 < float(np.median(ratios)) < 1.3
     assert all(0.4 < one < 2.5 for one in ratios)
 

@@ -7,8 +7,8 @@ import pytest
 
 import ematwin
 from ematwin.errors import InputError
-from ematwin.estimation.baseline import Baseline
-from ematwin.estimation.discriminate import _Pair
+from ematwin.experiments.discriminate import Pair
+from ematwin.experiments.expected import Experiment
 from ematwin.models.registry import load_actuator, model_of
 from ematwin.models.scenario import Scenario, Step
 
@@ -18,15 +18,14 @@ WARM = 0.95 * ACTUATOR.value("motor.emf_constant")
 SHORTS = dict.fromkeys(("short_a", "short_b", "short_c"), 0.05)
 
 
-def pair(first: dict, second: dict, *, exact: bool = True) -> _Pair:
-    baseline = Baseline.of_simulation() if exact else Baseline.of_template(MODEL, ACTUATOR)
-    return _Pair(MODEL, ACTUATOR, baseline, first, second, None, None, 1, 1)
+def pair(first: dict, second: dict) -> Pair:
+    return Pair(Experiment.of(None, exact=True, threads=1), first, second)
 
 
 def test_distance_between_points_is_that_of_their_answers() -> None:
     given = MODEL.load_scenario()
     both = pair({"friction": 0.1, "gain": 0.5}, {"friction": 0.0, "gain": 0.52})
-    record = both.record(given)
+    record = both.experiment.record(given, fast=True)
     comparison = MODEL.compare(record, ACTUATOR, threads=1)
     values = {"friction": np.array([0.1, 0.0]), "gain": np.array([0.5, 0.52])}
     first, second = comparison.residuals(values, 2)
@@ -35,7 +34,7 @@ def test_distance_between_points_is_that_of_their_answers() -> None:
 
 
 def test_what_only_one_names_is_fitted_to_the_other() -> None:
-    record = pair(SHORTS, {}).record(MODEL.load_scenario())
+    record = pair(SHORTS, {}).experiment.record(MODEL.load_scenario(), fast=True)
     far = pair({**SHORTS, "motor.emf_constant": WARM / 0.95}, {**dict.fromkeys(SHORTS, 0.0),
                "motor.emf_constant": WARM}).distance(record)  # fmt: skip
     near = pair(SHORTS, {"motor.emf_constant": WARM}).distance(record)
@@ -44,10 +43,11 @@ def test_what_only_one_names_is_fitted_to_the_other() -> None:
 
 def test_a_load_tells_efficiency_from_friction() -> None:
     both = pair({"friction": 0.05}, {"transmission.efficiency_opposing": 0.8})
+    record = both.experiment.record
     given = MODEL.load_scenario()
     free = Scenario(duration=0.5, command=given.command)
     loaded = Scenario(duration=0.5, command=given.command, load=[Step(value=10.0)])
-    assert both.distance(both.record(loaded)) > 2.0 * both.distance(both.record(free))
+    assert both.distance(record(loaded, fast=True)) > 2.0 * both.distance(record(free, fast=True))
 
 
 def test_warm_magnets_and_equal_shorts_stay_one_whatever_the_command() -> None:

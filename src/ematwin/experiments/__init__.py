@@ -1,0 +1,1 @@
+"""Experiments before they are made: which faults a test command can determine."""

@@ -1,0 +1,246 @@
+"""Errors of a command over faults that are still unknown: expected ones, and those of `identify`.
+
+A command that is to be chosen has to be good for faults that are still unknown: squared errors are
+averaged over vectors drawn from the prior of the faults (Chaloner and Verdinelli 1995, Statistical
+Science 10, 273-304: "on-average" designs).
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from ematwin.errors import DivergedError, ParameterError, RecordError
+from ematwin.estimation.assess import assess
+from ematwin.estimation.constants import SMALLEST
+from ematwin.estimation.interrupt import noting_interrupts
+from ematwin.estimation.problem import Problem
+from ematwin.estimation.search import find, named
+from ematwin.experiments.expected import Experiment
+from ematwin.experiments.identifiability import Identifiability
+from ematwin.models.scenario import Scenario
+from ematwin.models.unknown import Unknown
+from ematwin.numerics.side_by_side import cores, side_by_side
+from ematwin.numerics.sobol import Sobol
+
+SEVEREST = 0.5  # share of the way from healthy to a bound: a test is for faults that begin
+
+Faults = Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class CommandErrors:
+    """Errors of a command.
+
+    Attributes
+    ----------
+    scenario : Scenario
+    errors : expected standard error of each magnitude, by name; infinite where ``obstacle`` says
+        why nothing is known
+    ranges : of the magnitudes, by name
+    demands : what it demands of a healthy actuator, by name, SI
+    faulty : the most that it demanded of one with faults
+    obstacle : why no verdict would be given on such a recording, or ""
+    told : Identifiability, at faults that are only just ones; None where it was not asked for
+    observed : root mean square of the errors that `identify` made on ``checks`` simulated
+        recordings, by name; empty if none were made
+    checks : how many
+    """
+
+    scenario: Scenario
+    errors: dict[str, float]
+    ranges: dict[str, float]
+    demands: dict[str, float]
+    faulty: dict[str, float] = field(default_factory=dict)
+    obstacle: str = ""
+    told: Identifiability | None = None
+    observed: dict[str, float] = field(default_factory=dict)
+    checks: int = 0
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """Expected errors over the ranges of the faults, by name."""
+        return {name: error / self.ranges[name] for name, error in self.errors.items()}
+
+    @property
+    def weakest(self) -> str:
+        """The fault whose expected error is the largest share of its range."""
+        return max(self.shares, key=lambda name: self.shares[name])
+
+    def worst(self, fault: str | None, *, observed: bool = False) -> float:
+        """The error of a fault, or the largest, as a share of the range; expected or observed."""
+        errors = self.observed if observed else self.errors
+        return max(x / self.ranges[n] for n, x in errors.items() if fault in (None, n))
+
+    def with_observed(self, errors: np.ndarray) -> "CommandErrors":
+        """With errors (N, n) of `identify` on N recordings; itself if there are none."""
+        if not len(errors):
+            return self
+        rms = np.sqrt((errors**2).mean(axis=0)).tolist()
+        return replace(
+            self, observed=dict(zip(self.errors, rms, strict=True)), checks=len(errors)
+        )  # fmt: skip
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain JSON values; what is infinite is null."""
+        return {
+            "scenario": self.scenario.model_dump(mode="json", exclude_none=True),
+            "errors": {n: x if math.isfinite(x) else None for n, x in self.errors.items()},
+            "weakest": self.weakest,
+            "demands": self.demands,
+            "demands_with_faults": self.faulty,
+            "identifiability": None if self.told is None else self.told.as_dict(),
+            "observed": self.observed or None,
+            "checks": self.checks,
+        }
+
+
+def fault_vectors(
+    experiment: Experiment, count: int, rng: np.random.Generator, given: Faults, *, even: bool
+) -> list[dict[str, float]]:
+    """Fault vectors from the prior of the faults; ``given`` are held.
+
+    Magnitudes lie between `SMALLEST` of their range and `SEVEREST` of the way to a bound, to either
+    side where healthy lies inside; directions anywhere. ``even`` covers the prior evenly (Sobol).
+    """
+    faults = experiment.model.faults(experiment.actuator)
+    shares = Sobol(len(faults), rng).random(count) if even else rng.random((count, len(faults)))
+    found = []
+    for row in shares.tolist():
+        values = {one.name: _value(one, u) for one, u in zip(faults, row, strict=True)}
+        found.append(experiment.model.values_of(experiment.actuator, {**values, **given}))
+    return found
+
+
+def _value(one: Unknown, share: float) -> float:
+    if one.direction_of is not None:
+        return one.lower + share * one.width
+    up, down = one.upper - one.healthy, one.healthy - one.lower
+    if min(up, down) > 2.0 * SMALLEST * one.width:
+        sign, share = (1.0, 2.0 * share) if share < 0.5 else (-1.0, 2.0 * share - 1.0)
+    else:
+        sign = 1.0 if up >= down else -1.0
+    reach = SEVEREST * (up if sign > 0.0 else down)
+    least = min(SMALLEST * one.width, reach)
+    return one.healthy + sign * (least + share * (reach - least))
+
+
+def expected_errors(
+    experiment: Experiment,
+    scenario: Scenario,
+    vectors: Sequence[Faults],
+    limits: Mapping[str, float] | None = None,
+    *,
+    fast: bool = False,
+    fault: str | None = None,
+    enough: float = math.inf,
+) -> CommandErrors:
+    """Expected errors of a command, or what is in its way; one beyond its limits is not simulated.
+
+    Parameters
+    ----------
+    experiment : with what is known of the actuator
+    scenario : the command
+    vectors : of the faults, at each of which slopes are taken
+    limits : what it may demand of a healthy actuator, by name, SI
+    fast : simulate with the fast model alone, for the many commands of a search
+    fault, enough : the error of that fault, or the largest, as a share of the range, above which
+        the command is worse than another: further vectors only add to it
+    """
+    ranges = {one.name: one.width for one in experiment.magnitudes}
+    motion = experiment.move(scenario, limits, fast=fast)
+    none = CommandErrors(
+        scenario, dict.fromkeys(ranges, math.inf), ranges, motion.demands, obstacle=motion.obstacle
+    )
+    if motion.obstacle:
+        return none
+    threads = experiment.threads or cores()
+    alone = replace(experiment, threads=1)  # the vectors share the cores
+
+    def at(faults: Faults) -> tuple[np.ndarray, dict[str, float]]:
+        recording = alone.record(scenario, faults, fast=fast)
+        errors = alone.expected(recording, faults, fast=fast).errors
+        squares = np.array([errors[name] for name in ranges]) ** 2
+        squares = np.where(np.isfinite(squares), squares, np.inf)
+        return squares, alone.model.demanded(recording)
+
+    total, found = np.zeros(len(ranges)), replace(none, faulty=motion.demands)
+    try:
+        for first in range(0, len(vectors), threads):
+            for squares, demands in side_by_side(at, vectors[first : first + threads], threads):
+                total += squares
+                faulty = {name: max(x, demands[name]) for name, x in found.faulty.items()}
+                found = replace(found, faulty=faulty)
+            errors = np.sqrt(total / len(vectors)).tolist()
+            found = replace(found, errors=dict(zip(ranges, errors, strict=True)))
+            if found.worst(fault) > enough:
+                break
+    except (DivergedError, ParameterError, RecordError) as error:
+        return replace(none, obstacle=str(error))
+    return found
+
+
+def identified_errors(
+    experiment: Experiment,
+    scenarios: Sequence[Scenario],
+    recordings: int,
+    *,
+    seed: int = 2,
+    step: float | None = None,
+    progress: Callable[[float], object] | None = None,
+) -> np.ndarray:
+    """Errors that `identify` makes on simulated recordings of the reference model.
+
+    Parameters
+    ----------
+    experiment : the actuator, what is known of it, noise and sample rate
+    scenarios : the commands, (C,); each actuator answers all of them
+    recordings : N of each, every one of another actuator
+    seed : of faults, parameters and noise
+    step : float, s, of the model that is recorded; None takes the actuator's
+    progress : called with the share done
+
+    Returns
+    -------
+    (N, C, n) array of the n magnitudes; after Ctrl-C of fewer actuators
+    """
+    model, rng = experiment.model, np.random.default_rng(seed)
+    vectors = fault_vectors(experiment, recordings, rng, {}, even=False)
+    actuators = [experiment.drawn_actuator(rng) for _ in vectors]
+    settings: dict[str, Any] = {} if step is None else {"step": step}
+    search, magnitudes = named(model.default_search), experiment.magnitudes
+
+    def errors_of(n: int, scenario: Scenario) -> list[float]:
+        record = model.simulate(
+            actuators[n], scenario, vectors[n], fidelity=model.fidelities[0],
+            noise=experiment.noise, seed=seed * 10_000 + n, sample_rate=experiment.sample_rate,
+            **settings,
+        )  # fmt: skip
+        # as `identify` does, but for its verdict
+        problem = Problem.of(record, experiment.actuator, threads=1)
+        found = find(problem, search)
+        values = assess(model, experiment.actuator, problem, found, experiment.baseline).values
+        return [values[one.name] - vectors[n][one.name] for one in magnitudes]
+
+    errors = np.full((recordings, len(scenarios), len(magnitudes)), np.nan)
+    threads = experiment.threads or cores()
+    with noting_interrupts() as interrupts, ThreadPoolExecutor(threads) as pool:
+        tasks = {
+            pool.submit(errors_of, n, scenario): (n, c)
+            for n in range(recordings)
+            for c, scenario in enumerate(scenarios)
+        }
+        try:
+            for done, task in enumerate(as_completed(tasks), 1):
+                errors[tasks[task]] = task.result()
+                interrupts.check()
+                if progress is not None:
+                    progress(done / len(tasks))
+        except KeyboardInterrupt:
+            interrupts.pressed = False
+        finally:
+            pool.shutdown(cancel_futures=True)
+    return errors[~np.isnan(errors).any(axis=(1, 2))]

@@ -1,0 +1,341 @@
+"""The test command with the smallest expected errors, within what a test may demand: `design`.
+
+An optimal design of an experiment (Atkinson, Donev and Tobias 2007, Optimum Experimental Designs,
+with SAS, chapters 10 and 17): the numbers of a scenario are chosen so that the expected standard
+error (`ematwin.experiments.command_errors`)
+
+    of one named fault, everything else being a nuisance (Ds-optimal), or
+    of the fault that is worst in share of its range (min-max),
+
+is least. Differential evolution searches the box of `DesignSpace`, from the scenario itself. The
+best few are compared again at other faults, and `identify` answers simulated recordings of the best
+of these and of the given command, all of the same actuators. A few recordings are luck as well: the
+given one stays unless the other is expected to err clearly less and errs clearly less.
+"""
+
+import math
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ematwin.errors import InputError
+from ematwin.estimation.interrupt import noting_interrupts
+from ematwin.experiments.command_errors import (
+    CommandErrors,
+    expected_errors,
+    fault_vectors,
+    identified_errors,
+)
+from ematwin.experiments.expected import BEYOND, Experiment, excess
+from ematwin.experiments.identifiability import identifiability
+from ematwin.experiments.search import BUDGET, CommandSearch, Cost, Progress
+from ematwin.experiments.space import DesignSpace
+from ematwin.models.parameter_set import ParameterSet
+from ematwin.models.scenario import Scenario
+from ematwin.recordings.noise import Noise
+from ematwin.showing.drawing import drawn
+
+DRAWS = 6
+FRESH = 16  # fault vectors on which the best commands are compared anew
+TRIALS = 8  # recordings of each command: its root mean square error is known to a fifth
+CLEARLY = 1.1  # ratio of errors, expected and of `identify`, from which another command is chosen
+_FINALISTS = 5  # commands that are compared anew
+_OTHERS = 7919  # seeds of trials lie so far from those of a search and of `Design.check`
+
+
+@dataclass(frozen=True)
+class Design:
+    """Command that was found, beside the one from which it was made.
+
+    Attributes
+    ----------
+    promised, default : errors of the command that was found, and of the given one in the same
+        duration
+    fault : the fault it was made for; None for the weakest
+    limits : that it keeps, by name, SI
+    held : what counts as known while commands are compared, because none of them determines it
+    draws : fault vectors over which the errors are averaged
+    evaluations, seconds, stopped, seed : of the search
+    experiment : the actuator, what is known of it, and the noise
+    checked : whether the errors observed are those of `check`; else they are of the recordings by
+        which the command was chosen
+    """
+
+    promised: CommandErrors
+    default: CommandErrors
+    fault: str | None
+    limits: dict[str, float]
+    held: tuple[str, ...]
+    draws: int
+    evaluations: int
+    seconds: float
+    stopped: str
+    seed: int
+    experiment: Experiment = field(repr=False)
+    checked: bool = False
+
+    @property
+    def actuator(self) -> ParameterSet:
+        """For which it was made."""
+        return self.experiment.actuator
+
+    @property
+    def scenario(self) -> Scenario:
+        """The command."""
+        return self.promised.scenario
+
+    @property
+    def gain(self) -> float:
+        """The error of the default over that of the design, of the fault that it was made for."""
+        return self.default.worst(self.fault) / self.promised.worst(self.fault)
+
+    @property
+    def observed_gain(self) -> float | None:
+        """The same with the errors that `identify` made; None where none were."""
+        if not self.promised.observed or not self.default.observed:
+            return None
+        before, after = (
+            one.worst(self.fault, observed=True) for one in (self.default, self.promised)
+        )
+        return before / after
+
+    @property
+    def sentence(self) -> str:
+        """The gain, in words."""
+        what = f"the standard error of {self.fault}"
+        if self.fault is None:
+            what = "the largest standard error (share of the range)"
+        if not math.isfinite(self.gain):
+            return (
+                f"The given command tells no faults; this one does, {self.promised.weakest} least."
+            )
+        if self.scenario == self.default.scenario:
+            return (
+                f"No command within the limits was found that lowers {what}; the given one stays."
+            )
+        if self.observed_gain is None:
+            return (
+                f"It is expected to lower {what} {self.gain:.1f} times; no recording was "
+                "identified to see whether it does."
+            )
+        which = "other simulated recordings" if self.checked else "simulated recordings"
+        return (
+            f"It lowers {what} about {min(self.gain, self.observed_gain):.1f} times: "
+            f"{self.gain:.1f} expected, {self.observed_gain:.1f} on {self.promised.checks} {which}."
+        )
+
+    def plot(self, kind: str = "errors") -> Any:
+        """A figure of plotly: "errors" (of both commands, by fault) or "command"."""
+        return drawn(self, kind, {"errors": "plot_errors", "command": "plot_command"})
+
+    def check(
+        self,
+        recordings: int = 10,
+        *,
+        seed: int = 2,
+        step: float | None = None,
+        progress: Callable[[float], object] | None = None,
+    ) -> "Design":
+        """The design, with the errors of `identify` on simulated recordings of both commands.
+
+        Parameters
+        ----------
+        recordings : of each command, every one of another actuator
+        seed : of faults, parameters and noise; other than that of the design
+        step : float, s, of the model that is recorded; None takes the actuator's
+        progress : called with the share done
+
+        Returns
+        -------
+        Design, also after Ctrl-C: with the recordings that were done; itself if there are none
+        """
+        if recordings < 1:
+            raise InputError(f"recordings must be at least 1, received {recordings}.")
+        scenarios = [self.scenario, self.default.scenario]
+        errors = identified_errors(
+            self.experiment, scenarios, recordings, seed=seed, step=step, progress=progress
+        )
+        if not len(errors):
+            return self
+        promised, default = (
+            one.with_observed(errors[:, n]) for n, one in enumerate((self.promised, self.default))
+        )
+        return replace(self, promised=promised, default=default, checked=True)
+
+    def save(self, path: str | Path) -> None:
+        """Write the command as a scenario file (TOML), whole or not at all."""
+        self.scenario.save(path)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain JSON values."""
+        return {
+            "actuator": self.actuator.name,
+            "fault": self.fault,
+            "sentence": self.sentence,
+            "gain": self.gain if math.isfinite(self.gain) else None,
+            "observed_gain": self.observed_gain,
+            "limits": self.limits,
+            "held": list(self.held),
+            "promised": self.promised.as_dict(),
+            "default": self.default.as_dict(),
+            "evaluations": self.evaluations,
+            "seconds": self.seconds,
+            "stopped": self.stopped,
+            "seed": self.seed,
+        }
+
+
+def design(
+    actuator: ParameterSet | str | Path | Any | None = None,
+    *,
+    fault: str | None = None,
+    scenario: Scenario | str | Path | None = None,
+    duration: float | None = None,
+    faults: Mapping[str, float] | None = None,
+    noise: Noise | None = None,
+    exact: bool = False,
+    sample_rate: float | None = None,
+    draws: int = DRAWS,
+    fresh: int = FRESH,
+    trials: int = TRIALS,
+    budget: int = BUDGET,
+    seed: int = 1,
+    threads: int | None = None,
+    progress: Progress | None = None,
+    trying: Callable[[float], object] | None = None,
+    **limits: float,
+) -> Design:
+    """The command with the smallest expected error of the weakest fault, or a named one.
+
+    Parameters
+    ----------
+    actuator : a parameter set of any kind, its name or file; calibrated or not
+    fault : the fault to identify; None takes that of the largest error, as a share of its range
+    scenario : the command to begin from, of which the numbers are chosen; a `Scenario`, the name of
+        a shipped one, or a file. None takes the kind's default
+    duration : float, s; None takes that of the scenario
+    faults : values of some faults; the others are drawn
+    noise : of the sensors; None for that which the kind simulates by itself
+    exact : parameters, load and sensors are known exactly
+    sample_rate : float, Hz; None takes the kind's
+    draws : fault vectors over which errors are averaged in the search
+    fresh : others, on which the best commands and the given one are compared anew
+    trials : simulated recordings of the best command, and of the given one, that are identified
+        before one is chosen: the given one stays unless the other errs clearly less. 0 relies on
+        the expected errors
+    budget : commands that are compared
+    seed : of the fault vectors, the noise and the search
+    threads : that share a batch; None takes one for each core
+    progress : called after each batch of commands
+    trying : called with the share of the trials that is done
+    limits : the largest travel, speed, current, load, in SI; what is not named is limited by what
+        the scenario demands. Names are those of `Model.demands`
+
+    Returns
+    -------
+    Design, also after Ctrl-C: the best found so far, ``stopped == "interrupted"``
+
+    Raises
+    ------
+    InputError
+        If an argument cannot be used, or no command keeps the limits.
+    """
+    started = time.perf_counter()
+    for name, count, least in (("draws", draws, 1), ("fresh", fresh, 1), ("trials", trials, 0)):
+        if count < least:
+            raise InputError(f"{name} must be at least {least}, received {count}.")
+    experiment, held = Experiment.of(
+        actuator, exact=exact, noise=noise, sample_rate=sample_rate, seed=seed, threads=threads
+    ).knowing_aliases()
+    model, chosen = experiment.model, experiment.actuator
+    given = experiment.started(scenario, duration)
+    if fault is not None:
+        experiment.check_magnitude(fault)
+    known = model.values_of(chosen, faults or {})
+    fixed = {name: known[name] for name in faults or {}}
+
+    def vectors(count: int, seed: int) -> list[dict[str, float]]:
+        return fault_vectors(experiment, count, np.random.default_rng(seed), fixed, even=True)
+
+    some = vectors(draws, seed)
+    within = experiment.limits(experiment.move(given).demands, limits)
+
+    def cost_of(command: Scenario, enough: float) -> Cost:
+        one = expected_errors(
+            experiment, command, some, within, fast=True, fault=fault, enough=enough
+        )
+        return Cost(one.worst(fault), one.demands, one.obstacle)
+
+    search = CommandSearch(DesignSpace(model, given, within), within, cost_of)
+    search.run(budget, seed, progress)
+    others = vectors(fresh, seed + 1)
+    final = experiment.limits(experiment.move(given, fast=False).demands, limits)
+    judged = partial(expected_errors, experiment, vectors=others)
+    best, default = _finalists(search, judged, given, final, fault)
+    if default.obstacle and best is default:
+        raise search.refusal(chosen.name, limits)
+    both = [default] if best is default else [best, default]
+    asked = trials if len(both) > 1 and search.stopped != "interrupted" else 0
+    errors = identified_errors(
+        experiment, [one.scenario for one in both], asked, seed=_OTHERS + seed, progress=trying
+    )
+    if len(errors) < asked:
+        search.stopped = "interrupted"
+    both = [one.with_observed(errors[:, n]) for n, one in enumerate(both)]
+    if len(errors) and not default.obstacle:
+        first, second = (one.worst(fault, observed=True) for one in both)
+        if CLEARLY * first > second:
+            both = both[1:]
+    both = [
+        replace(one, told=identifiability(
+            one.scenario, actuator, faults=fixed, noise=noise, exact=exact,
+            sample_rate=sample_rate, seed=seed, threads=threads,
+        )) for one in both
+    ]  # fmt: skip
+    return Design(
+        promised=both[0],
+        default=both[-1],
+        fault=fault,
+        limits=final,
+        held=held,
+        draws=fresh,
+        evaluations=search.evaluations,
+        seconds=time.perf_counter() - started,
+        stopped=search.stopped,
+        seed=seed,
+        experiment=experiment,
+    )
+
+
+def _finalists(
+    search: CommandSearch,
+    judged: Callable[..., CommandErrors],
+    given: Scenario,
+    limits: Mapping[str, float],
+    fault: str | None,
+) -> tuple[CommandErrors, CommandErrors]:
+    """The best of the search and the given command, compared at fresh faults.
+
+    The search has fitted its best commands to the few faults that it saw: the given one is the best
+    unless another is expected to err clearly less.
+    """
+    default = judged(given)
+    if not default.obstacle and excess(default.demands, limits) > 0.0:
+        default = replace(default, obstacle=BEYOND)
+    best = default
+    least = math.inf if default.obstacle else default.worst(fault) / CLEARLY
+    with noting_interrupts() as interrupts:
+        try:
+            for one in search.best(1 if search.stopped == "interrupted" else _FINALISTS):
+                interrupts.check()
+                errors = judged(one, limits=limits)
+                if not errors.obstacle and errors.worst(fault) < least:
+                    best, least = errors, errors.worst(fault)
+        except KeyboardInterrupt:
+            interrupts.pressed, search.stopped = False, "interrupted"
+    return best, default

@@ -1,0 +1,285 @@
+"""The test command that tells two explanations of a recording apart: `discriminate`.
+
+A recording may leave two explanations that fit alike, such as turns missing from all phases and
+warm magnets. T-optimality (Atkinson and Fedorov 1975, Biometrika 62, 57-70) asks for the command
+under which the answer of the one is furthest from the best fit of the other:
+
+    T = min_theta [ |r_1 - r_2(theta)|^2 + priors ] / (f sigma)^2,   distance = sqrt(T)
+
+theta : what only the second explanation names, and load, sensors and parameters as far as they are
+uncertain; r : weighted residuals of the model's answers; sigma : the noise of an independent
+residual; f : `Model.model_error`, for fits end in the roughness of impacts. Each is fitted to the
+other, and the smaller distance counts. It is in standard deviations: below `constants.SIGMAS` the
+two cannot be told apart.
+"""
+
+import math
+import time
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ematwin.errors import DivergedError, InputError, ParameterError, RecordError
+from ematwin.estimation.baseline import effective, with_nuisances
+from ematwin.estimation.constants import SIGMAS
+from ematwin.estimation.levenberg_marquardt import LevenbergMarquardt
+from ematwin.estimation.problem import Prior, Problem
+from ematwin.experiments.expected import Experiment
+from ematwin.experiments.search import CommandSearch, Cost, Progress
+from ematwin.experiments.space import DesignSpace
+from ematwin.models.comparison import Comparison
+from ematwin.models.parameter_set import ParameterSet
+from ematwin.models.scenario import Scenario
+from ematwin.models.unknown import Unknown
+from ematwin.recordings.noise import Noise
+from ematwin.recordings.recording import Recording
+
+BUDGET = 200
+_ITERATIONS = 4  # of the fit of an explanation to the other: they start near
+_WHOLE = 16  # of a fit that is followed to its end
+_FINALISTS = 3
+_DIFFERENT = 1e-12  # share of a range
+
+Explanation = Mapping[str, float]
+"""Values by name: faults, load and sensors, parameters by place; what is not named is healthy."""
+
+
+@dataclass(frozen=True)
+class Discrimination:
+    """The command under which two explanations differ most.
+
+    Attributes
+    ----------
+    scenario : Scenario
+    distance, default_distance : standard deviations between the explanations, with this command and
+        with the given one in the same duration
+    default : the given command
+    first, second : the explanations
+    actuator : ParameterSet
+    limits, demands : what a motion may demand of a healthy actuator, and what this one does
+    evaluations, seconds, stopped, seed : of the search
+    """
+
+    scenario: Scenario
+    distance: float
+    default: Scenario
+    default_distance: float
+    first: dict[str, float]
+    second: dict[str, float]
+    actuator: ParameterSet
+    limits: dict[str, float]
+    demands: dict[str, float]
+    evaluations: int
+    seconds: float
+    stopped: str
+    seed: int
+
+    @property
+    def told(self) -> bool:
+        """Whether the command tells them apart."""
+        return self.distance >= SIGMAS
+
+    @property
+    def sentence(self) -> str:
+        """The distances in words."""
+        first, second = _in_words(self.first), _in_words(self.second)
+        if self.told:
+            return (
+                f"With this command {first} and {second} lie {self.distance:.2g} standard "
+                f"deviations apart; with {self.default.name} they lie {self.default_distance:.2g}."
+            )
+        return (
+            f"No command within the limits tells {first} from {second}: they lie "
+            f"{self.distance:.2g} standard deviations apart at best, where {SIGMAS:g} are needed. "
+            "Record further channels, or measure one of the two otherwise."
+        )
+
+    def save(self, path: str | Path) -> None:
+        """Write the command as a scenario file (TOML), whole or not at all."""
+        self.scenario.save(path)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain JSON values."""
+        plain = {name: value for name, value in vars(self).items() if name != "default"}
+        return {
+            **plain,
+            "actuator": self.actuator.name,
+            "sentence": self.sentence,
+            "told": self.told,
+            "scenario": self.scenario.model_dump(mode="json", exclude_none=True),
+        }
+
+
+def discriminate(
+    first: Explanation,
+    second: Explanation,
+    actuator: ParameterSet | str | Path | Any | None = None,
+    *,
+    scenario: Scenario | str | Path | None = None,
+    duration: float | None = None,
+    noise: Noise | None = None,
+    exact: bool = False,
+    sample_rate: float | None = None,
+    budget: int = BUDGET,
+    seed: int = 1,
+    threads: int | None = None,
+    progress: Progress | None = None,
+    **limits: float,
+) -> Discrimination:
+    """The command under which two explanations of a recording differ most.
+
+    Parameters
+    ----------
+    first, second : values by name. What only one of the two names is fitted to the other; what
+        both name stays as it is
+    actuator, scenario, duration, noise, exact, sample_rate : as in `ematwin.design`
+    budget, seed, threads, progress, limits : as in `ematwin.design`
+
+    Returns
+    -------
+    Discrimination, also after Ctrl-C: the best found so far, ``stopped == "interrupted"``
+
+    Raises
+    ------
+    InputError
+        If an argument cannot be used, the explanations are one, or no command keeps the limits.
+    """
+    started = time.perf_counter()
+    experiment = Experiment.of(
+        actuator, exact=exact, noise=noise, sample_rate=sample_rate, seed=seed, threads=threads
+    )
+    given = experiment.started(scenario, duration)
+    pair = Pair(experiment, first, second)
+    before = experiment.record(given, fast=True)
+    within = experiment.limits(experiment.model.demanded(before), limits)
+    search = CommandSearch(
+        DesignSpace(experiment.model, given, within), within,
+        lambda command, _: pair.cost(command, within, _ITERATIONS),
+    )  # fmt: skip
+    search.run(budget, seed, lambda n, cost, total: progress and progress(n, -cost, total))
+    # fits of a search stop early: the given command and the best few are fitted to the end
+    found = [(pair.cost(one, within, _WHOLE), one) for one in [given, *search.best(_FINALISTS)]]
+    best, command = min(found, key=lambda one: one[0].cost)
+    if not math.isfinite(best.cost):
+        raise search.refusal(experiment.actuator.name, limits)
+    return Discrimination(
+        scenario=command,
+        distance=-best.cost,
+        default=given,
+        default_distance=pair.distance(before, _WHOLE),
+        first=pair.values[0],
+        second=pair.values[1],
+        actuator=experiment.actuator,
+        limits=within,
+        demands=dict(best.demands),
+        evaluations=search.evaluations,
+        seconds=time.perf_counter() - started,
+        stopped=search.stopped,
+        seed=seed,
+    )
+
+
+class Pair:
+    """Two explanations, and the distance between them under a command."""
+
+    def __init__(self, experiment: Experiment, first: Explanation, second: Explanation) -> None:
+        self.experiment = experiment
+        model, actuator = experiment.model, experiment.actuator
+        self.values = tuple(
+            {name: model.unknown(actuator, name).check(x) for name, x in one.items()}
+            for one in (first, second)
+        )
+        self._named = {name: model.unknown(actuator, name) for one in self.values for name in one}
+        healthy = {name: one.healthy for name, one in self._named.items()}
+        # with what only the other names at its healthy value
+        self._whole = tuple({**healthy, **values} for values in self.values)
+        a, b = self._whole
+        if all(abs(a[n] - b[n]) <= _DIFFERENT * one.width for n, one in self._named.items()):
+            raise InputError(
+                "The two explanations are one and the same; give values in which they differ."
+            )
+
+    def cost(self, scenario: Scenario, limits: Mapping[str, float], iterations: int) -> Cost:
+        """The distance, negative, or what is in the way of it."""
+        motion = self.experiment.move(scenario, limits)
+        if motion.recording is None or motion.obstacle:
+            return Cost(math.inf, motion.demands, motion.obstacle)
+        try:
+            return Cost(-self.distance(motion.recording, iterations), motion.demands, "")
+        except (DivergedError, ParameterError, RecordError) as error:
+            return Cost(math.inf, motion.demands, str(error))
+
+    def distance(self, recording: Recording, iterations: int = _ITERATIONS) -> float:
+        """Standard deviations between the two, each fitted to the other; the smaller counts.
+
+        The recording is that of a healthy actuator, which weighs the residuals.
+        """
+        threads = self.experiment.threads
+        comparison = self.experiment.model.compare(
+            recording, self.experiment.actuator, threads=threads
+        )
+        (first, second), (a, b) = self.values, self._whole
+        own_first, own_second = first.keys() - second.keys(), second.keys() - first.keys()
+        return min(
+            self._distance(comparison, a, b, own_second, iterations),
+            self._distance(comparison, b, a, own_first, iterations),
+        )
+
+    def _distance(
+        self,
+        comparison: Comparison,
+        truth: Explanation,
+        other: Explanation,
+        own: Iterable[str],
+        iterations: int,
+    ) -> float:
+        """Standard deviations from ``truth`` to the best fit of ``other``, with ``own`` free."""
+
+        def residuals_of(values: Explanation) -> np.ndarray:
+            candidates = {name: np.array([x]) for name, x in values.items()}
+            return np.asarray(comparison.residuals(candidates, 1)[0])
+
+        free, prior = self._uncertain(comparison)
+        free = [*(replace(self._named[name], spread=None) for name in sorted(own)), *free]
+        nominal = {one.name: other.get(one.name, one.healthy) for one in free}
+        aim = residuals_of({**nominal, **truth})
+        here = residuals_of(self.experiment.model.healthy(self.experiment.actuator))
+        noise = max(comparison.noise, float(np.sqrt(here @ here / comparison.independent)))
+        noise *= comparison.model_error
+        if not free:
+            return float(np.linalg.norm(aim - residuals_of(other))) / noise
+        held = {name: x for name, x in other.items() if name not in nominal}
+        problem = Problem([comparison], free, held=held, prior=prior).with_noise(noise)
+        chart = problem.chart
+
+        def residuals(z: np.ndarray) -> np.ndarray:
+            found = problem.residuals(chart.to_values(z))
+            found[:, : len(aim)] -= aim
+            return found
+
+        start = chart.from_values(np.array([list(nominal.values())]))
+        fit = LevenbergMarquardt.start(start, residuals, damping=1e-2)
+        for _ in range(iterations):
+            fit.iterate(residuals, chart.lower, chart.upper, chart.project)
+        return float(np.sqrt(fit.best(1).costs[0])) / noise
+
+    def _uncertain(self, comparison: Comparison) -> tuple[list[Unknown], Prior]:
+        """Parameters, load and sensors that neither names, as far as they are uncertain."""
+        model, actuator = self.experiment.model, self.experiment.actuator
+        if self.experiment.baseline.exact:
+            return [], self.experiment.baseline.prior
+        prior = self.experiment.baseline.drifted(actuator)
+        prior = prior.of(name for name in prior.names if name not in self._named)
+        places = [replace(model.unknown(actuator, name), spread=None) for name in prior.names]
+        more = [
+            one for one in effective(model.unknowns(actuator), [comparison])
+            if one.name not in self._named and one.name not in prior.names
+        ]  # fmt: skip
+        return [*places, *more], with_nuisances(prior, more)
+
+
+def _in_words(values: Explanation) -> str:
+    return ", ".join(f"{name} {x:.3g}" for name, x in values.items()) or "healthy"

@@ -1,0 +1,266 @@
+"""Expected posterior of a command: the errors that `identify` will state for its recording.
+
+A recording is simulated with known faults, and the width that its posterior has at the true values
+(`ematwin.estimation.laplace`) is what intervals will state: with J the Jacobian of the weighted
+residuals there, sigma their noise and P the inverse covariance of what is known beforehand,
+
+    cov = (J J^T/(f sigma)^2 + P)^-1
+
+the bound of Cramer and Rao with priors (Van Trees 1968, eq. 2.4.246). The problem is corrected by
+the reference as it is at the end of a search; f is the error of the fast model's slopes, and
+`Model.model_error` where a kind has no reference. A width is linear, and knows nothing of other
+minima.
+
+`identifiability` shows the expected posterior of one command, `design` looks for the command whose
+errors are least, and `discriminate` for that which tells two explanations apart.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+
+from ematwin.errors import DivergedError, InputError, ParameterError, RecordError
+from ematwin.estimation.baseline import Baseline, baseline_of, with_all_free
+from ematwin.estimation.laplace import Laplace, sharp_errors, standard_errors, width_at
+from ematwin.estimation.problem import Problem
+from ematwin.models.base import Demand, Model, no_unknown
+from ematwin.models.parameter_set import ParameterSet
+from ematwin.models.registry import load_actuator, model_of
+from ematwin.models.scenario import Scenario
+from ematwin.models.unknown import Unknown
+from ematwin.recordings.noise import Noise
+from ematwin.recordings.recording import Recording
+
+BEYOND = "beyond its limits"
+_SLACK = 1e-3  # share of a limit: motions that differ by rounding keep it alike
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Answer of a healthy actuator to a command.
+
+    Attributes
+    ----------
+    recording : None where the command cannot be simulated
+    demands : what the motion demands, by name, SI
+    obstacle : why no verdict would be given on such a recording, or ""
+    """
+
+    recording: Recording | None
+    demands: dict[str, float]
+    obstacle: str = ""
+
+
+@dataclass(frozen=True)
+class Expected:
+    """Expected posterior at the true values of a simulated recording.
+
+    Attributes
+    ----------
+    peak : Laplace
+    """
+
+    peak: Laplace
+
+    @property
+    def problem(self) -> Problem:
+        """With everything free."""
+        return self.peak.problem
+
+    @cached_property
+    def covariance(self) -> np.ndarray:
+        """(d, d) in the coordinates of the problem's chart."""
+        return self.peak.widened(self.problem.model_error)
+
+    @cached_property
+    def errors(self) -> dict[str, float]:
+        """Standard errors by name, in values; of a direction without meaning infinite."""
+        found = standard_errors(self.problem.chart, self.peak.z, self.covariance)
+        return dict(zip(self.problem.names, found.tolist(), strict=True))
+
+    @cached_property
+    def sharp_errors(self) -> dict[str, float]:
+        """Standard errors of what a search looks for, as if all else were known exactly."""
+        unknowns = self.problem.unknowns
+        searched = sum(o.role in ("fault", "nuisance") and not o.marginal for o in unknowns)
+        found = sharp_errors(self.peak, searched, self.problem.model_error)
+        return dict(zip(self.problem.names[:searched], found.tolist(), strict=True))
+
+    @property
+    def correlation(self) -> np.ndarray:
+        """(d, d) of the coordinates of the problem's chart."""
+        spread = np.sqrt(np.diag(self.covariance))
+        return np.asarray(self.covariance / np.outer(spread, spread))
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """Actuator, what is known of it, and how it is recorded.
+
+    Attributes
+    ----------
+    model, actuator : of the twin
+    baseline : what is known of the actuator
+    noise : of the sensors; None for that which the kind simulates by itself
+    sample_rate : float, Hz; None takes the kind's
+    seed : of the noise
+    threads : that share a batch; None takes one for each core
+    """
+
+    model: Model
+    actuator: ParameterSet
+    baseline: Baseline
+    noise: Noise | None = None
+    sample_rate: float | None = None
+    seed: int = 1
+    threads: int | None = None
+
+    @classmethod
+    def of(cls, actuator: Any, *, exact: bool = False, **settings: Any) -> "Experiment":
+        """That of an actuator, its name or file; ``exact`` if everything of it is known."""
+        chosen = load_actuator(actuator)
+        baseline = Baseline.of_simulation() if exact else baseline_of(actuator, chosen)
+        return cls(model_of(chosen), chosen, baseline, **settings)
+
+    @property
+    def magnitudes(self) -> tuple[Unknown, ...]:
+        """Faults but directions."""
+        return tuple(o for o in self.model.faults(self.actuator) if o.direction_of is None)
+
+    @property
+    def demands(self) -> tuple[Demand, ...]:
+        """What may be limited."""
+        unit = self.model.channel(self.model.command).unit
+        return self.model.demands or (Demand("travel", unit, (self.model.command,)),)
+
+    def check_magnitude(self, fault: str) -> None:
+        """Raise InputError if there is no such fault, or it is a direction."""
+        faults = {one.name: one for one in self.model.faults(self.actuator)}
+        if fault not in faults:
+            raise no_unknown(fault, self.actuator, self.model)
+        if faults[fault].direction_of is not None:
+            raise InputError(
+                f"{fault} is the direction of {faults[fault].direction_of}; name that instead."
+            )
+
+    def started(self, scenario: Any, duration: float | None) -> Scenario:
+        """The command to begin from, in the duration that is asked for.
+
+        Raises
+        ------
+        InputError
+            If it cannot be used, or the duration is none.
+        """
+        given = self.model.load_scenario(scenario)
+        if duration is not None:
+            if not (math.isfinite(duration) and duration > 0.0):
+                raise InputError(f"duration must be a positive number of s, received {duration}.")
+            given = given.lasting(duration)
+        self.model.check_scenario(given, self.actuator)
+        return given
+
+    def record(
+        self, scenario: Scenario, faults: Mapping[str, float] | None = None, *, fast: bool = False
+    ) -> Recording:
+        """Simulated recording; healthy if no faults are given, ``fast`` by the fast model alone."""
+        values = self.model.healthy(self.actuator) if faults is None else faults
+        return self.model.simulate(
+            self.actuator, scenario, values, fidelity=self.model.fidelities[-1 if fast else 0],
+            noise=self.noise, seed=self.seed, sample_rate=self.sample_rate,
+        )  # fmt: skip
+
+    def move(
+        self, scenario: Scenario, limits: Mapping[str, float] | None = None, *, fast: bool = True
+    ) -> Motion:
+        """Answer of the healthy actuator, or what is in the way of one within limits."""
+        try:
+            self.model.check_scenario(scenario, self.actuator)
+            recording = self.record(scenario, fast=fast)
+        except (DivergedError, ParameterError, RecordError) as error:
+            return Motion(None, {}, str(error))
+        demands = self.model.demanded(recording)
+        if excess(demands, limits or {}) > 0.0:
+            return Motion(recording, demands, BEYOND)
+        obstacles = self.model.excitation(recording, self.actuator)
+        return Motion(recording, demands, obstacles[0] if obstacles else "")
+
+    def expected(
+        self, recording: Recording, faults: Mapping[str, float], *, fast: bool = False
+    ) -> Expected:
+        """Expected posterior at the true faults of a recording; healthy where none is named.
+
+        ``fast`` says that it was simulated by the fast model: no correction is needed then.
+        """
+        problem = Problem.of(recording, self.actuator, threads=self.threads)
+        full = with_all_free(self.model, self.actuator, problem, self.baseline)
+        point = np.array([faults.get(one.name, one.healthy) for one in full.unknowns])
+        near = full.of_fast_model() if fast else full.corrected(point) or full
+        aliases = partial(self.model.aliases, self.actuator)
+        return Expected(width_at(near, point, aliases=aliases, least_noise=near.noise))
+
+    def limits(self, demands: Mapping[str, float], given: Mapping[str, float]) -> dict[str, float]:
+        """Limits that were given; where none was, what the given command demands.
+
+        Raises
+        ------
+        InputError
+            If a name or a value cannot be used.
+        """
+        known = [one.name for one in self.demands]
+        for name, value in given.items():
+            if name not in known:
+                raise InputError(
+                    f"There is no limit {name!r} for the kind {self.model.kind}; choose of "
+                    f"{', '.join(known)}."
+                )
+            if not (math.isfinite(value) and value > 0.0):
+                raise InputError(
+                    f"The limit of {name} must be a positive number, received {value}."
+                )
+        return {**demands, **{name: float(value) for name, value in given.items()}}
+
+    def knowing_aliases(self) -> tuple["Experiment", tuple[str, ...]]:
+        """The same where what no command can determine counts as known, and the names of that.
+
+        These are the pivots of `Model.aliases`. Their tolerances widen the errors of all commands
+        alike, and would hide what they differ in.
+        """
+        model, actuator, prior = self.model, self.actuator, self.baseline.prior
+        if self.baseline.exact:
+            return self, ()
+        pivots = {one.pivot for one in model.aliases(actuator, model.healthy(actuator))}
+        known = [model.unknown(actuator, name) for name in prior.names if name in pivots]
+        known += [
+            one for one in model.unknowns(actuator)
+            if one.name in pivots and one.name not in prior.names and one.spread is not None
+        ]  # fmt: skip
+        known.sort(key=lambda one: one.name)
+        knowing = replace(self, baseline=self.baseline.knowing(known))
+        return knowing, tuple(one.name for one in known)
+
+    def drawn_actuator(self, rng: np.random.Generator) -> ParameterSet:
+        """An actuator as it may be: parameters drawn from what is known of them today."""
+        prior = self.baseline.drifted(self.actuator)
+        prior = prior.of(name for name in prior.names if "." in name)
+        if not prior.names:
+            return self.actuator
+        drawn = rng.multivariate_normal(prior.mean, prior.covariance)
+        values = {}
+        for name, x in zip(prior.names, drawn.tolist(), strict=True):
+            one = self.model.unknown(self.actuator, name)
+            value = float(np.exp(x)) if one.logarithmic else x
+            values[name] = float(np.clip(value, one.lower, one.upper))
+        return self.actuator.changed(values)
+
+
+def excess(demands: Mapping[str, float], limits: Mapping[str, float]) -> float:
+    """By what share demands exceed their limits, added up; 0 where all are kept."""
+    return sum(
+        demands[name] / limit - 1.0
+        for name, limit in limits.items()
+        if demands.get(name, 0.0) > limit * (1.0 + _SLACK)
+    )
