@@ -11,9 +11,8 @@ walkers by where they started, so that walkers which stay in their minima show (
 Margossian et al. 2024, Bayesian Anal.).
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -209,8 +208,7 @@ class Posterior:
         )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Chains:
+class Chains(NamedTuple):
     """Chains of walkers in a joint density.
 
     Attributes
@@ -372,18 +370,16 @@ def split_rhat(chains: np.ndarray) -> np.ndarray:
 
 def _intervals(question: Question, drawn: Draws) -> dict[str, tuple[float, float]]:
     """Intervals of draws; with a margin where bounds of other faults end them."""
-    sharp = question.assessed.sharp_errors
-    cornered = set()  # faults of which draws reach a bound
+    sharp, cornered = question.assessed.sharp_errors, set()
     for one in question.faults:
         low, high = np.quantile(drawn.of(one.name), [0.05, 0.95])
         if min(low - one.lower, one.upper - high) < sharp[one.name]:
             cornered.add(one.name)
     found = {}
     for one in question.joint.problem.unknowns:
-        ends = drawn.interval(one.name, one.lower, one.upper)
+        found[one.name] = drawn.interval(one.name, one.lower, one.upper)
         if one.name in sharp and cornered - {one.name}:
-            ends = with_corner(ends, sharp[one.name], one)
-        found[one.name] = ends
+            found[one.name] = with_corner(found[one.name], sharp[one.name], one)
     return found
 
 
@@ -400,7 +396,7 @@ def _with_scatter(joint: Joint, values: np.ndarray, rng: np.random.Generator) ->
     return values
 
 
-def _unfinished(chains: Chains) -> Sequence[str]:
+def _unfinished(chains: Chains) -> list[str]:
     """Doubt about chains that have not converged."""
     found = chains.diagnostics
     if found.converged:

@@ -1,12 +1,10 @@
 """Profile likelihood of each fault: the least deviance with the fault held at a value.
 
-The fault is moved to both sides in steps of about equal rise, from the best point on. After each
-step everything else descends again (Levenberg-Marquardt), from where the last two points put it.
-All profiles are traced together, as one batch of the lanes.
+Its points come from `ematwin.estimation.tracing`. The 95 % interval ends where the rise of the
+deviance passes 3.84 (Wilks 1938; Venzon and Moolgavkar 1988, J. R. Stat. Soc. C 37, 87-94); its
+shape shows what a recording cannot determine (Raue et al. 2009, Bioinformatics 25, 1923-1929).
 
-The 95 % interval ends where the rise of the deviance passes 3.84 (Wilks 1938; Venzon and Moolgavkar
-1988, J. R. Stat. Soc. C 37, 87-94); its shape shows what a recording cannot determine (Raue et al.
-2009, Bioinformatics 25, 1923-1929). Impacts make the deviance rough: descents stop before
+Impacts make the deviance rough: descents stop before
 everything else has made up for a wrong value, and profiles rise too early. Where the rise along any
 fault scatters by more than `ROUGH` about a parabola, no interval is therefore shorter than
 Laplace's, whose slopes look past that: descents along all faults go through the same misfit.
@@ -20,14 +18,11 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.estimation.constants import COVERAGE, DECIDES, PARTNERS, TRADED
-from ematwin.estimation.interrupt import noting_interrupts
+from ematwin.estimation.constants import COVERAGE, PARTNERS, TRADED
 from ematwin.estimation.intervals import Draws
-from ematwin.estimation.joint import Joint
-from ematwin.estimation.levenberg_marquardt import LevenbergMarquardt
 from ematwin.estimation.probabilities import presence
+from ematwin.estimation.tracing import BETTER, Tracer
 from ematwin.estimation.uncertainty import Question, Report, Uncertainty, strained, tells_nothing
-from ematwin.models.chart import Chart
 from ematwin.models.unknown import Unknown
 from ematwin.showing.words import listed
 
@@ -38,16 +33,8 @@ _FEWEST = 5  # points that the parabola needs
 _AT_BOUND = 2e-3  # share of the range
 _TAIL = 40.0  # rise up to which a profile is continued for probabilities
 _FINE = 40  # points between two of a profile
-_STRIDE = 0.9  # of the root of the rise
-_STEPS, _DESCENTS = 16, 4  # at most
-_TOO_STEEP = 2.5  # strides that one may climb; else it is repeated at half its length
-_FIRST_DESCENTS = 10  # iterations at the best point
-_RESTARTS = 3  # from a lower point that a profile found, at most
-_SHORTEST = 0.1  # of the first stride: what is still too steep there is a step of the misfit
-_DAMPING = 1e-2
 _MOVED = 0.7  # standard errors by which others move to each side that are named
 _LONGER = 1.25  # ratio of Laplace's interval to that of the profile from which that is said
-_BETTER = 1.0  # fall of the deviance that shows that the search had not converged
 
 
 @dataclass(frozen=True)
@@ -179,14 +166,14 @@ class Profiles:
 
     def run(self, question: Question, *, seed: int, report: Report) -> Uncertainty:
         """Trace the profiles; Ctrl-C ends them where they are."""
-        tracer = _Tracer(question)
+        tracer = Tracer(question)
         finished = tracer.run(report)
-        profiles = {one.name: tracer.profile(n) for n, one in enumerate(question.faults)}
+        profiles = {one.name: _profile(tracer, n) for n, one in enumerate(question.faults)}
         doubts = [*strained(question), *_lengthened(question, profiles)]
         flat = [name for name, one in profiles.items() if one.shape == "flat"]
         if flat:
             doubts.append(tells_nothing(flat))
-        if tracer.fall > _BETTER:
+        if tracer.fall > BETTER:
             doubts.append(
                 "The misfit is rough: profiles still found better answers than the one that they "
                 f"began at (by {tracer.fall:.1f} in the deviance). Use the posterior."
@@ -248,215 +235,43 @@ def _probabilities(
     return weighed.probability(one.name), float(weighed.weights[one.name] @ limit.is_beyond(values))
 
 
-@dataclass
-class _Trace:
-    """Points along one fault to one side.
-
-    Attributes
-    ----------
-    place : of the fault among the unknowns
-    sign : of the steps
-    chart : of the points
-    first_stride, stride : float, of the first step and of the next
-    points : (d,) arrays
-    deviances : of the points
-    """
-
-    place: int
-    sign: int
-    chart: Chart
-    first_stride: float
-    stride: float
-    points: list[np.ndarray]
-    deviances: list[float]
-
-    @property
-    def at_bound(self) -> bool:
-        """Whether the fault has come to the end of its range."""
-        last = self.points[-1][self.place]
-        return bool(last <= 0.0 if self.sign < 0 else last >= 1.0)
-
-    def next(self, tangent: np.ndarray) -> np.ndarray:
-        """The next point (d,), along the last two; along a tangent (d,) at first."""
-        n, last = self.place, self.points[-1]
-        target = np.clip(last[n] + self.sign * self.stride, 0.0, 1.0)
-        if len(self.points) > 1 and last[n] != self.points[-2][n]:
-            tangent = (last - self.points[-2]) / (last[n] - self.points[-2][n])
-        u = self.chart.project((last + (target - last[n]) * tangent)[None])[0]
-        u[n] = target
-        return u
-
-    def adapt(self, least: float) -> None:
-        """Choose the next stride by the rise of the last; take that back where it was too long."""
-        before, after = (math.sqrt(max(one - least, 0.0)) for one in self.deviances[-2:])
-        gone = abs(self.points[-1][self.place] - self.points[-2][self.place])
-        # where the model diverged nothing is known of what lies between
-        again = gone > _SHORTEST * self.first_stride or not math.isfinite(after)
-        if after - before > _TOO_STEEP * _STRIDE and again:
-            self.points.pop()
-            self.deviances.pop()
-            self.stride = 0.5 * gone
-            return
-        ratio = _STRIDE / max(after - before, 1e-9)
-        self.stride = gone * min(max(ratio, 0.5), 2.5)
+def _profile(tracer: Tracer, fault: int) -> Profile:
+    """The profile from two traces."""
+    one, (down, up) = tracer.faults[fault], tracer.traces[2 * fault : 2 * fault + 2]
+    n, chart = down.place, down.chart
+    u = np.array([*down.points[:0:-1], *up.points])
+    deviances = np.array([*down.deviances[:0:-1], *up.deviances])
+    rise, rough = smoothed(u[:, n], deviances - tracer.least)
+    points = chart.to_values(u)
+    best, root = int(np.argmin(rise)), np.sqrt(rise)
+    ends = [
+        _crossing(u[best::-1, n], root[best::-1]),
+        _crossing(u[best:, n], root[best:]),
+    ]
+    low, high = (0.0 if ends[0] is None else ends[0]), (1.0 if ends[1] is None else ends[1])
+    sharpness = math.sqrt(max(tracer.joint.normals[0].precision[n, n], 1e-12))
+    wide = high - low > TRADED * 2.0 * COVERAGE / sharpness
+    partners = _partners(tracer, n, u[rise < NEAR]) if wide and chart is tracer.chart else ()
+    values = points[:, n]
+    lower, upper = tracer.chart.from_unit(np.tile([[low], [high]], len(tracer.errors)))[:, n]
+    reach = COVERAGE * tracer.joint.scatter.get(one.name, 0.0)
+    interval = (
+        max(float(values[best] - math.hypot(values[best] - lower, reach)), one.lower),
+        min(float(values[best] + math.hypot(upper - values[best], reach)), one.upper),
+    )
+    shape = _shape([end is not None for end in ends], float(values[best]), one)
+    return Profile(one.name, values, rise, points, interval, shape, partners, rough)
 
 
-class _Tracer:
-    """Two traces of each fault, down and up, all of them together.
-
-    A magnitude with a direction is traced in both as they are (`polar`): in the components of its
-    vector it is no coordinate. The others are traced in those, where a magnitude of zero may grow
-    to every side.
-    """
-
-    def __init__(self, question: Question) -> None:
-        self.joint: Joint = question.joint
-        self.faults: Sequence[Unknown] = question.faults
-        self.evaluations = 0
-        self.chart = chart = self.joint.problem.chart
-        self.polar = Chart([replace(one, direction_of=None) for one in chart.unknowns])
-        for _, direction in chart.pairs:  # once round and further
-            self.polar.lower[direction], self.polar.upper[direction] = -np.inf, np.inf
-        self.covariance = self.joint.normals[0].covariance
-        self.errors = np.sqrt(np.diag(self.covariance))
-        self.sharp = question.assessed.sharp_errors
-        self.traces: list[_Trace] = []
-
-    @property
-    def least(self) -> float:
-        """The least deviance so far."""
-        return min(min(one.deviances) for one in self.traces)
-
-    @property
-    def fall(self) -> float:
-        """How far below the best point a trace went."""
-        return self.traces[0].deviances[0] - self.least
-
-    def run(self, report: Report) -> bool:
-        """Trace until all rises are large enough; False if Ctrl-C ended it."""
-        normal = self.joint.normals[0]
-        starts = np.stack([normal.z, normal.mean])
-        with noting_interrupts() as interrupts:
-            try:
-                for _ in range(_RESTARTS):
-                    self.traces = self._begun(starts)
-                    for step in range(_STEPS):
-                        for chart in (self.chart, self.polar):
-                            self._step([t for t in self.traces if t.chart is chart], chart)
-                            interrupts.check()
-                        report(self.evaluations, self.evaluations * _STEPS // (step + 1))
-                    if self.fall < _BETTER:
-                        break
-                    lowest = min(self.traces, key=lambda one: min(one.deviances))
-                    at = lowest.points[int(np.argmin(lowest.deviances))][None]
-                    starts = self._z(at, lowest.chart)
-            except KeyboardInterrupt:
-                if not self.traces:
-                    raise
-                return False
-        return True
-
-    def _begun(self, starts: np.ndarray) -> list[_Trace]:
-        """Traces at the lowest point below starts (M, d).
-
-        The search minimises the misfit; with the model's own error priors count for more.
-        """
-        starts = self.chart.project(starts)
-        low, high = (np.tile(end, (len(starts), 1)) for end in (self.chart.lower, self.chart.upper))
-        points, deviances = self._descended(starts, self.chart, low, high, _FIRST_DESCENTS)
-        best = int(np.argmin(deviances))
-        z, least = points[best], float(deviances[best])
-        traces = []
-        for one in self.faults:
-            n = self.joint.problem.names.index(one.name)
-            chart, stride, u = self.chart, self.errors[n], z
-            if any(n == magnitude for magnitude, _ in self.chart.pairs):
-                chart, stride = self.polar, self.sharp[one.name] / self.chart.widths[n]
-                u = chart.from_values(self.chart.to_values(z[None]))[0]
-            stride = _STRIDE * min(stride, 1.0)
-            traces += [_Trace(n, sign, chart, stride, stride, [u], [least]) for sign in (-1, 1)]
-        return traces
-
-    def _step(self, traces: list[_Trace], chart: Chart) -> None:
-        """One stride of each trace that has not ended, and a descent of everything else."""
-        least = self.least
-        going = [
-            one for one in traces
-            if not one.at_bound and one.deviances[-1] - least < DECIDES
-        ]  # fmt: skip
-        if not going:
-            return
-        points = np.array([one.next(self._tangent(one)) for one in going])
-        low, high = (np.tile(end, (len(going), 1)) for end in (chart.lower, chart.upper))
-        for m, one in enumerate(going):
-            low[m, one.place] = high[m, one.place] = points[m, one.place]
-        found = self._descended(points, chart, low, high, _DESCENTS)
-        for one, u, deviance in zip(going, *found, strict=True):
-            one.points.append(u)
-            one.deviances.append(float(deviance))
-        for one in going:
-            one.adapt(self.least)
-
-    def _tangent(self, one: _Trace) -> np.ndarray:
-        """How everything (d,) moves with the fault by the normal approximation, bounds apart."""
-        if one.chart is self.polar:
-            return np.zeros(len(self.errors))
-        return np.asarray(self.covariance[:, one.place] / self.covariance[one.place, one.place])
-
-    def _descended(
-        self, points: np.ndarray, chart: Chart, low: np.ndarray, high: np.ndarray, iterations: int
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Points (M, d) after a descent within bounds (M, d), and their deviances (M,)."""
-
-        def residuals(u: np.ndarray) -> np.ndarray:
-            self.evaluations += len(u)
-            return self.joint.residuals(self._z(u, chart))
-
-        descent = LevenbergMarquardt.start(points, residuals, damping=_DAMPING)
-        for _ in range(iterations):
-            descent.iterate(residuals, low, high, chart.project)
-        return descent.points, self.joint.deviance(descent.residuals)
-
-    def _z(self, u: np.ndarray, chart: Chart) -> np.ndarray:
-        """Coordinates (B, d) of the problem's chart of those of another."""
-        return u if chart is self.chart else self.chart.from_values(chart.to_values(u))
-
-    def profile(self, fault: int) -> Profile:
-        """The profile from two traces."""
-        one, (down, up) = self.faults[fault], self.traces[2 * fault : 2 * fault + 2]
-        n, chart = down.place, down.chart
-        u = np.array([*down.points[:0:-1], *up.points])
-        deviances = np.array([*down.deviances[:0:-1], *up.deviances])
-        rise, rough = smoothed(u[:, n], deviances - self.least)
-        points = chart.to_values(u)
-        best, root = int(np.argmin(rise)), np.sqrt(rise)
-        ends = [
-            _crossing(u[best::-1, n], root[best::-1]),
-            _crossing(u[best:, n], root[best:]),
-        ]
-        low, high = (0.0 if ends[0] is None else ends[0]), (1.0 if ends[1] is None else ends[1])
-        sharpness = math.sqrt(max(self.joint.normals[0].precision[n, n], 1e-12))
-        wide = high - low > TRADED * 2.0 * COVERAGE / sharpness
-        partners = self._partners(n, u[rise < NEAR]) if wide and chart is self.chart else ()
-        values = points[:, n]
-        lower, upper = self.chart.from_unit(np.tile([[low], [high]], len(self.errors)))[:, n]
-        reach = COVERAGE * self.joint.scatter.get(one.name, 0.0)
-        interval = (
-            max(float(values[best] - math.hypot(values[best] - lower, reach)), one.lower),
-            min(float(values[best] + math.hypot(upper - values[best], reach)), one.upper),
-        )
-        shape = _shape([end is not None for end in ends], float(values[best]), one)
-        return Profile(one.name, values, rise, points, interval, shape, partners, rough)
-
-    def _partners(self, n: int, near: np.ndarray) -> tuple[str, ...]:
-        """Names of what moves along at points (M, d), what is no fault first."""
-        if np.ptp(near[:, n]) == 0.0:
-            return ()
-        # in standard errors while the fault moves by one
-        moved = np.abs(np.polyfit(near[:, n], near, 1)[0]) * self.errors[n] / self.errors
-        along = [k for k in range(len(moved)) if k != n and moved[k] > _MOVED]
-        along.sort(key=lambda k: (self.chart.unknowns[k].role == "fault", -moved[k]))
-        return tuple(self.chart.names[k] for k in along[:PARTNERS])
+def _partners(tracer: Tracer, n: int, near: np.ndarray) -> tuple[str, ...]:
+    """Names of what moves along at points (M, d), what is no fault first."""
+    if np.ptp(near[:, n]) == 0.0:
+        return ()
+    # in standard errors while the fault moves by one
+    moved = np.abs(np.polyfit(near[:, n], near, 1)[0]) * tracer.errors[n] / tracer.errors
+    along = [k for k in range(len(moved)) if k != n and moved[k] > _MOVED]
+    along.sort(key=lambda k: (tracer.chart.unknowns[k].role == "fault", -moved[k]))
+    return tuple(tracer.chart.names[k] for k in along[:PARTNERS])
 
 
 def smoothed(u: np.ndarray, rise: np.ndarray) -> tuple[np.ndarray, float]:

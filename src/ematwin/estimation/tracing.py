@@ -1,0 +1,210 @@
+"""Traces along each fault, in steps of about equal rise of the deviance.
+
+From the best point on a fault is moved to both sides; after each step everything else descends
+again (Levenberg-Marquardt), from where the last two points put it. All traces go together, as one
+batch of the lanes. `ematwin.estimation.profile` reads them.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ematwin.estimation.constants import DECIDES
+from ematwin.estimation.interrupt import noting_interrupts
+from ematwin.estimation.joint import Joint
+from ematwin.estimation.levenberg_marquardt import LevenbergMarquardt
+from ematwin.estimation.uncertainty import Question, Report
+from ematwin.models.chart import Chart
+from ematwin.models.unknown import Unknown
+
+BETTER = 1.0  # fall of the deviance that shows that the search had not converged
+_STRIDE = 0.9  # of the root of the rise
+_STEPS, _DESCENTS = 16, 4  # at most
+_TOO_STEEP = 2.5  # strides that one may climb; else it is repeated at half its length
+_SHORTEST = 0.1  # of the first stride: what is still too steep there is a step of the misfit
+_FIRST_DESCENTS = 10  # iterations at the best point
+_RESTARTS = 3  # from a lower point that a trace found, at most
+_DAMPING = 1e-2
+
+
+@dataclass
+class Trace:
+    """Points along one fault to one side.
+
+    Attributes
+    ----------
+    place : of the fault among the unknowns
+    sign : of the steps
+    chart : of the points
+    first_stride, stride : float, of the first step and of the next
+    points : (d,) arrays
+    deviances : of the points
+    """
+
+    place: int
+    sign: int
+    chart: Chart
+    first_stride: float
+    stride: float
+    points: list[np.ndarray]
+    deviances: list[float]
+
+    @property
+    def at_bound(self) -> bool:
+        """Whether the fault has come to the end of its range."""
+        last = self.points[-1][self.place]
+        return bool(last <= 0.0 if self.sign < 0 else last >= 1.0)
+
+    def next(self, tangent: np.ndarray) -> np.ndarray:
+        """The next point (d,), along the last two; along a tangent (d,) at first."""
+        n, last = self.place, self.points[-1]
+        target = np.clip(last[n] + self.sign * self.stride, 0.0, 1.0)
+        if len(self.points) > 1 and last[n] != self.points[-2][n]:
+            tangent = (last - self.points[-2]) / (last[n] - self.points[-2][n])
+        u = self.chart.project((last + (target - last[n]) * tangent)[None])[0]
+        u[n] = target
+        return u
+
+    def adapt(self, least: float) -> None:
+        """Choose the next stride by the rise of the last; take that back where it was too long."""
+        before, after = (math.sqrt(max(one - least, 0.0)) for one in self.deviances[-2:])
+        gone = abs(self.points[-1][self.place] - self.points[-2][self.place])
+        # where the model diverged nothing is known of what lies between
+        again = gone > _SHORTEST * self.first_stride or not math.isfinite(after)
+        if after - before > _TOO_STEEP * _STRIDE and again:
+            self.points.pop()
+            self.deviances.pop()
+            self.stride = 0.5 * gone
+            return
+        ratio = _STRIDE / max(after - before, 1e-9)
+        self.stride = gone * min(max(ratio, 0.5), 2.5)
+
+
+class Tracer:
+    """Two traces of each fault, down and up, all of them together.
+
+    Attributes
+    ----------
+    faults : (n,) unknowns
+    traces : (2 n,), of each fault down and up
+    errors : (d,) array, standard errors in the coordinates of the problem's chart
+    evaluations : int
+
+    A magnitude with a direction is traced in both as they are (`polar`): in the components of its
+    vector it is no coordinate. The others are traced in those, where a magnitude of zero may grow
+    to every side.
+    """
+
+    def __init__(self, question: Question) -> None:
+        self.joint: Joint = question.joint
+        self.faults: Sequence[Unknown] = question.faults
+        self.evaluations = 0
+        self.chart = chart = self.joint.problem.chart
+        self.polar = Chart([replace(one, direction_of=None) for one in chart.unknowns])
+        for _, direction in chart.pairs:  # once round and further
+            self.polar.lower[direction], self.polar.upper[direction] = -np.inf, np.inf
+        self.covariance = self.joint.normals[0].covariance
+        self.errors = np.sqrt(np.diag(self.covariance))
+        self.sharp = question.assessed.sharp_errors
+        self.traces: list[Trace] = []
+
+    @property
+    def least(self) -> float:
+        """The least deviance so far."""
+        return min(min(one.deviances) for one in self.traces)
+
+    @property
+    def fall(self) -> float:
+        """How far below the best point a trace went."""
+        return self.traces[0].deviances[0] - self.least
+
+    def run(self, report: Report) -> bool:
+        """Trace until all rises are large enough; False if Ctrl-C ended it."""
+        normal = self.joint.normals[0]
+        starts = np.stack([normal.z, normal.mean])
+        with noting_interrupts() as interrupts:
+            try:
+                for _ in range(_RESTARTS):
+                    self.traces = self._begun(starts)
+                    for step in range(_STEPS):
+                        for chart in (self.chart, self.polar):
+                            self._step([t for t in self.traces if t.chart is chart], chart)
+                            interrupts.check()
+                        report(self.evaluations, self.evaluations * _STEPS // (step + 1))
+                    if self.fall < BETTER:
+                        break
+                    lowest = min(self.traces, key=lambda one: min(one.deviances))
+                    at = lowest.points[int(np.argmin(lowest.deviances))][None]
+                    starts = self._z(at, lowest.chart)
+            except KeyboardInterrupt:
+                if not self.traces:
+                    raise
+                return False
+        return True
+
+    def _begun(self, starts: np.ndarray) -> list[Trace]:
+        """Traces at the lowest point below starts (M, d).
+
+        The search minimises the misfit; with the model's own error priors count for more.
+        """
+        starts = self.chart.project(starts)
+        low, high = (np.tile(end, (len(starts), 1)) for end in (self.chart.lower, self.chart.upper))
+        points, deviances = self._descended(starts, self.chart, low, high, _FIRST_DESCENTS)
+        best = int(np.argmin(deviances))
+        z, least = points[best], float(deviances[best])
+        traces = []
+        for one in self.faults:
+            n = self.joint.problem.names.index(one.name)
+            chart, stride, u = self.chart, self.errors[n], z
+            if any(n == magnitude for magnitude, _ in self.chart.pairs):
+                chart, stride = self.polar, self.sharp[one.name] / self.chart.widths[n]
+                u = chart.from_values(self.chart.to_values(z[None]))[0]
+            stride = _STRIDE * min(stride, 1.0)
+            traces += [Trace(n, sign, chart, stride, stride, [u], [least]) for sign in (-1, 1)]
+        return traces
+
+    def _step(self, traces: list[Trace], chart: Chart) -> None:
+        """One stride of each trace that has not ended, and a descent of everything else."""
+        least = self.least
+        going = [
+            one for one in traces
+            if not one.at_bound and one.deviances[-1] - least < DECIDES
+        ]  # fmt: skip
+        if not going:
+            return
+        points = np.array([one.next(self._tangent(one)) for one in going])
+        low, high = (np.tile(end, (len(going), 1)) for end in (chart.lower, chart.upper))
+        for m, one in enumerate(going):
+            low[m, one.place] = high[m, one.place] = points[m, one.place]
+        found = self._descended(points, chart, low, high, _DESCENTS)
+        for one, u, deviance in zip(going, *found, strict=True):
+            one.points.append(u)
+            one.deviances.append(float(deviance))
+        for one in going:
+            one.adapt(self.least)
+
+    def _tangent(self, one: Trace) -> np.ndarray:
+        """How everything (d,) moves with the fault by the normal approximation, bounds apart."""
+        if one.chart is self.polar:
+            return np.zeros(len(self.errors))
+        return np.asarray(self.covariance[:, one.place] / self.covariance[one.place, one.place])
+
+    def _descended(
+        self, points: np.ndarray, chart: Chart, low: np.ndarray, high: np.ndarray, iterations: int
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Points (M, d) after a descent within bounds (M, d), and their deviances (M,)."""
+
+        def residuals(u: np.ndarray) -> np.ndarray:
+            self.evaluations += len(u)
+            return self.joint.residuals(self._z(u, chart))
+
+        descent = LevenbergMarquardt.start(points, residuals, damping=_DAMPING)
+        for _ in range(iterations):
+            descent.iterate(residuals, low, high, chart.project)
+        return descent.points, self.joint.deviance(descent.residuals)
+
+    def _z(self, u: np.ndarray, chart: Chart) -> np.ndarray:
+        """Coordinates (B, d) of the problem's chart of those of another."""
+        return u if chart is self.chart else self.chart.from_values(chart.to_values(u))
