@@ -188,6 +188,11 @@ class Experiment:
         obstacles = self.model.excitation(recording, self.actuator)
         return Motion(recording, demands, obstacles[0] if obstacles else "")
 
+    def problem(self, recording: Recording) -> Problem:
+        """Problem of a recording in which everything is free that is not known exactly."""
+        faults = Problem.of(recording, self.actuator, threads=self.threads)
+        return with_all_free(self.model, self.actuator, faults, self.baseline)
+
     def expected(
         self, recording: Recording, faults: Mapping[str, float], *, fast: bool = False
     ) -> Expected:
@@ -195,8 +200,7 @@ class Experiment:
 
         ``fast`` says that it was simulated by the fast model: no correction is needed then.
         """
-        problem = Problem.of(recording, self.actuator, threads=self.threads)
-        full = with_all_free(self.model, self.actuator, problem, self.baseline)
+        full = self.problem(recording)
         point = np.array([faults.get(one.name, one.healthy) for one in full.unknowns])
         near = full.of_fast_model() if fast else full.corrected(point) or full
         aliases = partial(self.model.aliases, self.actuator)

@@ -1,9 +1,8 @@
-"""What an answer depends on: Sobol indices of the compared channels.
+"""Sensitivity of an answer: Sobol indices of the compared channels.
 
-How much of the variance of an answer goes back to each unknown, over the faults that begin and all
-that is known of parameters, load and sensors (each evenly over its range): by itself (first order),
-and with all in which it takes part (total). `identifiability` looks at slopes,
-this at ranges.
+The share of the variance of an answer that each unknown causes, over the faults that begin and the
+95 % intervals of parameters, load and sensors (each evenly over its range): by itself (first
+order), and with all interactions (total). `identifiability` looks at slopes, this at ranges.
 
 An answer is a function of time. Its indices are those of its samples, weighed by their variance
 (Gamboa, Janon, Klein and Lagnoux 2014, Electron. J. Stat. 8, 575-603, "generalised" indices):
@@ -22,11 +21,10 @@ from typing import Any
 import numpy as np
 
 from ematwin.errors import InputError, MissingExtraError
-from ematwin.estimation.baseline import Baseline, baseline_of, with_all_free
 from ematwin.estimation.problem import Problem
 from ematwin.experiments.command_errors import SEVEREST
+from ematwin.experiments.expected import Experiment
 from ematwin.models.parameter_set import ParameterSet
-from ematwin.models.registry import load_actuator, model_of
 from ematwin.models.scenario import Scenario
 from ematwin.models.unknown import Unknown
 from ematwin.recordings.noise import Noise
@@ -122,15 +120,12 @@ def sensitivity(
         raise MissingExtraError("SALib", "sensitivity", "A Sobol index") from None
     if samples < 2 or samples & (samples - 1):
         raise InputError(f"samples must be a power of two, received {samples}.")
-    chosen = load_actuator(actuator)
-    model = model_of(chosen)
-    asked = model.load_scenario(scenario)
-    record = model.simulate(
-        chosen, asked, model.healthy(chosen), noise=Noise(), sample_rate=sample_rate
+    experiment = Experiment.of(
+        actuator, exact=exact, noise=Noise(), sample_rate=sample_rate, threads=threads
     )
-    problem = Problem.of(record, chosen, threads=threads)
-    baseline = Baseline.of_simulation() if exact else baseline_of(actuator, chosen)
-    full = with_all_free(model, chosen, problem, baseline)
+    chosen = experiment.actuator
+    asked = experiment.model.load_scenario(scenario)
+    full = experiment.problem(experiment.record(asked))
     unknowns = [_drawn_from(full, one) for one in full.unknowns]
     space = {
         "num_vars": len(unknowns),
@@ -140,21 +135,13 @@ def sensitivity(
     points = sample(space, samples, calc_second_order=False, seed=seed)
     logarithmic = np.array([one.logarithmic for one in unknowns])
     points[:, logarithmic] = np.exp(points[:, logarithmic])
-    comparison = full.comparisons[0]
-    thin = slice(None, None, max(1, len(record) // _KEPT))
-    answers: dict[str, list[np.ndarray]] = {}
-    for begin in range(0, len(points), _AT_A_TIME):
-        some = points[begin : begin + _AT_A_TIME]
-        for name, trace in comparison.responses(full.candidates(some), len(some)).items():
-            answers.setdefault(name, []).append(trace[:, thin].copy())
-        if progress is not None:
-            progress((begin + len(some)) / len(points))
     rng = np.random.default_rng(seed)
-    found: dict[str, dict[str, np.ndarray]] = {"first": {}, "total": {}}
-    errors: dict[str, dict[str, np.ndarray]] = {"first": {}, "total": {}}
-    for name, parts in answers.items():
+    indices: dict[str, dict[str, np.ndarray]] = {
+        "first": {}, "total": {}, "first_error": {}, "total_error": {}
+    }  # fmt: skip
+    for name, answers in _answers(full, points, progress).items():
         # rows are, for each of N: one of A, d in which a column is one of B, one of B
-        rows = np.concatenate(parts).reshape(samples, len(unknowns) + 2, -1)
+        rows = answers.reshape(samples, len(unknowns) + 2, -1)
         rows = rows[np.isfinite(rows).all(axis=(1, 2))]
         if len(rows) < samples // 2:
             raise InputError(
@@ -163,18 +150,32 @@ def sensitivity(
         picks = [np.arange(len(rows)), *rng.integers(len(rows), size=(_RESAMPLES, len(rows)))]
         for what, estimator in (("first", first_order), ("total", total_order)):
             drawn = np.array([_indices(rows[pick], estimator) for pick in picks])
-            found[what][name], errors[what][name] = drawn[0], drawn[1:].std(axis=0)
+            indices[what][name], indices[f"{what}_error"][name] = drawn[0], drawn[1:].std(axis=0)
+    captions = full.comparisons[0].captions()
     return Sensitivity(
         scenario=asked,
         actuator=chosen,
         names=tuple(one.name for one in unknowns),
-        first=found["first"],
-        total=found["total"],
-        first_error=errors["first"],
-        total_error=errors["total"],
-        captions={name: caption[0] for name, caption in comparison.captions().items()},
+        **indices,
+        captions={name: caption[0] for name, caption in captions.items()},
         answers=len(points),
     )
+
+
+def _answers(
+    problem: Problem, points: np.ndarray, progress: Callable[[float], object] | None
+) -> dict[str, np.ndarray]:
+    """Answers (N, S) by channel at points (N, d), thinned to some samples."""
+    comparison = problem.comparisons[0]
+    thin = slice(None, None, max(1, len(comparison.recording) // _KEPT))
+    found: dict[str, list[np.ndarray]] = {}
+    for begin in range(0, len(points), _AT_A_TIME):
+        some = points[begin : begin + _AT_A_TIME]
+        for name, trace in comparison.responses(problem.candidates(some), len(some)).items():
+            found.setdefault(name, []).append(trace[:, thin].copy())
+        if progress is not None:
+            progress((begin + len(some)) / len(points))
+    return {name: np.concatenate(parts) for name, parts in found.items()}
 
 
 def _indices(rows: np.ndarray, estimator: Callable[..., np.ndarray]) -> np.ndarray:
