@@ -11,7 +11,7 @@ def test_commands_are_ranked_and_shown(ematwin, tmp_path: Path) -> None:
     answer = ematwin("identifiability", "ramp", "default", "--exact", "--report", "page.html")
     assert answer.code == 0, answer.err
     assert answer.out.index("default, 0.5 s") < answer.out.index("ramp, 2 s")
-    assert "Most telling first" in answer.out
+    assert "Best command first" in answer.out
     assert "correlation" in (tmp_path / "page.html").read_text(encoding="utf-8")
 
 

@@ -1,4 +1,6 @@
-"""``ematwin design``: the test command that tells faults best, or two explanations apart."""
+"""``ematwin design``: the test command with the smallest errors, or that tells two explanations
+apart.
+"""
 
 import json as json_text
 from pathlib import Path
@@ -39,7 +41,7 @@ def design(
     ] = None,
     fault: Annotated[
         str | None,
-        typer.Option(help="The fault to tell; the one that is told least if not given."),
+        typer.Option(help="The fault to identify; the least identifiable one if not given."),
     ] = None,
     limit: Annotated[
         list[str] | None,
@@ -84,7 +86,7 @@ def design(
     report: ReportOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Find the test command that tells the faults of an actuator best."""
+    """Find the test command with which the faults of an actuator are identified best."""
     from ematwin.errors import InputError
     from ematwin.files import check_target, write_text
     from ematwin.models.registry import load_actuator
@@ -274,6 +276,8 @@ def _print(found: "Design") -> None:
             table.add_row(*row.cells)
         print_table(table, 150)
     if found.held:
-        typer.echo(f"Counted as known, because no command tells them: {', '.join(found.held)}")
+        typer.echo(
+            f"Counted as known, because no command can determine them: {', '.join(found.held)}"
+        )
     if found.stopped == "interrupted":
         typer.echo("Warning: The search was interrupted; this is the best command until then.")

@@ -1,4 +1,4 @@
-"""``ematwin identifiability``: what a command can tell of the faults, before any test."""
+"""``ematwin identifiability``: which faults a command can reveal, before any test."""
 
 from typing import TYPE_CHECKING, Annotated
 
@@ -114,7 +114,7 @@ def identifiability(
             _print_sobol(parts[one.scenario.name])
     if len(found) > 1:
         names = ", ".join(f"{one.scenario.name} ({one.weakest.name})" for one in found)
-        typer.echo(f"Most telling first, with the fault of which each tells least: {names}")
+        typer.echo(f"Best command first, with its least identifiable fault: {names}")
     if report is not None:
         typer.echo(f"wrote {report}")
 

@@ -226,8 +226,8 @@ def predicted(
 def strained(question: Question) -> list[str]:
     """Sentences on priors that the recording contradicts."""
     return [
-        f"What was known of {name} excludes this recording, which puts it {away:.1f} standard "
-        "deviations off: correct the value, widen its tolerance, or check the channels."
+        f"The recording puts {name} {away:.1f} standard deviations from its known value: correct "
+        "the value, widen its tolerance, or check the channels."
         for name, away in question.assessed.strained.items()
     ]
 
@@ -259,8 +259,8 @@ def uninformed(question: Question, drawn: Draws) -> list[str]:
 def tells_nothing(faults: Sequence[str]) -> str:
     """Sentence: a recording holds no information on faults."""
     return (
-        f"The recording tells nothing of {listed(faults)}; the interval is all that was "
-        "possible before. Use a command that moves the actuator more."
+        f"The recording holds no information on {listed(faults)}; the interval is that of the "
+        "prior. Use a command that moves the actuator more."
     )
 
 

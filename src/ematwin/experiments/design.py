@@ -112,7 +112,8 @@ class Design:
             what = "the largest standard error (share of the range)"
         if not math.isfinite(self.gain):
             return (
-                f"The given command tells no faults; this one does, {self.promised.weakest} least."
+                "Not all faults can be identified with the given command; with this one they can, "
+                f"{self.promised.weakest} least well."
             )
         if self.scenario == self.default.scenario:
             return (

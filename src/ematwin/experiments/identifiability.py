@@ -69,7 +69,7 @@ class FaultIdentifiability:
             return f"may be anything: {against}" if against else "may be anything"
         if self.how == "traded":
             return f"traded off against {against}" if against else "widened by many others"
-        return "well told"
+        return "well determined"
 
     @property
     def weakness(self) -> tuple[float, float]:
@@ -140,7 +140,7 @@ class Identifiability:
     def lead(self) -> str:
         """The least identifiable fault, in words."""
         if all(one.how == "pinned" for one in self.told):
-            return f"{self.scenario.name} tells all faults."
+            return f"{self.scenario.name} determines all faults."
         return f"{self.scenario.name}: {self.weakest.name} {self.weakest.sentence}."
 
     def __getitem__(self, fault: str) -> FaultIdentifiability:
@@ -270,7 +270,7 @@ def identifiability(
 
 
 def ranked(found: Sequence[Identifiability]) -> list[Identifiability]:
-    """Commands by the fault of which each tells least, the most telling command first."""
+    """Commands by their least identifiable fault, the best command first."""
     return sorted(found, key=lambda one: one.weakest.weakness)
 
 

@@ -130,7 +130,7 @@ class CommandSearch:
         near = ", ".join(f"{name} {size:.3g}" for name, size in self.nearest.items())
         return InputError(
             f"No command of {actuator} keeps the limits ({told or 'those of the given command'}) "
-            "and moves enough to tell faults"
+            "and moves enough to identify faults"
             + (f"; the nearest demands {near}" if near else "")
             + ". Raise the limits, leave some out, or begin from another scenario."
         )

@@ -15,12 +15,13 @@ from ematwin.report.page import Row, Section, Table, render
 
 def design_page(found: Design) -> str:
     """HTML page of a design."""
-    text = "Expected error of each fault over faults that are not known yet: noise, and what the "
-    text += "twin misses."
+    text = (
+        "Expected error of each fault, averaged over faults that are not known yet: from noise "
+        "and from what the model leaves out."
+    )
     if found.held:
         text += (
-            " Counted as known, because no command tells them from something else: "
-            f"{', '.join(found.held)}."
+            f" Counted as known, because no command can determine them: {', '.join(found.held)}."
         )
     if found.promised.checks:
         which = "" if found.checked else ", by which it was chosen"
@@ -34,7 +35,7 @@ def design_page(found: Design) -> str:
             table=parts_table(found.scenario),
             figure=plot_command(found),
         ),
-        Section("What it tells", text=text, table=errors_table(found)),
+        Section("Errors", text=text, table=errors_table(found)),
         Section(figure=plot_errors(found)),
         Section(
             "The price",
@@ -43,8 +44,8 @@ def design_page(found: Design) -> str:
         ),
         *(
             Section(
-                f"What {title} command tells of faults that are only just ones",
-                text="With all that is unknown, what no command tells apart included.",
+                f"Identifiability of faults that have just begun: {title} command",
+                text="With everything that is unknown, also what no command can determine.",
                 table=told_table(one.told),
             )
             for title, one in (("the designed", found.promised), ("the given", found.default))

@@ -31,7 +31,7 @@ def identifiability_page(
         ]
         if parts:
             sections += sobol_sections(parts[one.scenario.name])
-    return render(f"{best.actuator.name}: what a command tells", best.lead, sections)
+    return render(f"{best.actuator.name}: identifiability of faults", best.lead, sections)
 
 
 def sobol_sections(parts: Sensitivity) -> list[Section]:

@@ -115,7 +115,7 @@ def test_fault_without_information_is_named_and_its_interval_is_the_prior():
         low, high = found.intervals["wear"]
         assert low == 0.0
         assert high > 0.9
-        assert any("tells nothing of wear" in doubt for doubt in found.doubts), found.method
+        assert any("no information on wear" in doubt for doubt in found.doubts), found.method
 
 
 def test_uniform_prior_of_a_magnitude_is_uniform_on_its_circle():
