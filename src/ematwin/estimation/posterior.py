@@ -310,7 +310,7 @@ def _starts(joint: Joint, count: int, rng: Any) -> np.ndarray:
     shares = np.array_split(np.arange(count), len(joint.peaks))
     for one, places in zip(joint.normals, shares, strict=True):
         drawn = draws(chart, one.z, one.covariance).values
-        z = chart.from_values(drawn[rng.permutation(len(drawn))[: len(places)]])
+        z = chart.from_values(drawn[rng.randint(len(drawn), size=len(places))])
         size = len(one.z)
         likely = 0.5 * (size + _TOO_FAR * np.sqrt(2.0 * size))
         least = joint.log_density(joint.to_even(one.z[None])) - likely
@@ -357,10 +357,11 @@ def autocorrelation_times(chains: np.ndarray) -> np.ndarray:
 def split_rhat(chains: np.ndarray) -> np.ndarray:
     """R-hat (d,) of chains (T, W, d): of groups of neighbours, their early and late halves."""
     steps, walkers, size = chains.shape
-    half, many = steps // 2, walkers // GROUPS
+    groups = min(GROUPS, walkers)
+    half, many = steps // 2, walkers // groups
     parts = np.array([
         chains[start : start + half, group * many : (group + 1) * many].reshape(-1, size)
-        for group in range(GROUPS)
+        for group in range(groups)
         for start in (0, steps - half)
     ])  # fmt: skip
     within, between = parts.var(axis=1, ddof=1).mean(axis=0), parts.mean(axis=1).var(axis=0, ddof=1)

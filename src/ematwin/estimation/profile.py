@@ -239,8 +239,8 @@ def _profile(tracer: Tracer, fault: int) -> Profile:
     """The profile from two traces."""
     one, (down, up) = tracer.faults[fault], tracer.traces[2 * fault : 2 * fault + 2]
     n, chart = down.place, down.chart
-    u = np.array([*down.points[:0:-1], *up.points])
-    deviances = np.array([*down.deviances[:0:-1], *up.deviances])
+    path = [*down.path[:0:-1], *up.path]
+    u, deviances = np.array([u for u, _ in path]), np.array([deviance for _, deviance in path])
     rise, rough = smoothed(u[:, n], deviances - tracer.least)
     points = chart.to_values(u)
     best, root = int(np.argmin(rise)), np.sqrt(rise)

@@ -39,8 +39,8 @@ class Trace:
     sign : of the steps
     chart : of the points
     first_stride, stride : float, of the first step and of the next
-    points : (d,) arrays
-    deviances : of the points
+    tangent : (d,) array, how everything moves with the fault at first
+    path : points (d,) and their deviances
     """
 
     place: int
@@ -48,42 +48,47 @@ class Trace:
     chart: Chart
     first_stride: float
     stride: float
-    points: list[np.ndarray]
-    deviances: list[float]
+    tangent: np.ndarray
+    path: list[tuple[np.ndarray, float]]
 
-    @property
-    def at_bound(self) -> bool:
-        """Whether the fault has come to the end of its range."""
-        last = self.points[-1][self.place]
-        return bool(last <= 0.0 if self.sign < 0 else last >= 1.0)
+    def ended(self, least: float) -> bool:
+        """Whether the fault has come to the end of its range, or the deviance has risen enough."""
+        last, deviance = self.path[-1]
+        at_bound = last[self.place] <= 0.0 if self.sign < 0 else last[self.place] >= 1.0
+        return bool(at_bound or deviance - least >= DECIDES)
 
-    def next(self, tangent: np.ndarray) -> np.ndarray:
-        """The next point (d,), along the last two; along a tangent (d,) at first."""
-        n, last = self.place, self.points[-1]
+    def next(self) -> np.ndarray:
+        """The next point (d,), in line with the last two."""
+        n, last, tangent = self.place, self.path[-1][0], self.tangent
         target = np.clip(last[n] + self.sign * self.stride, 0.0, 1.0)
-        if len(self.points) > 1 and last[n] != self.points[-2][n]:
-            tangent = (last - self.points[-2]) / (last[n] - self.points[-2][n])
+        if len(self.path) > 1 and last[n] != self.path[-2][0][n]:
+            tangent = last - self.path[-2][0]
+            tangent = tangent / tangent[n]
         u = self.chart.project((last + (target - last[n]) * tangent)[None])[0]
         u[n] = target
         return u
 
     def adapt(self, least: float) -> None:
-        """Choose the next stride by the rise of the last; take that back where it was too long."""
-        before, after = (math.sqrt(max(one - least, 0.0)) for one in self.deviances[-2:])
-        gone = abs(self.points[-1][self.place] - self.points[-2][self.place])
+        """Choose the next stride by the rise of the last; repeat that where it was too long."""
+        (before, first), (after, then) = self.path[-2:]
+        gone = abs(after[self.place] - before[self.place])
+        climbed = math.sqrt(max(then - least, 0.0)) - math.sqrt(max(first - least, 0.0))
         # where the model diverged nothing is known of what lies between
-        again = gone > _SHORTEST * self.first_stride or not math.isfinite(after)
-        if after - before > _TOO_STEEP * _STRIDE and again:
-            self.points.pop()
-            self.deviances.pop()
+        again = gone > _SHORTEST * self.first_stride or not math.isfinite(climbed)
+        if climbed > _TOO_STEEP * _STRIDE and again:
+            self.path.pop()
             self.stride = 0.5 * gone
             return
-        ratio = _STRIDE / max(after - before, 1e-9)
+        ratio = _STRIDE / max(climbed, 1e-9)
         self.stride = gone * min(max(ratio, 0.5), 2.5)
 
 
 class Tracer:
     """Two traces of each fault, down and up, all of them together.
+
+    A magnitude with a direction is traced in both as they are (`polar`): in the components of its
+    vector it is no coordinate. The others are traced in those, where a magnitude of zero may grow
+    to every side.
 
     Attributes
     ----------
@@ -91,10 +96,6 @@ class Tracer:
     traces : (2 n,), of each fault down and up
     errors : (d,) array, standard errors in the coordinates of the problem's chart
     evaluations : int
-
-    A magnitude with a direction is traced in both as they are (`polar`): in the components of its
-    vector it is no coordinate. The others are traced in those, where a magnitude of zero may grow
-    to every side.
     """
 
     def __init__(self, question: Question) -> None:
@@ -113,12 +114,18 @@ class Tracer:
     @property
     def least(self) -> float:
         """The least deviance so far."""
-        return min(min(one.deviances) for one in self.traces)
+        return self._lowest()[1]
 
     @property
     def fall(self) -> float:
         """How far below the best point a trace went."""
-        return self.traces[0].deviances[0] - self.least
+        return self.traces[0].path[0][1] - self.least
+
+    def _lowest(self) -> tuple[np.ndarray, float]:
+        """The lowest point (1, d) so far, in the problem's chart, and its deviance."""
+        every = [(deviance, u, one.chart) for one in self.traces for u, deviance in one.path]
+        deviance, u, chart = min(every, key=lambda point: point[0])
+        return self._z(u[None], chart), deviance
 
     def run(self, report: Report) -> bool:
         """Trace until all rises are large enough; False if Ctrl-C ended it."""
@@ -135,9 +142,7 @@ class Tracer:
                         report(self.evaluations, self.evaluations * _STEPS // (step + 1))
                     if self.fall < BETTER:
                         break
-                    lowest = min(self.traces, key=lambda one: min(one.deviances))
-                    at = lowest.points[int(np.argmin(lowest.deviances))][None]
-                    starts = self._z(at, lowest.chart)
+                    starts = self._lowest()[0]
             except KeyboardInterrupt:
                 if not self.traces:
                     raise
@@ -158,38 +163,31 @@ class Tracer:
         for one in self.faults:
             n = self.joint.problem.names.index(one.name)
             chart, stride, u = self.chart, self.errors[n], z
+            tangent = self.covariance[:, n] / self.covariance[n, n]
             if any(n == magnitude for magnitude, _ in self.chart.pairs):
                 chart, stride = self.polar, self.sharp[one.name] / self.chart.widths[n]
-                u = chart.from_values(self.chart.to_values(z[None]))[0]
+                u, tangent = chart.from_values(self.chart.to_values(z[None]))[0], np.zeros(len(z))
             stride = _STRIDE * min(stride, 1.0)
-            traces += [Trace(n, sign, chart, stride, stride, [u], [least]) for sign in (-1, 1)]
+            traces += [
+                Trace(n, sign, chart, stride, stride, tangent, [(u, least)]) for sign in (-1, 1)
+            ]
         return traces
 
     def _step(self, traces: list[Trace], chart: Chart) -> None:
         """One stride of each trace that has not ended, and a descent of everything else."""
         least = self.least
-        going = [
-            one for one in traces
-            if not one.at_bound and one.deviances[-1] - least < DECIDES
-        ]  # fmt: skip
+        going = [one for one in traces if not one.ended(least)]
         if not going:
             return
-        points = np.array([one.next(self._tangent(one)) for one in going])
+        points = np.array([one.next() for one in going])
         low, high = (np.tile(end, (len(going), 1)) for end in (chart.lower, chart.upper))
         for m, one in enumerate(going):
             low[m, one.place] = high[m, one.place] = points[m, one.place]
         found = self._descended(points, chart, low, high, _DESCENTS)
         for one, u, deviance in zip(going, *found, strict=True):
-            one.points.append(u)
-            one.deviances.append(float(deviance))
+            one.path.append((u, float(deviance)))
         for one in going:
             one.adapt(self.least)
-
-    def _tangent(self, one: Trace) -> np.ndarray:
-        """How everything (d,) moves with the fault by the normal approximation, bounds apart."""
-        if one.chart is self.polar:
-            return np.zeros(len(self.errors))
-        return np.asarray(self.covariance[:, one.place] / self.covariance[one.place, one.place])
 
     def _descended(
         self, points: np.ndarray, chart: Chart, low: np.ndarray, high: np.ndarray, iterations: int
