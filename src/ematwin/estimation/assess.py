@@ -130,8 +130,8 @@ def assess(
         settled, iterations = math.inf, _KNOWN
 
     descent = Descent(
-        aliases_of(model, actuator, full, _placed(full, problem, found.point)), still, full.comparisons[0].noise,
-        settled=settled, iterations=iterations,
+        aliases_of(model, actuator, full, _placed(full, problem, found.point)), still,
+        full.comparisons[0].noise, settled=settled, iterations=iterations,
     )  # fmt: skip
 
     def peak_from(point: np.ndarray) -> Corrected:
@@ -329,20 +329,21 @@ def _covariance_of(drawn: Draws, problem: Problem, values: Mapping[str, float]) 
     standard errors from healthy as their logarithms are: halved is as far off as doubled. Infinite
     for a direction that has no meaning, and for a value that may be anything.
     """
-    count = len(problem.names)
-    drawn_values = drawn.values[:, :count].copy()
+    away = drawn.values[:, : len(problem.names)].copy()
     lost = []
     for n, one in enumerate(problem.unknowns):
-        if one.logarithmic:
-            scale = _mean_slope(values[one.name], one.healthy)
-            drawn_values[:, n] = scale * np.log(drawn_values[:, n])
-        if one.direction_of is None:
-            continue
-        turn = np.exp(2j * np.pi * drawn_values[:, n])
-        drawn_values[:, n] = np.angle(turn / np.exp(1j * np.angle(turn.mean()))) / (2.0 * np.pi)
-        if abs(turn.mean()) < 0.3:
-            lost.append(n)
-    found = np.atleast_2d(np.cov(drawn_values.T))
+        value = values[one.name]
+        if one.direction_of is not None:
+            turn = np.exp(2j * np.pi * away[:, n])
+            away[:, n] = np.angle(turn / np.exp(1j * np.angle(turn.mean()))) / (2.0 * np.pi)
+            if abs(turn.mean()) < 0.3:
+                lost.append(n)
+        elif one.logarithmic:
+            away[:, n] = _mean_slope(value, one.healthy) * np.log(away[:, n] / value)
+    found = np.atleast_2d(np.cov(away.T))
+    for n, one in enumerate(problem.unknowns):
+        if one.name in drawn.directions.values():  # the length of a vector is found too long
+            found[n, n] = float(np.mean((away[:, n] - values[one.name]) ** 2))
     widths = problem.upper - problem.lower
     for n, one in enumerate(problem.unknowns):
         if one.role == "fault" and math.sqrt(found[n, n]) > ANYTHING * widths[n]:

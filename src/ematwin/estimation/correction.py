@@ -120,9 +120,7 @@ def reweighed(found: Corrected, descent: Descent) -> Corrected:
     near = replace(descent.afresh(settled=np.inf), least_noise=problem.noise)
     end = corrected(problem, peak.point, near, steps=step_lengths(peak.covariance))
     spent = peak.evaluations + end.peak.evaluations
-    return replace(
-        end, peak=replace(end.peak, evaluations=spent), rounds=found.rounds + end.rounds
-    )
+    return replace(end, peak=replace(end.peak, evaluations=spent), rounds=found.rounds + end.rounds)
 
 
 def _combined(known: list[tuple[np.ndarray, np.ndarray]], errors: np.ndarray) -> np.ndarray:
