@@ -8,11 +8,11 @@ valleys that the search found are compared, and the misfit is looked at along ea
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ematwin.estimation.aliases import aliases_of
 from ematwin.estimation.baseline import Baseline, frees_parameters, with_all_free
 from ematwin.estimation.constants import (
     ANYTHING,
@@ -24,7 +24,7 @@ from ematwin.estimation.constants import (
     SIGMAS,
     WORTH,
 )
-from ematwin.estimation.correction import Corrected, corrected
+from ematwin.estimation.correction import Corrected, corrected, reweighed
 from ematwin.estimation.descent import Descent
 from ematwin.estimation.intervals import Draws, draws
 from ematwin.estimation.joint import Joint
@@ -47,6 +47,7 @@ _WORTH_A_LOOK = 4.0  # ratio of costs up to which another valley is gone into
 _KNOWN, _BY_SHEET = 5, 10  # iterations from there: parameters have yet to leave the sheet's
 _RIVALS = 2  # other valleys that are gone into
 _ANEW = 3  # rounds in which a best point is looked for without the faults that it names
+_FAR = 100.0  # squared standard deviations by which a minimum is no rival any more
 _ALIKE = 1e-6  # logarithms so near that their mean slope is the slope
 _WIDE = 12.0  # sharp standard errors: an interval that others than noise make
 
@@ -129,14 +130,12 @@ def assess(
         settled, iterations = math.inf, _KNOWN
 
     descent = Descent(
-        partial(model.aliases, actuator), still, full.comparisons[0].noise,
-        settled=settled, iterations=iterations,
+        aliases_of(model, actuator, full, _placed(full, problem, found.point)), still,
+        full.comparisons[0].noise, settled=settled, iterations=iterations,
     )  # fmt: skip
 
     def peak_from(point: np.ndarray) -> Corrected:
-        known = dict(zip(problem.names, point.tolist(), strict=True))
-        start = np.array([known.get(one.name, one.healthy) for one in full.unknowns])
-        return corrected(full, start, descent)
+        return corrected(full, _placed(full, problem, point), descent)
 
     def beside_it(near: Corrected, anew: bool = False) -> list[Corrected]:
         near_it = descent.afresh(settled=math.inf)
@@ -161,7 +160,14 @@ def assess(
     if others and height(others[0].peak, noise) < height(best.peak, noise):
         others.append(best)
         best = others.pop(0)
-    own = len(problem.names)
+    own, cost = len(problem.names), best.peak.cost
+    weighed = reweighed(best, descent)
+    if weighed is not best:  # all that follows is compared by the same weights
+        near = [one.peak.point for one in others if risen(best.peak, one.peak) < _FAR]
+        best, full, noise = weighed, weighed.peak.problem, weighed.peak.problem.noise
+        near_it = replace(descent.afresh(settled=math.inf), least_noise=noise)
+        others = [corrected(full, point, near_it) for point in near]
+        spent += sum(one.peak.evaluations for one in (best, *others))
     for left in reversed(range(_ANEW)):
         values = full.values(best.peak.point)
         drawn = _drawn(best, own, baseline)
@@ -172,8 +178,8 @@ def assess(
         if not left or tried.rises.min(initial=0.0) > -WORTH:
             break
         # better without one of them: the search had ended beside the best point
-        near = descent.afresh(settled=math.inf)
-        nearer = corrected(full, tried.point, near)
+        again = replace(descent.afresh(settled=math.inf), least_noise=full.comparisons[0].noise)
+        nearer = corrected(full, tried.point, again)
         spent += nearer.peak.evaluations
         if not height(nearer.peak, noise) < height(best.peak, noise):
             break
@@ -205,7 +211,7 @@ def assess(
         contrasts=_contrasts(model, actuator, values, drawn),
         nuisances=_evident(full, peak, intervals, own),
         strained=_strained(peak),
-        cost=peak.cost,
+        cost=cost,
         others=_other_answers(problem, peak, rivals),
         evaluations=spent,
         trust=peak.problem.trust,
@@ -247,6 +253,12 @@ def unassessed(
         others=(),
         evaluations=0,
     )
+
+
+def _placed(full: Problem, problem: Problem, point: np.ndarray) -> np.ndarray:
+    """The point (d,) of a problem in which more is free: all that was not searched as known."""
+    known = dict(zip(problem.names, point.tolist(), strict=True))
+    return np.array([known.get(one.name, one.healthy) for one in full.unknowns])
 
 
 def _worth_a_look(full: Problem, found: Found, problem: Problem) -> list[np.ndarray]:
@@ -317,20 +329,21 @@ def _covariance_of(drawn: Draws, problem: Problem, values: Mapping[str, float]) 
     standard errors from healthy as their logarithms are: halved is as far off as doubled. Infinite
     for a direction that has no meaning, and for a value that may be anything.
     """
-    count = len(problem.names)
-    drawn_values = drawn.values[:, :count].copy()
+    away = drawn.values[:, : len(problem.names)].copy()
     lost = []
     for n, one in enumerate(problem.unknowns):
-        if one.logarithmic:
-            scale = _mean_slope(values[one.name], one.healthy)
-            drawn_values[:, n] = scale * np.log(drawn_values[:, n])
-        if one.direction_of is None:
-            continue
-        turn = np.exp(2j * np.pi * drawn_values[:, n])
-        drawn_values[:, n] = np.angle(turn / np.exp(1j * np.angle(turn.mean()))) / (2.0 * np.pi)
-        if abs(turn.mean()) < 0.3:
-            lost.append(n)
-    found = np.atleast_2d(np.cov(drawn_values.T))
+        value = values[one.name]
+        if one.direction_of is not None:
+            turn = np.exp(2j * np.pi * away[:, n])
+            away[:, n] = np.angle(turn / np.exp(1j * np.angle(turn.mean()))) / (2.0 * np.pi)
+            if abs(turn.mean()) < 0.3:
+                lost.append(n)
+        elif one.logarithmic:
+            away[:, n] = _mean_slope(value, one.healthy) * np.log(away[:, n] / value)
+    found = np.atleast_2d(np.cov(away.T))
+    for n, one in enumerate(problem.unknowns):
+        if one.name in drawn.directions.values():  # the length of a vector is found too long
+            found[n, n] = float(np.mean((away[:, n] - values[one.name]) ** 2))
     widths = problem.upper - problem.lower
     for n, one in enumerate(problem.unknowns):
         if one.role == "fault" and math.sqrt(found[n, n]) > ANYTHING * widths[n]:

@@ -108,6 +108,21 @@ def corrected(
     return Corrected(replace(peak, evaluations=spent), len(known), left)
 
 
+def reweighed(found: Corrected, descent: Descent) -> Corrected:
+    """The minimum next to another, with each channel weighed by what that one leaves of it.
+
+    ``descent`` is as of `corrected`.
+    """
+    peak = found.peak
+    problem = peak.problem.reweighed(peak.point)
+    if problem is None:
+        return found
+    near = replace(descent.afresh(settled=np.inf), least_noise=problem.noise)
+    end = corrected(problem, peak.point, near, steps=step_lengths(peak.covariance))
+    spent = peak.evaluations + end.peak.evaluations
+    return replace(end, peak=replace(end.peak, evaluations=spent), rounds=found.rounds + end.rounds)
+
+
 def _combined(known: list[tuple[np.ndarray, np.ndarray]], errors: np.ndarray) -> np.ndarray:
     """The point (d,) from which a round would lead nowhere, by secants through the last ones."""
     z, step = known[-1]

@@ -89,7 +89,7 @@ def draws(chart: Chart, z: np.ndarray, covariance: np.ndarray) -> Draws:
         if total >= _ENOUGH or (done == _TRIED and total < _HARDLY):
             break
     few = total < _FEWEST
-    away = tried if few else np.concatenate(found)[:_MOST]
+    away = tried if few else _by_magnitude(bounds, z[hard], np.concatenate(found), rng)[:_MOST]
     drawn = np.empty((len(away), len(z)))
     drawn[:, hard] = away
     drawn[:, ~hard] = away @ gain.T + rng.standard_normal((len(away), len(rest))) @ rest.T
@@ -99,6 +99,23 @@ def draws(chart: Chart, z: np.ndarray, covariance: np.ndarray) -> Draws:
     names = tuple(one.name for one in chart.unknowns)
     directions = {one.name: one.direction_of for one in chart.unknowns if one.direction_of}
     return Draws(names, chart.to_values(drawn), directions)
+
+
+def _by_magnitude(
+    bounds: Chart, z: np.ndarray, away: np.ndarray, rng: np.random.Generator
+) -> np.ndarray:
+    """Steps (N, f) from ``z`` (f,), drawn again where a magnitude has a direction.
+
+    A magnitude is as likely anywhere in its range; steps of its components are as likely anywhere
+    in the disc, where large magnitudes have more room: each counts by one over its magnitude.
+    """
+    weights = np.ones(len(away))
+    for pair in bounds.pairs:
+        size = np.hypot(*(z[list(pair)] + away[:, list(pair)]).T)
+        weights /= np.maximum(size, 1e-3 * float(size.max()) + 1e-300)
+    if not bounds.pairs:
+        return away
+    return np.asarray(away[rng.choice(len(away), len(away), p=weights / weights.sum())])
 
 
 def _conditional(

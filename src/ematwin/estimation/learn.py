@@ -12,6 +12,7 @@ healthy, and is said where physical values are shown.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,7 +25,7 @@ from ematwin.estimation.baseline import (
     uncertain,
 )
 from ematwin.estimation.constants import AS_GOOD, BEYOND_BELIEF, DETERMINED, EXPLAINED, SAME_COMMAND
-from ematwin.estimation.correction import Corrected, corrected
+from ematwin.estimation.correction import Corrected, corrected, reweighed
 from ematwin.estimation.descent import Descent
 from ematwin.estimation.laplace import Laplace, laplace, profiled
 from ematwin.estimation.multistart import MultistartDescent
@@ -103,9 +104,8 @@ def learn(
         return Learnt(template, replace(baseline, recordings=len(comparisons)), [], [], [])
     floor = expected_misfit(comparisons, model.command)
     fit = _Fit(model, template, nominals, floor)
-    end, alone = fit.run(comparisons, progress)
+    end, misfit, alone = fit.run(comparisons, progress)
     peak, problem = end.peak, end.peak.problem
-    misfit = problem.relative_misfit(peak.cost)
     if misfit > max(_TOGETHER * alone, EXPLAINED) and len(comparisons) > 1:
         _refuse_odd(fit, comparisons, misfit)
     progress(0.8)
@@ -155,6 +155,21 @@ def same_command(a: Recording, b: Recording, command: str) -> bool:
     return bool(np.abs(mine - theirs).max() <= SAME_COMMAND * max(float(np.ptp(mine)), 1e-300))
 
 
+class _Fitted(NamedTuple):
+    """The minimum of all recordings together.
+
+    Attributes
+    ----------
+    end : Corrected
+    misfit : float, relative, of all recordings
+    alone : float, that of those that were searched
+    """
+
+    end: Corrected
+    misfit: float
+    alone: float
+
+
 @dataclass(frozen=True)
 class _Fit:
     """Search and joint fit of some recordings."""
@@ -166,8 +181,8 @@ class _Fit:
 
     def run(
         self, comparisons: Sequence[Comparison], tell: Progress = lambda share: None
-    ) -> tuple[Corrected, float]:
-        """The peak of all together, and the relative misfit of those that were searched."""
+    ) -> "_Fitted":
+        """The minimum of all recordings together."""
         beside = [one.with_evidence() for one in comparisons]
         nuisances = effective(self.model.unknowns(self.template), beside)
         own = [
@@ -199,7 +214,8 @@ class _Fit:
         # coarse to fine: what is learnt here is what faults are multiples of
         fine, near = problem.refined(), Descent(aliases, settled=np.inf)
         end = corrected(fine, best.point, near)
-        return end, searched.relative_misfit(ends[0][0])
+        left = end.peak.problem.relative_misfit(end.peak.cost)
+        return _Fitted(reweighed(end, near), left, searched.relative_misfit(ends[0][0]))
 
     def _ends(
         self, comparisons: Sequence[Comparison], clocks: Sequence[Unknown], tell: Progress
@@ -231,8 +247,7 @@ def _refuse_odd(fit: _Fit, comparisons: Sequence[Comparison], misfit: float) -> 
     left = []
     for n in range(len(comparisons)):
         others = [one for k, one in enumerate(comparisons) if k != n]
-        peak = fit.run(others)[0].peak
-        left.append(peak.problem.relative_misfit(peak.cost))
+        left.append(fit.run(others).misfit)
     best = int(np.argmin(left))
     if left[best] > _WITHOUT * misfit:
         return  # no better without any of them: the twin lacks something

@@ -497,6 +497,19 @@ class Problem:
             other.trust = 1.0 / max(1.0, found)
         return other
 
+    def reweighed(self, point: np.ndarray) -> "Problem | None":
+        """The problem with each channel weighed by the noise that a good point (d,) leaves of it.
+
+        None where nothing changes.
+        """
+        parts = [
+            one.reweighed(self._residuals_of(n, one, point[None])[0])
+            for n, one in enumerate(self.comparisons)
+        ]
+        if all(new is old for new, old in zip(parts, self.comparisons, strict=True)):
+            return None
+        return self._with(parts).with_noise(parts[0].noise)
+
     def noise_of(self, data: np.ndarray) -> float:
         """Standard deviation of an independent residual, from those that are left, (K,)."""
         scale = sum(one.scale for one in self.comparisons)

@@ -496,7 +496,12 @@ class Model(ABC):
         )
         if progress is not None:
             progress(1.0)
-        return found if noise is None else noise.apply(found, np.random.default_rng(seed))
+        if noise is None:
+            return found
+        # encoders read positions, without such noise; where nothing else is compared it is theirs
+        units = {name: self.channel(name).unit for name in self.outputs}
+        others = [name for name, unit in units.items() if unit not in ("m", "rad")]
+        return noise.apply(found, np.random.default_rng(seed), others or units)
 
     def scenarios(self) -> dict[str, Path]:
         """Names and files of the scenarios that come with this kind."""

@@ -1,5 +1,6 @@
-"""Imperfections of the current measurement: white noise, offset, converter steps."""
+"""Imperfections of the measurement: white noise of each channel; offset and steps of currents."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,13 +13,13 @@ _CURRENTS = ("current_a", "current_b", "current_c", "current")  # in A, stated o
 
 @dataclass(frozen=True)
 class Noise:
-    """What a current sensor and its converter add.
+    """What sensors and the converter of the current add.
 
     Parameters
     ----------
     white : float, standard deviation of white noise as a share of the signal's RMS
-    offset : float, A, added to each channel
-    bits : int or None, resolution of the converter; None for a perfect one
+    offset : float, A, added to each current
+    bits : int or None, resolution of the converter of the currents; None for a perfect one
     full_scale : float, A: the converter spans -full_scale to +full_scale and saturates there
     """
 
@@ -65,16 +66,25 @@ class Noise:
                 ) from None
         return cls(**values)  # type: ignore[arg-type]
 
-    def apply(self, recording: Recording, rng: np.random.Generator) -> Recording:
-        """The recording as these sensors would have given it: its channels in A."""
+    def apply(
+        self, recording: Recording, rng: np.random.Generator, also: Iterable[str] = ()
+    ) -> Recording:
+        """The recording as these sensors would have given it: its currents, and ``also`` others."""
         channels = recording.channels
         known = [name for name in _CURRENTS if name in channels]
-        others = [n for n in channels if recording.units.get(n) == "A" and n not in known]
-        return recording.changed(**{n: self._measure(channels[n], rng) for n in [*known, *others]})
+        known += [n for n in channels if recording.units.get(n) == "A" and n not in known]
+        seen = {name: self._measure(channels[name], rng) for name in known}
+        for name in also:
+            if name in channels and name not in seen:
+                seen[name] = channels[name] + self._scatter(channels[name], rng)
+        return recording.changed(**seen)
+
+    def _scatter(self, signal: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        sigma = self.white * float(np.sqrt(np.mean(signal**2)))
+        return np.asarray(sigma * rng.standard_normal(signal.size))
 
     def _measure(self, current: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        sigma = self.white * float(np.sqrt(np.mean(current**2)))
-        seen = current + self.offset + sigma * rng.standard_normal(current.size)
+        seen = current + self.offset + self._scatter(current, rng)
         if self.bits is None:
             return seen
         step = 2.0 * self.full_scale / 2**self.bits

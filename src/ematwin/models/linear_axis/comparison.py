@@ -35,7 +35,7 @@ class LinearAxisComparison(TraceComparison):
         channels = recording.channels
         error = channels["reference"] - channels["position"]
         super().__init__(model, recording.changed(position_error=error), actuator)
-        self._threads = threads
+        self._threads, self._same = threads, 1
         self._once = len(recording) * recording.interval / ALIKE / repeats(channels["reference"])
         self.independent = max(1.0, self._once)
 
@@ -46,7 +46,18 @@ class LinearAxisComparison(TraceComparison):
         if same < 2:
             return self
         other = copy.copy(self)
-        other.independent = max(1.0, self._once / same)
+        other.independent, other._same = max(1.0, self._once / same), same
+        return other
+
+    @property
+    def repeats(self) -> float:
+        """Periods of the reference in the recording."""
+        return repeats(self.recording.channels["reference"])
+
+    def reweighed(self, residuals: np.ndarray) -> "LinearAxisComparison":
+        """The same comparison, each channel by what is left of it."""
+        other = super().reweighed(residuals)
+        other.independent /= self._same
         return other
 
     def costs(self, candidates: Candidates, count: int) -> np.ndarray:

@@ -182,7 +182,14 @@ class LinearAxisModel(Model):
         )
         if progress is not None:
             progress(1.0)
-        return found if noise is None else noise.apply(found, np.random.default_rng(seed))
+        if noise is None:
+            return found
+        # the position is read by an encoder: its noise is a share of the error, not of the travel
+        seen = found.changed(position_error=reference - outputs["position"])
+        channels = noise.apply(seen, np.random.default_rng(seed), COMPARED).channels
+        return found.changed(
+            voltage=channels["voltage"], position=reference - channels["position_error"]
+        )
 
     def summary(self, recording: Recording, actuator: Any) -> dict[str, float]:
         """RMS voltage (V), largest position error (m), largest force of the drive (N)."""

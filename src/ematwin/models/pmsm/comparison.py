@@ -15,7 +15,7 @@ import numpy as np
 
 from ematwin.errors import RecordError
 from ematwin.models.base import Model
-from ematwin.models.comparison import Candidates, Comparison
+from ematwin.models.comparison import Candidates, Comparison, repeated_count
 from ematwin.models.pmsm.channels import (
     ROTATING_VOLTAGES,
     TERMINALS,
@@ -108,6 +108,7 @@ class PmsmComparison(Comparison):
             )
         self.start = first_state(recording, actuator, signals)
         self._hold()
+        self._left: np.ndarray | None = None
         self._set(signals)
 
     def _hold(self) -> None:
@@ -132,7 +133,10 @@ class PmsmComparison(Comparison):
         self._weigh(_TWIN_ERROR)
 
     def _weigh(self, model_error: float) -> None:
-        """Weigh channels by their noise and by what a model gets wrong, as a share of their RMS."""
+        """Weigh channels by their noise and by what a model gets wrong, as a share of their RMS.
+
+        The noise is what is left of a channel, where that is known; else what the low-pass stops.
+        """
         signals = self._signals
         passed = min(0.5, 2.0 * self.low_pass.cutoff / self.recording.sample_rate)
         self._weights = np.zeros(len(COMPARED))
@@ -142,6 +146,8 @@ class PmsmComparison(Comparison):
             size[group] = size.get(group, 0.0) + float(np.mean(trace**2))
         for name, trace in self._filtered.items():
             noise = float(np.mean((signals[name] - trace) ** 2)) * passed / (1.0 - passed)
+            if self._left is not None:
+                noise = float(self._left[COMPARED.index(name)])
             error = noise + model_error**2 * size[_TOGETHER.get(name, name)]
             self._weights[COMPARED.index(name)] = 1.0 / error if error > 0.0 else 0.0
         measured = self._thinned(self._filtered)
@@ -174,6 +180,20 @@ class PmsmComparison(Comparison):
         other._target = self._thinned(self._filtered) - self._thinned(
             {name: trace for name, trace in missed.items() if name in self._signals}
         )
+        other._weigh(_REFERENCE_ERROR)
+        return other
+
+    def reweighed(self, residuals: np.ndarray) -> "PmsmComparison":
+        """The same comparison with each channel weighed by what residuals (K,) leave of it."""
+        other = copy.copy(self)
+        rows = [n for n, name in enumerate(COMPARED) if name in self._signals]
+        lefts = residuals.reshape(len(rows), -1)
+        counted = self.independent / residuals.size
+        other._left = np.zeros(len(COMPARED))
+        for n, left in zip(rows, lefts, strict=True):
+            alike = max(1.0, counted * repeated_count(left))
+            weight = self._weights[n]
+            other._left[n] = alike * float(np.mean(left**2)) / weight if weight > 0.0 else 0.0
         other._weigh(_REFERENCE_ERROR)
         return other
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ematwin.errors import DivergedError, InputError, ParameterError
 from ematwin.models.base import Progress, simulated_provenance
-from ematwin.models.pmsm.channels import ON_REQUEST, TERMINALS, UNITS, to_phases
+from ematwin.models.pmsm.channels import ON_REQUEST, TERMINALS, UNITS, VOLTAGES, to_phases
 from ematwin.models.pmsm.comparison import ticks_of, whole_ticks
 from ematwin.models.pmsm.parameters import PmsmActuator
 from ematwin.models.scenario import Scenario
@@ -106,7 +106,9 @@ def simulate(
             "step_s": tick / substeps,
         },
     )
-    return found if noise is None else noise.apply(found, np.random.default_rng(seed))
+    if noise is None:
+        return found
+    return noise.apply(found, np.random.default_rng(seed), (*VOLTAGES, *TERMINALS))
 
 
 def _every(sample_rate: float | None, tick: float) -> int:
