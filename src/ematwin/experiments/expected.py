@@ -18,12 +18,13 @@ errors are least, and `discriminate` for that which tells two explanations apart
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from ematwin.errors import DivergedError, InputError, ParameterError, RecordError
+from ematwin.estimation.aliases import aliases_of
 from ematwin.estimation.baseline import Baseline, baseline_of, with_all_free
 from ematwin.estimation.laplace import Laplace, sharp_errors, standard_errors, width_at
 from ematwin.estimation.problem import Problem
@@ -203,7 +204,7 @@ class Experiment:
         full = self.problem(recording)
         point = np.array([faults.get(one.name, one.healthy) for one in full.unknowns])
         near = full.of_fast_model() if fast else full.corrected(point) or full
-        aliases = partial(self.model.aliases, self.actuator)
+        aliases = aliases_of(self.model, self.actuator, near, point)
         return Expected(width_at(near, point, aliases=aliases, least_noise=near.noise))
 
     def limits(self, demands: Mapping[str, float], given: Mapping[str, float]) -> dict[str, float]:
