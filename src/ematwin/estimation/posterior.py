@@ -12,7 +12,7 @@ Margossian et al. 2024, Bayesian Anal.).
 """
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -187,11 +187,13 @@ class Posterior:
 
     def run(self, question: Question, *, seed: int, report: Report) -> Uncertainty:
         """Sample until the chains have converged or the limit is reached; Ctrl-C ends it early."""
-        chains = sampled(question.joint, self, seed=seed, report=report)
         joint, problem = question.joint, question.joint.problem
-        steps, walkers, size = chains.z.shape
-        z = chains.z.reshape(-1, size)
+        sampler, interrupted = sampled(joint, self, seed, report)
+        burn_in = int(_BURN_IN * sampler.iteration)
+        even = sampler.get_chain(discard=burn_in)
+        z = joint.to_chart(even.reshape(-1, even.shape[2]))
         values = problem.chart.to_values(z)
+        diagnostics = _diagnosed(joint, sampler, self.effective)
         rng = np.random.default_rng(seed)
         chosen = np.sort(rng.permutation(len(values))[:_KEPT])
         drawn = Draws(
@@ -202,33 +204,17 @@ class Posterior:
         shares = np.bincount(joint.nearest(z), minlength=len(joint.peaks)) / len(z)
         return PosteriorUncertainty(
             self.name, _intervals(question, drawn), **probabilities(question, drawn),
-            doubts=(*_unfinished(chains), *strained(question), *uninformed(question, drawn)),
-            diagnostics=chains.diagnostics, valleys=tuple(shares.tolist()),
-            chains=values.reshape(steps, walkers, size), log_density=chains.log_density,
+            doubts=(
+                *_unfinished(diagnostics, interrupted), *strained(question),
+                *uninformed(question, drawn),
+            ),
+            diagnostics=diagnostics, valleys=tuple(shares.tolist()),
+            chains=values.reshape(even.shape), log_density=sampler.get_log_prob(discard=burn_in),
         )  # fmt: skip
 
 
-class Chains(NamedTuple):
-    """Chains of walkers in a joint density.
-
-    Attributes
-    ----------
-    z : (T, W, d) array, coordinates of the chart
-    log_density : (T, W) array
-    diagnostics : Diagnostics
-    interrupted : bool
-    """
-
-    z: np.ndarray
-    log_density: np.ndarray
-    diagnostics: Diagnostics
-    interrupted: bool
-
-
-def sampled(
-    joint: Joint, method: Posterior, *, seed: int = 1, report: Report = lambda spent, most: None
-) -> Chains:
-    """Chains of a joint density.
+def sampled(joint: Joint, method: Posterior, seed: int, report: Report) -> tuple[Any, bool]:
+    """The ensemble of emcee after its run, and whether Ctrl-C ended it.
 
     Raises
     ------
@@ -251,27 +237,23 @@ def sampled(
     if len(joint.peaks) > 1:
         mixed.append((moves.MHMove(Jump(joint)), 0.15))
     sampler = EnsembleSampler(count, size, joint.log_density, moves=mixed, vectorize=True)
-    first = State(_starts(joint, count, rng), random_state=rng.get_state())
-    steps, look, interrupted = max(2, method.most // count), _FIRST, False
+    state = State(_starts(joint, count, rng), random_state=rng.get_state())
+    most, steps, interrupted = max(2, method.most // count), _FIRST, False
     with noting_interrupts() as interrupts:
         try:
-            for _ in sampler.sample(first, iterations=steps, skip_initial_state_check=True):
-                interrupts.check()
-                report(count * sampler.iteration, method.most)
-                if sampler.iteration >= look:
-                    look = int(_GROWTH * look)
-                    if _diagnosed(joint, sampler, method.effective).converged:
-                        break
+            while sampler.iteration < most:
+                more = min(steps, most) - sampler.iteration
+                for state in sampler.sample(state, iterations=more, skip_initial_state_check=True):
+                    interrupts.check()
+                    report(count * sampler.iteration, method.most)
+                if _diagnosed(joint, sampler, method.effective).converged:
+                    break
+                steps = int(_GROWTH * steps)
         except KeyboardInterrupt:
             if sampler.iteration < 2:
                 raise
             interrupted = True
-    even = sampler.get_chain(discard=int(_BURN_IN * sampler.iteration))
-    return Chains(
-        joint.to_chart(even.reshape(-1, size)).reshape(even.shape),
-        sampler.get_log_prob(discard=int(_BURN_IN * sampler.iteration)),
-        _diagnosed(joint, sampler, method.effective), interrupted,
-    )  # fmt: skip
+    return sampler, interrupted
 
 
 class Jump:
@@ -397,13 +379,12 @@ def _with_scatter(joint: Joint, values: np.ndarray, rng: np.random.Generator) ->
     return values
 
 
-def _unfinished(chains: Chains) -> list[str]:
+def _unfinished(found: Diagnostics, interrupted: bool) -> list[str]:
     """Doubt about chains that have not converged."""
-    found = chains.diagnostics
     if found.converged:
         return []
     name, largest = found.largest_rhat
-    why = "was interrupted" if chains.interrupted else "reached its limit"
+    why = "was interrupted" if interrupted else "reached its limit"
     return [
         f"The chains have not converged: sampling {why} after {found.evaluations} simulations, "
         f"with {found.effective[found.worst]:.0f} effective samples of {found.worst} and R-hat "

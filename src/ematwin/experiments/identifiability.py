@@ -220,7 +220,7 @@ def identifiability(
         .parquet) whose command is taken; None takes the kind's default
     actuator : a parameter set of any kind, its name or file; calibrated or not
     faults : values at which slopes are taken; what is not named deviates from healthy by
-        `significance.SMALLEST` of its range, as a fault does that is only just one
+        `constants.SMALLEST` of its range, as a fault does that is only just one
     noise : of the sensors; None for that which the kind simulates by itself
     exact : parameters, load and sensors are known exactly
     false_alarm : probability that a healthy value is taken for a fault
