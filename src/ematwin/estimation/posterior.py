@@ -243,9 +243,11 @@ def sampled(joint: Joint, method: Posterior, seed: int, report: Report) -> tuple
         try:
             while sampler.iteration < most:
                 more = min(steps, most) - sampler.iteration
-                for state in sampler.sample(state, iterations=more, skip_initial_state_check=True):
+                for now in sampler.sample(state, iterations=more, skip_initial_state_check=True):
+                    last = now
                     interrupts.check()
                     report(count * sampler.iteration, method.most)
+                state = last
                 if _diagnosed(joint, sampler, method.effective).converged:
                     break
                 steps = int(_GROWTH * steps)
