@@ -71,7 +71,7 @@ def one_line_fields(app, what, name, obj, options, lines):  # type: ignore[no-un
 
 def with_plotly(app, pagename, templatename, context, doctree):  # type: ignore[no-untyped-def]
     """Load the script of figures where there are some."""
-    if pagename == "gallery" or pagename.startswith("notebooks/"):
+    if pagename in ("gallery", "your-own-model") or pagename.startswith("notebooks/"):
         app.add_js_file(_PLOTLY.name)
 
 
