@@ -25,9 +25,8 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
     "mathml",
-    "sphinx_design",
 ]
-myst_enable_extensions = ["dollarmath", "amsmath", "colon_fence"]
+myst_enable_extensions = ["dollarmath", "amsmath"]
 html_math_renderer = "mathml"
 myst_heading_anchors = 3
 nb_execution_mode = "cache"  # once for each change of a notebook; anew in a fresh clone
