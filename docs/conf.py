@@ -25,14 +25,13 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
     "mathml",
-    "sphinx_design",
 ]
-myst_enable_extensions = ["dollarmath", "amsmath", "colon_fence"]
+myst_enable_extensions = ["dollarmath", "amsmath"]
 html_math_renderer = "mathml"
 myst_heading_anchors = 3
 nb_execution_mode = "cache"  # once for each change of a notebook; anew in a fresh clone
 nb_execution_raise_on_error = True
-nb_execution_timeout = 300
+nb_execution_timeout = 900  # a machine may be busy with tests
 nb_execution_in_temp = True
 nb_merge_streams = True
 exclude_patterns = ["_build"]
@@ -71,7 +70,7 @@ def one_line_fields(app, what, name, obj, options, lines):  # type: ignore[no-un
 
 def with_plotly(app, pagename, templatename, context, doctree):  # type: ignore[no-untyped-def]
     """Load the script of figures where there are some."""
-    if pagename == "gallery" or pagename.startswith("notebooks/"):
+    if pagename in ("gallery", "your-own-model") or pagename.startswith("notebooks/"):
         app.add_js_file(_PLOTLY.name)
 
 

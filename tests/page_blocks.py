@@ -20,7 +20,8 @@ PROJECT = Path(__file__).parents[1]
 PAGES = [
     PROJECT / "README.md",
     PROJECT / "CONTRIBUTING.md",
-    *sorted((PROJECT / "docs").rglob("*.md")),
+    # the laboratory notebook keeps commands of earlier releases
+    *(p for p in sorted((PROJECT / "docs").rglob("*.md")) if p.parent.name != "lab"),
     *sorted((PROJECT / "examples").rglob("*.md")),
 ]
 # Notes that are no code: what a terminal shows, an import matrix.

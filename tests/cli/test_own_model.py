@@ -2,8 +2,6 @@
 
 import json
 import os
-import re
-import shlex
 import shutil
 import subprocess
 import sys
@@ -14,9 +12,7 @@ import numpy as np
 import pyarrow.parquet as parquet
 import pytest
 
-from own_model import EXAMPLE, laid_out
-
-PAGE = EXAMPLE.parents[1] / "docs" / "your-own-model.md"
+from own_model import laid_out
 
 SENSOR = "white=0.02,bits=12,full_scale=5"
 
@@ -193,37 +189,3 @@ def test_a_load_that_the_kind_does_not_take_is_refused(shell, tmp_path):
     )
     said = shell("simulate", "--actuator", "dcg25", "--scenario", "loaded.toml", code=2)
     assert "leave the load out" in said
-
-
-# docs/your-own-model.md
-
-
-def blocks(*languages: str) -> list[str]:
-    text = PAGE.read_text(encoding="utf-8")
-    fence = rf"^```(?:{'|'.join(languages)})\n(.*?)^```"
-    return re.findall(fence, text, flags=re.DOTALL | re.MULTILINE)
-
-
-def test_the_page_shows_the_files_as_they_are():
-    files = [p for p in EXAMPLE.rglob("*") if p.suffix in (".py", ".toml")]
-    texts = [path.read_text(encoding="utf-8") for path in files]
-    shown = blocks("python", "toml")
-    assert len(shown) > 10
-    for block in shown:
-        assert any(block in text for text in texts), f"no file of the example holds:\n{block}"
-
-
-def test_the_commands_of_the_page_run_and_answer_as_shown(shell, healthy, tmp_path):
-    run = 0
-    for block in blocks("console"):
-        for part in re.split(r"^\$ ", block.replace("\\\n", " "), flags=re.MULTILINE)[1:]:
-            command, _, shown = part.partition("\n")
-            program, *arguments = shlex.split(command)
-            if program != "ematwin":
-                continue
-            files = [sorted(tmp_path.glob(a)) if "*" in a else [a] for a in arguments]
-            out = shell(*(name for found in files for name in found))
-            for line in shown.splitlines():
-                assert line == "..." or line in out, line
-            run += 1
-    assert run == 6

@@ -34,9 +34,6 @@ from page_files import GIVEN
 # Blocks that another test runs, by page and language.
 ELSEWHERE = {
     ("README.md", "sh"): ".ci/run",
-    ("docs/your-own-model.md", "python"): "tests/cli/test_own_model.py",
-    ("docs/your-own-model.md", "toml"): "tests/cli/test_own_model.py",
-    ("docs/your-own-model.md", "console"): "tests/cli/test_own_model.py",
     ("examples/own_model/README.md", "indented"): ".ci/run",
 }
 BLOCKS = {str(page.relative_to(PROJECT)): blocks_of(page) for page in PAGES}

@@ -15,63 +15,97 @@ import numpy as np
 from ematwin.estimation.problem import Problem
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
-from ematwin.models.unknown import Alias
+from ematwin.models.unknown import Alias, Unknown
 
 Aliases = Callable[[Mapping[str, float]], Sequence[Alias]]
-_FACTOR = 1.02  # by which a fault and a parameter are changed against one another
-_SAME = 1e-6  # of the change by the fault alone: rounding
+_FACTOR = 1.02  # by which a parameter grows
+_SAME = 1e-6  # of the change by the parameter alone: rounding
 
 
 def aliases_of(
     model: Model, actuator: ParameterSet, problem: Problem, point: np.ndarray
 ) -> Aliases:
-    """The aliases of a kind, or where it names none, products of a fault and a parameter.
+    """The aliases of a kind, or where it names none, those that its twin shows.
 
     ``problem`` has all unknowns free; the twin is asked at a point (d,) of it.
     """
     if type(model).aliases is not Model.aliases:
         return partial(model.aliases, actuator)
-    products = _products(problem, point)
+    known = {one.name: one for one in problem.unknowns}
+    shown = _shown_by_twin(actuator, problem, point)
 
     def aliases(values: Mapping[str, float]) -> list[Alias]:
-        known = {one.name: one for one in problem.unknowns}
-        return [
-            Alias(place, {name: power if known[name].logarithmic else power * values[name]}, False)
-            for name, place, power in products
-        ]
+        found = []
+        for name, place in shown:
+            change = _stand_in(actuator, known[name], values, place).slope
+            if not known[name].logarithmic:
+                change *= values[name]
+            found.append(Alias(place, {name: change}, held=False))
+        return found
 
     return aliases
 
 
-def _products(problem: Problem, point: np.ndarray) -> list[tuple[str, str, float]]:
-    """Faults of which only the product with a parameter, or their ratio, has an effect.
+class _StandIn(NamedTuple):
+    """A change of a fault with the effect of a parameter that grows by `_FACTOR`.
 
-    Name, place, and the power of the parameter that the fault is changed by: answers stay the same
-    but for rounding where both are changed against one another.
+    Attributes
+    ----------
+    slope : float, change of the fault's logarithm over that of the parameter's
+    against : float, the value of the fault that takes the parameter's growth back
     """
-    names = list(problem.names)
-    faults = [n for n, one in enumerate(problem.unknowns) if one.role == "fault" and point[n] > 0.0]
+
+    slope: float
+    against: float
+
+
+def _stand_in(
+    actuator: ParameterSet, one: Unknown, values: Mapping[str, float], place: str
+) -> _StandIn:
+    """By the physical value of a fault, which is proportional to it; else by their product."""
+    k = values[one.name]
+    plain = _StandIn(1.0, k / _FACTOR)
+    if one.physical is None:
+        return plain
+    places = {name: value for name, value in values.items() if "." in name}
+    grown = {**places, place: places[place] * _FACTOR}
+    try:
+        now = float(one.physical(actuator.with_arrays(places), k))
+        then = float(one.physical(actuator.with_arrays(grown), k))
+    except (TypeError, ValueError):  # a kind that takes no arrays
+        return plain
+    if not (now > 0.0 and then > 0.0):
+        return plain
+    return _StandIn(float(np.log(then / now) / np.log(_FACTOR)), k * now / then)
+
+
+def _shown_by_twin(
+    actuator: ParameterSet, problem: Problem, point: np.ndarray
+) -> list[tuple[str, str]]:
+    """Faults, each with a parameter whose change a change of the fault takes back entirely.
+
+    Such are a gap and how many times it is as wide: answers stay the same but for rounding where
+    both are changed against one another.
+    """
+    names, values = list(problem.names), problem.values(point)
     places = [n for n, one in enumerate(problem.unknowns) if one.role == "nominal"]
-    pairs = [(f, p, power) for f in faults for p in places for power in (1.0, -1.0)]
-    if not pairs:
+    rows, asked = [point], []
+    for f, one in enumerate(problem.unknowns):
+        if one.role != "fault" or not point[f] > 0.0:
+            continue
+        for p in places:
+            stand_in = _stand_in(actuator, one, values, names[p])
+            if stand_in.slope and one.lower <= stand_in.against <= one.upper:
+                grown, both = point.copy(), point.copy()
+                grown[p] = both[p] = point[p] * _FACTOR
+                both[f] = stand_in.against
+                asked.append((one.name, names[p]))
+                rows += [grown, both]
+    if not asked:
         return []
-    # towards the inside of the fault's range
-    sign = np.where(_FACTOR * point <= problem.upper, 1.0, -1.0)
-    rows = np.tile(point, (1 + len(faults) + len(pairs), 1))
-    for n, f in enumerate(faults, 1):
-        rows[n, f] *= _FACTOR ** sign[f]
-    for n, (f, p, power) in enumerate(pairs, 1 + len(faults)):
-        rows[n, f] *= _FACTOR ** sign[f]
-        rows[n, p] *= _FACTOR ** (-sign[f] * power)
-    left = problem.split(problem.residuals(rows)).data
-    changes = np.linalg.norm(left[1:] - left[0], axis=1)
-    alone = dict(zip(faults, changes, strict=False))
-    together = changes[len(faults) :]
-    return [
-        (names[f], names[p], power)
-        for (f, p, power), change in zip(pairs, together, strict=True)
-        if change < _SAME * alone[f]
-    ]
+    left = problem.split(problem.residuals(np.array(rows))).data
+    alone, together = np.linalg.norm(left[1:] - left[0], axis=1).reshape(-1, 2).T
+    return [pair for pair, a, b in zip(asked, alone, together, strict=True) if b < _SAME * a]
 
 
 class Direction(NamedTuple):

@@ -7,7 +7,8 @@ takes, and stand where they are used.
 
 # stated probabilities
 LEVEL, COVERAGE = 0.95, 1.96  # of intervals, and standard deviations to both sides
-SIGMAS = 3.0  # standard errors from which a deviation is a fault: by chance once in 740 cases
+CERTAIN = 0.95  # probability from which a fault is named
+SIGMAS = 3.0  # standard errors from which a value stands out: by chance once in 740 cases
 DECIDES = SIGMAS**2  # squared standard deviations by which one explanation beats another
 WORTH = 4.0  # the same by which a step of a descent has to gain: two standard deviations
 BEYOND_BELIEF = 4.0  # standard deviations of a prior: once in 16,000 cases

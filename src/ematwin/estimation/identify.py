@@ -18,6 +18,7 @@ from ematwin.estimation.placing import place
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.rivals import Rival, hints, objections, qualified, rivals_of
 from ematwin.estimation.search import Progress, Search, find, named
+from ematwin.estimation.significance import probability
 from ematwin.estimation.verdict import Verdict
 from ematwin.models.base import Model
 from ematwin.models.channels_agree import checked
@@ -116,6 +117,18 @@ class Identification:
         return self.estimate.standard_errors
 
     @property
+    def probabilities(self) -> dict[str, float]:
+        """Name of each searched fault to the probability that it is as large as matters."""
+        estimate, errors = self.estimate, self.standard_error
+        return {
+            one.name: float(
+                probability(estimate[one.name] - one.healthy, one.width, errors[one.name])
+            )
+            for one in self.model.faults(self.actuator)
+            if one.name in errors and one.direction_of is None
+        }
+
+    @property
     def relative_misfit(self) -> float:
         """Root of the cost over that of a twin that does not answer; 0 is perfect."""
         return self.estimate.misfit
@@ -153,6 +166,7 @@ class Identification:
                 name: value if math.isfinite(value) else None
                 for name, value in self.standard_error.items()
             },
+            "probability": self.probabilities,
             "physical": {
                 row.name: {
                     "value": row.value,

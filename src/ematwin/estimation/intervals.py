@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ematwin.estimation.constants import LEVEL
+from ematwin.estimation.laplace import eigen
 from ematwin.models.chart import Chart
 from ematwin.numerics.quantiles import quantiles
 
@@ -148,5 +149,5 @@ def _conditional(
 
 
 def _root(covariance: np.ndarray) -> np.ndarray:
-    values, vectors = np.linalg.eigh(covariance)
+    values, vectors = eigen(covariance)
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))

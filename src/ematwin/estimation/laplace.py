@@ -279,7 +279,7 @@ def _principal(information: np.ndarray) -> np.ndarray:
     As differences are: what the strongest component moves by is limited (`step_lengths`).
     """
     scale = np.sqrt(np.maximum(np.diag(information), 1e-12))
-    values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
+    values, vectors = eigen(information / np.outer(scale, scale))
     ways = (vectors / scale[:, None] / np.sqrt(np.maximum(values, 1e-10))).T
     size = np.abs(ways).max(axis=1, keepdims=True)
     return np.asarray(ways * (np.clip(size, _SHORTEST, _LONGEST) / size))
@@ -388,6 +388,19 @@ def central(residuals, z, steps, lower, upper, size):  # type: ignore[no-untyped
 def inverse(information: np.ndarray) -> np.ndarray:
     """Inverse of a symmetric matrix; directions without information get a large variance."""
     scale = np.sqrt(np.maximum(np.diag(information), 1e-12))
-    values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
+    values, vectors = eigen(information / np.outer(scale, scale))
     found = (vectors / np.maximum(values, 1e-10)) @ vectors.T
     return np.asarray(found / np.outer(scale, scale))
+
+
+def eigen(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Eigenvalues (d,) and eigenvectors (d, d) of a symmetric matrix.
+
+    LAPACK's divide and conquer fails on some sound matrices; QR iterations do not.
+    """
+    try:
+        return tuple(np.linalg.eigh(matrix))  # type: ignore[return-value]
+    except np.linalg.LinAlgError:
+        from scipy.linalg import eigh  # here, for it takes long to import
+
+        return tuple(eigh(matrix, driver="ev"))

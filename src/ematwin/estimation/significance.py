@@ -1,19 +1,22 @@
-"""Which faults are present: one rule for reports, commands, studies and monitoring.
+"""Which faults are present: one rule for reports, commands and studies.
 
-A fault is present if its value lies further from healthy than `SMALLEST` of its range and than
-`SIGMAS` standard errors. The first bound keeps out what is too small to matter, the second what may
-be chance. A direction is never a fault of its own.
-
-Three standard errors of a normal distribution are exceeded upwards once in 740 cases; with the
-eight values of the brushless actuator one healthy recording in a hundred is called faulty, if the
-errors are what they say. `FALSE_ALARM_RATE` is what is promised; docs/trust.md counts.
+A fault is present if it is at least `SMALLEST` of its range from healthy with a probability of
+`CERTAIN`. Beforehand it is as likely absent, within that share, as present, anywhere else in its
+range (spike and slab: Mitchell and Beauchamp 1988, J. Am. Stat. Assoc. 83, 1023-1032); the
+recording says how likely each value is, a normal density around what was found. A direction is
+never a fault of its own.
 """
+
+import math
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ematwin.estimation.constants import SIGMAS, SMALLEST
+from ematwin.estimation.constants import BEFOREHAND, CERTAIN, SMALLEST
 from ematwin.estimation.estimate import Estimate
+
+_ANY = 1e3  # ranges: with such an error every value is as likely
+_normal = np.frompyfunc(lambda x: 0.5 * math.erfc(-x / math.sqrt(2.0)), 1, 1)
 
 
 def present(estimate: Estimate, smallest: float = SMALLEST) -> tuple[str, ...]:
@@ -33,7 +36,15 @@ def is_present(
     deviation: ArrayLike, width: ArrayLike, standard_error: ArrayLike = 0.0,
     smallest: float = SMALLEST,
 ) -> np.ndarray:  # fmt: skip
-    """Whether deviations from healthy are faults; arrays (...) broadcast.
+    """Whether deviations from healthy are faults; arguments as of `probability`."""
+    return np.asarray(probability(deviation, width, standard_error, smallest) > CERTAIN)
+
+
+def probability(
+    deviation: ArrayLike, width: ArrayLike, standard_error: ArrayLike = 0.0,
+    smallest: float = SMALLEST,
+) -> np.ndarray:  # fmt: skip
+    """Probabilities that faults are present; arrays (...) broadcast.
 
     Parameters
     ----------
@@ -42,6 +53,15 @@ def is_present(
     standard_error : infinite where the value is not determined; 0 where only the size counts
     smallest : float, share of the range that counts
     """
-    size, error = np.abs(deviation), np.asarray(standard_error)
-    large = size >= smallest * np.asarray(width)
-    return np.asarray(large & np.isfinite(error) & (size > SIGMAS * error))
+    size, error, width = np.broadcast_arrays(np.abs(deviation), standard_error, width)
+    size, error = size / width, np.minimum(error / width, _ANY)
+
+    def below(end: float) -> np.ndarray:
+        return np.asarray(_normal((end - size) / np.where(error > 0.0, error, 1.0)), dtype=float)
+
+    absent = below(smallest) - below(-smallest)
+    there = np.maximum(below(1.0) - below(-1.0) - absent, 0.0)
+    weight = (1.0 - BEFOREHAND) / BEFOREHAND * (1.0 - smallest) / smallest
+    found = there / np.maximum(there + weight * absent, 1e-300)
+    certain = (error == 0.0) | (absent + there == 0.0)
+    return np.where(certain, (size >= smallest).astype(float), found)

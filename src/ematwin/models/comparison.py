@@ -17,7 +17,6 @@ import numpy as np
 from ematwin.errors import RecordError
 from ematwin.recordings.recording import Recording
 
-_LEAST_NOISE = 1e-3  # of a channel's RMS: sensors and steps of simulations are no better
 Candidates = Mapping[str, np.ndarray]
 """Values (B,) by name of the unknown; what is not named is healthy or nominal."""
 
@@ -185,29 +184,12 @@ class Comparison(ABC):
         return self
 
 
-def repeated_count(residual: np.ndarray, repeats: float = 1.0) -> float:
+def correlation_time(residual: np.ndarray) -> float:
     """How many samples of a residual (K,) count as one, because they are alike.
 
-    The sum of its autocorrelations until they first vanish (the integrated correlation time of
-    stationary noise; Priestley 1981, Spectral Analysis and Time Series, section 5.3.2). Of a motion
-    that is repeated, what is the same each time counts once.
+    The sum of its autocorrelations until they first vanish (Priestley 1981, Spectral Analysis and
+    Time Series, section 5.3.2).
     """
-    period = int(residual.size / max(1.0, repeats))
-    times = residual.size // period
-    if times < 2:
-        return _correlation_time(residual)
-    folded = residual[: times * period].reshape(times, period)
-    same, rest = folded.mean(0), (folded - folded.mean(0)).ravel()
-    noise = float(rest @ rest) / max(1, rest.size - period)
-    common = max(0.0, float(same @ same) / period - noise / times)
-    if noise + common <= 0.0:
-        return 1.0
-    times_alike = times * common * _correlation_time(same) + noise * _correlation_time(rest)
-    return max(1.0, times_alike / (noise + common))
-
-
-def _correlation_time(residual: np.ndarray) -> float:
-    """Samples of a residual (K,) that count as one."""
     spectrum = np.abs(np.fft.rfft(residual, 2 * residual.size)) ** 2
     correlation = np.fft.irfft(spectrum)[: residual.size]
     if correlation[0] <= 0.0:
@@ -236,7 +218,7 @@ class TraceComparison(Comparison):
         actuator: Any,
         prepared: Mapping[str, np.ndarray] | None = None,
     ) -> None:
-        self._model = model
+        self._model, self.model_error = model, model.model_error
         self.recording, self.actuator = recording, actuator
         channels = {**recording.channels, **(prepared or {})}
         self._noise = {
@@ -263,21 +245,19 @@ class TraceComparison(Comparison):
         other._target = {n: trace - missed.get(n, 0.0) for n, trace in self._measured.items()}
         return other
 
-    @property
-    def repeats(self) -> float:
-        """How often the recording goes through the same motion."""
-        return 1.0
-
     def reweighed(self, residuals: np.ndarray) -> Self:
-        """The same comparison, each channel by what is left of it; what is alike counts once."""
+        """The same comparison; channels of which more is left than the kind states count less.
+
+        What is alike counts once. Less than stated may be left although the twin is wrong by as
+        much: what pulls parameters throughout a recording is not left, and no reference shows it.
+        """
         other = copy.copy(self)
         other._noise = {}
         for (name, noise), left in zip(
             self._noise.items(), residuals.reshape(len(self._noise), -1), strict=True
         ):
-            trace = self._measured[name]
-            size = noise * math.sqrt(float(np.mean(left**2)) * repeated_count(left, self.repeats))
-            other._noise[name] = max(size, _LEAST_NOISE * float(np.sqrt(np.mean(trace**2))), 1e-300)
+            alike = correlation_time(left)
+            other._noise[name] = noise * max(1.0, math.sqrt(float(np.mean(left**2)) * alike))
         other.independent = float(len(self._noise) * len(self.recording))
         return other
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ematwin.estimation.significance import is_present
+from ematwin.estimation.constants import SIGMAS
 from ematwin.models.base import Reported
 from ematwin.monitoring.population import basis
 
@@ -67,7 +67,7 @@ def named_by_physics(scores: Mapping[str, float], reported: Sequence[Reported]) 
     for one in reported:
         score = abs(scores[one.name]) if one.either else scores[one.name]
         # how small a change may be, the healthy runs themselves say
-        if one.named and score > 0.0 and is_present(score, 0.0, 1.0, smallest=0.0):
+        if one.named and score > SIGMAS:
             clear.append((score, one.named))
     return Name(max(clear)[1], "physics") if clear else None
 

@@ -9,8 +9,9 @@ import pytest
 
 from ematwin import Estimate, identify, simulate
 from ematwin.errors import FileError, InputError
+from ematwin.estimation.constants import SMALLEST
 from ematwin.estimation.estimate import load_estimates, save_estimates
-from ematwin.estimation.significance import is_present, present
+from ematwin.estimation.significance import is_present, present, probability
 
 
 def some(values=(0.3, 0.01, 0.4), errors=(0.01, 0.001, np.inf)) -> Estimate:  # type: ignore[no-untyped-def]
@@ -53,6 +54,17 @@ def test_a_fault_is_present_if_it_is_large_and_significant() -> None:
     assert present(replace(some(), directions={"friction": "gain"})) == ()
     assert is_present(np.array([0.02, 0.019]), 1.0).tolist() == [True, False]
     assert not is_present(0.3, 1.0, np.inf)
+
+
+def test_a_fault_is_as_probable_as_the_share_of_its_posterior_that_matters() -> None:
+    x = np.linspace(-1.0, 1.0, 200_001)
+    for found, error in ((0.0, 0.01), (0.03, 0.01), (0.05, 0.01), (-0.1, 0.04), (0.3, 0.2)):
+        density = np.exp(-0.5 * ((x - found) / error) ** 2)
+        # half beforehand within the share that does not matter, half evenly beyond it
+        before = np.where(np.abs(x) < SMALLEST, 1.0 / SMALLEST, 1.0 / (1.0 - SMALLEST))
+        matters = density @ (before * (np.abs(x) >= SMALLEST)) / (density @ before)
+        assert probability(found, 1.0, error) == pytest.approx(matters, abs=1e-3)
+    assert 0.4 < probability(0.3, 1.0, np.inf) < 0.6
 
 
 def test_an_identification_carries_its_estimate() -> None:

@@ -320,3 +320,13 @@ def test_a_direction_without_information_is_wide_and_the_others_are_exact() -> N
     assert found[1, 1] > 1e6
     known = np.array([[3.0, 1.0], [1.0, 2.0]])
     assert np.allclose(inverse(known), np.linalg.inv(known))
+
+
+def test_a_sound_matrix_on_which_divide_and_conquer_fails_is_inverted(monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    def fails(matrix: np.ndarray) -> None:
+        raise np.linalg.LinAlgError("Eigenvalues did not converge")
+
+    matrix = np.diag([4.0, 1.0]) + 0.5
+    expected = np.linalg.inv(matrix)
+    monkeypatch.setattr(np.linalg, "eigh", fails)
+    assert inverse(matrix) == pytest.approx(expected)

@@ -1,4 +1,4 @@
-"""A kind of actuator named in a process: the one that docs/notebooks/own-model.md writes."""
+"""A kind of actuator named in a process: the one that docs/your-own-model.md writes."""
 
 import re
 import sys
@@ -13,7 +13,7 @@ from ematwin.errors import InputError
 from ematwin.models import registry
 from ematwin.models.registry import models
 
-NOTEBOOK = Path(__file__).parents[3] / "docs" / "notebooks" / "own-model.md"
+NOTEBOOK = Path(__file__).parents[3] / "docs" / "your-own-model.md"
 CELLS = r"^```\{code-cell\} ipython3\n%%writefile (voice_coil/\S+)\n(.*?)^```"
 
 

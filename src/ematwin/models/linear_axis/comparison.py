@@ -35,7 +35,7 @@ class LinearAxisComparison(TraceComparison):
         channels = recording.channels
         error = channels["reference"] - channels["position"]
         super().__init__(model, recording.changed(position_error=error), actuator)
-        self._threads, self._same = threads, 1
+        self._threads = threads
         self._once = len(recording) * recording.interval / ALIKE / repeats(channels["reference"])
         self.independent = max(1.0, self._once)
 
@@ -46,19 +46,12 @@ class LinearAxisComparison(TraceComparison):
         if same < 2:
             return self
         other = copy.copy(self)
-        other.independent, other._same = max(1.0, self._once / same), same
+        other.independent = max(1.0, self._once / same)
         return other
-
-    @property
-    def repeats(self) -> float:
-        """Periods of the reference in the recording."""
-        return repeats(self.recording.channels["reference"])
 
     def reweighed(self, residuals: np.ndarray) -> "LinearAxisComparison":
-        """The same comparison, each channel by what is left of it."""
-        other = super().reweighed(residuals)
-        other.independent /= self._same
-        return other
+        """Itself: what is left is counted by `independent`."""
+        return self
 
     def costs(self, candidates: Candidates, count: int) -> np.ndarray:
         """Sums of squares (B,) of the residuals; infinite where a candidate diverged."""

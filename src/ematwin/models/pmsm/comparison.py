@@ -15,7 +15,7 @@ import numpy as np
 
 from ematwin.errors import RecordError
 from ematwin.models.base import Model
-from ematwin.models.comparison import Candidates, Comparison, repeated_count
+from ematwin.models.comparison import Candidates, Comparison, correlation_time
 from ematwin.models.pmsm.channels import (
     ROTATING_VOLTAGES,
     TERMINALS,
@@ -191,7 +191,7 @@ class PmsmComparison(Comparison):
         counted = self.independent / residuals.size
         other._left = np.zeros(len(COMPARED))
         for n, left in zip(rows, lefts, strict=True):
-            alike = max(1.0, counted * repeated_count(left))
+            alike = max(1.0, counted * correlation_time(left))
             weight = self._weights[n]
             other._left[n] = alike * float(np.mean(left**2)) / weight if weight > 0.0 else 0.0
         other._weigh(_REFERENCE_ERROR)

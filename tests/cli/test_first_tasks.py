@@ -1,0 +1,154 @@
+"""Two first tasks, from the files of a bench to a right answer, by commands alone."""
+
+import re
+import shlex
+import sys
+import tomllib
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pytest
+from asammdf import MDF, Signal
+
+import ematwin
+from ematwin.cli import main
+
+NOISE = ematwin.Noise(white=0.02, bits=12)
+
+
+@pytest.fixture
+def run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[[str], str]:
+    """Run a command in this process, in an empty folder; gives its answer."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(command: str) -> str:
+        monkeypatch.setattr(sys, "argv", ["ematwin", *shlex.split(command)])
+        with pytest.raises(SystemExit) as left:
+            main()
+        assert left.value.code in (0, None)
+        return capsys.readouterr().out
+
+    return run
+
+
+def interval(answer: str, fault: str) -> tuple[float, float]:
+    """The interval of a fault in SI, as the verdict states it."""
+    found = re.search(rf"{fault} [^(]*\([^,]*, ([\d.]+) to ([\d.]+)\)", answer)
+    assert found, answer
+    return float(found[1]), float(found[2])
+
+
+def write_mdf(path: str, record: ematwin.Recording) -> None:
+    """MDF4 as a bench writes it: mA and degrees, three rates, a clock that began earlier."""
+    currents = {"I_U": record.current_a, "I_V": record.current_b, "I_W": record.current_c}
+    groups = [
+        (currents, "mA", 1e3, 1),
+        ({"SetpointPos": np.degrees(record.command)}, "deg", 1.0, 4),
+        ({"LoadCell": record.load}, "Nm", 1.0, 20),
+    ]
+    with MDF(version="4.10") as file:
+        file.start_time = datetime(2026, 11, 20, 8, 30, tzinfo=UTC)
+        for channels, unit, scale, every in groups:
+            times = record.time[::every] + 12.34
+            file.append([
+                Signal(scale * values[::every], times, unit=unit, name=name)
+                for name, values in channels.items()
+            ])  # fmt: skip
+        file.save(path, overwrite=True)
+
+
+def test_a_bench_file_comes_to_its_verdict(run: Callable[[str], str], tmp_path: Path) -> None:
+    actual = ematwin.load_actuator("servo48").changed({
+        "motor.resistance": 2.2, "motor.emf_constant": 0.074, "motor.friction_torque": 0.018,
+        "controller.position_gain": 142.0,
+    })  # fmt: skip
+    for path, seed, faults in (
+        ("healthy.mf4", 1, {}), ("today.mf4", 9, {"friction": 0.3, "backlash": 0.12}),
+    ):  # fmt: skip
+        write_mdf(
+            path,
+            ematwin.simulate("reference", faults=faults, actuator=actual, noise=NOISE, seed=seed),
+        )
+    run("channels today.mf4 --actuator servo48 --write map.toml")
+    run("calibrate healthy.mf4 --actuator servo48 --map map.toml --out axis.toml")
+    answer = run("identify today.mf4 --actuator axis.toml --map map.toml --report today.html")
+    for fault, truth in (("Friction", 0.033 * 1.6), ("Backlash", 0.005 * (1 + 99 * 0.12))):
+        low, high = interval(answer, fault)
+        assert low <= truth <= high
+        assert high - low < 0.15 * truth
+    assert (tmp_path / "today.html").stat().st_size > 100_000
+
+
+SHEET = {
+    "resistance": '1.30, unit = "ohm"', "inductance": '0.56, unit = "mH"',
+    "emf_constant": '47.8, unit = "mNm/A"', "pole_pairs": '4, unit = ""',
+    "inertia": '33.3, unit = "gcm²"', "friction_torque": '8.4, unit = "mNm"',
+    "supply_voltage": '36, unit = "V"', "current_limit": '16, unit = "A"',
+    "position_gain": '100, unit = "1/s"', "speed_gain": '0.0382, unit = "N*m*s/rad"',
+    "speed_limit": '6000, unit = "rpm"', "ratio": '300, unit = ""',
+    "backlash": '30, unit = "arcmin"', "output_inertia": '0.01556, unit = "kgcm²"',
+    "efficiency_opposing": '88, unit = "%"', "efficiency_aiding": '88, unit = "%"',
+    "travel_low": '-40, unit = "deg"', "travel_high": '40, unit = "deg"',
+}  # fmt: skip
+HIDDEN = {
+    "motor.resistance": 1.34, "motor.inductance": 0.56e-3, "motor.emf_constant": 0.0492,
+    "motor.pole_pairs": 4, "motor.inertia": 3.53e-6, "motor.viscous_damping": 2e-5,
+    "motor.friction_torque": 0.0135, "drive.supply_voltage": 35.6, "drive.current_limit": 16.0,
+    "controller.position_gain": 108.0, "controller.speed_gain": 0.04,
+    "controller.speed_limit": 628.3, "transmission.ratio": 300, "transmission.backlash": 0.0065,
+    "transmission.output_inertia": 1.6e-6, "transmission.friction_torque": 0.012,
+    "transmission.travel_low": -0.698, "transmission.travel_high": 0.698,
+}  # fmt: skip
+
+
+def write_csv(path: str, record: ematwin.Recording) -> None:
+    """CSV in ms, degrees and mA, counted from 250 ms on."""
+    columns = {
+        "Time (ms)": 1e3 * record.time + 250.0,
+        "Demand (deg)": np.degrees(record.command),
+        "Hinge moment (Nm)": record.load,
+        "Phase A (mA)": 1e3 * record.current_a,
+        "Phase B (mA)": 1e3 * record.current_b,
+        "Phase C (mA)": 1e3 * record.current_c,
+        "Resolver (deg)": np.degrees(record.motor_position),
+    }
+    rounded = {name: np.round(values, 5) for name, values in columns.items()}
+    pa.csv.write_csv(pa.table(rounded), path)
+
+
+def test_a_data_sheet_comes_to_its_twin(run: Callable[[str], str], tmp_path: Path) -> None:
+    hidden = ematwin.load_actuator("servo48").changed(HIDDEN)
+    for path, seed, faults in (
+        ("healthy.csv", 20, {}), ("later.csv", 32, {"short_b": 0.15, "friction": 0.2}),
+    ):  # fmt: skip
+        write_csv(
+            path,
+            ematwin.simulate("reference", faults=faults, actuator=hidden, noise=NOISE, seed=seed),
+        )
+    run("actuators servo48 --out sheet.toml")
+    sheet = tmp_path / "sheet.toml"
+    text = sheet.read_text(encoding="utf-8")
+    for key, value in SHEET.items():
+        line = f'{key} = {{ value = {value}, source = "data sheet" }}'
+        text = re.sub(rf"(?m)^{key} = .*$", line, text)
+    sheet.write_text(text, encoding="utf-8")
+    run("channels healthy.csv --actuator sheet.toml --write bench.toml")
+    run("calibrate healthy.csv --actuator sheet.toml --map bench.toml --out twin.toml")
+    answer = run("identify later.csv --actuator twin.toml --map bench.toml")
+    low, high = interval(answer, "Friction")
+    assert low <= 0.0255 * 1.4 <= high
+    low, high = interval(answer, "Short b")
+    assert low <= 0.15 * 40 <= high
+    twin = tomllib.loads((tmp_path / "twin.toml").read_text(encoding="utf-8"))
+    for section, name, truth, share in (
+        ("motor", "emf_constant", 0.0492, 0.04), ("motor", "inertia", 3.53e-6, 0.04),
+        ("motor", "friction_torque", 0.0135, 0.04), ("controller", "position_gain", 108.0, 0.01),
+        ("transmission", "backlash", 0.0065, 0.02),
+    ):  # fmt: skip
+        assert twin[section][name]["value"] == pytest.approx(truth, rel=share)
