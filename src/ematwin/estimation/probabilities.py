@@ -14,8 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ematwin.errors import InputError
-from ematwin.estimation.constants import BEFOREHAND, SMALLEST
+from ematwin.estimation.constants import SMALLEST
 from ematwin.estimation.intervals import Draws
+from ematwin.estimation.significance import weight
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
 from ematwin.quantities import parse_quantity
@@ -157,7 +158,7 @@ def presence(
     }
     with np.errstate(divide="ignore"):
         start = 0.0 if mass is None else np.log(mass)
-    logs = {one.name: np.log(weight(one)) * absent[one.name] for one in faults}
+    logs = {one.name: np.log(weight_of(one)) * absent[one.name] for one in faults}
     together = _normalised(start + np.sum(list(logs.values()), axis=0))
     if mass is not None or 1.0 / float(together @ together) >= _FEWEST:
         return Presence(absent, dict.fromkeys(absent, together), True)
@@ -165,15 +166,13 @@ def presence(
     return Presence(absent, alone, False)
 
 
-def weight(one: Unknown) -> float:
-    """How many times likelier "absent" is beforehand than its share of the range makes it."""
+def weight_of(one: Unknown) -> float:
+    """How many times likelier an absent fault is beforehand than its share of the range."""
     reach = SMALLEST * one.width
     ends = np.clip([one.healthy - reach, one.healthy + reach], one.lower, one.upper)
     if one.logarithmic:
-        share = float(np.diff(np.log(ends))[0] / np.log(one.upper / one.lower))
-    else:
-        share = float(np.diff(ends)[0] / one.width)
-    return (1.0 - BEFOREHAND) / BEFOREHAND * (1.0 - share) / share
+        return weight(float(np.diff(np.log(ends))[0] / np.log(one.upper / one.lower)))
+    return weight(float(np.diff(ends)[0] / one.width))
 
 
 def _normalised(log: np.ndarray) -> np.ndarray:

@@ -61,7 +61,11 @@ def probability(
 
     absent = below(smallest) - below(-smallest)
     there = np.maximum(below(1.0) - below(-1.0) - absent, 0.0)
-    weight = (1.0 - BEFOREHAND) / BEFOREHAND * (1.0 - smallest) / smallest
-    found = there / np.maximum(there + weight * absent, 1e-300)
+    found = there / np.maximum(there + weight(smallest) * absent, 1e-300)
     certain = (error == 0.0) | (absent + there == 0.0)
     return np.where(certain, (size >= smallest).astype(float), found)
+
+
+def weight(share: float) -> float:
+    """How many times likelier "absent" is beforehand than its share of the range makes it."""
+    return (1.0 - BEFOREHAND) / BEFOREHAND * (1.0 - share) / share
