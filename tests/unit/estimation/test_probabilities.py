@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ematwin.estimation.probabilities import presence, weight
+from ematwin.estimation.probabilities import presence, weight_of
 from ematwin.models.unknown import Unknown
 
 
@@ -80,5 +80,5 @@ def test_few_draws_where_all_are_absent_leave_each_fault_to_itself():
     assert not found.together
     assert found.healthy is None
     share = 5 / 4000
-    expected = share * weight(faults[0]) / (share * weight(faults[0]) + 1.0 - share)
+    expected = share * weight_of(faults[0]) / (share * weight_of(faults[0]) + 1.0 - share)
     assert found.probability("a") == pytest.approx(1.0 - expected)
