@@ -15,6 +15,7 @@ from nptdms import ChannelObject, TdmsWriter
 
 import ematwin
 from ematwin.errors import EmatwinError, FileError, MissingExtraError, RecordError
+from ematwin.models.bldc.channels import phase_currents
 from ematwin.recordings.formats.base import known_suffixes, open_file
 from ematwin.testing.reader_contract import bench_channels
 
@@ -150,7 +151,7 @@ def test_matlab_matrices_and_structures_in_lists(tmp_path: Path) -> None:
     )
     table = {f"i_{k}": f"out.signals.values[{n}]" for n, k in enumerate("abc")}
     record = ematwin.read(path, {**table, "cmd": {"channel": "Soll", "scale": 1e-5}})
-    np.testing.assert_array_equal(record.phase_currents, phases)
+    np.testing.assert_array_equal(phase_currents(record), phases)
     np.testing.assert_allclose(record.command, CHANNELS["command"], atol=6e-6)
 
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from ematwin.errors import InputError, RecordError
-from ematwin.recordings.resample import onto, to_constant_rate
-from ematwin.recordings.timing import is_regular, tidy_time
+from ematwin.recordings.sampling import is_regular, onto, tidy_time, to_constant_rate
 
 PATH = Path("bench.csv")
 RATE = 100_000.0

@@ -8,13 +8,13 @@ from ematwin.errors import RecordError
 from ematwin.models.base import Model
 from ematwin.models.registry import DEFAULT_KIND, kind_of, model_of, models
 from ematwin.recordings.channel import Channel
-from ematwin.recordings.channel_map import ChannelMap
+from ematwin.recordings.channel_map import ChannelMap, Columns
+from ematwin.recordings.cleaning import Policy
 from ematwin.recordings.formats.base import Progress, open_file
-from ematwin.recordings.gaps import Policy
-from ematwin.recordings.match import MissingChannelError, match
-from ematwin.recordings.read import Columns, read_file
+from ematwin.recordings.matching import MissingChannelError, match
+from ematwin.recordings.motions import Choice
+from ematwin.recordings.read import read_file
 from ematwin.recordings.recording import Recording
-from ematwin.recordings.split import Choice
 from ematwin.recordings.tables import write_recording, write_recordings
 from ematwin.showing.frames import is_frame
 

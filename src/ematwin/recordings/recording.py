@@ -129,14 +129,6 @@ class Recording:
         """What the recordings of one run under one condition share: all labels but ``motion``."""
         return (self.source, *(v for key, v in self.labels.items() if key != "motion"))
 
-    @property
-    def phase_currents(self) -> np.ndarray | None:
-        """(S, 3) array of the phase currents, A, or None."""
-        phases = [self.channels.get(f"current_{phase}") for phase in "abc"]
-        if any(phase is None for phase in phases):
-            return None
-        return np.column_stack([phase for phase in phases if phase is not None])
-
     def columns(self) -> Iterator[tuple[str, np.ndarray]]:
         """Yield name and values of time and of each channel."""
         yield "time", self.time
