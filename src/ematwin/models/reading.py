@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal, Protocol, overload
+from typing import Any, Literal, Protocol, TypedDict, Unpack, overload
 
 from ematwin.errors import RecordError
 from ematwin.models.base import Model
@@ -34,46 +34,35 @@ class Frame(Protocol):
     def to_numpy(self) -> Any: ...  # noqa: D102
 
 
-@overload
-def read(
-    path: str | Path | Frame,
-    columns: Columns = ...,
-    *,
-    actuator: Any = ...,
-    resample_to: float | str | None = ...,
-    gaps: Policy = ...,
-    split: Literal[False] = ...,
-    where: Choice | Sequence[Choice] | None = ...,
-    progress: Progress | None = ...,
-) -> Recording: ...
+class Options(TypedDict, total=False):
+    """Options of `read` that do not change what it returns."""
+
+    actuator: Any
+    resample_to: float | str | None
+    gaps: Policy
+    where: Choice | Sequence[Choice] | None
+    progress: Progress | None
 
 
 @overload
 def read(
-    path: Paths,
-    columns: Columns = ...,
-    *,
-    actuator: Any = ...,
-    resample_to: float | str | None = ...,
-    gaps: Policy = ...,
-    split: bool = ...,
-    where: Choice | Sequence[Choice] | None = ...,
-    progress: Progress | None = ...,
-) -> list[Recording]: ...
+    path: str | Path | Frame, columns: Columns = ..., *,
+    split: Literal[False] = ..., **options: Unpack[Options],
+) -> Recording: ...  # fmt: skip
 
 
 @overload
 def read(
-    path: str | Path | Frame | Paths,
-    columns: Columns = ...,
-    *,
-    actuator: Any = ...,
-    resample_to: float | str | None = ...,
-    gaps: Policy = ...,
-    split: Literal[True],
-    where: Choice | Sequence[Choice] | None = ...,
-    progress: Progress | None = ...,
-) -> list[Recording]: ...
+    path: Paths, columns: Columns = ..., *,
+    split: bool = ..., **options: Unpack[Options],
+) -> list[Recording]: ...  # fmt: skip
+
+
+@overload
+def read(
+    path: str | Path | Frame | Paths, columns: Columns = ..., *,
+    split: Literal[True], **options: Unpack[Options],
+) -> list[Recording]: ...  # fmt: skip
 
 
 def read(

@@ -38,7 +38,7 @@ _MOVED = 1.0  # s: tidying moves times by less, unless it counts calendar times 
 def read_file(
     path: Any,
     channels: Sequence[Channel],
-    columns: Columns | None = None,
+    columns: Columns = None,
     *,
     needs: Needs = (),
     inputs: Collection[str] = (),

@@ -18,7 +18,7 @@ from ematwin.showing import markup
 from ematwin.showing.drawing import drawn
 from ematwin.showing.frames import frame
 
-REGULARITY = 1e-3  # of the sampling interval: more jitter than this needs resampling
+_REGULARITY = 1e-3  # of the sampling interval: more jitter than this needs resampling
 _RESERVED = {"time", "channels", "units", "labels", "start", "source", "provenance"}
 
 
@@ -287,10 +287,7 @@ def check_time(time: np.ndarray) -> None:
             f"time must increase: sample {n} ({time[n]:.6g} s) follows {time[n - 1]:.6g} s. "
             "Sort the record or drop duplicates."
         )
-    mean = (time[-1] - time[0]) / (time.size - 1)
-    # rounding of the times themselves is no irregularity
-    slack = REGULARITY * mean + 4.0 * np.spacing(np.abs(time).max())
-    if np.abs(steps - mean).max() > slack:
+    if not is_regular(time, steps):
         usual = float(np.median(steps))
         odd = np.abs(steps - usual)
         n = int(np.argmax(odd > 0.9 * odd.max())) + 1  # the first, where several are alike
@@ -299,3 +296,11 @@ def check_time(time: np.ndarray) -> None:
             f"{steps[n - 1]:.6g} s where {usual:.6g} s is usual. "
             "Resample the record to a constant rate."
         )
+
+
+def is_regular(time: np.ndarray, steps: np.ndarray | None = None) -> bool:
+    """Whether times (S,), s, increase in equal steps, but for the rounding of the times."""
+    steps = np.diff(time) if steps is None else steps
+    mean = (time[-1] - time[0]) / (time.size - 1)
+    slack = _REGULARITY * mean + 4.0 * float(np.spacing(np.abs(time).max()))
+    return bool(mean > 0.0 and steps.min() >= mean - slack and steps.max() <= mean + slack)

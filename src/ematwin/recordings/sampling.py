@@ -17,9 +17,9 @@ import numpy as np
 
 from ematwin.errors import InputError, RecordError
 from ematwin.numerics.means import means as mean_of_each
-from ematwin.recordings.recording import REGULARITY, Recording
+from ematwin.recordings.recording import Recording, is_regular
 
-Columns = dict[str, np.ndarray]
+Arrays = dict[str, np.ndarray]
 ABSURD = 1e12  # in any SI unit of a record: no recording holds that
 GAP = 4.5  # steps longer than this many ordinary ones are a gap, not jitter
 _EPOCH = 1e6  # s: later times are counted from somebody's calendar, not from the start
@@ -80,14 +80,6 @@ def tidy_time(time: np.ndarray, what: object) -> tuple[np.ndarray, list[str]]:
             "give sample_rate in place of the time channel."
         )
     return time, changed
-
-
-def is_regular(time: np.ndarray, steps: np.ndarray | None = None) -> bool:
-    """Whether times (s) are as even as a `Recording` wants them."""
-    steps = np.diff(time) if steps is None else steps
-    mean = (time[-1] - time[0]) / (time.size - 1)
-    slack = REGULARITY * mean + 4.0 * float(np.spacing(np.abs(time).max()))
-    return bool(mean > 0.0 and steps.min() >= mean - slack and steps.max() <= mean + slack)
 
 
 def gap_starts(time: np.ndarray) -> np.ndarray:
@@ -155,11 +147,11 @@ def check_rate(rate: float | None) -> None:
 
 def to_constant_rate(
     time: np.ndarray,
-    columns: Columns,
+    columns: Arrays,
     rate: float | None,
     what: object,
     means: Collection[str] = (),
-) -> tuple[np.ndarray, Columns, list[str]]:
+) -> tuple[np.ndarray, Arrays, list[str]]:
     """Times and columns at a constant rate, and sentences on what was done.
 
     Parameters
@@ -220,7 +212,7 @@ def onto(
     return np.asarray(result)
 
 
-def _evened(time: np.ndarray, columns: Columns, changed: list[str]) -> tuple[np.ndarray, Columns]:
+def _evened(time: np.ndarray, columns: Arrays, changed: list[str]) -> tuple[np.ndarray, Arrays]:
     steps = np.diff(time)
     middle = float(np.median(steps))
     late = int((steps > 1.5 * middle).sum())
@@ -237,9 +229,9 @@ def _evened(time: np.ndarray, columns: Columns, changed: list[str]) -> tuple[np.
 
 
 def _lowered(
-    time: np.ndarray, columns: Columns, own: float, rate: float, what: object,
+    time: np.ndarray, columns: Arrays, own: float, rate: float, what: object,
     means: Collection[str],
-) -> tuple[np.ndarray, Columns]:  # fmt: skip
+) -> tuple[np.ndarray, Arrays]:  # fmt: skip
     ratio = own / rate
     whole = round(ratio)
     delay = 0.5 * (ratio - 1.0)  # of a mean, in recorded samples
@@ -267,7 +259,7 @@ def _lowered(
     )
 
 
-def _each(columns: Columns, change: Callable[[str, np.ndarray], np.ndarray]) -> Columns:
+def _each(columns: Arrays, change: Callable[[str, np.ndarray], np.ndarray]) -> Arrays:
     """All columns changed; each is let go once it is."""
     return {name: change(name, columns.pop(name)) for name in list(columns)}
 

@@ -142,11 +142,7 @@ def _open(library: Any, path: Path) -> Any:
     exception that refers to it, so both are let go while such complaints are switched off.
     """
 
-    def ignore(_: Any) -> None:
-        return None
-
-    before = sys.unraisablehook
-    sys.unraisablehook = ignore
+    before, sys.unraisablehook = sys.unraisablehook, lambda _: None
     try:
         try:
             with complaints("asammdf", level=logging.ERROR) as found:
