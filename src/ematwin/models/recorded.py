@@ -9,7 +9,6 @@ from ematwin.errors import ParameterError, RecordError
 from ematwin.recordings.formats.base import open_file
 from ematwin.recordings.units import (
     bare,
-    says_nothing,
     suffixes,
     unit_beside_name,
     unit_factor,
@@ -51,11 +50,11 @@ def recorded_columns(
         columns = {}
         for wanted, name in found.items():
             units = (kinds if wanted in kinds else optional)[wanted]
-            stated = file.unit(name)
-            if says_nothing(stated):
-                behind = (unit_in_name(name, unit) for unit in units)
-                stated = unit_beside_name(name) or next(filter(None, behind), None)
-            columns[wanted] = values[name] * _factor(stated or "", units, f"{name!r} of {path}")
+            behind = (unit_in_name(name, unit) for unit in units)
+            unit = (
+                file.stated_unit(name) or unit_beside_name(name) or next(filter(None, behind), "")
+            )
+            columns[wanted] = values[name] * _factor(unit, units, f"{name!r} of {path}")
         return columns
 
 

@@ -16,7 +16,6 @@ from ematwin.recordings.names import last_part
 from ematwin.recordings.sampling import ABSURD
 from ematwin.recordings.units import (
     bare,
-    says_nothing,
     unit_factor,
     unit_in_brackets,
     unit_in_name,
@@ -175,19 +174,19 @@ def _unit(
     result: Collected,
 ) -> tuple[str, str]:
     """The unit of a channel and who states it: map, file, name, or nobody (SI is assumed)."""
-    stated = file.unit(name)
+    stated = file.stated_unit(name)
     chosen = entry.unit
     if chosen is None and entry.channel != name:
         # "Phase A [mA]" in the map for the channel "Phase A"
         chosen = unit_in_brackets(entry.channel, channel.unit)
     if chosen is not None:
-        if stated is not None and not says_nothing(stated) and stated != chosen:
+        if stated and stated != chosen:
             result.warnings.append(
                 f"The map gives {channel.name} in {chosen}, the file in {stated}; the map was "
                 "followed."
             )
         return chosen, "map"
-    if stated is not None and not says_nothing(stated):
+    if stated:
         # a scale leads from the unit of the file (volts of a probe) to another one
         return (stated, "file") if entry.scale == 1.0 else (channel.unit, "scale")
     if channel_called(bare(last_part(name)), channel_map.channels) is not None:

@@ -29,7 +29,6 @@ from ematwin.recordings.units import (
     example,
     fits,
     is_other_unit,
-    says_nothing,
     unit_factor,
 )
 
@@ -153,10 +152,10 @@ def _add_optional(
         channel = channel_map.channel(column)
         if column in present or column in said_otherwise or used.intersection(names):
             continue
-        stated = file.unit(names[0]) or ""
+        stated = file.stated_unit(names[0])
         if len(names) > 1:
             why = f"{file.path.name} has several channels for it, {listed(names)}"
-        elif not says_nothing(stated) and not fits(stated, channel.unit):
+        elif stated and not fits(stated, channel.unit):
             why = f"{names[0]} is in {stated}"
         else:
             found[column] = (names[0], MappedChannel(channel=names[0]))

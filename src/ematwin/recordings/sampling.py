@@ -232,31 +232,20 @@ def _lowered(
     time: np.ndarray, columns: Arrays, own: float, rate: float, what: object,
     means: Collection[str],
 ) -> tuple[np.ndarray, Arrays]:  # fmt: skip
-    ratio = own / rate
-    whole = round(ratio)
-    delay = 0.5 * (ratio - 1.0)  # of a mean, in recorded samples
     if _taps(own, rate) > time.size:
         raise RecordError(
             f"{what} is too short to be brought to {rate:g} Hz: the low-pass needs "
             f"{_taps(own, rate)} samples, the record has {time.size}. Keep its rate, or record for "
             "longer."
         )
-    plain = _low_pass(own, rate)
-    if abs(ratio / whole - 1.0) < _WHOLE:
-        early = _low_pass(own, rate, delay)
-        kept = slice(None, None, whole)
-        return time[kept].copy(), _each(
-            columns,
-            lambda name, values: _filtered(values, early if name in means else plain)[kept].copy(),
-        )
     grid = _grid(time, rate)
-    moved = np.clip(grid - delay / own, time[0], time[-1])
-    return grid, _each(
-        columns,
-        lambda name, values: _spline(
-            time, _filtered(values, plain), moved if name in means else grid
-        ),
-    )
+    moved = np.clip(grid - 0.5 * (1.0 / rate - 1.0 / own), time[0], time[-1])
+    taps = _low_pass(own, rate)
+
+    def lowered(name: str, values: np.ndarray) -> np.ndarray:
+        return _spline(time, _filtered(values, taps), moved if name in means else grid)
+
+    return grid, _each(columns, lowered)
 
 
 def _each(columns: Arrays, change: Callable[[str, np.ndarray], np.ndarray]) -> Arrays:
@@ -282,19 +271,15 @@ def _taps(own: float, rate: float) -> int:
     return int(count) | 1
 
 
-def _low_pass(own: float, rate: float, delay: float = 0.0) -> np.ndarray:
-    """Kaiser-windowed sinc; ``delay``, in recorded samples, may be a fraction.
-
-    Longer by the delay at both ends, so that the shifted window fits.
-    """
+def _low_pass(own: float, rate: float) -> np.ndarray:
+    """Kaiser-windowed sinc that is halfway down in the middle of the transition."""
     from scipy.signal import kaiser_beta
 
     half = _taps(own, rate) // 2
-    reach = half + int(np.ceil(delay))
-    n = np.arange(-reach, reach + 1) - delay
-    cutoff = 0.5 * (1.0 + _PASS) * rate / own  # middle of the transition, of the old Nyquist
-    window = np.i0(kaiser_beta(_ATTENUATION) * np.sqrt(np.clip(1.0 - (n / (half + 1)) ** 2, 0, 1)))
-    taps = np.where(np.abs(n) <= half + 1, cutoff * np.sinc(cutoff * n) * window, 0.0)
+    n = np.arange(-half, half + 1)
+    middle = 0.5 * (1.0 + _PASS) * rate / own  # of the old Nyquist frequency
+    window = np.i0(kaiser_beta(_ATTENUATION) * np.sqrt(1.0 - (n / (half + 1)) ** 2))
+    taps = middle * np.sinc(middle * n) * window
     return np.asarray(taps / taps.sum())
 
 

@@ -154,9 +154,9 @@ def _surveyed(
 
 def _unit(file: RecordedFile, name: str) -> tuple[str, str]:
     """The unit of a channel and who states it: the file or the name, or nobody."""
-    stated = file.unit(name)
-    if stated is not None and not says_nothing(stated):
-        return stated.strip(), "file"
+    stated = file.stated_unit(name)
+    if stated:
+        return stated, "file"
     beside = unit_beside_name(name)
     # square brackets hold units; round ones hold remarks as well: "Position (filtered)"
     if (

@@ -18,6 +18,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from ematwin.errors import EmatwinError, FileError, InputError, MissingExtraError, RecordError
+from ematwin.recordings.units import says_nothing
 from ematwin.showing.frames import is_frame
 
 Progress = Callable[[float], None]
@@ -82,6 +83,11 @@ class RecordedFile(ABC):
     def unit(self, name: str) -> str | None:
         """Unit of a channel as the file states it; None where it states none."""
         return None
+
+    def stated_unit(self, name: str) -> str:
+        """Unit of a channel; "" where the file states none, or a dash."""
+        stated = self.unit(name)
+        return "" if stated is None or says_nothing(stated) else stated.strip()
 
     def time_base(self, name: str) -> str:
         """Key of the time base of a channel: channels of one key were sampled together."""
