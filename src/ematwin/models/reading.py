@@ -83,7 +83,7 @@ def read(
     path : a .csv, .parquet, .mat, .mf4, .mdf, .tdms, .h5 or .hdf5 file, or a DataFrame of pandas;
         or several of them
     columns : which channel of the file is which: a mapping such as
-        ``{"current_a": "Phase A [A]"}``, a TOML file, or a `ChannelMap`. None finds channels by
+        ``{"current_a": "Phase A [A]"}``, a TOML file, or a `ChannelMap`. All others are found by
         name or alias (``i_a``, ``t``), with or without a unit (``command_deg``, ``i_a [mA]``)
     actuator : of which kind the recordings are: an actuator, the name of a shipped one, a TOML
         file, or a kind. None takes the brushless one; a file that `write` made says itself which
