@@ -58,6 +58,16 @@ def test_mdf_groups_of_several_rates_come_onto_the_times_of_the_currents(tmp_pat
         ematwin.read(path, {**table, "omega_m": "speed"})
 
 
+def test_times_of_the_format_go_before_a_channel_of_clock_times(tmp_path: Path) -> None:
+    path = tmp_path / "run.mf4"
+    with MDF(version="4.10") as mdf:
+        stamps = 1.7e9 + np.round(TIME, 2)
+        signals = {"timestamp": stamps, "i": CHANNELS["current_a"], "cmd": CHANNELS["command"]}
+        mdf.append([Signal(values, TIME, name=name) for name, values in signals.items()])
+        mdf.save(path)
+    np.testing.assert_allclose(ematwin.read(path).time, TIME, atol=1e-9)
+
+
 def test_mdf_invalid_samples_are_holes(tmp_path: Path) -> None:
     path = tmp_path / "run.mf4"
     invalid = np.zeros(TIME.size, dtype=bool)

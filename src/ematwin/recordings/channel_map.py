@@ -159,7 +159,7 @@ class ChannelMap(BaseModel):
         return next(channel for channel in self._channels if channel.name == name)
 
     def _problem(self) -> str | None:
-        """What does not fit together, or None."""
+        """A sentence on entries that do not fit together, or None."""
         if sorted(self.phase_order) != list(_IN_ORDER):
             return (
                 "phase_order must name a, b and c once each, "

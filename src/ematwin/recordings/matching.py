@@ -122,6 +122,8 @@ def _by_name(
     ranked: dict[str, dict[int, list[str]]] = {}
     for name in file.names:
         channel, rank = meant(name, channel_map.channels, file.names)
+        if rank == AS_A_CLOCK and file.base_time(file.time_base(name)) is not None:
+            continue  # the format itself gives times
         if channel is not None and channel in wanted:
             ranked.setdefault(channel.name, {}).setdefault(rank, []).append(name)
     return {column: by_rank[min(by_rank)] for column, by_rank in ranked.items()}
@@ -134,7 +136,7 @@ def _add_optional(
     needs: Needs,
     optional: Sequence[Channel],
 ) -> None:
-    """Channels that nobody needs or mapped, and whose names say what they are."""
+    """Add channels that are neither needed nor mapped, by their own names."""
     found = result.channels
     present = with_derived(channel_map.channels, found)
     given = {  # quantities of which a map gives one form: phases, or one equivalent current

@@ -1,4 +1,4 @@
-"""What the name of a channel in a file says: a channel of the recording, or words of a bench.
+"""Meaning of a name in a file: a channel of the recording, or words of a bench.
 
 Test benches name channels in English or German, in words or symbols, glued or apart: ``Phase A``,
 ``I_a``, ``Strom U``, ``iL1``; ``Sollwert``, ``phi_soll``, ``SetPoint``. A word that is not known

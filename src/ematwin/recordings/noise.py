@@ -12,7 +12,7 @@ _CURRENTS = ("current_a", "current_b", "current_c", "current")  # in A, stated o
 
 @dataclass(frozen=True)
 class Noise:
-    """What a current sensor and its converter add.
+    """White noise, offset and steps of a current sensor and its converter.
 
     Parameters
     ----------

@@ -126,7 +126,7 @@ class Recording:
 
     @property
     def together(self) -> tuple[str, ...]:
-        """What the recordings of one run under one condition share: all labels but ``motion``."""
+        """File and all labels but ``motion``: alike in a run under one condition."""
         return (self.source, *(v for key, v in self.labels.items() if key != "motion"))
 
     def columns(self) -> Iterator[tuple[str, np.ndarray]]:
@@ -217,7 +217,7 @@ class Recording:
         )
 
     def _repr_html_(self) -> str:
-        """What it is and what it holds, in a notebook."""
+        """Length, rate and channels with their ranges, in a notebook."""
         rows = [
             (name, f"{values.min():.4g}", f"{values.max():.4g}", self.units.get(name, ""))
             for name, values in self.channels.items()

@@ -107,7 +107,7 @@ class RecordedFile(ABC):
         progress: Progress | None,
         zone: tzinfo | None = None,
     ) -> dict[str, np.ndarray]:
-        """What `read` returns, for formats that give one channel after the other.
+        """Read channels one after the other, for formats whose library gives them so.
 
         Parameters
         ----------
