@@ -8,7 +8,7 @@ from typing import Any
 from ematwin.errors import ParameterError
 
 # pint holds that a radian is nothing, so that Hz passes for rad/s and a bare number for rad.
-_ANGULAR = re.compile(r"rad|deg|°|turn|rpm|rev|arcmin|arcsec|gon|cycle", re.IGNORECASE)
+ANGULAR = re.compile(r"rad|deg|°|turn|rpm|rev|arcmin|arcsec|gon|cycle", re.IGNORECASE)
 _ANGLES = {"rad", "rad/s"}
 _NO_ANGLES = {"", "Hz", "s"}
 _NEWTON_METRE = re.compile(r"\b([kmu\N{MICRO SIGN}]?)Nm\b")  # nautical mile to pint
@@ -60,7 +60,7 @@ def to_si(value: float, unit: str, si_unit: str, what: str) -> float:
 
 def _is_mistaken(unit: str, si_unit: str) -> bool:
     """Whether pint would convert what means something else: Hz, rad/s and 1/s are one to it."""
-    angular = _ANGULAR.search(unit) is not None
+    angular = ANGULAR.search(unit) is not None
     if si_unit in _ANGLES:
         return not angular
     if si_unit == "1/s":

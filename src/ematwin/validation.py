@@ -88,7 +88,7 @@ def _finding(finding: Any, what: str) -> tuple[str, str]:
 
 
 def shortened(received: object) -> str:
-    """What was received, as Python writes it; cut where it is longer than a line or two."""
+    """A received value as Python writes it; cut where it is longer than a line or two."""
     text = repr(received)
     return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."
 

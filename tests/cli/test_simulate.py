@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import ematwin as library
+from ematwin.models.bldc.channels import phase_currents
 from ematwin.models.bldc.envelope import current_envelope
 from ematwin.models.bldc.faults import PAPER_CASES
 
@@ -21,7 +22,7 @@ def test_the_main_job_writes_a_record_and_a_plot(ematwin, tmp_path):
     assert re.search(r"friction +0\.25 +0\.045 N m +0\.03 N m", answer.out)
     assert re.search(r"backlash +0\.1 +0\.0545 rad +0\.005 rad", answer.out)
     record = library.read(tmp_path / "rec.parquet")
-    assert record.phase_currents is not None
+    assert phase_currents(record) is not None
     assert record.provenance["faults"]["friction"] == 0.25
     assert record.provenance["seed"] == 1
     page = (tmp_path / "rec.html").read_text(encoding="utf-8")

@@ -9,6 +9,7 @@ import pytest
 import ematwin
 from ematwin.errors import ParameterError
 from ematwin.models.bldc import batch
+from ematwin.models.bldc.channels import phase_currents
 from ematwin.models.bldc.constants import kernel_constants, truer_constants
 from ematwin.models.bldc.envelope import signed_current
 from ematwin.models.bldc.faults import FAULTS, Faults, error_percent
@@ -101,7 +102,7 @@ def test_electrical_input_is_copper_loss_and_mechanical_work_and_stored_energy(f
     assert abs(error) < 0.002
     if faults:
         healthy = simulate("reference", faults={}, actuator=LOOP, sample_rate=RATE)
-        assert lost > 1.05 * c.resistance * np.sum(healthy.phase_currents[:5000] ** 2) / RATE
+        assert lost > 1.05 * c.resistance * np.sum(phase_currents(healthy)[:5000] ** 2) / RATE
 
 
 def test_a_loop_brakes_by_the_power_that_its_resistances_take():

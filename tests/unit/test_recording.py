@@ -12,7 +12,7 @@ from hypothesis.extra import numpy as hnp
 import ematwin
 from ematwin import Recording
 from ematwin.errors import EmatwinError, FileError, InputError, RecordError
-from ematwin.models.bldc.channels import COLUMNS, PHASES, UNITS
+from ematwin.models.bldc.channels import COLUMNS, PHASES, UNITS, phase_currents
 from ematwin.models.bldc.plausibility import check_phases
 from ematwin.models.registry import model_of
 
@@ -64,7 +64,7 @@ def test_a_good_record_tells_its_rate_and_columns():
     assert record.interval == pytest.approx(1e-3)
     assert len(record) == N
     assert [name for name, _ in record.columns()] == ["time", "command", *PHASES]
-    assert record.phase_currents.shape == (N, 3)
+    assert phase_currents(record).shape == (N, 3)
     assert "50 samples, 0 to 0.049 s at 1000 Hz: time, command, current_a" in repr(record)
 
 
@@ -143,7 +143,7 @@ def test_the_equivalent_current_stands_in_for_the_phases():
     record = Recording(
         **columns(current_a=None, current_b=None, current_c=None, current=np.ones(N))
     )
-    assert record.phase_currents is None
+    assert phase_currents(record) is None
 
 
 def test_text_is_refused():

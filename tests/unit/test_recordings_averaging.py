@@ -6,7 +6,7 @@ import pytest
 import ematwin
 from ematwin import Recording
 from ematwin.models.registry import load_actuator, model_of
-from ematwin.recordings.averaging import averaged
+from ematwin.recordings.sampling import averaged
 
 MODEL = model_of(load_actuator("servo48"))
 

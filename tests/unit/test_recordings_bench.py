@@ -15,6 +15,7 @@ from nptdms import ChannelObject, TdmsWriter
 
 import ematwin
 from ematwin.errors import EmatwinError, FileError, MissingExtraError, RecordError
+from ematwin.models.bldc.channels import phase_currents
 from ematwin.recordings.formats.base import known_suffixes, open_file
 from ematwin.testing.reader_contract import bench_channels
 
@@ -55,6 +56,16 @@ def test_mdf_groups_of_several_rates_come_onto_the_times_of_the_currents(tmp_pat
     assert record.provenance["format"] == "MDF"
     with pytest.raises(RecordError, match="2 channels named 'speed'"):
         ematwin.read(path, {**table, "omega_m": "speed"})
+
+
+def test_times_of_the_format_go_before_a_channel_of_clock_times(tmp_path: Path) -> None:
+    path = tmp_path / "run.mf4"
+    with MDF(version="4.10") as mdf:
+        stamps = 1.7e9 + np.round(TIME, 2)
+        signals = {"timestamp": stamps, "i": CHANNELS["current_a"], "cmd": CHANNELS["command"]}
+        mdf.append([Signal(values, TIME, name=name) for name, values in signals.items()])
+        mdf.save(path)
+    np.testing.assert_allclose(ematwin.read(path).time, TIME, atol=1e-9)
 
 
 def test_mdf_invalid_samples_are_holes(tmp_path: Path) -> None:
@@ -150,7 +161,7 @@ def test_matlab_matrices_and_structures_in_lists(tmp_path: Path) -> None:
     )
     table = {f"i_{k}": f"out.signals.values[{n}]" for n, k in enumerate("abc")}
     record = ematwin.read(path, {**table, "cmd": {"channel": "Soll", "scale": 1e-5}})
-    np.testing.assert_array_equal(record.phase_currents, phases)
+    np.testing.assert_array_equal(phase_currents(record), phases)
     np.testing.assert_allclose(record.command, CHANNELS["command"], atol=6e-6)
 
 

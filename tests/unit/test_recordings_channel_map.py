@@ -102,6 +102,9 @@ def test_strings_may_hold_equal_signs_and_quotes() -> None:
         ({"i_a": {"channel": "x", "unwrap": True}}, "not an angle"),
         ({"csv": {"decimal": "x"}}, "decimal"),
         ({"csv": 5}, "csv"),
+        ({"without": "lode"}, "no column 'lode'"),
+        ({"without": 5}, "without"),
+        ({"load": "x", "without": "load"}, "load is mapped and left out"),
         (7, "mapping"),
     ],
 )
@@ -158,6 +161,26 @@ def test_angles_and_loads_change_the_side_of_the_gear(bench: Path) -> None:
     np.testing.assert_allclose(record.load, command * 500)
     assert record.motor_position is not None
     np.testing.assert_allclose(record.motor_position, command * 500)
+
+
+def test_a_map_adds_to_what_the_names_of_the_file_say(bench: Path) -> None:
+    channels = bench_channels()
+    with h5py.File(bench, "a") as file:
+        for name in ("load", "theta_m", "current", "x/omega_m", "y/omega_m", "output_position"):
+            file[name] = channels["command"]
+        file["output_position"].attrs["unit"] = "kg"
+    found = ematwin.read(bench, {**PHASES, "cmd": "Setpoint"})
+    assert {"load", "motor_position"} <= found.channels.keys()
+    assert "current" not in found.channels  # the map gives its phases
+    assert not {"motor_speed", "output_position"} & found.channels.keys()
+    left_out = " ".join(found.provenance["warnings"])
+    assert "motor_speed was left out: bench.h5 has several channels for it" in left_out
+    assert "output_position was left out: output_position is in kg" in left_out
+    said = " ".join(found.provenance["assumed"])
+    assert "beside the map, these were found by their names: load, motor_position" in said
+    without = ematwin.read(bench, {**PHASES, "cmd": "Setpoint", "without": ["load", "theta_m"]})
+    assert not {"load", "motor_position"} & without.channels.keys()
+    assert parse(["without=load, theta_m"]).without == ("load", "motor_position")
 
 
 def test_phase_order_names_what_the_given_channels_carry(bench: Path) -> None:

@@ -1,6 +1,7 @@
 """Text tables as they are met in practice."""
 
 import re
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import ematwin
 from ematwin.errors import FileError, InputError, RecordError
 from ematwin.models.reading import read, write
 from ematwin.recordings.formats.csv_dialect import sniff
+from ematwin.recordings.read import assumptions
 from ematwin.recordings.recording import Recording
 from ematwin.testing.reader_contract import bench_channels
 
@@ -142,11 +144,57 @@ def test_placeholders_and_empty_fields_are_holes(tmp_path: Path) -> None:
         read(path)
 
 
-def test_clock_times_count_from_the_first(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["t", "Zeit", "Zeitstempel", "timestamp", "time_stamp"])
+@pytest.mark.parametrize(
+    ("clock", "start"),
+    [
+        ("2026-11-21 08:00:59.900", datetime(2026, 11, 21, 8, 0, 59, 900_000)),
+        ("2026-11-21T08:00:59.900Z", datetime(2026, 11, 21, 8, 0, 59, 900_000, UTC)),
+        ("2026-11-21T08:00:59.900+01:00", datetime(2026, 11, 21, 7, 0, 59, 900_000, UTC)),
+        ("03.11.2026 08:00:59,900", datetime(2026, 11, 3, 8, 0, 59, 900_000)),
+        ("3/11/2026 8:00:59.900 PM", datetime(2026, 3, 11, 20, 0, 59, 900_000)),
+        ("3/11/2026 12:00:59.900 AM", datetime(2026, 3, 11, 0, 0, 59, 900_000)),
+        ("23/11/2026 08:00:59.900", datetime(2026, 11, 23, 8, 0, 59, 900_000)),
+        ("08:00:59.900", None),
+        ("23:59:59.900", None),  # over midnight
+    ],
+)
+def test_clock_times_count_from_the_first(
+    tmp_path: Path, name: str, clock: str, start: datetime | None
+) -> None:
+    first, _, rest = clock.partition("900")
+    later = {"00:59": "01:00", "59:59": "00:00"}[first[-6:-1]]
+    following = first[:-6].replace("23:", "00:") if start is None else first[:-6]
+    rows = [
+        (f"{first}{900 + k}" if k < 100 else f"{following}{later}{first[-1]}{k - 100:03d}") + rest
+        for k in range(200)
+    ]
     path = tmp_path / "clock.csv"
-    rows = [f"2026-11-21 08:00:59.{900 + k:03d};{k};{k}\n" for k in range(100)]
-    path.write_text("t;cmd;i\n" + "".join(rows))
-    np.testing.assert_allclose(read(path).time, np.arange(100) / 1000.0, atol=1e-12)
+    path.write_text(f"{name};cmd;i\n" + "".join(f"{row};{k};{k}\n" for k, row in enumerate(rows)))
+    found = read(path)
+    np.testing.assert_allclose(found.time, np.arange(200) / 1000.0, atol=1e-9)
+    assert found.start == start
+    said = [text for text in assumptions(found) if "Dates in" in text]
+    assert len(said) == ("/" in clock)
+
+
+def test_clock_times_of_whole_seconds_and_holes(tmp_path: Path) -> None:
+    path = tmp_path / "clock.csv"
+    rows = [f"09:14:{n // 10:02d};{n};{n}\n" for n in range(400)]
+    path.write_text("Zeit;cmd;i\n" + "".join(rows))
+    assert read(path).sample_rate == pytest.approx(10.0, rel=1e-3)
+    for cell, said in (("", "time is NaN"), ("25:14:00", "'25:14:00' is no clock time")):
+        rows[7] = f"{cell};7;7\n"
+        path.write_text("Zeit;cmd;i\n" + "".join(rows))
+        with pytest.raises(RecordError, match=said):
+            read(path)
+
+
+def test_a_column_of_time_goes_before_one_of_clock_times(tmp_path: Path) -> None:
+    path = tmp_path / "both.csv"
+    rows = [f"09:14:02.{n:03d},{n / 500},{n},{n}\n" for n in range(100)]
+    path.write_text("timestamp,t [s],cmd,i\n" + "".join(rows))
+    assert read(path).sample_rate == pytest.approx(500.0)
 
 
 def test_quoted_decimal_commas(tmp_path: Path) -> None:

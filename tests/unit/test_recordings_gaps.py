@@ -7,8 +7,7 @@ import pytest
 
 import ematwin
 from ematwin.errors import InputError, RecordError
-from ematwin.recordings.gaps import runs, sound_samples
-from ematwin.recordings.saturation import saturated
+from ematwin.recordings.cleaning import runs, saturated, sound_samples
 from ematwin.testing.reader_contract import bench_channels
 
 PATH = Path("bench.csv")

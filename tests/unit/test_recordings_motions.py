@@ -11,7 +11,7 @@ import pyarrow.csv
 import pyarrow.parquet as pq
 import pytest
 
-from ematwin.errors import EmatwinError, FileError, InputError, RecordError
+from ematwin.errors import EmatwinError, InputError, RecordError
 from ematwin.models.ball_screw.channels import check_spans
 from ematwin.models.reading import read, read_motions, write
 from ematwin.recordings.recording import Recording
@@ -250,55 +250,6 @@ def test_units_stand_in_names(tmp_path, suffix, names):
         same(motion, wanted)
 
 
-def test_units_stand_in_the_metadata_of_a_file(tmp_path):
-    columns = table(run=None)
-    units = {"time": "ms", "set_point": "mm", "position_error": "mm", "current": "mA"}
-    schema = pa.schema(
-        [pa.field(name, pa.float64(), metadata={"unit": unit}) for name, unit in units.items()]
-    )
-    scaled = {name: 1e3 * columns[name] for name in units}
-    pq.write_table(pa.table(scaled, schema=schema), tmp_path / "bench.parquet")
-    for motion, wanted in zip(read_motions(tmp_path / "bench.parquet"), MOTIONS[:2], strict=True):
-        same(motion, wanted)
-
-
-def test_units_stand_in_the_row_below_the_header(tmp_path):
-    path = tmp_path / "bench.csv"
-    rows = [
-        f"{1e3 * t:.1f},{1e3 * s:.6f},0.5,{1 + s:.6f}" for t, s in zip(TIME, SET_POINT, strict=True)
-    ]
-    path.write_text("\n".join(["time,set_point,error,current", "ms,mm,mm,A", *rows, ""]))
-    (motion,) = read_motions(path)
-    np.testing.assert_allclose(motion.set_point, SET_POINT, atol=1e-9)
-    np.testing.assert_allclose(motion.position_error, 5e-4)
-
-
-def test_a_unit_of_another_kind_is_refused(tmp_path):
-    columns = table(position_error=None)
-    path = saved(tmp_path / "bench.csv", columns | {"error_kg": columns["set_point"]})
-    assert "unit of the kind m; received 'kg'" in refused(path)
-
-
-def test_a_semicolon_table_with_decimal_commas_is_read(tmp_path):
-    path = tmp_path / "bench.csv"
-    rows = [
-        ";".join(["Öl", *(f"{x:.9f}".replace(".", ",") for x in row)])
-        for row in zip(
-            TIME,
-            1e3 * SET_POINT,
-            1e3 * MOTIONS[0].position_error,
-            MOTIONS[0].current,
-            strict=True,
-        )
-    ]
-    text = "\r\n".join(["Zustand;Time [s];Set point [mm];Error [mm];Current [A]", *rows, ""])
-    path.write_text(text, encoding="utf-8")
-    (motion,) = read_motions(path)
-    assert motion.labels == {"Zustand": "Öl"}
-    np.testing.assert_allclose(motion.current, MOTIONS[0].current, atol=1e-8)
-    np.testing.assert_allclose(motion.position_error, MOTIONS[0].position_error, atol=1e-8)
-
-
 def test_position_stands_for_its_error(tmp_path):
     columns = table()
     position = columns["set_point"] - columns.pop("position_error")
@@ -341,11 +292,6 @@ def test_several_candidates_ask_which_one(tmp_path):
     same(read_motions(path, {"current": "current_mA"})[0], MOTIONS[0])
 
 
-def test_the_plain_name_goes_before_others(tmp_path):
-    columns = table(current_mA=np.ones(2 * SAMPLES), motor_current=np.ones(2 * SAMPLES))
-    same(read_motions(saved(tmp_path / "bench.parquet", columns))[0], MOTIONS[0])
-
-
 def test_an_unknown_column_or_channel_is_refused(tmp_path):
     path = saved(tmp_path / "bench.parquet", table())
     text = refusal(lambda: read_motions(path, {"torque": "current"}), InputError)
@@ -374,12 +320,6 @@ def test_values_that_are_missing_are_refused_with_their_place(tmp_path):
 def test_a_channel_without_any_value_is_refused(tmp_path, name):
     path = saved(tmp_path / "bench.parquet", table(**{name: np.full(2 * SAMPLES, np.nan)}))
     assert f"column {name} holds no value at all" in refused(path)
-
-
-def test_time_that_repeats_is_refused(tmp_path):
-    columns = table()
-    columns["time"][5] = columns["time"][4]
-    assert "repeats at 1 places: sample 5" in refused(saved(tmp_path / "bench.parquet", columns))
 
 
 def test_a_hole_in_a_motion_is_refused(tmp_path):
@@ -412,22 +352,11 @@ def test_milliamperes_without_a_unit_are_recognised(tmp_path):
     assert "its unit is probably mA" in refusal(lambda: check_spans(motion))
 
 
-def test_text_in_a_channel_is_refused(tmp_path):
-    for suffix in (".csv", ".parquet"):
-        path = saved(tmp_path / f"bench{suffix}", table(current=["much"] * 2 * SAMPLES))
-        assert "must hold numbers" in refused(path)
-
-
 def test_a_table_without_rows_is_refused(tmp_path):
     for suffix in (".csv", ".parquet"):
         columns = {name: np.asarray(values)[:0] for name, values in table().items()}
         path = saved(tmp_path / f"bench{suffix}", columns)
         assert path.name in refusal(lambda path=path: read_motions(path), EmatwinError)
-
-
-def test_a_missing_file_and_an_unknown_ending_are_refused(tmp_path):
-    assert "There is no file" in refusal(lambda: read_motions(tmp_path / "none.csv"), FileError)
-    assert "Cannot tell how to read" in refusal(lambda: read_motions("bench.xlsx"), InputError)
 
 
 # The motion itself

@@ -7,7 +7,7 @@ import pytest
 
 import ematwin
 from ematwin.errors import RecordError
-from ematwin.models.bldc.channels import PHASES
+from ematwin.models.bldc.channels import PHASES, phase_currents
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.plausibility import check_plausible
 from ematwin.recordings.noise import Noise
@@ -104,9 +104,9 @@ def test_a_current_that_stays_while_the_command_moves_is_doubtful(record: Record
 
 
 def test_current_in_milliamperes(record: Recording) -> None:
-    assert record.phase_currents is not None
-    refused(phases(record, *(1e3 * record.phase_currents.T)), "looks like mA")
-    refused(phases(record, *(1e6 * record.phase_currents.T)), "Check the unit and the scale")
+    assert phase_currents(record) is not None
+    refused(phases(record, *(1e3 * phase_currents(record).T)), "looks like mA")
+    refused(phases(record, *(1e6 * phase_currents(record).T)), "Check the unit and the scale")
 
 
 def test_command_and_position_in_degrees(record: Recording) -> None:
@@ -182,8 +182,8 @@ def test_swapped_phases(record: Recording, order: str, sign: int, load: bool) ->
 
 @pytest.mark.parametrize("load", [True, False])
 def test_all_phases_of_the_wrong_sign(record: Recording, load: bool) -> None:
-    assert record.phase_currents is not None
-    turned = phases(record, *(-record.phase_currents.T))
+    assert phase_currents(record) is not None
+    turned = phases(record, *(-phase_currents(record).T))
     refused(turned if load else turned.changed(load=None), "All phase currents have the wrong sign")
 
 

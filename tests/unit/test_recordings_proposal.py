@@ -14,10 +14,9 @@ from nptdms import ChannelObject, TdmsWriter
 
 import ematwin
 from ematwin.models.proposing import propose_map
+from ematwin.recordings.names import said_by
 from ematwin.recordings.proposal import Proposal
-from ematwin.recordings.survey import survey
-from ematwin.recordings.thin import extremes
-from ematwin.recordings.words import said_by
+from ematwin.recordings.survey import extremes, survey
 from ematwin.testing.reader_contract import bench_channels
 
 CHANNELS = bench_channels()

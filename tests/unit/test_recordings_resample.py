@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from ematwin.errors import InputError, RecordError
-from ematwin.recordings.resample import onto, to_constant_rate
-from ematwin.recordings.timing import is_regular, tidy_time
+from ematwin.recordings.recording import is_regular
+from ematwin.recordings.sampling import onto, tidy_time, to_constant_rate
 
 PATH = Path("bench.csv")
 RATE = 100_000.0

@@ -10,6 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from ematwin.errors import InputError, RecordError
+from ematwin.models.bldc.channels import phase_currents
 from ematwin.models.reading import channels_of, read, read_motions
 from ematwin.models.registry import model_of
 from ematwin.recordings.channel import Channel
@@ -146,7 +147,7 @@ def test_a_whole_name_goes_before_a_name_with_a_unit(tmp_path: Path) -> None:
     """`current_a` is phase a where there is one, and a current in A where there is none."""
     phases = {"time": TIME, "command": WAVE, "current_a": WAVE, "i_b": -WAVE}
     found = read(saved(tmp_path / "phases.parquet", phases))
-    assert found.phase_currents is not None
+    assert phase_currents(found) is not None
     np.testing.assert_array_equal(found.current_c, 0.0 * WAVE)
     account = found.provenance["columns"]
     assert account["current_a"]["unit_from"] == account["current_b"]["unit_from"] == "assumed"

@@ -15,7 +15,7 @@ from ematwin.models.reading import read
 from ematwin.models.reading import write as write_public
 from ematwin.recordings.formats.base import open_file
 from ematwin.recordings.recording import Recording
-from ematwin.recordings.spreadsheets import no_formula, without_apostrophe
+from ematwin.recordings.tables import no_formula, without_apostrophe
 from ematwin.testing.reader_contract import bench_channels
 
 SUFFIXES = (".parquet", ".csv")

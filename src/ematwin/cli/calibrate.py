@@ -81,7 +81,7 @@ def calibrate(
     from ematwin.models.registry import load_actuator
     from ematwin.monitoring.calibrate import calibrate as run
     from ematwin.monitoring.calibration import Calibration
-    from ematwin.recordings.split import fitting
+    from ematwin.recordings.motions import fitting
 
     check_target(out, (".toml",))
     before = None if add is None else Calibration.load(add)

@@ -30,7 +30,7 @@ from ematwin.errors import InputError
 if TYPE_CHECKING:
     from ematwin.estimation.identify import Identification
     from ematwin.estimation.uncertainty import Uncertainty
-    from ematwin.recordings.gaps import Policy
+    from ematwin.recordings.cleaning import Policy
 
 
 def identify(

@@ -48,7 +48,7 @@ def constant_load(text: str | None, actuator: "ParameterSet") -> float | None:
 
 
 def remarks(recordings: "Sequence[Recording]") -> tuple[list[str], list[str]]:
-    """What was assumed in reading, and what is doubtful; alike sentences once."""
+    """Assumptions made in reading, and doubts; alike sentences once."""
     from ematwin.recordings.read import assumptions
 
     assumed = dict.fromkeys(text for one in recordings for text in assumptions(one))

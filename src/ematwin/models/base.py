@@ -371,7 +371,7 @@ class Model(ABC):
         """
         if self.compared_rate is None:
             return recording
-        from ematwin.recordings.averaging import averaged
+        from ematwin.recordings.sampling import averaged
 
         means = {channel.name for channel in self.channels if channel.is_mean}
         return averaged(recording, self.compared_rate, means)

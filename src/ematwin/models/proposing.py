@@ -1,25 +1,49 @@
-"""`propose_map`: which channel of a bench's file is which, for a kind of actuator, with reasons."""
+"""`propose_map`: which channel of a bench's file is which, for a kind of actuator, with reasons.
 
+A unit that nobody states is tried in each of the usual ones. One is ruled out if the numbers would
+be of a size that no actuator has, or if the kind's own check of the recording refuses it. Where
+several remain, the question stays open.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from itertools import product
 from typing import Any
 
 from ematwin.errors import EmatwinError
 from ematwin.models.base import Model
 from ematwin.models.registry import load_actuator, model_of
-from ematwin.recordings.channel import with_time
-from ematwin.recordings.plausible import settled
-from ematwin.recordings.proposal import Proposal, propose
+from ematwin.recordings.channel import Channel, with_time
+from ematwin.recordings.proposal import Entry, Proposal, Question, propose
 from ematwin.recordings.read import read_file
 from ematwin.recordings.recording import Recording
-from ematwin.recordings.survey import Survey, survey
+from ematwin.recordings.survey import Survey, Surveyed, survey
+from ematwin.recordings.units import unit_factor
+
+Channels = Mapping[str, Channel]
+_MOST_TRIES = 96  # combinations of units
+# Units met on test benches, the likeliest first, and sizes that benches of such actuators meet,
+# SI: of the sampling interval for time, of the largest magnitude else. Wide, so that they rule
+# out only what is absurd.
+_USUAL = {
+    "s": (("s", "ms", "us"), (1e-6, 0.05)),
+    "A": (("A", "mA"), (0.02, 2e3)),
+    "V": (("V", "mV"), (0.1, 2e3)),
+    "rad": (("rad", "deg"), (2e-3, 1e5)),
+    "rad/s": (("rad/s", "rpm", "deg/s"), (0.02, 1e4)),
+    "m": (("m", "mm", "um"), (2e-5, 10.0)),
+    "N*m": (("N*m", "mN*m"), (0.02, 1e5)),
+    "m/s": (("m/s", "mm/s"), (1e-5, 20.0)),
+}
 
 
 def propose_map(path: Any, actuator: Any = None, found: Survey | None = None) -> Proposal:
     """Propose a channel map for a file of a test bench.
 
     Names are compared with words that benches use, units with those of the channels. A unit that
-    nobody states is told by plausibility where only one is left. What remains open is asked, and
-    never chosen silently.
+    nobody states is taken where only one is plausible. What remains open is asked, and never
+    chosen silently.
 
     Parameters
     ----------
@@ -42,15 +66,13 @@ def propose_map(path: Any, actuator: Any = None, found: Survey | None = None) ->
     chosen = load_actuator(actuator)
     model = model_of(chosen)
     found = survey(path) if found is None else found
-    channels = {one.name: one for one in with_time(model.channels)}
     proposal = propose(found, model.channels, model.required, model.kind, model.command)
     recording, why = _read(path, model, proposal)
 
     def check(one: Recording) -> list[str]:
         return model.check(one, chosen)
 
-    needed = {name for group in model.required for part in group for name in part}
-    proposal = settled(proposal, found, channels, recording, check, needed)
+    proposal = _with_units(proposal, found, model, recording, check)
     if any(one.needed for one in proposal.questions):
         return proposal
     if any(entry.unit_from == "plausibility" for entry in proposal.entries.values()):
@@ -81,3 +103,152 @@ def _read(path: Any, model: Model, proposal: Proposal) -> tuple[Recording | None
     except EmatwinError as error:
         return None, str(error)
     return max(found, key=len), ""
+
+
+def _with_units(
+    proposal: Proposal,
+    found: Survey,
+    model: Model,
+    recording: Recording | None,
+    check: Callable[[Recording], list[str]],
+) -> Proposal:
+    """The proposal with the units that are alone plausible, and questions on the others.
+
+    ``recording`` was read with SI in place of what is open; None where it cannot be read.
+    """
+    channels = {one.name: one for one in with_time(model.channels)}
+    needed = {name for group in model.required for part in group for name in part} | {"time"}
+    open_ones = [name for name, entry in proposal.entries.items() if entry.is_open]
+    left = {
+        name: _of_usual_size(found[proposal.entries[name].channel], channels[name])
+        for name in open_ones
+    }
+    refusals: dict[tuple[str, str], str] = {}
+    if recording is not None:
+        left = _not_refused(left, recording, channels, check, refusals)
+    entries = dict(proposal.entries)
+    questions = list(proposal.questions)
+    for name in open_ones:
+        one = found[entries[name].channel]
+        entries[name] = _closed(entries[name], one, channels[name], left[name], refusals)
+        if entries[name].is_open:
+            several = " or ".join(entries[name].units)
+            questions.append(
+                Question(
+                    f"The unit of “{one.name}” ({name}) is stated nowhere, and "
+                    f"{several} are equally plausible.",
+                    needed=name in needed,
+                )
+            )
+    return replace(proposal, entries=entries, questions=tuple(questions))
+
+
+def _of_usual_size(one: Surveyed, channel: Channel) -> list[str]:
+    """The units with which a channel has a usual size; all of them if none does."""
+    units, (low, high) = _USUAL.get(channel.unit, ((channel.unit,), (0.0, math.inf)))
+    size = _size(one, channel)
+    usual = [
+        unit for unit in units if low <= size * unit_factor(unit, channel.unit, one.name) <= high
+    ]
+    return usual or list(units)
+
+
+def _size(one: Surveyed, channel: Channel) -> float:
+    """The largest magnitude of a channel; the sampling interval of time."""
+    if channel.name == "time":
+        return (one.high - one.low) / max(one.samples - 1, 1)
+    return max(abs(one.low), abs(one.high))
+
+
+def _not_refused(
+    left: Mapping[str, list[str]],
+    recording: Recording,
+    channels: Channels,
+    check: Callable[[Recording], list[str]],
+    refusals: dict[tuple[str, str], str],
+) -> dict[str, list[str]]:
+    """The units of all combinations that the kind accepts; those it refuses are noted."""
+    kept: dict[str, set[str]] = {name: set() for name in left}
+    for tried, combination in enumerate(_combinations(left), start=1):
+        if tried > _MOST_TRIES:
+            return dict(left)
+        try:
+            check(_in_units(recording, combination, channels))
+        except EmatwinError as error:
+            for pair in combination.items():
+                refusals.setdefault(pair, str(error))
+            continue
+        for name, unit in combination.items():
+            kept[name].add(unit)
+    if not any(kept.values()):
+        return dict(left)  # it is refused for another reason
+    return {name: [unit for unit in units if unit in kept[name]] for name, units in left.items()}
+
+
+def _combinations(left: Mapping[str, list[str]]) -> Iterator[dict[str, str]]:
+    """Every choice of units, with one unit for the channels of a series such as three phases."""
+    groups: dict[tuple[str, tuple[str, ...]], list[str]] = {}
+    for name, units in left.items():
+        stem = name[:-2] if name[-2:] in ("_a", "_b", "_c", "_d", "_q") else name
+        groups.setdefault((stem, tuple(units)), []).append(name)
+    for choice in product(*(key[1] for key in groups)):
+        yield {
+            name: unit
+            for members, unit in zip(groups.values(), choice, strict=True)
+            for name in members
+        }
+
+
+def _in_units(recording: Recording, units: Mapping[str, str], channels: Channels) -> Recording:
+    """A recording whose numbers were taken for SI, taken for other units."""
+    scaled = {}
+    for name, unit in units.items():
+        values = recording.time if name == "time" else recording.channels.get(name)
+        if values is not None:
+            scaled[name] = values * unit_factor(unit, channels[name].unit, name)
+    for name, account in recording.provenance.get("columns", {}).items():
+        derived = channels[name].derived
+        if "derived" in account and derived is not None:
+            sources = (scaled.get(one, recording.channels[one]) for one in derived.sources)
+            scaled[name] = derived.compute(*sources)
+    return recording.changed(**scaled)
+
+
+def _closed(
+    entry: Entry,
+    one: Surveyed,
+    channel: Channel,
+    units: list[str],
+    refusals: Mapping[tuple[str, str], str],
+) -> Entry:
+    """The entry with its unit, where one is left, and why."""
+    unit = units[0]
+    if one.low == 0.0 == one.high:
+        unit = channel.unit
+        reason = "No unit is stated; it is zero throughout, so none matters."
+    elif len(units) != 1:
+        return replace(entry, units=tuple(units))
+    else:
+        size = _size(one, channel)
+        others = [other for other in _USUAL.get(channel.unit, ((),))[0] if other != unit]
+        because = next(
+            (refusals[key] for o in others if (key := (entry.column, o)) in refusals), ""
+        )
+        reason = f"No unit is stated; {unit} was taken ({_as_si(size, unit, channel)})"
+        if because:
+            reason += f": another would be refused, because “{_first_sentence(because)}”."
+        else:
+            told = " and ".join(f"in {other} {_as_si(size, other, channel)}" for other in others)
+            reason += f": it would be {told}, which is not usual."
+    reasons = (*entry.reasons, reason)
+    return replace(entry, unit=unit, unit_from="plausibility", reasons=reasons)
+
+
+def _as_si(size: float, unit: str, channel: Channel) -> str:
+    number = f"{size * unit_factor(unit, channel.unit, channel.name):.4g} {channel.unit}"
+    return f"a sample every {number}" if channel.name == "time" else f"up to {number}"
+
+
+def _first_sentence(text: str) -> str:
+    head, mark, _ = text.partition(". ")
+    return head.rstrip(".") if mark else text.rstrip(".")

@@ -2,19 +2,19 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal, Protocol, overload
+from typing import Any, Literal, Protocol, TypedDict, Unpack, overload
 
 from ematwin.errors import RecordError
 from ematwin.models.base import Model
 from ematwin.models.registry import DEFAULT_KIND, kind_of, model_of, models
 from ematwin.recordings.channel import Channel
-from ematwin.recordings.channel_map import ChannelMap
+from ematwin.recordings.channel_map import ChannelMap, Columns
+from ematwin.recordings.cleaning import Policy
 from ematwin.recordings.formats.base import Progress, open_file
-from ematwin.recordings.gaps import Policy
-from ematwin.recordings.match import MissingChannelError, match
-from ematwin.recordings.read import Columns, read_file
+from ematwin.recordings.matching import MissingChannelError, match
+from ematwin.recordings.motions import Choice
+from ematwin.recordings.read import read_file
 from ematwin.recordings.recording import Recording
-from ematwin.recordings.split import Choice
 from ematwin.recordings.tables import write_recording, write_recordings
 from ematwin.showing.frames import is_frame
 
@@ -34,46 +34,35 @@ class Frame(Protocol):
     def to_numpy(self) -> Any: ...  # noqa: D102
 
 
-@overload
-def read(
-    path: str | Path | Frame,
-    columns: Columns = ...,
-    *,
-    actuator: Any = ...,
-    resample_to: float | str | None = ...,
-    gaps: Policy = ...,
-    split: Literal[False] = ...,
-    where: Choice | Sequence[Choice] | None = ...,
-    progress: Progress | None = ...,
-) -> Recording: ...
+class Options(TypedDict, total=False):
+    """Options of `read` that do not change what it returns."""
+
+    actuator: Any
+    resample_to: float | str | None
+    gaps: Policy
+    where: Choice | Sequence[Choice] | None
+    progress: Progress | None
 
 
 @overload
 def read(
-    path: Paths,
-    columns: Columns = ...,
-    *,
-    actuator: Any = ...,
-    resample_to: float | str | None = ...,
-    gaps: Policy = ...,
-    split: bool = ...,
-    where: Choice | Sequence[Choice] | None = ...,
-    progress: Progress | None = ...,
-) -> list[Recording]: ...
+    path: str | Path | Frame, columns: Columns = ..., *,
+    split: Literal[False] = ..., **options: Unpack[Options],
+) -> Recording: ...  # fmt: skip
 
 
 @overload
 def read(
-    path: str | Path | Frame | Paths,
-    columns: Columns = ...,
-    *,
-    actuator: Any = ...,
-    resample_to: float | str | None = ...,
-    gaps: Policy = ...,
-    split: Literal[True],
-    where: Choice | Sequence[Choice] | None = ...,
-    progress: Progress | None = ...,
-) -> list[Recording]: ...
+    path: Paths, columns: Columns = ..., *,
+    split: bool = ..., **options: Unpack[Options],
+) -> list[Recording]: ...  # fmt: skip
+
+
+@overload
+def read(
+    path: str | Path | Frame | Paths, columns: Columns = ..., *,
+    split: Literal[True], **options: Unpack[Options],
+) -> list[Recording]: ...  # fmt: skip
 
 
 def read(
@@ -94,7 +83,7 @@ def read(
     path : a .csv, .parquet, .mat, .mf4, .mdf, .tdms, .h5 or .hdf5 file, or a DataFrame of pandas;
         or several of them
     columns : which channel of the file is which: a mapping such as
-        ``{"current_a": "Phase A [A]"}``, a TOML file, or a `ChannelMap`. None finds channels by
+        ``{"current_a": "Phase A [A]"}``, a TOML file, or a `ChannelMap`. All others are found by
         name or alias (``i_a``, ``t``), with or without a unit (``command_deg``, ``i_a [mA]``)
     actuator : of which kind the recordings are: an actuator, the name of a shipped one, a TOML
         file, or a kind. None takes the brushless one; a file that `write` made says itself which

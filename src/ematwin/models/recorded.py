@@ -9,7 +9,6 @@ from ematwin.errors import ParameterError, RecordError
 from ematwin.recordings.formats.base import open_file
 from ematwin.recordings.units import (
     bare,
-    says_nothing,
     suffixes,
     unit_beside_name,
     unit_factor,
@@ -36,40 +35,40 @@ def recorded_columns(
     FileError
         If the file cannot be read.
     """
-    with open_file(path) as recording:
-        units = {**kinds, **optional}
-        by_bare_name = {bare(name): name for name in reversed(recording.names)}
+    with open_file(path) as file:
         found: dict[str, str] = {}
-        for wanted in (*kinds, *optional):
-            if wanted in recording.names:
-                found[wanted] = wanted
-            elif wanted in by_bare_name:
-                found[wanted] = by_bare_name[wanted]
-            elif suffixed := _with_suffix(wanted, units[wanted], recording.names):
-                found[wanted] = suffixed
+        for wanted, units in {**kinds, **optional}.items():
+            name = _named(wanted, units, file.names)
+            if name is not None:
+                found[wanted] = name
             elif wanted in kinds:
                 raise ParameterError(
-                    f"{path} has no column {wanted!r}; it has {', '.join(recording.names)}. "
+                    f"{path} has no column {wanted!r}; it has {', '.join(file.names)}. "
                     "Rename or add the column."
                 )
-        values = recording.read(list(dict.fromkeys(found.values())))
+        values = file.read(list(dict.fromkeys(found.values())))
         columns = {}
         for wanted, name in found.items():
-            stated = recording.unit(name)
-            if says_nothing(stated):
-                behind = (unit_in_name(name, kind) for kind in units[wanted])
-                stated = unit_beside_name(name) or next(filter(None, behind), None)
-            factor = _factor(stated or "", units[wanted], f"{name!r} of {path}")
-            columns[wanted] = values[name] * factor
+            units = (kinds if wanted in kinds else optional)[wanted]
+            behind = (unit_in_name(name, unit) for unit in units)
+            unit = (
+                file.stated_unit(name) or unit_beside_name(name) or next(filter(None, behind), "")
+            )
+            columns[wanted] = values[name] * _factor(unit, units, f"{name!r} of {path}")
         return columns
 
 
-def _with_suffix(wanted: str, kinds: tuple[str, ...], names: tuple[str, ...]) -> str | None:
-    """The name that is a wanted one with a fitting unit behind it, such as ``command_deg``."""
-    for name in names:
-        if any(stem == wanted for kind in kinds for stem, _ in suffixes(bare(name), kind)):
-            return name
-    return None
+def _named(wanted: str, units: tuple[str, ...], names: tuple[str, ...]) -> str | None:
+    """The column of that name, with or without a unit, such as ``command_deg``."""
+    if wanted in names:
+        return wanted
+    by_bare_name = [name for name in names if bare(name) == wanted]
+    with_unit = (
+        name
+        for name in names
+        if any(stem == wanted for unit in units for stem, _ in suffixes(bare(name), unit))
+    )
+    return next(iter(by_bare_name), None) or next(with_unit, None)
 
 
 def _factor(unit: str, kinds: tuple[str, ...], what: str) -> float:

@@ -11,7 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ematwin.recordings.phases import Phase
+from ematwin.models.phases import Phase
 
 _PARTS = 4  # of a transient
 # Edges of the bands as shares of the Nyquist frequency. In a recording of a ball screw at 25 Hz

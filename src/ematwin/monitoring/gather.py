@@ -10,8 +10,8 @@ from ematwin.errors import InputError
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.reading import read
 from ematwin.models.registry import model_of
+from ematwin.recordings.channel_map import Columns
 from ematwin.recordings.formats.base import known_suffixes
-from ematwin.recordings.read import Columns
 from ematwin.recordings.recording import Recording
 from ematwin.showing.frames import is_frame
 

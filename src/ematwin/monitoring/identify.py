@@ -27,7 +27,7 @@ from ematwin.monitoring.diagnosis import Detection, Diagnosis, Magnitude, name_o
 from ematwin.monitoring.gather import Given, is_one, recordings_of
 from ematwin.numerics.side_by_side import cores
 from ematwin.optimizers.base import ITERATIONS, POPULATION, Optimizer
-from ematwin.recordings.read import Columns
+from ematwin.recordings.channel_map import Columns
 from ematwin.recordings.recording import Recording
 from ematwin.showing.bars import told
 

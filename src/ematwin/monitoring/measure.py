@@ -21,9 +21,9 @@ from ematwin.models.base import Model
 from ematwin.models.channels_agree import checked
 from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
+from ematwin.models.phases import phases
 from ematwin.monitoring.features import Layout
 from ematwin.monitoring.population import basis
-from ematwin.recordings.phases import phases
 from ematwin.recordings.recording import Recording
 
 _SAME_RATE = 0.01

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.recordings.thin import extremes
+from ematwin.recordings.survey import extremes
 
 BLUE, ORANGE, GREEN, GREY = "#0072b2", "#d55e00", "#009e73", "#8c959f"
 AMBER, PALE = "#e69f00", "#aeb8c2"

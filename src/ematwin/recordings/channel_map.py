@@ -40,7 +40,7 @@ from ematwin.validation import load_toml, one_sentence
 
 PHASES = ("current_a", "current_b", "current_c")
 _IN_ORDER = "abc"
-_OPTIONS = ("sample_rate", "phase_order", "gear_ratio")
+_OPTIONS = ("sample_rate", "phase_order", "gear_ratio", "without")
 _CSV_OPTIONS = ("delimiter", "decimal", "skip_rows")
 
 
@@ -112,6 +112,7 @@ class ChannelMap(BaseModel):
     phase_order : the phases that the channels given for a, b, c really carry, such as ``"acb"``;
         for kinds with three phases only
     gear_ratio : motor turns for one turn of the output, needed for channels of the other side
+    without : channels that are left out although the file has them under their own names
     csv : `CsvOptions`
 
     Raises
@@ -126,6 +127,7 @@ class ChannelMap(BaseModel):
     sample_rate: Hertz | None = None
     phase_order: str = _IN_ORDER
     gear_ratio: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    without: tuple[str, ...] = ()
     csv: CsvOptions = CsvOptions()
     _channels: tuple[Channel, ...] = PrivateAttr(default=())
 
@@ -133,6 +135,11 @@ class ChannelMap(BaseModel):
         known = with_time(channels)
         if isinstance(values.get("columns"), Mapping):
             values["columns"] = _named(values["columns"], known)
+        left_out = values.get("without")
+        if isinstance(left_out, str):
+            left_out = left_out.split(",")
+        if isinstance(left_out, Sequence):
+            values["without"] = tuple(column_name(str(name), known) for name in left_out)
         try:
             super().__init__(**values)
         except ValidationError as error:
@@ -152,12 +159,15 @@ class ChannelMap(BaseModel):
         return next(channel for channel in self._channels if channel.name == name)
 
     def _problem(self) -> str | None:
-        """What does not fit together, or None."""
+        """A sentence on entries that do not fit together, or None."""
         if sorted(self.phase_order) != list(_IN_ORDER):
             return (
                 "phase_order must name a, b and c once each, "
                 f"received {self.phase_order!r}; write for example acb"
             )
+        both = sorted({*self.without} & self.columns.keys())
+        if both:
+            return f"{', '.join(both)} is mapped and left out; do one of the two"
         names = {channel.name for channel in self._channels}
         if self.phase_order != _IN_ORDER and not names.issuperset(PHASES):
             return "phase_order is for actuators with three phases; remove it"
@@ -179,20 +189,11 @@ class ChannelMap(BaseModel):
         return None
 
     @classmethod
-    def of(
-        cls,
-        given: "ChannelMap | Mapping[str, Any] | str | Path | None",
-        channels: Sequence[Channel],
-    ) -> "ChannelMap":
+    def of(cls, given: "Columns", channels: Sequence[Channel]) -> "ChannelMap":
         """A map from a map, a mapping, a TOML file, or None: names as in a recording.
 
         A flat mapping may hold the options beside the columns:
-        ``{"i_a": "Phase A [A]", "sample_rate": "20 kHz"}``.
-
-        Parameters
-        ----------
-        given : what is known of the file
-        channels : those of the kind of actuator
+        ``{"i_a": "Phase A [A]", "sample_rate": "20 kHz"}``. ``channels`` are those of the kind.
 
         Raises
         ------
@@ -266,7 +267,7 @@ class ChannelMap(BaseModel):
         return cls(channels, **values)
 
 
-ColumnMap = ChannelMap  # its name in 0.1
+Columns = ChannelMap | Mapping[str, Any] | str | Path | None
 
 
 def _table(value: Any, name: str) -> dict[str, Any]:

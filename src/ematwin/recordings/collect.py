@@ -1,8 +1,7 @@
 """From the channels of a file to columns in SI: matched, read once, converted in place."""
 
-from collections.abc import Mapping
 from copy import deepcopy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from typing import Any
 
@@ -11,12 +10,12 @@ import numpy as np
 from ematwin.errors import RecordError
 from ematwin.recordings.channel import Channel, channel_called, derivable
 from ematwin.recordings.channel_map import PHASES, ChannelMap, MappedChannel
-from ematwin.recordings.formats.base import Progress, RecordedFile, last_part
-from ematwin.recordings.match import Needs, match
-from ematwin.recordings.timing import ABSURD
+from ematwin.recordings.formats.base import Progress, RecordedFile
+from ematwin.recordings.matching import Needs, match
+from ematwin.recordings.names import last_part
+from ematwin.recordings.sampling import ABSURD
 from ematwin.recordings.units import (
     bare,
-    says_nothing,
     unit_factor,
     unit_in_brackets,
     unit_in_name,
@@ -52,18 +51,10 @@ class Collected:
 
     def part(self, rows: slice) -> "Collected":
         """Some rows of it; all its channels have one time base."""
-        return Collected(
-            {name: values[rows] for name, values in self.columns.items()},
-            dict(self.bases),
-            {key: time[rows] for key, time in self.times.items()},
-            deepcopy(self.channels),
-            dict(self.full_scales),
-            list(self.names),
-            self.start,
-            list(self.assumed),
-            list(self.changed),
-            list(self.warnings),
-        )
+        rest = deepcopy(replace(self, columns={}, times={}))
+        rest.columns = {name: values[rows] for name, values in self.columns.items()}
+        rest.times = {key: time[rows] for key, time in self.times.items()}
+        return rest
 
 
 def collect(
@@ -76,12 +67,12 @@ def collect(
     RecordError
         If a channel is missing or ambiguous, holds no numbers, or its unit does not fit.
     """
-    found = match(file, channel_map, needs)
-    result = Collected(names=list(dict.fromkeys(name for name, _ in found.values())))
+    matched = match(file, channel_map, needs)
+    uses = [name for name, _ in matched.channels.values()]
+    result = Collected(names=list(dict.fromkeys(uses)), warnings=matched.warnings)
     raw = file.read(result.names, progress)
-    result.assumed += file.assumed  # reading may add to them
-    uses = [name for name, _ in found.values()]
-    for column, (name, entry) in found.items():
+    result.assumed += [*file.assumed, *matched.assumed]  # reading may add to the file's
+    for column, (name, entry) in matched.channels.items():
         values = raw[name].copy() if uses.count(name) > 1 else raw.pop(name)
         result.columns[column] = _in_si(column, name, entry, values, file, channel_map, result)
         result.bases[column] = file.time_base(name)
@@ -145,8 +136,7 @@ def _in_si(
     unit, source = _unit(name, entry, file, channel_map, channel, result)
     factor = unit_factor(unit, channel.unit, f"{column} (channel {name!r} of {file.path})")
     if entry.unwrap:
-        turn = 2.0 * np.pi / (factor * abs(entry.scale))
-        values = np.unwrap(values, period=turn)
+        values = np.unwrap(values, period=2.0 * np.pi / (factor * abs(entry.scale)))
     if entry.side is not None and entry.side != channel.side:
         assert channel_map.gear_ratio is not None
         # angles and speeds of the output are smaller than the motor's, a torque larger
@@ -183,63 +173,55 @@ def _unit(
     channel: Channel,
     result: Collected,
 ) -> tuple[str, str]:
-    """The unit of a channel and who says so: map, file, name, or nobody (SI is assumed)."""
-    si_unit = channel.unit
-    stated = file.unit(name)
-    stated = None if says_nothing(stated) else stated
-    in_map = unit_in_brackets(entry.channel, si_unit)
+    """The unit of a channel and who states it: map, file, name, or nobody (SI is assumed)."""
+    stated = file.stated_unit(name)
     chosen = entry.unit
-    if chosen is None and in_map is not None and entry.channel != name:
-        chosen = in_map  # "Phase A [mA]" in the map for the channel "Phase A"
+    if chosen is None and entry.channel != name:
+        # "Phase A [mA]" in the map for the channel "Phase A"
+        chosen = unit_in_brackets(entry.channel, channel.unit)
     if chosen is not None:
-        if stated is not None and stated != chosen:
+        if stated and stated != chosen:
             result.warnings.append(
                 f"The map gives {channel.name} in {chosen}, the file in {stated}; the map was "
                 "followed."
             )
         return chosen, "map"
-    if stated is not None:
-        if entry.scale == 1.0:
-            return stated, "file"
-        # a scale leads from what the file holds (volts of a probe) to something else
-        return si_unit, "scale"
-    whole = bare(last_part(name))
-    if channel_called(whole, channel_map.channels) is not None:
-        in_name = unit_in_brackets(name, si_unit)  # current_a is phase a, and no current in A
+    if stated:
+        # a scale leads from the unit of the file (volts of a probe) to another one
+        return (stated, "file") if entry.scale == 1.0 else (channel.unit, "scale")
+    if channel_called(bare(last_part(name)), channel_map.channels) is not None:
+        in_name = unit_in_brackets(name, channel.unit)  # current_a is phase a, no current in A
     else:
-        in_name = unit_in_name(name, si_unit, file.names)
-    if in_name is not None:
-        return in_name, "name"
-    return si_unit, "assumed"
+        in_name = unit_in_name(name, channel.unit, file.names)
+    return (channel.unit, "assumed") if in_name is None else (in_name, "name")
 
 
 def _put_phases_in_order(result: Collected, order: str) -> None:
     if order == "abc":
         return
     renamed = dict(zip(PHASES, (f"current_{letter}" for letter in order), strict=True))
-    for part in (result.columns, result.bases, result.channels, result.full_scales):
-        _rename(part, renamed)
+    parts: tuple[dict[str, Any], ...] = (
+        result.columns, result.bases, result.channels, result.full_scales,
+    )  # fmt: skip
+    for part in parts:
+        part |= {new: part.pop(old) for old, new in renamed.items() if old in part}
     result.changed.append(
         f"phase order {order}: "
         + ", ".join(f"the channel mapped as {old} is {new}" for old, new in renamed.items())
     )
 
 
-def _rename(part: dict[str, Any], renamed: Mapping[str, str]) -> None:
-    moved = {new: part.pop(old) for old, new in renamed.items() if old in part}
-    part.update(moved)
-
-
 def _find_times(file: RecordedFile, channel_map: ChannelMap, result: Collected) -> None:
     """Times of each base: from the sample rate, the time channel, or the file's own base."""
     time = result.columns.pop("time", None)
     key_of_time = result.bases.pop("time", None)
+    rate = channel_map.sample_rate
     for column, key in result.bases.items():
         if key in result.times:
             continue
         length = result.columns[column].size
-        if channel_map.sample_rate is not None:
-            result.times[key] = np.arange(length) / channel_map.sample_rate
+        if rate is not None:
+            result.times[key] = np.arange(length) / rate
         elif time is not None and (key == key_of_time or file.base_time(key) is None):
             if time.size != length:
                 raise RecordError(
@@ -258,13 +240,13 @@ def _find_times(file: RecordedFile, channel_map: ChannelMap, result: Collected) 
                 )
             result.times[key] = own
             result.start = file.start
-    if channel_map.sample_rate is not None:
+    if rate is not None:
         lengths = {name: values.size for name, values in result.columns.items()}
         if len(set(lengths.values())) > 1:
             raise RecordError(
                 f"With sample_rate all channels of {file.path} must be equally long; they "
                 f"have {', '.join(f'{name} {size}' for name, size in lengths.items())} samples."
             )
-        result.changed.append(f"time was counted from a rate of {channel_map.sample_rate:g} Hz")
+        result.changed.append(f"time was counted from a rate of {rate:g} Hz")
     if any(length.size == 0 for length in result.times.values()):
         raise RecordError(f"{file.path} holds no rows; nothing was recorded. Leave it out.")

@@ -5,16 +5,23 @@ that several would fit, become questions, and stand in the map as comments.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import tomli_w
 
-from ematwin.recordings.candidates import IN_WORDS, NAMED, Candidate, candidates
 from ematwin.recordings.channel import Channel, with_time
-from ematwin.recordings.match import Needs, is_met, with_derived
+from ematwin.recordings.matching import (
+    IN_WORDS,
+    NAMED,
+    Candidate,
+    Needs,
+    candidates,
+    is_met,
+    with_derived,
+)
 from ematwin.recordings.survey import Survey, Surveyed
 from ematwin.recordings.units import unit_factor
 from ematwin.showing import markup
@@ -33,9 +40,9 @@ class Entry:
     column : channel of the recording
     channel : name in the file
     unit : of the file's numbers; "" where nobody states one and it is left open
-    units : the units that are left, where ``unit`` is open
     unit_from : "file", "name", "plausibility" or ""
     reasons : sentences
+    units : the units that are left, where ``unit`` is open
     """
 
     column: str
@@ -63,7 +70,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Question:
-    """What the file does not tell.
+    """A choice that the file leaves open.
 
     Attributes
     ----------
@@ -104,9 +111,9 @@ class Proposal:
         return not self.refused and not any(one.needed for one in self.questions)
 
     def columns(self) -> dict[str, dict[str, Any]]:
-        """The map as `ematwin.read` takes it: what is settled."""
+        """The settled part of the map, as `ematwin.read` takes it."""
         return {
-            name: _line_of(entry, entry.unit)
+            name: _values(entry.channel, entry.unit)
             for name, entry in self.entries.items()
             if not entry.is_open
         }
@@ -122,9 +129,9 @@ class Proposal:
         for name, entry in self.entries.items():
             lines += [f"# {sentence}" for sentence in entry.reasons]
             if entry.is_open:
-                lines += [f"# {toml_line(name, _line_of(entry, unit))}" for unit in entry.units]
+                lines += [f"# {_line(name, entry.channel, unit)}" for unit in entry.units]
             else:
-                lines.append(toml_line(name, _line_of(entry, entry.unit)))
+                lines.append(_line(name, entry.channel, entry.unit))
         for question in self.questions:
             if question.lines:
                 lines += ["", f"# {question.sentence}"]
@@ -174,14 +181,19 @@ class Proposal:
         }
 
 
-def _line_of(entry: Entry, unit: str) -> dict[str, Any]:
-    return {"channel": entry.channel, **({"unit": unit} if unit else {})}
+def _values(channel: str, unit: str) -> dict[str, str]:
+    return {"channel": channel, **({"unit": unit} if unit else {})}
 
 
-def toml_line(name: str, values: Mapping[str, Any]) -> str:
+def _line(name: str, channel: str, unit: str) -> str:
     """``command = { channel = "Setpoint", unit = "deg" }``."""
+    values = _values(channel, unit)
     inside = ", ".join(tomli_w.dumps({key: value}).strip() for key, value in values.items())
     return f"{name} = {{ {inside} }}"
+
+
+def _lines(name: str, channels: Iterable[Surveyed]) -> tuple[str, ...]:
+    return tuple(_line(name, one.name, one.unit) for one in channels)
 
 
 def propose(
@@ -189,7 +201,7 @@ def propose(
 ) -> Proposal:
     """A map by names, stated units, and what the channels themselves show.
 
-    Units that nobody states stay open (`ematwin.recordings.plausible` closes what it can).
+    Units that nobody states stay open (`ematwin.models.proposing` closes what it can).
 
     Parameters
     ----------
@@ -200,20 +212,22 @@ def propose(
     command : name of the channel that is commanded
     """
     names = [one.name for one in found.channels]
-    known = with_time(channels)
-    ranked = {one.name: candidates(one, found.channels, known, names) for one in known}
-    by_name = {one.name: one for one in known}
-    if any(one.rate is not None for one in found.channels):
-        ranked["time"] = []  # the format itself gives times
-    chosen, questions = _chosen(ranked, found, by_name, command)
+    known = {one.name: one for one in with_time(channels)}
+    ranked = {
+        name: candidates(one, found.channels, tuple(known.values()), names)
+        for name, one in known.items()
+    }
+    if found.has_times:
+        ranked["time"] = []
+    questions: list[Question] = []
+    chosen = _chosen(ranked, found, known, command, questions)
     taken = {one.name for one in chosen.values()}
     entries = {}
     for name, one in chosen.items():
         also = [c for c in ranked[name] if c.score >= IN_WORDS and c.name not in taken]
-        entries[name] = _entry(by_name[name], found[one.name], one, also)
+        entries[name] = _entry(known[name], found[one.name], one, also)
     questions += _missing(needs, channels, entries, ranked, questions, found)
-    used = {entry.channel for entry in entries.values()}
-    unused = tuple(name for name in names if name not in used)
+    unused = tuple(name for name in names if name not in taken)
     return Proposal(kind, entries, tuple(questions), unused)
 
 
@@ -222,11 +236,10 @@ def _chosen(
     found: Survey,
     channels: Mapping[str, Channel],
     command: str,
-) -> tuple[dict[str, Candidate], list[Question]]:
-    """The channels that are clear, and questions on those that are not."""
-    chosen: dict[str, Candidate] = {}
-    questions: list[Question] = []
-    rivals: dict[str, list[str]] = {}  # channel of the file -> what it may be, equally well
+    questions: list[Question],
+) -> dict[str, Candidate]:
+    """The channels that are clear; those that are not are added to the questions."""
+    wanted: dict[str, list[str]] = {}  # channel of the file -> what it may be, equally well
     for name, all_of in ranked.items():
         if not all_of or all_of[0].score < NAMED:
             if all_of and channels[name].unit == "N*m":
@@ -240,94 +253,81 @@ def _chosen(
                 Question(
                     f"{listed}{more} are equally likely to be {name}: neither name nor unit tells "
                     "which.",
-                    tuple(
-                        toml_line(name, _line(found[one.name])) for one in best
-                    ),
+                    _lines(name, (found[one.name] for one in best)),
                 )
-            )  # fmt: skip
+            )
+        else:
+            wanted.setdefault(best[0].name, []).append(name)
+    for file_name, may_be in wanted.items():
+        top = max(ranked[name][0].score for name in may_be)
+        wanted[file_name] = [name for name in may_be if ranked[name][0].score >= top - _ALIKE]
+    chosen = {one[0]: ranked[one[0]][0] for one in wanted.values() if len(one) == 1}
+    for file_name, may_be in wanted.items():
+        if len(may_be) == 1:
             continue
-        rivals.setdefault(best[0].name, []).append(name)
-    for file_name, wanted in rivals.items():
-        top = max(ranked[name][0].score for name in wanted)
-        rivals[file_name] = [name for name in wanted if ranked[name][0].score >= top - _ALIKE]
-    clear = [wanted[0] for wanted in rivals.values() if len(wanted) == 1]
-    chosen |= {name: ranked[name][0] for name in clear}
-    for file_name, wanted in rivals.items():
-        if len(wanted) == 1:
-            continue
-        free = [name for name in wanted if name not in chosen]
-        shaft = _by_span(found[file_name], free, channels, chosen.get(command), found, command)
-        if shaft is not None:
+        free = [name for name in may_be if name not in chosen]
+        beside = chosen.get(command)
+        shaft = beside and _by_span(
+            found[file_name], free, channels, found[beside.name], channels[command]
+        )
+        if shaft:
             name, reason = shaft
             chosen[name] = replace(ranked[name][0], reason=reason, score=IN_WORDS)
             continue
         questions.append(
             Question(
-                f"“{file_name}” is equally likely to be {' or '.join(wanted)}: its name does not "
+                f"“{file_name}” is equally likely to be {' or '.join(may_be)}: its name does not "
                 "tell which.",
-                tuple(toml_line(name, _line(found[file_name])) for name in wanted),
+                tuple(line for name in may_be for line in _lines(name, [found[file_name]])),
             )
         )
-    order = list(ranked)
-    return dict(sorted(chosen.items(), key=lambda pair: order.index(pair[0]))), questions
+    return {name: chosen[name] for name in ranked if name in chosen}
 
 
 def _torque(name: str, may_be: Sequence[Surveyed]) -> Question:
     listed = " or ".join(f"“{one.name}”" for one in may_be)
     return Question(
         f"{listed} may be the {name}, or the motor's own torque: the name does not tell which.",
-        tuple(toml_line(name, _line(one)) for one in may_be),
+        _lines(name, may_be),
     )
-
-
-def _line(one: Surveyed) -> dict[str, Any]:
-    return {"channel": one.name, **({"unit": one.unit} if one.unit else {})}
 
 
 def _by_span(
     one: Surveyed,
     wanted: Sequence[str],
     channels: Mapping[str, Channel],
-    command: Candidate | None,
-    found: Survey,
-    command_name: str,
+    beside: Surveyed,
+    command: Channel,
 ) -> tuple[str, str] | None:
     """Which shaft an angle is of, by how far it moves beside the command; None: not clear."""
-    if command is None or not one.unit or not found[command.name].unit or not wanted:
+    if not (one.unit and beside.unit and wanted and command.side is not None):
         return None
-    other, side = found[command.name], channels[command_name].side
-    if side is None or channels[wanted[0]].unit != channels[command_name].unit:
+    if channels[wanted[0]].unit != command.unit:
         return None
-    span = (one.high - one.low) * unit_factor(one.unit, channels[wanted[0]].unit, one.name)
-    beside = (other.high - other.low) * unit_factor(
-        other.unit, channels[command_name].unit, other.name
+    span, commanded = (
+        (each.high - each.low) * unit_factor(each.unit, command.unit, each.name)
+        for each in (one, beside)
     )
-    if not (span > 0.0 and beside > 0.0):
+    if not (span > 0.0 and commanded > 0.0):
         return None
-    ratio = span / beside
-    if _SAME_SHAFT[0] < ratio < _SAME_SHAFT[1]:
-        same = [name for name in wanted if channels[name].side == side]
-        if len(same) == 1:
-            return same[0], (
-                f"it moves {ratio:.2g} times as far as the command, so it is of the same shaft"
-            )
-    if ratio > _OTHER_SHAFT:
-        others = [name for name in wanted if channels[name].side not in (side, None)]
-        if len(others) == 1:
-            return others[0], (
-                f"it moves {ratio:.3g} times as far as the command, so it is of the other shaft"
-            )
+    ratio = span / commanded
+    same = [name for name in wanted if channels[name].side == command.side]
+    others = [name for name in wanted if channels[name].side not in (command.side, None)]
+    if _SAME_SHAFT[0] < ratio < _SAME_SHAFT[1] and len(same) == 1:
+        return same[0], (
+            f"it moves {ratio:.2g} times as far as the command, so it is of the same shaft"
+        )
+    if ratio > _OTHER_SHAFT and len(others) == 1:
+        return others[0], (
+            f"it moves {ratio:.3g} times as far as the command, so it is of the other shaft"
+        )
     return None
-
-
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]
 
 
 def _entry(
     channel: Channel, one: Surveyed, candidate: Candidate, also: Sequence[Candidate]
 ) -> Entry:
-    reasons = [f"{_capital(channel.meaning)}: {candidate.reason}."]
+    reasons = [f"{channel.meaning[:1].upper()}{channel.meaning[1:]}: {candidate.reason}."]
     if also:
         listed = " and ".join(f"“{other.name}”" for other in also)
         reasons.append(f"By its words {listed} would do as well, but less plainly: check it.")
@@ -360,22 +360,22 @@ def _missing(
         if is_met(group, present):
             continue
         wanted = list(dict.fromkeys(name for part in group for name in part if name not in present))
-        lines: list[str] = []
-        for name in wanted:
-            lines += [toml_line(name, _line(found[one.name])) for one in ranked[name]]
+        lines = [
+            line for name in wanted for line in _lines(name, (found[c.name] for c in ranked[name]))
+        ]
         alternatives = " or ".join(" with ".join(part) for part in group)
-        already = any(line.startswith(f"{name} =") for q in asked for line in q.lines
-                      for name in wanted)  # fmt: skip
+        starts = tuple(f"{name} =" for name in wanted)
+        already = any(line.startswith(starts) for one in asked for line in one.lines)
         by_unit = "" if not lines else " These have the right unit."
-        told = "see above" if already else f"name it in the map.{by_unit}"
+        where = "see above" if already else f"name it in the map.{by_unit}"
         questions.append(
             Question(
-                f"Needed and not found for certain: {alternatives}; {told}",
+                f"Needed and not found for certain: {alternatives}; {where}",
                 () if already else tuple(dict.fromkeys(lines)),
                 needed=True,
             )
         )
-    if "time" in ranked and not ranked["time"] and not _has_times(found):
+    if not ranked.get("time", [()]) and not found.has_times:
         questions.append(
             Question(
                 "No channel looks like time: name it in the map, or give the rate.",
@@ -386,16 +386,11 @@ def _missing(
     return questions
 
 
-def _has_times(found: Survey) -> bool:
-    return any(one.rate is not None for one in found.channels)
-
-
 def rate_of(found: Survey, entry: Entry | None) -> float | None:
     """Samples per second that a proposed time channel gives, Hz; None where it is not known."""
     if entry is None or entry.is_open:
         return None
     one = found[entry.channel]
-    factor = unit_factor(entry.unit, "s", entry.channel)
-    span = factor * (one.high - one.low)
+    span = unit_factor(entry.unit, "s", entry.channel) * (one.high - one.low)
     rate = (one.samples - 1) / span if span > 0.0 else math.nan
     return rate if np.isfinite(rate) else None

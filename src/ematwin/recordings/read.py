@@ -1,29 +1,38 @@
 """Recordings in files, for the channels of a given kind of actuator.
 
-`ematwin.models.reading` gives the public `read`, which knows the kinds.
+Channels are collected in SI (`collect`), tables cut into motions (`motions`), times tidied and
+brought to one constant rate (`sampling`), holes and saturated samples dealt with (`cleaning`). Each
+step adds to the provenance. `ematwin.models.reading` gives the public `read`, which knows the
+kinds.
 """
 
 from collections.abc import Collection, Mapping, Sequence
-from datetime import datetime
-from pathlib import Path
+from datetime import datetime, timedelta
 from typing import Any
+
+import numpy as np
 
 from ematwin.errors import InputError, ParameterError, RecordError
 from ematwin.quantities import parse_quantity
 from ematwin.recordings.channel import Channel, with_time
-from ematwin.recordings.channel_map import ChannelMap
-from ematwin.recordings.clean import cleaned
-from ematwin.recordings.collect import collect
+from ematwin.recordings.channel_map import ChannelMap, Columns
+from ematwin.recordings.checksums import FORMAT
+from ematwin.recordings.cleaning import (
+    Policy,
+    check_policy,
+    saturation_warnings,
+    sentence,
+    sound_samples,
+)
+from ematwin.recordings.collect import Collected, collect, derive
 from ematwin.recordings.formats.base import Progress, RecordedFile, open_file
 from ematwin.recordings.formats.csv_dialect import ROUTINE
-from ematwin.recordings.gaps import Policy, check_policy
-from ematwin.recordings.match import Needs
-from ematwin.recordings.recording import Recording
-from ematwin.recordings.resample import check_rate, to_constant_rate
-from ematwin.recordings.sealed import FORMAT
-from ematwin.recordings.split import Choice, check_single, fitting_any, pieces
+from ematwin.recordings.matching import Needs, is_met
+from ematwin.recordings.motions import Choice, check_single, fitting, pieces
+from ematwin.recordings.recording import Recording, label_text
+from ematwin.recordings.sampling import check_rate, onto, tidy_time, to_constant_rate
 
-Columns = ChannelMap | Mapping[str, Any] | str | Path | None
+_MOVED = 1.0  # s: tidying moves times by less, unless it counts calendar times from the first
 
 
 def read_file(
@@ -53,7 +62,7 @@ def read_file(
     own : whether a file that ematwin wrote is read as it is, whatever its channels; else it is if
         it has what is needed
     resample_to : float (Hz) or text such as ``"20 kHz"``; None keeps the recorded rate
-    gaps : what to do about holes, see `ematwin.recordings.gaps`
+    gaps : what to do about holes, see `ematwin.recordings.cleaning`
     split : whether a table is cut into motions
     where : labels with the values that are wanted, or several such choices; cuts as well
     progress : called with the share read, in [0, 1], now and then
@@ -76,45 +85,34 @@ def read_file(
     """
     channel_map = ChannelMap.of(columns, channels)
     check_policy(gaps)
-    rate = hertz(resample_to)
+    rate = _hertz(resample_to)
     with open_file(path, **channel_map.csv.model_dump(exclude_none=True)) as file:
         _check_format(file)
-        if file.metadata and columns is None and (own or _has(file, needs)):
-            written = _as_written(file, channel_map.channels, rate, progress)
-            return fitting_any([written], where)
+        is_complete = own or all(is_met(group, file.names) for group in needs)
+        if file.metadata and columns is None and is_complete:
+            return fitting([_as_written(file, channel_map.channels, rate, progress)], where)
         found = collect(file, channel_map, needs, progress)
         if not split and where is None:
             check_single(found, file)
-            return [cleaned(found, file, channel_map, inputs=inputs, rate=rate, gaps=gaps)]
-        motions = []
-        for piece in fitting_any(pieces(found, file), where):
+            return [_cleaned(found, file, channel_map, inputs, rate, gaps, {})]
+        chosen = fitting(pieces(found, file), where)
+        for piece in chosen:
             piece.check_length()
-            motions.append(
-                cleaned(
-                    piece.found, file, channel_map,
-                    inputs=inputs, rate=rate, gaps=gaps, labels=piece.labels,
-                )
-            )  # fmt: skip
-        return motions
+        return [
+            _cleaned(one.found, file, channel_map, inputs, rate, gaps, one.labels) for one in chosen
+        ]
 
 
 def assumptions(recording: Recording) -> list[str]:
-    """What was assumed when a recording was read, as sentences that its user must see.
+    """Sentences on what was assumed when a recording was read, which its user must see.
 
     Units that nobody stated above all; only how an ordinary text table was recognised is left out.
     """
     said = recording.provenance.get("assumed", [])
-    return [f"{text[0].upper()}{text[1:]}." for text in said if not text.startswith(ROUTINE)]
+    return [sentence(text) for text in said if not text.startswith(ROUTINE)]
 
 
-def hertz(rate: float | str | None) -> float | None:
-    """A rate as a number of Hz.
-
-    Raises
-    ------
-    InputError
-        If it is none.
-    """
+def _hertz(rate: float | str | None) -> float | None:
     if isinstance(rate, str):
         try:
             rate = parse_quantity(rate, "Hz", "resample_to")
@@ -124,11 +122,93 @@ def hertz(rate: float | str | None) -> float | None:
     return rate
 
 
-def _has(file: RecordedFile, needs: Needs) -> bool:
-    return all(
-        any(all(name in file.names for name in alternative) for alternative in group)
-        for group in needs
+def _cleaned(
+    found: Collected,
+    file: RecordedFile,
+    channel_map: ChannelMap,
+    inputs: Collection[str],
+    rate: float | None,
+    gaps: Policy,
+    labels: Mapping[str, str],
+) -> Recording:
+    """Collected columns of a file, or of one motion in it, as a recording."""
+    what = f"{file.path} {label_text(labels)}".strip()
+    start = found.start
+    for key, raw in found.times.items():
+        found.times[key], changed = tidy_time(raw, what)
+        found.changed += changed
+        moved = float(raw[0] - found.times[key][0])
+        if start is not None and start is found.start and abs(moved) > _MOVED:
+            start += timedelta(seconds=moved)
+    by_column = {name: found.times[key] for name, key in found.bases.items()}
+    currents = [one.name for one in channel_map.channels if one.unit == "A"]
+    counts, warnings = saturation_warnings(found.columns, by_column, found.full_scales, currents)
+    means = {one.name for one in channel_map.channels if one.is_mean}
+    time = _bring_to_one_base(found, means, inputs, what)
+    derive(found, channel_map)
+    sound = sound_samples(time, found.columns, gaps, what, inputs)
+    time, columns, changed = to_constant_rate(sound.time, sound.columns, rate, what, means)
+    provenance: dict[str, Any] = {
+        "source": "file",
+        "file": file.path.name,
+        "format": file.kind,
+        "columns": found.channels,
+        "assumed": found.assumed,
+        "changed": found.changed + sound.changed + changed,
+        "warnings": found.warnings + sound.warnings + warnings,
+    }
+    if file.metadata.get("provenance"):
+        provenance["origin"] = file.metadata["provenance"]
+    if counts:
+        provenance["saturated_samples"] = counts
+    if sound.masked:
+        provenance["masked_s"] = [list(stretch) for stretch in sound.masked]
+    in_order = [one for one in channel_map.channels if one.name in columns]
+    return Recording(
+        time,
+        {one.name: columns.pop(one.name) for one in in_order},
+        units={one.name: one.unit for one in in_order},
+        labels=labels,
+        start=start,
+        source=file.path.name,
+        provenance=provenance,
     )
+
+
+def _bring_to_one_base(
+    found: Collected, means: Collection[str], inputs: Collection[str], what: str
+) -> np.ndarray:
+    """All columns at the times of what was measured, the fastest if that has several bases."""
+    columns, bases, times = found.columns, found.bases, found.times
+    if len(times) == 1:
+        return next(iter(times.values()))
+    steps = {key: float(np.median(np.diff(time))) for key, time in times.items()}
+    measured = [name for name in columns if name in means]
+    measured = measured or [name for name in columns if name not in inputs] or list(columns)
+    chosen = min((bases[name] for name in measured), key=steps.__getitem__)
+    start = max(time[0] for time in times.values())
+    stop = min(time[-1] for time in times.values())
+    slack = 1e-9 + 0.5 * steps[chosen]
+    inside = (times[chosen] >= start - slack) & (times[chosen] <= stop + slack)
+    if inside.sum() < 2:
+        raise RecordError(
+            f"The channels mapped from {what} share no time: the last begins at {start:.6g} s, the "
+            f"first ends at {stop:.6g} s. Map channels that were recorded together."
+        )
+    time = times[chosen][inside]
+    leading = ", ".join(name for name in measured if bases[name] == chosen)
+    for name, values in list(columns.items()):
+        key = bases[name]
+        if key == chosen:
+            columns[name] = values[inside]
+        else:
+            columns[name] = onto(times[key], values, time, 1.0 / steps[chosen], name in means)
+            found.changed.append(
+                f"{name}, sampled every {steps[key]:.6g} s, was brought to the times of {leading}, "
+                f"every {steps[chosen]:.6g} s, from {time[0]:.6g} to {time[-1]:.6g} s"
+            )
+        bases[name] = chosen
+    return time
 
 
 def _as_written(
@@ -137,7 +217,7 @@ def _as_written(
     rate: float | None,
     progress: Progress | None,
 ) -> Recording:
-    """What ematwin wrote, bit for bit; only the rate is changed, if that is asked for."""
+    """A recording that ematwin wrote, bit for bit; only the rate is changed, if asked for."""
     units: dict[str, str] = dict(file.metadata.get("units", {}))
     if "time" not in file.names:
         raise RecordError(

@@ -18,7 +18,7 @@ from ematwin.showing import markup
 from ematwin.showing.drawing import drawn
 from ematwin.showing.frames import frame
 
-REGULARITY = 1e-3  # of the sampling interval: more jitter than this needs resampling
+_REGULARITY = 1e-3  # of the sampling interval: more jitter than this needs resampling
 _RESERVED = {"time", "channels", "units", "labels", "start", "source", "provenance"}
 
 
@@ -126,16 +126,8 @@ class Recording:
 
     @property
     def together(self) -> tuple[str, ...]:
-        """What the recordings of one run under one condition share: all labels but ``motion``."""
+        """File and all labels but ``motion``: alike in a run under one condition."""
         return (self.source, *(v for key, v in self.labels.items() if key != "motion"))
-
-    @property
-    def phase_currents(self) -> np.ndarray | None:
-        """(S, 3) array of the phase currents, A, or None."""
-        phases = [self.channels.get(f"current_{phase}") for phase in "abc"]
-        if any(phase is None for phase in phases):
-            return None
-        return np.column_stack([phase for phase in phases if phase is not None])
 
     def columns(self) -> Iterator[tuple[str, np.ndarray]]:
         """Yield name and values of time and of each channel."""
@@ -225,7 +217,7 @@ class Recording:
         )
 
     def _repr_html_(self) -> str:
-        """What it is and what it holds, in a notebook."""
+        """Length, rate and channels with their ranges, in a notebook."""
         rows = [
             (name, f"{values.min():.4g}", f"{values.max():.4g}", self.units.get(name, ""))
             for name, values in self.channels.items()
@@ -295,10 +287,7 @@ def check_time(time: np.ndarray) -> None:
             f"time must increase: sample {n} ({time[n]:.6g} s) follows {time[n - 1]:.6g} s. "
             "Sort the record or drop duplicates."
         )
-    mean = (time[-1] - time[0]) / (time.size - 1)
-    # rounding of the times themselves is no irregularity
-    slack = REGULARITY * mean + 4.0 * np.spacing(np.abs(time).max())
-    if np.abs(steps - mean).max() > slack:
+    if not is_regular(time, steps):
         usual = float(np.median(steps))
         odd = np.abs(steps - usual)
         n = int(np.argmax(odd > 0.9 * odd.max())) + 1  # the first, where several are alike
@@ -307,3 +296,11 @@ def check_time(time: np.ndarray) -> None:
             f"{steps[n - 1]:.6g} s where {usual:.6g} s is usual. "
             "Resample the record to a constant rate."
         )
+
+
+def is_regular(time: np.ndarray, steps: np.ndarray | None = None) -> bool:
+    """Whether times (S,), s, increase in equal steps, but for the rounding of the times."""
+    steps = np.diff(time) if steps is None else steps
+    mean = (time[-1] - time[0]) / (time.size - 1)
+    slack = _REGULARITY * mean + 4.0 * float(np.spacing(np.abs(time).max()))
+    return bool(mean > 0.0 and steps.min() >= mean - slack and steps.max() <= mean + slack)

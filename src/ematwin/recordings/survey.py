@@ -1,15 +1,15 @@
-"""Survey: what every channel of a file holds, before anybody says which channel is which."""
+"""Survey: every channel of a file with its unit, range and shape, whatever the names mean."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ematwin.errors import MissingExtraError, RecordError
-from ematwin.recordings.formats.base import Progress, RecordedFile, last_part, open_file
-from ematwin.recordings.thin import extremes
+from ematwin.recordings.formats.base import Progress, RecordedFile, open_file
+from ematwin.recordings.names import last_part
 from ematwin.recordings.units import (
     is_other_unit,
     is_unit,
@@ -32,9 +32,8 @@ class Surveyed:
     unit : as the file or the name states it; "" where neither does
     unit_from : "file", "name" or ""
     samples, missing : how many, and how many of them are NaN or infinite
-    low, high, middle : least, largest and median value, in ``unit``; NaN where there is none
+    low, high : least and largest value, in ``unit``; NaN where there is none
     rate : samples per second, Hz, where the file itself gives times; else None
-    base : key of its time base: channels of one key were sampled together
     places, shape : (P,) arrays, numbers of samples and values of a thinned trace
     text : a few values, where it holds texts or nothing that is a number
     """
@@ -42,15 +41,13 @@ class Surveyed:
     name: str
     unit: str
     unit_from: str
-    samples: int
-    missing: int
-    low: float
-    high: float
-    middle: float
-    rate: float | None
-    base: str
-    places: np.ndarray
-    shape: np.ndarray
+    samples: int = 0
+    missing: int = 0
+    low: float = float("nan")
+    high: float = float("nan")
+    rate: float | None = None
+    places: np.ndarray = field(default_factory=lambda: np.empty(0))
+    shape: np.ndarray = field(default_factory=lambda: np.empty(0))
     text: str = ""
 
     @property
@@ -71,8 +68,8 @@ class Surveyed:
             "unit_from": self.unit_from or None,
             "samples": self.samples,
             "missing": self.missing,
-            "low": _number(self.low),
-            "high": _number(self.high),
+            "low": self.low if np.isfinite(self.low) else None,
+            "high": self.high if np.isfinite(self.high) else None,
             "rate": self.rate,
             "text": self.text or None,
         }
@@ -89,6 +86,11 @@ class Survey:
 
     def __getitem__(self, name: str) -> Surveyed:
         return next(one for one in self.channels if one.name == name)
+
+    @property
+    def has_times(self) -> bool:
+        """Whether the format itself gives times."""
+        return any(one.rate is not None for one in self.channels)
 
 
 def survey(path: Any, *, progress: Progress | None = None, **options: Any) -> Survey:
@@ -113,69 +115,58 @@ def survey(path: Any, *, progress: Progress | None = None, **options: Any) -> Su
         found: list[Surveyed] = []
         for start in range(0, len(names), _TOGETHER):
             some = names[start : start + _TOGETHER]
-            values = _read(file, some)
+            values = _numbers(file, some)
             found += [_surveyed(file, name, values.get(name), rates) for name in some]
             if progress is not None:
                 progress(min(1.0, (start + len(some)) / len(names)))
         return Survey(file.path, file.kind, tuple(found), tuple(file.assumed))
 
 
-def _read(file: RecordedFile, names: Sequence[str]) -> dict[str, np.ndarray]:
-    """What can be read as numbers."""
+def _numbers(file: RecordedFile, names: Sequence[str]) -> dict[str, np.ndarray]:
+    """The channels that can be read as numbers."""
     try:
         return file.read(names)
     except MissingExtraError:
         raise
-    except RecordError:  # one of them holds text: which, only reading each tells
-        values: dict[str, np.ndarray] = {}
-        for name in names:
-            try:
-                values |= file.read([name])
-            except RecordError:
-                continue
-        return values
+    except RecordError:  # one of them holds text; reading each shows which
+        if len(names) == 1:
+            return {}
+        return {key: one for name in names for key, one in _numbers(file, [name]).items()}
 
 
 def _surveyed(
     file: RecordedFile, name: str, values: np.ndarray | None, rates: dict[str, float | None]
 ) -> Surveyed:
     unit, source = _unit(file, name)
-    base = file.time_base(name)
-    none = np.empty(0)
     if values is None:
-        nan = float("nan")
-        told = _texts(file, name)
-        return Surveyed(name, unit, source, 0, 0, nan, nan, nan, None, base, none, none, told)
+        return Surveyed(name, unit, source, text=_texts(file, name))
+    base = file.time_base(name)
     if base not in rates:
         rates[base] = _rate(file.base_time(base))
     finite = values[np.isfinite(values)]
-    low, high, middle = (
-        (float(finite.min()), float(finite.max()), float(np.median(finite)))
-        if finite.size
-        else (float("nan"),) * 3
-    )
+    low, high = (float(finite.min()), float(finite.max())) if finite.size else (np.nan, np.nan)
     places = extremes(values, SHOWN_POINTS)
     return Surveyed(
-        name, unit, source, values.size, values.size - finite.size, low, high, middle,
-        rates[base], base, places, values[places],
+        name, unit, source, values.size, values.size - finite.size, low, high,
+        rates[base], places, values[places],
     )  # fmt: skip
 
 
 def _unit(file: RecordedFile, name: str) -> tuple[str, str]:
     """The unit of a channel and who states it: the file or the name, or nobody."""
-    stated = file.unit(name)
-    if stated is not None and not says_nothing(stated):
-        return stated.strip(), "file"
+    stated = file.stated_unit(name)
+    if stated:
+        return stated, "file"
     beside = unit_beside_name(name)
-    if beside is not None and not says_nothing(beside) and _looks_like_unit(name, beside):
+    # square brackets hold units; round ones hold remarks as well: "Position (filtered)"
+    if (
+        beside is not None
+        and not says_nothing(beside)
+        and (name.rstrip().endswith("]") or is_unit(beside) or is_other_unit(beside))
+    ):
         return beside, "name"
     behind = next(units_behind(last_part(name), file.names), None)
     return ("", "") if behind is None else (behind, "name")
-
-
-def _looks_like_unit(name: str, beside: str) -> bool:
-    """Square brackets hold units; round ones hold remarks as well: ``Position (filtered)``."""
-    return name.rstrip().endswith("]") or is_unit(beside) or is_other_unit(beside)
 
 
 def _texts(file: RecordedFile, name: str) -> str:
@@ -193,5 +184,29 @@ def _rate(time: np.ndarray | None) -> float | None:
     return 1.0 / step if step > 0.0 else None
 
 
-def _number(value: float) -> float | None:
-    return value if np.isfinite(value) else None
+def extremes(values: np.ndarray, points: int) -> np.ndarray:
+    """Indices (P,), increasing, P <= ``points``, of a trace (S,) whose line looks like the whole.
+
+    Each of ``points / 2`` stretches gives its least and its largest value, so that no spike is
+    lost, as it would be if every n-th sample were taken; the first and the last sample stay.
+    NaN counts as missing: a stretch of nothing else gives none.
+
+    References
+    ----------
+    Jugel, Jerzak, Hackenbroich and Markl (2014), Proc. VLDB Endow. 7(10), 797-808: what min and max
+    of a column of pixels keep.
+    """
+    count = values.size
+    if count <= points:
+        return np.arange(count)
+    width = -(-count // max(points // 2 - 1, 1))
+    stretches = -(-count // width)
+    padded = np.full(stretches * width, np.nan)
+    padded[:count] = values
+    whole = padded.reshape(stretches, width)
+    start = np.arange(stretches) * width
+    known = np.isfinite(whole)
+    least = start + np.where(known, whole, np.inf).argmin(1)
+    largest = start + np.where(known, whole, -np.inf).argmax(1)
+    some = known.any(1)
+    return np.unique(np.concatenate([[0], least[some], largest[some], [count - 1]]))

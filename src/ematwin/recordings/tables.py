@@ -1,13 +1,15 @@
 """Writing columns and recordings to CSV and Parquet files, through pyarrow.
 
-Numbers survive the round trip bit for bit. What is known of a recording beside its channels is one
-JSON object: in Parquet it stands in the schema under ``ematwin``, in CSV in a first line
-``# ematwin {...}``, with checksums of the columns and of itself. Pages of Parquet have their own.
-A table of several recordings has no such object; its columns say labels and units.
+Numbers survive the round trip bit for bit. What is known of a recording beside its channels is kept
+with checksums (`checksums`); pages of Parquet have their own. A table of several recordings has no
+such metadata; its columns say labels and units.
 
-Texts in CSV are written so that no spreadsheet takes one for a formula.
+No text in a CSV starts a formula: a cell that begins with = + - @, a tab or a line break is
+computed by spreadsheets, whoever wrote it (OWASP, "CSV injection"). An apostrophe before it makes
+it a text. Numbers stay numbers.
 """
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,14 +19,12 @@ import numpy as np
 from ematwin.errors import InputError, RecordError
 from ematwin.files import written_whole
 from ematwin.recordings.channel import TIME, Channel, channel_called, with_time
-from ematwin.recordings.formats.arrow import from_numpy
+from ematwin.recordings.checksums import FORMAT, KEY, MARK, with_checksums
 from ematwin.recordings.recording import Recording
-from ematwin.recordings.sealed import FORMAT, note, sealed
-from ematwin.recordings.spreadsheets import no_formula
 
-METADATA_KEY = "ematwin"
-_CSV_MARK = f"# {METADATA_KEY} "
 _WORDS = {"m": "mm", "A": "a"}  # what stands for a unit in names such as set_point_mm
+_FORMULA = re.compile(r"'*[=+\-@\t\r\n]")
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|-?(inf|nan)|-{1,3}")
 
 
 def write_recording(
@@ -55,7 +55,7 @@ def write_recording(
         metadata["labels"] = recording.labels
     if recording.start is not None:
         metadata["start"] = recording.start.isoformat()
-    write_table(path, columns, sealed(metadata, columns))
+    write_table(path, columns, with_checksums(metadata, columns))
 
 
 def write_recordings(
@@ -65,12 +65,7 @@ def write_recordings(
 
     Units stand in the names of the columns: ``set_point_mm`` where the units of a kind are plain
     words that cannot be taken for a part of a name (lengths are then in mm), ``load [N*m]`` else.
-
-    Parameters
-    ----------
-    recordings : with the same channels
-    path : its ending says whether Parquet or CSV
-    channels : those of their kind
+    ``path`` and ``channels`` are as in `write_recording`.
 
     Raises
     ------
@@ -97,10 +92,15 @@ def write_recordings(
     units = _units(recordings, channels)
     in_words = _fit_behind_names(units, channels)
     for name in (TIME.name, *names):
+        unit = units.get(name, "")
         parts = [one.time if name == TIME.name else one.channels[name] for one in recordings]
-        if in_words and units.get(name) == "m":
+        if in_words and unit == "m":
             parts = [1e3 * values for values in parts]
-        columns[_headed(name, units.get(name, ""), in_words)] = np.concatenate(parts)
+        if in_words and unit:
+            headed = f"{name}_{_WORDS.get(unit, unit)}"
+        else:
+            headed = f"{name} [{unit}]" if unit else name
+        columns[headed] = np.concatenate(parts)
     write_table(path, columns)
 
 
@@ -125,17 +125,11 @@ def _fit_behind_names(units: Mapping[str, str], channels: Sequence[Channel]) -> 
     )
 
 
-def _headed(name: str, unit: str, in_words: bool) -> str:
-    if in_words and unit:
-        return f"{name}_{_WORDS.get(unit, unit)}"
-    return f"{name} [{unit}]" if unit else name
-
-
-def write_table(
-    path: str | Path, columns: Mapping[str, Any], metadata: dict[str, Any] | None = None
-) -> None:
+def write_table(path: str | Path, columns: Mapping[str, Any], metadata: str | None = None) -> None:
     """Write columns, and metadata if any, as Parquet or CSV, as the name of the file says."""
     import pyarrow as pa
+
+    from ematwin.recordings.formats.arrow import from_numpy
 
     path = Path(path)
     kind = path.suffix.lower()
@@ -145,21 +139,20 @@ def write_table(
     if is_csv:
         columns = {no_formula(name): _cells(values) for name, values in columns.items()}
     table = pa.table({name: from_numpy(values) for name, values in columns.items()})
-    said = None if metadata is None else note(metadata)
     with written_whole(path) as draft:
         if not is_csv:
             import pyarrow.parquet as pq
 
-            if said is not None:
+            if metadata is not None:
                 known = dict(table.schema.metadata or {})
-                table = table.replace_schema_metadata({**known, METADATA_KEY: said})
+                table = table.replace_schema_metadata({**known, KEY: metadata})
             pq.write_table(table, draft, compression="zstd", write_page_checksum=True)
         else:
             from pyarrow import csv
 
             with draft.open("wb") as file:
-                if said is not None:
-                    file.write(f"{_CSV_MARK}{said}\n".encode())
+                if metadata is not None:
+                    file.write(f"{MARK}{metadata}\n".encode())
                 csv.write_csv(table, file)
 
 
@@ -167,3 +160,19 @@ def _cells(values: Any) -> Any:
     if isinstance(values, np.ndarray):
         return values
     return [no_formula(value) if isinstance(value, str) else value for value in values]
+
+
+def no_formula(text: str) -> str:
+    """A text for a cell, with an apostrophe before it if a spreadsheet would compute it.
+
+    Plain numbers such as ``-1.5`` are left as they are, and so are dashes alone, which stand for
+    what is missing.
+    """
+    if _FORMULA.match(text) and not _NUMBER.fullmatch(text):
+        return f"'{text}"
+    return text
+
+
+def without_apostrophe(text: str) -> str:
+    """The text of which `no_formula` made a cell."""
+    return text[1:] if text.startswith("'") and _FORMULA.match(text) else text

@@ -10,7 +10,7 @@ from collections.abc import Collection, Iterator
 from functools import cache
 
 from ematwin.errors import ParameterError, RecordError
-from ematwin.quantities import to_si
+from ematwin.quantities import ANGULAR, to_si
 
 # Spellings met in files of test benches that pint reads as something else or not at all.
 # (pint takes Nm for "N times milli-nothing", and 1/min for 1/60 rad/s instead of a turn a minute.)
@@ -23,7 +23,6 @@ _SPELLINGS = {
     "rads": "rad", "rad/sec": "rad/s", "deg/sec": "deg/s", "degrees": "deg",
     "grad": "deg",  # German for degree; pint's grad is the gon
 }  # fmt: skip
-_ANGULAR = re.compile(r"rad|deg|°|turn|rpm|rev|arcmin|arcsec|gon|cycle", re.IGNORECASE)
 _BRACKETED = re.compile(r"[\[(]\s*([^\[\]()]*?)\s*[\])]\s*$")
 _SLASHED = re.compile(r"\s/\s*(\S+)\s*$")  # "I_a / mA", as DIN 461 writes it
 _WORD = re.compile("[A-Za-zµμ°]+")
@@ -47,6 +46,11 @@ def unit_factor(unit: str, si_unit: str, what: str) -> float:
             f'the map, such as unit = "{example(si_unit)}", or a scale to {si_unit}.'
         )
     return factor
+
+
+def fits(unit: str, si_unit: str) -> bool:
+    """Whether a unit is of the kind of an SI unit."""
+    return _factor(unit.strip(), si_unit) is not None
 
 
 def is_unit(text: str) -> bool:
@@ -77,21 +81,13 @@ def bare(name: str) -> str:
 
 
 def unit_beside_name(name: str) -> str | None:
-    """What stands in brackets or behind a slash at the end of a name, whatever it is; or None."""
-    for pattern in (_BRACKETED, _SLASHED):
-        match = pattern.search(name)
-        if match and bare(name) != name.strip():
-            return match[1]
-    return None
+    """The text in brackets or behind a slash at the end of a name, whatever it is; or None."""
+    return next(_beside(name), None) if bare(name) != name.strip() else None
 
 
 def unit_in_brackets(name: str, si_unit: str) -> str | None:
     """The unit in brackets or behind a slash at the end of a name, if it fits ``si_unit``."""
-    for pattern in (_BRACKETED, _SLASHED):
-        match = pattern.search(name)
-        if match and _factor(match[1], si_unit) is not None:
-            return match[1]
-    return None
+    return next((text for text in _beside(name) if _factor(text, si_unit) is not None), None)
 
 
 def unit_in_name(name: str, si_unit: str, names: Collection[str] = ()) -> str | None:
@@ -100,10 +96,8 @@ def unit_in_name(name: str, si_unit: str, names: Collection[str] = ()) -> str | 
     ``names`` are those of all channels of the file: a letter of a series (``phase_a``,
     ``phase_b``) is no unit.
     """
-    inside = unit_in_brackets(name, si_unit)
-    if inside is not None:
-        return inside
-    return next((unit for _, unit in suffixes(name, si_unit, names)), None)
+    behind = (unit for _, unit in suffixes(name, si_unit, names))
+    return unit_in_brackets(name, si_unit) or next(behind, None)
 
 
 def suffixes(name: str, si_unit: str, names: Collection[str] = ()) -> Iterator[tuple[str, str]]:
@@ -118,7 +112,7 @@ def suffixes(name: str, si_unit: str, names: Collection[str] = ()) -> Iterator[t
 
 
 def units_behind(name: str, names: Collection[str] = ()) -> Iterator[str]:
-    """Yield what stands behind the last underscore of a name and is a unit of any usual kind.
+    """Yield units of any usual kind behind the last underscore of a name.
 
     A single letter but A is more often a number of a series than a unit, and A only where there
     is no B.
@@ -132,7 +126,7 @@ def units_behind(name: str, names: Collection[str] = ()) -> Iterator[str]:
 
 
 def endings(name: str) -> Iterator[tuple[str, str]]:
-    """Yield stem and what may be meant as a unit behind the last underscore, whatever it is."""
+    """Yield stem and the text behind the last underscore, and behind the last but one."""
     name = name.strip()
     if name.isupper():  # SET_POINT_MM is in mm, not in megametres
         name = name.casefold()
@@ -145,10 +139,6 @@ def endings(name: str) -> Iterator[tuple[str, str]]:
         yield head, f"{first}/{last}"  # motor_speed_rad_s, motor_speed_deg_per_s
 
 
-def _has_sibling(stem: str, names: Collection[str]) -> bool:
-    return any(name.strip().casefold() == f"{stem}_b".casefold() for name in names)
-
-
 def says_nothing(unit: str | None) -> bool:
     """Whether the unit that a file states is empty."""
     return unit is None or unit.strip().casefold() in _NONE
@@ -157,6 +147,17 @@ def says_nothing(unit: str | None) -> bool:
 def example(si_unit: str) -> str:
     """A unit of that kind that needs converting, for messages."""
     return {"s": "ms", "rad": "deg", "A": "mA", "rad/s": "rpm", "m": "mm"}.get(si_unit, si_unit)
+
+
+def _beside(name: str) -> Iterator[str]:
+    for pattern in (_BRACKETED, _SLASHED):
+        match = pattern.search(name)
+        if match:
+            yield match[1]
+
+
+def _has_sibling(stem: str, names: Collection[str]) -> bool:
+    return any(name.strip().casefold() == f"{stem}_b".casefold() for name in names)
 
 
 @cache
@@ -170,7 +171,7 @@ def _factor(unit: str, si_unit: str) -> float | None:
     if not (si_unit == "m" and unit == "nm"):  # a nanometre there, a newton metre elsewhere
         unit = _SPELLINGS.get(unit.casefold() if unit != "MA" else unit, unit)
     # pint holds that a radian is nothing, so that percent and Hz would pass for rad and rad/s
-    if ("rad" in si_unit) != bool(_ANGULAR.search(unit)):
+    if ("rad" in si_unit) != bool(ANGULAR.search(unit)):
         return None
     try:
         return to_si(1.0, unit, si_unit, "unit")

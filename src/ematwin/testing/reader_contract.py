@@ -1,4 +1,4 @@
-"""What every reader of recordings must keep: a contract suite, run by pytest.
+"""Contract suite that every reader of recordings must pass, run by pytest.
 
 A reader of someone else's is tested by a class of theirs::
 
@@ -62,7 +62,7 @@ class ReaderContract(ABC):
 
     @pytest.fixture
     def channels(self) -> dict[str, np.ndarray]:
-        """What is written."""
+        """Channels that are written."""
         return bench_channels()
 
     @pytest.fixture
@@ -98,7 +98,7 @@ class ReaderContract(ABC):
             assert list(file.read(wanted)) == wanted
 
     def test_arrays_belong_to_the_caller(self, path: Path, channels: dict[str, np.ndarray]) -> None:
-        """What the caller does to them does not show in the next reading."""
+        """Changes that the caller makes do not show in the next reading."""
         with self.open(path) as file:
             name = _found(file, channels)[-1]
             first = file.read([name])[name]

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from ematwin.models.phases import calm, phases
 from ematwin.monitoring.features import BANDS, Layout, band_levels
-from ematwin.recordings.phases import calm, phases
 
 INTERVAL = 0.04
 MODEL = ("friction", "backlash", "gain")

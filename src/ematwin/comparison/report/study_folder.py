@@ -21,7 +21,7 @@ from ematwin.comparison.report.study_svg import DIAGRAM, check_extra, critical_d
 from ematwin.comparison.report.study_tables import claims
 from ematwin.errors import FileError
 from ematwin.files import folder_written_whole, write_text
-from ematwin.recordings.spreadsheets import no_formula
+from ematwin.recordings.tables import no_formula
 
 _KEPT_SCALARS = (
     "err", "err_wrapped", "cost", "relative_misfit", "evaluations", "seconds", "cpu_seconds",

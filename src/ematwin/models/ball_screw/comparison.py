@@ -5,7 +5,7 @@ from typing import Any
 from ematwin.models.ball_screw.coupling import coupling, decoupled
 from ematwin.models.ball_screw.plausibility import position_error
 from ematwin.models.comparison import TraceComparison
-from ematwin.recordings.phases import calm
+from ematwin.models.phases import calm
 from ematwin.recordings.recording import Recording
 
 

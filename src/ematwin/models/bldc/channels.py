@@ -3,6 +3,7 @@
 import numpy as np
 
 from ematwin.recordings.channel import TIME, Channel, Derivation
+from ematwin.recordings.recording import Recording
 
 
 def _third(first: np.ndarray, second: np.ndarray) -> np.ndarray:
@@ -48,3 +49,10 @@ VOLTAGES = ("voltage_a", "voltage_b", "voltage_c")
 ON_REQUEST = (*VOLTAGES, "bus_current", "bus_voltage")  # of a simulation
 UNITS = {channel.name: channel.unit for channel in (TIME, *CHANNELS)}
 COLUMNS = tuple(UNITS)
+
+
+def phase_currents(recording: Recording) -> np.ndarray | None:
+    """(S, 3) array of the phase currents, A; None where one of them was not recorded."""
+    if not set(PHASES) <= recording.channels.keys():
+        return None
+    return np.column_stack([recording.channels[name] for name in PHASES])

@@ -15,7 +15,7 @@ from typing import Self
 import numpy as np
 
 from ematwin.errors import InputError, RecordError
-from ematwin.models.bldc.channels import PHASES
+from ematwin.models.bldc.channels import PHASES, phase_currents
 from ematwin.models.bldc.constants import constants_by_candidate, kernel_constants
 from ematwin.models.bldc.envelope import current_envelope, signed_current
 from ematwin.models.bldc.parameters import BldcActuator
@@ -268,7 +268,7 @@ class BldcComparison(Comparison):
         Which phases conduct tells the electrical angle, and the magnitude of the current does not;
         shorted turns of one phase would be taken for those of another.
         """
-        currents = self.recording.phase_currents
+        currents = phase_currents(self.recording)
         if currents is None or not self.unplaced:
             return None
         from ematwin.models.bldc.batch import monitor_trace

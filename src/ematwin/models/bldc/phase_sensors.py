@@ -19,7 +19,7 @@ from itertools import product
 
 import numpy as np
 
-from ematwin.models.bldc.channels import PHASES
+from ematwin.models.bldc.channels import PHASES, phase_currents
 from ematwin.numerics.quantiles import median
 from ematwin.numerics.remembered import Remembered
 from ematwin.numerics.white_noise import white_noise
@@ -80,7 +80,7 @@ _FOUND = Remembered[PhaseSensors | None]()
 
 def phase_sensors(recording: Recording) -> PhaseSensors | None:
     """How far the sensors of three phases are off; None where it is nothing, or cannot be told."""
-    currents = recording.phase_currents
+    currents = phase_currents(recording)
     if currents is None:
         return None
     return _FOUND.of([currents], partial(_looked_for, currents))

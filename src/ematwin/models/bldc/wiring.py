@@ -11,7 +11,7 @@ from itertools import permutations, product
 import numpy as np
 
 from ematwin.errors import RecordError
-from ematwin.models.bldc.channels import PHASES
+from ematwin.models.bldc.channels import PHASES, phase_currents
 from ematwin.models.bldc.envelope import trapezoid_shape
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.recordings.recording import Recording
@@ -34,7 +34,7 @@ def check_sum(record: Recording) -> list[str]:
     RecordError
         If turning the sign of one phase makes the sum vanish.
     """
-    currents = record.phase_currents
+    currents = phase_currents(record)
     if currents is None:
         return []
     scale = _rms(currents)
@@ -75,7 +75,7 @@ def check_order(record: Recording, actuator: BldcActuator) -> list[str]:
     RecordError
         If another order of the phases, other signs, or another zero of the angle fits far better.
     """
-    currents = record.phase_currents
+    currents = phase_currents(record)
     if currents is None or record.motor_position is None:
         return []
     every = max(1, len(record) // _MOST)

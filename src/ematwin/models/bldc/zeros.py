@@ -20,6 +20,7 @@ from functools import partial
 
 import numpy as np
 
+from ematwin.models.bldc.channels import phase_currents
 from ematwin.models.bldc.envelope import trapezoid_shape
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.comparison import Placed
@@ -89,7 +90,7 @@ def zeros(recording: Recording, actuator: BldcActuator) -> Zeros | None:
 
     Only a rotor that turned both ways tells it.
     """
-    motor, currents = recording.motor_position, recording.phase_currents
+    motor, currents = recording.motor_position, phase_currents(recording)
     if motor is None:
         return None
     pole_pairs, electrical = actuator.motor.pole_pairs, 0.0

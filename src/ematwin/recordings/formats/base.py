@@ -5,9 +5,7 @@ format of someone else's is found by the entry point group ``ematwin.readers``, 
 suffixes without the dot. `ematwin.testing.reader_contract` holds the tests that each must pass.
 """
 
-import difflib
 import logging
-import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -15,29 +13,27 @@ from datetime import datetime, tzinfo
 from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
-from types import TracebackType
 from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from ematwin.errors import EmatwinError, FileError, InputError, MissingExtraError, RecordError
-from ematwin.recordings.units import bare
+from ematwin.recordings.units import says_nothing
 from ematwin.showing.frames import is_frame
 
 Progress = Callable[[float], None]
 ENTRY_POINTS = "ematwin.readers"
-
+_MOST_COLUMNS = 64  # of a matrix that is taken for channels side by side
+_TEXT = (".csv", ".tsv", ".txt")
 _FORMATS = {
-    ".csv": "ematwin.recordings.formats.csv_file:CsvFile",
-    ".tsv": "ematwin.recordings.formats.csv_file:CsvFile",
-    ".txt": "ematwin.recordings.formats.csv_file:CsvFile",
-    ".parquet": "ematwin.recordings.formats.parquet_file:ParquetFile",
-    ".mat": "ematwin.recordings.formats.mat_file:MatFile",
-    ".mf4": "ematwin.recordings.formats.mdf_file:MdfFile",
-    ".mdf": "ematwin.recordings.formats.mdf_file:MdfFile",
-    ".tdms": "ematwin.recordings.formats.tdms_file:TdmsFile",
-    ".h5": "ematwin.recordings.formats.hdf5_file:Hdf5File",
-    ".hdf5": "ematwin.recordings.formats.hdf5_file:Hdf5File",
+    **dict.fromkeys(_TEXT, "csv_file:CsvFile"),
+    ".parquet": "parquet_file:ParquetFile",
+    ".mat": "mat_file:MatFile",
+    ".mf4": "mdf_file:MdfFile",
+    ".mdf": "mdf_file:MdfFile",
+    ".tdms": "tdms_file:TdmsFile",
+    ".h5": "hdf5_file:Hdf5File",
+    ".hdf5": "hdf5_file:Hdf5File",
 }
 
 
@@ -88,6 +84,11 @@ class RecordedFile(ABC):
         """Unit of a channel as the file states it; None where it states none."""
         return None
 
+    def stated_unit(self, name: str) -> str:
+        """Unit of a channel; "" where the file states none, or a dash."""
+        stated = self.unit(name)
+        return "" if stated is None or says_nothing(stated) else stated.strip()
+
     def time_base(self, name: str) -> str:
         """Key of the time base of a channel: channels of one key were sampled together."""
         return ""
@@ -99,15 +100,41 @@ class RecordedFile(ABC):
     def close(self) -> None:  # noqa: B027  (most formats hold nothing open)
         """Release the file; may be called again."""
 
+    def each(
+        self,
+        names: Sequence[str],
+        values: Callable[[str], Any],
+        progress: Progress | None,
+        zone: tzinfo | None = None,
+    ) -> dict[str, np.ndarray]:
+        """Read channels one after the other, for formats whose library gives them so.
+
+        Parameters
+        ----------
+        values : the array of a channel as the library gives it
+        zone : of clock times
+        """
+        columns: dict[str, np.ndarray] = {}
+        with refusing(self.path, self.kind):
+            for done, name in enumerate(names, start=1):
+                found = np.asarray(values(name))
+                if found.dtype.kind == "M" and found.size:
+                    self.note_clock(name, found[0], zone)
+                columns[name] = as_float(found, name, self.path)
+                if progress is not None:
+                    progress(done / len(names))
+        return columns
+
+    def note_clock(self, name: str, first: np.datetime64, zone: tzinfo | None) -> None:
+        """Keep the moment at which a channel of calendar times begins, if it is one."""
+        began = moment(first, zone)
+        if began is not None:
+            self.clocks[name] = began
+
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 
@@ -123,13 +150,13 @@ def open_file(path: Any, **options: Any) -> RecordedFile:
     MissingExtraError
         If the library for this format is not installed.
     """
+    named = ", ".join(sorted(options))
     if is_frame(path):
         from ematwin.recordings.formats.frame import FrameFile
 
         if options:
             raise InputError(
-                f"{', '.join(sorted(options))} can be given only for CSV files; a DataFrame is not "
-                "one. Leave it out."
+                f"{named} can be given only for CSV files; a DataFrame is not one. Leave it out."
             )
         return FrameFile(path)
     path = Path(path)
@@ -143,10 +170,9 @@ def open_file(path: Any, **options: Any) -> RecordedFile:
         raise FileError(
             f"{path} is a folder; give a file." if path.is_dir() else f"There is no file {path}."
         )
-    if options and suffix not in {".csv", ".tsv", ".txt"}:
+    if options and suffix not in _TEXT:
         raise InputError(
-            f"{', '.join(sorted(options))} can be given only for CSV files; {path} is not one. "
-            "Leave it out."
+            f"{named} can be given only for CSV files; {path} is not one. Leave it out."
         )
     with refusing(path, getattr(maker, "kind", suffix[1:])):
         opened: RecordedFile = maker(path, **options)
@@ -161,7 +187,7 @@ def known_suffixes() -> list[str]:
 def _maker(suffix: str) -> Any:
     if suffix in _FORMATS:
         module, name = _FORMATS[suffix].split(":")
-        return getattr(import_module(module), name)
+        return getattr(import_module(f"ematwin.recordings.formats.{module}"), name)
     for entry in entry_points(group=ENTRY_POINTS):
         if f".{entry.name}" == suffix:
             return entry.load()
@@ -225,8 +251,8 @@ def as_float(values: Any, name: str, path: Path) -> np.ndarray:
     """
     array = np.asarray(values)
     if array.dtype.kind == "M":
-        array = (array - array[:1]).astype("timedelta64[ns]").astype(np.int64) * 1e-9
-    elif array.dtype.kind == "m":
+        array = array - array[:1]
+    if array.dtype.kind == "m":
         array = array.astype("timedelta64[ns]").astype(np.int64) * 1e-9
     if array.dtype.kind not in "biuf":
         raise RecordError(
@@ -253,53 +279,16 @@ def moment(stamp: np.datetime64, zone: tzinfo | None = None) -> datetime | None:
     return found.replace(tzinfo=zone) if isinstance(found, datetime) else None
 
 
-def find_channel(names: Sequence[str], wanted: str, path: Path) -> str:
-    """The full name of the channel that ``wanted`` means.
+def matrix_columns(name: str, shape: Sequence[int]) -> list[tuple[str, int]]:
+    """Channel names and lengths in an array: itself, or its columns ``name[k]``.
 
-    Compared one after the other, until exactly one fits: the full name; the name in another case;
-    the last part of a path (``group/name``, ``struct.name``); either without the bracketed unit.
-
-    Raises
-    ------
-    RecordError
-        If no channel or more than one fits; the message names the closest.
+    A vector is one channel, standing or lying; a matrix of up to 64 columns is one for each.
     """
-    if wanted in names:
-        return wanted
-    ways: tuple[Callable[[str], str], ...] = (
-        str.casefold,
-        lambda name: last_part(name).casefold(),
-        lambda name: bare(name).casefold(),
-        lambda name: bare(last_part(name)).casefold(),
-    )
-    target = {wanted.strip().casefold(), bare(wanted).casefold()}
-    for way in ways:
-        found = [name for name in names if way(name) in target]
-        if len(found) == 1:
-            return found[0]
-        if found:
-            raise RecordError(
-                f"{path} has {len(found)} channels named {wanted!r}: {_listed(found)}. "
-                "Give the full name."
-            )
-    close = closest(names, wanted)
-    hint = f"the closest are {_listed(close)}" if close else f"it has {_listed(names)}"
-    raise RecordError(f"{path} has no channel {wanted!r}; {hint}. Correct the name in the map.")
-
-
-def last_part(name: str) -> str:
-    """The last part of ``group/name`` or ``struct.name``, a unit such as ``[1/s]`` left whole."""
-    head = bare(name)
-    return re.split(r"[/.]", head)[-1] + name[len(head) :]
-
-
-def closest(names: Sequence[str], wanted: str) -> list[str]:
-    """Up to three names that resemble ``wanted``."""
-    by_key = {last_part(name).casefold(): name for name in reversed(names)}
-    keys = difflib.get_close_matches(wanted.casefold(), by_key, n=3, cutoff=0.5)
-    return [by_key[key] for key in keys]
-
-
-def _listed(names: Sequence[str]) -> str:
-    shown = ", ".join(repr(name) for name in names[:8])
-    return f"{shown} and {len(names) - 8} more" if len(names) > 8 else shown or "no channels"
+    sides = [side for side in shape if side != 1]
+    if len(sides) == 1:
+        return [(name, sides[0])]
+    if len(sides) == 2 and sides[1] <= _MOST_COLUMNS and sides[1] < sides[0]:
+        return [(f"{name}[{k}]", sides[0]) for k in range(sides[1])]
+    if len(sides) == 2 and sides[0] <= _MOST_COLUMNS:
+        return [(f"{name}[{k}]", sides[1]) for k in range(sides[0])]
+    return []

@@ -2,6 +2,9 @@
 
 Looked for in the first lines and in a piece from the middle, because the first rows may hold
 zeros only and so show no decimal sign. What was recognised is said in the provenance.
+
+Libraries were tried on such tables and left out: clevercsv finds delimiters only, csv.Sniffer took
+a carriage return for one, and charset-normalizer took Windows-1252 for a code page of DOS.
 """
 
 import csv
@@ -13,28 +16,30 @@ from pathlib import Path
 from typing import Any
 
 from ematwin.errors import FileError, RecordError
-from ematwin.recordings.sealed import damaged, looks_sealed, unsealed
-from ematwin.recordings.spreadsheets import without_apostrophe
+from ematwin.recordings.checksums import MARK, checked
+from ematwin.recordings.formats.clock import Clock, is_clock
+from ematwin.recordings.tables import without_apostrophe
 from ematwin.recordings.units import is_unit, unbracketed
 
-METADATA_MARK = "# ematwin "
 ROUTINE = "table read with "  # begins the sentence that is said of each table
+PLACEHOLDERS = ["-", "--", "---"]  # what programs write for a missing value, beside NaN and kin
 _SAMPLE = 1 << 16  # bytes looked at, at the head and in the middle
 _DELIMITERS = (",", ";", "\t", "|")
 _COMMENT = ("#", "%", "//")
-PLACEHOLDERS = ["-", "--", "---"]  # what programs write for a missing value, beside NaN and kin
 _MISSING = {"", "nan", "na", "n/a", "#n/a", "null", "inf", "-inf", *PLACEHOLDERS}
-_CLOCK = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(\.\d{1,9})?Z?")
 _UNITS_OF_A_LETTER = frozenset("smghACFHJKNTVW%°Ω1")
 _NUMBER = {
     ".": re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?"),
     ",": re.compile(r"[+-]?(\d+,?\d*|,\d+)([eE][+-]?\d+)?"),
 }
+_BYTE_ORDER_MARKS = (
+    (b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe", "utf-16-le"), (b"\xfe\xff", "utf-16-be"),
+)  # fmt: skip
 
 
 @dataclass
 class CsvDialect:
-    """What `sniff` found.
+    """How a text table is written.
 
     Attributes
     ----------
@@ -43,8 +48,7 @@ class CsvDialect:
     delimiter, decimal, encoding : as written
     start : bytes before the first row of numbers
     signed : positions of columns with numbers such as ``+1.5``
-    clock : positions of columns with clock times such as ``2026-11-21 08:00:00.001``
-    utc : positions of those whose clock times end in Z
+    clocks : `Clock` of columns with clock times, by position
     text : positions of columns that hold neither
     metadata : what ematwin wrote into the first line, else empty
     assumed : sentences for the provenance
@@ -57,8 +61,7 @@ class CsvDialect:
     encoding: str
     start: int
     signed: set[int] = field(default_factory=set)
-    clock: set[int] = field(default_factory=set)
-    utc: set[int] = field(default_factory=set)
+    clocks: dict[int, Clock] = field(default_factory=dict)
     text: set[int] = field(default_factory=set)
     metadata: dict[str, Any] = field(default_factory=dict)
     assumed: list[str] = field(default_factory=list)
@@ -83,7 +86,8 @@ def sniff(
     lines = head.splitlines(keepends=True)
     if not lines:
         raise FileError(f"{path} is empty; nothing was recorded or it was cut off.")
-    metadata = _metadata(lines[0], path)
+    ours = lines[0].startswith(MARK)
+    metadata = checked(lines[0][len(MARK) :] if ours else None, path, lines[0])
     hint = re.fullmatch(r"sep=(.)\s*", lines[0])
     if delimiter is None and hint:
         delimiter = hint[1]
@@ -93,16 +97,16 @@ def sniff(
     delimiter, decimal = _signs(probe, delimiter, decimal)
 
     split = [_fields(line, delimiter) for line in lines]
-    width = Counter(len(_fields(line, delimiter)) for line in probe).most_common(1)[0][0]
-    numeric = max((_numbers(_fields(line, delimiter), decimal) for line in probe), default=0)
+    probed = [_fields(line, delimiter) for line in probe]
+    width = Counter(len(row) for row in probed).most_common(1)[0][0]
+    numeric = max((_numbers(row, decimal) for row in probed), default=0)
     data = next(
         (
             n
             for n in range(first, len(lines))
             if not _is_comment(lines[n])
             and len(split[n]) == width
-            and numeric > 0
-            and 2 * _numbers(split[n], decimal) > numeric
+            and 2 * _numbers(split[n], decimal) > numeric > 0
         ),
         None,
     )
@@ -114,9 +118,9 @@ def sniff(
             f"{lines[first].strip()[:60]!r}. Give delimiter, decimal and skip_rows in the map."
         )
     names, units, header_lines = _header(lines, split, first, data, width)
-    body = [row for row in (_fields(line, delimiter) for line in probe) if len(row) == width]
+    columns = [[row[n].strip() for row in probed if len(row) == width] for n in range(width)]
     code = "utf-8" if encoding == "utf-8-sig" else encoding
-    clock = {n for n in range(width) if any(_CLOCK.fullmatch(row[n].strip()) for row in body)}
+    clocks = {n: clock for n, cells in enumerate(columns) if (clock := Clock.of(cells))}
     dialect = CsvDialect(
         names=names,
         units=units,
@@ -124,16 +128,15 @@ def sniff(
         decimal=decimal,
         encoding=encoding,
         start=mark + len("".join(lines[:data]).encode(code)),
-        signed={n for n in range(width) if any(row[n].strip().startswith("+") for row in body)},
-        clock=clock,
-        utc={n for n in clock if any(row[n].strip().endswith("Z") for row in body)},
+        signed={n for n, cells in enumerate(columns) if any(x.startswith("+") for x in cells)},
+        clocks=clocks,
         text={
             n
-            for n in range(width)
-            if not any(_is_number(row[n], decimal) for row in body)
-            and any(row[n].strip().casefold() not in _MISSING for row in body)
-        }
-        - clock,
+            for n, cells in enumerate(columns)
+            if n not in clocks
+            and not any(_is_number(cell, decimal) for cell in cells)
+            and any(cell.casefold() not in _MISSING for cell in cells)
+        },
         metadata=metadata,
     )
     if not metadata:
@@ -153,20 +156,12 @@ def _samples(path: Path) -> tuple[str, str, str, int]:
         if size > 4 * _SAMPLE:
             file.seek(size // 4 * 2)
             middle = file.read(_SAMPLE)
-    for mark, encoding, skipped in (
-        (b"\xef\xbb\xbf", "utf-8-sig", 3),
-        (b"\xff\xfe", "utf-16-le", 2),
-        (b"\xfe\xff", "utf-16-be", 2),
-    ):
+    cut = size > len(head)
+    for mark, encoding in _BYTE_ORDER_MARKS:
         if head.startswith(mark):
             code = "utf-8" if encoding == "utf-8-sig" else encoding
-            text = head[skipped:].decode(code, errors="ignore")
-            return (
-                _whole_lines(text, size > len(head)),
-                middle.decode(code, "ignore"),
-                encoding,
-                skipped,
-            )
+            text = head[len(mark) :].decode(code, "ignore")
+            return _whole_lines(text, cut), middle.decode(code, "ignore"), encoding, len(mark)
     if b"\x00" in head:
         raise FileError(
             f"Cannot read {path} as text: it holds binary data. Give it the ending of its format."
@@ -174,23 +169,14 @@ def _samples(path: Path) -> tuple[str, str, str, int]:
     complete = head[: head.rfind(b"\n") + 1] or head
     try:
         complete.decode("utf-8")
-        encoding = "utf-8"
-    except UnicodeDecodeError:
-        encoding = "cp1252"  # what Windows programs write in western countries
-    text = head.decode(encoding, errors="replace" if encoding == "cp1252" else "ignore")
-    return _whole_lines(text, size > len(head)), middle.decode("latin-1"), encoding, 0
+        encoding, text = "utf-8", head.decode("utf-8", "ignore")
+    except UnicodeDecodeError:  # cp1252 is what Windows programs write in western countries
+        encoding, text = "cp1252", head.decode("cp1252", "replace")
+    return _whole_lines(text, cut), middle.decode("latin-1"), encoding, 0
 
 
 def _whole_lines(text: str, cut: bool) -> str:
     return text[: text.rfind("\n") + 1] if cut else text
-
-
-def _metadata(line: str, path: Path) -> dict[str, Any]:
-    if line.startswith(METADATA_MARK):
-        return unsealed(line[len(METADATA_MARK) :], path)
-    if looks_sealed(line):
-        raise damaged(path, "its first line has lost its mark")
-    return {}
 
 
 def _is_comment(line: str) -> bool:
@@ -213,18 +199,19 @@ def _numbers(fields: Sequence[str], decimal: str) -> int:
 
 
 def _signs(lines: Sequence[str], delimiter: str | None, decimal: str | None) -> tuple[str, str]:
-    """The delimiter and the decimal sign with which most fields are numbers."""
+    """The delimiter and the decimal sign with which most fields are numbers or clock times."""
     best: tuple[tuple[float, float, int], str, str] | None = None
     for sign in [delimiter] if delimiter else _DELIMITERS:
         rows = [_fields(line, sign) for line in lines]
         if not rows:
             break
         width, votes = Counter(len(row) for row in rows).most_common(1)[0]
+        filled = sum(text.strip().casefold() not in _MISSING for row in rows for text in row)
+        clocks = sum(is_clock(text) for row in rows for text in row)
         for mark in [decimal] if decimal else [".", ","]:
             if mark == sign and not any('"' in line for line in lines):
                 continue
-            filled = sum(text.strip().casefold() not in _MISSING for row in rows for text in row)
-            share = sum(_numbers(row, mark) for row in rows) / max(filled, 1)
+            share = (clocks + sum(_numbers(row, mark) for row in rows)) / max(filled, 1)
             # a file of one column tells no delimiter: more columns win between equals
             score = (round(share, 3) if width > 1 else share / 2, votes / len(rows), width)
             if best is None or score > best[0]:
@@ -244,22 +231,20 @@ def _header(
             continue
         row = [text.strip() for text in split[n]]
         if _is_comment(lines[n]):
-            if above or lines[n].startswith(METADATA_MARK):
+            if above or lines[n].startswith(MARK):
                 break
             row[0] = row[0].lstrip("#%/ ")  # the header of numpy.savetxt is a comment
         row = row[:width] + [""] * (width - len(row))
-        filled = sum(bool(text) for text in row)
-        if filled == 0 or len(split[n]) < max(2, width // 2) or len(above) == 3:
+        if not any(row) or len(split[n]) < max(2, width // 2) or len(above) == 3:
             break
-        above.append(row)
-    above.reverse()
+        above.insert(0, row)
     if not above:
         return [str(n + 1) for n in range(width)], [""] * width, 0
     units = [""] * width
     for n in range(len(above) - 1, 0, -1):
         texts = [unbracketed(text) for text in above[n]]
-        filled_texts = [text for text in texts if text and text != "-"]
-        if any(is_unit(text) for text in filled_texts) and not _is_header(texts, above[n - 1]):
+        filled = [text for text in texts if text and text != "-"]
+        if any(is_unit(text) for text in filled) and not _is_header(texts, above[n - 1]):
             units = texts
             above = above[:n]
             break
@@ -293,4 +278,8 @@ def _assumed(dialect: CsvDialect, skipped: int, header_lines: int) -> list[str]:
         said.append("no header was found: columns are named 1, 2, 3 in their order")
     if any(dialect.units):
         said.append("the line below the header was read as units")
+    for position, clock in dialect.clocks.items():
+        if clock.month_first is not None:
+            order = "month/day" if clock.month_first else "day/month"
+            said.append(f"dates in {dialect.names[position]} were read as {order}/year")
     return said

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ematwin.errors import RecordError
-from ematwin.recordings.formats.base import Progress, RecordedFile, as_float, moment
+from ematwin.recordings.formats.base import Progress, RecordedFile
 
 _TIMES = ("time", "t", "timestamp")  # of an index, in lower case, that it is one of time
 
@@ -39,23 +39,12 @@ class FrameFile(RecordedFile):
         return tuple(self._columns)
 
     def unit(self, name: str) -> str | None:  # noqa: D102
-        kind = self._columns[name].dtype.kind
-        return "s" if kind in "mM" else self._units.get(name)
+        return "s" if self._columns[name].dtype.kind in "mM" else self._units.get(name)
 
     def read(  # noqa: D102
         self, names: Sequence[str], progress: Progress | None = None
     ) -> dict[str, np.ndarray]:
-        found = {}
-        for name in names:
-            values = self._columns[name].to_numpy()
-            if values.dtype.kind == "M" and values.size:
-                began = moment(values[0])
-                if began is not None:
-                    self.clocks[name] = began
-            found[name] = as_float(values, name, self.path)
-        if progress is not None:
-            progress(1.0)
-        return found
+        return self.each(names, lambda name: self._columns[name].to_numpy(), progress)
 
     def texts(self, name: str) -> list[str]:  # noqa: D102
         values = self._columns[name]

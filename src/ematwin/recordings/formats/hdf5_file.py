@@ -8,8 +8,13 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ematwin.errors import FileError
-from ematwin.recordings.formats.base import Progress, RecordedFile, as_float, load_library, refusing
-from ematwin.recordings.formats.mat_file import matrix_columns
+from ematwin.recordings.formats.base import (
+    Progress,
+    RecordedFile,
+    load_library,
+    matrix_columns,
+    refusing,
+)
 
 _HEAP = b"GCOL\x01\0\0\0"
 _UNIT_ATTRIBUTES = ("unit", "units", "Unit", "Units", "unit_string")
@@ -27,7 +32,7 @@ class Hdf5File(RecordedFile):
         super().__init__(path)
         h5py = load_library("h5py", "h5py", "Reading HDF5 files")
         self._file = h5py.File(path, "r")
-        # channel -> dataset, and what selects the channel in it
+        # channel -> dataset, and the field or column of the channel in it
         self._channels: dict[str, tuple[str, str | int | None]] = {}
         self._lengths: dict[str, int] = {}
         self._heaps_checked = False
@@ -59,31 +64,24 @@ class Hdf5File(RecordedFile):
     def read(  # noqa: D102
         self, names: Sequence[str], progress: Progress | None = None
     ) -> dict[str, np.ndarray]:
-        columns: dict[str, np.ndarray] = {}
-        with refusing(self.path, self.kind):
-            for done, name in enumerate(names, start=1):
-                key, part = self._channels[name]
-                dataset = self._file[key]
-                if part is None:
-                    values = dataset[()]
-                elif isinstance(part, str):
-                    values = dataset[part]
-                else:
-                    lies = dataset.shape[0] != self._lengths[name]
-                    values = dataset[part, :] if lies else dataset[:, part]
-                columns[name] = as_float(values, name, self.path)
-                if progress is not None:
-                    progress(done / len(names))
-        return columns
+        return self.each(names, self._values, progress)
 
     def close(self) -> None:  # noqa: D102
         self._file.close()
 
+    def _values(self, name: str) -> Any:
+        key, part = self._channels[name]
+        dataset = self._file[key]
+        if part is None:
+            return dataset[()]
+        if isinstance(part, str):
+            return dataset[part]
+        return dataset[part, :] if dataset.shape[0] != self._lengths[name] else dataset[:, part]
+
     def _note(self, key: str | bytes, item: Any) -> None:
-        if isinstance(key, bytes):  # a name that is no text
-            return
         shape = getattr(item, "shape", None)
-        if not shape:  # a group, a scalar, an empty dataset
+        # left out: names that are no text, groups, scalars, empty datasets
+        if isinstance(key, bytes) or not shape:
             return
         if item.dtype.names:
             for field in item.dtype.names:
@@ -105,16 +103,17 @@ def _check_heaps(path: Path) -> None:
     HDF5 File Format Specification 3.0, III.E.
     """
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+
+        def number(place: int, size: int) -> int:
+            return int.from_bytes(content[place : place + size], "little")
+
         start = content.find(_HEAP)
         while start >= 0:
             place = start + 16
-            end = min(
-                start + int.from_bytes(content[start + 8 : start + 16], "little"), len(content)
-            )
+            end = min(start + number(start + 8, 8), len(content))
             while place + 16 <= end:
-                number = int.from_bytes(content[place : place + 2], "little")
-                size = int.from_bytes(content[place + 8 : place + 16], "little")
-                step = 16 + (size + 7) // 8 * 8 if number else size
+                size = number(place + 8, 8)
+                step = 16 + (size + 7) // 8 * 8 if number(place, 2) else size
                 if step == 0:
                     raise FileError(
                         f"Cannot read {path} as HDF5: its heap of texts is damaged. Copy it again."

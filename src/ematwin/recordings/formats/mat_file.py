@@ -11,13 +11,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ematwin.recordings.formats.base import Progress, RecordedFile, as_float, load_library, refusing
+from ematwin.recordings.formats.base import Progress, RecordedFile, load_library, matrix_columns
 
 _NUMERIC = {
     "double", "single", "logical",
     "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64",
 }  # fmt: skip
-MOST_COLUMNS = 64  # of a matrix that is taken for channels side by side
 
 
 class MatFile(RecordedFile):
@@ -50,39 +49,23 @@ class MatFile(RecordedFile):
     def read(  # noqa: D102
         self, names: Sequence[str], progress: Progress | None = None
     ) -> dict[str, np.ndarray]:
-        columns: dict[str, np.ndarray] = {}
-        variables = list(dict.fromkeys(self._variable[name] for name in names))
-        with refusing(self.path, self.kind):
-            for done, variable in enumerate(variables, start=1):
-                fields = dict(self._fields(variable))
-                for name in names:
-                    if self._variable[name] == variable:
-                        columns[name] = as_float(fields[name], name, self.path)
-                if progress is not None:
-                    progress(done / len(variables))
-        return {name: columns[name] for name in names}
+        fields: dict[str, np.ndarray] = {}
+
+        def values(name: str) -> np.ndarray:
+            nonlocal fields
+            if name not in fields:  # the last variable is kept: it may hold the next channel, too
+                fields = dict(self._fields(self._variable[name]))
+            return fields[name]
+
+        in_order = sorted(names, key=lambda name: list(self._variable).index(name))
+        found = self.each(in_order, values, progress)
+        return {name: found[name] for name in names}
 
     def _fields(self, variable: str) -> Iterator[tuple[str, np.ndarray]]:
         with warnings.catch_warnings():
-            # of objects of classes, which are not read here
-            warnings.simplefilter("ignore")
+            warnings.simplefilter("ignore")  # of objects of classes, which are not read here
             content = self._library.read_mat(self.path, variable_names=[variable])
         yield from _flat(content.get(variable), variable)
-
-
-def matrix_columns(name: str, shape: Sequence[int]) -> list[tuple[str, int]]:
-    """Channel names and lengths in an array: itself, or its columns ``name[k]``.
-
-    A vector is one channel, standing or lying; a matrix of up to 64 columns is one for each.
-    """
-    sides = [side for side in shape if side != 1]
-    if len(sides) == 1:
-        return [(name, sides[0])]
-    if len(sides) == 2 and sides[1] <= MOST_COLUMNS and sides[1] < sides[0]:
-        return [(f"{name}[{k}]", sides[0]) for k in range(sides[1])]
-    if len(sides) == 2 and sides[0] <= MOST_COLUMNS:
-        return [(f"{name}[{k}]", sides[1]) for k in range(sides[0])]
-    return []
 
 
 def _flat(value: Any, name: str) -> Iterator[tuple[str, np.ndarray]]:

@@ -73,13 +73,7 @@ class MdfFile(RecordedFile):
     def read(  # noqa: D102
         self, names: Sequence[str], progress: Progress | None = None
     ) -> dict[str, np.ndarray]:
-        columns: dict[str, np.ndarray] = {}
-        with refusing(self.path, self.kind):
-            for done, name in enumerate(names, start=1):
-                columns[name] = self._values(name)
-                if progress is not None:
-                    progress(done / len(names))
-        return columns
+        return self.each(names, self._values, progress)
 
     def texts(self, name: str) -> list[str]:  # noqa: D102
         group, index = self._places[name]
@@ -94,6 +88,7 @@ class MdfFile(RecordedFile):
             self._file = None
 
     def _values(self, name: str) -> np.ndarray:
+        """Samples of a channel, NaN where the file marks them as invalid."""
         group, index = self._places[name]
         self._check_place(name, group, index)
         with complaints("asammdf", level=logging.ERROR) as found:
@@ -147,11 +142,7 @@ def _open(library: Any, path: Path) -> Any:
     exception that refers to it, so both are let go while such complaints are switched off.
     """
 
-    def ignore(_: Any) -> None:
-        return None
-
-    before = sys.unraisablehook
-    sys.unraisablehook = ignore
+    before, sys.unraisablehook = sys.unraisablehook, lambda _: None
     try:
         try:
             with complaints("asammdf", level=logging.ERROR) as found:

@@ -8,10 +8,9 @@ from typing import Any, ClassVar, cast
 import numpy as np
 
 from ematwin.errors import FileError, RecordError
+from ematwin.recordings.checksums import KEY, checked, verify
 from ematwin.recordings.formats.arrow import as_floats, as_integers
-from ematwin.recordings.formats.base import Progress, RecordedFile, moment, refusing
-from ematwin.recordings.sealed import damaged, looks_sealed, unsealed, verify
-from ematwin.recordings.tables import METADATA_KEY
+from ematwin.recordings.formats.base import Progress, RecordedFile, refusing
 
 _BATCH = 1 << 16  # rows
 
@@ -29,11 +28,8 @@ class ParquetFile(RecordedFile):
         # pages that were written without a checksum are read as they are
         self._file = pq.ParquetFile(path, page_checksum_verification=True)
         self._schema = self._file.schema_arrow
-        notes = self._schema.metadata or {}
-        note = notes.get(METADATA_KEY.encode())
-        self.metadata = unsealed(note.decode(), path) if note else {}
-        if note is None and any(looks_sealed(text.decode("latin-1")) for text in notes.values()):
-            raise damaged(path, "what it says of itself has lost its name")
+        notes = {key: note.decode("latin-1") for key, note in (self._schema.metadata or {}).items()}
+        self.metadata = checked(notes.get(KEY.encode()), path, "".join(notes.values()))
 
     @property
     def names(self) -> tuple[str, ...]:  # noqa: D102
@@ -92,13 +88,18 @@ class ParquetFile(RecordedFile):
         kind = chunk.type
         if kind == pa.float64():
             return as_floats(chunk)  # a cast would load what computes with columns
-        if pa.types.is_timestamp(kind) or pa.types.is_time(kind) or pa.types.is_duration(kind):
-            nanoseconds = chunk.cast(
-                pa.timestamp("ns", tz=kind.tz) if pa.types.is_timestamp(kind)
+        is_moment = pa.types.is_timestamp(kind)
+        if is_moment or pa.types.is_time(kind) or pa.types.is_duration(kind):
+            in_ns = (
+                pa.timestamp("ns", tz=kind.tz) if is_moment
                 else pa.time64("ns") if pa.types.is_time(kind) else pa.duration("ns")
             )  # fmt: skip
-            integers = as_integers(nanoseconds.cast(pa.int64()))
-            self._note_origin(name, kind, int(integers[0]) if integers.size else 0)
+            integers = as_integers(chunk.cast(in_ns).cast(pa.int64()))
+            if name not in self._origins:
+                self._origins[name] = int(integers[0]) if integers.size else 0
+                if is_moment:  # a time of day has no date
+                    first = np.datetime64(self._origins[name], "ns")
+                    self.note_clock(name, first, None if kind.tz is None else UTC)
             return (integers - self._origins[name]) * 1e-9
         try:
             return as_floats(chunk.cast(pa.float64()))
@@ -107,14 +108,3 @@ class ParquetFile(RecordedFile):
                 f"Column {name} of {self.path} must hold numbers; it holds {kind}. "
                 "Remove text and units from its rows."
             ) from None
-
-    def _note_origin(self, name: str, kind: Any, nanoseconds: int) -> None:
-        import pyarrow as pa
-
-        if name in self._origins:
-            return
-        self._origins[name] = nanoseconds
-        if pa.types.is_timestamp(kind):  # a time of day has no date
-            began = moment(np.datetime64(nanoseconds, "ns"), None if kind.tz is None else UTC)
-            if began is not None:
-                self.clocks[name] = began

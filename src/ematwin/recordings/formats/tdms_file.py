@@ -11,7 +11,6 @@ from ematwin.errors import FileError
 from ematwin.recordings.formats.base import (
     Progress,
     RecordedFile,
-    as_float,
     complaints,
     load_library,
     moment,
@@ -48,8 +47,10 @@ class TdmsFile(RecordedFile):
                 + ("its last segment is incomplete" if self._channels else "it holds no channels")
                 + ". It may be truncated; copy it again or close it in the recording program."
             )
-        stamps = [start for start in self._starts() if isinstance(start, np.datetime64)]
-        self.start = moment(min(stamps), UTC) if stamps else None  # LabVIEW counts in UTC
+        starts = [one.properties.get("wf_start_time") for one in self._channels.values()]
+        stamps = [start for start in starts if isinstance(start, np.datetime64)]
+        self._first = min(stamps, default=None)
+        self.start = None if self._first is None else moment(self._first, UTC)  # as LabVIEW counts
 
     @property
     def names(self) -> tuple[str, ...]:  # noqa: D102
@@ -73,27 +74,21 @@ class TdmsFile(RecordedFile):
     def base_time(self, key: str) -> np.ndarray | None:  # noqa: D102
         name = next(name for name in self._channels if self.time_base(name) == key)
         channel = self._channels[name]
-        step = channel.properties.get("wf_increment")
+        wave = channel.properties
+        step, began = wave.get("wf_increment"), wave.get("wf_start_time")
         if not step:
             return None
-        start = float(channel.properties.get("wf_start_offset", 0.0)) + self._delay(channel)
+        delay = 0.0
+        if began is not None and self._first is not None:
+            stamps = np.array([self._first, began], dtype="datetime64[ns]").astype(np.int64)
+            delay = float(stamps[1] - stamps[0]) * 1e-9
+        start = float(wave.get("wf_start_offset", 0.0)) + delay
         return start + float(step) * np.arange(len(channel))
 
     def read(  # noqa: D102
         self, names: Sequence[str], progress: Progress | None = None
     ) -> dict[str, np.ndarray]:
-        columns: dict[str, np.ndarray] = {}
-        with refusing(self.path, self.kind):
-            for done, name in enumerate(names, start=1):
-                values = np.asarray(self._channels[name][:])
-                columns[name] = as_float(values, name, self.path)
-                if values.dtype.kind == "M" and values.size:
-                    began = moment(values[0], UTC)
-                    if began is not None:
-                        self.clocks[name] = began
-                if progress is not None:
-                    progress(done / len(names))
-        return columns
+        return self.each(names, lambda name: self._channels[name][:], progress, UTC)
 
     def texts(self, name: str) -> list[str]:  # noqa: D102
         with refusing(self.path, self.kind):
@@ -102,16 +97,3 @@ class TdmsFile(RecordedFile):
 
     def close(self) -> None:  # noqa: D102
         self._file.close()
-
-    def _starts(self) -> list[Any]:
-        starts = (channel.properties.get("wf_start_time") for channel in self._channels.values())
-        return [start for start in starts if start is not None]
-
-    def _delay(self, channel: Any) -> float:
-        """Seconds from the earliest start of any channel to the start of this one."""
-        known = self._starts()
-        own = channel.properties.get("wf_start_time")
-        if own is None or not known:
-            return 0.0
-        stamps = np.array([min(known), own], dtype="datetime64[ns]").astype(np.int64)
-        return float(stamps[1] - stamps[0]) * 1e-9

@@ -6,7 +6,7 @@ import pytest
 import ematwin
 from ematwin import simulate
 from ematwin.errors import InputError, RecordError
-from ematwin.models.bldc.channels import PHASES, VOLTAGES
+from ematwin.models.bldc.channels import PHASES, VOLTAGES, phase_currents
 from ematwin.models.bldc.comparison import BldcComparison
 from ematwin.models.bldc.model import MODEL
 from ematwin.models.bldc.power import recorded_power
@@ -177,6 +177,6 @@ def test_what_cannot_be_voltages_is_refused_or_said(record) -> None:
     assert not [x for x in MODEL.check(record, ACTUATOR) if "oltage" in x]
     told = MODEL.check(without(record, "voltage_b"), ACTUATOR)
     assert any("voltage_b is missing, so the voltages are not used" in one for one in told)
-    envelope = 0.5 * np.abs(record.phase_currents).sum(axis=1)
+    envelope = 0.5 * np.abs(phase_currents(record)).sum(axis=1)
     told = MODEL.check(without(record, *PHASES).changed(current=envelope), ACTUATOR)
     assert any("not used without the currents of all three phases" in one for one in told)

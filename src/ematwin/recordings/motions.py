@@ -17,14 +17,14 @@ from ematwin.errors import InputError, RecordError
 from ematwin.recordings.collect import Collected
 from ematwin.recordings.formats.base import RecordedFile
 from ematwin.recordings.recording import label_text
-from ematwin.recordings.units import is_unit, says_nothing, unit_beside_name
+from ematwin.recordings.units import is_unit, unit_beside_name
 
 Choice = Mapping[str, Sequence[str]]  # label to the values that are wanted
 _SHORTEST = 20  # samples of a motion
 
 
 class Labelled(Protocol):
-    """What has labels and comes from a file."""
+    """A recording, or a part of a file that will be one."""
 
     @property
     def labels(self) -> dict[str, str]: ...  # noqa: D102
@@ -96,35 +96,28 @@ def check_single(found: Collected, file: RecordedFile) -> None:
         )
 
 
-def fitting(motions: Sequence[_Item], where: Choice) -> list[_Item]:
-    """The motions with these labels.
+def fitting(motions: Sequence[_Item], where: Choice | Sequence[Choice] | None) -> list[_Item]:
+    """The motions that fit a choice of labels or one of several, in their order; all for None.
 
     Raises
     ------
     InputError
         If a motion has no such label.
     RecordError
-        If none fits.
-    """
-    chosen = [motion for motion in motions if _fits(motion, where)]
-    if not chosen:
-        wanted = ", ".join(f"{key} = {' or '.join(v)}" for key, v in where.items())
-        raise RecordError(
-            f"None of the {len(motions)} motions has {wanted or 'anything to read'}; there are "
-            f"{labels_of(motions)}. Correct the choice."
-        )
-    return chosen
-
-
-def fitting_any(motions: Sequence[_Item], where: Choice | Sequence[Choice] | None) -> list[_Item]:
-    """The motions that fit one of several choices, in their order; all of them for None.
-
-    Raises as `fitting` does, for each choice.
+        If none fits a choice.
     """
     if where is None:
         return list(motions)
-    choices = [where] if isinstance(where, Mapping) else where
-    wanted = {id(motion) for choice in choices for motion in fitting(motions, choice)}
+    wanted: set[int] = set()
+    for choice in [where] if isinstance(where, Mapping) else where:
+        chosen = {id(motion) for motion in motions if _fits(motion, choice)}
+        if not chosen:
+            given = ", ".join(f"{key} = {' or '.join(v)}" for key, v in choice.items())
+            raise RecordError(
+                f"None of the {len(motions)} motions has {given or 'anything to read'}; there are "
+                f"{labels_of(motions)}. Correct the choice."
+            )
+        wanted |= chosen
     return [motion for motion in motions if id(motion) in wanted]
 
 
@@ -156,14 +149,9 @@ def _labels(file: RecordedFile, found: Collected, key: str, rows: int) -> dict[s
         if name in found.names or file.time_base(name) != key:
             continue
         text = np.array(file.texts(name))
-        if text.size == rows and _is_label(text):
-            texts[name] = text
+        if text.size == rows and int(np.sum(_changes(text))) * _SHORTEST <= text.size:
+            texts[name] = text  # it stays as it is for many rows, as no signal does
     return texts
-
-
-def _is_label(text: np.ndarray) -> bool:
-    """Whether a column stays as it is for many rows: it names a condition, it is no signal."""
-    return int(np.sum(_changes(text))) * _SHORTEST <= text.size
 
 
 def _changes(text: np.ndarray) -> np.ndarray:
@@ -175,4 +163,4 @@ def _changes(text: np.ndarray) -> np.ndarray:
 def _has_unit(file: RecordedFile, name: str) -> bool:
     """Whether the file, or brackets in the name, state a unit."""
     beside = unit_beside_name(name)
-    return not says_nothing(file.unit(name)) or (beside is not None and is_unit(beside))
+    return bool(file.stated_unit(name)) or (beside is not None and is_unit(beside))

@@ -1,4 +1,4 @@
-"""One constant rate for all columns, without aliasing.
+"""The time grid of a recording: its times tidied, and all columns at one constant rate.
 
 Jittered times are interpolated by Akima's cubics (J. ACM 17, 1970), which do not overshoot at the
 steps that commands have; on a sine of 100 samples a turn they are off by 2e-5, where monotone
@@ -16,8 +16,14 @@ from functools import partial
 import numpy as np
 
 from ematwin.errors import InputError, RecordError
-from ematwin.recordings.timing import GAP, is_regular
+from ematwin.numerics.means import means as mean_of_each
+from ematwin.recordings.recording import Recording, is_regular
 
+Arrays = dict[str, np.ndarray]
+ABSURD = 1e12  # in any SI unit of a record: no recording holds that
+GAP = 4.5  # steps longer than this many ordinary ones are a gap, not jitter
+_EPOCH = 1e6  # s: later times are counted from somebody's calendar, not from the start
+_FINEST_DECIMAL = 10
 _PASS = 0.8  # of the new Nyquist frequency: passed whole; above it the filter falls
 _ATTENUATION = 80.0  # dB
 _BLOCK = 1 << 16  # samples interpolated at a time
@@ -25,13 +31,127 @@ _OVERLAP = 128  # samples on either side
 _WHOLE = 1e-6  # a ratio of rates so close to an integer is one
 
 
+def tidy_time(time: np.ndarray, what: object) -> tuple[np.ndarray, list[str]]:
+    """Times (S,), s, that increase, and sentences on what was changed; ``what`` is for messages.
+
+    Times that are regular but for the digits with which they were written are put on the grid
+    that they came from; calendar times are counted from the first.
+
+    Raises
+    ------
+    RecordError
+        If times are missing, fall or repeat.
+    """
+    if time.size < 2:
+        raise RecordError(f"{what} holds {time.size} samples; a record needs at least two in time.")
+    bad = np.flatnonzero(~np.isfinite(time))
+    if bad.size:
+        raise RecordError(
+            f"{what}: time is NaN or infinite in {bad.size} samples, the first is sample {bad[0]}. "
+            "Remove those rows, or give sample_rate in place of the time channel."
+        )
+    if np.abs(time).max() > ABSURD:
+        raise RecordError(
+            f"{what}: time runs from {time.min():.4g} to {time.max():.4g} s, which no clock does. "
+            "The file is damaged, or another channel was meant."
+        )
+    changed: list[str] = []
+    if abs(time[0]) > _EPOCH:
+        changed.append(f"time is counted from its first sample, {time[0]:.6f} s")
+        time = time - time[0]
+    steps = np.diff(time)
+    if is_regular(time, steps):
+        return time, changed
+    grid = _grid_behind_rounding(time)
+    if grid is not None:
+        rate = (grid.size - 1) / (grid[-1] - grid[0])
+        changed.append(
+            f"time was written with too few digits; it was put on the even grid of {rate:.6g} Hz "
+            "that it was rounded from"
+        )
+        return grid, changed
+    falls = np.flatnonzero(steps <= 0.0)
+    if falls.size:
+        n = int(falls[0]) + 1
+        how = "repeats" if steps[n - 1] == 0.0 else "falls"
+        raise RecordError(
+            f"{what}: time must increase, but {how} at {falls.size} places: sample {n} "
+            f"({time[n]:.6g} s) follows {time[n - 1]:.6g} s. Sort the record, drop duplicates, or "
+            "give sample_rate in place of the time channel."
+        )
+    return time, changed
+
+
+def gap_starts(time: np.ndarray) -> np.ndarray:
+    """Indices of the samples after which samples are missing."""
+    steps = np.diff(time)
+    return np.flatnonzero(steps > GAP * np.median(steps))
+
+
+def _grid_behind_rounding(time: np.ndarray) -> np.ndarray | None:
+    """The even grid of which these times are roundings; None if they are not.
+
+    Rounding moves no time further than one unit of its last digit. To know the rate, the record
+    must span at least twenty such units, and a unit may hold at most fifty samples.
+    """
+    centred = np.arange(time.size) - (time.size - 1) / 2.0
+    step = 12.0 * float(centred @ time) / (time.size * (float(time.size) ** 2 - 1.0))
+    grid = step * centred
+    grid += time.mean()
+    deviation = float(np.abs(time - grid).max())
+    unit = max(_decimal_unit(time), float(np.spacing(np.float32(np.abs(time).max()))))
+    if not step > 0.0 or deviation > 1.01 * unit:
+        return None
+    if unit > 50.0 * step or 20.0 * unit > time[-1] - time[0]:
+        return None
+    return grid
+
+
+def _decimal_unit(time: np.ndarray) -> float:
+    """The largest power of ten of which all times are multiples, s; 0 if there is none."""
+    for digits in range(_FINEST_DECIMAL):
+        scaled = time * 10.0**digits
+        slack = 1e-4 + 4.0 * float(np.spacing(np.abs(scaled).max()))
+        if float(np.abs(scaled - np.round(scaled)).max()) <= slack:
+            return 10.0**-digits
+    return 0.0
+
+
+def averaged(recording: Recording, rate: float, means: Collection[str]) -> Recording:
+    """The recording at a rate of ``rate`` (Hz) or a little more; itself where it has no double.
+
+    Channels in ``means`` hold means over the interval that ends at their time, and do so
+    afterwards; of all others the value at that time is kept.
+    """
+    own = recording.sample_rate
+    many = int(own / rate + _WHOLE)
+    if many < 2:
+        return recording
+    said = f"samples were averaged from {own:.6g} to {own / many:.6g} Hz, as many as are compared"
+    provenance = recording.provenance
+    return recording.changed(
+        time=recording.time[::many].copy(),
+        provenance={**provenance, "changed": [*provenance.get("changed", []), said]},
+        **{
+            name: mean_of_each(values, many) if name in means else values[::many].copy()
+            for name, values in recording.channels.items()
+        },
+    )
+
+
+def check_rate(rate: float | None) -> None:
+    """Raise `InputError` unless ``rate`` is None or a positive number of Hz."""
+    if rate is not None and not (np.isfinite(rate) and rate > 0.0):
+        raise InputError(f"resample_to must be a positive number of Hz, received {rate}.")
+
+
 def to_constant_rate(
     time: np.ndarray,
-    columns: dict[str, np.ndarray],
+    columns: Arrays,
     rate: float | None,
     what: object,
     means: Collection[str] = (),
-) -> tuple[np.ndarray, dict[str, np.ndarray], list[str]]:
+) -> tuple[np.ndarray, Arrays, list[str]]:
     """Times and columns at a constant rate, and sentences on what was done.
 
     Parameters
@@ -46,7 +166,7 @@ def to_constant_rate(
     ------
     RecordError
         If the record is too short for the filter.
-    """
+    """  # fmt: skip
     changed: list[str] = []
     if not is_regular(time):
         time, columns = _evened(time, columns, changed)
@@ -65,12 +185,6 @@ def to_constant_rate(
         f"whole to {_PASS * rate / 2:.6g} Hz and down by {_ATTENUATION:g} dB at {rate / 2:.6g} Hz"
     )
     return *_lowered(time, columns, own, rate, what, means), changed
-
-
-def check_rate(rate: float | None) -> None:
-    """Raise `InputError` unless ``rate`` is None or a positive number of Hz."""
-    if rate is not None and not (np.isfinite(rate) and rate > 0.0):
-        raise InputError(f"resample_to must be a positive number of Hz, received {rate}.")
 
 
 def onto(
@@ -93,15 +207,12 @@ def onto(
         result = _akima(time, values, moved)
     else:
         result = np.interp(moved, time, values)  # a NaN spreads to its neighbours and no further
-    starts = np.flatnonzero(np.diff(time) > GAP * step)
-    for n in starts:
+    for n in np.flatnonzero(np.diff(time) > GAP * step):
         result[(wanted > time[n]) & (wanted < time[n + 1])] = np.nan
     return np.asarray(result)
 
 
-def _evened(
-    time: np.ndarray, columns: dict[str, np.ndarray], changed: list[str]
-) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+def _evened(time: np.ndarray, columns: Arrays, changed: list[str]) -> tuple[np.ndarray, Arrays]:
     steps = np.diff(time)
     middle = float(np.median(steps))
     late = int((steps > 1.5 * middle).sum())
@@ -118,43 +229,26 @@ def _evened(
 
 
 def _lowered(
-    time: np.ndarray,
-    columns: dict[str, np.ndarray],
-    own: float,
-    rate: float,
-    what: object,
+    time: np.ndarray, columns: Arrays, own: float, rate: float, what: object,
     means: Collection[str],
-) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    ratio = own / rate
-    whole = round(ratio)
-    delay = 0.5 * (ratio - 1.0)  # of a mean, in recorded samples
+) -> tuple[np.ndarray, Arrays]:  # fmt: skip
     if _taps(own, rate) > time.size:
         raise RecordError(
             f"{what} is too short to be brought to {rate:g} Hz: the low-pass needs "
             f"{_taps(own, rate)} samples, the record has {time.size}. Keep its rate, or record for "
             "longer."
         )
-    plain = _low_pass(own, rate)
-    if abs(ratio / whole - 1.0) < _WHOLE:
-        early = _low_pass(own, rate, delay)
-        kept = slice(None, None, whole)
-        return time[kept].copy(), _each(
-            columns,
-            lambda name, values: _filtered(values, early if name in means else plain)[kept].copy(),
-        )
     grid = _grid(time, rate)
-    moved = np.clip(grid - delay / own, time[0], time[-1])
-    return grid, _each(
-        columns,
-        lambda name, values: _spline(
-            time, _filtered(values, plain), moved if name in means else grid
-        ),
-    )
+    moved = np.clip(grid - 0.5 * (1.0 / rate - 1.0 / own), time[0], time[-1])
+    taps = _low_pass(own, rate)
+
+    def lowered(name: str, values: np.ndarray) -> np.ndarray:
+        return _spline(time, _filtered(values, taps), moved if name in means else grid)
+
+    return grid, _each(columns, lowered)
 
 
-def _each(
-    columns: dict[str, np.ndarray], change: Callable[[str, np.ndarray], np.ndarray]
-) -> dict[str, np.ndarray]:
+def _each(columns: Arrays, change: Callable[[str, np.ndarray], np.ndarray]) -> Arrays:
     """All columns changed; each is let go once it is."""
     return {name: change(name, columns.pop(name)) for name in list(columns)}
 
@@ -177,19 +271,15 @@ def _taps(own: float, rate: float) -> int:
     return int(count) | 1
 
 
-def _low_pass(own: float, rate: float, delay: float = 0.0) -> np.ndarray:
-    """Kaiser-windowed sinc; ``delay``, in recorded samples, may be a fraction.
-
-    Longer by the delay at both ends, so that the shifted window fits.
-    """
+def _low_pass(own: float, rate: float) -> np.ndarray:
+    """Kaiser-windowed sinc that is halfway down in the middle of the transition."""
     from scipy.signal import kaiser_beta
 
     half = _taps(own, rate) // 2
-    reach = half + int(np.ceil(delay))
-    n = np.arange(-reach, reach + 1) - delay
-    cutoff = 0.5 * (1.0 + _PASS) * rate / own  # middle of the transition, of the old Nyquist
-    window = np.i0(kaiser_beta(_ATTENUATION) * np.sqrt(np.clip(1.0 - (n / (half + 1)) ** 2, 0, 1)))
-    taps = np.where(np.abs(n) <= half + 1, cutoff * np.sinc(cutoff * n) * window, 0.0)
+    n = np.arange(-half, half + 1)
+    middle = 0.5 * (1.0 + _PASS) * rate / own  # of the old Nyquist frequency
+    window = np.i0(kaiser_beta(_ATTENUATION) * np.sqrt(1.0 - (n / (half + 1)) ** 2))
+    taps = middle * np.sinc(middle * n) * window
     return np.asarray(taps / taps.sum())
 
 

@@ -1,0 +1,264 @@
+"""Samples that are missing or saturated: refused, cut off, filled and listed, or counted.
+
+Without a declared full scale, a current is taken for saturated at its own extreme value if it
+stays there for runs of samples, and so often that a smooth peak in steps of the converter cannot
+explain it: such a peak visits the last step about as often as the one below.
+"""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Literal, get_args
+
+import numpy as np
+
+from ematwin.errors import InputError, RecordError
+from ematwin.recordings.sampling import gap_starts
+
+Policy = Literal["refuse", "longest", "mask"]
+_LONGEST_BRIDGE = 0.005  # s: over so short a time an input is taken for a straight line
+_MOST_MASKED = 0.5  # of the record
+_SHORTEST_RUN = 3  # samples at a limit
+_FEWEST = 8  # samples in such runs, altogether
+_OVER_NEXT = 5.0  # times as often as the value next to the extreme
+_AT_REST = 0.05  # of the largest magnitude: an extreme so close to zero is no limit
+_FULL = 0.999  # of a declared full scale
+
+
+@dataclass
+class Sound:
+    """Samples without holes.
+
+    Attributes
+    ----------
+    time : (S,) array, s
+    columns : dict of (S,) arrays
+    masked : list of (start, stop), s: stretches that were filled by straight lines
+    changed, warnings : sentences for the provenance
+    """
+
+    time: np.ndarray
+    columns: dict[str, np.ndarray]
+    masked: list[tuple[float, float]] = field(default_factory=list)
+    changed: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+
+
+def check_policy(policy: str) -> None:
+    """Raise `InputError` unless ``policy`` is a `Policy`."""
+    known = get_args(Policy)
+    if policy not in known:
+        raise InputError(f"gaps must be {', '.join(known)}; received {policy!r}.")
+
+
+def sound_samples(
+    time: np.ndarray,
+    columns: dict[str, np.ndarray],
+    policy: Policy,
+    what: object,
+    inputs: Collection[str] = (),
+) -> Sound:
+    """Deal with gaps in time and stretches of NaN.
+
+    Parameters
+    ----------
+    policy : "refuse"; "longest" keeps the longest stretch without a hole; "mask" fills holes with
+        straight lines and lists them, so that the comparison can leave them out
+    what : file, or motion in it, for messages
+    inputs : columns that drive the model: what they did meanwhile cannot be left open
+
+    Raises
+    ------
+    RecordError
+        If there are holes and they are refused, or nothing sound is left.
+    """
+    for name, values in columns.items():
+        if not np.isfinite(values).any():
+            raise RecordError(
+                f"{what}: column {name} holds no value at all. Leave it out of the map, or map "
+                "the channel that was recorded."
+            )
+    starts = gap_starts(time)
+    if starts.size > max(3, time.size // 100):
+        steps = np.diff(time)
+        raise RecordError(
+            f"{what}: time has no constant rate: its steps run from {steps.min():.4g} to "
+            f"{steps.max():.4g} s, and {starts.size} are far longer than the median of "
+            f"{np.median(steps):.4g} s. Record or export it with a fixed step."
+        )
+    holes = {name: runs(~np.isfinite(values)) for name, values in columns.items()}
+    holes = {name: found for name, found in holes.items() if found}
+    if not starts.size and not holes:
+        return Sound(time, columns)
+    if policy == "refuse":
+        raise RecordError(_refusal(time, starts, holes, what))
+    if policy == "longest":
+        return _longest(time, columns, starts, what)
+    return _masked(time, columns, starts, holes, what, inputs)
+
+
+def runs(flags: np.ndarray) -> list[tuple[int, int]]:
+    """Stretches of true values as (first, one past the last)."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
+    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _refusal(
+    time: np.ndarray, starts: np.ndarray, holes: Mapping[str, list[tuple[int, int]]], what: object
+) -> str:
+    advice = (
+        'Take the longest sound stretch with gaps="longest", or fill and mask with gaps="mask".'
+    )
+    if starts.size:
+        n = int(starts[np.argmax(np.diff(time)[starts])])
+        many = f"{starts.size} gaps, the longest" if starts.size > 1 else "a gap"
+        return (
+            f"{what} has {many} of {time[n + 1] - time[n]:.4g} s from {time[n]:.6g} to "
+            f"{time[n + 1]:.6g} s (after sample {n}). {advice}"
+        )
+    name, found = max(holes.items(), key=lambda item: max(b - a for a, b in item[1]))
+    first, stop = max(found, key=lambda run: run[1] - run[0])
+    others = [other for other in holes if other != name]
+    many = f"{len(found)} stretches, the longest" if len(found) > 1 else "a stretch"
+    also = f"; so have {', '.join(others)}" if others else ""
+    return (
+        f"{what}: column {name} has no values in {many} of {stop - first} samples from "
+        f"{time[first]:.6g} to {time[stop - 1]:.6g} s (sample {first} on){also}. {advice}"
+    )
+
+
+def _longest(
+    time: np.ndarray, columns: dict[str, np.ndarray], starts: np.ndarray, what: object
+) -> Sound:
+    good = np.all([np.isfinite(values) for values in columns.values()], axis=0)
+    cuts = [0, *(int(n) + 1 for n in starts), time.size]
+    stretches = [
+        (left + a, left + b) for left, right in pairwise(cuts) for a, b in runs(good[left:right])
+    ]
+    first, stop = max(stretches, key=lambda run: time[run[1] - 1] - time[run[0]], default=(0, 0))
+    if stop - first < 2:
+        raise RecordError(
+            f"{what} has no two consecutive samples at which all columns have values. "
+            "Leave the column with the holes out of the map."
+        )
+    said = (
+        f"only the longest stretch without holes was taken, {time[first]:.6g} to "
+        f"{time[stop - 1]:.6g} s of {time[0]:.6g} to {time[-1]:.6g} s"
+    )
+    kept = {name: values[first:stop].copy() for name, values in columns.items()}
+    return Sound(time[first:stop].copy(), kept, changed=[said], warnings=[sentence(said)])
+
+
+def _masked(
+    time: np.ndarray,
+    columns: dict[str, np.ndarray],
+    starts: np.ndarray,
+    holes: Mapping[str, list[tuple[int, int]]],
+    what: object,
+    inputs: Collection[str],
+) -> Sound:
+    def around(name: str) -> list[tuple[str, int, int]]:
+        return [(name, max(a - 1, 0), min(b, time.size - 1)) for a, b in holes.get(name, ())]
+
+    gaps = [("time and all columns", int(n), int(n) + 1) for n in starts]
+    for name, a, b in [*gaps, *(hole for one in inputs for hole in around(one))]:
+        if time[b] - time[a] > _LONGEST_BRIDGE:
+            raise RecordError(
+                f"{what}: {name} cannot be masked from {time[a]:.6g} to {time[b]:.6g} s: what the "
+                f"command did meanwhile is unknown, and {_LONGEST_BRIDGE * 1e3:g} ms is the "
+                'longest that is bridged. Take the longest sound stretch with gaps="longest".'
+            )
+    for name in holes:
+        known = np.isfinite(columns[name])
+        columns[name][~known] = np.interp(time[~known], time[known], columns[name][known])
+    filled = [*gaps, *(hole for one in holes for hole in around(one))]
+    masked: list[tuple[float, float]] = []
+    for start, stop in sorted((float(time[a]), float(time[b])) for _, a, b in filled):
+        if masked and start <= masked[-1][1]:
+            masked[-1] = (masked[-1][0], max(stop, masked[-1][1]))
+        else:
+            masked.append((start, stop))
+    total = sum(stop - start for start, stop in masked)
+    if total > _MOST_MASKED * (time[-1] - time[0]):
+        raise RecordError(
+            f"{what}: {total:.4g} s of {time[-1] - time[0]:.4g} s would be masked, more than half. "
+            "Record again, or leave the column with the holes out of the map."
+        )
+    said = (
+        f"{len(masked)} stretches without values, {total:.4g} s in all, were filled with straight "
+        "lines and masked"
+    )
+    return Sound(time, columns, masked, [said], [sentence(said)])
+
+
+def sentence(text: str) -> str:
+    """A part of a sentence as a whole one."""
+    return f"{text[0].upper()}{text[1:]}."
+
+
+def saturated(
+    values: np.ndarray, full_scale: tuple[float, float] | None = None
+) -> tuple[np.ndarray, list[float]]:
+    """Flags (S,) of saturated samples, and the values at which the channel stopped.
+
+    Parameters
+    ----------
+    values : (S,) array; NaN is never saturated
+    full_scale : lowest and highest value that the converter gives, or None: look for them
+    """
+    flags = np.zeros(values.shape, dtype=bool)
+    limits: list[float] = []
+    if full_scale is not None:
+        margin = 0.5 * (1.0 - _FULL) * (full_scale[1] - full_scale[0])
+        low, high = values <= full_scale[0] + margin, values >= full_scale[1] - margin
+        limits = [float(x) for one, x in zip((low, high), full_scale, strict=True) if one.any()]
+        return low | high, limits
+    if not np.isfinite(values).any():
+        return flags, limits
+    largest = float(np.nanmax(np.abs(values)))
+    for sign in (1.0, -1.0):
+        signed = values if sign > 0.0 else -values
+        extreme = float(np.nanmax(signed))
+        below = signed[signed < extreme]
+        if extreme < _AT_REST * largest or extreme == 0.0 or below.size == 0:
+            continue  # at rest, or constant, of which another check speaks
+        held = np.zeros(values.shape, dtype=bool)
+        for start, stop in runs(signed == extreme):
+            if stop - start >= _SHORTEST_RUN:
+                held[start:stop] = True
+        next_count = int((below == below.max()).sum())
+        if held.sum() >= max(_FEWEST, _OVER_NEXT * next_count):
+            flags |= held
+            limits.append(sign * extreme)
+    return flags, limits
+
+
+def saturation_warnings(
+    columns: Mapping[str, np.ndarray],
+    times: Mapping[str, np.ndarray],
+    full_scales: Mapping[str, tuple[float, float]],
+    currents: Sequence[str],
+) -> tuple[dict[str, int], list[str]]:
+    """Number of saturated samples by current, and a sentence for each that has some.
+
+    Parameters
+    ----------
+    columns, times : (S,) arrays, A and s, by channel
+    full_scales : lowest and highest value, A, where declared
+    currents : names of the channels that are currents
+    """
+    counts: dict[str, int] = {}
+    sentences: list[str] = []
+    for name in (name for name in currents if name in columns):
+        flags, limits = saturated(columns[name], full_scales.get(name))
+        found = runs(flags)
+        if not found:
+            continue
+        counts[name] = int(flags.sum())
+        stopped = " and ".join(f"{limit:.4g}" for limit in limits)
+        sentences.append(
+            f"{name} sits at {stopped} A for {counts[name]} samples in {len(found)} runs, the "
+            f"first at {times[name][found[0][0]]:.6g} s: the sensor or its converter is "
+            "saturated, and faults found from it are doubtful."
+        )
+    return counts, sentences

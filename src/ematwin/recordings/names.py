@@ -1,0 +1,205 @@
+"""Meaning of a name in a file: a channel of the recording, or words of a bench.
+
+Test benches name channels in English or German, in words or symbols, glued or apart: ``Phase A``,
+``I_a``, ``Strom U``, ``iL1``; ``Sollwert``, ``phi_soll``, ``SetPoint``. A word that is not known
+says nothing.
+"""
+
+import difflib
+import re
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ematwin.errors import RecordError
+from ematwin.recordings.channel import TIME, Channel, channel_called, plain
+from ematwin.recordings.units import bare, endings, suffixes
+
+# How plainly a name means a channel; a larger number is weaker.
+TO_THE_LETTER, BY_ALIAS, BEFORE_A_UNIT, AS_A_CLOCK, NOT = range(5)
+_CLOCKS = ("zeit", "zeitstempel", "timestamp", "time_stamp", "uhrzeit", "datetime")
+
+_QUANTITIES = {
+    "time": "time t zeit timestamp clock zeitstempel uhrzeit datetime",
+    "current": "current currents i strom amps ampere",
+    "voltage": "voltage voltages u spannung volt volts",
+    "speed": "speed velocity omega rpm drehzahl geschwindigkeit n",
+    "position": "position pos angle theta phi lage winkel weg travel stroke encoder resolver "
+    "carriage",
+    "command": "command cmd setpoint demand reference ref soll sollwert target desired commanded "
+    "set vorgabe fuehrung",
+    "load": "load last lastmoment hinge",
+    "torque": "torque moment drehmoment",
+    "error": "error deviation following schleppfehler abweichung",
+}  # fmt: skip
+_PLACES = {
+    "motor": "motor mot m rotor",
+    "output": "output out o abtrieb nut joint horn arm flap surface carriage",
+    "bus": "bus dc supply link zwischenkreis battery batterie dcbus",
+}
+_PHASES = {"a": "a u r l1 1", "b": "b v s l2 2", "c": "c w t l3 3", "d": "d", "q": "q"}
+# A name with one of these means something else than the quantity itself.
+_OTHER = {
+    "temperature", "temp", "temperatur", "power", "leistung", "limit", "max", "min", "peak", "rms",
+    "status", "state", "flag", "id", "count", "humidity", "pressure", "vibration", "acceleration",
+    "accel", "sound",
+}  # fmt: skip
+_GLUED = re.compile(r"(i|u|v)(l?[123]|[abcuvwdqrst]|bus|dc)")  # ia, iL1, uq, vdc
+_SERIES = ("phase", "ph", "strang")  # before the letter or number of a phase
+_HEADS = ("soll", "ist", "motor", "last", "abtriebs", "phasen")  # of German compounds
+
+
+def _by_word(table: dict[str, str]) -> dict[str, str]:
+    return {word: key for key, words in table.items() for word in words.split()}
+
+
+_QUANTITY_OF, _PLACE_OF, _PHASE_OF = map(_by_word, (_QUANTITIES, _PLACES, _PHASES))
+
+
+@dataclass(frozen=True)
+class Said:
+    """The words of a name.
+
+    Attributes
+    ----------
+    quantities : such as "position" and "command"
+    place : "motor", "output", "bus", or ""
+    phase : "a", "b", "c", "d", "q", or ""
+    other : a word by which it is something else, such as "temperature"; "" without
+    """
+
+    quantities: frozenset[str]
+    place: str = ""
+    phase: str = ""
+    other: str = ""
+
+
+def said_by(name: str) -> Said:
+    """Quantity, place and phase in a name without its unit."""
+    words = _words(name)
+    quantities, place, phase = set(), "", ""
+    other = next((word for word in words if word in _OTHER), "")
+    for n, word in enumerate(words):
+        before = words[n - 1] if n else ""
+        glued = _GLUED.fullmatch(word)
+        if glued:
+            quantities.add("current" if glued[1] == "i" else "voltage")
+            if glued[2] in ("bus", "dc"):
+                place = "bus"
+            else:
+                phase = phase or _PHASE_OF[glued[2]]
+        elif _is_phase(word, before):
+            phase = phase or _PHASE_OF[word]
+        elif word in _QUANTITY_OF:
+            quantities.add(_QUANTITY_OF[word])
+            if word == "carriage":
+                place = place or "output"
+        elif word in _PLACE_OF and (n or len(word) > 1):  # the M of M_Last is a torque
+            place = place or _PLACE_OF[word]
+    if "command" in quantities and "point" in words:
+        quantities.discard("position")
+    return Said(frozenset(quantities), place, phase, other)
+
+
+def _is_phase(word: str, before: str) -> bool:
+    """Whether a letter or number stands behind a phase, a current or a voltage."""
+    electric = _QUANTITY_OF.get(before) in ("current", "voltage") and before != word
+    return word in _PHASE_OF and (before in _SERIES or electric)
+
+
+def _words(name: str) -> list[str]:
+    """``phiMotor_soll`` as phi, motor, soll; ``L1`` and ``I_a`` whole."""
+    for letter, spelled in (("ä", "ae"), ("ö", "oe"), ("ü", "ue"), ("ß", "ss")):
+        name = name.replace(letter, spelled).replace(letter.upper(), spelled)
+    name = re.sub(r"(?<=[a-z])(?=[A-Z][a-z])", " ", name)  # SetPoint, iL1 stays
+    name = re.sub(r"(?i)set[\s_-]?point", "setpoint", name)
+    found: list[str] = []
+    for whole in re.findall(r"[A-Za-z]+\d*|\d+", name):
+        for word in _parts(whole.casefold()):
+            tail = re.fullmatch(r"([a-z]{3,})(\d)", word)  # current1, but l1 and ia1 stay
+            found += [tail[1], tail[2]] if tail else [word]
+    return found
+
+
+def _parts(word: str) -> list[str]:
+    """A German compound in its parts: ``sollwinkel`` as soll and winkel."""
+    known = {**_QUANTITY_OF, **_PLACE_OF}
+    for head in _HEADS:
+        if word not in known and word.startswith(head) and word[len(head) :] in known:
+            return [head, word[len(head) :]]
+    return [word]
+
+
+def meant(
+    name: str, channels: Sequence[Channel], names: Collection[str]
+) -> tuple[Channel | None, int]:
+    """The channel whose name or alias this is, with or without a unit, and how plainly."""
+    texts = dict.fromkeys((bare(last_part(name)), bare(name)))
+    for text in texts:
+        channel = channel_called(text, channels)
+        if channel is not None:
+            return channel, TO_THE_LETTER if name == channel.name else BY_ALIAS
+    for text in texts:
+        for stem, _ in endings(text):
+            channel = channel_called(stem, channels)
+            if channel is not None and any(
+                own == stem for own, _ in suffixes(text, channel.unit, names)
+            ):
+                return channel, BEFORE_A_UNIT
+    for text in texts:
+        stems = [text, *(stem for stem, _ in suffixes(text, TIME.unit, names))]
+        if any(plain(stem) in _CLOCKS for stem in stems):
+            return next((one for one in channels if one.name == TIME.name), None), AS_A_CLOCK
+    return None, NOT
+
+
+def find_channel(names: Sequence[str], wanted: str, path: Path) -> str:
+    """The full name of a channel of a file that a map names.
+
+    Compared one after the other, until exactly one fits: the full name; the name in another case;
+    the last part of a path (``group/name``, ``struct.name``); either without the bracketed unit.
+
+    Raises
+    ------
+    RecordError
+        If no channel or more than one fits; the message names the closest.
+    """
+    if wanted in names:
+        return wanted
+    ways: tuple[Callable[[str], str], ...] = (
+        str, last_part, bare, lambda name: bare(last_part(name)),
+    )  # fmt: skip
+    target = {wanted.strip().casefold(), bare(wanted).casefold()}
+    for way in ways:
+        found = [name for name in names if way(name).casefold() in target]
+        if len(found) == 1:
+            return found[0]
+        if found:
+            raise RecordError(
+                f"{path} has {len(found)} channels named {wanted!r}: {_quoted(found)}. "
+                "Give the full name."
+            )
+    by_key = {last_part(name).casefold(): name for name in reversed(names)}
+    close = difflib.get_close_matches(wanted.casefold(), by_key, n=3, cutoff=0.5)
+    hint = (
+        f"the closest are {_quoted([by_key[key] for key in close])}"
+        if close
+        else f"it has {_quoted(names)}"
+    )
+    raise RecordError(f"{path} has no channel {wanted!r}; {hint}. Correct the name in the map.")
+
+
+def last_part(name: str) -> str:
+    """The last part of ``group/name`` or ``struct.name``, a unit such as ``[1/s]`` left whole."""
+    head = bare(name)
+    return re.split(r"[/.]", head)[-1] + name[len(head) :]
+
+
+def _quoted(names: Sequence[str]) -> str:
+    return listed([repr(name) for name in names], 8)
+
+
+def listed(names: Sequence[str], most: int = 12) -> str:
+    """The first names, for messages, and how many more there are."""
+    shown = ", ".join(names[:most])
+    return f"{shown} and {len(names) - most} more" if len(names) > most else shown or "no channels"
