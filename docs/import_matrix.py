@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 ORDER = (
-    "cli", "bench", "testing", "comparison", "report", "exploring", "plots", "monitoring",
+    "cli", "bench", "testing", "benchmarking", "report", "exploring", "plots", "monitoring",
     "estimation", "models", "models.bldc", "models.ball_screw", "models.linear_axis", "models.pmsm",
     "recordings", "optimizers", "numerics",
     "files", "quantities", "validation", "showing", "errors",

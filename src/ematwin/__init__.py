@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.2.0"
 
 if TYPE_CHECKING:
-    from ematwin.comparison.analysis.study import StudyAnalysis
-    from ematwin.comparison.comparing import compare
+    from ematwin.benchmarking.analysis import StudyAnalysis
+    from ematwin.benchmarking.compare import compare
     from ematwin.errors import EmatwinError
     from ematwin.estimation.design import Design, design
     from ematwin.estimation.discriminate import Discrimination, discriminate
@@ -65,10 +65,10 @@ _HOMES = {
     "Recording": "ematwin.recordings.recording",
     "Scenario": "ematwin.models.scenario",
     "Sensitivity": "ematwin.estimation.sensitivity",
-    "StudyAnalysis": "ematwin.comparison.analysis.study",
+    "StudyAnalysis": "ematwin.benchmarking.analysis",
     "Unknown": "ematwin.models.unknown",
     "calibrate": "ematwin.monitoring.calibrate",
-    "compare": "ematwin.comparison.comparing",
+    "compare": "ematwin.benchmarking.compare",
     "design": "ematwin.estimation.design",
     "detect": "ematwin.monitoring.identify",
     "discriminate": "ematwin.estimation.discriminate",

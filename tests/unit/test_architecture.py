@@ -34,7 +34,7 @@ def test_nothing_above_the_models_imports_a_kind_of_actuator() -> None:
         for kind in ("models.bldc", "models.ball_screw", "models.pmsm"):
             assert found[part][kind] == set(), part
     for kind in ("models.bldc", "models.ball_screw", "models.pmsm", "models", "recordings"):
-        for part in ("estimation", "monitoring", "optimizers", "comparison", "report", "cli"):
+        for part in ("estimation", "monitoring", "optimizers", "benchmarking", "report", "cli"):
             assert found[kind][part] == set(), kind
 
 
