@@ -129,7 +129,7 @@ def _figures(analysis: StudyAnalysis) -> Iterable[Section]:
         "of them, evenly spaced in their logarithm from 50 % to 0.3 %, the same in every study. "
         "The curve is the share of all pairs of run and target met, over all cases, with 95 % "
         "bootstrap intervals. Where the twin itself is farther from the record than a target, "
-        "nobody meets it; and a small misfit need not mean a small Err%.",
+        "no algorithm meets it; and a small misfit need not mean a small Err%.",
         "Average ranks": "A line joins algorithms of which none is shown to differ from another.",
     }
     count = len(analysis.table.cases)
@@ -258,7 +258,7 @@ def _facts(analysis: StudyAnalysis) -> dict[str, str]:
     facts = {
         name: _counts(values) for name, values in {**analysis.table.settings, **provenance}.items()
     }
-    # names of machines are nobody's business in a report that is passed on
+    # a report that is passed on does not name machines
     return {**facts, "machines": str(len(machines))}
 
 

@@ -37,7 +37,7 @@ from ematwin.showing import markup
 from ematwin.showing.drawing import drawn
 from ematwin.showing.frames import frame
 
-_CHECKPOINT = "ematwin search checkpoint 1"  # its format
+_CHECKPOINT = "ematwin search checkpoint 2"  # its format; 1 was that of 0.2
 
 _SENTENCES = {
     Stop.BUDGET: "the budget is spent",
@@ -340,7 +340,8 @@ def _restored(path: Path | None, identity: dict[str, Any], fresh: Optimizer) -> 
         ) from error
     if form != _CHECKPOINT:
         raise FileError(
-            f"The checkpoint {path} was written by another version of ematwin: {form!r}."
+            f"The checkpoint {path} was written by another version of ematwin: {form!r}. "
+            "Name another file, or delete this one."
         )
     for key, value in identity.items():
         if saved.get(key) != value:
