@@ -119,7 +119,9 @@ class LocalEngine(Engine):
     def _recover(self, worker: "_Worker", error: BaseException) -> list[RunResult]:
         """Try again with a new process, or give up the run, or the engine."""
         spec, seconds, started = worker.spec, time.monotonic() - worker.submitted, worker.ready
-        overdue = started and self._limit is not None and seconds >= hard_limit(self._limit)
+        # loky names the signal that ended a process; the watchdog exits without one
+        by_watchdog = started and self._limit is not None and "SIG" not in str(error)
+        overdue = by_watchdog and seconds >= hard_limit(self._limit or 0.0)
         worker.died()
         in_vain = worker.deaths >= _DEATHS and time.monotonic() - worker.since >= self._patience
         if spec is not None and (overdue or (started and in_vain)):
