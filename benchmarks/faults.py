@@ -49,7 +49,7 @@ if _path:
             return _real()
     time.time = _shifted
 if "FAULTS_LEASE" in os.environ:
-    import ematwin.comparison.study.store as _store
+    import ematwin.benchmarking.store as _store
     _store.LEASE = float(os.environ["FAULTS_LEASE"])
     # where claims are shorter, so is the wait for a locked file
     _store.Store.__init__.__kwdefaults__["patience"] = 5.0 * _store.LEASE
@@ -73,7 +73,7 @@ class Bench:
     ----------
     folder : for stores
     undisturbed : ids and numbers of the study that was left alone
-    lease : s for which claims hold, None for the usual minute
+    lease : s for which claims hold, None for the usual half minute
     """
 
     def __init__(self, folder: Path, undisturbed: Numbers, lease: float | None = None) -> None:
@@ -398,7 +398,7 @@ def main() -> int:
     parser.add_argument("--count", type=float, default=1.0, help="scale of the counts")
     parser.add_argument("--only", default="", help="names of trials, with commas")
     parser.add_argument("--out", type=Path, default=Path("faults.jsonl"))
-    parser.add_argument("--lease", type=float, help="s, in place of the usual minute")
+    parser.add_argument("--lease", type=float, help="s, in place of the usual half minute")
     parser.add_argument("--until", type=float, default=0.0, help="stop after so many seconds")
     parser.add_argument("--table", action="store_true", help="print what was run, and end")
     parser.add_argument("--wait", nargs=2, help=argparse.SUPPRESS)  # of the trial `full_disk`

@@ -165,7 +165,7 @@ class TomlFiles:
 
     def __init__(self, folder: Path) -> None:
         from ematwin import load_actuator
-        from ematwin.comparison.study.cases import cases_of
+        from ematwin.benchmarking.cases import cases_of
         from ematwin.models.registry import model_of, models, shipped_actuators
         from ematwin.monitoring.calibration import Calibration
         from ematwin.recordings.channel_map import ChannelMap
@@ -213,10 +213,10 @@ skip_rows = 3
 
 
 class Stores:
-    """SQLite files of a study; what is refused is also rescued."""
+    """SQLite files of a study."""
 
     def __init__(self, folder: Path) -> None:
-        from ematwin.comparison.study.store import Store
+        from ematwin.benchmarking.store import Store
         from ematwin.testing.store_contract import small_plan, some_run
 
         self._folder = folder
@@ -230,32 +230,20 @@ class Stores:
         self._whole, self._before = path.read_bytes(), self._content(path)
 
     def __call__(self, n: int, chance: random.Random) -> str:
-        from ematwin.comparison.study.rescue import rescue
-        from ematwin.errors import EmatwinError
-
-        path, out = self._folder / "damaged.db", self._folder / "rescued.db"
+        path = self._folder / "damaged.db"
         for one in self._folder.glob("damaged.db-*"):
             one.unlink()
-        out.unlink(missing_ok=True)
-        content = damaged(self._whole, chance)
-        path.write_bytes(content)
-        try:
-            found = self._content(path)
-        except EmatwinError:
-            with contextlib.suppress(EmatwinError):
-                rescue(path, out)
-                runs = self._content(out)[2]
-                assert all(self._before[2][id] == run for id, run in runs.items())
-            raise
+        path.write_bytes(damaged(self._whole, chance))
+        found = self._content(path)
         assert found == self._before, "a changed store was read with other values"
         return "as it was"
 
     @staticmethod
     def _content(path: Path) -> Any:
-        from ematwin.comparison.study.store import open_store
+        from ematwin.benchmarking.store import open_store
 
         with open_store(path, patience=0.0) as store:
-            runs = {one.spec.id: (one, tuple(one.result.history)) for one in store.runs()}
+            runs = {one.spec.id: one for one in store.runs()}
             return store.settings(), store.statuses(), runs
 
 

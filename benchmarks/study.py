@@ -20,27 +20,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ematwin.comparison.study.cases import cases_of, multi_cases
-from ematwin.comparison.study.compare import Tally, compare
-from ematwin.comparison.study.engines.local import LocalEngine
-from ematwin.comparison.study.plan import Plan
-from ematwin.comparison.study.run import RunResult, RunSpec, StoredRun
-from ematwin.comparison.study.store import Store, open_store
-
-
-class WarmEngine(LocalEngine):
-    """Starts before the clock does; the start that a study makes then changes nothing."""
-
-    warm = False
-
-    def warm_up(self) -> None:
-        super().start()
-        self.warm = True
-
-    def start(self, attempts: int = 3) -> None:
-        if not self.warm:
-            super().start(attempts)
-        self.warm = False  # after a process died it has to start anew
+from ematwin.benchmarking.cases import cases_of, multi_cases
+from ematwin.benchmarking.engines.local import LocalEngine
+from ematwin.benchmarking.plan import Plan
+from ematwin.benchmarking.run import RunResult, RunSpec, StoredRun, pack
+from ematwin.benchmarking.store import Store, open_store
+from ematwin.benchmarking.study import Tally, run_study
 
 
 def measure_workers(folder: Path, runs: int, repeat: int) -> dict[str, float]:
@@ -50,15 +35,15 @@ def measure_workers(folder: Path, runs: int, repeat: int) -> dict[str, float]:
     for turn in range(repeat):
         seconds: dict[int, float] = {}
         for workers in (1, 2):
-            engine = WarmEngine(workers)
-            engine.warm_up()
+            engine = LocalEngine(workers)
+            engine.start()  # before the clock: the start that the study makes changes nothing
             for _ in range(workers):  # recordings and kernels
                 engine.submit(replace(plan.specs()[0], iterations=1, run=engine.busy))
             while engine.busy:
                 engine.finished(1.0)
             where = folder / f"{turn}-{workers}.db"
             with Store(where) as store:
-                tally: Tally = compare(plan, store, engine)
+                tally: Tally = run_study(plan, store, engine)
             seconds[workers] = tally.seconds
             results = [one.result for one in open_store(where).runs()]
             searching = sum(result.seconds for result in results)
@@ -89,7 +74,7 @@ def synthetic(specs: list[RunSpec], seed: int) -> list[StoredRun]:
         costs = np.sort(rng.exponential(1.0, 200))[::-1].tolist()  # each iteration an improvement
         result = RunResult(
             spec.id, "done", tuple(rng.random(8).tolist()), costs[-1], 0.1, 2.0, 2.0, 10_000, 1.0,
-            1.0, tuple(zip(evaluations, costs, strict=True)), "budget", {"engine": "synthetic"},
+            1.0, pack(evaluations, costs), "budget", {"engine": "synthetic"},
         )  # fmt: skip
         stored.append(StoredRun(spec, result))
     return stored
@@ -99,11 +84,11 @@ RESUME = """
 import sys
 sys.path.insert(0, sys.argv[3])
 from study import large_plan
-from ematwin.comparison.study.compare import compare
-from ematwin.comparison.study.engines.local import LocalEngine
-from ematwin.comparison.study.store import Store
+from ematwin.benchmarking.engines.local import LocalEngine
+from ematwin.benchmarking.store import Store
+from ematwin.benchmarking.study import run_study
 with Store(sys.argv[1]) as store:
-    tally = compare(large_plan(int(sys.argv[2])), store, LocalEngine(1))
+    tally = run_study(large_plan(int(sys.argv[2])), store, LocalEngine(1))
 assert tally.finished == 0 and tally.found == tally.planned, tally
 """
 

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.2.0"
 
 if TYPE_CHECKING:
-    from ematwin.comparison.analysis.study import StudyAnalysis
-    from ematwin.comparison.comparing import compare
+    from ematwin.benchmarking.analysis import StudyAnalysis
+    from ematwin.benchmarking.compare import compare
     from ematwin.errors import EmatwinError
     from ematwin.estimation.estimate import Estimate
     from ematwin.estimation.identify import Identification
@@ -65,10 +65,10 @@ _HOMES = {
     "Recording": "ematwin.recordings.recording",
     "Scenario": "ematwin.models.scenario",
     "Sensitivity": "ematwin.experiments.sensitivity",
-    "StudyAnalysis": "ematwin.comparison.analysis.study",
+    "StudyAnalysis": "ematwin.benchmarking.analysis",
     "Unknown": "ematwin.models.unknown",
     "calibrate": "ematwin.monitoring.calibrate",
-    "compare": "ematwin.comparison.comparing",
+    "compare": "ematwin.benchmarking.compare",
     "design": "ematwin.experiments.design",
     "detect": "ematwin.monitoring.identify",
     "discriminate": "ematwin.experiments.discriminate",

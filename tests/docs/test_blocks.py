@@ -22,8 +22,8 @@ from typing import Any
 import pytest
 import typer
 
+from ematwin.benchmarking.cases import cases_from_file
 from ematwin.cli.app import app, run
-from ematwin.comparison.study.cases import cases_from_file
 from ematwin.models import registry
 from ematwin.models.registry import actuator_in, load_actuator, model_of, shipped_actuators
 from ematwin.optimizers import registry as methods

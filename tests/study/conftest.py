@@ -75,30 +75,18 @@ class Nan(DifferentialEvolution):
 
     def tell(self, points, costs):
         super().tell(self.asked[:len(costs)], costs)
-
-class Grows(DifferentialEvolution):
-    runs, kept = 0, []
-
-    def ask(self):  # the first call is what loky measures from; it looks once a second
-        Grows.runs += 1
-        if Grows.runs == 2:
-            Grows.kept.append(b"x" * 500_000_000)
-        time.sleep(1.1)
-        with open(os.environ["SABOTEURS_NOTES"], "a") as notes:
-            print(os.getpid(), file=notes)
-        return super().ask()
 """
 
 
 @pytest.fixture
 def saboteurs(tmp_path: Path) -> dict[str, str]:
-    """Environment in which six algorithms are installed that misbehave."""
+    """Environment in which five algorithms are installed that misbehave."""
     folder = tmp_path / "site"
     info = folder / "saboteurs-1.dist-info"
     info.mkdir(parents=True)
     (folder / "saboteurs.py").write_text(SABOTEURS)
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: saboteurs\nVersion: 1\n")
-    names = ("Raises", "Hangs", "Slow", "Dies", "Nan", "Grows")
+    names = ("Raises", "Hangs", "Slow", "Dies", "Nan")
     points = [f"{name.lower()} = saboteurs:{name}" for name in names]
     (info / "entry_points.txt").write_text("\n".join(["[ematwin.optimizers]", *points, ""]))
     return {"PYTHONPATH": os.pathsep.join([str(folder), os.environ.get("PYTHONPATH", "")])}

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ematwin.comparison.study.store import open_store
+from ematwin.benchmarking.store import open_store
 
 SMALL = (
     "--cases", "paper", "--algorithms", "ga,pso", "--runs", "2", "--population", "8",
@@ -62,7 +62,7 @@ def numbers(where: str | Path, algorithms: Sequence[str] = ()) -> dict[str, tupl
         return {
             one.spec.id: (
                 one.spec, one.result.status, one.result.faults, repr(one.result.cost),
-                repr(one.result.err), one.result.evaluations, tuple(one.result.history),
+                repr(one.result.err), one.result.evaluations, one.result.history,
             )
             for one in store.runs()
             if not algorithms or one.spec.algorithm in algorithms

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.comparison.study.run import RunResult, RunSpec, StoredRun
-from ematwin.comparison.study.subject import Subject
+from ematwin.benchmarking.run import RunResult, RunSpec, StoredRun, pack
+from ematwin.benchmarking.subject import Subject
 from ematwin.models.bldc.faults import (
     FAULTS,
     PAPER_CASES,
@@ -86,7 +86,7 @@ def study(
                     found,
                     cost=float(cost[-1]),
                     seconds=_SECONDS.get(algorithm, 1.0) * rng.uniform(0.9, 1.1),
-                    history=tuple(zip(evaluations.tolist(), cost.tolist(), strict=True)),
+                    history=pack(evaluations, cost),
                 )
 
 

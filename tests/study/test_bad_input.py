@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from processes import free_port
 
+from ematwin.benchmarking.store import Store, open_store
 from ematwin.cli.app import run
-from ematwin.comparison.study.store import Store, open_store
 from ematwin.testing.store_contract import small_plan, some_run
 
 Refused = Callable[..., str]

@@ -15,7 +15,7 @@ Numbers = dict[str, tuple[Any, ...]]
 
 @pytest.fixture
 def bench(tmp_path: Path, undisturbed: Numbers) -> Iterator[faults.Bench]:
-    """Trials with claims that hold for three seconds in place of a minute."""
+    """Trials with claims that hold for three seconds."""
     once = {id: one for id, one in undisturbed.items() if one[0].run == 0}
     assert len(once) == faults.RUNS
     made = faults.Bench(tmp_path, once, lease=3.0)

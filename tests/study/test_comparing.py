@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 import ematwin
-from ematwin.comparison.study.store import open_store
+from ematwin.benchmarking.store import open_store
 from ematwin.errors import InputError
 from ematwin.optimizers import registry
 from ematwin.optimizers.random_search import RandomSearch
@@ -25,13 +25,13 @@ def test_a_study_of_an_own_algorithm_in_one_call(tmp_path: Path) -> None:
     finally:
         registry._REGISTERED.clear()
     assert study.table.done.all()
-    assert list(study.to_frame()["algorithm"]) == study.table.algorithms
+    assert list(study.to_frame()["algorithm"]) == study.table.algorithms == ["random", "own"]
     assert len(study.to_frame("run")) == 4
     assert seen[-1].complete == 4
     figures = study.plot()
     assert {"Convergence", "Distribution of Err%"} <= set(figures)
     assert all(figure.data for figure in figures.values())
-    assert repr(study) == "StudyAnalysis(4 runs of own, random on 1 cases)"
+    assert repr(study) == "StudyAnalysis(4 runs of random, own on 1 cases)"
     assert str(study).startswith("4 runs, 4 ended well; lowest mean Err%: ")
     assert str(study).splitlines()[1:] == study.conclusions
     html = study._repr_html_()

@@ -43,7 +43,6 @@ def test_killed_main_process(tmp_path: Path, undisturbed: Numbers) -> None:
     assert 5 <= done < RUNS
     answer = study("--store", where, "--workers", 2)
     assert answer["found"] == done
-    assert answer["seconds"] < 50.0, "the claims of a dead process were waited for"
     assert numbers(where) == undisturbed
 
 

@@ -7,13 +7,12 @@ import numpy as np
 import pytest
 
 from ematwin import load_actuator
-from ematwin.comparison.study.box import RemappedProblem, boxed, places, shifts
-from ematwin.comparison.study.cases import cases_of, multi_cases
-from ematwin.comparison.study.execute import execute
-from ematwin.comparison.study.history import PackedHistory, pack
-from ematwin.comparison.study.plan import Plan
-from ematwin.comparison.study.run import RunSpec
-from ematwin.comparison.study.subject import Subject
+from ematwin.benchmarking.box import RemappedProblem, boxed, places, shifts
+from ematwin.benchmarking.cases import cases_of, multi_cases
+from ematwin.benchmarking.execute import execute
+from ematwin.benchmarking.plan import Plan
+from ematwin.benchmarking.run import RunSpec, pack, unpack
+from ematwin.benchmarking.subject import Subject
 from ematwin.errors import InputError, ParameterError
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import find, named
@@ -181,7 +180,8 @@ def test_a_run_repeats_bit_for_bit(spec: RunSpec) -> None:
     assert first.faults == second.faults
     assert first.history == second.history
     assert first.evaluations == 128
-    assert first.history[-1] == (128, first.cost)
+    evaluations, costs = unpack(first.history)
+    assert (evaluations[-1], costs[-1]) == (128, first.cost)
     assert first.provenance["engine"] == "none"
 
 
@@ -193,7 +193,7 @@ def test_a_run_in_single_precision_says_so_and_answers_nearly_the_same(spec: Run
     assert single.evaluations == double.evaluations
     assert single.cost != double.cost
     # a first generation is the same; later ones may differ where two candidates cost the same
-    assert single.history[0][1] == pytest.approx(double.history[0][1], rel=1e-2)
+    assert unpack(single.history)[1][0] == pytest.approx(unpack(double.history)[1][0], rel=1e-2)
 
 
 @pytest.mark.parametrize("algorithm", ["de", "multistart", "levenberg-marquardt"])
@@ -219,13 +219,12 @@ def test_a_run_that_cannot_start_is_a_result(spec: RunSpec) -> None:
 
 
 def test_histories_are_packed_without_loss() -> None:
-    history = tuple((50 * n, np.pi / n) for n in range(1, 201))
-    packed = PackedHistory(pack(history))
-    assert packed == history
-    assert packed[-1] == history[-1]
-    assert packed[:2] == history[:2]
-    assert len(packed) == 200
-    assert PackedHistory(pack(())) == ()
+    evaluations, costs = np.arange(50, 10_001, 50), np.pi / np.arange(1, 201)
+    again = unpack(pack(evaluations, costs))
+    np.testing.assert_array_equal(again[0], evaluations)
+    np.testing.assert_array_equal(again[1], costs)
+    assert [len(part) for part in unpack(pack([], []))] == [0, 0]
+    assert [len(part) for part in unpack(b"")] == [0, 0]
 
 
 # Any kind of actuator

@@ -11,10 +11,9 @@ import pytest
 
 import ematwin
 from browser import browse, seen_at
-from ematwin.comparison.analysis.study import analyse
-from ematwin.comparison.report.study import study_page
-from ematwin.comparison.report.study_figures import StudyFigures
-from ematwin.comparison.study.store import open_store
+from ematwin.benchmarking.analysis import analyse
+from ematwin.benchmarking.page import study_page
+from ematwin.benchmarking.store import open_store
 from ematwin.report.comparison import comparison_page
 from ematwin.report.design import design_page, discrimination_page
 from ematwin.report.detection import detection_page
@@ -23,7 +22,7 @@ from ematwin.report.identification import identification_page
 from ematwin.report.page import Row, Section, Table, columns_in_words, listed, render
 from synthetic_detection import detection
 
-STORE = Path(__file__).parents[1] / "data" / "0.1" / "study.db"
+STORE = Path(__file__).parents[1] / "data" / "0.2" / "study.db"
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +49,7 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
         ),
         "simulate": comparison_page(faulty, healthy, {"friction": 2.0}, found.actuator),
         "detect": detection_page(detection(30)),
-        "compare": study_page(study, StudyFigures(study), {}),
+        "compare": study_page(study),
     }
 
 

@@ -10,8 +10,8 @@ def algorithms(
 ) -> None:
     """List the search algorithms: sources, departures, what they were tuned on, presets."""
     from ematwin.estimation.search import methods
-    from ematwin.optimizers.catalogue import EXTRA
-    from ematwin.optimizers.presets import PRESETS
+    from ematwin.optimizers.base import EXTRA
+    from ematwin.optimizers.registry import PRESETS
 
     found = methods()
     if json:

@@ -25,7 +25,6 @@ from ematwin.cli import (
     identify,
     report,
     simulate,
-    store,
 )
 
 
@@ -68,7 +67,7 @@ app.command("scenarios")(actuators.scenarios)
 app.command("algorithms")(algorithms.algorithms)
 app.command("bench")(bench.bench)
 app.command("report")(report.report)
-app.add_typer(store.app, name="store")
+app.add_typer(report.store, name="store")
 
 
 def _version(asked: bool) -> None:

@@ -10,8 +10,8 @@ from ematwin.cli import complete
 from ematwin.cli.options import JsonOption, print_json
 
 if TYPE_CHECKING:
-    from ematwin.comparison.study.compare import Progress, Tally
-    from ematwin.comparison.study.engines.base import Engine
+    from ematwin.benchmarking.engines.base import Engine
+    from ematwin.benchmarking.study import Progress, Tally
 
 
 def compare(
@@ -101,10 +101,10 @@ def compare(
 ) -> None:
     """Compare search algorithms over fault cases; continue where an earlier call stopped."""
     from ematwin import Noise, load_actuator
-    from ematwin.comparison.study.cases import cases_of
-    from ematwin.comparison.study.compare import compare as run
-    from ematwin.comparison.study.plan import Plan
-    from ematwin.comparison.study.store import Store
+    from ematwin.benchmarking.cases import cases_of
+    from ematwin.benchmarking.plan import Plan
+    from ematwin.benchmarking.store import Store
+    from ematwin.benchmarking.study import run_study
     from ematwin.models.registry import model_of
 
     chosen = load_actuator(actuator)
@@ -123,7 +123,7 @@ def compare(
     carrier = _engine(engine, scheduler, workers, time_limit, patience, backend)
     model_of(chosen).check_backend("cuda" if engine == "cuda" else backend)
     with Store(store) as opened, _shown(not json) as progress:
-        tally = run(plan, opened, carrier, retry_failed=retry_failed, progress=progress)
+        tally = run_study(plan, opened, carrier, retry_failed=retry_failed, progress=progress)
         where = opened.name
     if json:
         print_json({"store": where, **vars(tally)})
@@ -152,15 +152,15 @@ def _engine(
             "A GPU is shared by searches of one process: give --engine cuda, and no --backend."
         )
     if name == "cuda":
-        from ematwin.comparison.study.engines.cuda import SEARCHES, CudaEngine
+        from ematwin.benchmarking.engines.cuda import SEARCHES, CudaEngine
 
         return CudaEngine(workers or SEARCHES, time_limit)
     if name == "local":
-        from ematwin.comparison.study.engines.local import LocalEngine
+        from ematwin.benchmarking.engines.local import LocalEngine
 
         return LocalEngine(workers or cores(), time_limit, patience, backend)
     if name == "dask":
-        from ematwin.comparison.study.engines.dask import DaskEngine
+        from ematwin.benchmarking.engines.dask import DaskEngine
 
         if scheduler is not None and workers is not None:
             raise InputError("A scheduler has its own workers; leave --workers out.")

@@ -43,7 +43,7 @@ def several_algorithms(incomplete: str) -> list[str]:
     """Search methods and presets with commas between them."""
 
     def names() -> Iterable[str]:
-        from ematwin.optimizers.presets import PRESETS
+        from ematwin.optimizers.registry import PRESETS
 
         return PRESETS
 

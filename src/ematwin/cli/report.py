@@ -1,31 +1,27 @@
-"""``ematwin report``: the runs of a study in, a page, tables and figures out."""
+"""``ematwin report`` and ``ematwin store``: the runs of a study in, their analysis out."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ematwin.cli.options import print_json, print_table
+from ematwin.cli.options import JsonOption, print_json, print_table
 from ematwin.errors import InputError
 
 if TYPE_CHECKING:
-    from ematwin.comparison.analysis.study import StudyAnalysis
+    from ematwin.benchmarking.analysis import StudyAnalysis
+
+Where = Annotated[
+    str, typer.Argument(help="The store of `ematwin compare`: a file or a database URL.")
+]
+store = typer.Typer(help="Check the store of a study.", no_args_is_help=True, rich_markup_mode=None)
 
 
 def report(
-    store: Annotated[
-        str, typer.Argument(help="The store of `ematwin compare`: a file or a database URL.")
-    ],
+    store: Where,
     out: Annotated[
         Path | None,
-        typer.Option(help="Write page, CSV, LaTeX tables and SVG figures to this folder."),
-    ] = None,
-    slim: Annotated[
-        bool,
-        typer.Option("--slim", help="Static figures on the page, without a library that draws."),
-    ] = False,
-    ioh: Annotated[
-        Path | None, typer.Option(help="Export the runs for IOHanalyzer to this new folder.")
+        typer.Option(help="Write a page, and the tables as CSV and Parquet, to this folder."),
     ] = None,
     target: Annotated[
         list[float] | None,
@@ -47,16 +43,17 @@ def report(
     json: Annotated[bool, typer.Option("--json", help="Answer with all tables as JSON.")] = False,
 ) -> None:
     """Report a study: errors, times, ranks, tests, convergence and diagnosis, from its store."""
-    from ematwin.comparison.analysis.convergence import STATED_MISFITS
-    from ematwin.comparison.analysis.study import analyse
-    from ematwin.comparison.analysis.summary import TARGETS
-    from ematwin.comparison.study.store import open_store
+    from ematwin.benchmarking.analysis import analyse
+    from ematwin.benchmarking.convergence import STATED_MISFITS
+    from ematwin.benchmarking.page import check_folder, write_report
+    from ematwin.benchmarking.store import open_store
+    from ematwin.benchmarking.summary import TARGETS
+    from ematwin.benchmarking.table import check_extra
 
     if seed < 0:
         raise InputError(f"--seed must not be negative, received {seed}.")
+    check_extra()
     if out is not None:
-        from ematwin.comparison.report.study_folder import check_folder
-
         check_folder(out)
     with open_store(store) as opened:
         analysis = analyse(
@@ -66,37 +63,22 @@ def report(
             threshold=threshold,
             seed=seed,
         )
-        exported = None
-        if ioh is not None:
-            from ematwin.comparison.analysis.ioh import export_ioh
-
-            exported = export_ioh(opened.runs(), ioh, analysis.table.cases)
-    files: list[str] = []
-    if out is not None:
-        from ematwin.comparison.report.study_folder import write_report
-
-        files = write_report(analysis, out, slim=slim)
+    files = [] if out is None else write_report(analysis, out)
     if json:
         answer = analysis.as_dict()
         answer["report"] = None if out is None else {"folder": str(out), "files": files}
-        answer["ioh"] = exported and {
-            "folder": str(ioh), "written": exported[0], "without_history": exported[1]
-        }  # fmt: skip
         print_json(answer)
         return
     print_summary(analysis)
-    if exported is not None:
-        left = f"; {exported[1]} had no history to export" if exported[1] else ""
-        typer.echo(f"wrote {exported[0]} runs to {ioh}{left}")
     if out is not None:
         typer.echo(f"wrote {out / 'index.html'} and {len(files) - 1} more files")
 
 
 def print_summary(analysis: "StudyAnalysis") -> None:
-    """Success rates and conclusions, for people."""
+    """Print success rates and conclusions for people."""
     from rich.table import Table
 
-    from ematwin.comparison.report.study_tables import diagnosis, success
+    from ematwin.benchmarking.tables import diagnosis, success
 
     for title, source in (
         ("Share of runs that reached an Err%", success(analysis)),
@@ -110,3 +92,21 @@ def print_summary(analysis: "StudyAnalysis") -> None:
         print_table(table, 140)
     for sentence in analysis.conclusions:
         typer.echo(f"- {sentence}")
+
+
+@store.callback()
+def stores() -> None:
+    """Check the store of a study."""
+
+
+@store.command("check")
+def check(store: Where, json: JsonOption = False) -> None:
+    """Verify every run of a store by its checksum."""
+    from ematwin.benchmarking.store import open_store
+
+    with open_store(store) as opened:
+        count = sum(1 for _ in opened.runs())
+    if json:
+        print_json({"store": store, "runs": count, "damaged": []})
+    else:
+        typer.echo(f"{store}: {count} runs, all as they were written.")

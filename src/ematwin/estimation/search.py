@@ -216,7 +216,7 @@ def methods() -> tuple[Method, ...]:
 
 def expanded(names: Iterable[str]) -> tuple[str, ...]:
     """Names of methods, each once, with presets such as ``paper`` as what they stand for."""
-    from ematwin.optimizers.presets import PRESETS
+    from ematwin.optimizers.registry import PRESETS
 
     found = [one for name in names for one in PRESETS.get(name.strip().lower(), (name,))]
     return tuple(dict.fromkeys(method_name(name) for name in found))

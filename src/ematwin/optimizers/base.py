@@ -7,18 +7,22 @@ one loop serves every method, on one core or on many.
 
 from __future__ import annotations
 
+import importlib.util
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ematwin.errors import InputError
+from ematwin.errors import InputError, MissingExtraError
 
 POPULATION = 50
 ITERATIONS = 200
 """The settings of the comparison this package follows: ESREL 2020, section 7."""
+
+EXTRA = "bench"  # of the libraries that adapters drive
 
 FloatArray = NDArray[np.float64]
 
@@ -204,6 +208,51 @@ class OptimizerFactory(Protocol):
     def __call__(self, box: Box, *, population: int, iterations: int, seed: int) -> Optimizer:
         """Make an optimiser for a box."""
         ...  # pragma: no cover
+
+
+@dataclass(frozen=True)
+class Algorithm:
+    """An algorithm that can be named.
+
+    Attributes
+    ----------
+    name : str
+    title : str
+    source : str, the paper or library that it follows
+    departures : str, where it leaves its source; "none", or "not checked" where nobody looked
+    tuned_on : str, what its settings were chosen on, where not by its source
+    origin : str, "ematwin", the library that an adapter drives, or the package of an entry point
+    load : callable, gives the factory; imports no other library
+    requires : str or None, package to import; None if it comes with ematwin
+    aliases : tuple of str
+    """
+
+    name: str
+    title: str
+    source: str
+    origin: str
+    load: Callable[[], OptimizerFactory]
+    requires: str | None = None
+    aliases: tuple[str, ...] = ()
+    departures: str = "not checked"
+    tuned_on: str = "not known"
+
+    @property
+    def installed(self) -> bool:
+        """Whether the library it needs can be found; nothing is imported."""
+        return self.requires is None or importlib.util.find_spec(self.requires) is not None
+
+    def factory(self) -> OptimizerFactory:
+        """Give what makes the optimiser.
+
+        Raises
+        ------
+        MissingExtraError
+            If the library it needs is not installed.
+        """
+        if not self.installed:
+            raise MissingExtraError(str(self.requires), EXTRA, f"The algorithm {self.name!r}")
+        return self.load()
 
 
 class PopulationOptimizer(Optimizer):

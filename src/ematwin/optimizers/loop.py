@@ -1,24 +1,26 @@
 """The search loop: the only one, for every method and every objective.
 
 It owns what the methods must not know: the objective, the budget, the clock, the history, the
-checkpoint, the user's Ctrl-C.
+checkpoint, the user's Ctrl-C. A checkpoint holds the whole state of a search in one file. It is a
+pickle, and a pickle can run any code when it is read: read only your own.
 """
 
 from __future__ import annotations
 
 import math
+import pickle
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ematwin.errors import EmatwinError, InputError
-from ematwin.optimizers import checkpoint as checkpoints
+from ematwin.errors import FileError, InputError
+from ematwin.files import written_whole
 from ematwin.optimizers.base import (
     ITERATIONS,
     POPULATION,
@@ -28,34 +30,14 @@ from ematwin.optimizers.base import (
     OptimizerFactory,
     whole_number,
 )
+from ematwin.optimizers.objective import Evaluate, Objective, evaluator
 from ematwin.optimizers.registry import resolve
 from ematwin.optimizers.stopping import Progress, Stop, StoppingCriterion, criteria
 from ematwin.showing import markup
 from ematwin.showing.drawing import drawn
 from ematwin.showing.frames import frame
 
-Objective = Callable[[FloatArray], ArrayLike]
-"""(N, d) points to (N,) costs; or, with ``vectorized=False``, a (d,) point to its cost.
-
-Lower is better; NaN or infinite means "as bad as can be".
-"""
-
-
-@runtime_checkable
-class LimitedObjective(Protocol):
-    """An objective that can stop evaluating a point once its cost is known to be too high."""
-
-    def __call__(self, points: FloatArray) -> ArrayLike:
-        """(N, d) points to (N,) costs."""
-        ...  # pragma: no cover
-
-    def costs_within(self, points: FloatArray, limits: FloatArray) -> ArrayLike:
-        """The same costs; those above a limit (N,) may be given as infinite."""
-        ...  # pragma: no cover
-
-
-_Evaluate = Callable[[FloatArray, bool, FloatArray | None], FloatArray]
-"""Points of a batch, whether it is the first of the search, and limits (N,), to costs."""
+_CHECKPOINT = "ematwin search checkpoint 2"  # its format; 1 was that of 0.2
 
 _SENTENCES = {
     Stop.BUDGET: "the budget is spent",
@@ -219,10 +201,7 @@ def minimize(
     one of a point may be called with the first batch, and then with each of its points.
     """
     box = Box(np.asarray(lower), np.asarray(upper))
-    if vectorized is None:
-        evaluate = _whichever(objective)
-    else:
-        evaluate = _batchwise(objective) if vectorized else _pointwise(objective)
+    evaluate = evaluator(objective, vectorized)
     if isinstance(algorithm, Optimizer):
         population, iterations, seed = algorithm.population, algorithm.iterations, algorithm.seed
     population = whole_number(population, "population", 1)
@@ -277,7 +256,7 @@ def minimize(
 
 def _run(
     search: _Search,
-    evaluate: _Evaluate,
+    evaluate: Evaluate,
     budget: int,
     ends: tuple[StoppingCriterion, ...],
     callback: Callable[[Progress], object] | None,
@@ -301,7 +280,7 @@ def _run(
         batches += 1
         try:
             if path is not None and (stopped is not None or batches % checkpoint_every == 0):
-                checkpoints.save(path, identity, search)
+                _save(path, identity, search)
             if callback is not None and callback(search.progress(budget)) is True:
                 stopped = stopped or str(Stop.CALLBACK)
         except KeyboardInterrupt:
@@ -309,7 +288,7 @@ def _run(
     return stopped
 
 
-def _batch(search: _Search, evaluate: _Evaluate, budget: int) -> None:
+def _batch(search: _Search, evaluate: Evaluate, budget: int) -> None:
     """Spend one batch, or what is left of the budget."""
     points = search.optimizer.ask()[: budget - search.evaluations]
     limits = search.optimizer.limits()
@@ -329,108 +308,6 @@ def _batch(search: _Search, evaluate: _Evaluate, budget: int) -> None:
     search.optimizer.tell(points, costs)
 
 
-def _batchwise(objective: Objective) -> _Evaluate:
-    """Evaluate a whole batch in one call; the first also so that a mistake shows."""
-
-    limited = objective if isinstance(objective, LimitedObjective) else None
-
-    def evaluate(points: FloatArray, first: bool, limits: FloatArray | None) -> FloatArray:
-        if limited is not None and limits is not None and not first:
-            within = limits
-            return costs_of(points, False, lambda rows: limited.costs_within(rows, within))
-        # An objective of one point takes rows for variables and gives one number a column. Where
-        # there are as many rows as columns this looks right: a piece of the batch does not.
-        count, variables = points.shape
-        pieces = [points[:-1], points[-1:]] if first and count == variables > 1 else [points]
-        return np.concatenate([costs_of(piece, first, objective) for piece in pieces])
-
-    def costs_of(points: FloatArray, first: bool, asked: Objective) -> FloatArray:
-        try:
-            answer = _answer(asked, points.copy(), first, _ONE_POINT)
-        except IndexError as error:
-            if not first or len(points) >= points.shape[1]:
-                raise
-            raise InputError(
-                f"The objective failed at {len(points)} points of {points.shape[1]} variables: "
-                f"{error}. {_ONE_POINT}"
-            ) from error
-        if answer.shape != (len(points),):
-            raise InputError(
-                f"The objective must give one cost per point: for points of shape {points.shape} "
-                f"it gave shape {answer.shape}. {_ONE_POINT}"
-            )
-        return answer
-
-    return evaluate
-
-
-def _whichever(objective: Objective) -> _Evaluate:
-    """Evaluate in whole batches if the objective can take the first one, else point by point."""
-    chosen: _Evaluate | None = None
-
-    def evaluate(points: FloatArray, first: bool, limits: FloatArray | None) -> FloatArray:
-        nonlocal chosen
-        if chosen is None:
-            try:
-                costs = _batchwise(objective)(points, True, limits)
-            except (IndexError, TypeError, ValueError) as error:  # as one of one point gives
-                alone = _pointwise(objective)
-                try:
-                    costs = alone(points, False, limits)
-                except EmatwinError:  # it takes neither: what a batch gave tells more
-                    raise error from None
-                chosen = alone
-            else:
-                chosen = _batchwise(objective)
-            return costs
-        return chosen(points, first, limits)
-
-    return evaluate
-
-
-def _pointwise(objective: Objective) -> _Evaluate:
-    """Evaluate a batch point by point."""
-
-    def evaluate(points: FloatArray, first: bool, limits: FloatArray | None) -> FloatArray:
-        return np.array([cost_of(point, first) for point in points])
-
-    def cost_of(point: FloatArray, first: bool) -> float:
-        answer = _answer(objective, point.copy(), first, _WHOLE_BATCH)
-        if answer.size != 1:
-            raise InputError(
-                f"The objective must give one cost: for a point of shape {point.shape} it gave "
-                f"shape {answer.shape}. {_WHOLE_BATCH}"
-            )
-        return float(answer.item())
-
-    return evaluate
-
-
-_ONE_POINT = (
-    "It receives a whole batch, one row per point; for an objective of one point give "
-    "vectorized=False."
-)
-_WHOLE_BATCH = (
-    "It receives one point at a time; for an objective of a whole batch leave out vectorized=False."
-)
-
-
-def _answer(objective: Objective, points: FloatArray, first: bool, advice: str) -> FloatArray:
-    """What the objective gives, as numbers."""
-    try:
-        answer = objective(points)
-    except (IndexError, TypeError, ValueError) as error:
-        if first and not isinstance(error, EmatwinError):
-            error.add_note(advice)  # this mistake, perhaps; an error of its own stays what it is
-        raise
-    try:
-        return np.asarray(answer, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(
-            f"The objective must give numbers, received {type(answer).__name__}. {advice}"
-        ) from error
-
-
 def _reason(search: _Search, budget: int, ends: tuple[StoppingCriterion, ...]) -> str | None:
     progress = search.progress(budget)
     for end in ends:
@@ -443,6 +320,7 @@ def _reason(search: _Search, budget: int, ends: tuple[StoppingCriterion, ...]) -
 
 
 def _restored(path: Path | None, identity: dict[str, Any], fresh: Optimizer) -> _Search | None:
+    """Read the state of a search from its checkpoint, None if there is none yet."""
     if path is None:
         return None
     if not fresh.picklable:
@@ -450,7 +328,35 @@ def _restored(path: Path | None, identity: dict[str, Any], fresh: Optimizer) -> 
             f"The algorithm {identity['algorithm']} keeps its state in another library and cannot "
             "be written to a checkpoint. Leave the checkpoint out, or choose another algorithm."
         )
-    state = checkpoints.load(path, identity)
-    if state is not None:
-        fresh.close()
-    return state
+    try:
+        form, saved, state = pickle.loads(path.read_bytes())
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        raise FileError(f"The checkpoint {path} cannot be read: {error}.") from error
+    except Exception as error:
+        raise FileError(
+            f"The file {path} is not a checkpoint of ematwin, or is damaged."
+        ) from error
+    if form != _CHECKPOINT:
+        raise FileError(
+            f"The checkpoint {path} was written by another version of ematwin: {form!r}. "
+            "Name another file, or delete this one."
+        )
+    for key, value in identity.items():
+        if saved.get(key) != value:
+            raise InputError(
+                f"The checkpoint {path} belongs to another search: its {key} is "
+                f"{saved.get(key)!r}, but {value!r} was asked for. "
+                "Name another file, or delete this one."
+            )
+    fresh.close()
+    found: _Search = state
+    return found
+
+
+def _save(path: Path, identity: dict[str, Any], search: _Search) -> None:
+    """Write a checkpoint: at every moment, power failures included, the file is whole."""
+    content = pickle.dumps((_CHECKPOINT, identity, search), protocol=pickle.HIGHEST_PROTOCOL)
+    with written_whole(path, durable=True, private=True) as draft:
+        draft.write_bytes(content)

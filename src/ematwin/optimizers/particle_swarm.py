@@ -20,7 +20,7 @@ gathers more slowly and misses less. By default the ring grows during the run un
 swarm, as `GrowingRing` says; ``topology=Global()`` is the paper's form.
 Departure: craziness. The paper tells that a random disturbance of some particles, "craziness", was
 in the first programs and was dropped. It is on by default, as `Craziness` says, because without it
-a swarm of 50 stays in a local valley of Rastrigin's function (``docs/optimizers.md`` has the
+a swarm of 50 stays in a local minimum of Rastrigin's function (``docs/optimizers.md`` has the
 numbers); ``craziness=None`` is the paper's final form.
 """
 

@@ -16,11 +16,18 @@ import numpy as np
 from ematwin.errors import InputError
 from ematwin.optimizers import own
 from ematwin.optimizers.adapters import cma_es, nevergrad, pygmo, pymoo, scipy_de
-from ematwin.optimizers.base import Box, Optimizer, OptimizerFactory
-from ematwin.optimizers.catalogue import Algorithm
+from ematwin.optimizers.base import Algorithm, Box, Optimizer, OptimizerFactory
 
 ENTRY_POINT_GROUP = "ematwin.optimizers"
 
+PRESETS = {
+    "paper": ("ga-holland", "pso-inertia", "de-rand", "gwo", "da", "woa"),
+    "improved": ("ga-tuned", "pso-tuned", "de-tuned", "gwo-tuned", "da-tuned", "woa-tuned"),
+    "best": ("multistart", "scipy-trf", "cma", "scipy-de", "ga", "pso", "de"),
+}
+"""Methods that a study compares under one name: the six of the ESREL paper as first published, or
+as the author's program has them; the same six, tuned with one effort for all; what one would use.
+"""
 
 _ADAPTED = (
     *cma_es.ALGORITHMS,

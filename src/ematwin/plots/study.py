@@ -1,18 +1,28 @@
-"""Figures of a study, by plotly: they can be enlarged, and tell their numbers."""
+"""Figures of a study of search methods."""
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from ematwin.plots.panels import Bars, Box, Figure, Panel, Spread, Stairs
-from ematwin.plots.style import GREY, styled
+from ematwin.plots.style import styled
+
+# Okabe and Ito, told apart by colour-blind readers; from the ninth on Tol's muted ones.
+PALETTE = (
+    "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#8c959f",
+    "#332288", "#882255", "#117733", "#999933", "#44aa99", "#aa4499", "#ddcc77", "#661100",
+)  # fmt: skip
+MOST_CASES = 12  # with bars or a panel of their own
+_MOST_POINTS = 30  # runs of a cell drawn one by one
+_LEAST_ERROR = 1e-6  # per cent: the axis is a logarithm
 
 
 def plot_study(analysis: Any) -> dict[str, Any]:
-    """Every figure of a study by its heading.
+    """Draw every figure of a study, by its heading.
 
-    Means with their intervals, convergence, distributions of Err%, evaluations to target.
+    Means with their intervals, average ranks, convergence, distributions of Err%, evaluations to
+    target; what has no data is left out.
 
     Parameters
     ----------
@@ -22,146 +32,221 @@ def plot_study(analysis: Any) -> dict[str, Any]:
     -------
     dict of plotly.graph_objects.Figure
     """
-    return {figure.heading: interactive(figure) for figure in analysis.figures.all}
+    figures: dict[str, Callable[[Any], Any]] = {
+        "Mean Err%": lambda study: _means(study, "err", "mean Err%"),
+        "Mean time of a search": lambda study: _means(study, "seconds", "mean time, s"),
+        "Average ranks": _ranks,
+        "Convergence": _convergence,
+        "Distribution of Err%": _distributions,
+        "Evaluations to target": _targets,
+    }
+    drawn = {heading: draw(analysis) for heading, draw in figures.items()}
+    return {heading: figure for heading, figure in drawn.items() if figure.data}
 
 
-def interactive(figure: Figure) -> Any:
-    """A figure of plotly."""
-    from plotly.graph_objects import Figure as PlotlyFigure
-
-    drawn = _grid(figure) if figure.grid else styled(PlotlyFigure(), _height(figure))
-    for n, panel in enumerate(figure.panels):
-        where = {"row": n // 2 + 1, "col": n % 2 + 1} if figure.grid else {}
-        for series in panel.series:
-            match series:
-                case Bars():
-                    _bars(drawn, series, panel)
-                case Spread():
-                    _spread(drawn, series, first=n == 0, where=where)
-                case Box():
-                    _box(drawn, series, first=n == 0, where=where)
-                case Stairs():
-                    drawn.add_scatter(
-                        x=short(series.x), y=short(series.y), name=series.name, mode="lines",
-                        line={"color": series.color, "shape": "hv"},
-                    )  # fmt: skip
-    _axes(drawn, figure)
-    return drawn
+def _colored(analysis: Any) -> list[tuple[str, str]]:
+    """The algorithms, each with its colour."""
+    return [(name, PALETTE[n % len(PALETTE)]) for n, name in enumerate(analysis.table.algorithms)]
 
 
-def _height(figure: Figure) -> int:
-    return 400 if figure.panels[0].categories else 420
+def _means(analysis: Any, metric: str, title: str) -> Any:
+    """Means with their bootstrap intervals, by case and algorithm."""
+    from plotly.graph_objects import Figure
 
-
-def _grid(figure: Figure) -> Any:
-    """Panels, two in a row."""
-    from plotly.subplots import make_subplots
-
-    rows = math.ceil(len(figure.panels) / 2)
-    drawn = make_subplots(
-        rows=rows,
-        cols=2,
-        subplot_titles=[panel.title for panel in figure.panels],
-        vertical_spacing=min(0.08, 0.35 / rows),
-        horizontal_spacing=0.09,
-    )
-    styled(drawn, 70 + 260 * rows)
-    for n, note in enumerate(drawn.layout.annotations):
-        note.x = drawn.layout[f"xaxis{n + 1 if n else ''}"].domain[0]
-    # room for the legend above the first titles
-    drawn.update_layout(legend={"y": 1.0 + 30.0 / (260.0 * rows)}, margin={"t": 70})
-    drawn.update_layout(hovermode="closest")
-    return drawn
-
-
-def _axes(drawn: Any, figure: Figure) -> None:
-    rows = math.ceil(len(figure.panels) / 2)
-    for row in range(1, rows + 1) if figure.grid else [None]:
-        drawn.update_yaxes(title_text=figure.y_title, row=row, col=row and 1)
-    if figure.x_title:
-        drawn.update_xaxes(title_text=figure.x_title, row=rows if figure.grid else None)
-    if figure.log_x:
-        drawn.update_xaxes(type="log", exponentformat="power")
-    if figure.log_y:
-        drawn.update_yaxes(type="log", exponentformat="power" if figure.log_x else "none")
-    if figure.y_range is not None:
-        drawn.update_yaxes(range=list(figure.y_range))
-    if any(isinstance(series, Bars) for series in figure.panels[0].series):
-        _choice_of_scale(drawn)
-
-
-def _choice_of_scale(drawn: Any) -> None:
-    """Buttons for a linear or a logarithmic axis."""
-    drawn.update_layout(
+    figure = styled(Figure(), 400)
+    for name, color in _colored(analysis):
+        cells = analysis.cells[analysis.cells["algorithm"] == name].head(MOST_CASES)
+        mean = cells[f"{metric}_mean"]
+        if mean.isna().all():
+            continue
+        figure.add_bar(
+            x=list(cells["case"]), y=_short(mean), name=name, marker_color=color,
+            error_y={
+                "type": "data", "symmetric": False, "thickness": 1, "width": 2,
+                "array": _short((cells[f"{metric}_mean_high_95"] - mean).fillna(0.0)),
+                "arrayminus": _short((mean - cells[f"{metric}_mean_low_95"]).fillna(0.0)),
+            },
+        )  # fmt: skip
+    buttons = [
+        {"label": scale, "method": "relayout", "args": [{"yaxis.type": scale}]}
+        for scale in ("linear", "log")
+    ]
+    figure.update_layout(
         barmode="group",
         hovermode="closest",
         updatemenus=[{
             "type": "buttons", "direction": "right", "x": 0.0, "xanchor": "left", "y": 1.02,
-            "yanchor": "bottom", "showactive": True, "pad": {"r": 0, "t": 0},
-            "buttons": [
-                {"label": scale, "method": "relayout", "args": [{"yaxis.type": scale}]}
-                for scale in ("linear", "log")
-            ],
+            "yanchor": "bottom", "pad": {"r": 0, "t": 0}, "buttons": buttons,
         }],
     )  # fmt: skip
-    drawn.update_yaxes(rangemode="tozero")
+    return figure.update_yaxes(title_text=title, rangemode="tozero")
 
 
-def _bars(drawn: Any, bars: Bars, panel: Panel) -> None:
-    drawn.add_bar(
-        x=list(panel.categories),
-        y=short(bars.height),
-        name=bars.name,
-        marker_color=bars.color,
-        error_y={
-            "type": "data",
-            "array": short(np.nan_to_num(bars.high - bars.height)),
-            "arrayminus": short(np.nan_to_num(bars.height - bars.low)),
-            "thickness": 1,
-            "width": 2,
-        },
-    )
+def _ranks(analysis: Any) -> Any:
+    """Average ranks; a line joins algorithms of which none is shown to differ (Demsar 2006)."""
+    from plotly.graph_objects import Figure
+
+    ranks = analysis.ranks
+    order = ranks.order if len(ranks.average) > 1 else []
+    order = order if all(math.isfinite(rank) for rank in ranks.average.values()) else []
+    figure = styled(Figure(), 170 + 24 * len(order))
+    reached = 0
+    for n, name in enumerate(order):
+        alike = n + 1
+        while alike < len(order) and not any(
+            ranks.differ(order[alike], other) for other in order[n:alike]
+        ):
+            alike += 1
+        if alike > max(n + 1, reached):
+            reached = alike
+            x = [ranks.average[name], ranks.average[order[alike - 1]]]
+            level = [-0.5 - 0.35 * n] * 2
+            figure.add_scatter(
+                x=x, y=level, mode="lines", line={"width": 5, "color": "#8c959f"},
+                hoverinfo="skip", showlegend=False,
+            )  # fmt: skip
+    for n, name in enumerate(order):
+        color = dict(_colored(analysis))[name]
+        figure.add_scatter(
+            x=[ranks.average[name]], y=[n + 0.5], mode="markers+text", text=[name], name=name,
+            textposition="middle right", marker={"color": color, "size": 11}, showlegend=False,
+        )  # fmt: skip
+    figure.update_layout(hovermode="closest")
+    figure.update_xaxes(title_text="average rank by mean Err%, 1 the best")
+    return figure.update_yaxes(visible=False, autorange="reversed")
 
 
-def _spread(drawn: Any, spread: Spread, first: bool, where: dict[str, int]) -> None:
-    shared = {"legendgroup": spread.name, "name": spread.name, "mode": "lines"}
-    drawn.add_scatter(
-        x=short(np.concatenate([spread.x, spread.x[::-1]])),
-        y=short(np.concatenate([spread.high, spread.low[::-1]])),
-        fill="toself", fillcolor=spread.color, opacity=0.18, line={"width": 0}, hoverinfo="skip",
-        showlegend=False, **shared, **where,
+def _convergence(analysis: Any) -> Any:
+    """Median and quartiles of the best cost over the evaluations, a panel for each case."""
+    figure, places = _panels(analysis)
+    colors = dict(_colored(analysis))
+    frame = analysis.bands
+    shown: set[str] = set()
+    for (case, name), band in (
+        frame.groupby(["case", "algorithm"], sort=False) if len(frame) else ()
+    ):
+        band = band[np.isfinite(band["q3"]) & (band["q1"] > 0.0)]
+        if case in places and len(band):
+            columns = ("median", "q1", "q3")
+            _spread(figure, name, colors[name], band, columns, name not in shown, places[case])
+            shown.add(name)
+    figure.update_xaxes(type="log", exponentformat="power")
+    figure.update_yaxes(type="log", exponentformat="power")
+    return _titled(figure, places, "best misfit", "simulations")
+
+
+def _distributions(analysis: Any) -> Any:
+    """Boxes of Err%, with the runs themselves where they are few; a panel for each case."""
+    figure, places = _panels(analysis)
+    errors = analysis.table.frame["err"].to_numpy(dtype=float)
+    done = analysis.table.done
+    shown: set[str] = set()
+    for case, place in places.items():
+        for name, color in _colored(analysis):
+            rows = analysis.table.cells[case, name]
+            err = np.maximum(errors[rows[done[rows]]], _LEAST_ERROR)
+            if len(err):
+                _box(figure, name, color, err, first=name not in shown, **place)
+                shown.add(name)
+    figure.update_yaxes(type="log", exponentformat="none")
+    return _titled(figure, places, "Err%")
+
+
+def _targets(analysis: Any) -> Any:
+    """Share of pairs of run and target met over the evaluations."""
+    from plotly.graph_objects import Figure
+
+    figure = styled(Figure(), 420)
+    colors = dict(_colored(analysis))
+    curves = analysis.curves
+    for name, curve in curves.groupby("algorithm", sort=False) if len(curves) else ():
+        _spread(figure, name, colors[name], curve, ("share", "low_95", "high_95"))
+    figure.update_xaxes(title_text="simulations", type="log", exponentformat="power")
+    title = "share of (run, target) pairs met"
+    return figure.update_yaxes(title_text=title, range=[0.0, 1.02])
+
+
+def _panels(analysis: Any) -> tuple[Any, dict[str, dict[str, int]]]:
+    """A figure with a panel for each case, two in a row, and their places."""
+    from plotly.subplots import make_subplots
+
+    cases = analysis.table.cases[:MOST_CASES]
+    rows = math.ceil(len(cases) / 2)
+    figure = make_subplots(
+        rows=rows, cols=2, subplot_titles=cases, vertical_spacing=min(0.08, 0.35 / rows),
+        horizontal_spacing=0.09,
     )  # fmt: skip
-    drawn.add_scatter(
-        x=short(spread.x), y=short(spread.middle), line={"color": spread.color, "width": 1.5},
-        showlegend=first, **shared, **where,
+    styled(figure, 70 + 260 * rows)
+    for n, note in enumerate(figure.layout.annotations):
+        note.x = figure.layout[f"xaxis{n + 1 if n else ''}"].domain[0]
+    # room for the legend above the first titles
+    legend = {"y": 1.0 + 30.0 / (260.0 * rows)}
+    figure.update_layout(legend=legend, margin={"t": 70}, hovermode="closest")
+    return figure, {case: {"row": n // 2 + 1, "col": n % 2 + 1} for n, case in enumerate(cases)}
+
+
+def _titled(figure: Any, places: dict[str, dict[str, int]], y: str, x: str = "") -> Any:
+    for place in places.values():
+        if place["col"] == 1:
+            figure.update_yaxes(title_text=y, **place)
+        if x and place["row"] == max(one["row"] for one in places.values()):
+            figure.update_xaxes(title_text=x, **place)
+    return figure
+
+
+def _spread(
+    figure: Any,
+    name: str,
+    color: str,
+    curve: Any,
+    columns: tuple[str, str, str],
+    first: bool = True,
+    where: dict[str, int] | None = None,
+) -> None:
+    """A line with a band around it: columns of a DataFrame over its evaluations."""
+    x, (middle, low, high) = curve["evaluations"], (curve[column] for column in columns)
+    shared = {"legendgroup": name, "name": name, "mode": "lines", **(where or {})}
+    if np.isfinite(low).all():
+        figure.add_scatter(
+            x=_short(np.r_[x, x[::-1]]), y=_short(np.r_[high, low[::-1]]), fill="toself",
+            fillcolor=color, opacity=0.18, line={"width": 0}, hoverinfo="skip", showlegend=False,
+            **shared,
+        )  # fmt: skip
+    figure.add_scatter(
+        x=_short(x), y=_short(middle), line={"color": color, "width": 1.5}, showlegend=first,
+        **shared,
     )  # fmt: skip
 
 
-def _box(drawn: Any, box: Box, first: bool, where: dict[str, int]) -> None:
-    """Quartiles as a bar, extremes as whiskers, the median as a dash."""
-    low, q1, median, q3, high = box.quantiles.tolist()
-    shared = {"x": [box.name], "legendgroup": box.name, "name": box.name, "showlegend": False}
-    drawn.add_bar(
-        **{**shared, "showlegend": first}, y=short([q3 - q1]), base=short([q1]), width=0.5,
-        marker={"color": box.color, "opacity": 0.45, "line": {"color": box.color, "width": 1.5}},
+def _box(figure: Any, name: str, color: str, err: np.ndarray, first: bool, **where: int) -> None:
+    """Quartiles as a bar, extremes as whiskers, the median as a dash.
+
+    The small bundle of plotly that pages carry has no boxes of its own.
+    """
+    low, q1, median, q3, high = np.quantile(err, [0.0, 0.25, 0.5, 0.75, 1.0]).tolist()
+    shared = {"legendgroup": name, "name": name, **where}
+    figure.add_bar(
+        x=[name], y=_short([q3 - q1]), base=_short([q1]), width=0.5, showlegend=first,
+        marker={"color": color, "opacity": 0.45, "line": {"color": color, "width": 1.5}},
         hovertemplate=f"quartiles {q1:.3g} to {q3:.3g}, median {median:.3g}, "
-        f"{low:.3g} to {high:.3g}<extra>{box.name}</extra>", **where,
+        f"{low:.3g} to {high:.3g}<extra>{name}</extra>", **shared,
     )  # fmt: skip
-    drawn.add_scatter(
-        **shared, y=short([median]), mode="markers", hoverinfo="skip",
-        marker={"symbol": "line-ew", "size": 18, "line": {"color": box.color, "width": 3}},
-        error_y={"type": "data", "symmetric": False, "array": short([high - median]),
-                 "arrayminus": short([median - low]), "color": GREY, "thickness": 1, "width": 4},
-        **where,
+    figure.add_scatter(
+        x=[name], y=_short([median]), mode="markers", hoverinfo="skip", showlegend=False,
+        marker={"symbol": "line-ew", "size": 18, "line": {"color": color, "width": 3}},
+        error_y={"type": "data", "symmetric": False, "array": _short([high - median]),
+                 "arrayminus": _short([median - low]), "color": "#8c959f", "thickness": 1,
+                 "width": 4},
+        **shared,
     )  # fmt: skip
-    if len(box.points):
-        drawn.add_scatter(
-            **{**shared, "x": [box.name] * len(box.points)}, y=short(box.points), mode="markers",
-            marker={"color": box.color, "size": 4, "opacity": 0.6}, **where,
+    if len(err) <= _MOST_POINTS:
+        figure.add_scatter(
+            x=[name] * len(err), y=_short(err), mode="markers", showlegend=False,
+            marker={"color": color, "size": 4, "opacity": 0.6}, **shared,
         )  # fmt: skip
 
 
-def short(values: Any) -> list[float | None]:
+def _short(values: Any) -> list[float | None]:
     """Numbers to four digits, as small in the page as they can be; None where there is none."""
     return [
         float(f"{value:.4g}") if math.isfinite(value) else None

@@ -10,7 +10,7 @@ from ematwin.optimizers.differential_evolution import Rand1
 from ematwin.optimizers.genetic_algorithm import Binary
 from ematwin.optimizers.genetic_operators import Children, OnePoint, Roulette
 from ematwin.optimizers.particle_swarm import Global
-from ematwin.optimizers.presets import PRESETS, SINGLE
+from ematwin.optimizers.registry import PRESETS
 
 BOX = Box([0.0, 0.0], [1.0, 1.0])
 KNOWN = {one.name: one for one in methods()}
@@ -19,7 +19,6 @@ KNOWN = {one.name: one for one in methods()}
 def test_presets_hold_methods_that_can_be_named():
     for names in PRESETS.values():
         assert set(names) <= set(KNOWN)
-    assert set(SINGLE) <= set(KNOWN)
     assert len(PRESETS["paper"]) == len(PRESETS["improved"]) == 6
 
 

@@ -1,5 +1,25 @@
-"""Optimisers of other libraries behind this package's ask/tell promise.
+"""Optimisers of other libraries behind the same ask and tell.
 
-One file a library. A library is imported when one of its optimisers is made, not before, so that
-listing the names needs none of them.
+Nothing here imports such a library before one of its algorithms is made.
 """
+
+from collections.abc import Callable
+from typing import Any
+
+from ematwin.optimizers.base import Algorithm, OptimizerFactory
+
+
+def adapted(
+    name: str,
+    title: str,
+    source: str,
+    library: str,
+    load: Callable[[], OptimizerFactory],
+    departures: str,
+    **more: Any,
+) -> Algorithm:
+    """Describe an algorithm of a library, with its own settings."""
+    return Algorithm(
+        name, title, source, library, load, requires=library, departures=departures,
+        tuned_on="nothing here: the library's own settings", **more,
+    )  # fmt: skip

@@ -12,16 +12,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from ematwin.errors import InputError
-from ematwin.optimizers.base import (
-    Box,
-    FloatArray,
-    Optimizer,
-    OptimizerFactory,
-    checked_costs,
-    whole_number,
-)
-from ematwin.optimizers.catalogue import Algorithm
+from ematwin.optimizers.adapters import adapted
+from ematwin.optimizers.base import FloatArray, PopulationOptimizer
 
 _STEP = 0.3
 _WORST = 1e300  # cma takes differences of costs
@@ -42,7 +34,7 @@ class _Normal:
         return self._rng.standard_normal(shape)
 
 
-class CmaEs(Optimizer):
+class CmaEs(PopulationOptimizer):
     """CMA-ES of the package ``cma``; the population is its popsize.
 
     Parameters
@@ -53,18 +45,7 @@ class CmaEs(Optimizer):
 
     minimum_population: ClassVar[int] = 4
 
-    def __init__(
-        self, box: Box, *, population: int = 50, iterations: int = 200, seed: int = 1
-    ) -> None:
-        self.box = box
-        self.population = whole_number(population, "population", self.minimum_population)
-        self.iterations = whole_number(iterations, "number of iterations", 1)
-        self.seed = whole_number(seed, "seed", 0)
-        self._rng = np.random.default_rng(self.seed)
-        self._pending: FloatArray | None = None
-        self._begin()
-
-    def _begin(self) -> None:
+    def _start(self) -> FloatArray:
         import cma
 
         options = {
@@ -77,41 +58,29 @@ class CmaEs(Optimizer):
         }
         first = self.box.sample(self._rng, 1)[0]
         self._strategy = cma.CMAEvolutionStrategy(first, _STEP, options)
+        return self._sampled()
 
-    def ask(self) -> FloatArray:
-        """Give the strategy's next sample."""
-        if self._pending is None:
-            if self._strategy.stop():
-                self._begin()
-            with _quiet():
-                self._solutions = self._strategy.ask()
-            self._pending = self.box.clip(np.array(self._solutions, dtype=np.float64))
-        return self._pending.copy()
+    def _move(self) -> FloatArray:
+        return self._start() if self._strategy.stop() else self._sampled()
 
-    def tell(self, points: FloatArray, costs: FloatArray) -> None:
-        """Hand the costs to the strategy."""
-        if self._pending is None:
-            raise InputError("tell() without a batch to answer: call ask() first.")
-        values = np.minimum(checked_costs(self._pending, points, costs), _WORST)
+    def _sampled(self) -> FloatArray:
         with _quiet():
-            self._strategy.tell(self._solutions, values.tolist())
-        self._pending = None
+            self._solutions = self._strategy.ask()
+        return self.box.clip(np.array(self._solutions, dtype=np.float64))
 
-
-def _load() -> OptimizerFactory:
-    return CmaEs
+    def _learn(self, points: FloatArray, costs: FloatArray) -> None:
+        with _quiet():
+            self._strategy.tell(self._solutions, np.minimum(costs, _WORST).tolist())
 
 
 ALGORITHMS = (
-    Algorithm(
+    adapted(
         "cma",
         "CMA-ES of the package cma",
         "Hansen and Ostermeier (2001), Evol. Comput. 9(2), 159-195; pycma",
         "cma",
-        _load,
-        requires="cma",
-        departures="first mean and step as this package draws them; restarts",
-        tuned_on="nothing here: the library's own settings",
+        lambda: CmaEs,
+        "first mean and step as this package draws them; restarts",
         aliases=("cma-es", "cmaes"),
     ),
 )

@@ -12,21 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.errors import InputError
-from ematwin.optimizers.base import (
-    Box,
-    FloatArray,
-    Optimizer,
-    OptimizerFactory,
-    checked_costs,
-    whole_number,
-)
-from ematwin.optimizers.catalogue import Algorithm
+from ematwin.optimizers.adapters import adapted
+from ematwin.optimizers.base import Algorithm, Box, FloatArray, PopulationOptimizer
 
 _WORST = 1e20  # nevergrad replaces costs above 5e20, with a warning for each
 
 
-class Nevergrad(Optimizer):
+class Nevergrad(PopulationOptimizer):
     """An optimiser of nevergrad.
 
     Parameters
@@ -36,21 +28,10 @@ class Nevergrad(Optimizer):
     name : str, as in nevergrad's registry
     """
 
-    def __init__(
-        self,
-        box: Box,
-        *,
-        population: int = 50,
-        iterations: int = 200,
-        seed: int = 1,
-        name: str = "TwoPointsDE",
-    ) -> None:
+    def __init__(self, box: Box, *, name: str = "TwoPointsDE", **settings: int) -> None:
         import nevergrad
 
-        self.box = box
-        self.population = whole_number(population, "population", self.minimum_population)
-        self.iterations = whole_number(iterations, "number of iterations", 1)
-        self.seed = whole_number(seed, "seed", 0)
+        super().__init__(box, **settings)
         self.name = name
         # The unit cube: nevergrad then draws first points over all of it, whatever the box.
         space = nevergrad.p.Array(shape=(box.dimension,), lower=0.0, upper=1.0)
@@ -60,42 +41,29 @@ class Nevergrad(Optimizer):
             budget=self.population * self.iterations,
             num_workers=self.population,
         )
-        self._pending: FloatArray | None = None
         self._candidates: list[Any] = []
 
-    def ask(self) -> FloatArray:
-        """Give as many of nevergrad's points as the population."""
-        if self._pending is None:
-            self._candidates = [self._optimizer.ask() for _ in range(self.population)]
-            values = [candidate.value for candidate in self._candidates]
-            unit = np.array(values, dtype=np.float64)
-            self._pending = self.box.clip(self.box.lower + unit * self.box.span)
-        return self._pending.copy()
+    def _start(self) -> FloatArray:
+        self._candidates = [self._optimizer.ask() for _ in range(self.population)]
+        unit = np.array([candidate.value for candidate in self._candidates], dtype=np.float64)
+        return self.box.clip(self.box.lower + unit * self.box.span)
 
-    def tell(self, points: FloatArray, costs: FloatArray) -> None:
-        """Hand the costs to nevergrad."""
-        if self._pending is None:
-            raise InputError("tell() without a batch to answer: call ask() first.")
-        values = np.minimum(checked_costs(self._pending, points, costs), _WORST)
-        for candidate, value in zip(self._candidates, values.tolist(), strict=True):
-            self._optimizer.tell(candidate, value)
-        self._pending, self._candidates = None, []
+    _move = _start
 
-
-def _load(name: str) -> OptimizerFactory:
-    return partial(Nevergrad, name=name)
+    def _learn(self, points: FloatArray, costs: FloatArray) -> None:
+        for candidate, cost in zip(self._candidates, costs.tolist(), strict=True):
+            self._optimizer.tell(candidate, min(cost, _WORST))
+        self._candidates = []
 
 
 def _algorithm(name: str, registered: str, title: str) -> Algorithm:
-    return Algorithm(
+    return adapted(
         f"nevergrad-{name}",
         f"{title} of nevergrad",
         f"nevergrad.optimizers.registry[{registered!r}]",
         "nevergrad",
-        partial(_load, registered),
-        requires="nevergrad",
-        departures="none",
-        tuned_on="nothing here: the library's own settings",
+        lambda: partial(Nevergrad, name=registered),
+        "none",
     )
 
 

@@ -14,12 +14,14 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from ematwin.optimizers.adapters import adapted
 from ematwin.optimizers.adapters.worker import Evaluate, ThreadedOptimizer
-from ematwin.optimizers.base import Box, FloatArray, OptimizerFactory
-from ematwin.optimizers.catalogue import Algorithm
+from ematwin.optimizers.base import Algorithm, Box, FloatArray
 
 _SEEDS = 2**31
 _WORST = 1e300  # pygmo's arithmetic on costs must stay finite
+_GOES_ON = "goes on, or restarts, where it ends"
+_ONE_BY_ONE = "; asks for one point at a time, so that its seconds say little of the method"
 
 
 class _Problem:
@@ -49,20 +51,13 @@ class Pygmo(ThreadedOptimizer):
     minimum_population: ClassVar[int] = 7
 
     def __init__(
-        self,
-        box: Box,
-        *,
-        population: int = 50,
-        iterations: int = 200,
-        seed: int = 1,
-        name: str = "de",
-        batched: bool = False,
-        **options: Any,
-    ) -> None:
-        super().__init__(box, population=population, iterations=iterations, seed=seed)
+        self, box: Box, *, name: str = "de", batched: bool = False,
+        options: dict[str, Any] | None = None, **settings: int,
+    ) -> None:  # fmt: skip
+        super().__init__(box, **settings)
         self.name = name
         self.batched = batched
-        self.options = options
+        self.options = options or {}
 
     def _search(self, evaluate: Evaluate) -> None:
         import pygmo
@@ -85,20 +80,14 @@ class Pygmo(ThreadedOptimizer):
             seed = (seed + 1) % _SEEDS
 
 
-def _load(name: str, **options: Any) -> OptimizerFactory:
-    return partial(Pygmo, name=name, **options)
-
-
-def _algorithm(name: str, title: str, **options: Any) -> Algorithm:
-    return Algorithm(
+def _algorithm(name: str, title: str, batched: bool = False, **options: float) -> Algorithm:
+    return adapted(
         f"pygmo-{name.replace('_', '-')}",
         f"{title} of pygmo",
         f"pygmo.{name}",
         "pygmo",
-        partial(_load, name, **options),
-        requires="pygmo",
-        departures="goes on, or restarts, where it ends",
-        tuned_on="nothing here: the library's own settings",
+        lambda: partial(Pygmo, name=name, batched=batched, options=options),
+        _GOES_ON if batched else _GOES_ON + _ONE_BY_ONE,
     )
 
 

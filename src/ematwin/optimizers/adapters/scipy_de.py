@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from ematwin.optimizers.adapters import adapted
 from ematwin.optimizers.adapters.worker import Evaluate, ThreadedOptimizer
-from ematwin.optimizers.base import FloatArray, OptimizerFactory
-from ematwin.optimizers.catalogue import Algorithm
+from ematwin.optimizers.base import FloatArray
 
 _FOREVER = 10**9
 
@@ -44,19 +44,13 @@ class ScipyDifferentialEvolution(ThreadedOptimizer):
             )
 
 
-def _load() -> OptimizerFactory:
-    return ScipyDifferentialEvolution
-
-
 ALGORITHMS = (
-    Algorithm(
+    adapted(
         "scipy-de",
         "Differential evolution of SciPy",
         "scipy.optimize.differential_evolution",
         "scipy",
-        _load,
-        requires="scipy",
-        departures="no convergence test, no polishing; restarts",
-        tuned_on="nothing here: the library's own settings",
+        lambda: ScipyDifferentialEvolution,
+        "no convergence test, no polishing; restarts",
     ),
 )

@@ -15,16 +15,16 @@ from typing import ClassVar
 import numpy as np
 
 from ematwin.errors import EmatwinError, InputError
-from ematwin.optimizers.base import Box, FloatArray, Optimizer, checked_costs, whole_number
+from ematwin.optimizers.base import Box, FloatArray, PopulationOptimizer
 
 Evaluate = Callable[[FloatArray], FloatArray]
 
 
-class _Closed(BaseException):
+class _ClosedError(BaseException):
     """Raised inside the library's thread to end it; no library catches it by accident."""
 
 
-class ThreadedOptimizer(Optimizer):
+class ThreadedOptimizer(PopulationOptimizer):
     """An optimiser whose library is driven from a thread.
 
     A subclass gives ``_search(evaluate)``, which calls ``evaluate`` with (m, d) points inside the
@@ -33,14 +33,8 @@ class ThreadedOptimizer(Optimizer):
 
     picklable: ClassVar[bool] = False
 
-    def __init__(
-        self, box: Box, *, population: int = 50, iterations: int = 200, seed: int = 1
-    ) -> None:
-        self.box = box
-        self.population = whole_number(population, "population", self.minimum_population)
-        self.iterations = whole_number(iterations, "number of iterations", 1)
-        self.seed = whole_number(seed, "seed", 0)
-        self._pending: FloatArray | None = None
+    def __init__(self, box: Box, **settings: int) -> None:
+        super().__init__(box, **settings)
         self._asked: SimpleQueue[FloatArray | BaseException] = SimpleQueue()
         self._told: SimpleQueue[FloatArray | None] = SimpleQueue()
         self._thread: threading.Thread | None = None
@@ -50,26 +44,7 @@ class ThreadedOptimizer(Optimizer):
         """Give the points that the library waits for."""
         if self._closed:
             raise InputError("The optimiser is closed. Make a new one.")
-        if self._pending is None:
-            if self._thread is None:
-                self._thread = threading.Thread(target=self._run, daemon=True)
-                self._thread.start()
-            answer = self._asked.get()
-            if isinstance(answer, BaseException):
-                self._closed = True
-                raise EmatwinError(
-                    f"{type(self).__name__} failed inside its library: {answer!r}."
-                ) from answer
-            self._pending = answer
-        return self._pending.copy()
-
-    def tell(self, points: FloatArray, costs: FloatArray) -> None:
-        """Hand the costs to the library."""
-        if self._pending is None:
-            raise InputError("tell() without a batch to answer: call ask() first.")
-        values = checked_costs(self._pending, points, costs)
-        self._pending = None
-        self._told.put(values)
+        return super().ask()
 
     def close(self) -> None:
         """End the thread."""
@@ -83,6 +58,23 @@ class ThreadedOptimizer(Optimizer):
             f"{type(self).__name__} keeps its state in a running thread and cannot be pickled."
         )
 
+    def _start(self) -> FloatArray:
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+        return self._move()
+
+    def _move(self) -> FloatArray:
+        answer = self._asked.get()
+        if isinstance(answer, BaseException):
+            self._closed = True
+            raise EmatwinError(
+                f"{type(self).__name__} failed inside its library: {answer!r}."
+            ) from answer
+        return answer
+
+    def _learn(self, points: FloatArray, costs: FloatArray) -> None:
+        self._told.put(costs)
+
     @abstractmethod
     def _search(self, evaluate: Evaluate) -> None: ...
 
@@ -90,7 +82,7 @@ class ThreadedOptimizer(Optimizer):
         try:
             self._search(self._evaluate)
             raise RuntimeError("the library ended its search")
-        except _Closed:
+        except _ClosedError:
             return
         except BaseException as error:
             self._asked.put(error)
@@ -99,5 +91,5 @@ class ThreadedOptimizer(Optimizer):
         self._asked.put(self.box.clip(np.array(points, dtype=np.float64)))
         costs = self._told.get()
         if costs is None:
-            raise _Closed
+            raise _ClosedError
         return costs

@@ -11,10 +11,10 @@ from numba import config
 import ematwin
 from bldc_inputs import SEVERE, history
 from ematwin import Problem, simulate
-from ematwin.comparison.study.compare import compare
-from ematwin.comparison.study.engines.cuda import CudaEngine
-from ematwin.comparison.study.execute import execute
-from ematwin.comparison.study.store import Store
+from ematwin.benchmarking.engines.cuda import CudaEngine
+from ematwin.benchmarking.execute import execute
+from ematwin.benchmarking.store import Store
+from ematwin.benchmarking.study import run_study
 from ematwin.models.bldc import batch, cuda
 from ematwin.models.bldc.channels import VOLTAGES
 from ematwin.models.bldc.constants import kernel_constants
@@ -201,7 +201,7 @@ def test_a_study_has_the_same_runs_and_shares_launches(tmp_path) -> None:
     plan = small_plan(algorithms=("pso", "gwo"), runs=2, population=4, iterations=2, scenario=SHORT)
     before = cuda.LAUNCHER.launches
     with Store(str(tmp_path / "study.db")) as store:
-        tally = compare(plan, store, CudaEngine(searches=8))
+        tally = run_study(plan, store, CudaEngine(searches=8))
         stored = {run.spec.id: run.result for run in store.runs()}
     assert tally.counts == {"done": len(plan.specs())}
     batches = 1 + 2  # for each run at most: one to compile, and its generations

@@ -1,0 +1,236 @@
+"""The whole analysis of a study, from its runs alone."""
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ematwin.benchmarking.conclusions import conclude
+from ematwin.benchmarking.convergence import (
+    STATED_MISFITS,
+    bands,
+    evaluations_to_target,
+    expected_by_case,
+)
+from ematwin.benchmarking.diagnosis import THRESHOLD, Diagnosis, diagnose
+from ematwin.benchmarking.ranks import (
+    RankComparison,
+    average_ranks,
+    compare_ranks,
+    effect_sizes,
+)
+from ematwin.benchmarking.run import StoredRun
+from ematwin.benchmarking.summary import TARGETS, matrix, summarise
+from ematwin.benchmarking.table import RunTable, collect
+from ematwin.errors import InputError
+from ematwin.optimizers.registry import PRESETS
+from ematwin.showing import markup
+from ematwin.showing.drawing import drawn
+
+
+@dataclass(frozen=True, repr=False)
+class StudyAnalysis:
+    """Everything that a report says.
+
+    Attributes
+    ----------
+    table : the runs
+    cells : DataFrame, a row for each case and algorithm: middles, quartiles, intervals, success,
+        performance coefficients
+    effects : DataFrame, a row for each case and pair of algorithms: A12
+    ranks : tests over the case means of Err%
+    ranks_by : average ranks of the algorithms by mean Err%, by median Err% and by the expected
+        running time to the middle one of the misfits
+    within : the same tests among the methods of each preset that the study has wholly, beside
+        others: more methods make more pairs, and Holm's correction then allows less
+    curves : DataFrame, shares of targets met over the evaluations, by algorithm
+    times : DataFrame, expected running times to stated misfits, by algorithm
+    diagnosis : one an algorithm
+    threshold : of the diagnosis
+    conclusions : plain sentences
+    """
+
+    table: RunTable
+    cells: Any
+    effects: Any
+    ranks: RankComparison
+    ranks_by: dict[str, dict[str, float]]
+    within: dict[str, RankComparison]
+    curves: Any
+    times: Any
+    diagnosis: list[Diagnosis]
+    threshold: float
+    conclusions: list[str]
+
+    @cached_property
+    def bands(self) -> Any:
+        """DataFrame of the quartiles of the best cost of each case and algorithm."""
+        return bands(self.table)
+
+    @property
+    def failures(self) -> Any:
+        """DataFrame of the runs that did not end well, with the message of each (stopped)."""
+        names = ["id", "case", "algorithm", "run", "status", "stopped"]
+        return self.table.frame.loc[~self.table.done, names]
+
+    def plot(self) -> dict[str, Any]:
+        """Draw all its figures, of plotly, by heading."""
+        found: dict[str, Any] = drawn(self, "all", {"all": "plot_study"})
+        return found
+
+    def to_frame(self, each: str = "cell") -> Any:
+        """Give a pandas DataFrame with a row for each "cell" (case and algorithm) or "run".
+
+        Raises
+        ------
+        InputError
+            If ``each`` is neither.
+        """
+        if each not in ("cell", "run"):
+            raise InputError(f"each must be cell or run, received {each!r}.")
+        return (self.cells if each == "cell" else self.table.frame).copy()
+
+    to_dataframe = to_frame
+
+    def __repr__(self) -> str:
+        table = self.table
+        return (
+            f"StudyAnalysis({len(table)} runs of {', '.join(table.algorithms)} on "
+            f"{len(table.cases)} cases)"
+        )
+
+    def __str__(self) -> str:
+        """Say what was run, then the conclusions."""
+        return "\n".join([f"{self._lead()}.", *self.conclusions])
+
+    def _repr_html_(self) -> str:
+        """Show the mean Err% of each case and algorithm and the conclusions in a notebook."""
+        means = matrix(self.cells, "err_mean")
+        rows = [(case, *(f"{value:.3g}" for value in row)) for case, row in means.iterrows()]
+        return "".join(
+            [
+                markup.heading(f"{self._lead()}."),
+                markup.note("Mean Err% by case and algorithm"),
+                markup.table(("case", *means.columns), rows),
+                *(markup.note(sentence) for sentence in self.conclusions),
+            ]
+        )
+
+    def _lead(self) -> str:
+        """How many runs, and which method erred least."""
+        lead = f"{len(self.table)} runs, {int(self.table.done.sum())} ended well"
+        means = matrix(self.cells, "err_mean").mean(skipna=False).dropna()
+        if len(means):
+            lead += f"; lowest mean Err%: {means.idxmin()} with {means.min():.3g}"
+        return lead
+
+    def as_dict(self) -> dict[str, Any]:
+        """Give all tables as plain values, None for what could not be computed."""
+        table, ranks = self.table, self.ranks
+        return plain({
+            "runs": len(table),
+            "done": int(table.done.sum()),
+            "kind": table.subject.kind,
+            "unknowns": table.subject.names,
+            "cases": table.cases,
+            "algorithms": table.algorithms,
+            "settings": table.settings,
+            "provenance": table.provenance,
+            "cells": _records(self.cells),
+            "effects": _records(self.effects),
+            "ranks": {
+                **{k: v for k, v in asdict(ranks).items() if k != "smallest_holm"},
+                "smallest_p_holm": ranks.smallest_holm,
+                "average_by": self.ranks_by,
+                "within_presets": {
+                    preset: [asdict(pair) for pair in found.pairs]
+                    for preset, found in self.within.items()
+                },
+            },
+            "evaluations_to_target": _records(self.curves),
+            "running_times": _records(self.times),
+            "diagnosis": {
+                "threshold": self.threshold,
+                "algorithms": [asdict(row) for row in self.diagnosis],
+            },
+            "failures": _records(self.failures),
+            "conclusions": self.conclusions,
+        })  # fmt: skip
+
+
+def analyse(
+    runs: Iterable[StoredRun],
+    *,
+    targets: tuple[float, ...] = TARGETS,
+    misfits: tuple[float, ...] = STATED_MISFITS,
+    threshold: float = THRESHOLD,
+    seed: int = 1,
+) -> StudyAnalysis:
+    """Analyse the runs of a study, in any order.
+
+    Parameters
+    ----------
+    targets : Err% whose success rates are given
+    misfits : relative misfits whose expected running times are given; ranks are by the middle one
+    threshold : deviation from healthy, as a share of the range, that counts as a fault
+    seed : of the bootstrap
+
+    Raises
+    ------
+    InputError
+        If there is no run, a target or misfit is not positive, or the threshold not in (0, 0.5).
+    MissingExtraError
+        If pandas is not installed.
+    """
+    if not (targets and all(target > 0.0 and math.isfinite(target) for target in targets)):
+        raise InputError(f"Targets of Err% must be positive, received {targets}.")
+    if not (misfits and all(0.0 < misfit < 1.0 for misfit in misfits)):
+        raise InputError(f"Misfits to reach must lie between 0 and 1, received {misfits}.")
+    if not 0.0 < threshold < 0.5:
+        raise InputError(f"The threshold must lie between 0 and 0.5, received {threshold:g}.")
+    table = collect(runs)
+    cells = summarise(table, targets, seed)
+    means, effects = matrix(cells, "err_mean"), effect_sizes(table)
+    ranks = compare_ranks(means, effects)
+    within = {
+        preset: compare_ranks(means[list(names)], effects)
+        for preset, names in PRESETS.items()
+        if set(names) < set(table.algorithms)
+    }
+    middle = misfits[len(misfits) // 2]
+    ranks_by = {
+        "mean Err%": ranks.average,
+        "median Err%": average_ranks(matrix(cells, "err_median")),
+        f"evaluations to {100.0 * middle:g} %": average_ranks(
+            matrix(expected_by_case(table, middle), "expected")
+        ),
+    }
+    curves, times = evaluations_to_target(table, misfits, seed)
+    diagnosis = diagnose(table, threshold)
+    return StudyAnalysis(
+        table, cells, effects, ranks, ranks_by, within, curves, times, diagnosis, threshold,
+        conclude(table, cells, ranks, within, diagnosis, threshold),
+    )  # fmt: skip
+
+
+def _records(frame: Any) -> list[dict[str, Any]]:
+    return [dict(zip(frame.columns, row, strict=True)) for row in frame.itertuples(index=False)]
+
+
+def plain(value: Any) -> Any:
+    """Values for JSON: None for NaN and infinity, text for keys, lists for arrays."""
+    if isinstance(value, Mapping):
+        return {
+            " -> ".join(key) if isinstance(key, tuple) else str(key): plain(item)
+            for key, item in value.items()
+        }
+    if isinstance(value, np.ndarray | np.generic):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

@@ -1,0 +1,125 @@
+"""Cases of a study: named vectors, of the kind of actuator, at random, or from a file."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ematwin.benchmarking.subject import Subject
+from ematwin.errors import InputError
+from ematwin.models.base import SEVERITY
+from ematwin.models.parameter_set import ParameterSet
+from ematwin.validation import load_toml
+
+Cases = dict[str, tuple[float, ...]]
+
+PAPER_KIND = "bldc"  # whose own cases are Table 1 of the paper (ESREL 2020)
+DEFAULT_COUNT = 50
+_FEWEST, _MOST = 2, 4  # faults at once
+_ROOM = 0.1  # share of the range beside healthy, below which no fault lies on that side
+_DIGITS = 3  # of a random fault, as a share of its range
+
+
+def cases_of(
+    text: str = "own",
+    actuator: ParameterSet | str | None = None,
+    *,
+    count: int | None = None,
+    seed: int = 1,
+) -> Cases:
+    """The cases that ``--cases`` names.
+
+    Parameters
+    ----------
+    text : "own" (those of the kind of actuator), "paper" (Table 1 of the paper: those of the
+        brushless actuator), "multi" (random vectors with two to four faults), or a TOML file with
+        a table ``[cases."name"]`` of values for each case
+    actuator : whose cases they are; the default brushless actuator if not given
+    count : int, of random cases; more of them leave the first ones as they were
+    seed : int, of the random cases
+
+    Raises
+    ------
+    InputError
+        If there are no such cases.
+    """
+    subject = Subject.of(actuator)
+    if count is not None and text != "multi":
+        raise InputError(f"--count belongs to --cases multi, received --cases {text}.")
+    if text == "paper" and subject.kind != PAPER_KIND:
+        raise InputError(
+            f"--cases paper is for the kind {PAPER_KIND}, and {subject.actuator.name} is of the "
+            f"kind {subject.kind}; choose own, multi or a TOML file."
+        )
+    if text in ("own", "paper"):
+        own = subject.model.cases(subject.actuator)
+        return {name: subject.vector(values) for name, values in own.items()}
+    if text == "multi":
+        return multi_cases(DEFAULT_COUNT if count is None else count, seed, subject.actuator)
+    if text.lower().endswith(".toml") or Path(text).is_file():
+        return cases_from_file(Path(text), subject.actuator)
+    raise InputError(f"There are no cases {text!r}; choose own, paper, multi or a TOML file.")
+
+
+def multi_cases(count: int, seed: int, actuator: ParameterSet | str | None = None) -> Cases:
+    """Random cases with several faults at once (the paper's future work)."""
+    if count < 1:
+        raise InputError(f"The number of cases must be at least 1, received {count}.")
+    subject = Subject.of(actuator)
+    return {f"Multi {n + 1:03d}": _random_vector(subject, seed, n) for n in range(count)}
+
+
+def cases_from_file(path: Path, actuator: ParameterSet | str | None = None) -> Cases:
+    """Cases of a TOML file: one table ``[cases."name"]`` each, what is not given is healthy."""
+    subject = Subject.of(actuator)
+    table = load_toml(path, "cases")
+    found = table.get("cases")
+    extra = [key for key in table if key != "cases"]
+    if not isinstance(found, dict) or not found or extra:
+        what = f"received {extra[0]!r}" if extra else "there is none"
+        raise InputError(
+            f'{path} must hold tables [cases."name"] of fault magnitudes and nothing else; {what}.'
+        )
+    cases = {}
+    for name, values in found.items():
+        if not isinstance(values, dict):
+            raise InputError(
+                f"Case {name!r} of {path} must be a table such as friction = 0.3, received "
+                f"{values!r}."
+            )
+        try:
+            cases[str(name)] = subject.vector(values)
+        except InputError as error:
+            raise InputError(f"Case {name!r} of {path}: {error}") from None
+    return cases
+
+
+def _random_vector(subject: Subject, seed: int, n: int) -> tuple[float, ...]:
+    """Two to four faults, each somewhere between healthy and a bound."""
+    rng = np.random.default_rng(np.random.SeedSequence([seed, n]))
+    faults = {subject.names[place]: subject.unknowns[place] for place in subject.magnitudes}
+    most = min(_MOST, len(faults))
+    size = rng.integers(min(_FEWEST, most), most + 1)
+    chosen = rng.choice(list(faults), size=size, replace=False)
+    directions = {subject.names[m]: subject.unknowns[d] for m, d in subject.directions}
+    values = {}
+    for name in sorted(map(str, chosen)):
+        one = faults[name]
+        share = float(rng.uniform(*subject.model.severities.get(name, SEVERITY)))
+        healthy = (one.healthy - one.lower) / one.width
+        if min(healthy, 1.0 - healthy) >= _ROOM:
+            sign = float(rng.choice([-1.0, 1.0]))
+        else:
+            sign = 1.0 if healthy < 0.5 else -1.0
+        reach = 1.0 - healthy if sign > 0.0 else healthy
+        values[name] = _value(one, healthy + sign * share * reach)
+        if name in directions:
+            direction = directions[name]
+            values[direction.name] = _value(direction, float(rng.uniform(0.0, 1.0)))
+    return subject.vector(values)
+
+
+def _value(unknown: Any, share: float) -> float:
+    """The value at a share of a range, rounded to a readable one."""
+    value = unknown.lower + round(share, _DIGITS) * unknown.width
+    return float(min(max(value, unknown.lower), unknown.upper))

@@ -1,0 +1,136 @@
+"""`compare`: algorithms compared fairly, from Python: runs, store and analysis in one call."""
+
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from ematwin.benchmarking.analysis import StudyAnalysis, analyse
+from ematwin.benchmarking.cases import Cases, cases_of
+from ematwin.benchmarking.diagnosis import THRESHOLD
+from ematwin.benchmarking.engines.local import LocalEngine
+from ematwin.benchmarking.plan import Plan
+from ematwin.benchmarking.store import Store
+from ematwin.benchmarking.study import Tally, run_study
+from ematwin.benchmarking.subject import Subject
+from ematwin.benchmarking.summary import TARGETS
+from ematwin.benchmarking.table import check_extra
+from ematwin.errors import InputError
+from ematwin.models.scenario import Scenario
+from ematwin.numerics.side_by_side import cores
+from ematwin.recordings.noise import Noise
+from ematwin.showing.bars import told
+
+Progress = Callable[[Tally], None]
+
+
+def compare(
+    algorithms: str | Iterable[str] = "paper",
+    cases: str | Mapping[str, Mapping[str, float]] = "own",
+    *,
+    runs: int = 10,
+    population: int = 50,
+    iterations: int = 200,
+    seed: int = 1,
+    noise: Noise | None = None,
+    box: str = "plain",
+    actuator: Any = None,
+    scenario: Scenario | str | None = None,
+    store: str | Path | None = None,
+    workers: int | None = None,
+    backend: str = "cpu",
+    time_limit: float | None = None,
+    retry_failed: bool = False,
+    targets: tuple[float, ...] = TARGETS,
+    threshold: float = THRESHOLD,
+    progress: Progress | bool | None = None,
+) -> StudyAnalysis:
+    """Compare search algorithms on the same recordings with the same budget.
+
+    Parameters
+    ----------
+    algorithms : names of ``ematwin algorithms``, those of `ematwin.register` among them, or
+        presets: paper, improved, best
+    cases : "own" (those of the kind), "multi" (random faults at once), a TOML file, or a mapping
+        of names to faults: ``{"worn": {"friction": 0.4}}``
+    runs : repetitions of each case with each algorithm
+    population, iterations : their product is the budget of each run
+    seed : of the study; all others follow from it
+    noise : of the sensors, or None
+    box : "plain", or "remapped", where healthy is not in a corner
+    actuator : of any kind, or the name of one; None takes the default brushless actuator
+    scenario : of the recordings; None takes the default of the kind
+    store : file or URL in which the runs are kept: runs that it holds are not done again. None
+        keeps them only until they are analysed
+    workers : processes on this machine; None takes one for each core
+    backend : "cpu"; or "cpu-single", where costs are simulated in single precision, twice as fast
+        (brushless actuators)
+    time_limit : s, of a run
+    retry_failed : do again what ended otherwise than done
+    targets : Err% whose success rates are given
+    threshold : deviation from healthy, as a share of the range, that counts as a fault
+    progress : True shows a bar, in a terminal or a notebook; else called with a `Tally`
+
+    Returns
+    -------
+    StudyAnalysis, of all runs in the store
+
+    Raises
+    ------
+    InputError
+        If an algorithm or case is unknown, or a number cannot be used.
+    FileError
+        If the store holds another study, or cannot be written.
+    MissingExtraError
+        If pandas is not installed.
+    """
+    check_extra()
+    if workers is not None and workers < 1:
+        raise InputError(f"workers must be at least 1, received {workers}.")
+    subject = Subject.of(actuator)
+    plan = Plan(
+        cases=_cases(cases, subject, seed),
+        algorithms=(algorithms,) if isinstance(algorithms, str) else tuple(algorithms),
+        runs=runs,
+        population=population,
+        iterations=iterations,
+        seed=seed,
+        noise=noise,
+        box=box,
+        actuator=subject.actuator,
+        scenario=scenario,
+    )
+    subject.model.check_backend(backend)
+    engine = LocalEngine(workers or cores(), time_limit, backend=backend)
+    with _kept(store) as opened, told(progress, "runs", _shown) as tell:
+        run_study(plan, opened, engine, retry_failed=retry_failed, progress=tell)
+        return analyse(opened.runs(), targets=targets, threshold=threshold)
+
+
+def _cases(given: str | Mapping[str, Mapping[str, float]], subject: Subject, seed: int) -> Cases:
+    if isinstance(given, str):
+        return cases_of(given, subject.actuator, seed=seed)
+    found = {}
+    for name, values in given.items():
+        try:
+            found[str(name)] = subject.vector(values)
+        except InputError as error:
+            raise InputError(f"Case {name!r}: {error}") from None
+    return found
+
+
+@contextmanager
+def _kept(store: str | Path | None) -> Iterator[Store]:
+    """The store; one that goes with the call if none is given."""
+    if store is not None:
+        with Store(store) as opened:
+            yield opened
+        return
+    with tempfile.TemporaryDirectory() as folder, Store(Path(folder) / "study.db") as opened:
+        yield opened
+
+
+def _shown(tally: Tally) -> tuple[float, str]:
+    """The share done of a study, and words beside it."""
+    return tally.complete / max(tally.planned, 1), f"{tally.complete} of {tally.planned}"

@@ -1,0 +1,165 @@
+"""Plain sentences of what a study shows and what it does not, each guarded by its numbers."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ematwin.benchmarking.diagnosis import Diagnosis
+from ematwin.benchmarking.ranks import ALPHA, RankComparison
+from ematwin.benchmarking.table import RunTable
+
+ENOUGH = 5  # runs of a case and algorithm, below which nothing is claimed
+_TO_ZERO = {"gwo", "woa", "da"}  # families whose moves scale the coordinates themselves
+
+
+def conclude(
+    table: RunTable,
+    cells: Any,
+    ranks: RankComparison,
+    within: dict[str, RankComparison],
+    diagnosis: list[Diagnosis],
+    threshold: float,
+) -> list[str]:
+    """Give the sentences, most important first."""
+    return [
+        *_runs(table, cells),
+        *_differences(ranks),
+        *(
+            f"Among the methods of the preset {preset} alone: {text[0].lower()}{text[1:]}"
+            for preset, found in within.items()
+            for text in _pairs(found)
+        ),
+        *_diagnosis(diagnosis, threshold),
+        *_mixtures(table),
+        *_limits(table),
+    ]
+
+
+def counted(number: int, noun: str) -> str:
+    """ "1 case", "2 cases"."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
+def _runs(table: RunTable, cells: Any) -> list[str]:
+    done, failed = int(table.done.sum()), int((~table.done).sum())
+    sentences = [f"{done} of {len(table)} runs ended well."]
+    if failed:
+        sentences[0] += (
+            f" Those that did not ({failed}) count as failures in the success rates, lose every "
+            "comparison of runs, and have no Err% to average."
+        )
+    if not done:
+        return [*sentences, "No run has a result: no errors, times or ranks can be given."]
+    missing = cells[cells["done"] == 0]
+    if len(missing):
+        named = [f"{cell.algorithm} on {cell.case}" for cell in missing.head(5).itertuples()]
+        more = f" and {len(missing) - 5} more" if len(missing) > 5 else ""
+        sentences.append(f"No result yet: {', '.join(named)}{more}.")
+    fewest = int(cells["done"].min())
+    if fewest < ENOUGH:
+        sentences.append(
+            f"Some cases have fewer than {ENOUGH} runs of a method (the fewest {fewest}): their "
+            "spread is poorly known, and nothing is claimed about single cases."
+        )
+    return sentences
+
+
+def _differences(ranks: RankComparison) -> list[str]:
+    if not all(map(math.isfinite, ranks.average.values())):
+        return list(ranks.notes)
+    listed = ", ".join(f"{name} {ranks.average[name]:.2f}" for name in ranks.order)
+    sentences = [
+        f"Average rank by mean Err% over {counted(len(ranks.blocks), 'case')}, 1 the best: "
+        f"{listed}."
+    ]
+    if math.isfinite(ranks.friedman_p):
+        test = f"Friedman test: chi-squared {ranks.friedman:.3g}, p = {ranks.friedman_p:.2g}"
+        if ranks.friedman_p >= ALPHA:
+            sentences.append(
+                f"{test}. That the algorithms differ in Err% cannot be concluded; the order above "
+                "may be chance."
+            )
+            return [*sentences, *ranks.notes]
+        sentences.append(f"{test}: the algorithms differ in Err%.")
+    return [*sentences, *_pairs(ranks), *ranks.notes]
+
+
+def _pairs(ranks: RankComparison) -> list[str]:
+    """Which pairs differ after Holm's correction."""
+    different = [pair for pair in ranks.pairs if pair.p_holm < ALPHA]
+    if not ranks.pairs:
+        return []
+    if not different:
+        return [
+            "No pair of algorithms differs significantly after Holm's correction: which of two is "
+            "the better cannot be concluded."
+        ]
+    before = []
+    for n, better in enumerate(ranks.order):
+        worse = [other for other in ranks.order[n + 1 :] if ranks.differ(better, other)]
+        if worse:
+            before.append(f"{better} before {', '.join(worse)}")
+    rest = (
+        " Nothing can be concluded about the others." if len(different) < len(ranks.pairs) else ""
+    )
+    return [
+        f"Of {len(ranks.pairs)} pairs, {len(different)} differ after Holm's correction (p at most "
+        f"{max(pair.p_holm for pair in different):.2g}): {'; '.join(before)}.{rest}"
+    ]
+
+
+def _diagnosis(diagnosis: list[Diagnosis], threshold: float) -> list[str]:
+    known = sorted((row for row in diagnosis if row.runs), key=lambda row: -row.exact / row.runs)
+    if not known:
+        return []
+    shares = ", ".join(f"{row.algorithm} {100.0 * row.exact / row.runs:.0f} %" for row in known)
+    return [
+        f"With a deviation of {threshold:g} of the range counted as a fault, the faults were named "
+        f"exactly, none missed and none false, in this share of the runs: {shares}."
+    ]
+
+
+def _mixtures(table: RunTable) -> list[str]:
+    """Settings that differ between the runs although they should not."""
+    sentences = [
+        f"The runs differ in {name} ({', '.join(values)}): averages over them mix unlike things."
+        for name, values in table.settings.items()
+        if len(values) > 1
+    ]
+    machines = len(table.provenance.get("machine", ()))
+    if machines > 1:
+        sentences.append(
+            f"The runs were made on several machines ({machines}): their seconds should not be "
+            "compared, nor coefficients built on them."
+        )
+    return sentences
+
+
+def _limits(table: RunTable) -> list[str]:
+    sentences = [
+        "Spread and intervals here come from repeating the search with other seeds. They are "
+        "search spread, not measurement uncertainty, and say nothing about how far the twin is "
+        "from a real actuator: the records are simulated."
+    ]
+    subject, boxes = table.subject, table.settings.get("search box", ())
+    corner = (subject.healthy == subject.lower) | (subject.healthy == subject.upper)
+    zero = subject.healthy == 0.0
+    if "plain" in boxes and (corner | zero).any():
+        drawn = [name for name in table.algorithms if name.partition("-")[0] in _TO_ZERO]
+        favoured = [f"{', '.join(drawn)} (drawn to the origin)"] if drawn and zero.any() else []
+        favoured += ["every method that clips at the bounds"] if corner.any() else []
+        special = int((corner | zero).sum())
+        sentences.append(
+            f"{special} of the {len(corner)} healthy values lie at a bound of this search box or "
+            f"at the origin, which favours {' and '.join(favoured) or 'methods drawn there'}. "
+            "Repeat the study with the remapped box before concluding that a method is good at "
+            "finding faults."
+        )
+    if "remapped" in boxes and np.any(corner):
+        sentences.append(
+            "In the remapped box a healthy value lies beside a cliff, where the plain box has a "
+            "wall, so all methods err more. What a method loses between the boxes it owed to the "
+            "corner of the plain one."
+        )
+    return sentences

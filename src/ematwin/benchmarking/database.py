@@ -1,0 +1,214 @@
+"""The database under a store: how it is opened, and what is done when it does not answer.
+
+SQLite keeps one file with a rollback journal: each commit is on the disk before it returns, and a
+killed process leaves nothing that the next opening does not mend. PostgreSQL is reached by its URL.
+"""
+
+import logging
+import os
+import sqlite3
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+from sqlalchemy import Connection, Engine, create_engine, event
+from sqlalchemy.engine import URL, make_url
+from sqlalchemy.exc import ArgumentError, DBAPIError, NoSuchModuleError
+
+from ematwin.benchmarking.rows import DamagedError
+from ematwin.errors import FileError, InputError, MissingExtraError
+
+Answer = TypeVar("Answer")
+
+_LOG = logging.getLogger("ematwin")
+_MAGIC = b"SQLite format 3\0"
+_BUSY = 5.0  # s that SQLite itself waits for a lock
+_CONNECT = 10  # s
+_PASSING = ("locked", "busy")  # words of SQLite for what another moment may change
+_DAMAGE = ("malformed", "not a database", "decode", "unsupported file", "no such column", "corrupt")
+
+
+class Database:
+    """Transactions on a SQLite file or a PostgreSQL database.
+
+    Parameters
+    ----------
+    where : path of a file, or URL such as postgresql://user@host/name
+    patience : float, s, for which a database that does not answer is tried again
+
+    Raises
+    ------
+    InputError
+        If it is another kind of URL.
+    MissingExtraError
+        If the driver of PostgreSQL is not installed.
+    FileError
+        If the file is no SQLite database.
+    """
+
+    def __init__(self, where: str | Path, patience: float = 120.0) -> None:
+        self.patience = patience
+        self.url = _url(str(where))
+        self.path = None if self.url.database is None or self.is_server else Path(self.url.database)
+        self.name = str(self.path or self.url.render_as_string(hide_password=True))
+        if self.path is not None:
+            _check_file(self.path)
+        self._readers = _engine(self.url)
+        self._writers = self._readers.execution_options(ematwin_writes=True)
+
+    @property
+    def is_server(self) -> bool:
+        """Whether it is PostgreSQL."""
+        return self.url.get_backend_name() == "postgresql"
+
+    @property
+    def exists(self) -> bool:
+        """Whether there is anything yet; a server always is."""
+        return self.path is None or (self.path.exists() and self.path.stat().st_size > 0)
+
+    def check_writable(self) -> None:
+        """Raise `FileError` if the file, or a new one in its folder, cannot be written."""
+        if self.path is None:
+            return
+        folder = self.path.parent
+        if not (folder.is_dir() and os.access(folder, os.W_OK)):
+            raise FileError(
+                f"Cannot write the store {self.path}: the folder {folder} is missing or "
+                "read-only. Choose a folder that exists and is yours."
+            )
+        if self.path.exists() and not os.access(self.path, os.W_OK):
+            raise FileError(f"Cannot write the store {self.path}: the file is read-only.")
+
+    def check_whole(self) -> None:
+        """Raise `DamagedError` if SQLite finds its file damaged; a server looks after its own.
+
+        The whole check and not the quick one: only it compares the indexes, from which ids and
+        statuses are read, with the rows. It reads 270 MB in a second.
+        """
+        if self.path is None or not self.exists:
+            return
+        found = self.read(
+            lambda connection: connection.exec_driver_sql("PRAGMA integrity_check(1)").first()
+        )
+        if found is None or found[0] != "ok":
+            said = " ".join(str(found and found[0]).split())
+            raise DamagedError(ascii(said.removeprefix("*** in database main *** "))[1:-1][:100])
+
+    def read(self, work: Callable[[Connection], Answer], patient: bool = True) -> Answer:
+        """Do ``work`` in a transaction that only reads; it may be done more than once."""
+        return self._do(self._readers, work, patient)
+
+    def write(self, work: Callable[[Connection], Answer]) -> Answer:
+        """Do ``work`` in a transaction of its own; it may be done more than once."""
+        return self._do(self._writers, work, True)
+
+    def close(self) -> None:
+        """Let go of the database."""
+        self._readers.dispose()
+
+    def _do(self, engine: Engine, work: Callable[[Connection], Answer], patient: bool) -> Answer:
+        end = time.monotonic() + (self.patience if patient else 0.0)
+        pause = 0.1
+        while True:
+            try:
+                with engine.begin() as connection:
+                    return work(connection)
+            except UnicodeDecodeError:
+                raise DamagedError("a text that is no UTF-8") from None
+            except DBAPIError as error:
+                left = end - time.monotonic()
+                if not _is_passing(error) or left <= 0.0:
+                    raise self._refusal(error) from None
+                if pause == 0.1:
+                    _LOG.warning(
+                        "The store %s does not answer; trying again for %.0f s.", self.name, left
+                    )
+                time.sleep(min(pause, left))
+                pause = min(2.0 * pause, 2.0)
+
+    def _refusal(self, error: DBAPIError) -> FileError:
+        """Put the database's complaint into a sentence."""
+        cause = " ".join(str(error.orig).split()) or type(error.orig).__name__
+        if "full" in cause or getattr(error.orig, "sqlstate", None) == "53100":
+            return FileError(
+                f"The disk of the store {self.name} is full ({cause}). Finished runs are kept; "
+                "make room and give the same command again."
+            )
+        if type(error.orig) is sqlite3.DatabaseError or any(word in cause for word in _DAMAGE):
+            said = "a text that is no UTF-8" if "decode" in cause else cause
+            return DamagedError(ascii(said)[1:-1][:100])
+        return FileError(
+            f"The store {self.name} cannot be used: {cause.rstrip('.?')}. Finished runs are kept; "
+            "give the same command again once it can."
+        )
+
+
+def _is_passing(error: DBAPIError) -> bool:
+    """Whether another moment may bring another answer."""
+    cause = error.orig
+    if isinstance(cause, sqlite3.Error):
+        return any(word in str(cause) for word in _PASSING)
+    state = str(getattr(cause, "sqlstate", None) or "")
+    if not state:
+        return type(cause).__name__ in {"OperationalError", "InterfaceError"}
+    # 08: connection lost; 57P: shutting down or starting; 40, 55P: others were in the way
+    return state[:2] in {"08", "40"} or state[:3] in {"57P", "55P"}
+
+
+def _url(text: str) -> URL:
+    if "://" not in text:
+        return URL.create("sqlite", database=text)
+    try:
+        url = make_url(text)
+        backend = url.get_backend_name()
+    except (ArgumentError, NoSuchModuleError):
+        backend = ""
+    if backend == "sqlite" and url.database:
+        return URL.create("sqlite", database=url.database)
+    if backend not in {"postgresql", "postgres"}:
+        kind = text.split("://")[0]
+        raise InputError(
+            f"A store is a file or a URL postgresql://user@host/name, received {kind}://."
+        )
+    try:
+        import psycopg  # noqa: F401  # checked here, for the message
+    except ImportError:
+        raise MissingExtraError("psycopg", "postgres", "A PostgreSQL store") from None
+    return url.set(drivername="postgresql+psycopg")
+
+
+def _check_file(path: Path) -> None:
+    """Before SQLite sees it: a missing file may become one, another kind of file may not."""
+    try:
+        if path.is_dir():
+            raise FileError(f"The store {path} is a folder. Give the name of a file.")
+        if path.exists():
+            with path.open("rb") as file:
+                head = file.read(len(_MAGIC))
+            if head and head != _MAGIC:
+                raise FileError(
+                    f"{path} is not a study store but another kind of file. Give another --store."
+                )
+    except PermissionError as error:
+        raise FileError(f"Cannot read the store {path}: {error.strerror}.") from None
+
+
+def _engine(url: URL) -> Engine:
+    if url.get_backend_name() == "postgresql":
+        return create_engine(
+            url, pool_size=1, pool_pre_ping=True, connect_args={"connect_timeout": _CONNECT}
+        )
+    engine = create_engine(url, connect_args={"timeout": _BUSY})
+
+    @event.listens_for(engine, "connect")
+    def _connected(connection: Any, _: Any) -> None:
+        connection.isolation_level = None  # transactions are begun below, not by the driver
+
+    @event.listens_for(engine, "begin")
+    def _begun(connection: Connection) -> None:
+        # a writer takes the lock at once: two readers that both want to write would deadlock
+        writes = connection.get_execution_options().get("ematwin_writes", False)
+        connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
+
+    return engine

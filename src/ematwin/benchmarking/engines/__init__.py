@@ -1,0 +1,1 @@
+"""Engines carry runs to processors: local processes, a Dask cluster, or one GPU."""

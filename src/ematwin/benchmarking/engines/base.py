@@ -1,0 +1,65 @@
+"""The promise of an engine."""
+
+from abc import ABC, abstractmethod
+
+from ematwin.benchmarking.run import RunResult, RunSpec
+from ematwin.errors import EmatwinError
+
+PATIENCE = 60.0  # s for which workers that are gone are waited for: a busy machine needs as long
+
+
+class EngineError(EmatwinError):
+    """An engine cannot be reached, or was lost in the middle of a study."""
+
+
+class Engine(ABC):
+    """Carries runs to processes that do them, each run on one thread.
+
+    An engine is given as many runs as it has `free` places, so that a run begins when it is
+    submitted. A process that dies takes no run with it: the run is done again, unless it is the
+    run that kills.
+    """
+
+    name: str
+
+    @abstractmethod
+    def start(self) -> None:
+        """Make ready, or raise `EngineError`."""
+
+    @property
+    @abstractmethod
+    def free(self) -> int:
+        """Runs that could begin now."""
+
+    @property
+    @abstractmethod
+    def busy(self) -> int:
+        """Runs that were submitted and have not come back."""
+
+    @abstractmethod
+    def submit(self, spec: RunSpec) -> None:
+        """Begin a run."""
+
+    @abstractmethod
+    def finished(self, timeout: float) -> list[RunResult]:
+        """Give results that have come back; wait up to ``timeout`` s for the first.
+
+        Raises
+        ------
+        EngineError
+            If the engine was lost.
+        """
+
+    @abstractmethod
+    def close(self) -> None:
+        """End all processes that the engine started, at once."""
+
+
+def given_up(spec: RunSpec, engine: str, time_limit: float | None, overdue: bool) -> RunResult:
+    """Make the result of a run whose process died each time, or was ended by the watchdog."""
+    provenance = {"engine": engine}
+    if overdue:
+        text = f"ran past its time limit of {time_limit:g} s and did not answer; process ended"
+        return RunResult(spec.id, "timeout", stopped=text, provenance=provenance)
+    text = "its process died each time that it was tried"
+    return RunResult(spec.id, "failed", stopped=text, provenance=provenance)

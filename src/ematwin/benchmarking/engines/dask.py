@@ -1,0 +1,233 @@
+"""A Dask cluster: a scheduler given by its address, or one that is started on this machine.
+
+A scheduler starts a run again elsewhere when its worker dies, three times. The workers must have
+one thread each, because a run is one thread and the watchdog ends the whole process. A scheduler
+that is gone, or all of whose workers are, is waited for, and then gets what was in flight again.
+"""
+
+import logging
+import queue
+import time
+from contextlib import suppress
+from typing import Any
+
+from ematwin.benchmarking.engines.base import PATIENCE, Engine, EngineError, given_up
+from ematwin.benchmarking.execute import execute, hard_limit
+from ematwin.benchmarking.run import RunResult, RunSpec
+from ematwin.errors import MissingExtraError
+
+_CONNECT = 10.0  # s
+_LOOK = 2.0  # s between two looks at the workers, or two trials to connect
+
+
+class DaskEngine(Engine):
+    """Workers of a Dask scheduler.
+
+    Parameters
+    ----------
+    scheduler : address such as tcp://host:8786, or None to start one with ``workers`` here
+    workers : int
+    time_limit : float, s, of a run, or None
+    patience : float, s, for which a scheduler or workers that are gone are waited for
+    backend : what simulates the candidates (`execute`)
+
+    Raises
+    ------
+    MissingExtraError
+        If Dask is not installed.
+    """
+
+    name = "dask"
+
+    def __init__(
+        self,
+        scheduler: str | None,
+        workers: int,
+        time_limit: float | None = None,
+        patience: float = PATIENCE,
+        backend: str = "cpu",
+    ) -> None:
+        try:
+            import distributed
+        except ImportError:
+            raise MissingExtraError("distributed", "dask", "The engine dask") from None
+        self._distributed = distributed
+        self._address = scheduler
+        self._workers = workers
+        self._limit = time_limit
+        self._patience = patience
+        self._backend = backend
+        self._cluster: Any = None
+        self._client: Any = None
+        self._slots = 0
+        self._looked = 0.0
+        self._answered = 0.0  # when there were workers last
+        self._flights: dict[str, tuple[RunSpec, Any, float]] = {}
+        self._again: dict[str, RunSpec] = {}  # were in flight when the scheduler was lost
+        self._events: queue.SimpleQueue[tuple[str, Any]] = queue.SimpleQueue()
+
+    def start(self) -> None:  # noqa: D102
+        # what they would log about lost connections is said once, as a sentence
+        for name in list(logging.root.manager.loggerDict):
+            if name.split(".")[0] in {"distributed", "tornado", "asyncio"}:
+                logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+        if self._address is None:
+            self._cluster = self._distributed.LocalCluster(
+                n_workers=self._workers,
+                threads_per_worker=1,
+                dashboard_address=None,
+                silence_logs=logging.CRITICAL,
+            )
+        self._answered = time.monotonic()
+        try:
+            self._connect()
+        except (OSError, ValueError, TypeError) as error:
+            self.close()
+            raise EngineError(
+                f"The scheduler at {self._address} does not answer ({_short(error)}). Start it "
+                "with: dask scheduler, and check the address."
+            ) from None
+        while not self._look():
+            if time.monotonic() - self._answered > self._patience:
+                self.close()
+                raise EngineError(
+                    f"The scheduler at {self._address} has no workers. Start some with: "
+                    f"dask worker {self._address} --nthreads 1"
+                )
+            time.sleep(0.2)
+
+    @property
+    def busy(self) -> int:  # noqa: D102
+        return len(self._flights) + len(self._again)
+
+    @property
+    def free(self) -> int:  # noqa: D102
+        return max(0, self._slots - self.busy)
+
+    def submit(self, spec: RunSpec) -> None:  # noqa: D102
+        self._again[spec.id] = spec
+        self._send()
+
+    def finished(self, timeout: float) -> list[RunResult]:  # noqa: D102
+        self._watch()
+        self._send()
+        results: list[RunResult] = []
+        try:
+            while True:
+                id, future = self._events.get(timeout=0.0 if results else timeout)
+                if id in self._flights and self._flights[id][1] is future:
+                    results += self._land(id)
+        except queue.Empty:
+            return results
+
+    def close(self) -> None:  # noqa: D102
+        if self._client is not None and self._flights:
+            with suppress(Exception):
+                self._client.cancel([flight[1] for flight in self._flights.values()], force=True)
+        self._disconnect()
+        if self._cluster is not None:
+            with suppress(Exception):
+                self._cluster.close(timeout=5)
+        self._cluster = None
+        self._flights.clear()
+        self._again.clear()
+
+    def _connect(self) -> None:
+        self._client = self._distributed.Client(
+            self._cluster or self._address, timeout=_CONNECT, set_as_default=False
+        )
+
+    def _disconnect(self) -> None:
+        """Let go of the scheduler; what was in flight waits to be sent again."""
+        client, self._client, self._slots = self._client, None, 0
+        self._again |= {id: flight[0] for id, flight in self._flights.items()}
+        self._flights.clear()
+        if client is not None:
+            with suppress(Exception):
+                client.close(timeout=5)
+
+    def _send(self) -> None:
+        """Begin the runs that wait, as far as there are workers."""
+        for id, spec in list(self._again.items()):
+            if self._client is None or len(self._flights) >= self._slots:
+                return
+            run = execute, spec, self._limit, self.name, self._backend
+            try:
+                # impure: another client of this scheduler may have asked for the same run
+                future = self._client.submit(*run, pure=False, key=None, retries=0)
+            except Exception:
+                self._disconnect()
+                return
+            del self._again[id]
+            self._flights[id] = (spec, future, time.monotonic())
+            future.add_done_callback(lambda done, id=id: self._events.put((id, done)))
+
+    def _land(self, id: str) -> list[RunResult]:
+        spec, future, since = self._flights[id]
+        if future.status in {"cancelled", "lost"}:
+            self._disconnect()
+            return []
+        try:
+            result: RunResult = future.result(timeout=_CONNECT)
+        except self._distributed.KilledWorker:
+            seconds = time.monotonic() - since
+            overdue = self._limit is not None and seconds >= hard_limit(self._limit)
+            result = given_up(spec, self.name, self._limit, overdue)
+        except (OSError, TimeoutError):
+            self._disconnect()
+            return []
+        except Exception as error:
+            result = RunResult(id, "failed", stopped=f"{type(error).__name__}: {error}")
+        del self._flights[id]
+        return [result]
+
+    def _watch(self) -> None:
+        """Look for workers now and then; connect again where the scheduler is gone.
+
+        Raises
+        ------
+        EngineError
+            If nobody has answered for too long.
+        """
+        running = self._client is not None and self._client.status in {"running", "newly-created"}
+        if running and time.monotonic() - self._looked < _LOOK:
+            return
+        if not running:
+            self._disconnect()
+            if time.monotonic() - self._looked >= _LOOK:
+                self._looked = time.monotonic()
+                with suppress(OSError, ValueError, TypeError):
+                    self._connect()
+        if self._client is not None and self._look():
+            return
+        if time.monotonic() - self._answered > self._patience:
+            what = "was lost" if self._client is None else "has lost all of its workers"
+            raise EngineError(
+                f"The scheduler at {self._address} {what}, for {self._patience:g} s now. Finished "
+                "runs are kept; start it and its workers, and give the same command again."
+            )
+
+    def _look(self) -> int:
+        """Count the workers; as many runs go out at once."""
+        try:
+            threads = self._client.nthreads()
+        except Exception:
+            self._disconnect()
+            return 0
+        self._looked = time.monotonic()
+        wide = [address for address, n in threads.items() if n != 1]
+        if wide:
+            self.close()
+            raise EngineError(
+                f"The worker {wide[0]} has {threads[wide[0]]} threads, but a run is one thread. "
+                "Start the workers with: dask worker ... --nthreads 1"
+            )
+        self._slots = len(threads)
+        if self._slots:
+            self._answered = self._looked
+        return self._slots
+
+
+def _short(error: BaseException) -> str:
+    text = " ".join(str(error).split()) or type(error).__name__
+    return text if len(text) <= 120 else text[:117] + "..."

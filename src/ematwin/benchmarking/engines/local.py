@@ -1,0 +1,231 @@
+"""Processes on this machine, by loky (joblib): one pool of one process for each worker.
+
+loky gives up a whole pool when one of its processes dies. With a pool for each process a death is
+blamed on the run that it did, and its neighbours go on. A busy machine kills processes that have
+done nothing wrong, so what dies is tried again, with pauses.
+"""
+
+import os
+import queue
+import signal
+import threading
+import time
+from concurrent.futures import BrokenExecutor, Future
+from typing import Any
+
+from ematwin.benchmarking.engines.base import PATIENCE, Engine, EngineError, given_up
+from ematwin.benchmarking.execute import execute, hard_limit, warm_up
+from ematwin.benchmarking.run import RunResult, RunSpec
+from ematwin.models.base import Model
+from ematwin.models.registry import register_model, registered_models
+from ematwin.optimizers.base import Algorithm
+from ematwin.optimizers.registry import register, registered
+
+# one run, one core: no library may share it out again
+_ENVIRONMENT = {
+    name: "1"
+    for name in (
+        "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS",
+        "VECLIB_MAXIMUM_THREADS", "BLIS_NUM_THREADS",
+    )
+}  # fmt: skip
+
+# loky replaces a process that grew by 300 MB since its first call, and warns of a memory leak. The
+# compiler takes more than that, once: the process would lose its records and kernels for nothing.
+_LEAK = 2_000_000_000
+_DEATHS = 3  # in a row, after which a process may be given up
+_PAUSES = (0.5, 10.0)  # s before the first trial after a death, and at most
+
+
+class LocalEngine(Engine):
+    """Worker processes on this machine.
+
+    Parameters
+    ----------
+    workers : int
+    time_limit : float, s, of a run, or None
+    patience : float, s, for which processes that die are started again
+    backend : what simulates the candidates (`execute`)
+    """
+
+    name = "local"
+
+    def __init__(
+        self,
+        workers: int,
+        time_limit: float | None = None,
+        patience: float = PATIENCE,
+        backend: str = "cpu",
+    ) -> None:
+        self._limit = time_limit
+        self._patience = patience
+        self._backend = backend
+        self._events: queue.SimpleQueue[tuple[_Worker, Future[Any]]] = queue.SimpleQueue()
+        self._workers = [_Worker(self._events) for _ in range(workers)]
+
+    def start(self) -> None:  # noqa: D102
+        while not all(worker.ready for worker in self._workers):
+            self.finished(0.1)
+
+    @property
+    def free(self) -> int:  # noqa: D102
+        return sum(worker.ready and worker.spec is None for worker in self._workers)
+
+    @property
+    def busy(self) -> int:  # noqa: D102
+        return sum(worker.spec is not None for worker in self._workers)
+
+    def submit(self, spec: RunSpec) -> None:  # noqa: D102
+        worker = next(one for one in self._workers if one.ready and one.spec is None)
+        worker.spec = spec
+        self._launch(worker)
+
+    def finished(self, timeout: float) -> list[RunResult]:  # noqa: D102
+        for worker in self._workers:
+            worker.start_if_due()
+        results: list[RunResult] = []
+        try:
+            while True:
+                worker, future = self._events.get(timeout=0.0 if results else timeout)
+                if future is worker.future:
+                    results += self._land(worker, future)
+        except queue.Empty:
+            return results
+
+    def close(self) -> None:  # noqa: D102
+        for worker in self._workers:
+            worker.end()
+
+    def _launch(self, worker: "_Worker") -> None:
+        worker.submit(execute, worker.spec, self._limit, self.name, self._backend)
+
+    def _land(self, worker: "_Worker", future: "Future[Any]") -> list[RunResult]:
+        """Take in that a process has started, has done a run, or has died."""
+        error = future.exception()
+        if isinstance(error, BrokenExecutor):
+            return self._recover(worker, error)
+        if not worker.ready:
+            worker.ready = True
+            if worker.spec is not None:  # its process had died
+                self._launch(worker)
+            return []
+        spec = worker.spec
+        assert spec is not None
+        worker.spec, worker.deaths = None, 0
+        if error is not None:  # the result could not be carried back
+            return [RunResult(spec.id, "failed", stopped=f"{type(error).__name__}: {error}")]
+        return [future.result()]
+
+    def _recover(self, worker: "_Worker", error: BaseException) -> list[RunResult]:
+        """Try again with a new process, or give up the run, or the engine."""
+        spec, seconds, started = worker.spec, time.monotonic() - worker.submitted, worker.ready
+        # loky names the signal that ended a process; the watchdog exits without one
+        by_watchdog = started and self._limit is not None and "SIG" not in str(error)
+        overdue = by_watchdog and seconds >= hard_limit(self._limit or 0.0)
+        worker.died()
+        in_vain = worker.deaths >= _DEATHS and time.monotonic() - worker.since >= self._patience
+        if spec is not None and (overdue or (started and in_vain)):
+            worker.spec, worker.deaths, worker.due = None, 0, 0.0
+            return [given_up(spec, self.name, self._limit, overdue)]
+        if in_vain:
+            raise EngineError(
+                f"The worker processes die as soon as they start ({type(error).__name__}), "
+                f"{worker.deaths} times in {self._patience:g} s. Finished runs are kept; see "
+                "whether there is enough memory, and give the same command again."
+            )
+        return []
+
+
+class _Worker:
+    """A process that is started again when it dies.
+
+    Attributes
+    ----------
+    spec : the run that it does, or None
+    ready : bool, its process has started
+    future : of what it does now
+    submitted : float, of the monotonic clock, s, when that began
+    deaths : int, in a row
+    since, due : float, when it died first, and when it may be started again
+    """
+
+    def __init__(self, events: "queue.SimpleQueue[tuple[_Worker, Future[Any]]]") -> None:
+        self._events = events
+        self._pool: Any = None
+        self.spec: RunSpec | None = None
+        self.ready = False
+        self.future: Future[Any] | None = None
+        self.submitted = 0.0
+        self.deaths = 0
+        self.since = self.due = 0.0
+
+    def start_if_due(self) -> None:
+        """Start the process if there is none and the pause is over."""
+        if self._pool is not None or time.monotonic() < self.due:
+            return
+        from joblib.externals.loky import ProcessPoolExecutor
+
+        self._pool = ProcessPoolExecutor(
+            max_workers=1,
+            timeout=None,
+            initializer=_prepare_worker,
+            initargs=(os.getpid(), registered(), registered_models()),
+            env=_ENVIRONMENT,
+        )
+        self.submit(warm_up)  # a run's clock starts when it is submitted: somebody must be there
+
+    def submit(self, function: Any, *arguments: Any) -> None:
+        """Let the process do something; an event says when it has."""
+        self.submitted = time.monotonic()
+        try:
+            future: Future[Any] = self._pool.submit(function, *arguments)
+        except (BrokenExecutor, RuntimeError, OSError) as error:  # it died while it was idle
+            future = Future()
+            future.set_exception(BrokenExecutor(str(error)))
+        self.future = future
+        future.add_done_callback(lambda done: self._events.put((self, done)))
+
+    def died(self) -> None:
+        """Note a death, and when the next process may start: each pause is twice the last."""
+        now = time.monotonic()
+        self.since = self.since if self.deaths else now
+        self.due = now + min(_PAUSES[0] * 2.0**self.deaths, _PAUSES[1])
+        self.deaths += 1
+        self.end()
+
+    def end(self) -> None:
+        """End the process."""
+        pool, self._pool, self.future, self.ready = self._pool, None, None, False
+        if pool is not None:
+            # loky's own thread may stumble over the processes that are killed under it
+            hook, threading.excepthook = threading.excepthook, lambda _: None
+            try:
+                pool.shutdown(wait=True, kill_workers=True)
+            finally:
+                threading.excepthook = hook
+
+
+def _prepare_worker(
+    parent: int, algorithms: tuple[Algorithm, ...], models: tuple[Model, ...]
+) -> None:
+    """Leave Ctrl-C to the main process, end with it even if it is killed, and compile in peace.
+
+    ``algorithms`` and ``models`` are those that the main process has registered.
+    """
+    from joblib.externals.loky import process_executor
+
+    for one in algorithms:
+        register(one.name, one.load(), title=one.title, source=one.source)
+    for model in models:
+        register_model(model)
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    process_executor._MAX_MEMORY_LEAK_SIZE = _LEAK
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(0.5)
+        os._exit(1)
+
+    if os.name == "posix":
+        threading.Thread(target=watch, name="ematwin-parent", daemon=True).start()

@@ -1,0 +1,248 @@
+"""Do one run: `RunSpec` in, `RunResult` out, whatever happens in between.
+
+A plain function of plain values, so that any engine can carry it. It never raises: a search that
+raises, takes too long or finds nothing finite is a result too.
+
+A search is limited in time twice. Between two batches the clock is looked at, which ends a slow
+method in good order. Behind it a watchdog ends the whole process of one that never comes back;
+the engine notices the death and records the run as timed out.
+"""
+
+import faulthandler
+import json
+import math
+import os
+import platform
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import cache, lru_cache
+from typing import Any
+
+import numpy as np
+
+from ematwin import __version__
+from ematwin.benchmarking.box import boxed
+from ematwin.benchmarking.run import RunResult, RunSpec, pack
+from ematwin.benchmarking.subject import Subject
+from ematwin.errors import EmatwinError
+from ematwin.estimation.problem import Problem
+from ematwin.estimation.search import find, named
+from ematwin.models.scenario import Scenario
+from ematwin.recordings.noise import Noise
+
+_KERNELS = {
+    "cpu": "numba on CPU, one thread",
+    "cpu-single": "numba on CPU, one thread, costs in single precision",
+    "cuda": "numba-cuda on a GPU",
+}
+_RECORDS = 16  # kept in a worker; runs that share one are neighbours in a plan
+_PREPARING = threading.Lock()  # runs in threads shall share a record, not make it twice
+
+
+class _TimeUpError(Exception):
+    """The search ran past its time limit; caught within this module."""
+
+
+def hard_limit(time_limit: float) -> float:
+    """Seconds after which the watchdog ends a process whose search was to end by itself."""
+    return 1.2 * time_limit + 2.0
+
+
+def execute(
+    spec: RunSpec, time_limit: float | None = None, engine: str = "none", backend: str = "cpu"
+) -> RunResult:
+    """Do a run.
+
+    Parameters
+    ----------
+    spec : RunSpec
+    time_limit : float, s, for the search alone, or None
+    engine : name of what carries it, for the provenance
+    backend : of the model (`Model.backends`). With "cuda" threads of this process may do many runs,
+        and the GPU is theirs together; else it does one at a time. Costs agree to rounding, so it
+        is provenance, not part of the id
+
+    Returns
+    -------
+    RunResult, also of a run that failed; ``status`` and ``stopped`` then say how
+    """
+    origin = provenance(engine, backend)
+    alone = backend != "cuda"
+    clock = _Clock(time_limit, time.process_time if alone else time.thread_time)
+    try:
+        subject, problem = _prepared(spec, backend)
+        with clock.running(), _watchdog(time_limit if alone else None):
+            search = named(spec.algorithm, population=spec.population, iterations=spec.iterations)
+            found = find(
+                boxed(problem, spec.box),
+                search,
+                budget=spec.population * spec.iterations,
+                seed=spec.seed,
+                progress=clock.look,
+            )
+    except _TimeUpError:
+        return _ended(
+            spec, "timeout", f"ran past its time limit of {time_limit:g} s", clock, origin
+        )
+    except Exception as error:
+        if clock.evaluations and not clock.any_finite:
+            stopped = f"no finite cost in {clock.evaluations} evaluations"
+            return _ended(spec, "not finite", stopped, clock, origin)
+        kind = "" if isinstance(error, EmatwinError) else f"{type(error).__name__}: "
+        return _ended(spec, "failed", f"{kind}{error}" or kind, clock, origin)
+    pair = subject.values(found.point), subject.values(spec.faults)
+    return RunResult(
+        id=spec.id,
+        status="done",
+        faults=tuple(found.point.tolist()),
+        cost=float(found.cost),
+        relative_misfit=problem.relative_misfit(found.cost),
+        err=subject.model.error_percent(*pair, subject.actuator),
+        err_wrapped=subject.model.error_percent_wrapped(*pair, subject.actuator),
+        evaluations=found.evaluations,
+        seconds=clock.seconds,
+        cpu_seconds=clock.cpu_seconds,
+        history=pack(*found.history.T),
+        stopped=str(found.stopped),
+        provenance=origin,
+    )
+
+
+def warm_up() -> None:
+    """Load what every run needs, so that the first one is not slower than the others."""
+    from ematwin.models.registry import models
+    from ematwin.numerics import compile  # noqa: F401  # the compiler: half a second
+
+    models()
+
+
+class _Clock:
+    """Time and evaluations of a search, and its limit.
+
+    Attributes
+    ----------
+    seconds, cpu_seconds : float, NaN before it ran
+    evaluations : int, so far
+    any_finite : bool, some candidate had a finite cost
+    """
+
+    def __init__(self, limit: float | None, cpu: Callable[[], float]) -> None:
+        self._limit = limit
+        self._cpu = cpu
+        self._wall = 0.0
+        self.seconds = self.cpu_seconds = math.nan
+        self.evaluations = 0
+        self.any_finite = False
+
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        """Measure the block."""
+        self._wall, cpu = time.perf_counter(), self._cpu()
+        try:
+            yield
+        finally:
+            self.seconds = time.perf_counter() - self._wall
+            self.cpu_seconds = self._cpu() - cpu
+
+    def look(self, evaluations: int, cost: float, budget: int) -> None:
+        """Note where the search stands; end it if its time is up."""
+        self.evaluations = evaluations
+        self.any_finite = self.any_finite or math.isfinite(cost)
+        if self._limit is not None and time.perf_counter() - self._wall > self._limit:
+            raise _TimeUpError
+
+
+def _ended(
+    spec: RunSpec, status: str, stopped: str, clock: _Clock, origin: dict[str, Any]
+) -> RunResult:
+    return RunResult(
+        spec.id,
+        status,
+        evaluations=clock.evaluations,
+        seconds=clock.seconds,
+        cpu_seconds=clock.cpu_seconds,
+        stopped=stopped,
+        provenance=origin,
+    )
+
+
+@contextmanager
+def _watchdog(time_limit: float | None) -> Iterator[None]:
+    """End this process if the block takes much longer than the limit.
+
+    faulthandler's timer runs outside the interpreter, so that neither a held lock nor compiled
+    code keeps it from acting.
+    """
+    if time_limit is None:
+        yield
+        return
+    with open(os.devnull, "w") as sink:
+        faulthandler.dump_traceback_later(hard_limit(time_limit), exit=True, file=sink)
+        try:
+            yield
+        finally:
+            faulthandler.cancel_dump_traceback_later()
+
+
+def _prepared(spec: RunSpec, backend: str) -> tuple[Subject, Problem]:
+    """Give what is searched of a run's recording; runs that share a recording share it."""
+    # where nothing in a recording is drawn at random, its seed changes nothing
+    seeded = spec.noise is not None or _subject(json.dumps(spec.actuator)).model.noisy
+    seed = spec.record_seed if seeded else 0
+    inputs = (spec.actuator, spec.scenario, spec.faults, spec.model, spec.noise, seed)
+    with _PREPARING:
+        return _simulated(json.dumps(inputs), backend)
+
+
+@lru_cache(maxsize=_RECORDS)
+def _simulated(inputs: str, backend: str) -> tuple[Subject, Problem]:
+    actuator, scenario, faults, fidelity, noise, seed = json.loads(inputs)
+    subject = _subject(json.dumps(actuator))
+    recording = subject.model.simulate(
+        subject.actuator,
+        Scenario.model_validate(scenario),
+        subject.values(faults),
+        fidelity=fidelity,
+        noise=None if noise is None else Noise(**noise),
+        seed=seed,
+    )
+    problem = Problem.of(recording, subject.actuator, threads=1, backend=backend)
+    problem.costs(np.array([faults]))  # compiles, or loads what was compiled, outside any clock
+    return subject, problem
+
+
+@lru_cache(maxsize=_RECORDS)
+def _subject(actuator: str) -> Subject:
+    return Subject.stored(json.loads(actuator))
+
+
+@cache
+def provenance(engine: str, backend: str = "cpu") -> dict[str, Any]:
+    """Versions, machine and kernel backend of this process."""
+    import numba
+    import scipy
+
+    return {
+        "ematwin": __version__,
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "scipy": scipy.__version__,
+        "numba": numba.__version__,
+        "machine": socket.gethostname(),
+        "processor": _processor(),
+        "system": platform.platform(),
+        "kernel": _KERNELS[backend],
+        "engine": engine,
+    }
+
+
+def _processor() -> str:
+    try:
+        with open("/proc/cpuinfo", encoding="utf-8") as text:
+            names = [line.split(":", 1)[1].strip() for line in text if "model name" in line]
+    except OSError:
+        names = []
+    return names[0] if names else platform.processor() or platform.machine()

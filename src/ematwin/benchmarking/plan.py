@@ -1,0 +1,158 @@
+"""A study before it runs: what is compared, and the list of runs that follows from it.
+
+The same seed gives the same runs. Each run's seed is drawn from the seed of the study and the names
+of its case and algorithm, so that more cases, algorithms or runs leave the others as they were.
+"""
+
+import hashlib
+import json
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from ematwin.benchmarking.box import check_box
+from ematwin.benchmarking.cases import Cases
+from ematwin.benchmarking.run import RunSpec
+from ematwin.benchmarking.subject import Subject
+from ematwin.errors import InputError
+from ematwin.estimation.search import expanded, named
+from ematwin.models.parameter_set import ParameterSet
+from ematwin.models.recorded import recorded_columns
+from ematwin.models.scenario import KINDS_OF_HISTORY, Profile, Scenario
+from ematwin.models.simulating import check_seed
+from ematwin.recordings.noise import Noise
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a study compares.
+
+    Parameters
+    ----------
+    cases : mapping of names to vectors (d,) of the actuator's faults and nuisances
+    algorithms : names of ``ematwin algorithms``, or presets: paper, improved, best; aliases
+        become names
+    runs : int, repetitions of each case with each algorithm
+    population, iterations : int; their product is the budget of each run
+    seed : int
+    noise : of the current sensor, or None
+    box : "plain" or "remapped", see `ematwin.benchmarking.box`
+    actuator : of any kind, or the name of one; None takes the default brushless actuator
+    scenario : of the recordings; None takes the default of the kind
+
+    Raises
+    ------
+    InputError
+        If an algorithm is unknown, a case is of another kind, or a number cannot be used.
+    MissingExtraError
+        If an algorithm's library is not installed.
+    """
+
+    cases: Cases
+    algorithms: tuple[str, ...] = ("paper",)
+    runs: int = 10
+    population: int = 50
+    iterations: int = 200
+    seed: int = 1
+    noise: Noise | None = None
+    box: str = "plain"
+    actuator: ParameterSet | str | None = None
+    scenario: Scenario | str | None = None
+
+    def __post_init__(self) -> None:
+        for name, value in [
+            ("runs", self.runs), ("population", self.population), ("iterations", self.iterations)
+        ]:  # fmt: skip
+            if value < 1:
+                raise InputError(f"The number of {name} must be at least 1, received {value}.")
+        check_seed(self.seed)
+        check_box(self.box)
+        subject = Subject.of(self.actuator)
+        scenario = subject.model.load_scenario(self.scenario)
+        subject.model.check_scenario(scenario, subject.actuator)
+        names = expanded(self.algorithms)
+        if not names or not self.cases:
+            raise InputError("A study needs at least one case and one algorithm.")
+        for case, vector in self.cases.items():
+            if len(vector) != len(subject.names):
+                raise InputError(
+                    f"Case {case!r} has {len(vector)} values, but {subject.actuator.name} has "
+                    f"{len(subject.names)}: {', '.join(subject.names)}."
+                )
+        budget = self.population * self.iterations
+        for name in names:
+            smallest = named(name).smallest_budget
+            if budget < smallest:
+                raise InputError(
+                    f"{name} needs a budget (population times iterations) of at least "
+                    f"{smallest}, received {budget}."
+                )
+        object.__setattr__(self, "algorithms", names)
+        object.__setattr__(self, "actuator", subject.actuator)
+        object.__setattr__(self, "scenario", _self_contained(scenario))
+
+    def settings(self) -> dict[str, Any]:
+        """What all runs of a study share, and what therefore identifies it, as plain values."""
+        subject = Subject.of(self.actuator)
+        assert isinstance(self.scenario, Scenario)
+        values = {
+            "seed": int(self.seed),
+            "population": self.population,
+            "iterations": self.iterations,
+            "noise": None if self.noise is None else asdict(self.noise),
+            "box": self.box,
+            "actuator": subject.plain(),
+            "scenario": self.scenario.model_dump(mode="json"),
+            "model": subject.model.fidelities[0],
+        }
+        plain: dict[str, Any] = json.loads(json.dumps(values))
+        return plain
+
+    def specs(self) -> list[RunSpec]:
+        """All runs; those that share a record stand together, so that workers simulate it once."""
+        shared = self.settings()
+        seed = shared.pop("seed")
+        records = {
+            (case, run): derived_seed(seed, "record", case, run)
+            for case in self.cases
+            for run in range(self.runs)
+        }
+        return [
+            RunSpec(
+                case=case,
+                faults=faults,
+                algorithm=algorithm,
+                run=run,
+                seed=derived_seed(seed, "search", case, algorithm, run),
+                record_seed=records[case, run],
+                **shared,
+            )
+            for case, faults in self.cases.items()
+            for run in range(self.runs)
+            for algorithm in self.algorithms
+        ]
+
+
+def derived_seed(seed: int, *names: str | int) -> int:
+    """A seed of 32 bits that depends on ``seed`` and on all of ``names``."""
+    digest = hashlib.sha256(json.dumps(names).encode()).digest()
+    return int(np.random.SeedSequence([seed, *digest]).generate_state(1, np.uint32)[0])
+
+
+def _self_contained(scenario: Scenario) -> Scenario:
+    """The scenario with recorded files read: another machine does not have them."""
+
+    def read(part: Any) -> Any:
+        if not (isinstance(part, Profile) and part.file is not None and part.column is not None):
+            return part
+        columns = recorded_columns(
+            part.file, {"time": ("s",), part.column: KINDS_OF_HISTORY}, optional={}
+        )
+        since = columns["time"] - columns["time"][0]
+        return Profile(time=since.tolist(), value=columns[part.column].tolist())
+
+    histories = {
+        name: [read(part) for part in getattr(scenario, name)] for name in ("command", "load")
+    }
+    return scenario.model_copy(update=histories)

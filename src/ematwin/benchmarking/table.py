@@ -1,0 +1,192 @@
+"""The runs of a study as one table: a row for each run, in an order that no run decides.
+
+A store may hold a hundred thousand runs, so each is dropped once its numbers and at most
+`HISTORY_POINTS` points of its history are taken.
+"""
+
+import math
+import re
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+
+from ematwin.benchmarking.run import StoredRun, unpack
+from ematwin.benchmarking.subject import Subject
+from ematwin.errors import InputError, MissingExtraError
+from ematwin.estimation.search import methods
+from ematwin.showing.frames import frame_of_rows
+
+HISTORY_POINTS = 100  # kept of a run: improvements, evenly thinned
+_INPUTS = ("run", "seed", "record_seed", "population", "iterations")
+_NUMBERS = (
+    "err", "err_wrapped", "cost", "relative_misfit", "evaluations", "seconds", "cpu_seconds",
+)  # fmt: skip
+
+History = tuple[np.ndarray, np.ndarray]
+
+
+def check_extra() -> None:
+    """Raise `MissingExtraError` unless pandas, which the analysis needs, is there."""
+    if find_spec("pandas") is None:
+        raise MissingExtraError("pandas", "study", "The analysis of a study")
+
+
+@dataclass(frozen=True)
+class RunTable:
+    """Runs of a study.
+
+    Attributes
+    ----------
+    subject : the actuator and its d searched unknowns
+    cases, algorithms : names, those of the kind and of ``ematwin algorithms`` first and in their
+        order
+    frame : DataFrame, a row for each run, ordered by case, algorithm and repetition: id, case,
+        algorithm, run, seeds, budget, status, err and other numbers (NaN unless done), stopped,
+        injected_ and found_ of each unknown
+    histories : evaluations and best cost of each row, thinned; both empty if it kept none
+    settings, provenance : how many runs have which value, by name
+    """
+
+    subject: Subject
+    cases: list[str]
+    algorithms: list[str]
+    frame: Any
+    histories: list[History]
+    settings: dict[str, Counter[str]]
+    provenance: dict[str, Counter[str]]
+
+    def __len__(self) -> int:
+        return len(self.frame)
+
+    @property
+    def done(self) -> np.ndarray:
+        """(R,) bool array: the run ended well and has an error."""
+        return np.asarray(self.frame["status"] == "done")
+
+    @cached_property
+    def cells(self) -> dict[tuple[str, str], np.ndarray]:
+        """Places of the rows of each case and algorithm, empty where there are none."""
+        groups = self.frame.groupby(["case", "algorithm"], sort=False).indices
+        none = np.empty(0, dtype=int)
+        return {(c, a): groups.get((c, a), none) for c in self.cases for a in self.algorithms}
+
+
+def collect(runs: Iterable[StoredRun]) -> RunTable:
+    """Gather runs, in any order, into a table.
+
+    Raises
+    ------
+    InputError
+        If there is no run, or they are of actuators with different unknowns.
+    """
+    subjects: dict[int, tuple[Any, Subject]] = {}  # runs of one study share the actuator's values
+    rows: list[dict[str, Any]] = []
+    histories: list[History] = []
+    settings: dict[str, Counter[str]] = {}
+    provenance: dict[str, Counter[str]] = {}
+    for stored in runs:
+        spec, result = stored.spec, stored.result
+        key = id(spec.actuator)
+        if key not in subjects:
+            subjects[key] = spec.actuator, Subject.stored(spec.actuator)
+            _check_alike(*(next(iter(subjects.values()))[1], subjects[key][1]))
+        names = subjects[key][1].names
+        done = result.status == "done" and math.isfinite(result.err)
+        rows.append(
+            {
+                "id": result.id, "case": spec.case, "algorithm": spec.algorithm,
+                **{name: getattr(spec, name) for name in _INPUTS},
+                "status": "not finite" if result.status == "done" and not done else result.status,
+                **{name: getattr(result, name) for name in _NUMBERS},
+                "stopped": result.stopped,
+                **{f"injected_{name}": k for name, k in zip(names, spec.faults, strict=True)},
+                **{f"found_{name}": k for name, k in zip(names, result.faults, strict=False)},
+            }
+        )  # fmt: skip
+        histories.append(thinned(result.history))
+        _count(settings, _settings(stored, subjects[key][1]))
+        _count(provenance, {k: str(v) for k, v in result.provenance.items()})
+    if not rows:
+        raise InputError("The store holds no runs: there is nothing to report.")
+    subject = next(iter(subjects.values()))[1]
+    cases = _in_order({row["case"] for row in rows}, subject.model.cases(subject.actuator))
+    known = [method.name for method in methods()]
+    algorithms = _in_order({row["algorithm"] for row in rows}, known)
+    case_place = {name: n for n, name in enumerate(cases)}
+    place = {name: n for n, name in enumerate(algorithms)}
+
+    def key_of(n: int) -> tuple[int, int, int, str]:
+        row = rows[n]
+        return case_place[row["case"]], place[row["algorithm"]], row["run"], row["id"]
+
+    order = sorted(range(len(rows)), key=key_of)
+    return RunTable(
+        subject, cases, algorithms, frame_of_rows(rows[n] for n in order),
+        [histories[n] for n in order], settings, provenance,
+    )  # fmt: skip
+
+
+def thinned(packed: bytes, most: int = HISTORY_POINTS) -> History:
+    """Give the points where the best cost improved, and the last; at most ``most`` of them.
+
+    A target may so seem to be met later than it was, by one kept step, and never earlier.
+    """
+    evaluations, cost = unpack(packed)
+    known = np.isfinite(cost)
+    evaluations, best = evaluations[known], np.minimum.accumulate(cost[known])
+    if not len(best):
+        return evaluations, best
+    keep = np.flatnonzero(np.r_[True, best[1:] < best[:-1]])
+    keep = np.union1d(keep, len(best) - 1)
+    if len(keep) > most:
+        keep = keep[np.linspace(0, len(keep) - 1, most).round().astype(int)]
+    return evaluations[keep], best[keep]
+
+
+def _check_alike(first: Subject, other: Subject) -> None:
+    one, two = (
+        [(u.name, u.healthy, u.lower, u.upper) for u in subject.unknowns]
+        for subject in (first, other)
+    )
+    if one != two:
+        raise InputError(
+            f"The runs are of {first.actuator.name} and {other.actuator.name}, whose unknowns "
+            "differ. Report them apart."
+        )
+
+
+def _settings(stored: StoredRun, subject: Subject) -> dict[str, str]:
+    spec = stored.spec
+    noise = "of a usual rig" if subject.model.noisy else "none"
+    if spec.noise is not None:
+        noise = str(dict(sorted(spec.noise.items())))
+    return {
+        "population x iterations": f"{spec.population} x {spec.iterations}",
+        "search box": spec.box,
+        "sensor noise": noise,
+        "record made by": f"{spec.model} model",
+        "actuator": str(spec.actuator.get("name", "unnamed")),
+        "scenario": str(spec.scenario.get("name", "unnamed")),
+    }
+
+
+def _count(counters: dict[str, Counter[str]], values: dict[str, str]) -> None:
+    for name, value in values.items():
+        counters.setdefault(name, Counter())[value] += 1
+
+
+def _in_order(names: set[str], known: Iterable[str]) -> list[str]:
+    """Known names in their order, then the others, numbers within them counting as numbers."""
+    first = [name for name in known if name in names]
+    others = sorted(
+        names - set(first),
+        key=lambda name: [
+            (int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", name)
+        ],
+    )
+    return first + others

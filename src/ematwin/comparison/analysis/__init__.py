@@ -1,1 +1,0 @@
-"""Analysis of a study: errors, performance coefficient, rank tests, convergence, diagnosis."""

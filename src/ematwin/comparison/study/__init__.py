@@ -1,1 +1,0 @@
-"""Studies: many searches compared fairly, resumable, on one machine or many."""

@@ -1,1 +1,0 @@
-"""What carries runs to processors: local processes, or a Dask cluster."""

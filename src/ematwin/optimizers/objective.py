@@ -1,0 +1,144 @@
+"""The objective of a search, called with a whole batch or point by point, its answers checked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ematwin.errors import EmatwinError, InputError
+from ematwin.optimizers.base import FloatArray
+
+Objective = Callable[[FloatArray], ArrayLike]
+"""(N, d) points to (N,) costs; or, with ``vectorized=False``, a (d,) point to its cost.
+
+Lower is better; NaN or infinite means "as bad as can be".
+"""
+
+
+@runtime_checkable
+class LimitedObjective(Protocol):
+    """An objective that can stop evaluating a point once its cost is known to be too high."""
+
+    def __call__(self, points: FloatArray) -> ArrayLike:
+        """(N, d) points to (N,) costs."""
+        ...  # pragma: no cover
+
+    def costs_within(self, points: FloatArray, limits: FloatArray) -> ArrayLike:
+        """The same costs; those above a limit (N,) may be given as infinite."""
+        ...  # pragma: no cover
+
+
+Evaluate = Callable[[FloatArray, bool, FloatArray | None], FloatArray]
+"""Points of a batch, whether it is the first of the search, and limits (N,), to costs."""
+
+
+def evaluator(objective: Objective, vectorized: bool | None) -> Evaluate:
+    """Give what evaluates a batch; ``vectorized`` as of `ematwin.optimizers.loop.minimize`."""
+    if vectorized is None:
+        return _whichever(objective)
+    return _batchwise(objective) if vectorized else _pointwise(objective)
+
+
+def _batchwise(objective: Objective) -> Evaluate:
+    """Evaluate a whole batch in one call; the first also so that a mistake shows."""
+
+    limited = objective if isinstance(objective, LimitedObjective) else None
+
+    def evaluate(points: FloatArray, first: bool, limits: FloatArray | None) -> FloatArray:
+        if limited is not None and limits is not None and not first:
+            within = limits
+            return costs_of(points, False, lambda rows: limited.costs_within(rows, within))
+        # An objective of one point takes rows for variables and gives one number a column. Where
+        # there are as many rows as columns this looks right: a piece of the batch does not.
+        count, variables = points.shape
+        pieces = [points[:-1], points[-1:]] if first and count == variables > 1 else [points]
+        return np.concatenate([costs_of(piece, first, objective) for piece in pieces])
+
+    def costs_of(points: FloatArray, first: bool, asked: Objective) -> FloatArray:
+        try:
+            answer = _answer(asked, points.copy(), first, _ONE_POINT)
+        except IndexError as error:
+            if not first or len(points) >= points.shape[1]:
+                raise
+            raise InputError(
+                f"The objective failed at {len(points)} points of {points.shape[1]} variables: "
+                f"{error}. {_ONE_POINT}"
+            ) from error
+        if answer.shape != (len(points),):
+            raise InputError(
+                f"The objective must give one cost per point: for points of shape {points.shape} "
+                f"it gave shape {answer.shape}. {_ONE_POINT}"
+            )
+        return answer
+
+    return evaluate
+
+
+def _whichever(objective: Objective) -> Evaluate:
+    """Evaluate in whole batches if the objective can take the first one, else point by point."""
+    chosen: Evaluate | None = None
+
+    def evaluate(points: FloatArray, first: bool, limits: FloatArray | None) -> FloatArray:
+        nonlocal chosen
+        if chosen is None:
+            try:
+                costs = _batchwise(objective)(points, True, limits)
+            except (IndexError, TypeError, ValueError) as error:  # as one of one point gives
+                alone = _pointwise(objective)
+                try:
+                    costs = alone(points, False, limits)
+                except EmatwinError:  # it takes neither: what a batch gave tells more
+                    raise error from None
+                chosen = alone
+            else:
+                chosen = _batchwise(objective)
+            return costs
+        return chosen(points, first, limits)
+
+    return evaluate
+
+
+def _pointwise(objective: Objective) -> Evaluate:
+    """Evaluate a batch point by point."""
+
+    def evaluate(points: FloatArray, first: bool, limits: FloatArray | None) -> FloatArray:
+        return np.array([cost_of(point, first) for point in points])
+
+    def cost_of(point: FloatArray, first: bool) -> float:
+        answer = _answer(objective, point.copy(), first, _WHOLE_BATCH)
+        if answer.size != 1:
+            raise InputError(
+                f"The objective must give one cost: for a point of shape {point.shape} it gave "
+                f"shape {answer.shape}. {_WHOLE_BATCH}"
+            )
+        return float(answer.item())
+
+    return evaluate
+
+
+_ONE_POINT = (
+    "It receives a whole batch, one row per point; for an objective of one point give "
+    "vectorized=False."
+)
+_WHOLE_BATCH = (
+    "It receives one point at a time; for an objective of a whole batch leave out vectorized=False."
+)
+
+
+def _answer(objective: Objective, points: FloatArray, first: bool, advice: str) -> FloatArray:
+    """What the objective gives, as numbers."""
+    try:
+        answer = objective(points)
+    except (IndexError, TypeError, ValueError) as error:
+        if first and not isinstance(error, EmatwinError):
+            error.add_note(advice)  # this mistake, perhaps; an error of its own stays what it is
+        raise
+    try:
+        return np.asarray(answer, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"The objective must give numbers, received {type(answer).__name__}. {advice}"
+        ) from error

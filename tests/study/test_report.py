@@ -1,0 +1,197 @@
+"""The report: a page in a browser, tables that can be read again, a command."""
+
+import csv
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+from synthetic import done, failed, spec, study, vector
+
+from ematwin.benchmarking import page
+from ematwin.benchmarking.analysis import StudyAnalysis, analyse
+from ematwin.benchmarking.page import write_report
+from ematwin.benchmarking.rows import settings_of
+from ematwin.benchmarking.store import Store
+from ematwin.benchmarking.tables import number
+from ematwin.errors import FileError
+from ematwin.plots.study import MOST_CASES, plot_study
+
+FILES = {
+    "index.html", "results.csv", "results.parquet", "cells.csv", "effects.csv", "targets.csv",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def small() -> StudyAnalysis:
+    runs = list(study(3, cases=("Low F", "High Z")))
+    runs[7] = failed(runs[7].spec, "timeout", "=no end after 60 s <b>")
+    return analyse(runs)
+
+
+@pytest.fixture(scope="module")
+def report(small: StudyAnalysis, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("study") / "report"
+    assert set(write_report(small, folder)) == FILES
+    return folder
+
+
+def test_the_page_draws_every_figure_in_a_browser_without_errors_or_network(
+    report: Path, small: StudyAnalysis, tmp_path: Path
+) -> None:
+    seen = subprocess.run(
+        [
+            "chromium", "--headless", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr",
+            "--host-resolver-rules=MAP * ~NOTFOUND", f"--user-data-dir={tmp_path}",
+            "--virtual-time-budget=8000", "--dump-dom", (report / "index.html").as_uri(),
+        ],
+        capture_output=True, text=True, timeout=120, check=True,
+    )  # fmt: skip
+    assert [one for one in seen.stderr.splitlines() if "CONSOLE" in one and "rror" in one] == []
+    assert seen.stdout.count('class="main-svg"') >= len(small.plot()) == 6
+    body = re.sub(r"<script.*?</script>", "", (report / "index.html").read_text(), flags=re.S)
+    assert re.findall(r'(?:src|href)="(?!#)[^"]*"', body) == []
+    assert "&lt;b&gt;" in body
+
+
+def test_figures_hold_the_numbers_of_the_analysis(small: StudyAnalysis) -> None:
+    bars = plot_study(small)["Mean Err%"].data
+    cells = small.cells[small.cells["case"] == "Low F"].set_index("algorithm")
+    assert [trace.name for trace in bars] == small.table.algorithms
+    for trace in bars:
+        cell = cells.loc[trace.name]
+        assert trace.y[0] == pytest.approx(cell["err_mean"], rel=1e-3)
+        whisker = trace.y[0] - trace.error_y.arrayminus[0]
+        assert whisker == pytest.approx(cell["err_mean_low_95"], rel=1e-2)
+
+
+def test_tables_hold_every_run_and_can_be_read_again(report: Path, small: StudyAnalysis) -> None:
+    with (report / "results.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len(small.table) == 36
+    (bad,) = [row for row in rows if row["status"] != "done"]
+    assert (bad["status"], bad["err"]) == ("timeout", "")
+    assert bad["stopped"].startswith("'=no end"), "a spreadsheet must not compute it"
+    again = pd.read_parquet(report / "results.parquet")
+    pd.testing.assert_frame_equal(again, small.to_frame("run"), check_dtype=False)
+
+
+def test_a_report_is_the_same_whatever_the_order_of_runs_and_replaces_only_its_own_files(
+    small: StudyAnalysis, report: Path, tmp_path: Path
+) -> None:
+    runs = list(study(3, cases=("Low F", "High Z")))
+    runs[7] = failed(runs[7].spec, "timeout", "=no end after 60 s <b>")
+    (tmp_path / "notes.txt").write_text("mine")
+    (tmp_path / "cells.csv").write_text("of an older report")
+    write_report(analyse(reversed(runs)), tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == {*FILES, "notes.txt"}
+    for name in FILES:
+        assert (tmp_path / name).read_bytes() == (report / name).read_bytes(), name
+
+
+def test_a_report_that_fails_leaves_nothing(
+    small: StudyAnalysis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full_disk(*_: object) -> str:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(page, "study_page", full_disk)
+    with pytest.raises(FileError, match="No space left"):
+        write_report(small, tmp_path / "report")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "runs",
+    [
+        [done(spec(), vector(friction=0.3))],
+        [failed(spec(run=0)), failed(spec(run=1))],
+        list(study(2, algorithms=("de",))),
+        list(study(1, cases=tuple(f"Multi {n}" for n in range(14)), algorithms=("de", "mine"))),
+    ],
+    ids=["one run", "all failed", "one algorithm", "many cases"],
+)
+def test_a_report_of_little_is_written_all_the_same(runs: Any, tmp_path: Path) -> None:
+    analysis = analyse(runs)
+    write_report(analysis, tmp_path / "report")
+    text = (tmp_path / "report/index.html").read_text()
+    assert "What can and cannot be concluded" in text
+    many = len(analysis.table.cases) > MOST_CASES
+    assert ("The first 12 of 14 cases are drawn" in text) == many
+
+
+def test_numbers_keep_their_digits() -> None:
+    assert [number(value) for value in (4.0, 0.6, 100.0, 1234.5, 0.0, 99.95)] == [
+        "4.00", "0.600", "100", "1234", "0", "100",
+    ]  # fmt: skip
+    assert number(float("nan")) == "–"
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Path:
+    path = tmp_path / "study.db"
+    runs = list(study(2, cases=("Low F", "High Z"), history_points=20))
+    with Store(path) as opened:
+        opened.begin(settings_of(runs[0].spec))
+        opened.save(runs)
+    return path
+
+
+def test_the_command_prints_for_people_or_answers_as_json(store: Path, ematwin: Any) -> None:
+    assert "Average rank" in ematwin("report", store).out
+    told = json.loads(ematwin("report", store, "--out", "report", "--json").out)
+    assert told["runs"] == 24
+    assert set(told["report"]["files"]) == FILES
+    assert (store.parent / "report" / "index.html").exists()
+    assert (
+        "wrote report/index.html and 5 more files"
+        in ematwin("report", store, "--out", "report").out
+    )
+
+
+def test_pages_do_not_depend_on_the_hashes_of_a_process(store: Path, ematwin_process: Any) -> None:
+    pages = []
+    for seed in ("1", "2"):
+        ematwin_process("report", store, "--out", seed, PYTHONHASHSEED=seed)
+        pages.append((store.parent / seed / "index.html").read_bytes())
+    assert pages[0] == pages[1]
+
+
+def test_the_command_refuses_in_one_sentence(store: Path, tmp_path: Path, ematwin: Any) -> None:
+    empty = tmp_path / "empty.db"
+    with Store(empty) as opened:
+        opened.begin(settings_of(spec()))
+    (tmp_path / "file").write_text("")
+    for arguments in (
+        (tmp_path / "none.db",),
+        (empty,),
+        (store, "--out", tmp_path / "file"),
+        (store, "--out", "/proc/nowhere/report"),
+        (store, "--threshold", "2"),
+        (store, "--seed", "-1"),
+    ):
+        answer = ematwin("report", *arguments)
+        assert answer.code == 2, arguments
+        assert answer.err.startswith("Error: ")
+        assert answer.err.count("\n") == 1
+        assert answer.out == ""
+    assert not (tmp_path / "none.db").exists()
+
+
+def test_without_pandas_a_study_is_done_and_its_report_names_the_extra(
+    store: Path, tmp_path: Path, ematwin: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    refused = ematwin("report", store)
+    assert 'pip install "ematwin[study]"' in refused.err
+    cases = tmp_path / "cases.toml"
+    cases.write_text("[cases.Worn]\nfriction = 2\n")
+    done = ematwin(
+        "compare", "--actuator", "rm1605", "--cases", cases, "--algorithms", "random", "--runs", 1,
+        "--population", 4, "--iterations", 2, "--workers", 1, "--store", "other.db",
+    )  # fmt: skip
+    assert "1 done" in done.out, done.err
