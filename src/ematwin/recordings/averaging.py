@@ -4,7 +4,7 @@ from collections.abc import Collection
 
 import numpy as np
 
-from ematwin.numerics.means import means as mean_of_each
+from ematwin.numerics.signals import means as mean_of_each
 from ematwin.recordings.recording import Recording
 
 _ROUNDING = 1e-6  # of a ratio of rates
