@@ -28,7 +28,7 @@ from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.unknowns import FAULTS
 from ematwin.models.scenario import Scenario, Step
 from ematwin.models.simulating import simulate
-from ematwin.numerics.low_pass import LowPass
+from ematwin.numerics.signals import LowPass
 from ematwin.recordings.recording import Recording
 
 SAMPLE_RATE = 20_000.0  # Hz: 50 us, a multiple of all steps

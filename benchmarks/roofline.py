@@ -29,7 +29,8 @@ from ematwin.models.bldc import batch
 from ematwin.models.bldc.comparison import BldcComparison
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.unknowns import UNKNOWNS
-from ematwin.numerics.compile import loop, wide_vectors
+from ematwin.numerics.compile import loop
+from ematwin.numerics.lanes import LANES, lane_loop, wide_vectors
 
 _CHAIN = 12  # multiply-adds between a load and a store
 _VALUES = 512  # in the fastest cache
@@ -43,7 +44,7 @@ _CLASSES = {
 _FLOPS = {"multiply-add": 2, "add, multiply": 1, "divide": 1}
 
 
-@loop(interleave=4)
+@lane_loop
 def multiply_adds(values, factor, summand, count):
     """``values`` times ``factor`` plus ``summand``, `_CHAIN` times in a row, so many times."""
     wide_vectors()
@@ -74,7 +75,7 @@ def fastest(work: Callable[[], object], repeats: int = 9) -> float:
     return min(seconds)
 
 
-def lane_loop(code: str) -> tuple[Counter[str], int]:
+def over_lanes(code: str) -> tuple[Counter[str], int]:
     """Instructions of the loop over the lanes by class, and how many vectors one pass takes."""
     blocks = re.split(r"(?m)^\.?L[\w.$]*:", code)
     widest = max(blocks, key=lambda block: len(re.findall(r"\tv\w+pd\t", block)))
@@ -95,14 +96,13 @@ def measure() -> dict[str, float]:
     record = ematwin.simulate("reference", faults={"friction": 0.25})
     comparison = BldcComparison(record, BldcActuator.load(), threads=1)
     rng = np.random.default_rng(1)
-    count = 4 * batch.LANES
-    batch.monitor_scores = scores = loop(batch.monitor_scores.py_func, interleave=2)
-    scores.kept = False  # compiled anew: numba knows its code
+    count = 4 * LANES
+    batch.monitor_scores = scores = lane_loop(batch.monitor_scores.py_func)
     candidates = {one.name: rng.uniform(one.lower, one.upper, count) for one in UNKNOWNS}
     seconds = fastest(lambda: comparison.costs(candidates, count))
     steps = count * comparison.substeps * (len(record) - 1)
     code = scores.inspect_asm(scores.signatures[0])
-    found, vectors = lane_loop(code)
+    found, vectors = over_lanes(code)
     each = sum(_FLOPS.get(title, 0) * number for title, number in found.items()) / vectors
     values, rounds = np.ones(_VALUES), 10_000
     adds = _CHAIN * _VALUES * rounds
@@ -110,7 +110,7 @@ def measure() -> dict[str, float]:
     large = np.ones(16_000_000)
     target = np.empty_like(large)
     bandwidth = 2.0 * large.nbytes / fastest(lambda: copy(large, target), 3)
-    traffic = 4 * 8.0 / (batch.LANES * comparison.substeps)  # inputs and target, by each block
+    traffic = 4 * 8.0 / (LANES * comparison.substeps)  # inputs and target, by each block
     return {
         **{f"instructions, {title}": float(number) for title, number in found.items()},
         "vectors of a pass": float(vectors),

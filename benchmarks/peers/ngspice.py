@@ -22,7 +22,7 @@ from benchmarks.peers.measure import Line, Part, in_turn, program_version, progr
 
 from ematwin import Faults, simulate
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.numerics.low_pass import LowPass
+from ematwin.numerics.signals import LowPass
 from ematwin.recordings.recording import Recording
 
 FAULTS = Faults(short_a=0.3, eccentricity=0.3, eccentricity_phase=0.3)

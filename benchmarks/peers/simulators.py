@@ -118,17 +118,6 @@ def run(*, quick: bool, repeats: int) -> Part:
     lines.append(line("ematwin, one thread", alone, many, "", True))
     together = in_turn(lambda: task.own_costs(timed, spread), one_thread, repeats, 60.0)
     lines.append(line(f"ematwin, {os.cpu_count()} cores", together, many, "", True))
-    for threads, words in ((1, "one thread"), (None, f"{os.cpu_count()} cores")):
-        single = BldcComparison(
-            task.comparison.recording, task.actuator, rectify=True, threads=threads,
-            backend="cpu-single",
-        )  # fmt: skip
-        rounded = disagreement(lambda _, k, beside=single: task.own_costs(k, beside), task, checked)
-        pairs = in_turn(
-            lambda beside=single: task.own_costs(timed, beside), one_thread, repeats, 60.0
-        )
-        said = f"{rounded[-2]:.1e} (one: {rounded[-1]:.1e})"
-        lines.append(line(f"ematwin, single precision, {words}", pairs, many, said, True))
 
     for one in SIMULATORS:
         progress(f"simulators: {one.name}")

@@ -236,9 +236,7 @@ sys.argv = ["ematwin", "identify", "rec.parquet", "--exact"]
 try:
     main()
 finally:
-    unneeded = {"scipy.linalg", "scipy.special", "pandas", "pint", "plotly", "numpy.ma"}
-    if sys.platform == "linux":
-        unneeded.add("numba")
+    unneeded = {"scipy.linalg", "scipy.special", "pandas", "pint", "plotly"}
     print("loaded:", sorted(unneeded & set(sys.modules)), file=sys.stderr)
 """
     done = subprocess.run(

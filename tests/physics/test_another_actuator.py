@@ -11,7 +11,7 @@ from ematwin.models.bldc.envelope import signed_current
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.scenario import Scenario
 from ematwin.models.simulating import simulate as simulate_twin
-from ematwin.numerics.low_pass import LowPass
+from ematwin.numerics.signals import LowPass
 from naive.another_actuator import (
     FULL_SCALE,
     TERMS,

@@ -17,7 +17,7 @@ from ematwin.models.scenario import Chirp, Profile, Ramp, Scenario, Step
 from ematwin.models.simulating import simulate
 from ematwin.numerics.backlash import play
 from ematwin.numerics.friction import advance_speed, dithered_static, loaded_friction
-from ematwin.numerics.low_pass import LowPass
+from ematwin.numerics.signals import LowPass
 
 MODELS = ("reference", "monitor")
 ACTUATOR = BldcActuator.load()

@@ -22,7 +22,7 @@ from ematwin.models.bldc.truer.shorted_turns import loop_answer
 from ematwin.models.bldc.truer.state import REST
 from ematwin.models.scenario import Scenario
 from ematwin.models.simulating import simulate
-from ematwin.numerics.low_pass import LowPass
+from ematwin.numerics.signals import LowPass
 from ematwin.recordings.noise import Noise
 from naive import another_actuator
 

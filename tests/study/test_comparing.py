@@ -5,7 +5,6 @@ from pathlib import Path
 import pytest
 
 import ematwin
-from ematwin.benchmarking.store import open_store
 from ematwin.errors import InputError
 from ematwin.optimizers import registry
 from ematwin.optimizers.random_search import RandomSearch
@@ -40,21 +39,10 @@ def test_a_study_of_an_own_algorithm_in_one_call(tmp_path: Path) -> None:
         study.to_frame("day")
 
 
-def test_workers_score_in_single_precision_where_they_are_told_to(tmp_path: Path) -> None:
-    study = ematwin.compare(
-        ["de"], {"worn": {"friction": 0.4}}, runs=1, population=32, iterations=2, workers=1,
-        store=tmp_path / "study.db", backend="cpu-single",
-    )  # fmt: skip
-    assert study.table.done.all()
-    with open_store(tmp_path / "study.db") as store:
-        (run,) = list(store.runs())
-    assert run.result.provenance["kernel"].endswith("costs in single precision")
-
-
 def test_a_wrong_case_is_named() -> None:
     with pytest.raises(InputError, match="Case 'worn': Unknown fault 'fricton'"):
         ematwin.compare(["random"], {"worn": {"fricton": 2.0}}, actuator="rm1605")
     with pytest.raises(InputError, match="workers must be at least 1"):
         ematwin.compare(["random"], actuator="rm1605", workers=0)
-    with pytest.raises(InputError, match="no backend 'cpu-single'; choose cpu"):
-        ematwin.compare(["random"], actuator="rm1605", backend="cpu-single")
+    with pytest.raises(InputError, match="no backend 'cuda'; choose cpu"):
+        ematwin.compare(["random"], actuator="rm1605", backend="cuda")

@@ -185,17 +185,6 @@ def test_a_run_repeats_bit_for_bit(spec: RunSpec) -> None:
     assert first.provenance["engine"] == "none"
 
 
-def test_a_run_in_single_precision_says_so_and_answers_nearly_the_same(spec: RunSpec) -> None:
-    double, single = execute(spec), execute(spec, backend="cpu-single")
-    assert double.provenance["kernel"] == "numba on CPU, one thread"
-    assert single.provenance["kernel"] == "numba on CPU, one thread, costs in single precision"
-    assert single.status == "done"
-    assert single.evaluations == double.evaluations
-    assert single.cost != double.cost
-    # a first generation is the same; later ones may differ where two candidates cost the same
-    assert unpack(single.history)[1][0] == pytest.approx(unpack(double.history)[1][0], rel=1e-2)
-
-
 @pytest.mark.parametrize("algorithm", ["de", "multistart", "levenberg-marquardt"])
 def test_runs_in_the_remapped_box(spec: RunSpec, algorithm: str) -> None:
     plain = execute(replace(spec, algorithm=algorithm))

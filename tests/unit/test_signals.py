@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from ematwin.errors import InputError
 from ematwin.models.bldc.channels import PHASES, phase_currents
 from ematwin.models.bldc.envelope import current_envelope, signed_current, trapezoid_shape
-from ematwin.numerics.low_pass import LowPass
-from ematwin.numerics.misfit import SlopeWeighting, misfit
+from ematwin.numerics.signals import LowPass, SlopeWeighting
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
 from naive import motor as naive_motor
@@ -19,6 +18,13 @@ from naive import signals as naive_signals
 
 RATE = 20_000.0
 POLE_PAIRS = 2
+
+
+def misfit(measured, simulated, interval, weighting=None):
+    weights = (weighting or SlopeWeighting()).weights(measured, interval)
+    return float(np.sum(weights * (measured - simulated) ** 2))
+
+
 signals = st.lists(st.floats(-20.0, 20.0), min_size=8, max_size=60).map(np.array)
 
 

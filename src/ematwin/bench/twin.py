@@ -94,6 +94,7 @@ def _figure(
 def lanes_against_scalar(repeats: int) -> Figure:
     """Speed-up of the monitor model in lanes, a candidate."""
     from ematwin.models.bldc import batch
+    from ematwin.numerics.lanes import LANES
 
     actuator = BldcActuator.load()
     record = simulate("monitor")
@@ -101,7 +102,7 @@ def lanes_against_scalar(repeats: int) -> Figure:
     comparison = problem.comparisons[0]
     assert isinstance(comparison, BldcComparison)
     rng = np.random.default_rng(1)
-    k = rng.random((8 * batch.LANES, 8))
+    k = rng.random((8 * LANES, 8))
     steps = (len(record) - 1) * comparison.substeps
     grid = np.linspace(0.0, record.time[-1], steps + 1)
     command, load = Scenario.load_file().histories(grid)
@@ -111,7 +112,7 @@ def lanes_against_scalar(repeats: int) -> Figure:
     def one_at_a_time() -> None:
         for vector in k[:16]:
             batch.monitor_trace(
-                vector, command * ratio, load / ratio, np.zeros(6), constants, comparison.step, 1,
+                vector, command * ratio, load / ratio, np.zeros(7), constants, comparison.step, 1,
                 comparison.substeps, None,
             )  # fmt: skip
 

@@ -64,8 +64,7 @@ def compare(
     store : file or URL in which the runs are kept: runs that it holds are not done again. None
         keeps them only until they are analysed
     workers : processes on this machine; None takes one for each core
-    backend : "cpu"; or "cpu-single", where costs are simulated in single precision, twice as fast
-        (brushless actuators)
+    backend : what simulates the candidates on a processor: "cpu"
     time_limit : s, of a run
     retry_failed : do again what ended otherwise than done
     targets : Err% whose success rates are given

@@ -35,7 +35,6 @@ from ematwin.recordings.noise import Noise
 
 _KERNELS = {
     "cpu": "numba on CPU, one thread",
-    "cpu-single": "numba on CPU, one thread, costs in single precision",
     "cuda": "numba-cuda on a GPU",
 }
 _RECORDS = 16  # kept in a worker; runs that share one are neighbours in a plan

@@ -77,10 +77,7 @@ def compare(
     ] = None,
     backend: Annotated[
         str,
-        typer.Option(
-            help="What simulates the candidates on a processor: cpu; or cpu-single, in single "
-            "precision, twice as fast (brushless actuators)."
-        ),
+        typer.Option(help="What simulates the candidates on a processor: cpu."),
     ] = "cpu",
     scheduler: Annotated[
         str | None, typer.Option(help="Address of a Dask scheduler, e.g. tcp://host:8786.")

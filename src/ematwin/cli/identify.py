@@ -87,8 +87,7 @@ def identify(
     backend: Annotated[
         str,
         typer.Option(
-            help="What simulates the candidates: cpu; cpu-single (costs in single precision, twice "
-            'as fast: population methods gain); or cuda (a GPU; pip install "ematwin[gpu]").'
+            help='What simulates the candidates: cpu, or cuda (a GPU; pip install "ematwin[gpu]").'
         ),
     ] = "cpu",
     uncertainty: Annotated[

@@ -38,7 +38,6 @@ from ematwin.estimation.without import without
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
-from ematwin.numerics.quantiles import quantiles
 from ematwin.numerics.side_by_side import side_by_side
 
 _REACHES = (2.0,)  # standard errors at which the misfit along a fault is looked at
@@ -459,7 +458,7 @@ def _contrasts(
         weights = one.weights.items()
         value = float(sum(weight * values[name] for name, weight in weights))
         spread = np.sum([weight * drawn.of(name) for name, weight in weights], axis=0)
-        low, high = quantiles(spread, [0.025, 0.975])
+        low, high = np.quantile(spread, [0.025, 0.975])
         # the best point may lie in a corner that draws within the bounds do not straddle
         found[one.name] = (value, Interval(min(float(low), value), max(float(high), value)))
     return found

@@ -14,7 +14,6 @@ import numpy as np
 from ematwin.estimation.constants import LEVEL
 from ematwin.estimation.laplace import eigen
 from ematwin.models.chart import Chart
-from ematwin.numerics.quantiles import quantiles
 
 _DRAWS, _ROUNDS, _FEWEST, _ENOUGH, _MOST = 20_000, 20, 200, 4000, 10_000
 _TRIED, _HARDLY = 4, 20  # rounds after which so few draws say that all rounds will bring too few
@@ -51,7 +50,7 @@ class Draws:
             turn = np.exp(2j * np.pi * x)
             mean = float(np.angle(turn.mean()) / (2.0 * np.pi))
             away = (x - mean + 0.5) % 1.0 - 0.5
-            reach = float(quantiles(np.abs(away), [LEVEL])[0])
+            reach = float(np.quantile(np.abs(away), [LEVEL])[0])
             if reach > 0.25:  # all round: there is no magnitude to speak of
                 return lower, upper
             middle = mean % 1.0

@@ -22,8 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ematwin.errors import RecordError
-from ematwin.numerics.quantiles import quantiles
-from ematwin.numerics.white_noise import white_noise
+from ematwin.numerics.signals import white_noise
 from ematwin.recordings.recording import Recording
 from ematwin.showing.words import listed
 
@@ -243,7 +242,7 @@ class _Trial:
         for _ in range(2):
             best = np.linalg.lstsq(shapes[kept], rows[0, kept], rcond=None)[0]
             rest = np.abs(rows[0] - shapes @ best)
-            kept = rest <= quantiles(rest, [1.0 - _FALSE])[0]
+            kept = rest <= np.quantile(rest, [1.0 - _FALSE])[0]
         rest = rest[kept]
         return float(np.sqrt(max(0.0, np.mean(rest**2) - self._noise**2)))
 

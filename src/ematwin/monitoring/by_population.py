@@ -33,7 +33,6 @@ from ematwin.monitoring.diagnosis import (
 )
 from ematwin.monitoring.index import health_index, single_reach
 from ematwin.monitoring.measure import Measured, reported_values, statistics_of
-from ematwin.numerics.student import student_quantile
 from ematwin.recordings.recording import Recording
 
 _ENDS = np.array([-1.0, 1.0])
@@ -239,9 +238,11 @@ class _Judge:
         """
         if not self._is_blind(limit):
             return ()
+        from scipy.special import stdtrit
+
         runs = max(2, len(self._calibration.facts.get("runs", [])))
         rate = self._calibration.thresholds.false_alarm_rate / len(magnitudes)
-        bound = student_quantile(1.0 - 0.5 * rate, runs - 1) * float(np.sqrt(1.0 + 1.0 / runs))
+        bound = stdtrit(runs - 1, 1.0 - 0.5 * rate) * float(np.sqrt(1.0 + 1.0 / runs))
         return tuple(one.name for one in magnitudes if abs(one.score) > bound)
 
     def _covariate(self, members: np.ndarray) -> Covariate | None:

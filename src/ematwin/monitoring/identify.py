@@ -90,9 +90,8 @@ def identify(
     load : the constant load, SI, of a recording that does not hold it; 0 for none
     exact : the parameters are exactly those of the actuator, and the sensors are ideal but for
         noise, as in a simulation; no tolerances and no healthy recordings count
-    backend : what simulates the candidates: "cpu"; for brushless actuators "cpu-single", costs in
-        single precision, from which population methods gain, intervals and all else in double; or
-        "cuda", a GPU (needs ``ematwin[gpu]``)
+    backend : what simulates the candidates: "cpu"; or "cuda", a GPU, for brushless actuators
+        (needs ``ematwin[gpu]``)
     uncertainty : how sure the answer is: "laplace", "profile" or "posterior" (docs/certainty.md),
         or such a method with settings of its own, e.g. ``Posterior(most=50_000)``
     thresholds : by fault, the value from which on it matters; a text with a unit is physical, e.g.

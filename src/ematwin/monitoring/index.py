@@ -15,8 +15,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ematwin.numerics.student import student_quantile
-
 # Weight of a kind of features, and the most standard deviations that one of them counts. A
 # magnitude of the twin raises an alarm alone from about four on; its limit is that of one in three.
 WEIGHTS = {"model": (0.15, 8.0), "mean": (0.35, 4.0), "band": (0.5, 4.0)}
@@ -93,6 +91,8 @@ def prediction_bound(index: np.ndarray, groups: np.ndarray, false_alarm_rate: fl
     groups : (N,) array, number of the run (and condition) of each
     false_alarm_rate : in (0, 1)
     """
+    from scipy.special import stdtrit  # takes longer to import than a motion to judge
+
     y = np.log(index)
     members = [y[groups == g] for g in np.unique(groups)]
     count = len(members)
@@ -103,7 +103,7 @@ def prediction_bound(index: np.ndarray, groups: np.ndarray, false_alarm_rate: fl
     between = _with_prior(outer, count - 1, TYPICAL[1])
     if y.size == count:  # single recordings: their scatter holds both, and so does the prior
         within, between = 0.0, _with_prior(outer, count - 1, float(np.hypot(*TYPICAL)))
-    reach = student_quantile(1.0 - false_alarm_rate, count - 1 + WORTH)
+    reach = stdtrit(count - 1 + WORTH, 1.0 - false_alarm_rate)
     return float(np.exp(means.mean() + reach * np.sqrt((within + between) * (1.0 + 1.0 / count))))
 
 

@@ -14,9 +14,8 @@ import math
 from ematwin.numerics.compile import step
 from ematwin.numerics.friction import advance_mobile, advance_through_rest
 from ematwin.numerics.scalar import clip
-from ematwin.numerics.tolerance import Tolerance
 
-_CLOSED = Tolerance(1e-12, single=1e-6)  # rad, on the motor shaft
+_CLOSED = 1e-12  # rad, on the motor shaft
 
 
 @step

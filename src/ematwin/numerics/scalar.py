@@ -12,8 +12,7 @@ import numpy as np
 from ematwin.numerics.compile import step
 
 _PER_PI = 1.0 / math.pi
-# pi in two parts (Cody and Waite): a count of half turns times the first is exact in single
-# precision too
+# pi in two parts (Cody and Waite): a count of half turns times the first is exact
 _PI_HIGH = 3.140625
 _PI_LOW = 9.6765358979323846e-4
 
@@ -45,3 +44,14 @@ def sincos(x):
     way = 0.5 * halves
     way = 1.0 - 4.0 * (way - np.floor(way))  # -1 after an odd number of half turns
     return way * s, way * c
+
+
+@step
+def biquad(x, z1, z2, taps):
+    """Output of a second-order filter and its next state, by ``b0 b1 b2 a1 a2``.
+
+    Direct form II transposed.
+    """
+    b0, b1, b2, a1, a2 = taps
+    y = b0 * x + z1
+    return y, b1 * x - a1 * y + z2, b2 * x - a2 * y

@@ -16,7 +16,7 @@ from functools import partial
 import numpy as np
 
 from ematwin.errors import InputError, RecordError
-from ematwin.numerics.means import means as mean_of_each
+from ematwin.numerics.signals import means as mean_of_each
 from ematwin.recordings.recording import Recording, is_regular
 
 Arrays = dict[str, np.ndarray]

@@ -6,13 +6,14 @@ from scipy.interpolate import CubicSpline
 
 from ematwin import BldcActuator, Faults, Noise, Recording, simulate
 from ematwin.models.bldc import comparison as comparing
-from ematwin.models.bldc.batch import LANES, between, monitor_trace
+from ematwin.models.bldc.batch import monitor_trace
 from ematwin.models.bldc.comparison import BldcComparison
 from ematwin.models.bldc.constants import constants_by_candidate, kernel_constants
 from ematwin.models.bldc.unknowns import CONTRASTS, FAULTS, LOAD, POWER, SENSOR, aliases, nuisances
 from ematwin.models.registry import model_of
 from ematwin.models.scenario import Scenario
-from ematwin.numerics.low_pass import LowPass
+from ematwin.numerics.lanes import LANES
+from ematwin.numerics.signals import LowPass
 
 ACTUATOR = BldcActuator.load()
 MODEL = model_of(ACTUATOR)
@@ -56,18 +57,6 @@ def late(record: Recording, names: tuple[str, ...], delay: float) -> Recording:
 
 def rms(x: np.ndarray) -> float:
     return float(np.sqrt(np.mean(x**2)))
-
-
-# Pieces
-
-
-def test_a_place_between_samples_lies_on_a_straight_line() -> None:
-    values = np.random.default_rng(2).standard_normal(7)
-    for place in (-3.0, 0.0, 0.25, 3.0, 5.9, 6.0, 8.5):
-        expected = np.interp(place, np.arange(7), values)
-        n, share = between(place, values.size)
-        found = values[n] + share * (values[n + 1] - values[n])
-        assert found == pytest.approx(expected, abs=1e-15)
 
 
 def test_neutral_corrections_need_no_constants_of_their_own() -> None:

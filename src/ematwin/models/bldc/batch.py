@@ -1,37 +1,34 @@
 """Loops over time and candidates. The physics is in the steps; here is only bookkeeping.
 
 `reference_trace` and `monitor_trace` give one whole simulation to people. `monitor_scores` gives
-costs and nothing else: candidates run side by side in lanes of a processor's vector unit, one
-array for each state variable, and the current is filtered, sampled and compared as it arises.
+costs and nothing else: candidates run side by side in lanes of a processor's vector unit
+(`ematwin.numerics.lanes`), and the current is filtered, sampled and compared as it arises.
 Candidates whose cost has passed a limit are left out; the others close ranks.
 
 No argument has a default: numba would compile None and an argument left out apart.
 """
 
 import math
-from functools import cache
-from typing import Any, NamedTuple
 
 import numpy as np
 
 from ematwin.models.bldc.monitor_step import MonitorState, monitor_step
-from ematwin.models.bldc.pairs import Pairs, lane_pairs, pairs_of
+from ematwin.models.bldc.pairs import Pairs, pairs_of
 from ematwin.models.bldc.reference_step import ReferenceState, phase_constants, reference_step
 from ematwin.models.bldc.state import (
     HALF_GAP,
     LOAD_DELAY,
+    Constants,
     FaultState,
     fault_state,
-    lane_constants,
 )
 from ematwin.models.bldc.truer.monitor_step import Loops, looped_monitor_step
 from ematwin.models.bldc.truer.reference_step import truer_reference_step
 from ematwin.models.bldc.truer.state import truer_state
-from ematwin.numerics.compile import loop, loop_in_single, step, wide_vectors
-from ematwin.numerics.vectors import doubles_in_a_vector
+from ematwin.numerics.compile import loop, step
+from ematwin.numerics.lanes import LANES, columns, lane_loop, wide_vectors
+from ematwin.numerics.scalar import biquad
 
-LANES = 2 * doubles_in_a_vector()  # candidates side by side: two vectors hide one another's latency
-REAL = np.float64  # of states and steps
 SEGMENT = 128  # samples after which ranks are closed; 64 saves no more, 512 less
 
 # Columns of the traces.
@@ -44,24 +41,15 @@ MONITOR_COLUMNS = (
     "current", "motor_position", "motor_speed", "output_position", "output_speed", "power",
 )  # fmt: skip
 
-OK = 0
-DIVERGED = 1
-STOPPED = 2  # the cost has passed its limit
-
-_PAIR_VALUES = len(Pairs._fields)
-
 # What is kept of a candidate between two segments, beside the fields of `MonitorState`; those of
 # `Loops` come last.
 _Z1, _Z2, _COST, _LOOPS = 7, 8, 9, 10
 
-
-@step
-def between(place, size):
-    """The sample before a place, and the share of the way to the next; the ends beyond them."""
-    last = size - 1
-    inside = min(max(place, 0.0), float(last))
-    n = min(int(inside), last - 1)
-    return n, inside - n
+new_constants, read_constants, _ = columns(Constants)
+new_faults, read_fault, write_fault = columns(FaultState)
+new_pairs, read_pairs, write_pairs = columns(Pairs)
+new_state, read_state, write_state = columns(MonitorState)
+new_loops, read_loops, write_loops = columns(Loops)
 
 
 @step
@@ -207,15 +195,12 @@ def monitor_trace(k, command, load, state, c, dt, substeps, decimation, loops):
     return trace
 
 
-@loop(interleave=2)
+@lane_loop
 def monitor_scores(
     k, commands, loads, starts, samples, states, c, by_candidate, dt, substeps, taps, rectify,
-    targets, weights, costs, status, responses, power, limits, loops,
+    targets, weights, costs, responses, power, limits, loops,
 ):  # fmt: skip
     """Simulate and score a batch of candidates in one pass, over each of some stretches.
-
-    States and steps are of the type `REAL`, as are the numbers in ``c`` and ``dt``; all else, the
-    low-pass and the costs too, is double.
 
     Parameters
     ----------
@@ -234,55 +219,41 @@ def monitor_scores(
     rectify : bool, compare the magnitude of the current
     targets, weights : (S,) arrays, filtered current of the record (A) and weight of each sample
     costs : (N, B) array, filled with sum(weight (target - filtered current)^2) of the samples after
-        the first
-    status : (N, B) integer array, filled with `OK`, `DIVERGED` or `STOPPED` (both cost infinity)
+        the first; infinite where a candidate diverged or has passed its limit
     responses : (N, B, K) array, filled with every ceil(samples/K)-th sample of the filtered
         currents; K is 0 to keep none
     power : None; or a pair: (N, 2) array, state of the low-pass of the electrical power at each
         start, and (N, B, K) array, filled with as many samples of the power, W
-    limits : (B,) array, costs above which a candidate is not wanted: its cost becomes infinite.
-        Costs only rise with the samples, so that it is simulated only until that shows, unless
-        responses are kept. The other costs are the same bit for bit, whatever the limits
+    limits : (B,) array, costs above which a candidate is not wanted. Costs only rise with the
+        samples, so that it is simulated only until that shows, unless responses are kept. The other
+        costs are the same bit for bit, whatever the limits
     loops : None where shorted turns are missing; or (N, 4) array, the fields of `Loops` at the
         first sample of each stretch. numba compiles the two cases apart
     """
     wide_vectors()
     keep = responses.shape[2] > 0
     stride = (samples + responses.shape[2] - 1) // responses.shape[2] if keep else 1
-    share = REAL(1.0 / substeps)
-    b0, b1, b2, a1, a2 = taps[0, 0], taps[0, 1], taps[0, 2], taps[0, 3], taps[0, 4]
-    friction = np.empty(LANES, REAL)
-    half_gap = np.empty(LANES, REAL)
-    h_a = np.empty(LANES, REAL)
-    h_b = np.empty(LANES, REAL)
-    h_c = np.empty(LANES, REAL)
-    zeta_cos = np.empty(LANES, REAL)
-    zeta_sin = np.empty(LANES, REAL)
-    gain = np.empty(LANES, REAL)
-    paired = np.empty((_PAIR_VALUES, LANES), REAL)
-    i = np.empty(LANES, REAL)
-    w_m = np.empty(LANES, REAL)
-    theta_m = np.empty(LANES, REAL)
-    w_o = np.empty(LANES, REAL)
-    theta_o = np.empty(LANES, REAL)
-    dw_m = np.empty(LANES, REAL)
-    i_from = np.empty(LANES, REAL)
-    total = np.empty(LANES, REAL)
-    energy = np.empty(LANES, REAL)
+    share = 1.0 / substeps
+    low_pass = taps[0, 0], taps[0, 1], taps[0, 2], taps[0, 3], taps[0, 4]
+    own = new_constants()
+    faults = new_faults()
+    pairs = new_pairs()
+    state = new_state()
+    looped = new_loops()
+    total = np.empty(LANES)
+    energy = np.empty(LANES)
     y1 = np.empty(LANES)
     y2 = np.empty(LANES)
     z1 = np.empty(LANES)
     z2 = np.empty(LANES)
     cost = np.empty(LANES)
-    looped = np.empty((4, LANES), REAL)
-    own = np.empty((len(c), LANES), REAL)
     # the load of each lane, which may be late: by how many samples, and by which part of one
     late = np.empty(LANES, np.int64)
     late_part = np.empty(LANES)
     late_next = np.empty(LANES)
-    late_load = np.empty(LANES, REAL)
-    late_end = np.empty(LANES, REAL)
-    d_late = np.empty(LANES, REAL)
+    late_load = np.empty(LANES)
+    late_end = np.empty(LANES)
+    d_late = np.empty(LANES)
     rate = 1.0 / (dt * substeps)
     left = np.empty(k.shape[0], np.int64)  # the candidates whose cost is still wanted
     segment = samples
@@ -330,27 +301,11 @@ def monitor_scores(
                         late_next[n] = at(load, begin + late[n])
                         late_end[n] = now_at + late_part[n] * (late_next[n] - now_at)
                     f = fault_state(v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7], half_gap_n)
-                    friction[n] = f.friction
-                    half_gap[n] = f.half_gap
-                    h_a[n] = f.h_a
-                    h_b[n] = f.h_b
-                    h_c[n] = f.h_c
-                    zeta_cos[n] = f.zeta_cos
-                    zeta_sin[n] = f.zeta_sin
-                    gain[n] = f.gain
-                    if by_candidate is None:
-                        pairs = pairs_of(f, c)
-                    else:
-                        pairs = pairs_of(f, lane_constants(own, n))
-                    for m, value in enumerate(pairs):
-                        paired[m, n] = value
-                    i[n] = saved[who, 0]
-                    w_m[n] = saved[who, 1]
-                    theta_m[n] = saved[who, 2]
-                    w_o[n] = saved[who, 3]
-                    theta_o[n] = saved[who, 4]
-                    dw_m[n] = saved[who, 5]
-                    i_from[n] = saved[who, 6]
+                    write_fault(faults, n, f)
+                    c_n = c if by_candidate is None else read_constants(own, n)
+                    write_pairs(pairs, n, pairs_of(f, c_n))
+                    for m in range(_Z1):
+                        state[m, n] = saved[who, m]
                     z1[n] = saved[who, _Z1]
                     z2[n] = saved[who, _Z2]
                     cost[n] = saved[who, _COST] + nothing
@@ -378,62 +333,40 @@ def monitor_scores(
                             late_end[n] = now_at + late_part[n] * (late_next[n] - now_at)
                             d_late[n] = (late_end[n] - late_load[n]) * share
                     for j in range(substeps):
-                        command_now = REAL(command[sample - 1] + (j + 0.5) * d_command)
-                        load_now = REAL(load[sample - 1] + (j + 0.5) * d_load)
+                        command_now = command[sample - 1] + (j + 0.5) * d_command
+                        load_now = load[sample - 1] + (j + 0.5) * d_load
                         for n in range(LANES):
                             if by_candidate is None:
                                 c_n = c
                             else:
-                                c_n = lane_constants(own, n)
-                                load_now = REAL(late_load[n] + (j + 0.5) * d_late[n])
-                            now = MonitorState(
-                                i[n], w_m[n], theta_m[n], w_o[n], theta_o[n], dw_m[n], i_from[n]
-                            )
+                                c_n = read_constants(own, n)
+                                load_now = late_load[n] + (j + 0.5) * d_late[n]
                             load_n = c_n.load_gain * load_now + c_n.load_offset
-                            fault = FaultState(
-                                friction[n], half_gap[n], h_a[n], h_b[n], h_c[n],
-                                zeta_cos[n], zeta_sin[n], gain[n],
-                            )  # fmt: skip
+                            now, fault = read_state(state, n), read_fault(faults, n)
                             if loops is None:
                                 now, p_mean = monitor_step(
-                                    now, command_now, load_n, fault, lane_pairs(paired, n), c_n, dt
+                                    now, command_now, load_n, fault, read_pairs(pairs, n), c_n, dt
                                 )
                             else:
                                 now, now_loops, p_mean = looped_monitor_step(
-                                    now,
-                                    Loops(looped[0, n], looped[1, n], looped[2, n], looped[3, n]),
-                                    command_now, load_n, fault, c_n, dt,
-                                )  # fmt: skip
-                                looped[0, n] = now_loops.a
-                                looped[1, n] = now_loops.b
-                                looped[2, n] = now_loops.c
-                                looped[3, n] = now_loops.sector
-                            i[n] = now.i
-                            w_m[n] = now.w_m
-                            theta_m[n] = now.theta_m
-                            w_o[n] = now.w_o
-                            theta_o[n] = now.theta_o
-                            dw_m[n] = now.dw_m
-                            i_from[n] = now.i_from
+                                    now, read_loops(looped, n), command_now, load_n, fault, c_n, dt
+                                )
+                                write_loops(looped, n, now_loops)
+                            write_state(state, n, now)
                             total[n] += now.i
                             if power is not None:
                                 energy[n] += p_mean
                     for n in range(LANES):
                         x = total[n] * share
                         x = abs(x) if rectify else x
-                        y = b0 * x + z1[n]  # direct form II transposed
-                        z1[n] = b1 * x - a1 * y + z2[n]
-                        z2[n] = b2 * x - a2 * y
-                        total[n] = y
-                        error = target[sample] - y
+                        total[n], z1[n], z2[n] = biquad(x, z1[n], z2[n], low_pass)
+                        error = target[sample] - total[n]
                         cost[n] += weight[sample] * error * error
                     if power is not None:
                         for n in range(LANES):
-                            x = energy[n] * share
-                            y = b0 * x + y1[n]
-                            y1[n] = b1 * x - a1 * y + y2[n]
-                            y2[n] = b2 * x - a2 * y
-                            energy[n] = y
+                            energy[n], y1[n], y2[n] = biquad(
+                                energy[n] * share, y1[n], y2[n], low_pass
+                            )
                     if keep and sample % stride == 0:
                         for n in range(LANES):
                             responses[s, first + n, sample // stride] = total[n]
@@ -442,13 +375,8 @@ def monitor_scores(
                                 power[1][s, first + n, sample // stride] = energy[n]
                 for n in range(LANES):
                     who = left[min(first + n, count - 1)]
-                    saved[who, 0] = i[n]
-                    saved[who, 1] = w_m[n]
-                    saved[who, 2] = theta_m[n]
-                    saved[who, 3] = w_o[n]
-                    saved[who, 4] = theta_o[n]
-                    saved[who, 5] = dw_m[n]
-                    saved[who, 6] = i_from[n]
+                    for m in range(_Z1):
+                        saved[who, m] = state[m, n]
                     saved[who, _Z1] = z1[n]
                     saved[who, _Z2] = z2[n]
                     saved[who, _COST] = cost[n]
@@ -463,33 +391,5 @@ def monitor_scores(
                     wanted += 1
             count = wanted
         for n in range(k.shape[0]):
-            costs[s, n] = saved[n, _COST]
-            status[s, n] = OK
-            if not math.isfinite(costs[s, n]):
-                costs[s, n] = math.inf
-                status[s, n] = DIVERGED
-            elif costs[s, n] > limits[n]:
-                costs[s, n] = math.inf
-                status[s, n] = STOPPED
-
-
-class Lanes(NamedTuple):
-    """A way to score candidates side by side."""
-
-    scores: Any  # `monitor_scores`
-    width: int  # candidates in a block
-    real: type  # of states, steps, constants and ``dt``; all else is double
-
-
-def lanes(*, single: bool) -> Lanes:
-    """The lanes in double precision, or those whose states and steps are in single precision.
-
-    The low-pass and the costs are double in both.
-    """
-    return _lanes_in_single() if single else Lanes(monitor_scores, LANES, float)
-
-
-@cache
-def _lanes_in_single() -> Lanes:
-    width, real = 2 * LANES, np.float32  # in as many registers
-    return Lanes(loop_in_single(monitor_scores, interleave=2, LANES=width, REAL=real), width, real)
+            wanted_cost = saved[n, _COST] <= limits[n] and math.isfinite(saved[n, _COST])
+            costs[s, n] = saved[n, _COST] if wanted_cost else math.inf

@@ -21,17 +21,14 @@ from ematwin.models.bldc.envelope import current_envelope, signed_current
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.phase_sensors import balanced
 from ematwin.models.bldc.power import Power, recorded_power
-from ematwin.models.bldc.state import V_SUPPLY, Constants
+from ematwin.models.bldc.state import V_SUPPLY
 from ematwin.models.bldc.stretches import PowerStretches, Stretches
 from ematwin.models.bldc.unknowns import MODEL_ERROR, POWER, SENSOR, UNKNOWNS
 from ematwin.models.bldc.zeros import counted, turned
 from ematwin.models.comparison import Candidates, Comparison, Placed
-from ematwin.numerics.low_pass import LowPass, filtered
-from ematwin.numerics.means import means
-from ematwin.numerics.misfit import SlopeWeighting
-from ematwin.numerics.shift import advanced
+from ematwin.numerics.filters import advanced
 from ematwin.numerics.side_by_side import cores, side_by_side
-from ematwin.numerics.white_noise import white_noise
+from ematwin.numerics.signals import LowPass, SlopeWeighting, filtered, means, white_noise
 from ematwin.recordings.recording import Recording
 
 SMOOTH_CUTOFF = 100.0  # Hz: misfits of currents low-passed there are smooth over wide valleys
@@ -49,7 +46,6 @@ _OVERSAMPLING = 8.0  # rate of kept samples over the cutoff, at least
 _AT_A_TIME = 4_000_000  # samples of answers that are held whole
 _COARSE = 2.0  # times the step, where only the valley is looked for
 _FINE = 0.25  # times the step, where an actuator is learnt
-_FAR = 16.0  # rad on the motor shaft: beyond it single precision rounds to more than 1e-6
 _BLOCKS = 8  # of lanes in a task at most: an interrupt waits for no more than one task
 
 
@@ -66,8 +62,7 @@ class BldcComparison(Comparison):
     rectify : compare magnitudes; None compares signed currents where the recording has the rotor
         angle, else magnitudes
     threads : threads that share a batch; None takes one for each core
-    backend : "cpu"; "cpu-single", where `costs` are simulated in single precision; or "cuda", where
-        a GPU simulates a batch in one launch
+    backend : "cpu"; or "cuda", where a GPU simulates a batch in one launch
 
     Attributes
     ----------
@@ -78,8 +73,6 @@ class BldcComparison(Comparison):
     rectify : whether magnitudes are compared
     threads : threads that share a batch
     kept : samples of a response that are kept at most
-    single : whether costs are simulated in single precision: not those of loops of shorted turns,
-        nor of motions over more than 16 rad of the motor, whose angles it rounds too much
     power : the electrical power, where it counts as evidence
 
     Raises
@@ -152,8 +145,6 @@ class BldcComparison(Comparison):
                 f"A GPU knows shorted turns that are missing, but those of {actuator.name} are a "
                 "loop ([shorted_turns]); use the backend cpu, or leave the section out."
             )
-        near = float(np.max(np.abs(self.command))) <= _FAR
-        self.single = backend == "cpu-single" and near and not looped
         self.threads = threads or cores()
         self._filter(low_pass or LowPass(), weighting or SlopeWeighting())
 
@@ -347,7 +338,7 @@ class BldcComparison(Comparison):
         batch = self.batch(candidates, count)
         if not batch.sensor:
             return self.run(self.whole, batch, 0, limits=limits)[0]
-        from ematwin.models.bldc.batch import LANES
+        from ematwin.numerics.lanes import LANES
 
         # what a sensor shows is known of whole answers only: as many at a time as memory allows,
         # and of long ones as many samples as a residual keeps
@@ -454,43 +445,41 @@ class BldcComparison(Comparison):
         ``kept`` samples of each stretch are kept. Costs above ``limits`` (B,) are infinite.
         """
         if self.backend == "cuda":
-            from ematwin.models.bldc.cuda import LAUNCHER, Work
+            from ematwin.models.bldc.gpu.launch import LAUNCHER, Work
 
             own = self.constants if batch.constants is None else batch.constants
             work = Work(stretches, batch.faults, own, self.step, self.substeps, self.rectify, kept)
-            return LAUNCHER.scores([work])[0]
-        from ematwin.models.bldc.batch import lanes
+            return LAUNCHER.scores(work)
+        from ematwin.models.bldc.batch import monitor_scores
+        from ematwin.numerics.lanes import LANES
 
-        scores, width, real = lanes(single=self.single and not kept)
         count, parts = len(batch.faults), len(stretches)
-        blocks = -(-count // width)
-        faults = _padded(batch.faults, blocks * width)
+        blocks = -(-count // LANES)
+        faults = _padded(batch.faults, blocks * LANES)
         each = None if batch.constants is None else _padded(batch.constants, len(faults))
         within = np.full(len(faults), np.inf)
         if limits is not None:
             within[:count] = limits
             within[count:] = -np.inf  # nobody asks for the padding
         costs = np.empty((parts, len(faults)))
-        status = np.empty(costs.shape, dtype=np.int64)
         response = np.empty((*costs.shape, kept))
         power = stretches.power if kept else None
         watts = np.empty((*costs.shape, 0 if power is None else kept))
         loops = self._loops(stretches)
-        constants, step = Constants._make(map(real, self.constants)), real(self.step)
 
         def work_on(task: tuple[slice, slice]) -> None:
             some, rows = task
-            scores(
+            monitor_scores(
                 faults[rows], stretches.command, stretches.load, stretches.starts[some],
-                stretches.samples, stretches.states[some], constants,
-                None if each is None else each[rows], step, self.substeps, stretches.taps[some],
-                self.rectify, stretches.target, stretches.weights,
-                costs[some, rows], status[some, rows], response[some, rows],
+                stretches.samples, stretches.states[some], self.constants,
+                None if each is None else each[rows], self.step, self.substeps,
+                stretches.taps[some], self.rectify, stretches.target, stretches.weights,
+                costs[some, rows], response[some, rows],
                 None if power is None else (power.states[some], watts[some, rows]),
                 within[rows], None if loops is None else loops[some],
             )  # fmt: skip
 
-        side_by_side(work_on, _tasks(parts, blocks, width, self.threads), self.threads)
+        side_by_side(work_on, _tasks(parts, blocks, LANES, self.threads), self.threads)
         return costs.sum(axis=0)[:count], _joined(response, count), _joined(watts, count)
 
     def _loops(self, stretches: Stretches) -> np.ndarray | None:

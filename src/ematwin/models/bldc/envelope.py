@@ -20,7 +20,7 @@ import numpy as np
 from ematwin.errors import RecordError
 from ematwin.models.bldc.channels import PHASES
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.numerics.low_pass import LowPass
+from ematwin.numerics.signals import LowPass
 from ematwin.recordings.recording import Recording
 
 _AT_ONCE = 65_536  # samples: long records take memory enough

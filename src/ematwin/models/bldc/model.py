@@ -51,7 +51,7 @@ class BldcModel(Model):
     sample_rate: ClassVar[float] = 20_000.0
     on_request: ClassVar[tuple[str, ...]] = ON_REQUEST
     fixed: ClassVar[tuple[str, ...]] = FIXED
-    backends: ClassVar[tuple[str, ...]] = ("cpu", "cpu-single", "cuda")
+    backends: ClassVar[tuple[str, ...]] = ("cpu", "cuda")
     compared_rate: ClassVar[float | None] = 20_000.0
     # Parameters that a healthy recording may determine, and how far a template may be off.
     model_error: ClassVar[float] = MODEL_ERROR
@@ -145,7 +145,7 @@ class BldcModel(Model):
         """A GPU needs numba-cuda and a device."""
         super().check_backend(backend)
         if backend == "cuda":
-            from ematwin.models.bldc.cuda import ready
+            from ematwin.models.bldc.gpu.launch import ready
 
             ready()
 

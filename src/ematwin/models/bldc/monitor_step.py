@@ -23,9 +23,8 @@ from ematwin.numerics.backlash import advance_rigid_play, stop_at_ends
 from ematwin.numerics.compile import step
 from ematwin.numerics.friction import dithered_static, loaded_friction
 from ematwin.numerics.scalar import clip
-from ematwin.numerics.tolerance import Tolerance
 
-_TOUCHING = Tolerance(1e-9, single=1e-6)  # rad, on the motor shaft
+_TOUCHING = 1e-9  # rad, on the motor shaft
 
 
 class MonitorState(NamedTuple):

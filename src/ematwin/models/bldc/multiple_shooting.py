@@ -17,7 +17,7 @@ import numpy as np
 from ematwin.models.bldc.comparison import BldcComparison, initial_state, with_speeds
 from ematwin.models.bldc.stretches import PowerStretches, Stretches
 from ematwin.models.comparison import Candidates, Comparison
-from ematwin.numerics.low_pass import filtered
+from ematwin.numerics.signals import filtered
 from ematwin.recordings.recording import Recording
 
 LENGTH = 0.005  # s; at 10 to 20 ms some twins still stalled within a stretch

@@ -106,12 +106,3 @@ def equivalent_phase(theta_m, moved, pairs, c):
     sine = pairs.sine + off_a * pairs.sine_a + off_b * pairs.sine_b
     s, co = offset_turned(theta_m, c.turning)
     return turns * c.resistance, mobility, (turns + cosine * co + sine * s) * c.k_e
-
-
-@step
-def lane_pairs(paired, n):
-    """The pairs of lane ``n`` from an array (12, lanes), a row for each field."""
-    return Pairs(
-        paired[0, n], paired[1, n], paired[2, n], paired[3, n], paired[4, n], paired[5, n],
-        paired[6, n], paired[7, n], paired[8, n], paired[9, n], paired[10, n], paired[11, n],
-    )  # fmt: skip

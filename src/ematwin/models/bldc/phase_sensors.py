@@ -20,9 +20,8 @@ from itertools import product
 import numpy as np
 
 from ematwin.models.bldc.channels import PHASES, phase_currents
-from ematwin.numerics.quantiles import median
 from ematwin.numerics.remembered import Remembered
-from ematwin.numerics.white_noise import white_noise
+from ematwin.numerics.signals import white_noise
 from ematwin.recordings.recording import Recording
 
 _LOOKED_AT = 5_000  # samples
@@ -120,7 +119,7 @@ def _solved(shown: np.ndarray, rms: float) -> tuple[np.ndarray, np.ndarray] | No
     nearest to zero counts, and a large offset only where each phase was open for a good while and
     the currents as shown leave far more.
     """
-    middle = map(median, shown.T)
+    middle = map(np.median, shown.T)
     starts = product(*((0.0, x) if abs(x) > _OFFSET * rms else (0.0,) for x in middle))
     apart = np.diff(np.sort(shown, axis=0), axis=0)
     steps = np.where(apart > 0.0, apart, np.inf).min(axis=0, initial=np.inf)
@@ -159,8 +158,8 @@ def _offsets(
             seen = shown[is_open[:, n], n]
             if seen.size < _FEWEST:
                 return None
-            middle = median(seen)
-            spread = max(_NORMAL * median(np.abs(seen - middle)), steps[n])
+            middle = float(np.median(seen))
+            spread = max(_NORMAL * float(np.median(np.abs(seen - middle))), steps[n])
             inside = seen[np.abs(seen - middle) <= _OUTLYING * spread]
             offsets[n], errors[n] = inside.mean(), spread / np.sqrt(inside.size)
         if np.abs(offsets - before).max() <= 0.1 * errors.max():
@@ -216,7 +215,7 @@ def _fitted(
         squares = np.linalg.pinv(slopes[inside].T @ slopes[inside])
         best = squares @ (slopes[inside].T @ seen[inside])
         left = np.abs(seen - slopes @ best)
-        before, spread = inside, _NORMAL * median(left)
+        before, spread = inside, _NORMAL * float(np.median(left))
         inside = left <= _OUTLYING * spread
         if (inside == before).all():
             break

@@ -18,7 +18,7 @@ import numpy as np
 
 from ematwin.models.bldc.channels import PHASES, VOLTAGES
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.numerics.low_pass import LowPass
+from ematwin.numerics.signals import LowPass
 from ematwin.recordings.recording import Recording
 
 # Relative error of the twin's power, against the reference model with means of 50 us: 0.8 to 2.1 %

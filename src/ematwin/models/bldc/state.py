@@ -112,16 +112,3 @@ def fault_state(k1, k2, k3, k4, k5, k6, k7, k8, half_gap):
         k6 * math.sin(phi),
         gain_factor(k8),
     )
-
-
-@step
-def lane_constants(own, n):
-    """The constants of lane ``n`` from an array (35, lanes), a row for each field."""
-    return Constants(
-        own[0, n], own[1, n], own[2, n], own[3, n], own[4, n], own[5, n], own[6, n], own[7, n],
-        own[8, n], own[9, n], own[10, n], own[11, n], own[12, n], own[13, n], own[14, n],
-        own[15, n], own[16, n], own[17, n], own[18, n], own[19, n], own[20, n], own[21, n],
-        own[22, n], own[23, n], own[24, n], own[25, n], own[26, n],
-        own[27, n], own[28, n], own[29, n], own[30, n], own[31, n], own[32, n],
-        own[33, n], own[34, n],
-    )  # fmt: skip

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ematwin.numerics.shift import compare
+from ematwin.numerics.filters import compare
 
 
 @dataclass(frozen=True)

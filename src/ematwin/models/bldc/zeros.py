@@ -24,9 +24,8 @@ from ematwin.models.bldc.channels import phase_currents
 from ematwin.models.bldc.envelope import trapezoid_shape
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.comparison import Placed
-from ematwin.numerics.quantiles import quantiles
 from ematwin.numerics.remembered import Remembered
-from ematwin.numerics.white_noise import white_noise
+from ematwin.numerics.signals import white_noise
 from ematwin.recordings.recording import Recording
 
 _LOOKED_AT = 5_000  # samples
@@ -240,7 +239,7 @@ def _apart(recording: Recording, actuator: BldcActuator, motor: float) -> float:
     if output is None or shown is None:
         return 0.0
     apart = shown + motor - output * actuator.transmission.ratio
-    low, high = quantiles(apart, (0.01, 0.99))
+    low, high = np.quantile(apart, (0.01, 0.99))
     middle, reach = 0.5 * (low + high), high - low
     healthy = actuator.transmission.backlash
     load = 0.0 if recording.load is None else float(np.abs(recording.load).max())

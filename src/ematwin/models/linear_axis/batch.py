@@ -6,20 +6,12 @@ import numpy as np
 
 from ematwin.models.linear_axis.constants import AxisConstants
 from ematwin.models.linear_axis.step import AxisState, axis_step, lag_of
-from ematwin.numerics.compile import loop, step, wide_vectors
+from ematwin.numerics.compile import step
+from ematwin.numerics.lanes import LANES, columns, lane_loop, wide_vectors
 from ematwin.numerics.scalar import clip
-from ematwin.numerics.vectors import doubles_in_a_vector
 
-LANES = 2 * doubles_in_a_vector()  # candidates side by side: two vectors
-
-
-@step
-def lane(own, n):
-    """The constants of one lane, from a (13, LANES) array."""
-    return AxisConstants(
-        own[0, n], own[1, n], own[2, n], own[3, n], own[4, n], own[5, n], own[6, n], own[7, n],
-        own[8, n], own[9, n], own[10, n], own[11, n], own[12, n],
-    )  # fmt: skip
+new_constants, lane, _ = columns(AxisConstants)
+new_state, read_state, write_state = columns(AxisState)
 
 
 @step
@@ -33,7 +25,7 @@ def controller_output(reference, x, x_2, pulse, interval, c):
     return clip(output, -c.limit, c.limit)
 
 
-@loop(interleave=2)
+@lane_loop
 def axis_traces(command, pulses, closed, start, constants, interval, substeps, voltage, position):
     """Simulate a batch of candidates.
 
@@ -53,12 +45,10 @@ def axis_traces(command, pulses, closed, start, constants, interval, substeps, v
     wide_vectors()
     batch, samples = constants.shape[0], command.size
     dt = interval / substeps
-    own = np.empty((constants.shape[1], LANES))
+    own = new_constants()
     decay = np.empty(LANES)
     lagging = np.empty(LANES)
-    x = np.empty(LANES)
-    v = np.empty(LANES)
-    u = np.empty(LANES)
+    state = new_state()
     x_1 = np.empty(LANES)
     x_2 = np.empty(LANES)
     output = np.empty(LANES)
@@ -71,32 +61,29 @@ def axis_traces(command, pulses, closed, start, constants, interval, substeps, v
                 own[m, n] = constants[who, m]
                 nothing += 0.0 * own[m, n]
             decay[n], lagging[n] = lag_of(lane(own, n).per_lag, dt)
-            x[n] = start[who, 0] + nothing  # a NaN anywhere must show
-            v[n] = start[who, 1] + nothing
-            u[n] = start[who, 2] + nothing
+            for m in range(3):
+                state[m, n] = start[who, m] + nothing  # a NaN anywhere must show
             # it came at the same speed
-            x_1[n] = x[n] - interval * v[n]
-            x_2[n] = x[n] - 2.0 * interval * v[n]
+            x_1[n] = state[0, n] - interval * state[1, n]
+            x_2[n] = state[0, n] - 2.0 * interval * state[1, n]
         for sample in range(samples):
             for n in range(LANES):
                 driven = command[sample]
+                x = state[0, n]
                 if closed:
                     driven = controller_output(
-                        command[sample], x[n], x_2[n], pulses[sample], interval, lane(own, n)
+                        command[sample], x, x_2[n], pulses[sample], interval, lane(own, n)
                     )
                 output[n] = driven
                 x_2[n] = x_1[n]
-                x_1[n] = x[n]
+                x_1[n] = x
             for n in range(inside):
-                bad = not math.isfinite(x[n])
+                bad = not math.isfinite(state[0, n])
                 voltage[first + n, sample] = math.nan if bad else output[n]
-                position[first + n, sample] = math.nan if bad else x[n]
+                position[first + n, sample] = math.nan if bad else state[0, n]
             for _ in range(substeps):
                 for n in range(LANES):
                     now = axis_step(
-                        AxisState(x[n], v[n], u[n]), output[n], decay[n], lagging[n],
-                        lane(own, n), dt,
-                    )  # fmt: skip
-                    x[n] = now.x
-                    v[n] = now.v
-                    u[n] = now.u
+                        read_state(state, n), output[n], decay[n], lagging[n], lane(own, n), dt
+                    )
+                    write_state(state, n, now)

@@ -97,7 +97,8 @@ def _traces(
     actuator: LinearAxis, recording: Recording, command: np.ndarray, closed: bool,
     start: np.ndarray, table: np.ndarray, threads: int | None,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    from ematwin.models.linear_axis.batch import LANES, axis_traces
+    from ematwin.models.linear_axis.batch import axis_traces
+    from ematwin.numerics.lanes import LANES
 
     check_interval(actuator, recording)
     voltage, position = np.empty((2, len(table), command.size))

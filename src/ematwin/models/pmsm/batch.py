@@ -1,8 +1,8 @@
 """Loops over time and candidates. The physics is in the steps; here is only bookkeeping.
 
 `reference_trace` gives a whole simulation. `monitor_scores` runs candidates side by side in lanes
-of a processor's vector unit, one array for each state variable; what they answer with is filtered,
-thinned and compared as it arises.
+of a processor's vector unit (`ematwin.numerics.lanes`); what they answer with is filtered, thinned
+and compared as it arises.
 """
 
 import numpy as np
@@ -22,11 +22,9 @@ from ematwin.models.pmsm.reference_step import (
     reference_step,
 )
 from ematwin.models.pmsm.state import Constants
-from ematwin.numerics.compile import loop, step, wide_vectors
-from ematwin.numerics.scalar import sincos
-from ematwin.numerics.vectors import doubles_in_a_vector
-
-LANES = 2 * doubles_in_a_vector()  # two vectors hide one another's latency
+from ematwin.numerics.compile import loop, step
+from ematwin.numerics.lanes import LANES, columns, lane_loop, wide_vectors
+from ematwin.numerics.scalar import biquad, sincos
 
 REFERENCE_COLUMNS = (
     "current_d", "current_q", "voltage_d", "voltage_q", "motor_position", "output_position",
@@ -38,6 +36,10 @@ REFERENCE_COLUMNS = (
 ANSWERS = ("current_q", "current_d", "voltage_q", "voltage_d", "motor_speed", "output_error",
            "motor_error")  # fmt: skip
 COMPARED = 6  # the first ones
+
+new_constants, lane, _ = columns(Constants)
+new_plant, plant_of, write_plant = columns(MonitorState)
+_, loops_of, write_loops = columns(ControlState)
 
 
 @step
@@ -146,40 +148,6 @@ def reference_trace(command, load, state, control, c, dt, substeps, ticks, quant
 
 
 @step
-def lane(own, n):
-    """The constants of lane ``n`` from an array (59, lanes), a row for each field."""
-    return Constants(
-        own[0, n], own[1, n], own[2, n], own[3, n], own[4, n], own[5, n], own[6, n], own[7, n],
-        own[8, n], own[9, n], own[10, n], own[11, n], own[12, n], own[13, n], own[14, n],
-        own[15, n], own[16, n], own[17, n], own[18, n], own[19, n], own[20, n], own[21, n],
-        own[22, n], own[23, n], own[24, n], own[25, n], own[26, n], own[27, n], own[28, n],
-        own[29, n], own[30, n], own[31, n], own[32, n], own[33, n], own[34, n], own[35, n],
-        own[36, n], own[37, n], own[38, n], own[39, n], own[40, n], own[41, n], own[42, n],
-        own[43, n], own[44, n], own[45, n], own[46, n], own[47, n], own[48, n], own[49, n],
-        own[50, n], own[51, n], own[52, n], own[53, n], own[54, n], own[55, n], own[56, n],
-        own[57, n], own[58, n],
-    )  # fmt: skip
-
-
-@step
-def plant_of(plant, n):
-    """The motor of lane ``n`` from an array (10, lanes)."""
-    return MonitorState(
-        plant[0, n], plant[1, n], plant[2, n], plant[3, n], plant[4, n], plant[5, n], plant[6, n],
-        plant[7, n], plant[8, n], plant[9, n],
-    )  # fmt: skip
-
-
-@step
-def loops_of(loops, n):
-    """The drive of lane ``n`` from an array (11, lanes)."""
-    return ControlState(
-        loops[0, n], loops[1, n], loops[2, n], loops[3, n], loops[4, n], loops[5, n], loops[6, n],
-        loops[7, n], loops[8, n],
-    )  # fmt: skip
-
-
-@step
 def take_legs(own, plant, loops, share):
     """Add a share of what the legs take now to what they take in a tick, for all lanes."""
     for n in range(LANES):
@@ -190,7 +158,7 @@ def take_legs(own, plant, loops, share):
         loops[12, n] += share * beta
 
 
-@loop(interleave=2)
+@lane_loop
 def monitor_scores(
     constants, command, load, before, start, dt, substeps, ticks, taps, target, weight, every,
     measured, costs, answer,
@@ -219,10 +187,11 @@ def monitor_scores(
     wide_vectors()
     count = command.size
     keep = answer.shape[0] > 0
-    b0, b1, b2, a1, a2 = taps[0], taps[1], taps[2], taps[3], taps[4]
+    low_pass = taps[0], taps[1], taps[2], taps[3], taps[4]
+    b0, b2, a2 = taps[0], taps[2], taps[4]
     # few arrays: LLVM gives up vectorising where it had to check too many for overlap
-    own = np.empty((constants.shape[1], LANES))
-    plant = np.empty((10, LANES))  # the fields of `MonitorState`
+    own = new_constants()
+    plant = new_plant()
     # those of `ControlState`, the voltage that is applied, and what the legs take of it in a tick
     loops = np.empty((13, LANES))
     cost = np.empty(LANES)
@@ -234,29 +203,20 @@ def monitor_scores(
             for m in range(constants.shape[1]):
                 own[m, n] = constants[first + n, m]
             c = lane(own, n)
+            plant[:, n] = 0.0
+            loops[:, n] = 0.0
             plant[6, n] = start[0] - c.resolver / c.pole_pairs
             plant[5, n] = start[1]
             plant[8, n] = start[2]
             plant[7, n] = start[3]
             plant[0, n] = start[4]
             plant[1, n] = start[5]
-            plant[2, n] = 0.0
-            plant[3, n] = 0.0
-            plant[4, n] = 0.0
-            plant[9, n] = 0.0
-            loops[0, n] = 0.0
             loops[1, n] = start[5]
             loops[2, n] = start[5] * c.set_torque
             loops[3, n] = start[0]
             loops[4, n] = start[1]
             loops[5, n] = c.resistance * start[4]
             loops[6, n] = c.resistance * start[5]
-            loops[7, n] = 0.0
-            loops[8, n] = 0.0
-            loops[9, n] = 0.0
-            loops[10, n] = 0.0
-            loops[11, n] = 0.0
-            loops[12, n] = 0.0
             cost[n] = 0.0
         for tick in range(count):
             due_speed = tick % ticks[0] == 0
@@ -282,15 +242,7 @@ def monitor_scores(
                     c.gain_a * i_a + c.offset_a, c.gain_b * i_b + c.offset_b, due_position,
                     due_speed, ticks[0], substeps * dt, c,
                 )  # fmt: skip
-                loops[0, n] = after.w_ref
-                loops[1, n] = after.i_ref
-                loops[2, n] = after.total
-                loops[3, n] = after.before
-                loops[4, n] = after.w_seen
-                loops[5, n] = after.total_d
-                loops[6, n] = after.total_q
-                loops[7, n] = after.v_alpha
-                loops[8, n] = after.v_beta
+                write_loops(loops, n, after)
                 out[0, n] = seen.i_q
                 out[1, n] = seen.i_d
                 out[2, n] = out[2, n] if measured else seen.v_q
@@ -307,11 +259,9 @@ def monitor_scores(
                             z2[m, n] = (b2 - a2) * at
                 for m in range(7):
                     for n in range(LANES):
-                        x = out[m, n]
-                        y = b0 * x + z1[m, n]  # direct form II transposed
-                        z1[m, n] = b1 * x - a1 * y + z2[m, n]
-                        z2[m, n] = b2 * x - a2 * y
-                        out[m, n] = y
+                        out[m, n], z1[m, n], z2[m, n] = biquad(
+                            out[m, n], z1[m, n], z2[m, n], low_pass
+                        )
                 if (tick - before) % every == 0:
                     place = (tick - before) // every
                     for m in range(COMPARED):
@@ -338,16 +288,7 @@ def monitor_scores(
                             plant_of(plant, n), loops[9, n], loops[10, n],
                             c.load_gain * load_now + c.load_offset, c, dt,
                         )  # fmt: skip
-                        plant[0, n] = now.i_d
-                        plant[1, n] = now.i_q
-                        plant[2, n] = now.j_a
-                        plant[3, n] = now.j_b
-                        plant[4, n] = now.j_c
-                        plant[5, n] = now.w_m
-                        plant[6, n] = now.theta_m
-                        plant[7, n] = now.w_o
-                        plant[8, n] = now.theta_o
-                        plant[9, n] = now.dw_m
+                        write_plant(plant, n, now)
                     if measured:
                         take_legs(own, plant, loops, 0.5 / substeps)
         for n in range(LANES):

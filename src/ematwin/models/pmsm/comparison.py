@@ -25,8 +25,8 @@ from ematwin.models.pmsm.channels import (
 from ematwin.models.pmsm.constants import constants_of
 from ematwin.models.pmsm.parameters import PmsmActuator
 from ematwin.models.pmsm.state import Constants
-from ematwin.numerics.low_pass import LowPass
 from ematwin.numerics.side_by_side import cores, side_by_side
+from ematwin.numerics.signals import LowPass
 from ematwin.recordings.recording import Recording
 
 CUTOFF = 800.0  # Hz
@@ -279,7 +279,8 @@ class PmsmComparison(Comparison):
         self, candidates: Candidates, count: int, target: np.ndarray, every: int, *, keep: bool
     ) -> tuple[np.ndarray, np.ndarray]:
         """Costs (B,), not finite where one diverged, and, if kept, answers (B, 7, K)."""
-        from ematwin.models.pmsm.batch import LANES, monitor_scores
+        from ematwin.models.pmsm.batch import monitor_scores
+        from ematwin.numerics.lanes import LANES
 
         constants = constants_of(self.actuator, candidates, count, self.step)
         lost = ~np.isfinite(constants).all(axis=1)

@@ -214,9 +214,10 @@ def _monitor(
     every: int,
     progress: Progress | None,
 ) -> dict[str, np.ndarray]:
-    from ematwin.models.pmsm.batch import ANSWERS, COMPARED, LANES, monitor_scores
+    from ematwin.models.pmsm.batch import ANSWERS, COMPARED, monitor_scores
     from ematwin.models.pmsm.constants import constants_of
     from ematwin.models.pmsm.state import Constants
+    from ematwin.numerics.lanes import LANES
 
     ratio = actuator.transmission.ratio
     one = {name: np.array([value]) for name, value in values.items()}

@@ -10,8 +10,8 @@ from ematwin.models.bldc import batch
 from ematwin.models.bldc.constants import kernel_constants
 from ematwin.models.bldc.faults import HEALTHY, Faults
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.numerics.low_pass import LowPass
-from ematwin.numerics.misfit import SlopeWeighting
+from ematwin.numerics.lanes import LANES
+from ematwin.numerics.signals import LowPass, SlopeWeighting
 from naive import signals as naive_signals
 
 C = kernel_constants(BldcActuator.load())
@@ -21,22 +21,21 @@ RATE, SUBSTEPS, SAMPLES = 20_000.0, 5, 1_201
 def scoring(
     k, rectify=True, keep=True, target=None, c=C, by_candidate=None, power=None, limits=None
 ):
-    """Costs, statuses, responses and the target of a batch, with weights of the misfit."""
+    """Costs, responses and the target of a batch, with weights of the misfit."""
     command, load = history(SAMPLES - 1, 1.0 / RATE)
     t = np.arange(SAMPLES) / RATE
     target = 2.0 + np.sin(2.0 * math.pi * 80.0 * t) if target is None else target
     weights = SlopeWeighting(500.0).weights(target, 1.0 / RATE)
     low_pass = LowPass(500.0)
     costs = np.empty((1, len(k)))
-    status = np.empty((1, len(k)), dtype=np.int64)
     response = np.empty((1, len(k), SAMPLES if keep else 0))
     batch.monitor_scores(
         k, command, load, np.zeros(1, dtype=np.int64), SAMPLES, np.zeros((1, 7)), c, by_candidate,
         1.0 / (RATE * SUBSTEPS), SUBSTEPS, low_pass.taps(RATE, float(target[0]))[None], rectify,
-        target, weights, costs, status, response, power,
+        target, weights, costs, response, power,
         np.full(len(k), np.inf) if limits is None else limits, None,
     )  # fmt: skip
-    return costs[0], status[0], response[0], target
+    return costs[0], response[0], target
 
 
 def random_faults(count, seed=1):
@@ -47,11 +46,10 @@ def random_faults(count, seed=1):
 
 @pytest.mark.parametrize("rectify", [True, False])
 def test_scores_are_trace_then_filter_then_misfit(rectify):
-    k = random_faults(batch.LANES)
-    costs, status, response, target = scoring(k, rectify)
+    k = random_faults(LANES)
+    costs, response, target = scoring(k, rectify)
     command, load = history(SAMPLES - 1, 1.0 / RATE)
-    assert (status == batch.OK).all()
-    for n in range(batch.LANES):
+    for n in range(LANES):
         trace = batch.monitor_trace(
             k[n], command, load, np.zeros(7), C, 1.0 / (RATE * SUBSTEPS), SUBSTEPS, 1, None,
         )  # fmt: skip
@@ -63,15 +61,15 @@ def test_scores_are_trace_then_filter_then_misfit(rectify):
 
 
 def test_power_is_that_of_the_trace_filtered_like_the_current():
-    k = random_faults(batch.LANES)
-    watts = np.empty((1, batch.LANES, SAMPLES))
+    k = random_faults(LANES)
+    watts = np.empty((1, LANES, SAMPLES))
     start = LowPass(500.0).taps(RATE, 3.0)[None, 5:]  # W, as if it had been so much before
-    costs, _, response, _ = scoring(k, power=(start, watts))
-    plain_costs, _, plain_response, _ = scoring(k)
+    costs, response, _ = scoring(k, power=(start, watts))
+    plain_costs, plain_response, _ = scoring(k)
     np.testing.assert_array_equal(costs, plain_costs)
     np.testing.assert_array_equal(response, plain_response)
     command, load = history(SAMPLES - 1, 1.0 / RATE)
-    for n in range(batch.LANES):
+    for n in range(LANES):
         trace = batch.monitor_trace(
             k[n], command, load, np.zeros(7), C, 1.0 / (RATE * SUBSTEPS), SUBSTEPS, 1, None,
         )  # fmt: skip
@@ -82,7 +80,7 @@ def test_power_is_that_of_the_trace_filtered_like_the_current():
 @pytest.mark.parametrize("vary", [False, True])
 def test_stretches_are_scored_as_each_alone(vary):
     """Each from its own state, and a late load does not look beyond its ends."""
-    k, starts, size, kept = random_faults(batch.LANES), np.array([0, 37, 120]), 61, 16
+    k, starts, size, kept = random_faults(LANES), np.array([0, 37, 120]), 61, 16
     command, load = history(SAMPLES - 1, 1.0 / RATE)
     target = 2.0 + np.sin(2.0 * math.pi * 80.0 * np.arange(SAMPLES) / RATE)
     weights = SlopeWeighting(500.0).weights(target, 1.0 / RATE)
@@ -99,8 +97,8 @@ def test_stretches_are_scored_as_each_alone(vary):
         watts = np.empty((count, len(k), kept))
         batch.monitor_scores(
             k, *signals[:2], first, size, states[some], C, own, 1.0 / (RATE * SUBSTEPS), SUBSTEPS,
-            taps[some], True, *signals[2:], found[0], np.empty((count, len(k)), dtype=np.int64),
-            found[1], (2.0 * taps[some, 5:], watts), np.full(len(k), np.inf), None,
+            taps[some], True, *signals[2:], *found, (2.0 * taps[some, 5:], watts),
+            np.full(len(k), np.inf), None,
         )  # fmt: skip
         return *found, watts
 
@@ -114,39 +112,37 @@ def test_stretches_are_scored_as_each_alone(vary):
 
 
 def test_a_cost_does_not_depend_on_the_place_in_the_batch():
-    k = random_faults(3 * batch.LANES)
-    costs, _, response, _ = scoring(k)
+    k = random_faults(3 * LANES)
+    costs, response, _ = scoring(k)
     order = np.random.default_rng(2).permutation(len(k))
-    moved_costs, _, moved_response, _ = scoring(k[order])
+    moved_costs, moved_response, _ = scoring(k[order])
     np.testing.assert_array_equal(moved_costs, costs[order])
     np.testing.assert_array_equal(moved_response, response[order])
 
 
 def test_costs_are_the_same_whether_or_not_responses_are_kept():
-    k = random_faults(batch.LANES)
+    k = random_faults(LANES)
     np.testing.assert_array_equal(scoring(k, keep=True)[0], scoring(k, keep=False)[0])
 
 
-def test_a_diverged_candidate_is_a_status_and_costs_infinity_and_spoils_no_other():
-    k = random_faults(2 * batch.LANES)
+def test_a_diverged_candidate_costs_infinity_and_spoils_no_other():
+    k = random_faults(2 * LANES)
     clean = scoring(k)[0]
     sick = k.copy()
-    next_block = batch.LANES + 8
+    next_block = LANES + 8
     sick[5, 0], sick[next_block, 5], sick[next_block + 1] = np.nan, np.inf, np.nan
-    costs, status, _, _ = scoring(sick)
+    costs, _, _ = scoring(sick)
     bad = np.isin(np.arange(len(k)), [5, next_block, next_block + 1])
-    assert (status[bad] == batch.DIVERGED).all()
     assert np.isposinf(costs[bad]).all()
-    assert (status[~bad] == batch.OK).all()
     np.testing.assert_array_equal(costs[~bad], clean[~bad])
 
 
 def test_a_candidate_scored_against_its_own_response_costs_nothing():
-    k = np.tile(Faults(**SEVERE).vector, (batch.LANES, 1))
-    _, _, response, target = scoring(k)
+    k = np.tile(Faults(**SEVERE).vector, (LANES, 1))
+    _, response, target = scoring(k)
     # the first row starts the filter: take a target that starts where the response does
     assert response[0, 0] == target[0]
-    costs, _, _, _ = scoring(k, target=response[0].copy())
+    costs, _, _ = scoring(k, target=response[0].copy())
     np.testing.assert_allclose(costs, 0.0, atol=1e-20)
 
 
@@ -156,31 +152,17 @@ def test_a_candidate_scored_against_its_own_response_costs_nothing():
 @pytest.mark.parametrize("each", [False, True])
 def test_costs_within_their_limits_are_the_same_bit_for_bit_and_the_others_infinite(each):
     """Ranks close many times, also where the load of each candidate is late by its own time."""
-    k = random_faults(3 * batch.LANES)
+    k = random_faults(3 * LANES)
     constants = varied(len(k)) if each else None
     if each:
         constants[:, batch.LOAD_DELAY] = np.random.default_rng(5).uniform(0.0, 5e-3, len(k))
-    costs, _, _, _ = scoring(k, keep=False, by_candidate=constants)
+    costs, _, _ = scoring(k, keep=False, by_candidate=constants)
     limits = costs * np.random.default_rng(6).choice([0.0, 0.1, 0.5, 0.9, 1.0, 2.0], len(k))
-    within, status, _, _ = scoring(k, keep=False, by_candidate=constants, limits=limits)
+    within, _, _ = scoring(k, keep=False, by_candidate=constants, limits=limits)
     np.testing.assert_array_equal(within, np.where(costs > limits, np.inf, costs))
-    np.testing.assert_array_equal(status, np.where(costs > limits, batch.STOPPED, batch.OK))
     unhurt = scoring(k, keep=False, by_candidate=constants, limits=np.full(len(k), 1e300))[0]
     np.testing.assert_array_equal(unhurt, costs)  # in segments, and in one piece
     np.testing.assert_array_equal(costs, scoring(k, keep=True, by_candidate=constants)[0])
-
-
-def test_a_diverged_candidate_is_told_from_one_that_was_stopped():
-    k = random_faults(batch.LANES)
-    k[3], k[7] = np.nan, np.inf
-    limits = np.full(len(k), np.inf)
-    limits[5:8] = 0.0
-    costs, status, _, _ = scoring(k, keep=False, limits=limits)
-    assert np.isposinf(costs[[3, 5, 6, 7]]).all()
-    assert np.isfinite(np.delete(costs, [3, 5, 6, 7])).all()
-    assert status[[3, 5, 6, 7]].tolist() == [
-        batch.DIVERGED, batch.STOPPED, batch.STOPPED, batch.DIVERGED,
-    ]  # fmt: skip
 
 
 def test_candidates_above_their_limits_are_not_simulated_to_the_end(monkeypatch):
@@ -194,8 +176,8 @@ def test_candidates_above_their_limits_are_not_simulated_to_the_end(monkeypatch)
         return now, 0.0
 
     monkeypatch.setattr(batch, "monitor_step", counted)
-    scoring(random_faults(batch.LANES), keep=False, limits=np.zeros(batch.LANES))
-    assert len(steps) == batch.LANES * batch.SEGMENT * SUBSTEPS
+    scoring(random_faults(LANES), keep=False, limits=np.zeros(LANES))
+    assert len(steps) == LANES * batch.SEGMENT * SUBSTEPS
 
 
 # Constants by candidate
@@ -210,30 +192,27 @@ def varied(count, seed=3):
 
 @pytest.mark.parametrize("rectify", [True, False])
 def test_the_same_constants_for_each_candidate_are_the_shared_ones(rectify):
-    k = random_faults(2 * batch.LANES)
-    shared, _, responses, _ = scoring(k, rectify)
-    each, status, own_responses, _ = scoring(
-        k, rectify, by_candidate=np.tile(np.array(C), (len(k), 1))
-    )
-    assert (status == batch.OK).all()
+    k = random_faults(2 * LANES)
+    shared, responses, _ = scoring(k, rectify)
+    each, own_responses, _ = scoring(k, rectify, by_candidate=np.tile(np.array(C), (len(k), 1)))
     np.testing.assert_allclose(each, shared, rtol=1e-12)
     np.testing.assert_allclose(own_responses, responses, rtol=0.0, atol=1e-12)
 
 
 def test_each_candidate_has_constants_of_its_own():
     """A candidate of a mixed batch costs what it does where all share its constants."""
-    k = random_faults(2 * batch.LANES)
+    k = random_faults(2 * LANES)
     constants = varied(len(k))
-    mixed, _, responses, _ = scoring(k, by_candidate=constants)
+    mixed, responses, _ = scoring(k, by_candidate=constants)
     assert not np.isclose(mixed, scoring(k)[0], rtol=1e-6).any()
-    for n in (0, 1, batch.LANES - 1, batch.LANES, len(k) - 1):
-        alone, _, response, _ = scoring(k, c=type(C)(*constants[n].tolist()))
+    for n in (0, 1, LANES - 1, LANES, len(k) - 1):
+        alone, response, _ = scoring(k, c=type(C)(*constants[n].tolist()))
         assert mixed[n] == pytest.approx(alone[n], rel=1e-12)
         np.testing.assert_allclose(responses[n], response[n], rtol=0.0, atol=1e-12)
 
 
 def test_constants_of_candidates_move_with_them():
-    k, constants = random_faults(2 * batch.LANES), varied(2 * batch.LANES)
+    k, constants = random_faults(2 * LANES), varied(2 * LANES)
     order = np.random.default_rng(4).permutation(len(k))
     costs = scoring(k, by_candidate=constants)[0]
     moved = scoring(k[order], by_candidate=constants[order])[0]
@@ -243,12 +222,11 @@ def test_constants_of_candidates_move_with_them():
 @pytest.mark.parametrize("field", C._fields)
 def test_a_constant_that_is_no_number_costs_infinity_and_spoils_no_other(field):
     """Whichever it is: some have no effect on the monitor model, and would not show."""
-    k = random_faults(batch.LANES)
+    k = random_faults(LANES)
     constants = varied(len(k))
     clean = scoring(k, by_candidate=constants)[0]
     constants[7, C._fields.index(field)] = np.nan
-    costs, status, _, _ = scoring(k, by_candidate=constants)
+    costs, _, _ = scoring(k, by_candidate=constants)
     others = np.arange(len(k)) != 7
-    assert (costs[7], status[7]) == (np.inf, batch.DIVERGED)
-    assert (status[others] == batch.OK).all()
+    assert costs[7] == np.inf
     np.testing.assert_array_equal(costs[others], clean[others])

@@ -4,12 +4,12 @@ import pickle
 import numpy as np
 import pytest
 
-from ematwin import BldcActuator, Faults, Noise, Recording, Scenario, simulate
+from ematwin import BldcActuator, Faults, Noise, Recording, simulate
 from ematwin.errors import InputError, RecordError
 from ematwin.models.bldc.comparison import BldcComparison, initial_state
 from ematwin.models.bldc.faults import FAULTS, HEALTHY
 from ematwin.models.bldc.unknowns import FIXED
-from ematwin.numerics.low_pass import LowPass
+from ematwin.numerics.signals import LowPass
 
 ACTUATOR = BldcActuator.load()
 FAULTY = Faults(friction=0.2, backlash=0.1, gain=0.6)
@@ -270,77 +270,3 @@ def test_the_noise_of_a_recording_leaves_the_misfit_that_was_measured_on_it(whit
     objective = Misfit(record, ACTUATOR)
     left = objective.relative_misfit(objective(FAULTY.vector[None])[0])
     assert objective.recorded_noise == pytest.approx(left, rel=0.35)
-
-
-# Single precision
-
-
-def nearby(faults: Faults, count: int, spread: float) -> np.ndarray:
-    away = spread * np.random.default_rng(4).standard_normal((count, len(FAULTS)))
-    return np.clip(np.array(faults.vector) + away, 0.0, 1.0)
-
-
-@pytest.mark.parametrize("sample_rate", [20e3, 50e3])
-def test_costs_in_single_precision_are_those_of_currents_that_hardly_differ(
-    sample_rate: float,
-) -> None:
-    """By 0.05 % of the current near the answer, and elsewhere by as little of the misfit.
-
-    Candidates that are off by several times the current tumble from wall to wall of the gap: a
-    fault that differs by 1e-9 moves their costs as much.
-    """
-    recording = simulate("reference", faults=FAULTY, sample_rate=sample_rate)
-    double = Misfit(recording, ACTUATOR)
-    single = Misfit(recording, ACTUATOR, backend="cpu-single")
-    assert single.single
-    assert not double.single
-    everywhere = np.random.default_rng(3).random((96, 8))
-    for k in (everywhere, nearby(FAULTY, 96, 0.02), nearby(FAULTY, 96, 0.002)):
-        a, b = np.sqrt(double(k) / double.scale), np.sqrt(single(k) / double.scale)
-        assert (a != b).any()
-        assert np.median(np.abs(b - a)) < 2e-5
-        calm = a < 2.0
-        assert calm.sum() > 30
-        np.testing.assert_allclose(b[calm], a[calm], atol=5e-4, rtol=2e-3)
-        np.testing.assert_array_equal(single.residuals_at(k[:16]), double.residuals_at(k[:16]))
-
-
-def test_costs_in_single_precision_do_not_depend_on_threads_batch_or_limits(
-    twin_record: Recording,
-) -> None:
-    k = nearby(FAULTY, 75, 0.2)
-    whole = Misfit(twin_record, ACTUATOR, threads=1, backend="cpu-single")(k)
-    shared = Misfit(twin_record, ACTUATOR, threads=3, backend="cpu-single")
-    np.testing.assert_array_equal(np.concatenate([shared(k[:7]), shared(k[7:])]), whole)
-    limits = whole * np.random.default_rng(6).choice([0.5, 1.0, 2.0], len(k))
-    np.testing.assert_array_equal(
-        shared.costs_within(by_name(k), len(k), limits), np.where(whole > limits, np.inf, whole)
-    )
-    sick = k.copy()
-    sick[3, 1], sick[40] = np.nan, np.inf
-    bad = np.isin(np.arange(len(k)), [3, 40])
-    np.testing.assert_array_equal(shared(sick), np.where(bad, np.inf, whole))
-
-
-def test_parameters_may_differ_from_candidate_to_candidate_in_single_precision(
-    twin_record: Recording,
-) -> None:
-    k = by_name(nearby(FAULTY, 40, 0.1))
-    k["motor.inertia"] = ACTUATOR.motor.inertia * np.linspace(0.9, 1.1, 40)
-    k["load_delay"] = np.linspace(0.0, 1e-3, 40)
-    double = BldcComparison(twin_record, ACTUATOR)
-    single = BldcComparison(twin_record, ACTUATOR, backend="cpu-single")
-    a, b = double.costs(k, 40), single.costs(k, 40)
-    assert (a != b).any()
-    assert (np.abs(np.sqrt(b) - np.sqrt(a)) < 5e-4 * math.sqrt(double.scale)).all()
-
-
-def test_long_ways_and_loops_of_shorted_turns_stay_double() -> None:
-    way = 17.0 / ACTUATOR.transmission.ratio
-    command = [{"type": "chirp", "amplitude": way, "f_start": 0.5, "f_end": 2.0}]
-    far = simulate("monitor", Scenario(duration=0.2, command=command), initial_position=0.0)
-    assert not BldcComparison(far, ACTUATOR, backend="cpu-single").single
-    loops = ACTUATOR.changed({"shorted_turns.resistance": 0.1})
-    near = simulate("monitor")
-    assert not BldcComparison(near, loops, backend="cpu-single").single
-    assert BldcComparison(near, ACTUATOR, backend="cpu-single").single

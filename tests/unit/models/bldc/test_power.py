@@ -10,7 +10,7 @@ from ematwin.models.bldc.channels import PHASES, VOLTAGES, phase_currents
 from ematwin.models.bldc.comparison import BldcComparison
 from ematwin.models.bldc.model import MODEL
 from ematwin.models.bldc.power import recorded_power
-from ematwin.numerics.low_pass import LowPass
+from ematwin.numerics.signals import LowPass
 from ematwin.recordings.recording import Recording
 
 ACTUATOR = ematwin.BldcActuator.load("servo48")

@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+from numba.core.caching import NullCache
 
 import ematwin
 from bldc_inputs import SEVERE, history
@@ -21,7 +22,7 @@ from ematwin.models.bldc.truer.speed_loop import advance_speed_loop
 from ematwin.models.bldc.truer.state import NEUTRAL, REST
 from ematwin.models.registry import model_of
 from ematwin.models.simulating import simulate
-from ematwin.numerics.compile import loop
+from ematwin.numerics.lanes import lane_loop
 from naive import monitor as naive_monitor
 from naive import reference as naive_reference
 from naive import truer as naive
@@ -229,8 +230,8 @@ def test_a_form_of_the_reference_alone_changes_its_answer_and_not_that_of_the_la
 def test_lanes_of_loops_with_power_are_computed_in_vectors(monkeypatch):
     """LLVM gives up where a loop has too many arrays: 8 times slower, and nobody would see it."""
     actuator = PLAIN.changed(FORMS["shorted_turns"])
-    fresh = loop(batch.monitor_scores.py_func, interleave=2)
-    fresh.kept = False  # compiled anew
+    fresh = lane_loop(batch.monitor_scores.py_func)
+    fresh._cache = NullCache()  # compiled anew: only then numba knows its code
     monkeypatch.setattr(batch, "monitor_scores", fresh)
     record = simulate("reference", "step", actuator=actuator, sample_rate=5e3, also=VOLTAGES)
     comparison = MODEL.compare(record, actuator, threads=1).with_evidence()

@@ -5,11 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from ematwin.models.pmsm.batch import ANSWERS, LANES, monitor_scores
+from ematwin.models.pmsm.batch import ANSWERS, monitor_scores
 from ematwin.models.pmsm.channels import to_rotor
 from ematwin.models.pmsm.comparison import ticks_of
 from ematwin.models.pmsm.constants import constants_of
 from ematwin.models.pmsm.state import Constants
+from ematwin.numerics.lanes import LANES
 from naive.pmsm import Coils, Drive, run
 from physics.test_pmsm_motulator import settings
 from pmsm_inputs import ACTUATOR, TICK, healthy, reference, smooth_move

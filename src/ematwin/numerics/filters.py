@@ -1,10 +1,14 @@
-"""Signals some samples earlier or later, by cubic convolution. Keys (1981), IEEE Trans. ASSP 29."""
+"""Signals through a second-order filter, and some samples earlier or later.
+
+Shifts are by cubic convolution: Keys (1981), IEEE Trans. ASSP 29.
+"""
 
 import math
 
 import numpy as np
 
 from ematwin.numerics.compile import loop, step
+from ematwin.numerics.scalar import biquad
 
 
 def advanced(rows: np.ndarray, shift: np.ndarray) -> np.ndarray:
@@ -117,3 +121,16 @@ def compare_rows(rows, target, roots, starts, shift):
                     on_after * after[k] + on_beyond * beyond[k]
                 )
                 row[k] = (row[k] - expected) * ((1.0 - t) * root[k] + t * next_root[k])
+
+
+@loop
+def second_order(taps, state, signal):
+    """Filter a signal (S,) in place: ``b0 b1 b2 a1 a2`` of ``taps``, direct form II transposed.
+
+    ``state`` (2,) holds the state before, and afterwards that after it.
+    """
+    low_pass = taps[0], taps[1], taps[2], taps[3], taps[4]
+    z1, z2 = state[0], state[1]
+    for n in range(signal.size):
+        signal[n], z1, z2 = biquad(signal[n], z1, z2, low_pass)
+    state[0], state[1] = z1, z2

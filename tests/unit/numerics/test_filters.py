@@ -8,7 +8,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from ematwin.numerics.shift import advanced, compare
+from ematwin.numerics.filters import advanced, compare
 from naive import signals
 
 

@@ -1,4 +1,7 @@
-"""The low-pass filter that both sides of a comparison pass."""
+"""Signals of a comparison: low-pass, noise, means, and the weights of the misfit.
+
+Loads no numba until a signal is filtered.
+"""
 
 import math
 from dataclasses import dataclass
@@ -8,6 +11,8 @@ import numpy as np
 from ematwin.errors import InputError
 
 _NOISE_BANDWIDTH = (math.pi / 4.0) / math.sin(math.pi / 4.0)  # of the cutoff
+_ORDER = 4  # a trace that is sampled well is a cubic over five samples
+_NORMAL = 0.6745  # median size of a normal variable, in standard deviations
 
 
 @dataclass(frozen=True)
@@ -60,9 +65,55 @@ class LowPass:
 
 def filtered(taps: np.ndarray, signal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """A signal (S,) through a filter as `LowPass.taps` gives it, and its state (2,) afterwards."""
-    from ematwin.numerics.filtering import second_order
+    from ematwin.numerics.filters import second_order
 
     found = np.array(signal, dtype=float)
     state = np.array(taps[5:], dtype=float)
     second_order(taps, state, found)
     return found, state
+
+
+def means(trace: np.ndarray, stride: int) -> np.ndarray:
+    """The first sample of a trace (S,), then the mean of each ``stride`` samples after it.
+
+    ``(1 + (S - 1) // stride,)``: each stands at the last of its samples, as a current that was
+    recorded as a mean does.
+    """
+    count = (trace.size - 1) // stride
+    parts = trace[1 : 1 + count * stride].reshape(count, stride)
+    return np.concatenate([trace[:1], parts.mean(axis=1)])
+
+
+def white_noise(trace: np.ndarray) -> float:
+    """Standard deviation of the white noise on a trace (S,), in its unit.
+
+    By differences of the fourth order, whose variance is 70 times that of the noise, and their
+    median, so that corners and commutations do not count (von Neumann, Kent, Bellinson and Hart
+    1941, Ann. Math. Stat. 12, 153-162; Hampel 1974, J. Am. Stat. Assoc. 69, 383-393). 0 for a trace
+    of fewer than five samples.
+    """
+    if trace.size <= _ORDER:
+        return 0.0
+    gain = math.comb(2 * _ORDER, _ORDER)
+    return float(np.median(np.abs(np.diff(trace, _ORDER)))) / (_NORMAL * math.sqrt(gain))
+
+
+@dataclass(frozen=True)
+class SlopeWeighting:
+    """Weights ``1/sqrt((dI/dt)^2 + s^2)`` of squared differences from the measured current.
+
+    Eq. 2 of the paper: err = sum_t (I_3eq - I_m)^2 / sqrt((dI_3eq/dt)^2 + s^2). A total least
+    squares weighting: where the measured current is steep, a small shift in time makes a large
+    difference, and counts for less.
+
+    Parameters
+    ----------
+    slope_scale : float, A/s; 1 is the paper's, larger ones come closer to least squares
+    """
+
+    slope_scale: float = 500.0
+
+    def weights(self, measured: np.ndarray, interval: float) -> np.ndarray:
+        """(S,) array, s/A, for a measured current (S,) in A sampled each ``interval`` s."""
+        slope = np.gradient(measured, interval)
+        return 1.0 / np.sqrt(slope**2 + self.slope_scale**2)

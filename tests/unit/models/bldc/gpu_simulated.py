@@ -1,4 +1,4 @@
-"""The GPU's scores in numba-cuda's simulator; `test_cuda` runs this file with the simulator on."""
+"""The GPU's scores in numba-cuda's simulator; `test_gpu` runs this file with the simulator on."""
 
 import threading
 import time
@@ -10,20 +10,21 @@ from numba import config
 
 import ematwin
 from bldc_inputs import SEVERE, history
-from ematwin import Problem, simulate
+from ematwin import simulate
 from ematwin.benchmarking.engines.cuda import CudaEngine
 from ematwin.benchmarking.execute import execute
 from ematwin.benchmarking.store import Store
 from ematwin.benchmarking.study import run_study
-from ematwin.models.bldc import batch, cuda
+from ematwin.models.bldc import batch
 from ematwin.models.bldc.channels import VOLTAGES
 from ematwin.models.bldc.constants import kernel_constants
-from ematwin.models.bldc.cuda_signals import Signals
 from ematwin.models.bldc.faults import HEALTHY, Faults
+from ematwin.models.bldc.gpu import launch as gpu
 from ematwin.models.bldc.model import MODEL
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.stretches import PowerStretches, Stretches
-from ematwin.numerics.low_pass import LowPass
+from ematwin.numerics.lanes import LANES
+from ematwin.numerics.signals import LowPass
 from ematwin.testing.store_contract import small_plan
 
 C = kernel_constants(BldcActuator.load())
@@ -70,70 +71,63 @@ def random_faults(count: int) -> np.ndarray:
 
 def of_lanes(k, some, own, rectify):  # type: ignore[no-untyped-def]
     shape = len(some), len(k)
-    costs, status = np.empty(shape), np.empty(shape, dtype=np.int64)
-    response, watts = np.empty((*shape, KEPT)), np.empty((*shape, KEPT))
+    costs, response, watts = np.empty(shape), np.empty((*shape, KEPT)), np.empty((*shape, KEPT))
     batch.monitor_scores(
         k, some.command, some.load, some.starts, some.samples, some.states, C, own, STEP, SUBSTEPS,
-        some.taps, rectify, some.target, some.weights, costs, status, response,
+        some.taps, rectify, some.target, some.weights, costs, response,
         (some.power.states, watts), np.full(len(k), np.inf), None,
     )  # fmt: skip
     return costs.sum(axis=0), np.hstack(response), np.hstack(watts)
 
 
-@pytest.mark.parametrize("rectify", [True, False])
-@pytest.mark.parametrize(("vary", "starts"), [(False, (0,)), (True, (0,)), (True, (0, 40, 90))])
-def test_scores_are_those_of_the_lanes(rectify: bool, vary: bool, starts: Sequence[int]) -> None:
-    k, one, own = random_faults(batch.LANES), stretches(starts=starts), None
+@pytest.mark.parametrize(
+    ("vary", "starts", "rectify"),
+    [(False, (0,), True), (True, (0,), False), (True, (0, 40, 90), True)],
+)
+def test_scores_are_those_of_the_lanes(vary: bool, starts: Sequence[int], rectify: bool) -> None:
+    k, one, own = random_faults(LANES), stretches(starts=starts), None
     if vary:
         own = np.array(C) * np.random.default_rng(3).uniform(0.9, 1.1, (len(k), len(C)))
         own[:, C._fields.index("pole_pairs")] = C.pole_pairs
         own[:, C._fields.index("load_delay")] = np.linspace(-1e-3, 1e-3, len(k))
-    work = cuda.Work(one, k, C if own is None else own, STEP, SUBSTEPS, rectify, KEPT)
-    found = cuda.Launcher().scores([work])[0]
-    for ours, theirs in zip(found, of_lanes(k, one, own, rectify), strict=True):
+    work = gpu.Work(one, k, C if own is None else own, STEP, SUBSTEPS, rectify, KEPT)
+    for ours, theirs in zip(gpu.launched([work])[0], of_lanes(k, one, own, rectify), strict=True):
         np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.filterwarnings("ignore:.*invalid value:RuntimeWarning")  # the simulator is numpy
 def test_a_diverged_candidate_costs_infinity_and_spoils_no_other() -> None:
-    k, one = random_faults(5), stretches()
-    launcher = cuda.Launcher()
-    clean = launcher.scores([cuda.Work(one, k, C, STEP, SUBSTEPS, True, 0)])[0][0]
-    sick = k.copy()
+    k, one, own = random_faults(5), stretches(), np.tile(np.array(C), (5, 1))
+    (clean, *_), sick = gpu.launched([gpu.Work(one, k, C, STEP, SUBSTEPS, True, 0)])[0], k.copy()
     sick[3, 0], sick[4, 5] = np.nan, np.inf
-    costs = launcher.scores([cuda.Work(one, sick, C, STEP, SUBSTEPS, True, 0)])[0][0]
-    assert np.isposinf(costs[3:]).all()
-    np.testing.assert_array_equal(costs[:3], clean[:3])
-    own = np.tile(np.array(C), (5, 1))
     own[2, C._fields.index("load_delay")] = np.nan
-    costs = launcher.scores([cuda.Work(one, k, own, STEP, SUBSTEPS, True, 0)])[0][0]
-    np.testing.assert_array_equal(np.isposinf(costs), [False, False, True, False, False])
+    costs, *_ = gpu.launched([gpu.Work(one, sick, own, STEP, SUBSTEPS, True, 0)])[0]
+    assert np.isposinf(costs[2:]).all()
+    np.testing.assert_array_equal(costs[:2], clean[:2])
 
 
 def test_works_of_all_sorts_share_a_launch() -> None:
     k = random_faults(7)
     works = [
-        cuda.Work(stretches(), k[:2], C, STEP, SUBSTEPS, True, KEPT),
-        cuda.Work(stretches(power=False), k[2:5], C, STEP, SUBSTEPS, False, 21),
-        cuda.Work(stretches(), k[5:], C, STEP / 2.0, 2 * SUBSTEPS, True, 0),
+        gpu.Work(stretches(), k[:2], C, STEP, SUBSTEPS, True, KEPT),
+        gpu.Work(stretches(power=False), k[2:5], C, STEP, SUBSTEPS, False, 21),
+        gpu.Work(stretches(), k[5:], C, STEP / 2.0, 2 * SUBSTEPS, True, 0),
     ]
-    launcher = cuda.Launcher()
-    together = launcher.scores(works)
-    assert launcher.launches == 1
+    together = gpu.launched(works)
     for work, found in zip(works, together, strict=True):
-        for ours, alone in zip(found, launcher.scores([work])[0], strict=True):
+        for ours, alone in zip(found, gpu.launched([work])[0], strict=True):
             np.testing.assert_array_equal(ours, alone)
     assert [found[1].shape for found in together] == [(2, KEPT), (3, 21), (0, 0)]
     assert [found[2].shape for found in together] == [(2, KEPT), (0, 0), (0, 0)]
 
 
 def test_works_that_threads_bring_during_a_launch_go_together_in_the_next() -> None:
-    launcher, one, k = cuda.Launcher(), stretches(), random_faults(6)
+    launcher, one, k = gpu.Launcher(), stretches(), random_faults(6)
     found: dict[int, np.ndarray] = {}
 
     def search(n: int) -> None:
-        work = cuda.Work(one, k[n : n + 1], C, STEP, SUBSTEPS, True, 0)
-        found[n] = launcher.scores([work])[0][0]
+        work = gpu.Work(one, k[n : n + 1], C, STEP, SUBSTEPS, True, 0)
+        found[n] = launcher.scores(work)[0]
 
     threads = [threading.Thread(target=search, args=(n,)) for n in range(len(k))]
     with launcher._launching:
@@ -144,33 +138,16 @@ def test_works_that_threads_bring_during_a_launch_go_together_in_the_next() -> N
     for thread in threads:
         thread.join()
     assert launcher.launches == 1
-    whole = launcher.scores([cuda.Work(one, k, C, STEP, SUBSTEPS, True, 0)])[0][0]
+    whole = launcher.scores(gpu.Work(one, k, C, STEP, SUBSTEPS, True, 0))[0]
     np.testing.assert_array_equal(np.concatenate([found[n] for n in range(len(k))]), whole)
 
 
 def test_an_error_reaches_all_that_wait_and_the_next_launch_is_well() -> None:
-    launcher = cuda.Launcher()
+    launcher, k = gpu.Launcher(), random_faults(3)
     with pytest.raises(ValueError, match="broadcast"):
-        launcher.scores(
-            [cuda.Work(stretches(), random_faults(3), np.ones((3, 5)), STEP, 2, True, 0)]
-        )
-    work = cuda.Work(stretches(), random_faults(3), C, STEP, SUBSTEPS, True, 0)
-    assert np.isfinite(launcher.scores([work])[0][0]).all()
-
-
-def test_signals_are_sent_once_and_the_oldest_give_way() -> None:
-    one, two, three = stretches(), stretches(), stretches()
-    signals = Signals(most=SAMPLES)
-    for some in ([one], [one], [one, one]):
-        there, places = signals.placed(some, np.copy)
-        assert places == [0] * len(some)
-    assert signals.sent == 1
-    there, places = signals.placed([two], np.copy)
-    assert (places, there.shape) == ([SAMPLES], (4, 2 * SAMPLES))
-    there, places = signals.placed([three, two], np.copy)
-    np.testing.assert_array_equal(there[3, places[1] : places[1] + SAMPLES], two.weights)
-    assert signals.placed([one], np.copy)[0].shape[1] <= 3 * SAMPLES
-    assert signals.sent == 4
+        launcher.scores(gpu.Work(stretches(), k, np.ones((3, 5)), STEP, 2, True, 0))
+    work = gpu.Work(stretches(), k, C, STEP, SUBSTEPS, True, 0)
+    assert np.isfinite(launcher.scores(work)[0]).all()
 
 
 @pytest.mark.parametrize("evidence", [False, True])
@@ -184,28 +161,22 @@ def test_a_comparison_gives_what_it_gives_on_the_processor(record, evidence: boo
         there, here = there.with_evidence(), here.with_evidence()
     for ours, theirs in ((there, here), (there.restarted(), here.restarted())):
         np.testing.assert_allclose(ours.costs(unknown, 3), theirs.costs(unknown, 3), rtol=1e-9)
-        before = cuda.LAUNCHER.launches
+        before = gpu.LAUNCHER.launches
         residuals = ours.residuals(unknown, 3)
-        assert cuda.LAUNCHER.launches == before + 1  # all stretches at once
+        assert gpu.LAUNCHER.launches == before + 1  # all stretches at once
         expected = theirs.residuals(unknown, 3)
         np.testing.assert_allclose(residuals, expected, rtol=1e-9, atol=1e-9 * expected.std())
 
 
-def test_a_problem_takes_the_backend(record) -> None:
-    points = random_faults(3)
-    there, here = (Problem.of(record, "servo48", backend=backend) for backend in ("cuda", "cpu"))
-    np.testing.assert_allclose(there.costs(points), here.costs(points), rtol=1e-9)
-
-
 def test_a_study_has_the_same_runs_and_shares_launches(tmp_path) -> None:
     plan = small_plan(algorithms=("pso", "gwo"), runs=2, population=4, iterations=2, scenario=SHORT)
-    before = cuda.LAUNCHER.launches
+    before = gpu.LAUNCHER.launches
     with Store(str(tmp_path / "study.db")) as store:
         tally = run_study(plan, store, CudaEngine(searches=8))
         stored = {run.spec.id: run.result for run in store.runs()}
     assert tally.counts == {"done": len(plan.specs())}
     batches = 1 + 2  # for each run at most: one to compile, and its generations
-    assert cuda.LAUNCHER.launches - before < batches * len(plan.specs())
+    assert gpu.LAUNCHER.launches - before < batches * len(plan.specs())
     for spec in plan.specs():
         assert stored[spec.id].provenance["kernel"] == "numba-cuda on a GPU"
         assert stored[spec.id].cost == pytest.approx(execute(spec).cost, rel=1e-6)

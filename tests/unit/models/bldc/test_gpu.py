@@ -1,7 +1,6 @@
 """Scores on a GPU, as far as they can be tested without one.
 
-The thread's own function is compiled for the processor and compared with the lanes; numba-cuda's
-simulator runs launches; and the kernel is compiled to PTX and machine code, which needs no device.
+numba-cuda's simulator runs launches; the kernel is compiled to PTX and machine code.
 """
 
 import os
@@ -10,27 +9,20 @@ import sys
 from importlib.util import find_spec
 from pathlib import Path
 
-import numba
 import numpy as np
 import pytest
 
 import ematwin
-from bldc_inputs import SEVERE, history
+from bldc_inputs import SEVERE
 from ematwin import Faults, simulate
 from ematwin.errors import InputError, MissingExtraError
-from ematwin.models.bldc import cuda, monitor_thread
-from ematwin.models.bldc.batch import LANES, monitor_scores
-from ematwin.models.bldc.constants import kernel_constants
+from ematwin.models.bldc.gpu import launch as gpu
 from ematwin.models.bldc.model import MODEL
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.models.bldc.stretches import PowerStretches, Stretches
 from ematwin.models.registry import model_of
-from ematwin.numerics.low_pass import LowPass
 
 HERE = Path(__file__).parent
 PROJECT = HERE.parents[3]
-C = kernel_constants(BldcActuator.load())
-RATE, SUBSTEPS, SAMPLES = 20_000.0, 2, 1_201
 needs_numba_cuda = pytest.mark.skipif(
     find_spec("numba_cuda") is None, reason='numba-cuda is not installed: pip install ".[gpu]"'
 )
@@ -41,43 +33,26 @@ def test_launches_in_the_simulator_give_the_scores_of_the_lanes() -> None:
     paths = os.pathsep.join([str(PROJECT), str(PROJECT / "tests"), *sys.path])
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-p", "no:randomly",
-         str(HERE / "cuda_simulated.py")],
+         str(HERE / "gpu_simulated.py")],
         env={**os.environ, "NUMBA_ENABLE_CUDASIM": "1", "PYTHONPATH": paths},
         cwd=PROJECT, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-def test_a_thread_gives_the_scores_of_the_lanes() -> None:
-    command, load = history(SAMPLES - 1, 1.0 / RATE)
-    t = np.arange(SAMPLES) / RATE
-    low_pass = LowPass(500.0)
-    target = 2.0 + np.sin(2.0 * np.pi * 80.0 * t)
-    power = PowerStretches(target, np.ones(SAMPLES), low_pass.taps(RATE, 3.0)[None, 5:])
-    one = Stretches(command, load, target, np.ones(SAMPLES), np.zeros(1, dtype=np.int64), SAMPLES,
-                    np.zeros((1, 7)), low_pass.taps(RATE, 2.0)[None], SAMPLES, power)  # fmt: skip
-    k = np.random.default_rng(1).random((4 * LANES, 8))
-    k[0] = Faults(**SEVERE).vector
-    step = 1.0 / (RATE * SUBSTEPS)
-    costs, status = np.empty((1, len(k))), np.empty((1, len(k)), dtype=np.int64)
-    response, watts = np.empty((1, len(k), SAMPLES)), np.empty((1, len(k), SAMPLES))
-    monitor_scores(
-        k, command, load, one.starts, SAMPLES, one.states, C, None, step, SUBSTEPS, one.taps, True,
-        target, one.weights, costs, status, response, (power.states, watts),
-        np.full(len(k), np.inf), None,
-    )  # fmt: skip
-    costs, status, response, watts = costs[0], status[0], response[0], watts[0]
+def compiled_text() -> str:
+    """The kernel in PTX for devices of compute capability 8.0; needs no device."""
+    from numba import cuda, float64, int64
+    from numba.core.types import Array
 
-    score = numba.njit(error_model="numpy")(monitor_thread.score_candidate)
-    work = [cuda.Work(one, k, C, step, SUBSTEPS, True, SAMPLES)]
-    signals = np.stack([command, load, target, one.weights])
-    found = [np.empty_like(a) for a in (costs, status, response.T.copy(), watts.T.copy())]
-    for n in range(len(k)):
-        score(n, 0, k.T.copy(), C, signals, cuda._numbers(work), cuda._counts(work, [0]), *found)
-    np.testing.assert_allclose(found[0], costs, rtol=1e-9)
-    np.testing.assert_array_equal(found[1], status)
-    np.testing.assert_allclose(found[2].T, response, rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(found[3].T, watts, rtol=1e-9, atol=1e-6)
+    from ematwin.models.bldc.gpu.kernel import monitor_scores_by_thread
+
+    row, rows, whole = Array(float64, 1, "C"), Array(float64, 2, "C"), Array(int64, 1, "C")
+    text, _ = cuda.compile(
+        monitor_scores_by_thread.py_func, (rows, rows, whole, rows, rows, row, rows, rows),
+        device=False, abi="numba", cc=(8, 0), output="ptx",
+    )  # fmt: skip
+    return str(text)
 
 
 @pytest.fixture(scope="module")
@@ -85,9 +60,7 @@ def ptx() -> str:
     """The kernel for compute capability 8.0."""
     if find_spec("numba_cuda") is None or find_spec("nvidia") is None:
         pytest.skip('the CUDA compiler is not installed: pip install ".[gpu]"')
-    from ematwin.models.bldc.cuda_kernel import compiled_text
-
-    return compiled_text((8, 0))
+    return compiled_text()
 
 
 def test_the_kernel_compiles_for_a_device_in_double_precision_with_all_steps_inlined(
@@ -121,7 +94,7 @@ def test_the_assembler_takes_it_without_spilling_registers(ptx: str, tmp_path: P
 
 def has_device() -> bool:
     try:
-        cuda.ready()
+        gpu.ready()
     except (InputError, MissingExtraError):
         return False
     return True
@@ -144,7 +117,7 @@ def test_a_device_gives_the_scores_of_the_processor() -> None:
 
 
 def test_a_missing_package_names_the_command_that_installs_it(monkeypatch) -> None:
-    cuda.ready.cache_clear()
+    gpu.ready.cache_clear()
     monkeypatch.setitem(sys.modules, "numba_cuda", None)
     record = simulate("monitor", "step")
     with pytest.raises(MissingExtraError, match=r'numba-cuda.*pip install "ematwin\[gpu\]"'):
@@ -160,9 +133,7 @@ def test_a_missing_device_is_said_before_anything_is_searched() -> None:
 
 
 def test_backends_that_a_kind_does_not_have_are_refused() -> None:
-    with pytest.raises(
-        InputError, match="bldc has no backend 'tpu'; choose cpu or cpu-single or cuda"
-    ):
+    with pytest.raises(InputError, match="bldc has no backend 'tpu'; choose cpu or cuda"):
         ematwin.identify(simulate("monitor", "step"), backend="tpu")
     screw = ematwin.load_actuator("rm1605")
     with pytest.raises(InputError, match="ball-screw has no backend 'cuda'; choose cpu"):

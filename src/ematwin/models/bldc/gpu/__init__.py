@@ -1,0 +1,1 @@
+"""The monitor model on a GPU, by numba-cuda."""
