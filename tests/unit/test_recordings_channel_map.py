@@ -306,4 +306,3 @@ def test_the_map_in_the_documentation_is_one() -> None:
     found = of(tomllib.loads(text.split("```toml\n")[1].split("```")[0]))
     assert len(found.columns) == 5
     assert found.sample_rate == 20_000
-    assert found.csv.skip_rows == 3
