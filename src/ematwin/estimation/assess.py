@@ -17,24 +17,24 @@ from ematwin.estimation.baseline import Baseline, frees_parameters, with_all_fre
 from ematwin.estimation.constants import (
     ANYTHING,
     AS_GOOD,
-    BEYOND_BELIEF,
     COVERAGE,
     DECIDES,
     HOPELESS,
+    IMPLAUSIBLE,
     SIGMAS,
     WORTH,
 )
 from ematwin.estimation.correction import Corrected, corrected, reweighed
 from ematwin.estimation.descent import Descent
+from ematwin.estimation.held_healthy import held_healthy
 from ematwin.estimation.intervals import Draws, draws
 from ematwin.estimation.joint import Joint
 from ematwin.estimation.laplace import Laplace, profiled, sharp_errors
+from ematwin.estimation.other_minima import other_minima
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found
 from ematwin.estimation.significance import is_present
-from ematwin.estimation.valleys import beside
 from ematwin.estimation.verdict import worst_misfit
-from ematwin.estimation.without import without
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
@@ -138,7 +138,9 @@ def assess(
 
     def beside_it(near: Corrected, anew: bool = False) -> list[Corrected]:
         near_it = descent.afresh(settled=math.inf)
-        return [corrected(full, one.point, near_it) for one in beside(near.peak, descent, anew)]
+        return [
+            corrected(full, one.point, near_it) for one in other_minima(near.peak, descent, anew)
+        ]
 
     starts = [found.point, *_worth_a_look(full, found, problem)]
     # each may use all cores: most of its batches are one block
@@ -172,7 +174,7 @@ def assess(
         drawn = _drawn(best, own, baseline)
         covariance = _covariance_of(drawn, problem, values)
         named = _named(problem, values, covariance)
-        tried = without(best.peak, named, threads)
+        tried = held_healthy(best.peak, named, threads)
         spent += tried.evaluations
         if not left or tried.rises.min(initial=0.0) > -WORTH:
             break
@@ -489,7 +491,7 @@ def _strained(peak: Laplace) -> dict[str, float]:
         n = problem.names.index(name)
         here = math.log(point[n]) if problem.unknowns[n].logarithmic else point[n]
         away = abs(here - mean) / error
-        if away > BEYOND_BELIEF and problem.unknowns[n].role != "fault":
+        if away > IMPLAUSIBLE and problem.unknowns[n].role != "fault":
             found[name] = float(away)
     return found
 

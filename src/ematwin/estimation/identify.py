@@ -14,7 +14,7 @@ from ematwin.estimation.assess import Interval, assess, unassessed
 from ematwin.estimation.baseline import Baseline
 from ematwin.estimation.estimate import Estimate
 from ematwin.estimation.findings import caveats_of, doubts_of, obstacles_to, remarks_on, verdict_on
-from ematwin.estimation.placing import place
+from ematwin.estimation.initial_angle import estimate_initial_angle
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.rivals import Rival, hints, objections, qualified, rivals_of
 from ematwin.estimation.search import Progress, Search, find, named
@@ -327,7 +327,9 @@ def identified(
     started = time.perf_counter()
     with told(progress, "searching", _shown) as tell:
         quick = named(model.default_search)
-        where = place(recording, problem, problem_of, quick, seed=seed, progress=tell)
+        where = estimate_initial_angle(
+            recording, problem, problem_of, quick, seed=seed, progress=tell
+        )
         recording, problem = where.recording, where.problem
         warnings += where.said
         found = where.found

@@ -24,13 +24,13 @@ from ematwin.estimation.baseline import (
     searched_range,
     uncertain,
 )
-from ematwin.estimation.constants import AS_GOOD, BEYOND_BELIEF, DETERMINED, EXPLAINED, SAME_COMMAND
+from ematwin.estimation.constants import AS_GOOD, DETERMINED, EXPLAINED, IMPLAUSIBLE, SAME_COMMAND
 from ematwin.estimation.correction import Corrected, corrected, reweighed
 from ematwin.estimation.descent import Descent
+from ematwin.estimation.healthy_bias import healthy_bias, name_of
 from ematwin.estimation.laplace import Laplace, laplace, profiled
 from ematwin.estimation.multistart import MultistartDescent
 from ematwin.estimation.nominal import NominalParameter, fit_nominal
-from ematwin.estimation.off_health import name_of, off_health
 from ematwin.estimation.problem import Prior, Problem
 from ematwin.models.base import Model
 from ematwin.models.comparison import Comparison
@@ -121,7 +121,7 @@ def learn(
         recordings=len(comparisons),
         has_load=model.load is None or all(model.load in c.recording.channels for c in comparisons),
     )
-    scatter = off_health(model, actuator, baseline, comparisons)
+    scatter = healthy_bias(model, actuator, baseline, comparisons)
     progress(1.0)
     return Learnt(
         actuator, replace(baseline, scatter=scatter), _parameters(template, nominals, prior),
@@ -282,7 +282,7 @@ def _check_template(problem: Problem, peak: Laplace, nominals: Sequence[Unknown]
     for n, one in enumerate(nominals):
         assert one.spread is not None
         away = np.log(peak.point[n] / one.healthy) / one.spread
-        if abs(away) > BEYOND_BELIEF:
+        if abs(away) > IMPLAUSIBLE:
             unit = f" {one.unit}".rstrip()
             raise RecordError(
                 f"The recordings put {one.name} at {peak.point[n]:.4g}{unit}, where the template "

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from ematwin.estimation.placing import place
+from ematwin.estimation.initial_angle import estimate_initial_angle
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import named
 from ematwin.models.comparison import Placed
@@ -41,7 +41,9 @@ def placing(left: float, explained: bool = True):
 
     first = Turning(left).recording
     search = named("multistart")
-    return place(first, problem_of(first), problem_of, search, seed=1, progress=None), toys
+    problem = problem_of(first)
+    found = estimate_initial_angle(first, problem, problem_of, search, seed=1, progress=None)
+    return found, toys
 
 
 @pytest.mark.parametrize("left", [0, 1, 2])

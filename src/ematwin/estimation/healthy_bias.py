@@ -1,7 +1,7 @@
-"""How far off healthy the twin finds healthy recordings, by fault.
+"""Bias and scatter of estimates on healthy recordings, by fault.
 
-Recordings of one healthy actuator differ; and a twin that lacks something of an actuator takes some
-of it for a fault, in all of them alike. Parameters and sensors, which are free beside the faults,
+Recordings of one healthy actuator differ; and a twin that lacks a form of an actuator takes part of
+it for a fault, in all of them alike. Parameters and sensors, which are free beside the faults,
 can hide that from a calibration and not from a verdict: so healthy recordings are judged as
 `identify` would. What it finds then beyond its standard errors, it may find in any recording.
 """
@@ -27,7 +27,7 @@ _ODD = 6.0  # robust standard deviations
 _JUDGED = 5  # recordings, evenly chosen, which take a second or more each
 
 
-def off_health(
+def healthy_bias(
     model: Model, actuator: ParameterSet, baseline: Baseline, comparisons: Sequence[Comparison]
 ) -> dict[str, float]:
     """Standard deviation by which a healthy recording may be found off healthy, by fault.

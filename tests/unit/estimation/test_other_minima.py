@@ -9,8 +9,8 @@ import ematwin
 from ematwin.estimation import assess, rivals
 from ematwin.estimation.descent import Descent
 from ematwin.estimation.laplace import laplace
+from ematwin.estimation.other_minima import other_minima
 from ematwin.estimation.problem import Problem
-from ematwin.estimation.valleys import beside
 from ematwin.models.bldc.channels import PHASES
 from ematwin.models.unknown import Unknown
 from naive.toy import Toy, fault, stacked
@@ -39,7 +39,7 @@ def test_the_valley_of_the_right_load_is_found_where_a_descent_from_none_is_not(
     case = problem()
     stuck = laplace(case, np.array([0.0, 0.0]))
     assert abs(stuck.point[1] - 0.71) > 0.1
-    (found,) = beside(stuck, Descent())
+    (found,) = other_minima(stuck, Descent())
     assert found.cost < 0.5 * stuck.cost
     np.testing.assert_allclose(found.point, [0.3, 0.71], atol=0.02)
     assert found.evaluations > 7 * 2 * 13
@@ -48,10 +48,10 @@ def test_the_valley_of_the_right_load_is_found_where_a_descent_from_none_is_not(
 def test_nothing_is_looked_for_where_no_unknown_has_valleys_or_it_is_held():
     case = problem(valleys=1)
     stuck = laplace(case, np.array([0.0, 0.0]))
-    assert beside(stuck, Descent()) == []
+    assert other_minima(stuck, Descent()) == []
     case = problem()
     stuck = laplace(case, np.array([0.0, 0.0]))
-    assert beside(stuck, Descent(held={"load_offset"})) == []
+    assert other_minima(stuck, Descent(held={"load_offset"})) == []
 
 
 def test_anew_parameters_set_out_from_what_was_known_of_them():
@@ -68,11 +68,11 @@ def test_anew_parameters_set_out_from_what_was_known_of_them():
     case = Problem([toy], (fault("wear"), load(7), stiffness))
     stuck = laplace(case, np.array([0.0, 0.0, 1.0]))
     forced = replace(stuck, z=case.chart.from_values(np.array([[0.3, 0.0, 1.5]]))[0])
-    (astray,) = beside(forced, Descent())
-    (found,) = beside(forced, Descent(), anew=True)
+    (astray,) = other_minima(forced, Descent())
+    (found,) = other_minima(forced, Descent(), anew=True)
     assert found.cost < 0.5 * astray.cost
     np.testing.assert_allclose(found.point, [0.3, 0.71, 1.0], atol=0.02)
-    (kept,) = beside(forced, Descent(held={"motor.stiffness"}), anew=True)
+    (kept,) = other_minima(forced, Descent(held={"motor.stiffness"}), anew=True)
     assert kept.point[2] == 1.5
 
 
@@ -84,9 +84,9 @@ def test_it_is_looked_for_where_more_is_left_than_the_noise_of_the_recording(
 
     def counted(*arguments, **more):
         calls.append(more)
-        return beside(*arguments, **more)
+        return other_minima(*arguments, **more)
 
-    monkeypatch.setattr(assess, "beside", counted)
+    monkeypatch.setattr(assess, "other_minima", counted)
     record = ematwin.simulate(
         "reference", faults={"friction": 0.2}, noise=ematwin.Noise(white=0.03, bits=12), seed=5
     )
@@ -97,7 +97,7 @@ def test_it_is_looked_for_where_more_is_left_than_the_noise_of_the_recording(
 
 def test_nothing_is_looked_for_where_the_twin_explains_nothing(monkeypatch):
     """Seconds for values that mean nothing: here the currents belong to another motion."""
-    monkeypatch.setattr(assess, "beside", lambda *a, **k: pytest.fail("looked for valleys"))
+    monkeypatch.setattr(assess, "other_minima", lambda *a, **k: pytest.fail("looked for valleys"))
     monkeypatch.setattr(rivals, "_compared", lambda *a: pytest.fail("looked for other forms"))
     record = ematwin.simulate("reference", faults={"short_b": 0.2})
     backwards = {name: record.channels[name][::-1] for name in PHASES}

@@ -1,9 +1,9 @@
-"""Where a recording counts from, which only an answer can tell: searched before the search.
+"""Estimate the initial rotor angle of a recording that does not state it.
 
 Shorted turns of one phase look like those of another where the twin's rotor stands a third of a
-turn off, and which phases conduct tells where it stands only beside a twin that moves as recorded.
-So the kind's default search is run, the recording is counted from where its answer shows the rotor,
-and again, until nothing is left to turn (`Comparison.placed`).
+turn off, and the conducting phases show where it stands only beside a twin that moves as recorded.
+So the kind's default search is run, the recording is counted from the rotor angle that its answer
+shows, and again, until nothing is left to turn (`Comparison.placed`).
 """
 
 from collections.abc import Callable
@@ -21,7 +21,7 @@ _UNSETTLED = (
 
 
 @dataclass(frozen=True)
-class Place:
+class InitialAngle:
     """A recording that is counted as its twin counts.
 
     Attributes
@@ -40,7 +40,7 @@ class Place:
     obstacles: tuple[str, ...] = ()
 
 
-def place(
+def estimate_initial_angle(
     recording: Recording,
     problem: Problem,
     problem_of: Callable[[Recording], Problem],
@@ -48,13 +48,13 @@ def place(
     *,
     seed: int,
     progress: Progress | None,
-) -> Place:
+) -> InitialAngle:
     """Count a recording as the twin does, given its problem, and how to make that of another.
 
     ``search`` should be quick.
     """
     if not problem.comparisons[0].unplaced:
-        return Place(recording, problem)
+        return InitialAngle(recording, problem)
     said: tuple[str, ...] = ()
     for _ in range(_ROUNDS):
         found = find(problem, search, seed=seed, progress=progress)
@@ -64,9 +64,9 @@ def place(
         if placed is None:
             break
         if placed.recording is None:
-            return Place(recording, problem, found, said, (placed.said,))
+            return InitialAngle(recording, problem, found, said, (placed.said,))
         recording, said = placed.recording, (placed.said,)
         problem = problem_of(recording)
     else:
-        return Place(recording, problem, None, said, (_UNSETTLED,))
-    return Place(recording, problem, found, said)
+        return InitialAngle(recording, problem, None, said, (_UNSETTLED,))
+    return InitialAngle(recording, problem, found, said)

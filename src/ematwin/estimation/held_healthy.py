@@ -22,7 +22,7 @@ from ematwin.numerics.side_by_side import side_by_side
 
 
 @dataclass(frozen=True)
-class Without:
+class HeldHealthy:
     """The best explanations of a recording without some faults.
 
     Attributes
@@ -38,7 +38,7 @@ class Without:
     evaluations: int
 
 
-def without(peak: Laplace, names: Sequence[str], threads: int | None = 1) -> Without:
+def held_healthy(peak: Laplace, names: Sequence[str], threads: int | None = 1) -> HeldHealthy:
     """The best explanations in which one of some faults is healthy.
 
     Parameters
@@ -48,7 +48,7 @@ def without(peak: Laplace, names: Sequence[str], threads: int | None = 1) -> Wit
     threads : for descents side by side; None takes one for each core
     """
     if not names:
-        return Without(np.zeros(0), peak.point, 0)
+        return HeldHealthy(np.zeros(0), peak.point, 0)
     # what the fast model misses counts as noise here too, and the noise is that of the best point
     noise = peak.problem.noise * peak.problem.model_error
     problem, chart = peak.problem.with_noise(noise), peak.problem.chart
@@ -75,7 +75,7 @@ def without(peak: Laplace, names: Sequence[str], threads: int | None = 1) -> Wit
     if rises.min() < -WORTH:
         best, more = free.end(problem, best)
         spent += more
-    return Without(rises, best, spent)
+    return HeldHealthy(rises, best, spent)
 
 
 def _step(peak: Laplace, name: str) -> np.ndarray:

@@ -1,15 +1,14 @@
-"""Other valleys along what is held to its prior: those that a load beside the recorded one makes.
+"""Other local minima along an unknown that its prior alone holds, such as an unrecorded load.
 
-A descent of everything together sets out from what was known before. Where an unknown makes the
-twin stick at other places of the motion, as an unrecorded load does, that start lies in another
-valley than the truth, and what stiction did is forced on other parameters. So the unknown is held
-at values all over its prior while everything else descends from the same place, all starts as one
-batch of the lanes; then once more near the best of them, which lies in its valley already; then it
-is free. A start that is soon far behind is given up.
+A descent of everything together begins at the means of the priors. Where an unknown makes the
+twin stick at other places of the motion, as an unrecorded load does, that start may lie next to
+another minimum than the true one, and other parameters take up the effect of stiction. So the
+unknown is held at values all over its prior while everything else descends from the same place, all
+starts as one batch of the lanes; then once more near the best of them; then it is free. A start
+that is soon far behind is given up.
 
-``anew`` is for where that did not help: parameters then set out from what was known of them, for
-what was forced on them belongs to the wrong valley, and none is held: one that an alias holds would
-keep what was forced on it.
+``anew`` is for where that did not help: parameters then begin at the means of their priors, for
+what they took up belongs to the wrong minimum, and none is held.
 """
 
 from collections.abc import Collection
@@ -30,8 +29,8 @@ _FAR = 4.0  # times the least cost: a start so far behind does not win, 1.7 time
 _DAMPING = 1e-2
 
 
-def beside(peak: Laplace, descent: Descent, anew: bool = False) -> list[Laplace]:
-    """Peaks of other valleys of the same problem, one for each unknown that has valleys.
+def other_minima(peak: Laplace, descent: Descent, anew: bool = False) -> list[Laplace]:
+    """Other local minima of the same problem, one for each unknown that has several.
 
     Parameters
     ----------

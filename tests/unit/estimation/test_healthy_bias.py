@@ -8,7 +8,7 @@ import pytest
 
 from ematwin.errors import RecordError
 from ematwin.estimation.baseline import Baseline
-from ematwin.estimation.off_health import off_health
+from ematwin.estimation.healthy_bias import healthy_bias
 from ematwin.estimation.problem import Prior
 from ematwin.models.unknown import Unknown
 from naive.toy import OneChannel
@@ -72,7 +72,7 @@ class Actuator:
 
 def off(*runs: Beside) -> dict[str, float]:
     known = Baseline(Prior.independent([]), recordings=len(runs))
-    return off_health(Kind(), Actuator(), known, runs)  # type: ignore[arg-type]
+    return healthy_bias(Kind(), Actuator(), known, runs)  # type: ignore[arg-type]
 
 
 def test_of_a_twin_that_lacks_nothing_only_noise_is_left() -> None:
