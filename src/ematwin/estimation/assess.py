@@ -27,7 +27,14 @@ from ematwin.estimation.constants import (
 from ematwin.estimation.correction import Corrected, corrected, reweighed
 from ematwin.estimation.descent import Descent
 from ematwin.estimation.held_healthy import held_healthy
-from ematwin.estimation.intervals import Draws, draws
+from ematwin.estimation.intervals import (
+    Draws,
+    Interval,
+    contrasts_of,
+    draws,
+    in_physical_units,
+    with_corner,
+)
 from ematwin.estimation.joint import Joint
 from ematwin.estimation.laplace import Laplace, profiled, sharp_errors
 from ematwin.estimation.other_minima import other_minima
@@ -48,15 +55,6 @@ _RIVALS = 2  # other valleys that are gone into
 _ANEW = 3  # rounds in which a best point is looked for without the faults that it names
 _FAR = 100.0  # squared standard deviations by which a minimum is no rival any more
 _ALIKE = 1e-6  # logarithms so near that their mean slope is the slope
-_WIDE = 12.0  # sharp standard errors: an interval that others than noise make
-
-
-@dataclass(frozen=True)
-class Interval:
-    """Where a value lies, 95 %."""
-
-    low: float
-    high: float
 
 
 @dataclass(frozen=True)
@@ -208,8 +206,8 @@ def assess(
         covariance=covariance,
         sharp_errors=errors,
         intervals=intervals,
-        physical=_physical(problem, actuator, values, drawn, intervals),
-        contrasts=_contrasts(model, actuator, values, drawn),
+        physical=in_physical_units(problem, actuator, values, drawn, intervals),
+        contrasts=contrasts_of(model, actuator, values, drawn),
         nuisances=_evident(full, peak, intervals, own),
         strained=_strained(peak),
         cost=cost,
@@ -390,80 +388,6 @@ def _towards_healthy(one: Unknown, value: float, share: float) -> float:
     else:
         end = value + share * (one.healthy - value)
     return min(max(end, one.lower), one.upper)
-
-
-def with_corner(
-    interval: tuple[float, float], sharp_error: float, one: Unknown
-) -> tuple[float, float]:
-    """The interval with a margin for noise where bounds of other unknowns end it.
-
-    What cannot be told from the faults of other phases ends where those are healthy, and there the
-    truth often is: in a corner, which draws within the bounds do not straddle.
-    """
-    low, high = interval
-    if one.direction_of is not None or high - low < _WIDE * sharp_error:
-        return interval
-    margin = COVERAGE * sharp_error
-    return max(one.lower, low - margin), min(one.upper, high + margin)
-
-
-def _physical(
-    problem: Problem,
-    actuator: ParameterSet,
-    values: Mapping[str, float],
-    drawn: Draws,
-    intervals: Mapping[str, Interval],
-) -> dict[str, tuple[float, Interval]]:
-    """Faults in physical units: of products, where a fault is a multiple of a parameter."""
-    places = {name: drawn.of(name) for name in drawn.names if "." in name}
-    best = actuator.with_arrays({name: values[name] for name in places})
-    varied = actuator.with_arrays(places)
-    found = {}
-    for one in problem.unknowns:
-        if one.role != "fault":
-            continue
-        ends = intervals[one.name]
-        if one.physical is None:
-            found[one.name] = (values[one.name], ends)
-            continue
-        value = float(one.physical(best, values[one.name]))
-        if one.direction_of is not None or not _depends_on_parameters(one, varied):
-            low, high = (float(one.physical(best, end)) for end in (ends.low, ends.high))
-            if one.direction_of is None:  # what is lost may be told by what is left
-                low, high = sorted((low, high))
-        else:
-            spread = np.asarray(one.physical(varied, drawn.of(one.name)), dtype=float)
-            low, high = Draws((one.name,), spread[:, None], {}).interval(
-                one.name, float(spread.min()), float(spread.max())
-            )
-        found[one.name] = (value, Interval(low, high))
-    return found
-
-
-def _depends_on_parameters(one: Unknown, varied: ParameterSet) -> bool:
-    """Whether the physical value changes with parameters (N,); no where a kind takes no arrays."""
-    assert one.physical is not None
-    try:
-        values = np.asarray(one.physical(varied, one.healthy), dtype=float)
-    except TypeError:
-        return False
-    return bool(np.ptp(values) > 0.0)
-
-
-def _contrasts(
-    model: Model, actuator: ParameterSet, values: Mapping[str, float], drawn: Draws
-) -> dict[str, tuple[float, Interval]]:
-    found = {}
-    for one in model.contrasts(actuator):
-        if not set(one.weights) <= set(drawn.names):
-            continue
-        weights = one.weights.items()
-        value = float(sum(weight * values[name] for name, weight in weights))
-        spread = np.sum([weight * drawn.of(name) for name, weight in weights], axis=0)
-        low, high = np.quantile(spread, [0.025, 0.975])
-        # the best point may lie in a corner that draws within the bounds do not straddle
-        found[one.name] = (value, Interval(min(float(low), value), max(float(high), value)))
-    return found
 
 
 def _evident(

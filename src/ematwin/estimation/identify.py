@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ematwin.errors import InputError
-from ematwin.estimation.assess import Interval, assess, unassessed
+from ematwin.estimation.assess import assess, unassessed
 from ematwin.estimation.baseline import Baseline
 from ematwin.estimation.estimate import Estimate
 from ematwin.estimation.findings import caveats_of, doubts_of, obstacles_to, remarks_on, verdict_on
 from ematwin.estimation.initial_angle import estimate_initial_angle
+from ematwin.estimation.intervals import Interval
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.rivals import Rival, hints, objections, qualified, rivals_of
 from ematwin.estimation.search import Progress, Search, find, named

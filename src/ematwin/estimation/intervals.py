@@ -11,14 +11,27 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ematwin.estimation.constants import LEVEL
+from ematwin.estimation.constants import COVERAGE, LEVEL
 from ematwin.estimation.laplace import eigen
+from ematwin.estimation.problem import Problem
+from ematwin.models.base import Model
 from ematwin.models.chart import Chart
+from ematwin.models.parameter_set import ParameterSet
+from ematwin.models.unknown import Unknown
 
 _DRAWS, _ROUNDS, _FEWEST, _ENOUGH, _MOST = 20_000, 20, 200, 4000, 10_000
 _TRIED, _HARDLY = 4, 20  # rounds after which so few draws say that all rounds will bring too few
 _NEAR = 0.15  # of an interval: so close to a bound it begins there
 _SEED = 20_201
+_WIDE = 12.0  # sharp standard errors: an interval that others than noise make
+
+
+@dataclass(frozen=True)
+class Interval:
+    """Where a value lies, 95 %."""
+
+    low: float
+    high: float
 
 
 @dataclass(frozen=True)
@@ -150,3 +163,78 @@ def _conditional(
 def _root(covariance: np.ndarray) -> np.ndarray:
     values, vectors = eigen(covariance)
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
+def with_corner(
+    interval: tuple[float, float], sharp_error: float, one: Unknown
+) -> tuple[float, float]:
+    """The interval with a margin for noise where bounds of other unknowns end it.
+
+    What cannot be told from the faults of other phases ends where those are healthy, and there the
+    truth often is: in a corner, which draws within the bounds do not straddle.
+    """
+    low, high = interval
+    if one.direction_of is not None or high - low < _WIDE * sharp_error:
+        return interval
+    margin = COVERAGE * sharp_error
+    return max(one.lower, low - margin), min(one.upper, high + margin)
+
+
+def in_physical_units(
+    problem: Problem,
+    actuator: ParameterSet,
+    values: Mapping[str, float],
+    drawn: Draws,
+    intervals: Mapping[str, Interval],
+) -> dict[str, tuple[float, Interval]]:
+    """Faults in physical units: of products, where a fault is a multiple of a parameter."""
+    places = {name: drawn.of(name) for name in drawn.names if "." in name}
+    best = actuator.with_arrays({name: values[name] for name in places})
+    varied = actuator.with_arrays(places)
+    found = {}
+    for one in problem.unknowns:
+        if one.role != "fault":
+            continue
+        ends = intervals[one.name]
+        if one.physical is None:
+            found[one.name] = (values[one.name], ends)
+            continue
+        value = float(one.physical(best, values[one.name]))
+        if one.direction_of is not None or not _depends_on_parameters(one, varied):
+            low, high = (float(one.physical(best, end)) for end in (ends.low, ends.high))
+            if one.direction_of is None:  # what is lost may be told by what is left
+                low, high = sorted((low, high))
+        else:
+            spread = np.asarray(one.physical(varied, drawn.of(one.name)), dtype=float)
+            low, high = Draws((one.name,), spread[:, None], {}).interval(
+                one.name, float(spread.min()), float(spread.max())
+            )
+        found[one.name] = (value, Interval(low, high))
+    return found
+
+
+def _depends_on_parameters(one: Unknown, varied: ParameterSet) -> bool:
+    """Whether the physical value changes with parameters (N,); no where a kind takes no arrays."""
+    assert one.physical is not None
+    try:
+        values = np.asarray(one.physical(varied, one.healthy), dtype=float)
+    except TypeError:
+        return False
+    return bool(np.ptp(values) > 0.0)
+
+
+def contrasts_of(
+    model: Model, actuator: ParameterSet, values: Mapping[str, float], drawn: Draws
+) -> dict[str, tuple[float, Interval]]:
+    """Combinations of faults, value and interval by name."""
+    found = {}
+    for one in model.contrasts(actuator):
+        if not set(one.weights) <= set(drawn.names):
+            continue
+        weights = one.weights.items()
+        value = float(sum(weight * values[name] for name, weight in weights))
+        spread = np.sum([weight * drawn.of(name) for name, weight in weights], axis=0)
+        low, high = np.quantile(spread, [0.025, 0.975])
+        # the best point may lie in a corner that draws within the bounds do not straddle
+        found[one.name] = (value, Interval(min(float(low), value), max(float(high), value)))
+    return found

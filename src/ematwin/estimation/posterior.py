@@ -17,9 +17,8 @@ from typing import Any
 import numpy as np
 
 from ematwin.errors import InputError, MissingExtraError
-from ematwin.estimation.assess import with_corner
 from ematwin.estimation.interrupt import noting_interrupts
-from ematwin.estimation.intervals import Draws, draws
+from ematwin.estimation.intervals import Draws, draws, with_corner
 from ematwin.estimation.joint import Joint
 from ematwin.estimation.uncertainty import (
     Question,
