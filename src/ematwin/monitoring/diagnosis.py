@@ -292,6 +292,9 @@ class Detection:
             raise InputError(f"each must be run or motion, received {each!r}.")
         return self.runs if each == "run" else self.motions
 
+    def __str__(self) -> str:
+        return "\n".join([self.sentence, *(f"{one.name}: {one.verdict}" for one in self.runs)])
+
     def _repr_html_(self) -> str:
         """How many raise an alarm, then each run, in a notebook."""
         rows = [(one.name, one.said, one.reason) for one in self.runs]

@@ -136,6 +136,12 @@ def test_a_row_is_plain_json_and_a_line_of_a_table(found):
     )
 
 
+def test_a_table_is_printed_with_a_line_for_each_recording(found):
+    first, *rest = str(found).splitlines()
+    assert first == found.sentence
+    assert rest == [f"{row.name}: {row.verdict.sentence}" for row in found.runs]
+
+
 def test_the_page_shows_the_faults_of_the_kind(found):
     page = detection_page(found)
     for title in ("Short a", "Eccentricity", "Gain"):
