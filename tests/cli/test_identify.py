@@ -116,7 +116,6 @@ def test_channels_of_a_test_bench_are_mapped_by_name(
             "Phase V [mA]": 1e3 * record.current_b,
             "Phase W [mA]": 1e3 * record.current_c,
         },
-        {},
     )
     answer = ematwin(
         "identify", "bench.csv", "--column", "time=t [ms]", "--column", "command=set point [deg]",
@@ -132,7 +131,7 @@ def test_channels_of_a_test_bench_are_mapped_by_name(
 def changed_file(folder: Path, record: library.Recording, change: Callable[[dict], None]) -> str:
     columns = {name: values.copy() for name, values in record.columns()}
     change(columns)
-    write_table(folder / "changed.parquet", columns, {})
+    write_table(folder / "changed.parquet", columns)
     return "changed.parquet"
 
 
@@ -236,7 +235,7 @@ sys.argv = ["ematwin", "identify", "rec.parquet", "--exact"]
 try:
     main()
 finally:
-    unneeded = {"scipy.linalg", "scipy.special", "pandas", "pint", "plotly"}
+    unneeded = {"scipy.special", "pandas", "pint", "plotly"}  # numba loads scipy.linalg
     print("loaded:", sorted(unneeded & set(sys.modules)), file=sys.stderr)
 """
     done = subprocess.run(
@@ -289,7 +288,7 @@ def test_units_that_were_assumed_are_told_and_a_hopeless_fit_is_called_one(
     left_out = {"command", "output_position", "output_speed", "motor_position", "motor_speed"}
     columns = {name: values for name, values in record.columns() if name not in left_out}
     columns["reference"] = np.degrees(record.command)  # and nobody says so
-    write_table(tmp_path / "bench.parquet", columns, {})
+    write_table(tmp_path / "bench.parquet", columns)
     answer = ematwin("identify", "bench.parquet", "--column", "command=reference", "--column",
                      "time=time", *(f"--column=i_{k}=current_{k}" for k in "abc"))  # fmt: skip
     assert answer.code == 0, answer.err
