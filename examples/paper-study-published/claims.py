@@ -9,6 +9,7 @@ Coefficients and wins have no intervals and are read as they are. With fewer tha
 case and algorithm nothing is decided.
 """
 
+import argparse
 import math
 import sys
 from collections.abc import Iterable
@@ -267,13 +268,14 @@ def _markdown(rows: list[list[str]]) -> str:
 
 def main(arguments: list[str]) -> Any:
     """Print what came out for the store that is named."""
-    if len(arguments) != 1:
-        return "Give the store of a study: python claims.py paper.db"
-    with open_store(arguments[0]) as store:
+    parser = argparse.ArgumentParser(description="The paper's claims, held against a study.")
+    parser.add_argument("store", help="of a study: a file or an address of a database")
+    given = parser.parse_args(arguments).store
+    with open_store(given) as store:
         analysis = analyse(store.runs())
     claims = check_claims(analysis)
     if not claims:
-        return f"{arguments[0]} holds none of the paper's cases and algorithms."
+        return f"{given} holds none of the paper's cases and algorithms."
     study = PaperStudy(analysis)
     print(", ".join(f"{name.upper()} is {form}" for name, form in study.forms.items()), end=".\n\n")
     print(coefficients_beside_the_papers(study))
