@@ -8,7 +8,7 @@ valleys that the search found are compared, and the misfit is looked at along ea
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -164,7 +164,7 @@ def assess(
     if weighed is not best:  # all that follows is compared by the same weights
         near = [one.peak.point for one in others if risen(best.peak, one.peak) < _FAR]
         best, full, noise = weighed, weighed.peak.problem, weighed.peak.problem.noise
-        near_it = replace(descent.afresh(settled=math.inf), least_noise=noise)
+        near_it = descent.afresh(settled=math.inf, least_noise=noise)
         others = [corrected(full, point, near_it) for point in near]
         spent += sum(one.peak.evaluations for one in (best, *others))
     for left in reversed(range(_ANEW)):
@@ -177,7 +177,7 @@ def assess(
         if not left or tried.rises.min(initial=0.0) > -WORTH:
             break
         # better without one of them: the search had ended beside the best point
-        again = replace(descent.afresh(settled=math.inf), least_noise=full.comparisons[0].noise)
+        again = descent.afresh(settled=math.inf, least_noise=full.comparisons[0].noise)
         nearer = corrected(full, tried.point, again)
         spent += nearer.peak.evaluations
         if not height(nearer.peak, noise) < height(best.peak, noise):

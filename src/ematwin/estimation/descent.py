@@ -47,9 +47,14 @@ class Descent:
     within: float = np.inf
     least: float = 0.0
 
-    def afresh(self, settled: float = 0.0) -> "Descent":
-        """One without limits that holds the same; ``settled`` infinite: from a known valley."""
-        return Descent(self.aliases, self.held, self.least_noise, settled=settled)
+    def afresh(self, settled: float = 0.0, least_noise: float | None = None) -> "Descent":
+        """One without limits that holds the same.
+
+        ``settled`` is infinite where it begins next to its minimum; ``least_noise`` stays as it
+        is where none is given.
+        """
+        noise = self.least_noise if least_noise is None else least_noise
+        return Descent(self.aliases, self.held, noise, settled=settled)
 
     def end(self, problem: Problem, start: np.ndarray) -> tuple[np.ndarray, int]:
         """The best point (d,) next to a start (d,), and the simulations that it took.

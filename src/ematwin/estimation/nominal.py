@@ -15,7 +15,7 @@ from ematwin.estimation.constants import DETERMINED
 from ematwin.estimation.local import LocalDescent
 from ematwin.estimation.problem import Problem
 from ematwin.models.base import Model
-from ematwin.models.comparison import Comparison
+from ematwin.models.comparison import Comparison, correlation_time
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
 
@@ -185,22 +185,8 @@ class _Fit:
         sizes = []
         for n, comparison in enumerate(problem.comparisons):
             left = comparison.residuals(problem.candidates(point, n), 1)[0]
-            sizes.append(float(np.mean(left**2)) * alike(left))
+            sizes.append(float(np.mean(left**2)) * correlation_time(left - left.mean()))
         return float(np.sqrt(np.mean(sizes))) or 1.0
-
-
-def alike(residual: np.ndarray) -> float:
-    """How many neighbouring samples of a residual (K,) say the same: its correlation time."""
-    rest = residual - residual.mean()
-    size = rest.size
-    spectrum = np.abs(np.fft.rfft(rest, 2 * size)) ** 2
-    correlation = np.fft.irfft(spectrum)[:size]
-    if correlation[0] <= 0.0:
-        return 1.0
-    correlation = correlation / correlation[0]
-    ends = np.flatnonzero(correlation <= 0.0)
-    end = int(ends[0]) if ends.size else size
-    return float(1.0 + 2.0 * correlation[1:end].sum())
 
 
 def searched(model: Model, actuator: ParameterSet) -> list[Unknown]:
