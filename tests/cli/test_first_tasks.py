@@ -44,6 +44,13 @@ def interval(answer: str, fault: str) -> tuple[float, float]:
     return float(found[1]), float(found[2])
 
 
+def recorded(
+    actuator: ematwin.BldcActuator, seed: int, faults: dict[str, float] | None = None
+) -> ematwin.Recording:
+    """What the sensors of an actuator give on the default command."""
+    return ematwin.simulate("reference", faults=faults, actuator=actuator, noise=NOISE, seed=seed)
+
+
 def write_mdf(path: str, record: ematwin.Recording) -> None:
     """MDF4 as a bench writes it: mA and degrees, three rates, a clock that began earlier."""
     currents = {"I_U": record.current_a, "I_V": record.current_b, "I_W": record.current_c}
@@ -68,13 +75,8 @@ def test_a_bench_file_comes_to_its_verdict(run: Callable[[str], str], tmp_path: 
         "motor.resistance": 2.2, "motor.emf_constant": 0.074, "motor.friction_torque": 0.018,
         "controller.position_gain": 142.0,
     })  # fmt: skip
-    for path, seed, faults in (
-        ("healthy.mf4", 1, {}), ("today.mf4", 9, {"friction": 0.3, "backlash": 0.12}),
-    ):  # fmt: skip
-        write_mdf(
-            path,
-            ematwin.simulate("reference", faults=faults, actuator=actual, noise=NOISE, seed=seed),
-        )
+    write_mdf("healthy.mf4", recorded(actual, 1))
+    write_mdf("today.mf4", recorded(actual, 9, {"friction": 0.3, "backlash": 0.12}))
     run("channels today.mf4 --actuator servo48 --write map.toml")
     run("calibrate healthy.mf4 --actuator servo48 --map map.toml --out axis.toml")
     answer = run("identify today.mf4 --actuator axis.toml --map map.toml --report today.html")
@@ -124,13 +126,8 @@ def write_csv(path: str, record: ematwin.Recording) -> None:
 
 def test_a_data_sheet_comes_to_its_twin(run: Callable[[str], str], tmp_path: Path) -> None:
     hidden = ematwin.load_actuator("servo48").changed(HIDDEN)
-    for path, seed, faults in (
-        ("healthy.csv", 20, {}), ("later.csv", 32, {"short_b": 0.15, "friction": 0.2}),
-    ):  # fmt: skip
-        write_csv(
-            path,
-            ematwin.simulate("reference", faults=faults, actuator=hidden, noise=NOISE, seed=seed),
-        )
+    write_csv("healthy.csv", recorded(hidden, 20))
+    write_csv("later.csv", recorded(hidden, 32, {"short_b": 0.15, "friction": 0.2}))
     run("actuators servo48 --out sheet.toml")
     sheet = tmp_path / "sheet.toml"
     text = sheet.read_text(encoding="utf-8")
