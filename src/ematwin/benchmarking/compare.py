@@ -39,7 +39,6 @@ def compare(
     scenario: Scenario | str | None = None,
     store: str | Path | None = None,
     workers: int | None = None,
-    backend: str = "cpu",
     time_limit: float | None = None,
     retry_failed: bool = False,
     targets: tuple[float, ...] = TARGETS,
@@ -64,7 +63,6 @@ def compare(
     store : file or URL in which the runs are kept: runs that it holds are not done again. None
         keeps them only until they are analysed
     workers : processes on this machine; None takes one for each core
-    backend : what simulates the candidates on a processor: "cpu"
     time_limit : s, of a run
     retry_failed : do again what ended otherwise than done
     targets : Err% whose success rates are given
@@ -100,8 +98,7 @@ def compare(
         actuator=subject.actuator,
         scenario=scenario,
     )
-    subject.model.check_backend(backend)
-    engine = LocalEngine(workers or cores(), time_limit, backend=backend)
+    engine = LocalEngine(workers or cores(), time_limit)
     with _kept(store) as opened, told(progress, "runs", _shown) as tell:
         run_study(plan, opened, engine, retry_failed=retry_failed, progress=tell)
         return analyse(opened.runs(), targets=targets, threshold=threshold)

@@ -14,9 +14,8 @@ import math
 import os
 import platform
 import socket
-import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache, lru_cache
 from typing import Any
@@ -33,12 +32,7 @@ from ematwin.estimation.search import find, named
 from ematwin.models.scenario import Scenario
 from ematwin.recordings.noise import Noise
 
-_KERNELS = {
-    "cpu": "numba on CPU, one thread",
-    "cuda": "numba-cuda on a GPU",
-}
 _RECORDS = 16  # kept in a worker; runs that share one are neighbours in a plan
-_PREPARING = threading.Lock()  # runs in threads shall share a record, not make it twice
 
 
 class _TimeUpError(Exception):
@@ -50,9 +44,7 @@ def hard_limit(time_limit: float) -> float:
     return 1.2 * time_limit + 2.0
 
 
-def execute(
-    spec: RunSpec, time_limit: float | None = None, engine: str = "none", backend: str = "cpu"
-) -> RunResult:
+def execute(spec: RunSpec, time_limit: float | None = None, engine: str = "none") -> RunResult:
     """Do a run.
 
     Parameters
@@ -60,20 +52,16 @@ def execute(
     spec : RunSpec
     time_limit : float, s, for the search alone, or None
     engine : name of what carries it, for the provenance
-    backend : of the model (`Model.backends`). With "cuda" threads of this process may do many runs,
-        and the GPU is theirs together; else it does one at a time. Costs agree to rounding, so it
-        is provenance, not part of the id
 
     Returns
     -------
     RunResult, also of a run that failed; ``status`` and ``stopped`` then say how
     """
-    origin = provenance(engine, backend)
-    alone = backend != "cuda"
-    clock = _Clock(time_limit, time.process_time if alone else time.thread_time)
+    origin = provenance(engine)
+    clock = _Clock(time_limit)
     try:
-        subject, problem = _prepared(spec, backend)
-        with clock.running(), _watchdog(time_limit if alone else None):
+        subject, problem = _prepared(spec)
+        with clock.running(), _watchdog(time_limit):
             search = named(spec.algorithm, population=spec.population, iterations=spec.iterations)
             found = find(
                 boxed(problem, spec.box),
@@ -128,9 +116,8 @@ class _Clock:
     any_finite : bool, some candidate had a finite cost
     """
 
-    def __init__(self, limit: float | None, cpu: Callable[[], float]) -> None:
+    def __init__(self, limit: float | None) -> None:
         self._limit = limit
-        self._cpu = cpu
         self._wall = 0.0
         self.seconds = self.cpu_seconds = math.nan
         self.evaluations = 0
@@ -139,12 +126,12 @@ class _Clock:
     @contextmanager
     def running(self) -> Iterator[None]:
         """Measure the block."""
-        self._wall, cpu = time.perf_counter(), self._cpu()
+        self._wall, cpu = time.perf_counter(), time.process_time()
         try:
             yield
         finally:
             self.seconds = time.perf_counter() - self._wall
-            self.cpu_seconds = self._cpu() - cpu
+            self.cpu_seconds = time.process_time() - cpu
 
     def look(self, evaluations: int, cost: float, budget: int) -> None:
         """Note where the search stands; end it if its time is up."""
@@ -186,18 +173,17 @@ def _watchdog(time_limit: float | None) -> Iterator[None]:
             faulthandler.cancel_dump_traceback_later()
 
 
-def _prepared(spec: RunSpec, backend: str) -> tuple[Subject, Problem]:
+def _prepared(spec: RunSpec) -> tuple[Subject, Problem]:
     """Give what is searched of a run's recording; runs that share a recording share it."""
     # where nothing in a recording is drawn at random, its seed changes nothing
     seeded = spec.noise is not None or _subject(json.dumps(spec.actuator)).model.noisy
     seed = spec.record_seed if seeded else 0
     inputs = (spec.actuator, spec.scenario, spec.faults, spec.model, spec.noise, seed)
-    with _PREPARING:
-        return _simulated(json.dumps(inputs), backend)
+    return _simulated(json.dumps(inputs))
 
 
 @lru_cache(maxsize=_RECORDS)
-def _simulated(inputs: str, backend: str) -> tuple[Subject, Problem]:
+def _simulated(inputs: str) -> tuple[Subject, Problem]:
     actuator, scenario, faults, fidelity, noise, seed = json.loads(inputs)
     subject = _subject(json.dumps(actuator))
     recording = subject.model.simulate(
@@ -208,7 +194,7 @@ def _simulated(inputs: str, backend: str) -> tuple[Subject, Problem]:
         noise=None if noise is None else Noise(**noise),
         seed=seed,
     )
-    problem = Problem.of(recording, subject.actuator, threads=1, backend=backend)
+    problem = Problem.of(recording, subject.actuator, threads=1)
     problem.costs(np.array([faults]))  # compiles, or loads what was compiled, outside any clock
     return subject, problem
 
@@ -219,8 +205,8 @@ def _subject(actuator: str) -> Subject:
 
 
 @cache
-def provenance(engine: str, backend: str = "cpu") -> dict[str, Any]:
-    """Versions, machine and kernel backend of this process."""
+def provenance(engine: str) -> dict[str, Any]:
+    """Versions and machine of this process."""
     import numba
     import scipy
 
@@ -233,7 +219,7 @@ def provenance(engine: str, backend: str = "cpu") -> dict[str, Any]:
         "machine": socket.gethostname(),
         "processor": _processor(),
         "system": platform.platform(),
-        "kernel": _KERNELS[backend],
+        "kernel": "numba on CPU, one thread",
         "engine": engine,
     }
 

@@ -65,20 +65,13 @@ def compare(
         int | None,
         typer.Option(
             min=1,
-            help="Processes on this machine, all cores if not given; with --engine cuda searches "
-            "side by side.",
+            help="Processes on this machine, all cores if not given.",
         ),
     ] = None,
     engine: Annotated[
         str | None,
-        typer.Option(
-            help='local (default), dask, or cuda (a GPU; pip install "ematwin[gpu]").',
-        ),
+        typer.Option(help="local (default) or dask."),
     ] = None,
-    backend: Annotated[
-        str,
-        typer.Option(help="What simulates the candidates on a processor: cpu."),
-    ] = "cpu",
     scheduler: Annotated[
         str | None, typer.Option(help="Address of a Dask scheduler, e.g. tcp://host:8786.")
     ] = None,
@@ -102,7 +95,6 @@ def compare(
     from ematwin.benchmarking.plan import Plan
     from ematwin.benchmarking.store import Store
     from ematwin.benchmarking.study import run_study
-    from ematwin.models.registry import model_of
 
     chosen = load_actuator(actuator)
     plan = Plan(
@@ -117,8 +109,7 @@ def compare(
         actuator=chosen,
         scenario=scenario,
     )
-    carrier = _engine(engine, scheduler, workers, time_limit, patience, backend)
-    model_of(chosen).check_backend("cuda" if engine == "cuda" else backend)
+    carrier = _engine(engine, scheduler, workers, time_limit, patience)
     with Store(store) as opened, _shown(not json) as progress:
         tally = run_study(plan, opened, carrier, retry_failed=retry_failed, progress=progress)
         where = opened.name
@@ -134,7 +125,6 @@ def _engine(
     workers: int | None,
     time_limit: float | None,
     patience: float,
-    backend: str,
 ) -> "Engine":
     from ematwin.errors import InputError
     from ematwin.numerics.side_by_side import cores
@@ -142,27 +132,19 @@ def _engine(
     if time_limit is not None and not 0.0 < time_limit < float("inf"):
         raise InputError(f"--time-limit must be a positive number of s, received {time_limit:g}.")
     name = name or ("local" if scheduler is None else "dask")
-    if name in ("local", "cuda") and scheduler is not None:
+    if name == "local" and scheduler is not None:
         raise InputError("--scheduler belongs to --engine dask; leave one of the two out.")
-    if "cuda" in (name, backend) and (name, backend) != ("cuda", "cpu"):
-        raise InputError(
-            "A GPU is shared by searches of one process: give --engine cuda, and no --backend."
-        )
-    if name == "cuda":
-        from ematwin.benchmarking.engines.cuda import SEARCHES, CudaEngine
-
-        return CudaEngine(workers or SEARCHES, time_limit)
     if name == "local":
         from ematwin.benchmarking.engines.local import LocalEngine
 
-        return LocalEngine(workers or cores(), time_limit, patience, backend)
+        return LocalEngine(workers or cores(), time_limit, patience)
     if name == "dask":
         from ematwin.benchmarking.engines.dask import DaskEngine
 
         if scheduler is not None and workers is not None:
             raise InputError("A scheduler has its own workers; leave --workers out.")
-        return DaskEngine(scheduler, workers or cores(), time_limit, patience, backend)
-    raise InputError(f"There is no engine {name!r}; choose local, dask or cuda.")
+        return DaskEngine(scheduler, workers or cores(), time_limit, patience)
+    raise InputError(f"There is no engine {name!r}; choose local or dask.")
 
 
 @contextmanager

@@ -29,7 +29,6 @@ class DaskEngine(Engine):
     workers : int
     time_limit : float, s, of a run, or None
     patience : float, s, for which a scheduler or workers that are gone are waited for
-    backend : what simulates the candidates (`execute`)
 
     Raises
     ------
@@ -45,7 +44,6 @@ class DaskEngine(Engine):
         workers: int,
         time_limit: float | None = None,
         patience: float = PATIENCE,
-        backend: str = "cpu",
     ) -> None:
         try:
             import distributed
@@ -56,7 +54,6 @@ class DaskEngine(Engine):
         self._workers = workers
         self._limit = time_limit
         self._patience = patience
-        self._backend = backend
         self._cluster: Any = None
         self._client: Any = None
         self._slots = 0
@@ -151,7 +148,7 @@ class DaskEngine(Engine):
         for id, spec in list(self._again.items()):
             if self._client is None or len(self._flights) >= self._slots:
                 return
-            run = execute, spec, self._limit, self.name, self._backend
+            run = execute, spec, self._limit, self.name
             try:
                 # impure: another client of this scheduler may have asked for the same run
                 future = self._client.submit(*run, pure=False, key=None, retries=0)

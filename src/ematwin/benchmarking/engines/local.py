@@ -45,7 +45,6 @@ class LocalEngine(Engine):
     workers : int
     time_limit : float, s, of a run, or None
     patience : float, s, for which processes that die are started again
-    backend : what simulates the candidates (`execute`)
     """
 
     name = "local"
@@ -55,11 +54,9 @@ class LocalEngine(Engine):
         workers: int,
         time_limit: float | None = None,
         patience: float = PATIENCE,
-        backend: str = "cpu",
     ) -> None:
         self._limit = time_limit
         self._patience = patience
-        self._backend = backend
         self._events: queue.SimpleQueue[tuple[_Worker, Future[Any]]] = queue.SimpleQueue()
         self._workers = [_Worker(self._events) for _ in range(workers)]
 
@@ -97,7 +94,7 @@ class LocalEngine(Engine):
             worker.end()
 
     def _launch(self, worker: "_Worker") -> None:
-        worker.submit(execute, worker.spec, self._limit, self.name, self._backend)
+        worker.submit(execute, worker.spec, self._limit, self.name)
 
     def _land(self, worker: "_Worker", future: "Future[Any]") -> list[RunResult]:
         """Take in that a process has started, has done a run, or has died."""

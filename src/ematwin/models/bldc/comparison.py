@@ -18,6 +18,7 @@ from ematwin.errors import InputError, RecordError
 from ematwin.models.bldc.channels import PHASES, phase_currents
 from ematwin.models.bldc.constants import constants_by_candidate, kernel_constants
 from ematwin.models.bldc.envelope import current_envelope, signed_current
+from ematwin.models.bldc.gpu import launch
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.phase_sensors import balanced
 from ematwin.models.bldc.power import Power, recorded_power
@@ -62,7 +63,7 @@ class BldcComparison(Comparison):
     rectify : compare magnitudes; None compares signed currents where the recording has the rotor
         angle, else magnitudes
     threads : threads that share a batch; None takes one for each core
-    backend : "cpu"; or "cuda", where a GPU simulates a batch in one launch
+    backend : "cpu"; or "cuda", where a GPU simulates large batches, each in one launch
 
     Attributes
     ----------
@@ -444,12 +445,12 @@ class BldcComparison(Comparison):
 
         ``kept`` samples of each stretch are kept. Costs above ``limits`` (B,) are infinite.
         """
-        if self.backend == "cuda":
-            from ematwin.models.bldc.gpu.launch import LAUNCHER, Work
-
+        if self.backend == "cuda" and launch.pays(len(batch.faults), self.threads):
             own = self.constants if batch.constants is None else batch.constants
-            work = Work(stretches, batch.faults, own, self.step, self.substeps, self.rectify, kept)
-            return LAUNCHER.scores(work)
+            work = launch.Work(
+                stretches, batch.faults, own, self.step, self.substeps, self.rectify, kept
+            )
+            return launch.scores(work)
         from ematwin.models.bldc.batch import monitor_scores
         from ematwin.numerics.lanes import LANES
 

@@ -107,7 +107,7 @@ def test_a_device_gives_the_scores_of_the_processor() -> None:
     actuator = BldcActuator.load()
     k = np.random.default_rng(1).random((256, 8))
     unknown = {name: k[:, n] for n, name in enumerate(Faults().as_dict())}
-    there, here = (MODEL.compare(record, actuator, backend=b) for b in ("cuda", "cpu"))
+    there, here = (MODEL.compare(record, actuator, backend=b, threads=1) for b in ("cuda", "cpu"))
     expected = here.costs(unknown, len(k))
     # roundings decide now and then on which side of an impact a step falls
     close = np.isclose(there.costs(unknown, len(k)), expected, rtol=1e-6)
