@@ -79,7 +79,7 @@ def _judged(
     """(R, d) faults, and their standard errors, with parameters, load and sensors free."""
     values, errors = [], []
     for one in beside:
-        problem = Problem([one], model.faults(actuator))
+        problem = Problem([one], model.faults(actuator)).searched()
         found = find(problem, named(model.default_search))
         seen = assess(model, actuator, problem, found, baseline)
         spread = dict(zip(problem.names, np.sqrt(np.diag(seen.covariance)), strict=True))

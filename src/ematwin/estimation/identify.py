@@ -312,7 +312,8 @@ def identified(
         method = way_of(uncertainty)
 
     def problem_of(one: Recording) -> Problem:
-        return Problem.of(one, actuator, only=only, held=held, threads=threads, backend=backend)
+        made = Problem.of(one, actuator, only=only, held=held, threads=threads, backend=backend)
+        return made.searched()
 
     problem = problem_of(recording)
     limits: dict[str, Threshold] = {}

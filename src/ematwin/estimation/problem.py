@@ -378,6 +378,16 @@ class Problem:
             other._unseen.append(_Unseen(one, now, slopes))
         return other
 
+    def searched(self) -> "Problem":
+        """The same problem as a search sees it.
+
+        Where the fast model lacks forms of the actuator, it is corrected at healthy values first:
+        minima of the fast model alone are those of another actuator.
+        """
+        if not any(one.unseen for one in self.comparisons):
+            return self
+        return self.corrected(self.start) or self
+
     def of_fast_model(self) -> "Problem":
         """The same problem where the recordings are of the fast model: a correction is nothing."""
         if self.comparisons[0].slope_error is None:
