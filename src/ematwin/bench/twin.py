@@ -24,8 +24,6 @@ from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.scenario import Scenario
 from ematwin.models.simulating import simulate
 
-REPEATS = 7  # by default
-
 
 @dataclass(frozen=True)
 class Figure:

@@ -4,17 +4,14 @@ Verdicts, monitoring, trends and reports are functions of estimates; they need n
 recordings nor the twin. An estimate travels as JSON.
 """
 
-import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
 
-from ematwin.errors import FileError, InputError
-from ematwin.files import write_text
+from ematwin.errors import InputError
 from ematwin.showing import markup
 from ematwin.showing.frames import frame
 
@@ -179,30 +176,3 @@ class Estimate:
                 f"This is not an estimate of ematwin, or is damaged ({type(error).__name__}: "
                 f"{error}). Make it again with ematwin identify."
             ) from None
-
-
-def save_estimates(estimates: Iterable[Estimate], path: str | Path) -> None:
-    """Write estimates to a JSON file, whole or not at all."""
-    content = [one.as_dict() for one in estimates]
-    write_text(path, json.dumps(content, indent=1, allow_nan=False))
-
-
-def load_estimates(path: str | Path) -> list[Estimate]:
-    """Read what `save_estimates` wrote.
-
-    Raises
-    ------
-    FileError
-        If the file cannot be read.
-    InputError
-        If it holds no estimates.
-    """
-    try:
-        content = json.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise FileError(f"Cannot read {path}: {error.strerror}.") from None
-    except ValueError as error:
-        raise InputError(f"{path} is not JSON: {error}. Give a file that ematwin wrote.") from None
-    if not isinstance(content, list):
-        content = [content]
-    return [Estimate.from_dict(one) for one in content]

@@ -13,7 +13,6 @@ from ematwin.recordings.survey import extremes
 
 BLUE, ORANGE, GREEN, GREY = "#0072b2", "#d55e00", "#009e73", "#8c959f"
 AMBER, PALE = "#e69f00", "#aeb8c2"
-GRADES = {"healthy": GREEN, "changed": AMBER, "fault": ORANGE, "none": GREY}
 # Faults side by side: none of them the green of healthy nor the grey of no verdict.
 SERIES = ("#d55e00", "#cc79a7", "#0072b2", "#e69f00", "#56b4e9", "#7a5195", "#b8860b", "#a6761d")
 SHOWN_POINTS = 2400  # of a line; more make the page slow and show nothing more
