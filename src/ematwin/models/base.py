@@ -20,7 +20,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from ematwin.errors import InputError, RecordError
+from ematwin.errors import DivergedError, InputError, RecordError
 from ematwin.models.channels_agree import Law as Law  # authors have it from here
 from ematwin.models.comparison import Candidates as Candidates  # authors have it from here
 from ematwin.models.comparison import Comparison, TraceComparison
@@ -149,6 +149,8 @@ class Model(ABC):
     channels : channels that its recordings need or may have
     command : name of the channel that is commanded
     load : name of the channel of the load, or None
+    disturbance : of a kind without a load, name of the channel that the load of a scenario is, or
+        None
     needs : channels that a recording must have besides the command; where one of several
         alternatives will do, a group of them, each a tuple of channels
     default_search : name of the search method that `identify` uses
@@ -187,6 +189,7 @@ class Model(ABC):
     channels: ClassVar[tuple[Channel, ...]]
     command: ClassVar[str]
     load: ClassVar[str | None] = None
+    disturbance: ClassVar[str | None] = None
     needs: ClassVar[tuple[str | tuple[tuple[str, ...], ...], ...]] = ()
     default_search: ClassVar[str] = "multistart"
     model_error: ClassVar[float] = 2.5
@@ -250,6 +253,11 @@ class Model(ABC):
         """Channels that are compared: those that are not commanded, nor a load, nor time."""
         inputs = {"time", self.command, self.load}
         return tuple(channel.name for channel in self.channels if channel.name not in inputs)
+
+    @property
+    def disturbed(self) -> str:
+        """Name of the channel that the load of a scenario is; "" if there is none."""
+        return self.load or self.disturbance or ""
 
     @property
     def required(self) -> tuple[tuple[tuple[str, ...], ...], ...]:
@@ -462,46 +470,99 @@ class Model(ABC):
         """The response to a scenario as a recording; arguments as in `ematwin.simulate`."""
         if step is not None or initial_position:
             raise InputError(
-                f"The kind {self.kind} takes its step from its parameters and starts at zero; "
-                "leave step and initial_position out."
+                f"The kind {self.kind} takes its step from its parameters and starts at its first "
+                "command; leave step and initial_position out."
             )
-        rate = self.sample_rate if sample_rate is None else sample_rate
-        samples = math.floor(scenario.duration * rate + 1e-9) + 1
-        if not (math.isfinite(rate) and rate > 0.0 and samples >= 2):
+        rate = self.rate_of(actuator) if sample_rate is None else sample_rate
+        if not (0.0 < rate < math.inf and scenario.duration * rate >= 1.0 - 1e-9):
             raise InputError(
-                f"A scenario of {scenario.duration:g} s cannot be sampled at {rate:g} Hz."
+                f"A scenario of {scenario.duration:g} s cannot be sampled at {rate:g} Hz; give a "
+                "positive rate that leaves at least two samples."
             )
-        if scenario.load and self.load is None:
+        if scenario.load and not self.disturbed:
+            constant = " and give a constant one with the faults" if "load" in values else ""
             raise InputError(
                 f"Scenario {scenario.name} has a load over time, which the kind {self.kind} does "
-                "not take; leave the load out of the scenario."
+                f"not take; leave the load out of the scenario{constant}."
             )
-        time = np.arange(samples) / rate
+        time = np.arange(math.floor(scenario.duration * rate + 1e-9) + 1) / rate
         command, load = scenario.histories(time)
         inputs = {self.command: command}
-        if self.load is not None:
-            inputs[self.load] = load
+        if self.load or (self.disturbed and scenario.load):
+            inputs[self.disturbed] = load
         one = {name: np.array([value]) for name, value in values.items()}
         answer = self.respond(actuator, Recording(time, inputs), one, 1)
-        outputs = {name: trace[0] for name, trace in answer.items()}
-        if not all(np.isfinite(trace).all() for trace in outputs.values()):
-            raise InputError(
-                f"The twin of {actuator.name} diverged; check its parameters and the scenario."
+        channels = {**inputs, **{name: trace[0] for name, trace in answer.items()}}
+        if progress is not None:
+            progress(1.0)
+        return self.simulated(actuator, scenario, values, time, channels, noise=noise, seed=seed)
+
+    def rate_of(self, actuator: Any) -> float:
+        """Hz, of what `simulate` gives where nothing else is said."""
+        return self.sample_rate
+
+    def simulated(
+        self,
+        actuator: Any,
+        scenario: Scenario,
+        values: Values,
+        time: np.ndarray,
+        channels: Mapping[str, np.ndarray],
+        *,
+        noise: Noise | None,
+        seed: int,
+        fidelity: str | None = None,
+        **more: Any,
+    ) -> Recording:
+        """Simulated channels (S,) as a recording, as sensors show it.
+
+        ``more`` is added to its provenance.
+
+        Raises
+        ------
+        DivergedError
+            If a channel left the finite numbers.
+        """
+        from ematwin import __version__
+
+        model = self.fidelity(fidelity)
+        if not all(np.isfinite(trace).all() for trace in channels.values()):
+            at = f" at a step of {more['step_s']:.3g} s" if "step_s" in more else ""
+            raise DivergedError(
+                f"The {model} model of {actuator.name} diverged{at}; shorten its step, or check "
+                "its parameters and the scenario."
             )
         found = Recording(
             time,
-            {**inputs, **outputs},
+            channels,
             units={channel.name: channel.unit for channel in self.channels},
-            provenance=simulated_provenance(self, actuator, scenario, values, noise, seed),
+            provenance={
+                "source": "simulated",
+                "model": model,
+                "ematwin": __version__,
+                "actuator": actuator.name,
+                "actuator_fingerprint": actuator.fingerprint,
+                "scenario": scenario.name,
+                "faults": dict(values),
+                "noise": None if noise is None else vars(noise).copy(),
+                "seed": int(seed),
+                **more,
+            },
         )
-        if progress is not None:
-            progress(1.0)
+        return self.sensed(found, actuator, values, noise, seed)
+
+    def sensed(
+        self, recording: Recording, actuator: Any, values: Values, noise: Noise | None, seed: int
+    ) -> Recording:
+        """A simulated recording with the noise of its sensors.
+
+        Encoders read positions, without such noise; where nothing else is compared it is theirs.
+        """
         if noise is None:
-            return found
-        # encoders read positions, without such noise; where nothing else is compared it is theirs
+            return recording
         units = {name: self.channel(name).unit for name in self.outputs}
         others = [name for name, unit in units.items() if unit not in ("m", "rad")]
-        return noise.apply(found, np.random.default_rng(seed), others or units)
+        return noise.apply(recording, np.random.default_rng(seed), others or units)
 
     def scenarios(self) -> dict[str, Path]:
         """Names and files of the scenarios that come with this kind."""
@@ -512,10 +573,8 @@ class Model(ABC):
 
     def load_scenario(self, name_or_path: "str | Path | Scenario | None" = None) -> Scenario:
         """A scenario of this kind's units: the shipped default if nothing is named."""
-        units = (
-            self.channel(self.command).unit,
-            "" if self.load is None else self.channel(self.load).unit,
-        )
+        second = self.channel(self.disturbed).unit if self.disturbed else ""
+        units = self.channel(self.command).unit, second
         return Scenario.load_file(name_or_path, self.scenarios(), units)
 
     def demanded(self, recording: Recording) -> dict[str, float]:
@@ -611,32 +670,6 @@ class Model(ABC):
     def error_percent_wrapped(self, found: Values, injected: Values, actuator: Any) -> float:
         """`error_percent` with directions taken as angles, as they are unless it is overridden."""
         return self.error_percent(found, injected, actuator)
-
-
-def simulated_provenance(
-    model: Model,
-    actuator: Any,
-    scenario: Scenario,
-    values: Values,
-    noise: Noise | None,
-    seed: int,
-    **more: Any,
-) -> dict[str, Any]:
-    """Where a simulated recording comes from."""
-    from ematwin import __version__
-
-    return {
-        "source": "simulated",
-        "model": model.fidelities[0],
-        "ematwin": __version__,
-        "actuator": actuator.name,
-        "actuator_fingerprint": actuator.fingerprint,
-        "scenario": scenario.name,
-        "faults": dict(values),
-        "noise": None if noise is None else vars(noise).copy(),
-        "seed": int(seed),
-        **more,
-    }
 
 
 def no_unknown(name: str, actuator: Any, model: Model) -> InputError:

@@ -1,11 +1,10 @@
 """The brushless actuator as a `Model`: its only door to search, reports and commands."""
 
-from collections.abc import Collection
 from typing import Any, ClassVar
 
 import numpy as np
 
-from ematwin.models.base import Demand, Law, Model, OtherForm, Progress, Signal, Values
+from ematwin.models.base import Demand, Law, Model, OtherForm, Signal, Values
 from ematwin.models.bldc.channels import CHANNELS, CURRENTS, ON_REQUEST, PHASES
 from ematwin.models.bldc.faults import (
     PAPER_CASES,
@@ -26,6 +25,7 @@ from ematwin.models.bldc.unknowns import (
 from ematwin.models.comparison import Candidates
 from ematwin.models.scenario import Chirp, Component, Ramp, Scenario, Step
 from ematwin.models.servo import (
+    check_travel,
     current_laws,
     motion_laws,
     tracking_signals,
@@ -173,41 +173,22 @@ class BldcModel(Model):
         return check_plausible(recording, actuator)
 
     def simulate(
-        self,
-        actuator: Any,
-        scenario: Scenario,
-        values: Values,
-        *,
-        fidelity: str | None = None,
-        sample_rate: float | None = None,
-        step: float | None = None,
-        noise: Noise | None = None,
-        seed: int = 0,
-        initial_position: float = 0.0,
-        also: Collection[str] = (),
-        progress: Progress | None = None,
-    ) -> Recording:
+        self, actuator: Any, scenario: Scenario, values: Values, *, fidelity: str | None = None,
+        **options: Any,
+    ) -> Recording:  # fmt: skip
         """The response of the reference model, or of the monitor model."""
         from ematwin.models.bldc.simulate import simulate
 
-        return simulate(
-            self.fidelity(fidelity),
-            scenario,
-            self.as_faults(values),
-            actuator,
-            sample_rate=self.sample_rate if sample_rate is None else sample_rate,
-            step=step,
-            noise=noise,
-            seed=seed,
-            initial_position=initial_position,
-            also=also,
-            progress=progress,
-        )
+        return simulate(self, self.fidelity(fidelity), actuator, scenario, values, **options)
+
+    def sensed(
+        self, recording: Recording, actuator: Any, values: Values, noise: Noise | None, seed: int
+    ) -> Recording:
+        """With noise of the currents alone."""
+        return recording if noise is None else noise.apply(recording, np.random.default_rng(seed))
 
     def check_scenario(self, scenario: Scenario, actuator: Any) -> None:
         """Raise `ParameterError` if the command leaves the travel."""
-        from ematwin.models.bldc.simulate import check_travel
-
         check_travel(scenario, actuator)
 
     def summary(self, recording: Recording, actuator: Any) -> dict[str, float]:

@@ -44,7 +44,4 @@ def reference_answer(
     faults = np.array([values.get(one.name, one.healthy) for one in UNKNOWNS])
     command = np.interp(grid.time, time, recording.command)
     columns = simulated("reference", faults, command * ratio, load / ratio, start, actuator, grid)
-    columns["bus_voltage"] = np.full(count, actuator.drive.supply_voltage)
-    columns["output_position"] /= ratio
-    columns["output_speed"] /= ratio
     return Recording(time, {"command": recording.command, **columns}, units=UNITS)

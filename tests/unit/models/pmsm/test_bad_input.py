@@ -110,9 +110,9 @@ def test_missing_channels_are_named_with_what_they_are_needed_for(recording, dro
 
 
 WRONG = [
-    ({"current_a": 1e3, "current_b": 1e3, "current_c": 1e3}, "If it is in mA"),
-    ({"voltage_q": 1e3}, "If it is in mV"),
-    ({"output_position": 57.3, "command": 57.3}, "in degrees"),
+    ({"current_a": 1e3, "current_b": 1e3, "current_c": 1e3}, "looks like mA"),
+    ({"voltage_q": 1e3}, "looks like mV"),
+    ({"output_position": 57.3, "command": 57.3}, "looks like degrees"),
     ({"motor_position": -1.0}, "wrong sign"),
     ({"motor_position": 57.3}, "looks like degrees"),
 ]
