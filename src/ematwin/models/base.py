@@ -11,130 +11,32 @@ point group ``ematwin.models`` (`ematwin.models.registry`); docs/your-own-model.
 making of one.
 """
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 
-from ematwin.errors import DivergedError, InputError, RecordError
+from ematwin.errors import InputError, RecordError
 from ematwin.models.channels_agree import Law as Law  # authors have it from here
 from ematwin.models.comparison import Candidates as Candidates  # authors have it from here
 from ematwin.models.comparison import Comparison, TraceComparison
+from ematwin.models.optional import Demand as Demand
+from ematwin.models.optional import OtherForm as OtherForm
+from ematwin.models.optional import Reported as Reported
+from ematwin.models.optional import Signal as Signal
+from ematwin.models.optional import Statistic as Statistic
+from ematwin.models.optional import Study as Study
 from ematwin.models.parameter_set import ParameterSet, not_searchable
 from ematwin.models.scenario import Component, Scenario, shipped_scenarios
-from ematwin.models.unknown import Alias, Contrast, PhysicalValue, Unknown
+from ematwin.models.unknown import Alias, Contrast, PhysicalValue, Unknown, no_unknown, of_parameter
 from ematwin.recordings.channel import Channel
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
 
 Values = Mapping[str, float]
 Progress = Callable[[float], None]
-SEVERITY = (0.1, 0.9)
-_FACTOR = 3.0  # a nominal parameter may be so much smaller or larger than its file says
-_REACH = 4.0  # standard deviations of its prior that it may be off in any case
-
-
-@dataclass(frozen=True)
-class Reported:
-    """A quantity that is reported where a healthy population judges.
-
-    Parameters
-    ----------
-    name : str; an unknown, or a statistic that the model derives from features
-    unit : str, of ``scale`` times the value; "x" for a multiple of the healthy mean
-    meaning : str
-    logarithmic : bool, the population is one of logarithms and the unit is "x"
-    scale : float, shown value over SI value
-    named : str, the fault that a raised value names; "" if it names none
-    either : bool, a lowered value names it as well
-    least : float, in SI or as a logarithm: no healthy run is so far from the others; infinite
-        where that is not known
-    """
-
-    name: str
-    unit: str
-    meaning: str
-    logarithmic: bool = False
-    scale: float = 1.0
-    named: str = ""
-    least: float = math.inf
-    either: bool = False
-
-
-@dataclass(frozen=True)
-class Signal:
-    """A trace for a figure.
-
-    Parameters
-    ----------
-    title, unit : of the panel
-    values : (S,) array
-    reference : (S,) array or None, what was commanded
-    """
-
-    title: str
-    unit: str
-    values: np.ndarray
-    reference: np.ndarray | None = None
-
-
-class Demand(NamedTuple):
-    """What a motion asks of an actuator, and a test may limit: the largest magnitude.
-
-    Parameters
-    ----------
-    name, unit : str; of travel, speed, current, load or what else the kind can be strained by
-    channels : of those that a recording has, the largest counts
-    is_rate : of the channel's change with time
-    """
-
-    name: str
-    unit: str
-    channels: tuple[str, ...]
-    is_rate: bool = False
-
-
-class OtherForm(NamedTuple):
-    """A form of a fault that an actuator's file leaves out, and that may pass for another fault.
-
-    Parameters
-    ----------
-    actuator : with the form
-    meaning : str, such as "an eccentricity that is fixed in space"
-    setting : str, what the file says to have it
-    names : of the faults that are said of it
-    mistaken : names of the faults that may be called in its place
-    starts : values by name, some of parameters by place, from which a descent may set out
-    """
-
-    actuator: ParameterSet
-    meaning: str
-    setting: str
-    names: tuple[str, ...]
-    mistaken: frozenset[str]
-    starts: tuple[Values, ...]
-
-
-@dataclass(frozen=True)
-class Statistic:
-    """A number that a comparison measures beside the values, such as noise shared by sensors.
-
-    Parameters
-    ----------
-    name : str, in `Comparison.statistics`
-    unit : str, SI
-    changed : str, what is said of a recording whose value is unlike the healthy ones
-    advice : str, a sentence on why that may be
-    """
-
-    name: str
-    unit: str
-    changed: str
-    advice: str
 
 
 class Model(ABC):
@@ -143,7 +45,6 @@ class Model(ABC):
     Attributes
     ----------
     kind : name, as ``kind = "..."`` in a parameter file
-    former_kinds : names that older files call it by
     title : for people
     parameters : class of its parameter sets
     channels : channels that its recordings need or may have
@@ -172,9 +73,7 @@ class Model(ABC):
     covariate : name of the nuisance on which healthy features depend, or None
     statistics : what its comparisons measure beside the values
     short : names of compared channels in features, where shorter
-    noisy : whether `simulate` adds the noise of usual sensors where none is asked for
-    severities : by name, how severe a random fault of a study is: least and most, as shares of the
-        way from healthy to a bound; `SEVERITY` where a fault is not named
+    study : what studies of search methods need of it
     demands : what a motion asks of it and a designed test may limit, the travel first; that of the
         command where none is given
     designable : by "command" and "load", parts that a design may add to those that a scenario has
@@ -183,7 +82,6 @@ class Model(ABC):
     """
 
     kind: ClassVar[str]
-    former_kinds: ClassVar[tuple[str, ...]] = ()
     title: ClassVar[str]
     parameters: ClassVar[type[ParameterSet]]
     channels: ClassVar[tuple[Channel, ...]]
@@ -204,8 +102,7 @@ class Model(ABC):
     covariate: ClassVar[str | None] = None
     statistics: ClassVar[tuple[Statistic, ...]] = ()
     short: ClassVar[Mapping[str, str]] = {}
-    noisy: ClassVar[bool] = False
-    severities: ClassVar[Mapping[str, tuple[float, float]]] = {}
+    study: ClassVar[Study] = Study()
     demands: ClassVar[tuple[Demand, ...]] = ()
     designable: ClassVar[Mapping[str, tuple[Component, ...]]] = {}
 
@@ -283,34 +180,12 @@ class Model(ABC):
         """
         if name in self.fixed:
             raise not_searchable(name)
-        row = actuator.parameter(name)
-        if row is not None:
-            return self._nominal(actuator, *row[:4])
+        if actuator.parameter(name) is not None:
+            return of_parameter(actuator, name, self.nominal.get(name))
         for one in self.unknowns(actuator):
             if one.name == name:
                 return one
-        raise no_unknown(name, actuator, self)
-
-    def _nominal(self, actuator: Any, place: str, value: float, unit: str, meaning: str) -> Unknown:
-        low, high = actuator.limits(place)
-        factor = self.nominal.get(place)
-        if value > 0.0:
-            tolerance = actuator.tolerance(place)
-            usual = factor or 1.0 if tolerance is None else math.sqrt(1.0 + tolerance)
-            reach = max(_FACTOR, usual**_REACH)
-            lower = max(value / reach, low)
-            upper = min(value * reach, high)
-            if not lower < upper:
-                raise InputError(f"{place} of {actuator.name} has no range to search.")
-            return Unknown(
-                place, unit, meaning, value, lower, upper, "nominal",
-                spread=None if factor is None else math.log(factor), logarithmic=True,
-            )  # fmt: skip
-        reach = abs(value) or 1.0
-        return Unknown(
-            place, unit, meaning, value, max(value - _FACTOR * reach, low),
-            min(value + _FACTOR * reach, high), "nominal",
-        )  # fmt: skip
+        raise no_unknown(name, actuator, self.unknowns(actuator))
 
     def healthy(self, actuator: Any) -> dict[str, float]:
         """Healthy values of all unknowns."""
@@ -328,17 +203,22 @@ class Model(ABC):
         values = {name: one.healthy for name, one in known.items()}
         for name, value in dict(given or {}).items():
             if name not in known:
-                raise no_unknown(name, actuator, self)
+                raise no_unknown(name, actuator, self.unknowns(actuator))
             values[name] = known[name].check(value)
         return values
 
     def describe(self, actuator: Any, values: Values) -> list[PhysicalValue]:
         """What the values of faults and nuisances mean on an actuator."""
-        return [
-            one.physical_value(actuator, values[one.name])
-            for one in self.unknowns(actuator)
-            if one.name in values
-        ]
+        rows = []
+        for one in self.unknowns(actuator):
+            if one.name not in values:
+                continue
+            row = one.physical_value(actuator, values[one.name])
+            if one.direction_of is not None and values.get(one.direction_of) == 0.0:
+                without = f"{row.meaning} (no meaning without {one.direction_of})"
+                row = row._replace(meaning=without)
+            rows.append(row)
+        return rows
 
     def as_faults(self, values: Values) -> Any:
         """Values as users of this kind expect them; a dict unless overridden."""
@@ -356,21 +236,6 @@ class Model(ABC):
         """
         self.check_channels(recording)
         return TraceComparison(self, recording, actuator, **settings)
-
-    def fidelity(self, name: str | None) -> str:
-        """One of `fidelities`, by its name; the first if none is given.
-
-        Raises
-        ------
-        InputError
-            If there is none of that name.
-        """
-        chosen = self.fidelities[0] if name is None else name
-        if chosen not in self.fidelities:
-            raise InputError(
-                f"There is no model {chosen!r}; choose {' or '.join(self.fidelities)}."
-            )
-        return chosen
 
     def averaged(self, recording: Recording) -> Recording:
         """A recording at the rate at which it is compared, where it is sampled much faster.
@@ -454,102 +319,16 @@ class Model(ABC):
                 )
 
     def simulate(
-        self,
-        actuator: Any,
-        scenario: Scenario,
-        values: Values,
-        *,
-        fidelity: str | None = None,
-        sample_rate: float | None = None,
-        step: float | None = None,
-        noise: Noise | None = None,
-        seed: int = 0,
-        initial_position: float = 0.0,
-        progress: Progress | None = None,
+        self, actuator: Any, scenario: Scenario, values: Values, **options: Any
     ) -> Recording:
-        """The response to a scenario as a recording; arguments as in `ematwin.simulate`."""
-        if step is not None or initial_position:
-            raise InputError(
-                f"The kind {self.kind} takes its step from its parameters and starts at its first "
-                "command; leave step and initial_position out."
-            )
-        rate = self.rate_of(actuator) if sample_rate is None else sample_rate
-        if not (0.0 < rate < math.inf and scenario.duration * rate >= 1.0 - 1e-9):
-            raise InputError(
-                f"A scenario of {scenario.duration:g} s cannot be sampled at {rate:g} Hz; give a "
-                "positive rate that leaves at least two samples."
-            )
-        if scenario.load and not self.disturbed:
-            constant = " and give a constant one with the faults" if "load" in values else ""
-            raise InputError(
-                f"Scenario {scenario.name} has a load over time, which the kind {self.kind} does "
-                f"not take; leave the load out of the scenario{constant}."
-            )
-        time = np.arange(math.floor(scenario.duration * rate + 1e-9) + 1) / rate
-        command, load = scenario.histories(time)
-        inputs = {self.command: command}
-        if self.load or (self.disturbed and scenario.load):
-            inputs[self.disturbed] = load
-        one = {name: np.array([value]) for name, value in values.items()}
-        answer = self.respond(actuator, Recording(time, inputs), one, 1)
-        channels = {**inputs, **{name: trace[0] for name, trace in answer.items()}}
-        if progress is not None:
-            progress(1.0)
-        return self.simulated(actuator, scenario, values, time, channels, noise=noise, seed=seed)
+        """The response to a scenario; ``options`` as in `ematwin.models.simulated.of_twin`."""
+        from ematwin.models.simulated import of_twin
+
+        return of_twin(self, actuator, scenario, values, **options)
 
     def rate_of(self, actuator: Any) -> float:
         """Hz, of what `simulate` gives where nothing else is said."""
         return self.sample_rate
-
-    def simulated(
-        self,
-        actuator: Any,
-        scenario: Scenario,
-        values: Values,
-        time: np.ndarray,
-        channels: Mapping[str, np.ndarray],
-        *,
-        noise: Noise | None,
-        seed: int,
-        fidelity: str | None = None,
-        **more: Any,
-    ) -> Recording:
-        """Simulated channels (S,) as a recording, as sensors show it.
-
-        ``more`` is added to its provenance.
-
-        Raises
-        ------
-        DivergedError
-            If a channel left the finite numbers.
-        """
-        from ematwin import __version__
-
-        model = self.fidelity(fidelity)
-        if not all(np.isfinite(trace).all() for trace in channels.values()):
-            at = f" at a step of {more['step_s']:.3g} s" if "step_s" in more else ""
-            raise DivergedError(
-                f"The {model} model of {actuator.name} diverged{at}; shorten its step, or check "
-                "its parameters and the scenario."
-            )
-        found = Recording(
-            time,
-            channels,
-            units={channel.name: channel.unit for channel in self.channels},
-            provenance={
-                "source": "simulated",
-                "model": model,
-                "ematwin": __version__,
-                "actuator": actuator.name,
-                "actuator_fingerprint": actuator.fingerprint,
-                "scenario": scenario.name,
-                "faults": dict(values),
-                "noise": None if noise is None else vars(noise).copy(),
-                "seed": int(seed),
-                **more,
-            },
-        )
-        return self.sensed(found, actuator, values, noise, seed)
 
     def sensed(
         self, recording: Recording, actuator: Any, values: Values, noise: Noise | None, seed: int
@@ -640,48 +419,3 @@ class Model(ABC):
     def derived(self, features: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         """Reported quantities that are no unknowns, (N,) by name, from features (N,) by name."""
         return {}
-
-    # What comparing search methods asks for
-
-    def cases(self, actuator: Any) -> dict[str, dict[str, float]]:
-        """Named faults for a study; by default each fault small and large."""
-        found: dict[str, dict[str, float]] = {}
-        for one in self.faults(actuator):
-            if one.direction_of is not None:
-                continue
-            for title, share in (("Low", 0.25), ("High", 0.75)):
-                end = one.upper if one.upper > one.healthy else one.lower
-                value = one.healthy + share * (end - one.healthy)
-                found[f"{title} {one.name}"] = {one.name: value}
-        return found
-
-    def error_percent(self, found: Values, injected: Values, actuator: Any) -> float:
-        """How far values are from those injected, per cent of their ranges, root sum of squares."""
-        total = 0.0
-        for one in self.faults(actuator):
-            gap = (found[one.name] - injected[one.name]) / one.width
-            if one.direction_of is not None:
-                magnitude = self.unknown(actuator, one.direction_of)
-                share = abs(injected[magnitude.name] - magnitude.healthy) / magnitude.width
-                gap = (gap - round(gap)) * math.sqrt(share)
-            total += gap * gap
-        return 100.0 * math.sqrt(total)
-
-    def error_percent_wrapped(self, found: Values, injected: Values, actuator: Any) -> float:
-        """`error_percent` with directions taken as angles, as they are unless it is overridden."""
-        return self.error_percent(found, injected, actuator)
-
-
-def no_unknown(name: str, actuator: Any, model: Model) -> InputError:
-    """The error that names the unknown closest to a name that there is not."""
-    from difflib import get_close_matches
-
-    known = [one.name for one in model.unknowns(actuator)]
-    places = [row[0] for row in actuator.parameters()]
-    close = get_close_matches(name, [*known, *places], n=1, cutoff=0.5)
-    hint = f"Did you mean {close[0]}? " if close else ""
-    return InputError(
-        f"Unknown fault {name!r}. {hint}The faults are {', '.join(known)}; parameters are named "
-        "by their place, such as "
-        f"{places[0]}."
-    )

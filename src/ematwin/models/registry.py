@@ -133,7 +133,7 @@ def model_of(actuator: Any) -> Model:
     if kind in _OURS:
         return _OURS[kind]()
     for model in models().values():
-        if kind == model.kind or kind in model.former_kinds:
+        if kind == model.kind or kind in model.parameters.former_kinds:
             return model
     raise ParameterError(
         f"There is no kind of actuator {kind!r}; choose one of {', '.join(models())}."

@@ -150,7 +150,10 @@ class Traces:
 
 def by_candidate(values: Any, count: int) -> np.ndarray:
     """(B, N) array of a tuple of N numbers or (B,) arrays, for B = ``count`` candidates."""
-    return np.column_stack([np.broadcast_to(np.asarray(v, dtype=float), count) for v in values])
+    rows = np.empty((count, len(values)))
+    for n, value in enumerate(values):
+        rows[:, n] = value
+    return rows
 
 
 def _loop_over(

@@ -9,7 +9,7 @@ from ematwin.models.ball_screw.motions import SENSORS, as_sensed
 from ematwin.models.ball_screw.parameters import FIXED, BallScrew
 from ematwin.models.ball_screw.plausibility import check_signals, check_spans, position_error
 from ematwin.models.ball_screw.unknowns import aliases, unknowns
-from ematwin.models.base import Demand, Model, Reported, Signal, Statistic, Values
+from ematwin.models.base import Demand, Model, Reported, Signal, Statistic, Study, Values
 from ematwin.models.comparison import Candidates
 from ematwin.models.unknown import Alias, Unknown
 from ematwin.recordings.channel import Channel, Derivation
@@ -18,6 +18,12 @@ from ematwin.recordings.recording import Recording
 
 SETTLED = 6.3  # time constants of the position loop until a transient has died out
 _ROUGH_BANDS = (3, 4, 5)  # of the residual's spectrum: one turn of the screw, harmonics, balls
+
+
+class NoisyStudy(Study):
+    """Simulated motions have the noise of a usual rig."""
+
+    noisy: ClassVar[bool] = True
 
 
 class BallScrewModel(Model):
@@ -55,7 +61,7 @@ class BallScrewModel(Model):
     }
     fixed: ClassVar[tuple[str, ...]] = FIXED
     covariate: ClassVar[str | None] = "load"
-    noisy: ClassVar[bool] = True
+    study: ClassVar[Study] = NoisyStudy()
     statistics: ClassVar[tuple[Statistic, ...]] = (
         Statistic(
             "sensor_coupling", "A/m", "The sensors share fast noise differently than in the "

@@ -13,6 +13,7 @@ from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.unknowns import FAULTS
 from ematwin.models.scenario import Scenario
 from ematwin.models.servo import check_start, checked_step
+from ematwin.models.simulated import recording_of
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
 
@@ -70,13 +71,12 @@ def simulate(
     )  # fmt: skip
     kept = slice(None, None, grid.decimation)
     channels = {"command": command[kept], "load": load[kept], **columns}
-    found: Recording = model.simulated(
-        actuator, scenario, values, grid.time[kept],
+    return recording_of(
+        model, actuator, scenario, values, grid.time[kept],
         {n: x for n, x in channels.items() if n not in ON_REQUEST or n in also},
         noise=noise, seed=seed, fidelity=fidelity,
         initial_position_rad=float(initial_position), step_s=grid.step,
     )  # fmt: skip
-    return found
 
 
 def simulated(

@@ -4,7 +4,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ematwin.models.base import Demand, Law, Model, Signal, Values
+from ematwin.models.base import Demand, Law, Model, Signal, Study, Values
 from ematwin.models.comparison import Candidates
 from ematwin.models.pmsm.channels import (
     CHANNELS,
@@ -17,13 +17,19 @@ from ematwin.models.pmsm.channels import (
     in_rotor_frame,
 )
 from ematwin.models.pmsm.parameters import PmsmActuator
-from ematwin.models.pmsm.unknowns import CONTRASTS, FIXED, UNKNOWNS, aliases, unknowns
+from ematwin.models.pmsm.unknowns import CONTRASTS, FIXED, aliases, unknowns
 from ematwin.models.scenario import Scenario
 from ematwin.models.servo import check_travel, tracking_signals
 from ematwin.models.unknown import Alias, Contrast, Unknown
 from ematwin.recordings.channel import Channel
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
+
+
+class PmsmStudy(Study):
+    """Faults from barely worth a look to severe."""
+
+    severity: ClassVar[tuple[float, float]] = (0.1, 0.8)
 
 
 class PmsmModel(Model):
@@ -61,10 +67,7 @@ class PmsmModel(Model):
         "transmission.backlash": 1.5,
         "transmission.stiffness": 1.5,
     }
-    # from barely worth a look to severe
-    severities: ClassVar[dict[str, tuple[float, float]]] = {
-        one.name: (0.1, 0.8) for one in UNKNOWNS if one.direction_of is None
-    }
+    study: ClassVar[Study] = PmsmStudy()
 
     demands: ClassVar[tuple[Demand, ...]] = (
         Demand("travel", "rad", ("command", "output_position")),
@@ -134,7 +137,7 @@ class PmsmModel(Model):
         """The response of the reference model, or of the monitor model."""
         from ematwin.models.pmsm.simulate import simulate
 
-        return simulate(self, self.fidelity(fidelity), actuator, scenario, values, **options)
+        return simulate(self, fidelity or self.fidelities[0], actuator, scenario, values, **options)
 
     def sensed(
         self, recording: Recording, actuator: Any, values: Values, noise: Noise | None, seed: int

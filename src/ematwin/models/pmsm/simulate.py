@@ -13,6 +13,7 @@ from ematwin.models.pmsm.comparison import ticks_of, whole_ticks
 from ematwin.models.pmsm.parameters import PmsmActuator
 from ematwin.models.scenario import Scenario
 from ematwin.models.servo import check_start, checked_step
+from ematwin.models.simulated import recording_of
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
 
@@ -77,11 +78,10 @@ def simulate(
         "command": asked[::every], "load": carried[::every], **channels_of(columns, actuator)
     }  # fmt: skip
     kept = {n: v for n, v in channels.items() if n not in ON_REQUEST or n in also}
-    found: Recording = model.simulated(
-        actuator, scenario, values, time[::every], kept, noise=noise, seed=seed, fidelity=fidelity,
-        step_s=tick / substeps,
+    return recording_of(
+        model, actuator, scenario, values, time[::every], kept, noise=noise, seed=seed,
+        fidelity=fidelity, step_s=tick / substeps,
     )  # fmt: skip
-    return found
 
 
 def _every(sample_rate: float | None, tick: float) -> int:
