@@ -135,8 +135,7 @@ class Experiment:
     @property
     def demands(self) -> tuple[Demand, ...]:
         """What may be limited."""
-        unit = self.model.channel(self.model.command).unit
-        return self.model.demands or (Demand("travel", unit, (self.model.command,)),)
+        return self.model.limited
 
     def check_magnitude(self, fault: str) -> None:
         """Raise InputError if there is no such fault, or it is a direction."""

@@ -19,21 +19,21 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ematwin.errors import InputError, RecordError
-from ematwin.models.channels_agree import Law as Law  # authors have it from here
-from ematwin.models.comparison import Candidates as Candidates  # authors have it from here
-from ematwin.models.comparison import Comparison, TraceComparison
-from ematwin.models.optional import Demand as Demand
-from ematwin.models.optional import OtherForm as OtherForm
-from ematwin.models.optional import Reported as Reported
-from ematwin.models.optional import Signal as Signal
-from ematwin.models.optional import Statistic as Statistic
-from ematwin.models.optional import Study as Study
+from ematwin.models.channels_agree import Law
+from ematwin.models.comparison import Candidates, Comparison, TraceComparison
+from ematwin.models.optional import Demand, OtherForm, Reported, Signal, Statistic, Study
 from ematwin.models.parameter_set import ParameterSet, not_searchable
 from ematwin.models.scenario import Component, Scenario, shipped_scenarios
 from ematwin.models.unknown import Alias, Contrast, PhysicalValue, Unknown, no_unknown, of_parameter
 from ematwin.recordings.channel import Channel
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
+
+# authors have all of these from here
+__all__ = (
+    "Candidates", "Demand", "Law", "Model", "OtherForm", "Progress", "Reported", "Signal",
+    "Statistic", "Study", "Values",
+)  # fmt: skip
 
 Values = Mapping[str, float]
 Progress = Callable[[float], None]
@@ -50,8 +50,7 @@ class Model(ABC):
     channels : channels that its recordings need or may have
     command : name of the channel that is commanded
     load : name of the channel of the load, or None
-    disturbance : of a kind without a load, name of the channel that the load of a scenario is, or
-        None
+    disturbance : name of the channel that the load of a scenario is, where that is no load
     needs : channels that a recording must have besides the command; where one of several
         alternatives will do, a group of them, each a tuple of channels
     default_search : name of the search method that `identify` uses
@@ -62,14 +61,12 @@ class Model(ABC):
         (so it is for all but a local one)
     fidelities : names of its models for `simulate`, the default first
     sample_rate : Hz, of what `simulate` gives where nothing else is said
-    compared_rate : Hz, to which recordings that are sampled faster are averaged (`averaged`); None
-        takes all of them as they are
+    compared_rate : Hz, to which faster recordings are averaged (`averaged`); None leaves them
     on_request : channels that `simulate` gives only where they are asked for (``also``)
     nominal : places of the parameters that healthy recordings may determine, each with how far
         (as a factor, one standard deviation) a template may be off
     fixed : places of parameters that cannot be searched, because a batch shares them: the step
-    backends : what can simulate its batches; `compare` takes ``backend=`` where there is another
-        than "cpu"
+    backends : what can simulate its batches, for ``backend=`` of `compare`
     covariate : name of the nuisance on which healthy features depend, or None
     statistics : what its comparisons measure beside the values
     short : names of compared channels in features, where shorter
@@ -77,8 +74,7 @@ class Model(ABC):
     demands : what a motion asks of it and a designed test may limit, the travel first; that of the
         command where none is given
     designable : by "command" and "load", parts that a design may add to those that a scenario has
-        (`Scenario`; each with the size of zero from which the design begins); the numbers that may
-        be chosen of each part are those that the part names (`Component.designed`)
+        (each with the size of zero); of each its `Component.designed` may be chosen
     """
 
     kind: ClassVar[str]
@@ -105,8 +101,6 @@ class Model(ABC):
     study: ClassVar[Study] = Study()
     demands: ClassVar[tuple[Demand, ...]] = ()
     designable: ClassVar[Mapping[str, tuple[Component, ...]]] = {}
-
-    # What an author gives
 
     @abstractmethod
     def unknowns(self, actuator: Any) -> tuple[Unknown, ...]:
@@ -136,14 +130,8 @@ class Model(ABC):
 
         By default a twentieth of the channel's RMS about its mean.
         """
-        found = {}
-        for name in self.outputs:
-            values = recording.channels.get(name)
-            if values is not None:
-                found[name] = 0.05 * float(values.std()) or 1.0
-        return found
-
-    # What follows, and may be overridden
+        known = (name for name in self.outputs if name in recording.channels)
+        return {name: 0.05 * float(recording.channels[name].std()) or 1.0 for name in known}
 
     @property
     def outputs(self) -> tuple[str, ...]:
@@ -155,6 +143,12 @@ class Model(ABC):
     def disturbed(self) -> str:
         """Name of the channel that the load of a scenario is; "" if there is none."""
         return self.load or self.disturbance or ""
+
+    @property
+    def limited(self) -> tuple[Demand, ...]:
+        """What a designed test may limit: `demands`, or else the travel of the command."""
+        travel = Demand("travel", self.channel(self.command).unit, (self.command,))
+        return self.demands or (travel,)
 
     @property
     def required(self) -> tuple[tuple[tuple[str, ...], ...], ...]:
@@ -303,15 +297,8 @@ class Model(ABC):
 
     def check_channels(self, recording: Recording) -> None:
         """Raise `RecordError` unless a recording has the channels that this kind needs."""
-        present = set(recording.channels)
-        if self.command not in present:
-            raise RecordError(
-                f"{recording.name} has no channel {self.command!r} "
-                f"({self.channel(self.command).meaning}), which the kind {self.kind} needs; it "
-                f"has {', '.join(recording.channels)}."
-            )
-        for alternatives in self.required[1:]:
-            if not any(present.issuperset(group) for group in alternatives):
+        for alternatives in self.required:
+            if not any(recording.channels.keys() >= set(group) for group in alternatives):
                 wanted = " or ".join(" with ".join(group) for group in alternatives)
                 raise RecordError(
                     f"{recording.name} has no {wanted}, which the kind {self.kind} needs; it has "
@@ -358,24 +345,16 @@ class Model(ABC):
 
     def demanded(self, recording: Recording) -> dict[str, float]:
         """What a recorded motion asks of an actuator, SI, by the name of the demand."""
-        travel = Demand("travel", self.channel(self.command).unit, (self.command,))
-        found = {}
-        for one in self.demands or (travel,):
-            seen = [recording.channels[name] for name in one.channels if name in recording.channels]
-            if one.is_rate:
-                seen = [np.gradient(values, recording.time) for values in seen]
-            if seen:
-                found[one.name] = max(float(np.abs(values).max()) for values in seen)
-        return found
+        sizes = {one.name: one.size(recording) for one in self.limited}
+        return {name: size for name, size in sizes.items() if size is not None}
 
     # What reports ask for
 
     def summary(self, recording: Recording, actuator: Any) -> dict[str, float]:
         """Numbers that sum up a recording: RMS and largest magnitude of each compared channel."""
         found = {}
-        for name in self.outputs:
-            values = recording.channels.get(name)
-            if values is not None:
+        for name, values in recording.channels.items():
+            if name in self.outputs:
                 found[f"{name}_rms"] = float(np.sqrt(np.mean(values**2)))
                 found[f"{name}_peak"] = float(np.abs(values).max())
         return found

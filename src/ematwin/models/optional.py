@@ -12,6 +12,7 @@ import numpy as np
 
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
+from ematwin.recordings.recording import Recording
 
 Values = Mapping[str, float]
 
@@ -74,6 +75,13 @@ class Demand(NamedTuple):
     unit: str
     channels: tuple[str, ...]
     is_rate: bool = False
+
+    def size(self, recording: Recording) -> float | None:
+        """The largest magnitude in a recording, SI; None without such a channel."""
+        seen = [recording.channels[name] for name in self.channels if name in recording.channels]
+        if self.is_rate:
+            seen = [np.gradient(values, recording.time) for values in seen]
+        return max((float(np.abs(values).max()) for values in seen), default=None)
 
 
 class OtherForm(NamedTuple):

@@ -97,7 +97,7 @@ MISSING = [
     (("current_d", "current_q", "motor_position"), "phase currents but no motor_position"),
     (("voltage_b", "voltage_d", "voltage_q"), "has voltage_a, voltage_c but not voltage_b"),
     (("current_q", "current_a", "current_b", "current_c"), "has current_d but not current_q"),
-    (("command",), "has no channel 'command'"),
+    (("command",), "has no command"),
 ]
 
 
