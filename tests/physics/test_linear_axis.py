@@ -9,7 +9,7 @@ from scipy.signal import cont2discrete
 
 import ematwin
 from ematwin.models.linear_axis.parameters import LinearAxis
-from ematwin.models.linear_axis.stability import spectral_radius
+from ematwin.models.linear_axis.stability import loop_radius
 from ematwin.models.linear_axis.step import AxisState, axis_step
 from ematwin.models.linear_axis.twin import axis_constants, closed_loop, open_loop, substeps_of
 from ematwin.recordings.recording import Recording
@@ -104,7 +104,7 @@ def test_the_loop_decays_as_its_largest_eigenvalue_says():
     _, x = closed_loop(LINEAR, step, {}, 1)
     left = np.abs(x[0] - 1e-6)
     envelope = [left[n : n + 80].max() for n in (100, 200)]
-    assert (envelope[1] / envelope[0]) ** 0.01 == pytest.approx(spectral_radius(LINEAR), rel=2e-3)
+    assert (envelope[1] / envelope[0]) ** 0.01 == pytest.approx(loop_radius(LINEAR), rel=2e-3)
 
 
 def test_motion_one_way_is_that_of_solve_ivp():

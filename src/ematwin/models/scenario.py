@@ -257,8 +257,8 @@ class Scenario(BaseModel):
         the SI units of its command and load; those of the brushless actuator if not given
         (`ematwin.models.base.Model.load_scenario` gives both).
 
-        A recorded file needs columns ``time`` and ``command``, may have ``load``, and may give units,
-        as in ``command [deg]``.
+        A recorded file needs columns ``time`` and ``command``, and may have ``load``; their names
+        or the file may give units, as in ``command [deg]``.
 
         Raises
         ------
@@ -272,14 +272,10 @@ class Scenario(BaseModel):
         shipped = shipped_scenarios() if shipped is None else shipped
         if name_or_path is None:
             name_or_path = DEFAULT_SCENARIO if DEFAULT_SCENARIO in shipped else next(iter(shipped))
-        path = Path(name_or_path)
-        command_unit, load_unit = units
+        path, (unit, load_unit) = Path(name_or_path), units
         if path.suffix and path.suffix != ".toml":
-            columns = recorded_columns(
-                path,
-                {"time": ("s",), "command": (command_unit,)},
-                {"load": (load_unit,)} if load_unit else {},
-            )
+            load = {"load": (load_unit,)} if load_unit else {}
+            columns = recorded_columns(path, {"time": ("s",), "command": (unit,)}, load)
             try:
                 return cls.from_columns(
                     columns["time"], columns["command"], columns.get("load"), name=path.stem

@@ -9,7 +9,7 @@ from ematwin.estimation.problem import Problem
 from ematwin.models.linear_axis.comparison import ALIKE, repeats
 from ematwin.models.linear_axis.parameters import LinearAxis
 from ematwin.models.linear_axis.plausibility import controller_voltage
-from ematwin.models.linear_axis.stability import spectral_radius, velocity_gain_limit
+from ematwin.models.linear_axis.stability import loop_radius, velocity_gain_limit
 from ematwin.models.linear_axis.twin import axis_constants, closed_loop, first_state, open_loop
 from ematwin.models.scenario import Scenario, Sine, Step
 from ematwin.recordings.recording import Recording
@@ -101,8 +101,8 @@ def test_an_unstable_controller_is_refused_with_the_limit():
     with pytest.raises(ParameterError, match=r"unstable.*limit is \d+.*V s/m") as caught:
         AXIS.changed({"controller.velocity_gain": 20_000.0})
     said = float(str(caught.value).split("limit is ")[1].split()[0])
-    assert spectral_radius(AXIS, 0.999 * said / AXIS.controller.velocity_gain) < 1.0
-    assert spectral_radius(AXIS, 1.001 * said / AXIS.controller.velocity_gain) > 1.0
+    assert loop_radius(AXIS, 0.999 * said / AXIS.controller.velocity_gain) < 1.0
+    assert loop_radius(AXIS, 1.001 * said / AXIS.controller.velocity_gain) > 1.0
 
 
 def test_the_limit_is_where_small_motions_begin_to_grow():
