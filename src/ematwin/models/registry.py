@@ -14,7 +14,8 @@ from typing import Any
 
 from ematwin.errors import InputError, ParameterError
 from ematwin.models.base import Model
-from ematwin.models.parameter_set import UNNAMED_KIND, ParameterSet, parameter_file
+from ematwin.models.parameter_file import parameter_file
+from ematwin.models.parameter_set import UNNAMED_KIND, ParameterSet
 from ematwin.validation import load_toml
 
 ENTRY_POINTS = "ematwin.models"

@@ -16,6 +16,7 @@ from ematwin.recordings.recording import Recording
 
 _SUM = 0.05  # of the RMS of the phases: their sensors and converters differ by less
 _BROKEN = 0.2  # of it: no gains of sensors leave as much once the best is taken off
+_FEWEST = 100  # samples
 _OVERSPEED = 20.0  # times the speed limit: no fault makes a motor so fast
 _BEYOND = 1.02  # times the travel: end stops give a little
 _DEGREES = (10.0, 180.0)  # times the travel: what degrees taken for radians reach (57.3)
@@ -196,3 +197,21 @@ def check_size(name: str, largest: float, limit: float, unit: str, said: str) ->
         else "Check its unit and scale, or the actuator."
     )
     raise RecordError(f"{name} reaches {largest:.4g} {unit}; {said}. {hint}")
+
+
+def check_enough(recording: Recording) -> None:
+    """Raise `RecordError` unless a recording has samples enough to tell faults apart."""
+    if len(recording) < _FEWEST:
+        raise RecordError(
+            f"The record has {len(recording)} samples; at least {_FEWEST} are needed to tell "
+            "faults apart. Record longer or faster."
+        )
+
+
+def check_moves(current: np.ndarray) -> None:
+    """Raise `RecordError` if a current (S,), A, never changes."""
+    if np.ptp(current) == 0.0:
+        raise RecordError(
+            f"The current of the record is constant ({current[0]:g} A): nothing moved. Check the "
+            "channel, or record a motion."
+        )

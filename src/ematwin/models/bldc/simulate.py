@@ -1,7 +1,7 @@
-"""Simulate a brushless actuator: model, scenario and faults in, a `Recording` out."""
+"""Simulate a brushless actuator: over a scenario, or over a recorded command and load."""
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,7 @@ from ematwin.errors import InputError
 from ematwin.models.base import Progress
 from ematwin.models.bldc.channels import ON_REQUEST, UNITS
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.models.bldc.unknowns import FAULTS
+from ematwin.models.bldc.unknowns import FAULTS, UNKNOWNS
 from ematwin.models.scenario import Scenario
 from ematwin.models.servo import check_start, checked_step
 from ematwin.models.simulated import recording_of
@@ -84,7 +84,7 @@ def simulated(
     faults: np.ndarray,
     command: np.ndarray,
     load: np.ndarray,
-    start: tuple[float, float, float, float],
+    start: Sequence[float] | np.ndarray,
     actuator: BldcActuator,
     grid: "TimeGrid",
     progress: Progress | None = None,
@@ -151,6 +151,37 @@ def simulated(
     if model == "reference":
         found["bus_voltage"] = np.full(len(trace), actuator.drive.supply_voltage)
     return found
+
+
+def reference_answer(
+    recording: Recording,
+    actuator: BldcActuator,
+    values: Mapping[str, float],
+    start: np.ndarray,
+) -> Recording:
+    """Currents, voltages and positions at the samples of a recording; NaN where it diverged.
+
+    Parameters
+    ----------
+    recording : holds the command, and the load if there is one
+    actuator : its parameters where ``values`` name none by their place
+    values : faults, corrections of the load, and parameters of one candidate; what is not named is
+        healthy or nominal
+    start : (4,) array, speed and angle of the motor, those of the output, on the motor shaft
+    """
+    actuator = actuator.with_arrays({name: x for name, x in values.items() if "." in name})
+    ratio, step = actuator.transmission.ratio, actuator.steps.reference
+    rate, count = recording.sample_rate, len(recording)
+    grid = TimeGrid(step, max(INPUT_INTERVAL, step), (count - 0.5) / rate, rate)
+    time = np.arange(count) / rate
+    load = np.zeros(count) if recording.load is None else recording.load
+    # a command that was recorded late makes all of the twin late, and its load must be as late
+    load = np.interp(grid.time - values.get("skew", 0.0), time, load)
+    load = values.get("load_gain", 1.0) * load + values.get("load_offset", 0.0)
+    faults = np.array([values.get(one.name, one.healthy) for one in UNKNOWNS])
+    command = np.interp(grid.time, time, recording.command)
+    columns = simulated("reference", faults, command * ratio, load / ratio, start, actuator, grid)
+    return Recording(time, {"command": recording.command, **columns}, units=UNITS)
 
 
 class TimeGrid:
