@@ -101,7 +101,7 @@ class LinearAxisModel(Model):
         from ematwin.models.linear_axis.comparison import LinearAxisComparison
 
         self.check_channels(recording)
-        return LinearAxisComparison(self, recording, actuator, threads)
+        return LinearAxisComparison(self, recording, actuator)
 
     def check(self, recording: Recording, actuator: Any) -> list[str]:
         """Sampling, units, signs, and whether the controller is the one that was recorded."""
