@@ -12,6 +12,7 @@ from ematwin.errors import InputError, ParameterError, RecordError
 from ematwin.models.base import Law, Model, Signal
 from ematwin.models.scenario import Scenario
 from ematwin.models.unknown import Unknown
+from ematwin.recordings.channel import Channel, Derivation
 from ematwin.recordings.recording import Recording
 
 _SUM = 0.05  # of the RMS of the phases: their sensors and converters differ by less
@@ -21,6 +22,35 @@ _OVERSPEED = 20.0  # times the speed limit: no fault makes a motor so fast
 _BEYOND = 1.02  # times the travel: end stops give a little
 _DEGREES = (10.0, 180.0)  # times the travel: what degrees taken for radians reach (57.3)
 _SLOPE = 0.1  # of the RMS of a speed: how far a drive's own may be from the slope of the position
+
+
+COMMAND_AND_LOAD = (
+    Channel("command", "rad", "commanded output position", ("cmd", "setpoint"), "output"),
+    Channel("load", "N*m", "load on the output, against positive motion",
+            ("load_torque", "t_load"), "output"),
+)  # fmt: skip
+
+
+def _third(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    return -(one + other)
+
+
+def star_channels(
+    quantity: str, unit: str, meaning: str, aliases: Sequence[str], **more: Any
+) -> tuple[Channel, ...]:
+    """A channel of each phase of a star winding, minus the sum of the other two.
+
+    ``meaning`` and ``aliases`` hold ``{}`` for the letter; ``more`` is as of `Channel`.
+    """
+    found = []
+    for x in "abc":
+        sources = tuple(f"{quantity}_{other}" for other in "abc" if other != x)
+        derived = Derivation(f"-({' + '.join(sources)})", sources, _third)
+        names = tuple(alias.format(x) for alias in aliases)
+        found.append(
+            Channel(f"{quantity}_{x}", unit, meaning.format(x), names, derived=derived, **more)
+        )
+    return tuple(found)
 
 
 def normalised_fault(
