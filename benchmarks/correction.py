@@ -87,7 +87,7 @@ def judged(
         found.intervals[name][0] - 1e-9 <= values[name] <= found.intervals[name][1] + 1e-9
         for name in MAGNITUDES
     ]
-    err = MODEL.error_percent_wrapped(found.values, values, actuator)
+    err = MODEL.study.error_percent(MODEL.faults(actuator), found.values, values, wrapped=True)
     return err, found.verdict.grade != "none", found.reference_runs, away, held
 
 

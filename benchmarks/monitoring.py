@@ -12,8 +12,8 @@ from collections.abc import Callable
 import numpy as np
 
 import ematwin
-from ematwin.models.ball_screw.simulate import out_and_back, simulate_motion
-from ematwin.models.ball_screw.twin import twin_traces
+from ematwin.models.ball_screw.motions import out_and_back, simulate_motion
+from ematwin.models.ball_screw.twin import candidate_traces
 
 LOADS = (-400.0, 200.0, 400.0)  # N
 
@@ -53,10 +53,14 @@ def steps() -> None:
     """Print the RMS difference to a step of 0.25 ms, as a share of the RMS."""
     actuator = ematwin.BallScrew.load()
     set_point, interval = out_and_back(actuator, 0.12, 5.0, 3.0)
-    magnitudes = np.array([[1.0, 5e-5, 1.0, 200.0, 0.0], [1.3, 5e-4, 1.0, -400.0, 1e-3]])
+    candidates = {
+        "friction": np.array([1.0, 1.3]), "backlash": np.array([5e-5, 5e-4]),
+        "load": np.array([200.0, -400.0]), "initial_error": np.array([0.0, 1e-3]),
+    }  # fmt: skip
 
-    def traces(step: float) -> tuple[np.ndarray, np.ndarray]:
-        return twin_traces(actuator.changed({"steps.twin": step}), set_point, interval, magnitudes)
+    def traces(step: float) -> list[np.ndarray]:
+        finer = actuator.changed({"steps.twin": step})
+        return list(candidate_traces(finer, set_point, interval, candidates, 2).values())
 
     finest = traces(0.25e-3)
     print("step, ms    current, %    position error, %")

@@ -132,7 +132,7 @@ def judged(actuator, seed, *, voltages=COMMANDED, sheet=False):
     return Row(
         seed,
         " ".join(f"{name}={value:.2f}" for name, value in values.items()),
-        model.error_percent(found.values, truth, actuator),
+        model.study.error_percent(model.faults(actuator), found.values, truth),
         found.verdict.grade,
         " ".join(name for name, share in size.items() if share >= LARGE and name not in said),
         " ".join(name for name in named if size[name] < SMALL),

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 import ematwin
-from ematwin.models.ball_screw.simulate import simulate_motion
+from ematwin.models.ball_screw.motions import simulate_motion
 from ematwin.monitoring import CalibrationReport, Detection, Diagnosis, Scores
 from ematwin.report.detection import detection_page
 

@@ -4,8 +4,8 @@ from functools import cache
 
 import numpy as np
 
+from ematwin.models.ball_screw.motions import out_and_back, simulate_motion
 from ematwin.models.ball_screw.parameters import BallScrew
-from ematwin.models.ball_screw.simulate import out_and_back, simulate_motion
 from ematwin.recordings.recording import Recording
 
 # What the rig is, as factors on the template that a calibration starts from.

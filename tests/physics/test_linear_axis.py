@@ -8,11 +8,10 @@ from scipy.integrate import solve_ivp
 from scipy.signal import cont2discrete
 
 import ematwin
-from ematwin.models.linear_axis.constants import AxisConstants, constants_table
 from ematwin.models.linear_axis.parameters import LinearAxis
-from ematwin.models.linear_axis.stability import spectral_radius
-from ematwin.models.linear_axis.step import AxisState, axis_step, lag_of
-from ematwin.models.linear_axis.twin import closed_loop, open_loop
+from ematwin.models.linear_axis.stability import loop_radius
+from ematwin.models.linear_axis.step import AxisState, axis_step
+from ematwin.models.linear_axis.twin import axis_constants, closed_loop, open_loop, substeps_of
 from ematwin.recordings.recording import Recording
 
 AXIS = LinearAxis.load().changed({"friction.standstill_ratio": 0.5})
@@ -105,7 +104,7 @@ def test_the_loop_decays_as_its_largest_eigenvalue_says():
     _, x = closed_loop(LINEAR, step, {}, 1)
     left = np.abs(x[0] - 1e-6)
     envelope = [left[n : n + 80].max() for n in (100, 200)]
-    assert (envelope[1] / envelope[0]) ** 0.01 == pytest.approx(spectral_radius(LINEAR), rel=2e-3)
+    assert (envelope[1] / envelope[0]) ** 0.01 == pytest.approx(loop_radius(LINEAR), rel=2e-3)
 
 
 def test_motion_one_way_is_that_of_solve_ivp():
@@ -146,14 +145,13 @@ def test_halving_the_step_quarters_the_error():
 
 def test_friction_never_adds_energy():
     """In no step does the mass gain more than the force does: the midpoint rule is exact there."""
-    c = AxisConstants(*constants_table(AXIS, {}, 1)[0])
+    c = axis_constants(AXIS)
     rng = np.random.default_rng(1)
-    dt = AXIS.steps.twin
-    decay, lagging = lag_of(c.per_lag, dt)
-    now, lost, turned = AxisState(0.0, 0.0, 0.0), [], 0
+    dt = INTERVAL / substeps_of(AXIS)
+    now, lost, turned = AxisState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), [], 0
     for voltage in np.repeat(rng.uniform(-4.0, 4.0, 100), 50):
-        push = c.gain * (voltage + (now.u - voltage) * lagging) - c.offset
-        after = axis_step(now, voltage, decay, lagging, c, dt)
+        push = c.gain * (voltage + (now.u - voltage) * c.lagging) - c.offset
+        after = axis_step(now._replace(output=voltage), 0.0, 0.0, c, dt)
         gained = 0.5 * AXIS.carriage.mass * (after.v**2 - now.v**2)
         lost.append(push * (after.x - now.x) - gained)
         turned += now.v * after.v < 0.0

@@ -21,7 +21,7 @@ from ematwin.models.bldc.motor import emf_constants, hall_sector
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.reference_step import advance_bridge, phase_constants
 from ematwin.models.bldc.state import fault_state
-from ematwin.models.bldc.truer.emf import truer_emf_constants
+from ematwin.models.bldc.truer.motor import truer_emf_constants
 from ematwin.models.bldc.truer.reference_step import advance_shorted_bridge
 
 SPEED = 400.0  # rad/s: one turn of the rotor in 15.7 ms, back-EMF at 60 % of the supply

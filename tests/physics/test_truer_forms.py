@@ -16,8 +16,7 @@ from ematwin.models.bldc.faults import FAULTS, Faults, error_percent
 from ematwin.models.bldc.motor import gap_factors
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.state import fault_state
-from ematwin.models.bldc.truer.cogging import cogging_torque
-from ematwin.models.bldc.truer.emf import rounded_shapes
+from ematwin.models.bldc.truer.motor import cogging_torque, rounded_shapes
 from ematwin.models.bldc.truer.shorted_turns import loop_answer
 from ematwin.models.bldc.truer.state import REST
 from ematwin.models.scenario import Scenario

@@ -30,7 +30,7 @@ def screw_run(found: dict[str, float], run: int = 0, **injected: float) -> Store
         scenario={"name": "out-and-back"}, model="twin",
     )  # fmt: skip
     values = SCREW.vector(found)
-    err = SCREW.model.error_percent(SCREW.values(values), SCREW.values(of.faults), SCREW.actuator)
+    err = SCREW.error_percent(SCREW.values(values), SCREW.values(of.faults))
     result = RunResult(
         of.id, "done", values, 1.0, 0.1, err, err, 100, 1.0, 1.0, pack([100], [1.0]), "budget"
     )

@@ -16,7 +16,7 @@ from nptdms import ChannelObject, TdmsWriter
 import ematwin
 from ematwin import Recording, read, read_motions, write
 from ematwin.errors import InputError, RecordError
-from ematwin.models.ball_screw.channels import CHANNELS as SCREW
+from ematwin.models.ball_screw.model import MODEL as SCREW
 from ematwin.models.bldc.channels import CHANNELS as MOTOR
 from ematwin.models.reading import Frame
 from ematwin.testing.reader_contract import bench_channels
@@ -416,7 +416,7 @@ def test_means_of_a_file_of_ours_stay_means_at_another_rate(tmp_path: Path) -> N
 
 
 def test_every_derived_channel_follows_from_channels_of_its_kind() -> None:
-    for channels in (MOTOR, SCREW):
+    for channels in (MOTOR, SCREW.channels):
         names = {one.name for one in channels}
         for one in channels:
             if one.derived is not None:

@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from ematwin.errors import EmatwinError, InputError, RecordError
-from ematwin.models.ball_screw.channels import check_spans
+from ematwin.models.ball_screw.plausibility import check_spans
 from ematwin.models.reading import read, read_motions, write
 from ematwin.recordings.recording import Recording
 

@@ -106,7 +106,7 @@ def test_a_current_that_stays_while_the_command_moves_is_doubtful(record: Record
 def test_current_in_milliamperes(record: Recording) -> None:
     assert phase_currents(record) is not None
     refused(phases(record, *(1e3 * phase_currents(record).T)), "looks like mA")
-    refused(phases(record, *(1e6 * phase_currents(record).T)), "Check the unit and the scale")
+    refused(phases(record, *(1e6 * phase_currents(record).T)), "Check its unit and scale")
 
 
 def test_command_and_position_in_degrees(record: Recording) -> None:

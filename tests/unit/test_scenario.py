@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from ematwin.errors import EmatwinError, FileError, ParameterError, RecordError
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.models.bldc.simulate import check_travel
 from ematwin.models.scenario import Chirp, Profile, Ramp, Scenario, Sine, Step, shipped_scenarios
+from ematwin.models.servo import check_travel
 
 T = np.linspace(0.0, 2.0, 2001)
 number = st.floats(-1e3, 1e3, allow_subnormal=False)

@@ -7,7 +7,6 @@ import numpy as np
 
 from ematwin.benchmarking.subject import Subject
 from ematwin.errors import InputError
-from ematwin.models.base import SEVERITY
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.validation import load_toml
 
@@ -52,7 +51,7 @@ def cases_of(
             f"kind {subject.kind}; choose own, multi or a TOML file."
         )
     if text in ("own", "paper"):
-        own = subject.model.cases(subject.actuator)
+        own = subject.cases()
         return {name: subject.vector(values) for name, values in own.items()}
     if text == "multi":
         return multi_cases(DEFAULT_COUNT if count is None else count, seed, subject.actuator)
@@ -102,10 +101,10 @@ def _random_vector(subject: Subject, seed: int, n: int) -> tuple[float, ...]:
     size = rng.integers(min(_FEWEST, most), most + 1)
     chosen = rng.choice(list(faults), size=size, replace=False)
     directions = {subject.names[m]: subject.unknowns[d] for m, d in subject.directions}
-    values = {}
+    study, values = subject.model.study, {}
     for name in sorted(map(str, chosen)):
         one = faults[name]
-        share = float(rng.uniform(*subject.model.severities.get(name, SEVERITY)))
+        share = float(rng.uniform(*study.severities.get(name, study.severity)))
         healthy = (one.healthy - one.lower) / one.width
         if min(healthy, 1.0 - healthy) >= _ROOM:
             sign = float(rng.choice([-1.0, 1.0]))

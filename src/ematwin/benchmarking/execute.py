@@ -87,8 +87,8 @@ def execute(spec: RunSpec, time_limit: float | None = None, engine: str = "none"
         faults=tuple(found.point.tolist()),
         cost=float(found.cost),
         relative_misfit=problem.relative_misfit(found.cost),
-        err=subject.model.error_percent(*pair, subject.actuator),
-        err_wrapped=subject.model.error_percent_wrapped(*pair, subject.actuator),
+        err=subject.error_percent(*pair),
+        err_wrapped=subject.error_percent(*pair, wrapped=True),
         evaluations=found.evaluations,
         seconds=clock.seconds,
         cpu_seconds=clock.cpu_seconds,
@@ -176,7 +176,7 @@ def _watchdog(time_limit: float | None) -> Iterator[None]:
 def _prepared(spec: RunSpec) -> tuple[Subject, Problem]:
     """Give what is searched of a run's recording; runs that share a recording share it."""
     # where nothing in a recording is drawn at random, its seed changes nothing
-    seeded = spec.noise is not None or _subject(json.dumps(spec.actuator)).model.noisy
+    seeded = spec.noise is not None or _subject(json.dumps(spec.actuator)).model.study.noisy
     seed = spec.record_seed if seeded else 0
     inputs = (spec.actuator, spec.scenario, spec.faults, spec.model, spec.noise, seed)
     return _simulated(json.dumps(inputs))

@@ -114,7 +114,7 @@ def collect(runs: Iterable[StoredRun]) -> RunTable:
     if not rows:
         raise InputError("The store holds no runs: there is nothing to report.")
     subject = next(iter(subjects.values()))[1]
-    cases = _in_order({row["case"] for row in rows}, subject.model.cases(subject.actuator))
+    cases = _in_order({row["case"] for row in rows}, subject.cases())
     known = [method.name for method in methods()]
     algorithms = _in_order({row["algorithm"] for row in rows}, known)
     case_place = {name: n for n, name in enumerate(cases)}
@@ -162,7 +162,7 @@ def _check_alike(first: Subject, other: Subject) -> None:
 
 def _settings(stored: StoredRun, subject: Subject) -> dict[str, str]:
     spec = stored.spec
-    noise = "of a usual rig" if subject.model.noisy else "none"
+    noise = "of a usual rig" if subject.model.study.noisy else "none"
     if spec.noise is not None:
         noise = str(dict(sorted(spec.noise.items())))
     return {

@@ -26,7 +26,7 @@ def actuators(
     """List the actuators of all kinds, or show one: parameters, channels, faults."""
     from ematwin.errors import InputError
     from ematwin.files import check_target, write_text
-    from ematwin.models.parameter_set import parameter_table
+    from ematwin.models.parameter_file import parameter_table
     from ematwin.models.registry import load_actuator, model_of, shipped_actuators
 
     if name is None:

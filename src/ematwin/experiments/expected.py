@@ -28,11 +28,11 @@ from ematwin.estimation.aliases import aliases_of
 from ematwin.estimation.baseline import Baseline, baseline_of, with_all_free
 from ematwin.estimation.laplace import Laplace, sharp_errors, standard_errors, width_at
 from ematwin.estimation.problem import Problem
-from ematwin.models.base import Demand, Model, no_unknown
+from ematwin.models.base import Demand, Model
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.registry import load_actuator, model_of
 from ematwin.models.scenario import Scenario
-from ematwin.models.unknown import Unknown
+from ematwin.models.unknown import Unknown, no_unknown
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
 
@@ -135,14 +135,13 @@ class Experiment:
     @property
     def demands(self) -> tuple[Demand, ...]:
         """What may be limited."""
-        unit = self.model.channel(self.model.command).unit
-        return self.model.demands or (Demand("travel", unit, (self.model.command,)),)
+        return self.model.limited
 
     def check_magnitude(self, fault: str) -> None:
         """Raise InputError if there is no such fault, or it is a direction."""
         faults = {one.name: one for one in self.model.faults(self.actuator)}
         if fault not in faults:
-            raise no_unknown(fault, self.actuator, self.model)
+            raise no_unknown(fault, self.actuator, self.model.unknowns(self.actuator))
         if faults[fault].direction_of is not None:
             raise InputError(
                 f"{fault} is the direction of {faults[fault].direction_of}; name that instead."

@@ -11,130 +11,32 @@ point group ``ematwin.models`` (`ematwin.models.registry`); docs/your-own-model.
 making of one.
 """
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 
 from ematwin.errors import InputError, RecordError
-from ematwin.models.channels_agree import Law as Law  # authors have it from here
-from ematwin.models.comparison import Candidates as Candidates  # authors have it from here
-from ematwin.models.comparison import Comparison, TraceComparison
+from ematwin.models.channels_agree import Law
+from ematwin.models.comparison import Candidates, Comparison, TraceComparison
+from ematwin.models.optional import Demand, OtherForm, Reported, Signal, Statistic, Study
 from ematwin.models.parameter_set import ParameterSet, not_searchable
 from ematwin.models.scenario import Component, Scenario, shipped_scenarios
-from ematwin.models.unknown import Alias, Contrast, PhysicalValue, Unknown
+from ematwin.models.unknown import Alias, Contrast, PhysicalValue, Unknown, no_unknown, of_parameter
 from ematwin.recordings.channel import Channel
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
 
+# authors have all of these from here
+__all__ = (
+    "Candidates", "Demand", "Law", "Model", "OtherForm", "Progress", "Reported", "Signal",
+    "Statistic", "Study", "Values",
+)  # fmt: skip
+
 Values = Mapping[str, float]
 Progress = Callable[[float], None]
-SEVERITY = (0.1, 0.9)
-_FACTOR = 3.0  # a nominal parameter may be so much smaller or larger than its file says
-_REACH = 4.0  # standard deviations of its prior that it may be off in any case
-
-
-@dataclass(frozen=True)
-class Reported:
-    """A quantity that is reported where a healthy population judges.
-
-    Parameters
-    ----------
-    name : str; an unknown, or a statistic that the model derives from features
-    unit : str, of ``scale`` times the value; "x" for a multiple of the healthy mean
-    meaning : str
-    logarithmic : bool, the population is one of logarithms and the unit is "x"
-    scale : float, shown value over SI value
-    named : str, the fault that a raised value names; "" if it names none
-    either : bool, a lowered value names it as well
-    least : float, in SI or as a logarithm: no healthy run is so far from the others; infinite
-        where that is not known
-    """
-
-    name: str
-    unit: str
-    meaning: str
-    logarithmic: bool = False
-    scale: float = 1.0
-    named: str = ""
-    least: float = math.inf
-    either: bool = False
-
-
-@dataclass(frozen=True)
-class Signal:
-    """A trace for a figure.
-
-    Parameters
-    ----------
-    title, unit : of the panel
-    values : (S,) array
-    reference : (S,) array or None, what was commanded
-    """
-
-    title: str
-    unit: str
-    values: np.ndarray
-    reference: np.ndarray | None = None
-
-
-class Demand(NamedTuple):
-    """What a motion asks of an actuator, and a test may limit: the largest magnitude.
-
-    Parameters
-    ----------
-    name, unit : str; of travel, speed, current, load or what else the kind can be strained by
-    channels : of those that a recording has, the largest counts
-    is_rate : of the channel's change with time
-    """
-
-    name: str
-    unit: str
-    channels: tuple[str, ...]
-    is_rate: bool = False
-
-
-class OtherForm(NamedTuple):
-    """A form of a fault that an actuator's file leaves out, and that may pass for another fault.
-
-    Parameters
-    ----------
-    actuator : with the form
-    meaning : str, such as "an eccentricity that is fixed in space"
-    setting : str, what the file says to have it
-    names : of the faults that are said of it
-    mistaken : names of the faults that may be called in its place
-    starts : values by name, some of parameters by place, from which a descent may set out
-    """
-
-    actuator: ParameterSet
-    meaning: str
-    setting: str
-    names: tuple[str, ...]
-    mistaken: frozenset[str]
-    starts: tuple[Values, ...]
-
-
-@dataclass(frozen=True)
-class Statistic:
-    """A number that a comparison measures beside the values, such as noise shared by sensors.
-
-    Parameters
-    ----------
-    name : str, in `Comparison.statistics`
-    unit : str, SI
-    changed : str, what is said of a recording whose value is unlike the healthy ones
-    advice : str, a sentence on why that may be
-    """
-
-    name: str
-    unit: str
-    changed: str
-    advice: str
 
 
 class Model(ABC):
@@ -143,12 +45,12 @@ class Model(ABC):
     Attributes
     ----------
     kind : name, as ``kind = "..."`` in a parameter file
-    former_kinds : names that older files call it by
     title : for people
     parameters : class of its parameter sets
     channels : channels that its recordings need or may have
     command : name of the channel that is commanded
     load : name of the channel of the load, or None
+    disturbance : name of the channel that the load of a scenario is, where that is no load
     needs : channels that a recording must have besides the command; where one of several
         alternatives will do, a group of them, each a tuple of channels
     default_search : name of the search method that `identify` uses
@@ -159,34 +61,29 @@ class Model(ABC):
         (so it is for all but a local one)
     fidelities : names of its models for `simulate`, the default first
     sample_rate : Hz, of what `simulate` gives where nothing else is said
-    compared_rate : Hz, to which recordings that are sampled faster are averaged (`averaged`); None
-        takes all of them as they are
+    compared_rate : Hz, to which faster recordings are averaged (`averaged`); None leaves them
     on_request : channels that `simulate` gives only where they are asked for (``also``)
     nominal : places of the parameters that healthy recordings may determine, each with how far
         (as a factor, one standard deviation) a template may be off
     fixed : places of parameters that cannot be searched, because a batch shares them: the step
-    backends : what can simulate its batches; `compare` takes ``backend=`` where there is another
-        than "cpu"
+    backends : what can simulate its batches, for ``backend=`` of `compare`
     covariate : name of the nuisance on which healthy features depend, or None
     statistics : what its comparisons measure beside the values
     short : names of compared channels in features, where shorter
-    noisy : whether `simulate` adds the noise of usual sensors where none is asked for
-    severities : by name, how severe a random fault of a study is: least and most, as shares of the
-        way from healthy to a bound; `SEVERITY` where a fault is not named
+    study : what studies of search methods need of it
     demands : what a motion asks of it and a designed test may limit, the travel first; that of the
         command where none is given
     designable : by "command" and "load", parts that a design may add to those that a scenario has
-        (`Scenario`; each with the size of zero from which the design begins); the numbers that may
-        be chosen of each part are those that the part names (`Component.designed`)
+        (each with the size of zero); of each its `Component.designed` may be chosen
     """
 
     kind: ClassVar[str]
-    former_kinds: ClassVar[tuple[str, ...]] = ()
     title: ClassVar[str]
     parameters: ClassVar[type[ParameterSet]]
     channels: ClassVar[tuple[Channel, ...]]
     command: ClassVar[str]
     load: ClassVar[str | None] = None
+    disturbance: ClassVar[str | None] = None
     needs: ClassVar[tuple[str | tuple[tuple[str, ...], ...], ...]] = ()
     default_search: ClassVar[str] = "multistart"
     model_error: ClassVar[float] = 2.5
@@ -201,12 +98,9 @@ class Model(ABC):
     covariate: ClassVar[str | None] = None
     statistics: ClassVar[tuple[Statistic, ...]] = ()
     short: ClassVar[Mapping[str, str]] = {}
-    noisy: ClassVar[bool] = False
-    severities: ClassVar[Mapping[str, tuple[float, float]]] = {}
+    study: ClassVar[Study] = Study()
     demands: ClassVar[tuple[Demand, ...]] = ()
     designable: ClassVar[Mapping[str, tuple[Component, ...]]] = {}
-
-    # What an author gives
 
     @abstractmethod
     def unknowns(self, actuator: Any) -> tuple[Unknown, ...]:
@@ -236,20 +130,25 @@ class Model(ABC):
 
         By default a twentieth of the channel's RMS about its mean.
         """
-        found = {}
-        for name in self.outputs:
-            values = recording.channels.get(name)
-            if values is not None:
-                found[name] = 0.05 * float(values.std()) or 1.0
-        return found
-
-    # What follows, and may be overridden
+        known = (name for name in self.outputs if name in recording.channels)
+        return {name: 0.05 * float(recording.channels[name].std()) or 1.0 for name in known}
 
     @property
     def outputs(self) -> tuple[str, ...]:
         """Channels that are compared: those that are not commanded, nor a load, nor time."""
         inputs = {"time", self.command, self.load}
         return tuple(channel.name for channel in self.channels if channel.name not in inputs)
+
+    @property
+    def disturbed(self) -> str:
+        """Name of the channel that the load of a scenario is; "" if there is none."""
+        return self.load or self.disturbance or ""
+
+    @property
+    def limited(self) -> tuple[Demand, ...]:
+        """What a designed test may limit: `demands`, or else the travel of the command."""
+        travel = Demand("travel", self.channel(self.command).unit, (self.command,))
+        return self.demands or (travel,)
 
     @property
     def required(self) -> tuple[tuple[tuple[str, ...], ...], ...]:
@@ -275,34 +174,12 @@ class Model(ABC):
         """
         if name in self.fixed:
             raise not_searchable(name)
-        row = actuator.parameter(name)
-        if row is not None:
-            return self._nominal(actuator, *row[:4])
+        if actuator.parameter(name) is not None:
+            return of_parameter(actuator, name, self.nominal.get(name))
         for one in self.unknowns(actuator):
             if one.name == name:
                 return one
-        raise no_unknown(name, actuator, self)
-
-    def _nominal(self, actuator: Any, place: str, value: float, unit: str, meaning: str) -> Unknown:
-        low, high = actuator.limits(place)
-        factor = self.nominal.get(place)
-        if value > 0.0:
-            tolerance = actuator.tolerance(place)
-            usual = factor or 1.0 if tolerance is None else math.sqrt(1.0 + tolerance)
-            reach = max(_FACTOR, usual**_REACH)
-            lower = max(value / reach, low)
-            upper = min(value * reach, high)
-            if not lower < upper:
-                raise InputError(f"{place} of {actuator.name} has no range to search.")
-            return Unknown(
-                place, unit, meaning, value, lower, upper, "nominal",
-                spread=None if factor is None else math.log(factor), logarithmic=True,
-            )  # fmt: skip
-        reach = abs(value) or 1.0
-        return Unknown(
-            place, unit, meaning, value, max(value - _FACTOR * reach, low),
-            min(value + _FACTOR * reach, high), "nominal",
-        )  # fmt: skip
+        raise no_unknown(name, actuator, self.unknowns(actuator))
 
     def healthy(self, actuator: Any) -> dict[str, float]:
         """Healthy values of all unknowns."""
@@ -320,17 +197,22 @@ class Model(ABC):
         values = {name: one.healthy for name, one in known.items()}
         for name, value in dict(given or {}).items():
             if name not in known:
-                raise no_unknown(name, actuator, self)
+                raise no_unknown(name, actuator, self.unknowns(actuator))
             values[name] = known[name].check(value)
         return values
 
     def describe(self, actuator: Any, values: Values) -> list[PhysicalValue]:
         """What the values of faults and nuisances mean on an actuator."""
-        return [
-            one.physical_value(actuator, values[one.name])
-            for one in self.unknowns(actuator)
-            if one.name in values
-        ]
+        rows = []
+        for one in self.unknowns(actuator):
+            if one.name not in values:
+                continue
+            row = one.physical_value(actuator, values[one.name])
+            if one.direction_of is not None and values.get(one.direction_of) == 0.0:
+                without = f"{row.meaning} (no meaning without {one.direction_of})"
+                row = row._replace(meaning=without)
+            rows.append(row)
+        return rows
 
     def as_faults(self, values: Values) -> Any:
         """Values as users of this kind expect them; a dict unless overridden."""
@@ -348,21 +230,6 @@ class Model(ABC):
         """
         self.check_channels(recording)
         return TraceComparison(self, recording, actuator, **settings)
-
-    def fidelity(self, name: str | None) -> str:
-        """One of `fidelities`, by its name; the first if none is given.
-
-        Raises
-        ------
-        InputError
-            If there is none of that name.
-        """
-        chosen = self.fidelities[0] if name is None else name
-        if chosen not in self.fidelities:
-            raise InputError(
-                f"There is no model {chosen!r}; choose {' or '.join(self.fidelities)}."
-            )
-        return chosen
 
     def averaged(self, recording: Recording) -> Recording:
         """A recording at the rate at which it is compared, where it is sampled much faster.
@@ -430,15 +297,8 @@ class Model(ABC):
 
     def check_channels(self, recording: Recording) -> None:
         """Raise `RecordError` unless a recording has the channels that this kind needs."""
-        present = set(recording.channels)
-        if self.command not in present:
-            raise RecordError(
-                f"{recording.name} has no channel {self.command!r} "
-                f"({self.channel(self.command).meaning}), which the kind {self.kind} needs; it "
-                f"has {', '.join(recording.channels)}."
-            )
-        for alternatives in self.required[1:]:
-            if not any(present.issuperset(group) for group in alternatives):
+        for alternatives in self.required:
+            if not any(recording.channels.keys() >= set(group) for group in alternatives):
                 wanted = " or ".join(" with ".join(group) for group in alternatives)
                 raise RecordError(
                     f"{recording.name} has no {wanted}, which the kind {self.kind} needs; it has "
@@ -446,62 +306,29 @@ class Model(ABC):
                 )
 
     def simulate(
-        self,
-        actuator: Any,
-        scenario: Scenario,
-        values: Values,
-        *,
-        fidelity: str | None = None,
-        sample_rate: float | None = None,
-        step: float | None = None,
-        noise: Noise | None = None,
-        seed: int = 0,
-        initial_position: float = 0.0,
-        progress: Progress | None = None,
+        self, actuator: Any, scenario: Scenario, values: Values, **options: Any
     ) -> Recording:
-        """The response to a scenario as a recording; arguments as in `ematwin.simulate`."""
-        if step is not None or initial_position:
-            raise InputError(
-                f"The kind {self.kind} takes its step from its parameters and starts at zero; "
-                "leave step and initial_position out."
-            )
-        rate = self.sample_rate if sample_rate is None else sample_rate
-        samples = math.floor(scenario.duration * rate + 1e-9) + 1
-        if not (math.isfinite(rate) and rate > 0.0 and samples >= 2):
-            raise InputError(
-                f"A scenario of {scenario.duration:g} s cannot be sampled at {rate:g} Hz."
-            )
-        if scenario.load and self.load is None:
-            raise InputError(
-                f"Scenario {scenario.name} has a load over time, which the kind {self.kind} does "
-                "not take; leave the load out of the scenario."
-            )
-        time = np.arange(samples) / rate
-        command, load = scenario.histories(time)
-        inputs = {self.command: command}
-        if self.load is not None:
-            inputs[self.load] = load
-        one = {name: np.array([value]) for name, value in values.items()}
-        answer = self.respond(actuator, Recording(time, inputs), one, 1)
-        outputs = {name: trace[0] for name, trace in answer.items()}
-        if not all(np.isfinite(trace).all() for trace in outputs.values()):
-            raise InputError(
-                f"The twin of {actuator.name} diverged; check its parameters and the scenario."
-            )
-        found = Recording(
-            time,
-            {**inputs, **outputs},
-            units={channel.name: channel.unit for channel in self.channels},
-            provenance=simulated_provenance(self, actuator, scenario, values, noise, seed),
-        )
-        if progress is not None:
-            progress(1.0)
+        """The response to a scenario; ``options`` as in `ematwin.models.simulated.of_twin`."""
+        from ematwin.models.simulated import of_twin
+
+        return of_twin(self, actuator, scenario, values, **options)
+
+    def rate_of(self, actuator: Any) -> float:
+        """Hz, of what `simulate` gives where nothing else is said."""
+        return self.sample_rate
+
+    def sensed(
+        self, recording: Recording, actuator: Any, values: Values, noise: Noise | None, seed: int
+    ) -> Recording:
+        """A simulated recording with the noise of its sensors.
+
+        Encoders read positions, without such noise; where nothing else is compared it is theirs.
+        """
         if noise is None:
-            return found
-        # encoders read positions, without such noise; where nothing else is compared it is theirs
+            return recording
         units = {name: self.channel(name).unit for name in self.outputs}
         others = [name for name, unit in units.items() if unit not in ("m", "rad")]
-        return noise.apply(found, np.random.default_rng(seed), others or units)
+        return noise.apply(recording, np.random.default_rng(seed), others or units)
 
     def scenarios(self) -> dict[str, Path]:
         """Names and files of the scenarios that come with this kind."""
@@ -512,32 +339,22 @@ class Model(ABC):
 
     def load_scenario(self, name_or_path: "str | Path | Scenario | None" = None) -> Scenario:
         """A scenario of this kind's units: the shipped default if nothing is named."""
-        units = (
-            self.channel(self.command).unit,
-            "" if self.load is None else self.channel(self.load).unit,
-        )
+        second = self.channel(self.disturbed).unit if self.disturbed else ""
+        units = self.channel(self.command).unit, second
         return Scenario.load_file(name_or_path, self.scenarios(), units)
 
     def demanded(self, recording: Recording) -> dict[str, float]:
         """What a recorded motion asks of an actuator, SI, by the name of the demand."""
-        travel = Demand("travel", self.channel(self.command).unit, (self.command,))
-        found = {}
-        for one in self.demands or (travel,):
-            seen = [recording.channels[name] for name in one.channels if name in recording.channels]
-            if one.is_rate:
-                seen = [np.gradient(values, recording.time) for values in seen]
-            if seen:
-                found[one.name] = max(float(np.abs(values).max()) for values in seen)
-        return found
+        sizes = {one.name: one.size(recording) for one in self.limited}
+        return {name: size for name, size in sizes.items() if size is not None}
 
     # What reports ask for
 
     def summary(self, recording: Recording, actuator: Any) -> dict[str, float]:
         """Numbers that sum up a recording: RMS and largest magnitude of each compared channel."""
         found = {}
-        for name in self.outputs:
-            values = recording.channels.get(name)
-            if values is not None:
+        for name, values in recording.channels.items():
+            if name in self.outputs:
                 found[f"{name}_rms"] = float(np.sqrt(np.mean(values**2)))
                 found[f"{name}_peak"] = float(np.abs(values).max())
         return found
@@ -581,74 +398,3 @@ class Model(ABC):
     def derived(self, features: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         """Reported quantities that are no unknowns, (N,) by name, from features (N,) by name."""
         return {}
-
-    # What comparing search methods asks for
-
-    def cases(self, actuator: Any) -> dict[str, dict[str, float]]:
-        """Named faults for a study; by default each fault small and large."""
-        found: dict[str, dict[str, float]] = {}
-        for one in self.faults(actuator):
-            if one.direction_of is not None:
-                continue
-            for title, share in (("Low", 0.25), ("High", 0.75)):
-                end = one.upper if one.upper > one.healthy else one.lower
-                value = one.healthy + share * (end - one.healthy)
-                found[f"{title} {one.name}"] = {one.name: value}
-        return found
-
-    def error_percent(self, found: Values, injected: Values, actuator: Any) -> float:
-        """How far values are from those injected, per cent of their ranges, root sum of squares."""
-        total = 0.0
-        for one in self.faults(actuator):
-            gap = (found[one.name] - injected[one.name]) / one.width
-            if one.direction_of is not None:
-                magnitude = self.unknown(actuator, one.direction_of)
-                share = abs(injected[magnitude.name] - magnitude.healthy) / magnitude.width
-                gap = (gap - round(gap)) * math.sqrt(share)
-            total += gap * gap
-        return 100.0 * math.sqrt(total)
-
-    def error_percent_wrapped(self, found: Values, injected: Values, actuator: Any) -> float:
-        """`error_percent` with directions taken as angles, as they are unless it is overridden."""
-        return self.error_percent(found, injected, actuator)
-
-
-def simulated_provenance(
-    model: Model,
-    actuator: Any,
-    scenario: Scenario,
-    values: Values,
-    noise: Noise | None,
-    seed: int,
-    **more: Any,
-) -> dict[str, Any]:
-    """Where a simulated recording comes from."""
-    from ematwin import __version__
-
-    return {
-        "source": "simulated",
-        "model": model.fidelities[0],
-        "ematwin": __version__,
-        "actuator": actuator.name,
-        "actuator_fingerprint": actuator.fingerprint,
-        "scenario": scenario.name,
-        "faults": dict(values),
-        "noise": None if noise is None else vars(noise).copy(),
-        "seed": int(seed),
-        **more,
-    }
-
-
-def no_unknown(name: str, actuator: Any, model: Model) -> InputError:
-    """The error that names the unknown closest to a name that there is not."""
-    from difflib import get_close_matches
-
-    known = [one.name for one in model.unknowns(actuator)]
-    places = [row[0] for row in actuator.parameters()]
-    close = get_close_matches(name, [*known, *places], n=1, cutoff=0.5)
-    hint = f"Did you mean {close[0]}? " if close else ""
-    return InputError(
-        f"Unknown fault {name!r}. {hint}The faults are {', '.join(known)}; parameters are named "
-        "by their place, such as "
-        f"{places[0]}."
-    )

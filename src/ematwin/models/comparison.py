@@ -17,6 +17,8 @@ import numpy as np
 from ematwin.errors import RecordError
 from ematwin.recordings.recording import Recording
 
+_AT_A_TIME = 2_000_000  # samples of traces that are held
+
 Candidates = Mapping[str, np.ndarray]
 """Values (B,) by name of the unknown; what is not named is healthy or nominal."""
 
@@ -269,6 +271,15 @@ class TraceComparison(Comparison):
         other._target = other._measured
         other.recording = self.recording.changed(**other._measured)
         return other
+
+    def costs(self, candidates: Candidates, count: int) -> np.ndarray:
+        """Sums of squares (B,), of as many candidates at a time as memory should hold."""
+        many = max(1, _AT_A_TIME // len(self.recording))
+        costs = np.empty(count)
+        for n in range(0, count, many):
+            some = {name: values[n : n + many] for name, values in candidates.items()}
+            costs[n : n + many] = super().costs(some, min(many, count - n))
+        return costs
 
     def measured(self) -> dict[str, np.ndarray]:
         """The recording's side, (S,) arrays."""

@@ -1,8 +1,7 @@
 """Parameter sets: validated, in SI, each value from a file that gives its unit and source.
 
-A file holds a table for each section and, for each parameter, ``{ value, unit, source }``; where
-more is known than of the kind at large, also a ``tolerance``. Each kind of actuator is one subclass
-of `ParameterSet`; its shipped sets lie beside it.
+Each kind of actuator is one subclass of `ParameterSet`; its shipped sets lie beside it.
+`ematwin.models.parameter_file` has the form of the files.
 """
 
 import hashlib
@@ -12,7 +11,7 @@ import sys
 from collections.abc import Collection, Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple, Self, get_args
+from typing import Any, ClassVar, Self, get_args
 
 from pydantic import (
     BaseModel,
@@ -27,36 +26,20 @@ from pydantic.fields import FieldInfo
 
 from ematwin.errors import InputError, ParameterError
 from ematwin.files import written_whole
-from ematwin.quantities import as_percent, parse_share, to_si
+from ematwin.models.parameter_file import (
+    parameter_table,
+    read_table,
+    stated,
+    template_of,
+    tolerance_of,
+    unit_of,
+)
+from ematwin.quantities import as_percent, parse_share
 from ematwin.showing import markup
 from ematwin.showing.frames import frame_of_rows
-from ematwin.validation import (
-    all_at_once,
-    findings,
-    load_toml,
-    misspelt,
-    one_sentence,
-    shortened,
-    unknown_name,
-)
+from ematwin.validation import all_at_once, findings, one_sentence
 
 UNNAMED_KIND = "bldc"  # the kind of a file that names none
-
-
-_ON_TEMPLATES = (
-    "Put in the values of your actuator, in any unit of the same kind, and their sources.",
-    "",
-    "Tolerance: how far a value may be off. 95 % of such actuators lie between the value divided",
-    "by and multiplied with 1 + tolerance. The comments say what is usual; where you know better,",
-    'add tolerance = "5 %" to an entry. Without any, a value is taken as exact.',
-    "Drift: how far it changes between recordings of one actuator, with temperature and supply.",
-    "",
-)
-_ON_OPTIONS = (
-    "Sections that may be left out: without one, what it describes is not there, or has its simple",
-    "form. To have it, remove the comment signs and put in your values.",
-)
-_NEEDED = ("value", "unit", "source")  # of each parameter in a file
 
 
 def quantity(
@@ -98,126 +81,11 @@ def quantity(
     )
 
 
-def unit_of(field: FieldInfo) -> str:
-    """SI unit of a parameter; the empty string for a ratio."""
-    return str(_stated(field)["unit"])
-
-
-def _stated(field: FieldInfo) -> dict[str, Any]:
-    """What `quantity` was told of a parameter beside its meaning and limits."""
-    extra = field.json_schema_extra
-    assert isinstance(extra, dict)
-    return extra
-
-
-def parameter_file(name_or_path: str | Path, shipped: Mapping[str, Path]) -> Path:
-    """A TOML file itself, or that of a shipped set."""
-    path = Path(name_or_path)
-    if path.suffix == ".toml":
-        return path
-    if str(name_or_path) not in shipped:
-        raise ParameterError(
-            f"There is no actuator {str(name_or_path)!r}. Shipped: {', '.join(shipped)}; "
-            "or give the path of a TOML file (ending in .toml)."
-        )
-    return shipped[str(name_or_path)]
-
-
-def parameter_table(name_or_path: str | Path, shipped: Mapping[str, Path]) -> dict[str, Any]:
-    """The content of a parameter file, or of that of a shipped set, as it is written."""
-    return load_toml(parameter_file(name_or_path, shipped), "actuator")
-
-
-def _toml(value: str | float) -> str:
-    """A value as TOML, on one line."""
-    import tomli_w
-
-    return tomli_w.dumps({"x": value}).removeprefix("x = ").rstrip("\n")
-
-
-def _as_written(leaf: Mapping[str, Any], before: Mapping[str, Any]) -> dict[str, Any]:
-    """Value and unit of an entry as they stood in a file, if they still mean the same."""
-    if not {"value", "unit"} <= before.keys():
-        return {}
-    if to_si(before["value"], before["unit"], leaf["unit"], "it") != leaf["value"]:
-        return {}
-    return {"value": before["value"], "unit": before["unit"]}
-
-
-def _comment(text: str) -> str:
-    return f"# {' '.join(text.split())}".rstrip()
-
-
 def not_searchable(place: str) -> InputError:
     """The error that a parameter is fixed."""
     return InputError(
         f"{place} cannot be searched: it is chosen, not measured. Correct it in the parameter file."
     )
-
-
-class _Entry(NamedTuple):
-    """A parameter as a file gives it; None for what is missing or wrong."""
-
-    value: float | None  # SI
-    source: str | None
-    tolerance: float | None
-    problems: list[str]  # a sentence each
-
-
-def _read_entry(leaf: Any, field: FieldInfo, place: str, what: str) -> _Entry:
-    """Value, source and tolerance of ``{ value, unit, source }``, and all that is wrong with it."""
-    if not isinstance(leaf, dict):
-        return _Entry(None, None, None, [_incomplete(place, leaf)])
-    known = (*_NEEDED, "tolerance")
-    meant = misspelt(leaf, known)
-    problems = [
-        unknown_name(f"{place}.{key}", what, f"{place}.{meant[key]}" if key in meant else "")
-        for key in leaf
-        if key not in known
-    ]
-    given = {meant.get(key, key): one for key, one in leaf.items()}
-    if not given.keys() >= set(_NEEDED):
-        problems.append(_incomplete(place, leaf))
-    value = source = tolerance = None
-    if "value" in given:
-        number = given["value"]
-        if isinstance(number, bool) or not isinstance(number, int | float):
-            problems.append(f"{place} must be a number, received {number!r}; correct it.")
-        elif "unit" in given:
-            try:
-                value = to_si(number, given["unit"], unit_of(field), place)
-            except ParameterError as error:
-                problems.append(str(error))
-    if "source" in given:
-        if isinstance(given["source"], str) and given["source"].strip():
-            source = given["source"]
-        else:
-            problems.append(
-                f"{place} must name the source of its value, received "
-                f"{given['source']!r}; say where it comes from."
-            )
-    if "tolerance" in given:
-        try:
-            tolerance = _tolerance_of(given["tolerance"], field, place)
-        except ParameterError as error:
-            problems.append(str(error))
-    return _Entry(value, source, tolerance, problems)
-
-
-def _incomplete(place: str, leaf: Any) -> str:
-    return (
-        f"{place} must be {{ value = ..., unit = ..., source = ... }}, "
-        f"received {shortened(leaf)}; complete it."
-    )
-
-
-def _tolerance_of(given: Any, field: FieldInfo, place: str) -> float:
-    if _stated(field).get("exact"):
-        raise ParameterError(
-            f"{place} is chosen or counted and thus exact, received the tolerance {given!r}; "
-            "leave its tolerance out."
-        )
-    return parse_share(given, f"The tolerance of {place}")
 
 
 class Section(BaseModel):
@@ -288,54 +156,20 @@ class ParameterSet(BaseModel):
         kind = table.get("kind", UNNAMED_KIND)
         if kind != cls.kind and kind not in cls.former_kinds:
             raise cls._wrong_kind(what, kind)
-        table = {k: entry for k, entry in table.items() if k != "kind" and k not in cls.beside}
-        plain: dict[str, Any] = {}
-        sources: dict[str, str] = {}
-        tolerances: dict[str, float] = {}
-        problems: list[tuple[str, str]] = []  # place and sentence
-        unread: set[str] = set()  # places whose value is not known, which is no second problem
-        meant = misspelt(table, cls.model_fields)
-        for given, entry in table.items():
-            key = meant.get(given, given)
-            if key != given:
-                problems.append((given, unknown_name(given, what, key)))
-            section = cls._section(key)
-            if section is None or not isinstance(entry, dict):
-                plain[key] = entry
-                continue
-            plain[key] = {}
-            meant_there = misspelt(entry, section.model_fields)
-            for given_name, leaf in entry.items():
-                name = meant_there.get(given_name, given_name)
-                place = f"{key}.{name}"
-                if name != given_name:
-                    wrong = f"{key}.{given_name}"
-                    problems.append((wrong, unknown_name(wrong, what, place)))
-                if name not in section.model_fields:
-                    plain[key][name] = leaf
-                    continue
-                read = _read_entry(leaf, section.model_fields[name], place, what)
-                problems += [(place, text) for text in read.problems]
-                if read.value is None:
-                    unread.add(place)
-                else:
-                    plain[key][name] = read.value
-                if read.source is not None:
-                    sources[place] = read.source
-                if read.tolerance is not None:
-                    tolerances[place] = read.tolerance
+        own = {key: entry for key, entry in table.items() if key not in cls.beside}
+        read = read_table(cls, own, what)
+        problems = read.problems
         try:
-            actuator = cls.model_validate(plain)
+            actuator = cls.model_validate(read.values)
         except ValidationError as error:
-            problems += [one for one in findings(error, what) if one[0] not in unread]
+            problems += [one for one in findings(error, what) if one[0] not in read.unread]
         if problems:
             raise all_at_once(cls._in_order(problems), what)
-        actuator._sources = sources
-        actuator._tolerances = tolerances
+        actuator._sources, actuator._tolerances = read.sources, read.tolerances
         return actuator
 
     @classmethod
-    def _section(cls, key: str) -> type[Section] | None:
+    def section(cls, key: str) -> type[Section] | None:
         """The class of a section; None if there is none of that name."""
         field = cls.model_fields.get(key)
         kind = None if field is None else field.annotation
@@ -349,7 +183,7 @@ class ParameterSet(BaseModel):
         """Sentences in the order of a file: unknown names, parameters, the actuator as a whole."""
         rank = {"": math.inf}
         for key in cls.model_fields:
-            section = cls._section(key)
+            section = cls.section(key)
             names = [] if section is None else section.model_fields
             for place in (key, *(f"{key}.{name}" for name in names)):
                 rank[place] = len(rank)
@@ -389,7 +223,7 @@ class ParameterSet(BaseModel):
     def _field(self, place: str) -> FieldInfo:
         """The declaration of a parameter."""
         key, _, name = place.partition(".")
-        section = self._section(key)
+        section = self.section(key)
         if section is None or name not in section.model_fields:
             raise ParameterError(
                 f"{place!r} is not a parameter of an actuator; use section.name such as "
@@ -403,12 +237,12 @@ class ParameterSet(BaseModel):
         95 % of such actuators lie between the value divided by and multiplied with 1 + tolerance.
         None where the value is taken as exact. See `quantity`.
         """
-        usual = _stated(self._field(place)).get("tolerance")
+        usual = stated(self._field(place)).get("tolerance")
         return self._tolerances.get(place, usual)
 
     def drift(self, place: str) -> float | None:
         """How far a value may change between recordings of one actuator; None if it does not."""
-        found: float | None = _stated(self._field(place)).get("drift")
+        found: float | None = stated(self._field(place)).get("drift")
         return found
 
     def with_tolerances(self, tolerances: Mapping[str, float | str]) -> Self:
@@ -421,7 +255,7 @@ class ParameterSet(BaseModel):
         """
         variant = self.model_copy()
         variant._tolerances = self._tolerances | {
-            place: _tolerance_of(given, self._field(place), place)
+            place: tolerance_of(given, self._field(place), place)
             for place, given in tolerances.items()
         }
         return variant
@@ -542,54 +376,7 @@ class ParameterSet(BaseModel):
         Values are in SI, or as in ``written``, the content of the file that this was loaded from:
         people edit mH and rpm more easily.
         """
-        table = self.as_table()
-        before = written or {}
-        meanings = {place: meaning for place, _, _, meaning, _ in self.parameters()}
-        lines = [_comment(line) for line in _ON_TEMPLATES]
-        for key, entry in table.items():
-            section = self._section(key)
-            if section is None:
-                lines.append(f"{key} = {_toml(entry)}")
-                continue
-            lines += ["", f"[{key}]"]
-            summary = (section.__doc__ or "").strip().partition("\n")[0]
-            if summary:
-                lines.append(_comment(summary))
-            for name, leaf in entry.items():
-                place = f"{key}.{name}"
-                leaf |= _as_written(leaf, before.get(key, {}).get(name, {}))
-                inner = ", ".join(f"{part} = {_toml(one)}" for part, one in leaf.items())
-                lines += [
-                    _comment(f"{meanings[place]}{self._reach(place)}"),
-                    f"{name} = {{ {inner} }}",
-                ]
-        lines += self._left_out()
-        return "\n".join(lines) + "\n"
-
-    def _left_out(self) -> list[str]:
-        """Lines of a template on the sections that this actuator leaves out, as comments."""
-        lines: list[str] = []
-        for key in type(self).model_fields:
-            section = self._section(key)
-            if section is None or getattr(self, key) is not None:
-                continue
-            lines += ["", f"# [{key}]", _comment((section.__doc__ or "").partition("\n")[0])]
-            for name, field in section.model_fields.items():
-                leaf: dict[str, Any] = {
-                    "value": section.example[name],
-                    "unit": unit_of(field),
-                    "source": "...",
-                }
-                inner = ", ".join(f"{part} = {_toml(one)}" for part, one in leaf.items())
-                said = f"{field.description}{self._reach(f'{key}.{name}')}"
-                lines.append(_comment(f"{name} = {{{inner}}}  # {said}"))
-        return ["", *map(_comment, _ON_OPTIONS), *lines] if lines else []
-
-    def _reach(self, place: str) -> str:
-        """Tolerance and drift of a parameter for a comment; nothing where it has neither."""
-        tolerance, drift = self.tolerance(place), self.drift(place)
-        said = "" if tolerance is None else f"; tolerance {100.0 * tolerance:.3g} %"
-        return said if drift is None else f"{said}; drift {100.0 * drift:.3g} %"
+        return template_of(self, written or {})
 
     @cached_property
     def fingerprint(self) -> str:

@@ -195,7 +195,9 @@ def channels_of(actuator: Any = None) -> tuple[Channel, ...]:
 def _model(actuator: Any) -> Model:
     if not isinstance(actuator, str | Path):
         return model_of(getattr(actuator, "actuator", actuator))  # a calibration holds one
-    kinds = {name for model in models().values() for name in (model.kind, *model.former_kinds)}
+    kinds = {
+        name for model in models().values() for name in (model.kind, *model.parameters.former_kinds)
+    }
     return model_of(str(actuator) if str(actuator) in kinds else kind_of(actuator))
 
 

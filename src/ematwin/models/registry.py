@@ -6,52 +6,32 @@ of someone else never replaces one of ours, so that one of ours is found without
 """
 
 import difflib
-from collections.abc import Callable
 from functools import cache
+from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
 from ematwin.errors import InputError, ParameterError
 from ematwin.models.base import Model
-from ematwin.models.parameter_set import UNNAMED_KIND, ParameterSet, parameter_file
+from ematwin.models.parameter_file import parameter_file
+from ematwin.models.parameter_set import UNNAMED_KIND, ParameterSet
 from ematwin.validation import load_toml
 
 ENTRY_POINTS = "ematwin.models"
 DEFAULT_KIND = UNNAMED_KIND
 
 
-def _bldc() -> Model:
-    from ematwin.models.bldc.model import MODEL
-
-    return MODEL
-
-
-def _ball_screw() -> Model:
-    from ematwin.models.ball_screw.model import MODEL
-
-    return MODEL
-
-
-def _linear_axis() -> Model:
-    from ematwin.models.linear_axis.model import MODEL
-
-    return MODEL
-
-
-def _pmsm() -> Model:
-    from ematwin.models.pmsm.model import MODEL
-
-    return MODEL
-
-
 # Ours by kind, which is also the name of the folder but for hyphens.
-_OURS: dict[str, Callable[[], Model]] = {
-    "bldc": _bldc,
-    "ball-screw": _ball_screw,
-    "linear-axis": _linear_axis,
-    "pmsm": _pmsm,
-}
+_OURS = ("bldc", "ball-screw", "linear-axis", "pmsm")
+
+
+def _own(kind: str) -> Model:
+    """One of ours, which is loaded without the others."""
+    module = import_module(f"ematwin.models.{kind.replace('-', '_')}.model")
+    found: Model = module.MODEL
+    return found
+
 
 _REGISTERED: dict[str, Model] = {}  # of this process, by kind
 
@@ -101,7 +81,7 @@ def models() -> dict[str, Model]:
     InputError
         If an installed package registers something that is no model.
     """
-    found: dict[str, Model] = {kind: load() for kind, load in _OURS.items()} | _REGISTERED
+    found: dict[str, Model] = {kind: _own(kind) for kind in _OURS} | _REGISTERED
     for point in entry_points(group=ENTRY_POINTS):
         try:
             loaded = point.load()
@@ -131,9 +111,9 @@ def model_of(actuator: Any) -> Model:
     """
     kind = actuator if isinstance(actuator, str) else type(actuator).kind
     if kind in _OURS:
-        return _OURS[kind]()
+        return _own(kind)
     for model in models().values():
-        if kind == model.kind or kind in model.former_kinds:
+        if kind == model.kind or kind in model.parameters.former_kinds:
             return model
     raise ParameterError(
         f"There is no kind of actuator {kind!r}; choose one of {', '.join(models())}."

@@ -23,6 +23,7 @@ from ematwin.validation import load_toml, one_sentence
 DEFAULT_SCENARIO = "default"
 Units = tuple[str, str]  # of command and load; "" where there is no load
 ROTARY: Units = ("rad", "N*m")
+_TIMES = ("time", "start", "stop", "duration")  # of components
 KINDS_OF_HISTORY = ("rad", "N*m", "m", "N", "rad/s", "m/s", "V", "A")  # of a recorded column
 
 
@@ -66,7 +67,8 @@ class Component(BaseModel):
 
     def stretched(self, factor: float) -> Self:
         """The component with all its times so many times longer; frequencies stay."""
-        return self
+        times = {name: value for name, value in self if name in _TIMES and value is not None}
+        return self.model_copy(update={name: factor * value for name, value in times.items()})
 
     def at(self, time: np.ndarray) -> np.ndarray:
         """Values at times (s) from the start of the scenario."""
@@ -80,9 +82,6 @@ class Step(Component):
     value: Finite
     time: Seconds = 0.0
     designed: ClassVar[Mapping[str, str]] = {"value": "size", "time": "time"}
-
-    def stretched(self, factor: float) -> Self:  # noqa: D102
-        return self.model_copy(update={"time": factor * self.time})
 
     def at(self, time: np.ndarray) -> np.ndarray:  # noqa: D102
         return np.where(time >= self.time, self.value, 0.0)
@@ -98,10 +97,7 @@ class Ramp(Component):
     designed: ClassVar[Mapping[str, str]] = {"rate": "rate", "start": "time", "stop": "time"}
 
     def stretched(self, factor: float) -> Self:  # noqa: D102
-        stop = None if self.stop is None else factor * self.stop
-        return self.model_copy(
-            update={"rate": self.rate / factor, "start": factor * self.start, "stop": stop}
-        )
+        return super().stretched(factor).model_copy(update={"rate": self.rate / factor})
 
     def at(self, time: np.ndarray) -> np.ndarray:  # noqa: D102
         stop = np.inf if self.stop is None else self.stop
@@ -119,9 +115,6 @@ class Sine(Component):
     designed: ClassVar[Mapping[str, str]] = {
         "amplitude": "amplitude", "frequency": "frequency", "phase": "phase",
     }  # fmt: skip
-
-    def stretched(self, factor: float) -> Self:  # noqa: D102
-        return self.model_copy(update={"start": factor * self.start})
 
     def at(self, time: np.ndarray) -> np.ndarray:  # noqa: D102
         wave = np.sin(2.0 * np.pi * self.frequency * (time - self.start) + self.phase)
@@ -143,10 +136,6 @@ class Chirp(Component):
     designed: ClassVar[Mapping[str, str]] = {
         "amplitude": "amplitude", "f_start": "frequency", "f_end": "frequency",
     }  # fmt: skip
-
-    def stretched(self, factor: float) -> Self:  # noqa: D102
-        duration = None if self.duration is None else factor * self.duration
-        return self.model_copy(update={"start": factor * self.start, "duration": duration})
 
     def within(self, duration: float) -> Self:  # noqa: D102
         if self.duration is not None:
@@ -268,8 +257,8 @@ class Scenario(BaseModel):
         the SI units of its command and load; those of the brushless actuator if not given
         (`ematwin.models.base.Model.load_scenario` gives both).
 
-        A recorded file needs the columns ``time`` and ``command``; ``load`` is taken if present.
-        They are in SI unless their name or the file gives a unit, as in ``command [deg]``.
+        A recorded file needs columns ``time`` and ``command``, and may have ``load``; their names
+        or the file may give units, as in ``command [deg]``.
 
         Raises
         ------
@@ -283,14 +272,10 @@ class Scenario(BaseModel):
         shipped = shipped_scenarios() if shipped is None else shipped
         if name_or_path is None:
             name_or_path = DEFAULT_SCENARIO if DEFAULT_SCENARIO in shipped else next(iter(shipped))
-        path = Path(name_or_path)
-        command_unit, load_unit = units
+        path, (unit, load_unit) = Path(name_or_path), units
         if path.suffix and path.suffix != ".toml":
-            columns = recorded_columns(
-                path,
-                {"time": ("s",), "command": (command_unit,)},
-                {"load": (load_unit,)} if load_unit else {},
-            )
+            load = {"load": (load_unit,)} if load_unit else {}
+            columns = recorded_columns(path, {"time": ("s",), "command": (unit,)}, load)
             try:
                 return cls.from_columns(
                     columns["time"], columns["command"], columns.get("load"), name=path.stem

@@ -1,6 +1,6 @@
-"""What rotary servo actuators share: normalised faults, and what is drawn.
+"""What kinds share that are a motor with a gear and follow a commanded output position.
 
-Faults of a motor with a gear that follows a commanded output position, each from 0 to 1.
+Normalised faults, laws of their channels, limits of travel and speed, and signals of figures.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -8,13 +8,49 @@ from typing import Any
 
 import numpy as np
 
+from ematwin.errors import InputError, ParameterError, RecordError
 from ematwin.models.base import Law, Model, Signal
+from ematwin.models.scenario import Scenario
 from ematwin.models.unknown import Unknown
+from ematwin.recordings.channel import Channel, Derivation
 from ematwin.recordings.recording import Recording
 
 _SUM = 0.05  # of the RMS of the phases: their sensors and converters differ by less
 _BROKEN = 0.2  # of it: no gains of sensors leave as much once the best is taken off
+_FEWEST = 100  # samples
+_OVERSPEED = 20.0  # times the speed limit: no fault makes a motor so fast
+_BEYOND = 1.02  # times the travel: end stops give a little
+_DEGREES = (10.0, 180.0)  # times the travel: what degrees taken for radians reach (57.3)
 _SLOPE = 0.1  # of the RMS of a speed: how far a drive's own may be from the slope of the position
+
+
+COMMAND_AND_LOAD = (
+    Channel("command", "rad", "commanded output position", ("cmd", "setpoint"), "output"),
+    Channel("load", "N*m", "load on the output, against positive motion",
+            ("load_torque", "t_load"), "output"),
+)  # fmt: skip
+
+
+def _third(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    return -(one + other)
+
+
+def star_channels(
+    quantity: str, unit: str, meaning: str, aliases: Sequence[str], **more: Any
+) -> tuple[Channel, ...]:
+    """A channel of each phase of a star winding, minus the sum of the other two.
+
+    ``meaning`` and ``aliases`` hold ``{}`` for the letter; ``more`` is as of `Channel`.
+    """
+    found = []
+    for x in "abc":
+        sources = tuple(f"{quantity}_{other}" for other in "abc" if other != x)
+        derived = Derivation(f"-({' + '.join(sources)})", sources, _third)
+        names = tuple(alias.format(x) for alias in aliases)
+        found.append(
+            Channel(f"{quantity}_{x}", unit, meaning.format(x), names, derived=derived, **more)
+        )
+    return tuple(found)
 
 
 def normalised_fault(
@@ -97,3 +133,115 @@ def motion_laws(model: Model, recording: Recording, actuator: Any) -> list[Law]:
             text = f"{speed} is not the slope of {position}"
             found.append(Law(text, both, lambda taken: np.subtract(*taken.values()), _SLOPE * size))
     return found
+
+
+def checked_step(actuator: Any, fidelity: str, step: float | None) -> float:
+    """A step of a model, s; that of the actuator if not given.
+
+    Raises
+    ------
+    InputError
+        If it is too long for this actuator.
+    """
+    chosen = float(getattr(actuator.steps, fidelity) if step is None else step)
+    try:
+        actuator.check_step(fidelity, chosen)
+    except ParameterError as error:
+        raise InputError(str(error)[0].upper() + str(error)[1:] + ".") from None
+    return chosen
+
+
+def check_start(position: float, actuator: Any) -> None:
+    """Raise `InputError` unless a position of the output (rad) lies within the travel."""
+    gear = actuator.transmission
+    if not gear.travel_low <= position <= gear.travel_high:  # NaN fails this as well
+        raise InputError(
+            f"initial_position must lie within the travel of {actuator.name}, "
+            f"{gear.travel_low:.4g} to {gear.travel_high:.4g} rad, received {position:g}."
+        )
+
+
+def check_travel(scenario: Scenario, actuator: Any) -> None:
+    """Raise `ParameterError` if the command leaves the travel of the actuator."""
+    time = np.linspace(0.0, scenario.duration, 2001)
+    command, _ = scenario.histories(time)
+    gear = actuator.transmission
+    low, high = float(command.min()), float(command.max())
+    if low < gear.travel_low or high > gear.travel_high:
+        as_degrees = np.radians([low, high])
+        fits = gear.travel_low <= as_degrees[0] and as_degrees[1] <= gear.travel_high
+        hint = (
+            "It looks like degrees; give radians or write the unit."
+            if fits and max(-low, high) > 1.0
+            else "Shorten the command."
+        )
+        raise ParameterError(
+            f"The command of scenario {scenario.name} reaches {low:.4g} to {high:.4g} rad, beyond "
+            f"the end stops of {actuator.name} at {gear.travel_low:.4g} and "
+            f"{gear.travel_high:.4g} rad. {hint}"
+        )
+
+
+def check_motion(recording: Recording, actuator: Any) -> None:
+    """Raise `RecordError` if angles leave the travel, or turn faster than the motor ever could."""
+    gear, fastest = actuator.transmission, actuator.controller.speed_limit
+    motor = recording.channels.get("motor_position")
+    speed = 0.0 if motor is None else float(np.abs(np.diff(motor)).max()) * recording.sample_rate
+    if speed > _OVERSPEED * fastest:
+        raise RecordError(
+            f"motor_position turns at up to {speed:.4g} rad/s; {actuator.name} limits the speed "
+            f"to {fastest:.4g} rad/s. Check its unit and the unit of time, or give unwrap = true "
+            "in the map if the angle wraps at each full turn."
+        )
+    for name in ("command", "output_position"):
+        values = recording.channels.get(name)
+        if values is None:
+            continue
+        low, high = float(values.min()), float(values.max())
+        if low >= _BEYOND * gear.travel_low and high <= _BEYOND * gear.travel_high:
+            continue
+        factor = max(abs(low), abs(high)) / max(-gear.travel_low, gear.travel_high)
+        hint = (
+            'It looks like degrees (give unit = "deg" in the map), or else like an angle of the '
+            'motor side (give side = "motor").'
+            if _DEGREES[0] <= factor <= _DEGREES[1]
+            else "Check its unit, its side of the gear and its offset, or the actuator."
+        )
+        raise RecordError(
+            f"{name} runs from {low:.4g} to {high:.4g} rad, beyond the end stops of "
+            f"{actuator.name} at {gear.travel_low:.4g} and {gear.travel_high:.4g} rad. {hint}"
+        )
+
+
+def check_size(name: str, largest: float, limit: float, unit: str, said: str) -> None:
+    """Raise `RecordError` if a channel's largest value (SI) is above a limit.
+
+    ``said`` names the actuator and what its limit is.
+    """
+    if largest <= limit:
+        return
+    smaller, factor = {"A": ("mA", 1e-3), "V": ("mV", 1e-3), "rad/s": ("rpm", np.pi / 30.0)}[unit]
+    hint = (
+        f'It looks like {smaller}: give unit = "{smaller}" in the map.'
+        if largest * factor <= limit
+        else "Check its unit and scale, or the actuator."
+    )
+    raise RecordError(f"{name} reaches {largest:.4g} {unit}; {said}. {hint}")
+
+
+def check_enough(recording: Recording) -> None:
+    """Raise `RecordError` unless a recording has samples enough to tell faults apart."""
+    if len(recording) < _FEWEST:
+        raise RecordError(
+            f"The record has {len(recording)} samples; at least {_FEWEST} are needed to tell "
+            "faults apart. Record longer or faster."
+        )
+
+
+def check_moves(current: np.ndarray) -> None:
+    """Raise `RecordError` if a current (S,), A, never changes."""
+    if np.ptp(current) == 0.0:
+        raise RecordError(
+            f"The current of the record is constant ({current[0]:g} A): nothing moved. Check the "
+            "channel, or record a motion."
+        )

@@ -5,12 +5,17 @@ at a value, or given a prior. What a table of faults, a column of a result and a
 need to know of it stands here and nowhere else.
 """
 
+import math
 from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from typing import Any, Literal, NamedTuple
 
 from ematwin.errors import InputError
 from ematwin.showing import markup
+
+_FACTOR = 3.0  # a nominal parameter may be so much smaller or larger than its file says
+_REACH = 4.0  # standard deviations of its prior that it may be off in any case
 
 Role = Literal["fault", "nominal", "nuisance", "symptom"]
 
@@ -188,3 +193,42 @@ class Unknown:
         return PhysicalValue(
             self.name, float(value), float(now), float(healthy), unit, self.meaning
         )
+
+
+def of_parameter(actuator: Any, place: str, factor: float | None) -> Unknown:
+    """A parameter of an actuator as an unknown.
+
+    ``factor`` is that by which a data sheet may be off, one standard deviation; None if not known.
+    """
+    _, value, unit, meaning, _ = actuator.parameter(place)
+    low, high = actuator.limits(place)
+    if value > 0.0:
+        tolerance = actuator.tolerance(place)
+        usual = factor or 1.0 if tolerance is None else math.sqrt(1.0 + tolerance)
+        reach = max(_FACTOR, usual**_REACH)
+        lower = max(value / reach, low)
+        upper = min(value * reach, high)
+        if not lower < upper:
+            raise InputError(f"{place} of {actuator.name} has no range to search.")
+        return Unknown(
+            place, unit, meaning, value, lower, upper, "nominal",
+            spread=None if factor is None else math.log(factor), logarithmic=True,
+        )  # fmt: skip
+    reach = abs(value) or 1.0
+    return Unknown(
+        place, unit, meaning, value, max(value - _FACTOR * reach, low),
+        min(value + _FACTOR * reach, high), "nominal",
+    )  # fmt: skip
+
+
+def no_unknown(name: str, actuator: Any, unknowns: Sequence[Unknown]) -> InputError:
+    """The error that names the unknown closest to a name that there is not."""
+    known = [one.name for one in unknowns]
+    places = [row[0] for row in actuator.parameters()]
+    close = get_close_matches(name, [*known, *places], n=1, cutoff=0.5)
+    hint = f"Did you mean {close[0]}? " if close else ""
+    return InputError(
+        f"Unknown fault {name!r}. {hint}The faults are {', '.join(known)}; parameters are named "
+        "by their place, such as "
+        f"{places[0]}."
+    )

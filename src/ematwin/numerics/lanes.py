@@ -3,7 +3,8 @@
 LLVM turns a loop over candidates into vector instructions if each scalar step is inlined, has
 selects in place of branches, and reads and writes few arrays, with a row for each field of a tuple
 and a column for each lane (`columns`): it gives up where many arrays might overlap. What it needs
-to be told beyond that is here, without private parts of numba.
+to be told beyond that is here, without private parts of numba. `Traces` makes the loop over time
+and candidates of two steps of a model.
 """
 
 from collections.abc import Callable
@@ -15,6 +16,7 @@ from numba.core import event, types
 from numba.extending import intrinsic
 
 from ematwin.numerics.compile import loop, step
+from ematwin.numerics.side_by_side import side_by_side
 
 LANES = 16
 """Candidates side by side: two vectors of AVX-512, four of AVX2. More are no faster."""
@@ -86,3 +88,131 @@ class _TwoVectors(event.Listener):
 
 
 event.register("numba:compile", _TwoVectors())
+
+
+class Traces:
+    """A model over time for many candidates, side by side in lanes.
+
+    Parameters
+    ----------
+    constants, state, answers : classes of named tuples of numbers: what a candidate is, what it
+        remembers, and what is seen of it
+    sampled : step ``(state, command, load, n, c, interval) -> state, answers`` at sample ``n``;
+        ``answers`` are what that sample shows
+    advanced : step ``(state, command, load, c, dt) -> state`` over a time ``dt``; command and load
+        run in straight lines from one sample to the next
+    at : at which share of a step command and load are taken: 0 at its start, 0.5 in its middle
+    """
+
+    def __init__(
+        self, constants: Any, state: Any, answers: Any, sampled: Any, advanced: Any, *,
+        at: float = 0.0,
+    ) -> None:  # fmt: skip
+        self._names: tuple[str, ...] = answers._fields
+        self.loop = _loop_over(constants, state, answers, sampled, advanced, at)
+
+    def __call__(
+        self,
+        command: np.ndarray,
+        load: np.ndarray | None,
+        constants: Any,
+        start: Any,
+        interval: float,
+        substeps: int,
+        *,
+        count: int,
+        threads: int | None = None,
+    ) -> dict[str, np.ndarray]:
+        """What B = ``count`` candidates answer with, (B, S) arrays by name.
+
+        NaN for a candidate with a constant or a start that is not finite, and from the sample on
+        at which one left the finite numbers. The number of threads does not change a digit.
+
+        Parameters
+        ----------
+        command, load : (S,) arrays; no load is zero
+        constants, start : named tuples of numbers, or of (B,) arrays where candidates differ
+        interval : float, s, from one sample to the next
+        substeps : int, steps from one sample to the next
+        count, threads : int; one thread for each core if not given
+        """
+        own, first = by_candidate(constants, count), by_candidate(start, count)
+        traces = np.empty((count, len(self._names), command.size))
+        command = np.ascontiguousarray(command, dtype=float)
+        load = np.zeros(command.size) if load is None else np.ascontiguousarray(load, dtype=float)
+
+        def simulate(part: slice) -> None:
+            self.loop(command, load, own[part], first[part], interval, substeps, traces[part])
+
+        side_by_side(simulate, [slice(n, n + LANES) for n in range(0, count, LANES)], threads)
+        return {name: traces[:, n] for n, name in enumerate(self._names)}
+
+
+def by_candidate(values: Any, count: int) -> np.ndarray:
+    """(B, N) array of a tuple of N numbers or (B,) arrays, for B = ``count`` candidates."""
+    rows = np.empty((count, len(values)))
+    for n, value in enumerate(values):
+        rows[:, n] = value
+    return rows
+
+
+def _loop_over(
+    constants: Any, state: Any, answers: Any, sampled: Any, advanced: Any, at: float
+) -> Any:
+    new_constants, constants_of, _ = columns(constants)
+    new_state, state_of, write_state = columns(state)
+    new_answers, _, write_answers = columns(answers)
+    rows, own_rows, state_rows = len(answers._fields), len(constants._fields), len(state._fields)
+
+    @lane_loop
+    def traces_over(command, load, constants, start, interval, substeps, traces):
+        """Fill ``traces`` (B, K, S); constants (B, C) and start (B, N)."""
+        wide_vectors()
+        batch, samples = constants.shape[0], command.size
+        dt = interval / substeps
+        own = new_constants()
+        now = new_state()
+        seen = new_answers()
+        lost = np.empty(LANES)  # zero; NaN from where a candidate is no more
+        for first in range(0, batch, LANES):
+            inside = min(LANES, batch - first)
+            for n in range(LANES):
+                who = first + min(n, inside - 1)  # the last one fills the lanes of a block
+                lost[n] = 0.0
+                for m in range(own_rows):
+                    own[m, n] = constants[who, m]
+                    lost[n] += 0.0 * own[m, n]
+                for m in range(state_rows):
+                    now[m, n] = start[who, m]
+                    lost[n] += 0.0 * now[m, n]
+            for sample in range(samples):
+                command_now = command[sample]
+                load_now = load[sample]
+                for n in range(LANES):
+                    after, shown = sampled(
+                        state_of(now, n), command_now, load_now, sample, constants_of(own, n),
+                        interval,
+                    )  # fmt: skip
+                    write_state(now, n, after)
+                    write_answers(seen, n, shown)
+                    for m in range(rows):
+                        lost[n] += 0.0 * seen[m, n]
+                for m in range(rows):
+                    for n in range(inside):
+                        traces[first + n, m, sample] = seen[m, n] + lost[n]
+                if sample + 1 < samples:
+                    d_command = (command[sample + 1] - command_now) / substeps
+                    d_load = (load[sample + 1] - load_now) / substeps
+                    for j in range(substeps):
+                        command_then = command_now + (j + at) * d_command
+                        load_then = load_now + (j + at) * d_load
+                        for n in range(LANES):
+                            write_state(
+                                now, n,
+                                advanced(
+                                    state_of(now, n), command_then, load_then,
+                                    constants_of(own, n), dt,
+                                ),
+                            )  # fmt: skip
+
+    return traces_over

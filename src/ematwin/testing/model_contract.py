@@ -253,10 +253,11 @@ class ModelContract:
     ) -> None:
         """And the error of the truth is zero, that of healthy is not."""
         nothing = model.healthy(actuator)
-        for values in model.cases(actuator).values():
+        faults, study = model.faults(actuator), model.study
+        for values in study.cases(faults).values():
             injected = model.values_of(actuator, values)
-            assert model.error_percent(injected, injected, actuator) == 0.0
-            assert model.error_percent(nothing, injected, actuator) > 0.0
+            assert study.error_percent(faults, injected, injected) == 0.0
+            assert study.error_percent(faults, nothing, injected) > 0.0
 
     def test_the_default_search_is_known(self, model: Model) -> None:
         """By a name of ``ematwin algorithms``."""

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from ematwin.errors import InputError, RecordError
-from ematwin.models.ball_screw.coupling import coupling, decoupled
+from ematwin.models.ball_screw.comparison import coupling, decoupled
 from ematwin.models.ball_screw.model import MODEL
-from ematwin.models.ball_screw.simulate import simulate_motion
+from ematwin.models.ball_screw.motions import simulate_motion
 from ematwin.models.phases import calm
 from ematwin.monitoring.measure import Bench, check_alike, reported_values
 from made_up_rig import NOISE, command, motion, rig

@@ -177,11 +177,11 @@ def test_what_cannot_be_judged_is_refused_before_any_work(report, tmp_path):
             ematwin.identify(given, report)
     with pytest.raises(InputError, match="leave it out for several"):
         ematwin.identify([run(30)], report, checkpoint=tmp_path / "x")
-    with pytest.raises(RecordError, match="has no channel 'command'"):
+    with pytest.raises(RecordError, match="has no command"):
         ematwin.identify([run(30), ball_screw_motion()], report)
-    with pytest.raises(RecordError, match="has no channel 'command'"):
+    with pytest.raises(RecordError, match="has no command"):
         ematwin.detect(ball_screw_motion(), report)
-    with pytest.raises(RecordError, match="has no channel 'command'"):
+    with pytest.raises(RecordError, match="has no command"):
         ematwin.calibrate(healthy_runs(3, motions=1), "servo48")
     with pytest.raises(ParameterError, match="holds an actuator but no calibration"):
         ematwin.detect(run(30), ematwin.BldcActuator.shipped()["servo48"])

@@ -8,10 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ematwin.errors import InputError, RecordError
-from ematwin.models.ball_screw.constants import FIXED, kernel_constants
 from ematwin.models.ball_screw.model import MODEL
-from ematwin.models.ball_screw.parameters import BallScrew
-from ematwin.models.ball_screw.simulate import out_and_back
+from ematwin.models.ball_screw.motions import out_and_back
+from ematwin.models.ball_screw.parameters import FIXED, BallScrew
 from ematwin.models.ball_screw.step import (
     LEAST_FRICTION,
     BallScrewState,
@@ -19,12 +18,12 @@ from ematwin.models.ball_screw.step import (
     drive_torque,
     falling_friction,
 )
-from ematwin.models.ball_screw.twin import MAGNITUDES, steps_of, twin_traces
+from ematwin.models.ball_screw.twin import ball_screw_constants, candidate_traces, steps_of
 from ematwin.recordings.recording import Recording
 from naive import ball_screw as naive
 
 ACTUATOR = BallScrew.load()
-C = kernel_constants(ACTUATOR)
+C = ball_screw_constants(ACTUATOR)
 SET_POINT, INTERVAL = out_and_back(ACTUATOR, 0.05, 2.5, 1.0)
 HEALTHY = {"friction": 1.0, "backlash": 5e-5, "gain": 1.0, "load": 0.0, "initial_error": 0.0}
 
@@ -44,10 +43,16 @@ CASES = {
 }  # fmt: skip
 
 
+def batch(points, actuator=ACTUATOR, set_point=SET_POINT, interval=INTERVAL):
+    """Current and position error of candidates, each a mapping."""
+    columns = {name: np.array([{**HEALTHY, **one}[name] for one in points]) for name in HEALTHY}
+    found = candidate_traces(actuator, set_point, interval, columns, len(points))
+    return found["current"], found["position_error"]
+
+
 def traces(actuator=ACTUATOR, set_point=SET_POINT, interval=INTERVAL, **changed):
     """Current and position error of one candidate."""
-    point = [{**HEALTHY, **changed}[name] for name in MAGNITUDES]
-    current, error = twin_traces(actuator, set_point, interval, np.array([point]))
+    current, error = batch([changed], actuator, set_point, interval)
     return current[0], error[0]
 
 
@@ -69,8 +74,7 @@ def test_a_loop_slower_or_faster_than_the_recording_is_the_naive_version():
 
 
 def test_candidates_of_a_batch_do_not_see_each_other():
-    points = np.array([list({**HEALTHY, **changed}.values()) for changed in CASES.values()])
-    together = twin_traces(ACTUATOR, SET_POINT, INTERVAL, points)
+    together = batch(list(CASES.values()))
     for n, changed in enumerate(CASES.values()):
         alone = traces(**changed)
         np.testing.assert_array_equal(together[0][n], alone[0])
@@ -152,12 +156,12 @@ def test_zero_backlash_is_a_rigid_screw():
 
 
 def test_backlash_is_the_way_of_the_screw_before_the_nut_turns_back():
-    state, nuts = BallScrewState(0.0, 0.0, 0.0, 0.0), []
-    half_gap = 0.5e-3 / C.per_radian
+    c = C._replace(half_gap=0.5e-3 / C.per_radian)
+    state, nuts = BallScrewState(*[0.0] * 7), []
     for w in [10.0] * 100 + [-10.0] * 100:
-        state, _ = ball_screw_step(
-            state._replace(w=w), w, 0.0, C.friction, half_gap, C, INTERVAL / 10
-        )
+        # the loop holds the speed
+        held = state._replace(w=w, w_ref=w, wait=1.0)
+        state = ball_screw_step(held, 0.0, 0.0, c, INTERVAL / 10)
         nuts.append(C.per_radian * (state.theta - state.nut))
     assert max(nuts) == pytest.approx(0.5e-3)
     assert min(nuts) == pytest.approx(-0.5e-3)
@@ -200,7 +204,7 @@ loads = st.floats(-3.0, 3.0)
 
 @given(speeds, loads, st.floats(0.1, 5.0))
 def test_force_is_that_of_the_naive_version(w, load, factor):
-    seen = drive_torque(w, load, factor * C.friction, C)
+    seen = drive_torque(w, C._replace(load=load, friction=factor * C.friction))
     force = naive.motor_force(w * C.per_radian, load / C.per_radian, factor, ACTUATOR.screw)
     assert seen == pytest.approx(force * C.per_radian, rel=1e-9, abs=1e-12)
 
@@ -208,35 +212,33 @@ def test_force_is_that_of_the_naive_version(w, load, factor):
 @given(st.floats(0.1, 200.0), st.floats(0.01, 3.0))
 def test_load_takes_and_gives_the_shares_of_borello(w, load):
     """Against it the drive needs load/eta_o more, with it eta_a load less, than without any."""
-    free = drive_torque(w, 0.0, C.friction, C)
+    free = drive_torque(w, C)
     screw = ACTUATOR.screw
-    against = drive_torque(w, -load, C.friction, C) - free
-    aided = drive_torque(w, load, C.friction, C) - free
+    against = drive_torque(w, C._replace(load=-load)) - free
+    aided = drive_torque(w, C._replace(load=load)) - free
     assert against == pytest.approx(load / screw.efficiency_opposing)
     assert aided == pytest.approx(-load * screw.efficiency_aiding)
 
 
 @given(speeds, loads)
 def test_turning_way_and_load_round_turns_the_torque_round(w, load):
-    assert drive_torque(-w, -load, C.friction, C) == pytest.approx(
-        -drive_torque(w, load, C.friction, C)
+    assert drive_torque(-w, C._replace(load=-load)) == pytest.approx(
+        -drive_torque(w, C._replace(load=load))
     )
 
 
 @given(st.floats(0.0, 1e4))
 def test_friction_falls_with_speed_but_keeps_its_floor(w):
-    seen = falling_friction(w, C.friction, C.w_fading)
+    seen = falling_friction(w, C)
     assert LEAST_FRICTION * C.friction <= seen <= C.friction
-    assert seen == falling_friction(-w, C.friction, C.w_fading)
-    assert falling_friction(w + 1.0, C.friction, C.w_fading) <= seen
+    assert seen == falling_friction(-w, C)
+    assert falling_friction(w + 1.0, C) <= seen
 
 
-@pytest.mark.parametrize("name", MAGNITUDES)
+@pytest.mark.parametrize("name", HEALTHY)
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_a_magnitude_that_is_no_number_gives_nan_and_spoils_no_other_candidate(name, bad):
-    points = np.array([list(HEALTHY.values())] * 3)
-    points[1, MAGNITUDES.index(name)] = bad
-    current, error = twin_traces(ACTUATOR, SET_POINT, INTERVAL, points)
+    current, error = batch([{}, {name: bad}, {}])
     assert np.isnan(current[1]).all()
     assert np.isnan(error[1]).all()
     healthy = traces()

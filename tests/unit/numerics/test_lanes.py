@@ -12,18 +12,15 @@ CODE = """
 import re
 import numpy as np
 from numba.core.caching import NullCache
-from ematwin.models.linear_axis import batch
-from ematwin.models.linear_axis.constants import constants_table
+from ematwin.models.linear_axis.step import AxisState, axis_traces
+from ematwin.models.linear_axis.twin import axis_constants
 from ematwin.models.registry import load_actuator
-from ematwin.numerics.lanes import lane_loop
 
-traces = lane_loop(batch.axis_traces.py_func)
-traces._cache = NullCache()  # compiled anew: only then numba knows its code
-constants = constants_table(load_actuator("emps"), {}, 3)
+axis_traces.loop._cache = NullCache()  # compiled anew: only then numba knows its code
+constants, start = axis_constants(load_actuator("emps")), AxisState(*[0.0] * 6)
 command = np.linspace(0.0, 0.01, 50)
-voltage, position = np.empty((2, 3, 50))
-traces(command, 0.0 * command, True, np.zeros((3, 3)), constants, 1e-3, 2, voltage, position)
-(code,) = traces.inspect_llvm().values()
+position = axis_traces(command, None, constants, start, 1e-3, 2, count=3)["position"]
+(code,) = axis_traces.loop.inspect_llvm().values()
 widths = {int(width) for width in re.findall(r"fmul .*?<([0-9]+) x double>", code)}
 print(*position[:, -1], *widths)
 """

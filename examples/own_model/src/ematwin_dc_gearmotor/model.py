@@ -68,14 +68,15 @@ class DcGearmotorModel(Model):
         self, actuator: DcGearmotor, inputs: Recording, candidates: Candidates, count: int
     ) -> dict[str, np.ndarray]:
         """Voltage (V), current (A) and position (rad) of each candidate, (B, S) arrays."""
-        from ematwin_dc_gearmotor.step import Constants, traces  # compiles: only when needed
+        from ematwin_dc_gearmotor.step import Constants, State, traces  # compiles: only when needed
 
         values = {**self.healthy(actuator), **candidates}
         varied = actuator.varied(values)
         motor, gear, drive = varied.motor, varied.gear, varied.drive
         dry = motor.friction_torque + gear.friction_torque / gear.ratio
         friction = dry * values["friction"]
-        each = Constants(
+        substeps = math.ceil(inputs.interval / actuator.steps.twin - 1e-9)
+        constants = Constants(
             resistance=motor.resistance * values["brushes"],
             inductance=motor.inductance,
             torque_constant=motor.torque_constant * values["magnets"],
@@ -91,19 +92,12 @@ class DcGearmotorModel(Model):
             speed_limit=drive.speed_limit,
             position_gain=drive.position_gain,
             speed_gain=drive.speed_gain,
+            share=1.0 / substeps,
         )
-        constants = Constants(*(np.full(count, one, dtype=float) for one in each))
         start = inputs.command[0] if inputs.position is None else inputs.position[0]
-        substeps = math.ceil(inputs.interval / actuator.steps.twin - 1e-9)
-        voltage, current, position = traces(
-            constants, inputs.command, start, inputs.interval, substeps
-        )
-        answer = {"voltage": voltage, "current": current, "position": position}
-        # a comparison with NaN is false: such a candidate could look like one at rest
-        lost = ~np.isfinite(sum(constants))
-        for trace in answer.values():
-            trace[lost] = math.nan
-        return answer
+        on_motor = gear.ratio * start  # at rest, amid the play
+        rest = State(0.0, 0.0, on_motor, on_motor, 0.0, 0.0)
+        return traces(inputs.command, None, constants, rest, inputs.interval, substeps, count=count)
 
 
 MODEL = DcGearmotorModel()

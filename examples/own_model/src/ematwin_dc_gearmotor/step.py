@@ -1,4 +1,4 @@
-"""One step of the twin, and the loop over time and candidates.
+"""One step of the twin; `traces` runs it over time, many candidates side by side.
 
 All on the motor shaft: an output angle times the gear ratio N, a torque on the output over N, an
 inertia of the output over N squared. R, L, K are resistance, inductance and torque constant.
@@ -19,16 +19,15 @@ Electric Motor Drives, Prentice Hall.
 
 from typing import NamedTuple
 
-import numpy as np
-
 from ematwin.numerics.backlash import play
-from ematwin.numerics.compile import loop, step
+from ematwin.numerics.compile import step
 from ematwin.numerics.friction import advance_speed
+from ematwin.numerics.lanes import Traces
 from ematwin.numerics.scalar import clip
 
 
 class Constants(NamedTuple):
-    """What the equations take, on the motor shaft; (B,) arrays for a batch of candidates."""
+    """What the equations take, on the motor shaft."""
 
     resistance: float  # ohm
     inductance: float  # H
@@ -45,6 +44,7 @@ class Constants(NamedTuple):
     speed_limit: float  # rad/s
     position_gain: float  # 1/s
     speed_gain: float  # A s/rad
+    share: float  # of a step in the sampling interval
 
 
 class State(NamedTuple):
@@ -54,22 +54,21 @@ class State(NamedTuple):
     w: float  # rad/s
     theta: float  # rad
     output: float  # rad
+    mean_voltage: float  # V, since the last sample
+    mean_current: float  # A
+
+
+class Answer(NamedTuple):
+    """What is seen of a candidate at a sample; voltage and current are means."""
+
+    voltage: float  # V
+    current: float  # A
+    position: float  # rad, output
 
 
 @step
-def of_candidate(c, n):
-    """The constants of candidate ``n``."""
-    return Constants(
-        c.resistance[n], c.inductance[n], c.torque_constant[n], c.inertia[n],
-        c.viscous_damping[n], c.friction[n], c.static_friction[n], c.load[n], c.half_gap[n],
-        c.ratio[n], c.supply_voltage[n], c.current_limit[n], c.speed_limit[n],
-        c.position_gain[n], c.speed_gain[n],
-    )  # fmt: skip
-
-
-@step
-def servo_step(now, command, c, dt):
-    """Advance by ``dt``; gives the next state and the terminal voltage."""
+def servo_step(now, command, load, c, dt):
+    """Advance by ``dt``; there is no load over time."""
     w_ref = c.position_gain * (c.ratio * command - now.theta)
     w_ref = clip(w_ref, -c.speed_limit, c.speed_limit)
     i_ref = clip(c.speed_gain * (w_ref - now.w), -c.current_limit, c.current_limit)
@@ -81,39 +80,17 @@ def servo_step(now, command, c, dt):
     act = c.torque_constant * current - c.viscous_damping * now.w - c.load
     w = advance_speed(now.w, act, c.inertia, c.static_friction, c.friction, dt)
     theta = now.theta + dt * w
-    return State(current, w, theta, play(theta, now.output, c.half_gap)), u
+    return State(
+        current, w, theta, play(theta, now.output, c.half_gap),
+        now.mean_voltage + c.share * u, now.mean_current + c.share * current,
+    )  # fmt: skip
 
 
-@loop
-def traces(constants, command, start, interval, substeps):
-    """Simulate a batch of candidates.
+@step
+def seen(now, command, load, sample, c, interval):
+    """The state, from which new means begin, and what the sensors show."""
+    answer = Answer(now.mean_voltage, now.mean_current, now.output / c.ratio)
+    return State(now.current, now.w, now.theta, now.output, 0.0, 0.0), answer
 
-    Parameters
-    ----------
-    constants : Constants of (B,) arrays
-    command : (S,) array, rad on the output, straight lines between samples
-    start : float, rad, position of the output at the first sample, at rest amid the play
-    interval : float, s, from one sample to the next
-    substeps : int, steps from one sample to the next
 
-    Returns
-    -------
-    voltage, current, position : (B, S) arrays, V, A, rad on the output
-        Voltage and current are means over the interval that ends at the sample.
-    """
-    count, samples = constants.ratio.size, command.size
-    voltage = np.zeros((count, samples))
-    current = np.zeros((count, samples))
-    position = np.full((count, samples), start)
-    dt = interval / substeps
-    for n in range(count):
-        c = of_candidate(constants, n)
-        now = State(0.0, 0.0, c.ratio * start, c.ratio * start)
-        for sample in range(1, samples):
-            d_command = (command[sample] - command[sample - 1]) / substeps
-            for j in range(substeps):
-                now, u = servo_step(now, command[sample - 1] + j * d_command, c, dt)
-                voltage[n, sample] += u / substeps
-                current[n, sample] += now.current / substeps
-            position[n, sample] = now.output / c.ratio
-    return voltage, current, position
+traces = Traces(Constants, State, Answer, seen, servo_step)

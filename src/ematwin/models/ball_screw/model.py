@@ -5,21 +5,25 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ematwin.errors import InputError
-from ematwin.models.ball_screw.channels import CHANNELS, check_spans
-from ematwin.models.ball_screw.constants import FIXED
-from ematwin.models.ball_screw.parameters import BallScrew
+from ematwin.models.ball_screw.motions import SENSORS, as_sensed
+from ematwin.models.ball_screw.parameters import FIXED, BallScrew
+from ematwin.models.ball_screw.plausibility import check_signals, check_spans, position_error
 from ematwin.models.ball_screw.unknowns import aliases, unknowns
-from ematwin.models.base import Demand, Model, Progress, Reported, Signal, Statistic, Values
+from ematwin.models.base import Demand, Model, Reported, Signal, Statistic, Study, Values
 from ematwin.models.comparison import Candidates
-from ematwin.models.scenario import Scenario
 from ematwin.models.unknown import Alias, Unknown
-from ematwin.recordings.channel import Channel
+from ematwin.recordings.channel import Channel, Derivation
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
 
 SETTLED = 6.3  # time constants of the position loop until a transient has died out
 _ROUGH_BANDS = (3, 4, 5)  # of the residual's spectrum: one turn of the screw, harmonics, balls
+
+
+class NoisyStudy(Study):
+    """Simulated motions have the noise of a usual rig."""
+
+    noisy: ClassVar[bool] = True
 
 
 class BallScrewModel(Model):
@@ -28,13 +32,21 @@ class BallScrewModel(Model):
     kind: ClassVar[str] = "ball-screw"
     title: ClassVar[str] = "stepper motor, ball screw and sampled position loop"
     parameters: ClassVar[type[BallScrew]] = BallScrew
-    channels: ClassVar[tuple[Channel, ...]] = CHANNELS
+    channels: ClassVar[tuple[Channel, ...]] = (
+        Channel("set_point", "m", "commanded position of the nut",
+                ("setpoint", "command", "demand", "reference")),
+        Channel("position_error", "m", "set point less position", ("error", "following_error"),
+                derived=Derivation("set_point - position", ("set_point", "position"), np.subtract)),
+        Channel("position", "m", "position of the nut", ("nut_position", "output_position"),
+                stands_in_for="position_error"),
+        Channel("current", "A", "current of the drive, a magnitude",
+                ("motor_current", "drive_current")),
+    )  # fmt: skip
     command: ClassVar[str] = "set_point"
     needs: ClassVar[tuple[str | tuple[tuple[str, ...], ...], ...]] = (
         (("position_error",), ("position",)), "current",
     )  # fmt: skip
     default_search: ClassVar[str] = "levenberg-marquardt"
-    sample_rate: ClassVar[float] = 25.0
     # What a recording of current and position error can say something of, and how far (as a
     # factor, one standard deviation) the template may be off.
     nominal: ClassVar[Mapping[str, float]] = {
@@ -49,7 +61,7 @@ class BallScrewModel(Model):
     }
     fixed: ClassVar[tuple[str, ...]] = FIXED
     covariate: ClassVar[str | None] = "load"
-    noisy: ClassVar[bool] = True
+    study: ClassVar[Study] = NoisyStudy()
     statistics: ClassVar[tuple[Statistic, ...]] = (
         Statistic(
             "sensor_coupling", "A/m", "The sensors share fast noise differently than in the "
@@ -79,10 +91,7 @@ class BallScrewModel(Model):
         """Current, A, and position error, m, (B, S) arrays."""
         from ematwin.models.ball_screw.twin import candidate_traces
 
-        current, error = candidate_traces(
-            actuator, inputs.set_point, inputs.interval, candidates, count
-        )
-        return {"current": current, "position_error": error}
+        return candidate_traces(actuator, inputs.set_point, inputs.interval, candidates, count)
 
     def noise(self, actuator: Any, recording: Recording) -> dict[str, float]:
         """Standard deviations of current (A) and position error (m), those of a usual rig."""
@@ -100,54 +109,31 @@ class BallScrewModel(Model):
 
     def starts(self, actuator: Any, recording: Recording) -> list[dict[str, float]]:
         """One for each direction of the load, from the position error at the first sample."""
-        from ematwin.models.ball_screw.plausibility import position_error
-
         pull = 0.1 * actuator.screw.friction_force
         first = float(position_error(recording)[0])
         return [{"load": load, "initial_error": first} for load in (-pull, pull)]
 
     def check(self, recording: Recording, actuator: Any) -> list[str]:
         """Signs, units and dead channels."""
-        from ematwin.models.ball_screw.plausibility import check_signals
-
         self.check_channels(recording)
         check_spans(recording)
         check_signals(recording)
         return []
 
-    def simulate(
-        self,
-        actuator: Any,
-        scenario: Scenario,
-        values: Values,
-        *,
-        fidelity: str | None = None,
-        sample_rate: float | None = None,
-        step: float | None = None,
-        noise: Noise | None = None,
-        seed: int = 0,
-        initial_position: float = 0.0,
-        progress: Progress | None = None,
-    ) -> Recording:
-        """A motion with faults and the noise of its sensors: `noise`, or that of a usual rig."""
-        from ematwin.models.ball_screw.simulate import simulate
+    def rate_of(self, actuator: Any) -> float:
+        """Hz, that of the position loop."""
+        return float(1.0 / actuator.controller.sample_time)
 
-        if step is not None or initial_position:
-            raise InputError(
-                "A ball-screw actuator takes its step from its parameters and starts at its set "
-                "point; leave step and initial_position out, or give initial_error with the faults."
-            )
-        found = simulate(
-            self, actuator, scenario, values, sample_rate=sample_rate, noise=noise, seed=seed
-        )
-        if progress is not None:
-            progress(1.0)
-        return found
+    def sensed(
+        self, recording: Recording, actuator: Any, values: Values, noise: Noise | None, seed: int
+    ) -> Recording:
+        """With roughness, and the noise of a usual rig where none is asked for."""
+        random, usual = np.random.default_rng(seed), SENSORS if noise is None else (0.0, 0.0)
+        found = as_sensed(recording, actuator, values["roughness"], usual, random)
+        return found if noise is None else noise.apply(found, random)
 
     def summary(self, recording: Recording, actuator: Any) -> dict[str, float]:
         """RMS current, A, and the largest position error, m."""
-        from ematwin.models.ball_screw.plausibility import position_error
-
         current, error = recording.channels["current"], position_error(recording)
         return {
             "current_rms": float(np.sqrt(np.mean(current**2))),
@@ -156,8 +142,6 @@ class BallScrewModel(Model):
 
     def signals(self, recording: Recording, actuator: Any) -> list[Signal]:
         """Current and position error."""
-        from ematwin.models.ball_screw.plausibility import position_error
-
         return [
             Signal("Current of the drive", "A", recording.channels["current"]),
             Signal("Position error", "mm", 1e3 * position_error(recording)),

@@ -15,6 +15,9 @@ from pydantic import model_validator
 
 from ematwin.models.parameter_set import ParameterSet, Section, quantity
 
+# These set the grid of steps, which a batch shares: they cannot differ between candidates.
+FIXED = ("controller.sample_time", "steps.twin")
+
 
 class Screw(Section):
     """Ball screw, nut and guide."""

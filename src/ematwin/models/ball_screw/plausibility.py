@@ -5,6 +5,8 @@ import numpy as np
 from ematwin.errors import RecordError
 from ematwin.recordings.recording import Recording
 
+_LONGEST = 100.0  # m: no actuator travels further; a larger span is a wrong unit
+_LARGEST = 2000.0  # A
 _AHEAD = 0.3  # of the largest position error
 
 
@@ -15,6 +17,22 @@ def position_error(recording: Recording) -> np.ndarray:
         return channels["position_error"]
     found: np.ndarray = channels["set_point"] - channels["position"]
     return found
+
+
+def check_spans(recording: Recording) -> None:
+    """Raise `RecordError` if set point or current are so large that their unit must be wrong."""
+    span = float(np.ptp(recording.set_point))
+    if span > _LONGEST:
+        raise RecordError(
+            f"{recording.name}: set_point spans {span:.4g} m, which no actuator travels; its unit "
+            "is probably mm. Name it set_point_mm or put [mm] into the name."
+        )
+    largest = float(np.abs(recording.current).max())
+    if largest > _LARGEST:
+        raise RecordError(
+            f"{recording.name}: current reaches {largest:.4g} A, which no such drive takes; its "
+            "unit is probably mA. Put [mA] into the name of the channel."
+        )
 
 
 def check_signals(recording: Recording) -> None:

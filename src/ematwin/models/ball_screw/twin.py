@@ -1,57 +1,68 @@
 """The ball-screw twin on the samples of a motion."""
 
+import math
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
 from ematwin.errors import RecordError
-from ematwin.models.ball_screw.constants import FIXED, constants_table
-from ematwin.models.ball_screw.parameters import BallScrew
-
-MAGNITUDES = ("friction", "backlash", "gain", "load", "initial_error")
-
-
-def twin_traces(
-    actuator: BallScrew, set_point: np.ndarray, interval: float, magnitudes: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Current (B, S), A, and position error (B, S), m, that the twin answers with.
-
-    Parameters
-    ----------
-    actuator : BallScrew; where parameters are arrays (B,), each candidate has its own
-    set_point : (S,) array, m
-    interval : float, s
-    magnitudes : (B, 5) array, columns as in `MAGNITUDES`: factor on the friction, backlash (m),
-        factor on both gains, load that pushes towards larger positions (N), position error at the
-        first sample (m)
-    """
-    from ematwin.models.ball_screw.batch import ball_screw_traces
-
-    update, substeps = steps_of(actuator, interval)
-    current, error = ball_screw_traces(
-        np.ascontiguousarray(magnitudes, dtype=float), set_point, interval,
-        constants_table(actuator), substeps, update,
-    )  # fmt: skip
-    return current, error
+from ematwin.models.ball_screw.parameters import FIXED, BallScrew
+from ematwin.models.ball_screw.step import BallScrewConstants, BallScrewState, ball_screw_traces
 
 
 def candidate_traces(
     actuator: BallScrew,
     set_point: np.ndarray,
     interval: float,
-    candidates: Mapping[str, np.ndarray],
+    candidates: Mapping[str, Any],
     count: int,
-) -> tuple[np.ndarray, np.ndarray]:
-    """The same for candidates by name: magnitudes, and parameters of the actuator by place.
+) -> dict[str, np.ndarray]:
+    """Current (A) and position error (m) that the twin answers with, (B, S) arrays.
 
-    What is not named is healthy; the healthy backlash is that of the candidate's own actuator.
+    Parameters
+    ----------
+    actuator : BallScrew
+    set_point : (S,) array, m
+    interval : float, s
+    candidates : unknowns by name and parameters of the actuator by place, (B,) each; what is not
+        named is healthy, and the healthy backlash is that of the candidate's own actuator
+    count : B
     """
-    own = actuator.varied(candidates, FIXED)
-    healthy = {"friction": 1.0, "backlash": own.screw.backlash, "gain": 1.0}
-    magnitudes = np.empty((count, len(MAGNITUDES)))
-    for n, name in enumerate(MAGNITUDES):
-        magnitudes[:, n] = candidates.get(name, healthy.get(name, 0.0))
-    return twin_traces(own, set_point, interval, magnitudes)
+    update, substeps = steps_of(actuator, interval)
+    c = ball_screw_constants(actuator, candidates)
+    c = c._replace(update=float(update), share=1.0 / substeps)
+    # at rest, the nut in the middle of its play
+    start = (set_point[0] - candidates.get("initial_error", 0.0)) / c.per_radian
+    state = BallScrewState(0.0, start, start, 0.0, 0.0, 0.0, c.i_idle)
+    return ball_screw_traces(set_point, None, c, state, interval, substeps, count=count)
+
+
+def ball_screw_constants(
+    actuator: BallScrew, candidates: Mapping[str, Any] | None = None
+) -> BallScrewConstants:
+    """Constants of the equations in docs/ball-screw.md, numbers or (B,) arrays."""
+    k = candidates or {}
+    own = actuator.varied(k, FIXED)
+    screw, drive, control = own.screw, own.drive, own.controller
+    per_radian = screw.lead / (2.0 * math.pi)
+    gain = k.get("gain", 1.0)
+    return BallScrewConstants(
+        per_radian=per_radian,
+        half_gap=0.5 * k.get("backlash", screw.backlash) / per_radian,
+        friction=screw.friction_force * per_radian * k.get("friction", 1.0),
+        w_fading=screw.fading_speed / per_radian,
+        c_opposing=1.0 / screw.efficiency_opposing - 1.0,
+        c_aiding=1.0 - screw.efficiency_aiding,
+        load=k.get("load", 0.0) * per_radian,
+        voltage=drive.supply_voltage,
+        i_idle=drive.idle_current,
+        response_time=drive.response_time,
+        k_position=control.position_gain * gain,
+        k_integral=control.integral_gain * gain,
+        update=1.0,
+        share=1.0,
+    )
 
 
 def steps_of(actuator: BallScrew, interval: float) -> tuple[int, int]:

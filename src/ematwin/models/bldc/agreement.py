@@ -16,7 +16,6 @@ _OPPOSITE = 0.5  # correlation without delay from which two columns have opposit
 _LATEST = 0.05  # of the record: the longest delay looked for
 _MOST = 4096  # samples looked at
 _CLOSE = 1.35  # a ratio is within this factor of that of the mistake
-_OVERSPEED = 20.0  # times the speed limit: no fault makes a motor so fast
 _DEGREES = 180.0 / np.pi
 _RPM = 30.0 / np.pi
 
@@ -45,19 +44,6 @@ def check_agreement(record: Recording, actuator: BldcActuator | None = None) -> 
             ("motor_position over the gear ratio", record.motor_position / gear),
             ("output_position", record.output_position),
             *_angles(actuator),
-        )
-
-
-def check_overspeed(record: Recording, actuator: BldcActuator) -> None:
-    """Raise `RecordError` if the motor position turns faster than the motor ever could."""
-    if record.motor_position is None:
-        return
-    fastest = float(np.abs(np.diff(record.motor_position)).max()) * record.sample_rate
-    if fastest > _OVERSPEED * actuator.controller.speed_limit:
-        raise RecordError(
-            f"motor_position turns at up to {fastest:.4g} rad/s; {actuator.name} limits the speed "
-            f"to {actuator.controller.speed_limit:.4g} rad/s. Check its unit and the unit of time, "
-            "or give unwrap = true in the map if the angle wraps at each full turn."
         )
 
 

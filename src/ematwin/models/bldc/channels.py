@@ -2,21 +2,9 @@
 
 import numpy as np
 
-from ematwin.recordings.channel import TIME, Channel, Derivation
+from ematwin.models.servo import COMMAND_AND_LOAD, star_channels
+from ematwin.recordings.channel import TIME, Channel
 from ematwin.recordings.recording import Recording
-
-
-def _third(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    return -(first + second)
-
-
-def _phase(letter: str, others: str) -> Channel:
-    """A phase current; in a star winding it is minus the sum of the other two."""
-    sources = tuple(f"current_{other}" for other in others)
-    return Channel(
-        f"current_{letter}", "A", f"current into phase {letter}", (f"i_{letter}", f"i{letter}"),
-        is_mean=True, derived=Derivation(f"-({' + '.join(sources)})", sources, _third),
-    )  # fmt: skip
 
 
 def _voltage(letter: str) -> Channel:
@@ -28,12 +16,8 @@ def _voltage(letter: str) -> Channel:
 
 
 CHANNELS = (
-    Channel("command", "rad", "commanded output position", ("cmd", "setpoint"), "output"),
-    Channel("load", "N*m", "load on the output, against positive motion",
-            ("load_torque", "t_load"), "output"),
-    _phase("a", "bc"),
-    _phase("b", "ac"),
-    _phase("c", "ab"),
+    *COMMAND_AND_LOAD,
+    *star_channels("current", "A", "current into phase {}", ("i_{}", "i{}"), is_mean=True),
     Channel("current", "A", "equivalent current", ("i", "i_eq"), is_mean=True),
     Channel("motor_position", "rad", "motor shaft angle", ("theta_m",), "motor"),
     Channel("motor_speed", "rad/s", "motor shaft speed", ("omega_m",), "motor"),

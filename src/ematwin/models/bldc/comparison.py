@@ -1,41 +1,46 @@
 """How badly candidates explain a recording of a brushless actuator.
 
-A recording is prepared once: what the sensors of its phases are off and from where its angles are
-counted is corrected, its equivalent current is formed and filtered, the weights of the misfit
-follow from it, and command and load are put on the time base of the monitor model. A batch of
-candidates is then simulated and scored without keeping traces.
+A recording is prepared once: sensors of phases and zeros of angles are corrected, its equivalent
+current is formed and filtered, and the weights of the misfit follow from it. A batch of candidates
+is then simulated and scored without keeping traces.
 """
 
 import copy
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Self
 
 import numpy as np
 
-from ematwin.errors import InputError, RecordError
+from ematwin.errors import InputError
 from ematwin.models.bldc.channels import PHASES, phase_currents
 from ematwin.models.bldc.constants import constants_by_candidate, kernel_constants
-from ematwin.models.bldc.envelope import current_envelope, signed_current
+from ematwin.models.bldc.envelope import equivalent_current
 from ematwin.models.bldc.gpu import launch
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.phase_sensors import balanced
 from ematwin.models.bldc.power import Power, recorded_power
-from ematwin.models.bldc.state import V_SUPPLY
-from ematwin.models.bldc.stretches import PowerStretches, Stretches
+from ematwin.models.bldc.stretches import (
+    Batch,
+    PowerStretches,
+    Stretches,
+    Twin,
+    initial_state,
+    scores,
+)
 from ematwin.models.bldc.unknowns import MODEL_ERROR, POWER, SENSOR, UNKNOWNS
 from ematwin.models.bldc.zeros import counted, turned
 from ematwin.models.comparison import Candidates, Comparison, Placed
+from ematwin.models.servo import check_enough, check_moves
 from ematwin.numerics.filters import advanced
-from ematwin.numerics.side_by_side import cores, side_by_side
+from ematwin.numerics.side_by_side import cores
 from ematwin.numerics.signals import LowPass, SlopeWeighting, filtered, means, white_noise
 from ematwin.recordings.recording import Recording
 
 SMOOTH_CUTOFF = 100.0  # Hz: misfits of currents low-passed there are smooth over wide valleys
 _TWIN_ERROR = 0.003  # relative misfit of the twin to healthy records of the reference model
 _REFERENCE_ERROR = 0.002  # of the reference model to simulators of other make: 0.0 to 0.18 %
-_SHORTEST = 100  # samples: fewer cannot tell eight parameters apart
 # Of a fast model without a gear that gives, or sampled loops: errors over standard errors were 1.4
 # to 3.2 (root mean square) with slopes taken for right, 0.8 to 1.1 without these forms.
 _SLOPE_ERROR = 2.0
@@ -47,7 +52,6 @@ _OVERSAMPLING = 8.0  # rate of kept samples over the cutoff, at least
 _AT_A_TIME = 4_000_000  # samples of answers that are held whole
 _COARSE = 2.0  # times the step, where only the valley is looked for
 _FINE = 0.25  # times the step, where an actuator is learnt
-_BLOCKS = 8  # of lanes in a task at most: an interrupt waits for no more than one task
 
 
 class BldcComparison(Comparison):
@@ -67,12 +71,9 @@ class BldcComparison(Comparison):
 
     Attributes
     ----------
-    current : (S,) array, A, equivalent current of the recording
-    target : (S,) array, A, the same filtered
+    current, target : (S,) arrays, A, equivalent current of the recording, as it is and filtered
     weights : (S,) array, s/A
     step, substeps : step of the monitor model (s), and how many make a sampling interval
-    rectify : whether magnitudes are compared
-    threads : threads that share a batch
     kept : samples of a response that are kept at most
     power : the electrical power, where it counts as evidence
 
@@ -105,55 +106,33 @@ class BldcComparison(Comparison):
         backend: str = "cpu",
     ) -> None:
         self.backend, self.kept = backend, KEPT
-        if len(recording) < _SHORTEST:
-            raise RecordError(
-                f"The record has {len(recording)} samples; at least {_SHORTEST} are needed to tell "
-                "faults apart. Record longer or faster."
-            )
+        check_enough(recording)
         recording = counted(balanced(recording), actuator)
         self.recording, self.actuator = recording, actuator
-        signed = None if rectify else signed_current(recording, actuator.motor.pole_pairs)
-        if rectify is False and signed is None:
-            raise RecordError(
-                "A signed comparison needs phase currents with motor_position, or a signed "
-                "current; compare magnitudes instead."
-            )
-        self.rectify = signed is None
+        self.current, self.rectify = equivalent_current(
+            recording, actuator.motor.pole_pairs, rectify
+        )
         self.unplaced = recording.motor_position is None and PHASES[0] in recording.channels
-        self.current = current_envelope(recording) if signed is None else signed
-        if np.ptp(self.current) == 0.0:
-            raise RecordError(
-                f"The current of the record is constant ({self.current[0]:g} A): nothing moved. "
-                "Check the channel, or record a motion."
-            )
+        check_moves(self.current)
         self._white_noise = white_noise(self.current)
         self._stepped(actuator.steps.monitor)
         ratio = actuator.transmission.ratio
-        load = recording.load
         self.command = recording.command * ratio
-        self.load = (np.zeros(len(recording)) if load is None else load) / ratio
-        self.state = initial_state(
-            recording, actuator, None if self.rectify else float(self.current[0])
-        )
+        self.load = recording.channels.get("load", np.zeros(len(recording))) / ratio
+        current = None if self.rectify else float(self.current[0])
+        self.state = initial_state(recording, actuator, current)
         self.constants = kernel_constants(actuator)
         self.unseen = frozenset(
             place for place, *_ in actuator.parameters() if place.startswith(_REFERENCE_ALONE)
         )
         self.slope_error = _SLOPE_ERROR if self.unseen else 1.0
-        looped = actuator.shorted_turns is not None
-        if backend == "cuda" and looped:
+        if backend == "cuda" and actuator.shorted_turns is not None:
             raise InputError(
                 f"A GPU knows shorted turns that are missing, but those of {actuator.name} are a "
                 "loop ([shorted_turns]); use the backend cpu, or leave the section out."
             )
         self.threads = threads or cores()
         self._filter(low_pass or LowPass(), weighting or SlopeWeighting())
-
-    def with_cutoff(self, cutoff: float) -> "BldcComparison":
-        """The same comparison through another low-pass (Hz); shares what does not change."""
-        other = copy.copy(self)
-        other._filter(LowPass(cutoff), self.weighting)
-        return other
 
     def with_missed(self, missed: Mapping[str, np.ndarray]) -> "BldcComparison":
         """With what the twin misses of filtered current (A) and power (W) taken off."""
@@ -164,14 +143,11 @@ class BldcComparison(Comparison):
 
     def exact(self, values: Mapping[str, float]) -> dict[str, np.ndarray]:
         """Filtered current (A) and, if it counts, power (W) of the reference, (S,) arrays."""
-        from ematwin.models.bldc.reference import reference_answer
+        from ematwin.models.bldc.simulate import reference_answer
 
-        _, w_m, theta_m, w_o, theta_o, _, _ = self.state
-        answer = reference_answer(
-            self.recording, self.actuator, values, (w_m, theta_m, w_o, theta_o)
-        )
-        signed = None if self.rectify else signed_current(answer, self.actuator.motor.pole_pairs)
-        current = current_envelope(answer) if signed is None else signed
+        answer = reference_answer(self.recording, self.actuator, values, self.state[1:5])
+        pole_pairs = self.actuator.motor.pole_pairs
+        current, _ = equivalent_current(answer, pole_pairs, self.rectify)
         current[0] = self.current[0]  # as the twin's: nothing has been simulated yet
         one = self.batch({name: np.array([value]) for name, value in values.items()}, 1)
         response, watts = filtered(self.taps, current)[0][None], None
@@ -183,13 +159,13 @@ class BldcComparison(Comparison):
         return {name: rows[0] for name, rows in self._shown(response, watts, one).items()}
 
     def _shown(
-        self, response: np.ndarray, watts: np.ndarray | None, batch: "Batch"
+        self, response: np.ndarray, watts: np.ndarray | None, batch: Batch
     ) -> dict[str, np.ndarray]:
         """Filtered currents and powers (B, S), changed in place, as sensors show them."""
-        late, found = self._late(batch), {}
-        if watts is not None:
-            found["power"] = self._sensed_power(watts, response, batch)
-        found["current"] = _sensed(response, batch)
+        late, found = batch.late(self.recording.interval), {}
+        if watts is not None and self.power is not None:
+            found["power"] = batch.sensed_power(self.power, watts, response)
+        found["current"] = batch.sensed(response)
         return found if late is None else {n: advanced(rows, late) for n, rows in found.items()}
 
     def with_evidence(self) -> "BldcComparison":
@@ -216,19 +192,16 @@ class BldcComparison(Comparison):
         """What the twin misses of a channel (S,), which passed a low-pass as wide or wider."""
         assert self._missed is not None
         trace = self._missed.get(name)
-        if trace is None:
-            return 0.0
-        if self._passed == self.low_pass:
-            return trace
+        if trace is None or self._passed == self.low_pass:
+            return 0.0 if trace is None else trace
         return self.low_pass.apply(trace, self.recording.sample_rate)
 
     def _coarse(self, low_pass: LowPass, kept: int) -> "BldcComparison":
         """With one sample, of currents and power the mean, for so many as a long step takes."""
-        longest = _COARSE * self.actuator.steps.monitor
-        longest = min(longest, self.actuator.largest_stable_step("monitor"))
+        stable = self.actuator.largest_stable_step("monitor")
+        longest = min(_COARSE * self.actuator.steps.monitor, stable)
         recording, rate = self.recording, self.recording.sample_rate
-        stride = int(min(longest * rate + 1e-9, rate / (_OVERSAMPLING * low_pass.cutoff)))
-        stride = max(1, stride)
+        stride = max(1, int(min(longest * rate + 1e-9, rate / (_OVERSAMPLING * low_pass.cutoff))))
         other, some = copy.copy(self), slice(None, None, stride)
         other.recording = recording.changed(**{name: x[some] for name, x in recording.columns()})
         # copies: machine code for arrays with gaps would be compiled apart
@@ -265,13 +238,13 @@ class BldcComparison(Comparison):
             return None
         from ematwin.models.bldc.batch import monitor_trace
 
-        k = np.array([values.get(one.name, one.healthy) for one in UNKNOWNS])
+        k = self.batch({name: np.array([value]) for name, value in values.items()}, 1).faults[0]
         trace = monitor_trace(
             k, self.command, self.load, self.state.copy(), self.constants, self.step, self.substeps,
             1, None if self.actuator.shorted_turns is None else np.zeros(4),
         )  # fmt: skip
-        pole_pairs = self.actuator.motor.pole_pairs
-        behind = turned(currents[1:], pole_pairs * trace[:, 1], trace[:, 0])
+        angle = self.actuator.motor.pole_pairs * trace[:, 1]
+        behind = turned(currents[1:], angle, trace[:, 0])
         return None if behind is None else behind.placed(self.recording, self.actuator)
 
     def restarted(self) -> Comparison | None:
@@ -310,15 +283,13 @@ class BldcComparison(Comparison):
         self.target = low_pass.apply(self.current, recording.sample_rate)
         self.weights = self._stands_for * weighting.weights(self.target, recording.interval)
         self.weights[0] = 0.0  # the twin starts there; nothing has been simulated yet
-        for start, stop in recording.provenance.get("masked_s", []):
-            # filled by the reader; the filter remembers it for a while afterwards
+        for start, stop in recording.provenance.get("masked_s", []):  # filled by the reader
             masked = (recording.time >= start) & (recording.time <= stop + 1.0 / low_pass.cutoff)
             self.weights[masked] = 0.0
         self.taps = low_pass.taps(recording.sample_rate, float(self.current[0]))
         self.scale = float(np.sum(self.weights * self.target**2))
         # behind the low-pass a recording holds so many independent samples
-        duration = float(recording.time[-1] - recording.time[0])
-        self.independent = max(1.0, 2.0 * low_pass.cutoff * duration)
+        self.independent = max(1.0, 2.0 * low_pass.cutoff * float(np.ptp(recording.time)))
         self.expected_misfit = _TWIN_ERROR if self._missed is None else _REFERENCE_ERROR
         self.noise = self.expected_misfit * math.sqrt(self.scale / self.independent)
         if self._missed is not None:
@@ -329,13 +300,12 @@ class BldcComparison(Comparison):
 
     def costs(self, candidates: Candidates, count: int) -> np.ndarray:
         """Costs (B,), A s; infinite where the simulation diverged."""
-        return self._costs(candidates, count, None)
+        return self.costs_within(candidates, count, None)
 
-    def costs_within(self, candidates: Candidates, count: int, limits: np.ndarray) -> np.ndarray:
+    def costs_within(
+        self, candidates: Candidates, count: int, limits: np.ndarray | None
+    ) -> np.ndarray:
         """Costs (B,), A s; infinite above a limit, where the simulation is stopped early."""
-        return self._costs(candidates, count, limits)
-
-    def _costs(self, candidates: Candidates, count: int, limits: np.ndarray | None) -> np.ndarray:
         batch = self.batch(candidates, count)
         if not batch.sensor:
             return self.run(self.whole, batch, 0, limits=limits)[0]
@@ -346,11 +316,9 @@ class BldcComparison(Comparison):
         whole, many = replace(self.whole, power=None), count
         if whole.samples * LANES <= _AT_A_TIME:
             whole, many = replace(whole, kept=whole.samples), _AT_A_TIME // whole.samples
-        parts = [
-            self.residuals_of(whole, batch.part(slice(n, n + many)))[0]
-            for n in range(0, count, many)
-        ]
-        costs = np.concatenate([np.einsum("bs,bs->b", part, part) for part in parts])
+        parts = (batch.part(slice(n, n + many)) for n in range(0, count, many))
+        left = (self.residuals_of(whole, part)[0] for part in parts)
+        costs = np.concatenate([np.einsum("bs,bs->b", one, one) for one in left])
         return np.where(np.isfinite(costs), costs, np.inf)
 
     def responses(self, candidates: Candidates, count: int) -> dict[str, np.ndarray]:
@@ -365,9 +333,8 @@ class BldcComparison(Comparison):
 
     def captions(self) -> dict[str, tuple[str, str]]:
         """What the current is, and how it was filtered."""
-        kind = "magnitude" if self.rectify else "signed"
-        title = f"Equivalent current ({kind}, {self.low_pass.cutoff:g} Hz low-pass)"
-        return {"current": (title, "A")}
+        how = f"{'magnitude' if self.rectify else 'signed'}, {self.low_pass.cutoff:g} Hz low-pass"
+        return {"current": (f"Equivalent current ({how})", "A")}
 
     def residuals(self, candidates: Candidates, count: int) -> np.ndarray:
         """Weighted residuals (B, K): the sum of their squares is the cost."""
@@ -380,7 +347,7 @@ class BldcComparison(Comparison):
         parts = self.residuals_of(stretches, self.batch(candidates, count))
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
 
-    def residuals_of(self, stretches: Stretches, batch: "Batch") -> list[np.ndarray]:
+    def residuals_of(self, stretches: Stretches, batch: Batch) -> list[np.ndarray]:
         """Weighted residuals (B, K) over stretches: of the current and, as evidence, the power.
 
         Of long ones only every so many samples are kept, weighted accordingly: the low-pass
@@ -388,30 +355,26 @@ class BldcComparison(Comparison):
         """
         kept = self.kept_of(stretches)
         chosen, back = batch.distinct()
-        fewer = len(chosen) < len(back)
-        costs, response, watts = self.run(stretches, batch.part(chosen) if fewer else batch, kept)
-        if fewer:
+        costs, response, watts = self.run(stretches, batch.part(chosen), kept)
+        if len(chosen) < len(back):
             costs, response, watts = costs[back], response[back], watts[back]
-        stride, late = -(-stretches.samples // kept), self._late(batch)
+        stride, late = -(-stretches.samples // kept), batch.late(self.recording.interval)
         response[~np.isfinite(costs)] = np.nan  # a friction that is no number holds all at rest
         found, power = [], stretches.power
-        if power is not None:
-            watts = self._sensed_power(watts, response, batch)
+        if power is not None and self.power is not None:
+            watts = batch.sensed_power(self.power, watts, response)
             stretches.compare(watts, power.target, power.weights, stride, late)
             found.append(watts)
-        response = _sensed(response, batch)
+        response = batch.sensed(response)
         stretches.compare(response, stretches.target, stretches.weights, stride, late)
         return [response, *found]
 
     def kept_of(self, stretches: Stretches) -> int:
         """How many samples of a response over a stretch are kept."""
-        most = max(1, int(self.recording.sample_rate / (_OVERSAMPLING * self.low_pass.cutoff)))
-        wished = min(most, -(-stretches.samples // stretches.kept))
-        kept = -(-stretches.samples // wished)
-        stride = -(-stretches.samples // kept)
-        return -(-stretches.samples // stride)
+        rate = self.recording.sample_rate
+        return stretches.kept_within(int(rate / (_OVERSAMPLING * self.low_pass.cutoff)))
 
-    def batch(self, candidates: Candidates, count: int) -> "Batch":
+    def batch(self, candidates: Candidates, count: int) -> Batch:
         """Candidates as the kernel takes them."""
         faults = np.empty((count, len(UNKNOWNS)))
         for n, one in enumerate(UNKNOWNS):
@@ -419,27 +382,8 @@ class BldcComparison(Comparison):
         sensor = {name: candidates[name] for name in SENSOR if name in candidates}
         return Batch(faults, constants_by_candidate(self.actuator, candidates, count), sensor)
 
-    def _late(self, batch: "Batch") -> np.ndarray | None:
-        """By how many samples (B,) the command of a candidate came late; None if it did not."""
-        skew = batch.sensor.get("skew")
-        return None if skew is None else skew / self.recording.interval
-
-    def _sensed_power(self, watts: np.ndarray, response: np.ndarray, batch: "Batch") -> np.ndarray:
-        """Power (B, K) as it would be recorded beside currents (B, K), but for the clock."""
-        assert self.power is not None
-        sensor = batch.sensor
-        if "voltage_drop" in sensor:
-            watts = watts + sensor["voltage_drop"][:, None] * np.abs(response)
-        gain = np.ones(len(watts)) * sensor.get("power_gain", 1.0)
-        if self.power.by_phases:
-            gain *= sensor.get("current_gain", 1.0)
-        elif self.power.nominal_supply is not None and batch.constants is not None:
-            gain *= self.power.nominal_supply / batch.constants[:, V_SUPPLY]
-        offset = np.zeros(len(watts)) + sensor.get("power_offset", 0.0)
-        return np.asarray(gain[:, None] * watts + offset[:, None])
-
     def run(
-        self, stretches: Stretches, batch: "Batch", kept: int, limits: np.ndarray | None = None
+        self, stretches: Stretches, batch: Batch, kept: int, limits: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Costs (B,) summed over N stretches, responses and, if it counts, power, W, (B, N kept).
 
@@ -447,165 +391,9 @@ class BldcComparison(Comparison):
         """
         if self.backend == "cuda" and launch.pays(len(batch.faults), self.threads):
             own = self.constants if batch.constants is None else batch.constants
-            work = launch.Work(
-                stretches, batch.faults, own, self.step, self.substeps, self.rectify, kept
-            )
+            steps = self.step, self.substeps
+            work = launch.Work(stretches, batch.faults, own, *steps, self.rectify, kept)
             return launch.scores(work)
-        from ematwin.models.bldc.batch import monitor_scores
-        from ematwin.numerics.lanes import LANES
-
-        count, parts = len(batch.faults), len(stretches)
-        blocks = -(-count // LANES)
-        faults = _padded(batch.faults, blocks * LANES)
-        each = None if batch.constants is None else _padded(batch.constants, len(faults))
-        within = np.full(len(faults), np.inf)
-        if limits is not None:
-            within[:count] = limits
-            within[count:] = -np.inf  # nobody asks for the padding
-        costs = np.empty((parts, len(faults)))
-        response = np.empty((*costs.shape, kept))
-        power = stretches.power if kept else None
-        watts = np.empty((*costs.shape, 0 if power is None else kept))
-        loops = self._loops(stretches)
-
-        def work_on(task: tuple[slice, slice]) -> None:
-            some, rows = task
-            monitor_scores(
-                faults[rows], stretches.command, stretches.load, stretches.starts[some],
-                stretches.samples, stretches.states[some], self.constants,
-                None if each is None else each[rows], self.step, self.substeps,
-                stretches.taps[some], self.rectify, stretches.target, stretches.weights,
-                costs[some, rows], response[some, rows],
-                None if power is None else (power.states[some], watts[some, rows]),
-                within[rows], None if loops is None else loops[some],
-            )  # fmt: skip
-
-        side_by_side(work_on, _tasks(parts, blocks, LANES, self.threads), self.threads)
-        return costs.sum(axis=0)[:count], _joined(response, count), _joined(watts, count)
-
-    def _loops(self, stretches: Stretches) -> np.ndarray | None:
-        """Loops of shorted turns (N, 4) at the start of each stretch; None where they are missing.
-
-        Their currents are zero there: within 0.1 ms they forget it.
-        """
-        if self.actuator.shorted_turns is None:
-            return None
-        found = np.zeros((len(stretches), 4))
-        theta_e = self.constants.pole_pairs * stretches.states[:, 2]
-        found[:, 3] = np.floor(theta_e / (math.pi / 3.0) - 0.5) % 6.0
-        return found
-
-
-@dataclass(frozen=True)
-class Batch:
-    """Candidates of a batch: fault vectors (B, 8); constants (B, 35), or None if all share them.
-
-    ``sensor`` holds what the sensors make of the answers, by name, (B,) arrays.
-    """
-
-    faults: np.ndarray
-    constants: np.ndarray | None
-    sensor: Candidates
-
-    def distinct(self) -> tuple[np.ndarray, np.ndarray]:
-        """Candidates (N,) that differ beside their sensors, and which of these each one (B,) is.
-
-        Of a Jacobian the columns of what a sensor makes of one answer are one simulation.
-        """
-        rows = self.faults if self.constants is None else np.hstack([self.faults, self.constants])
-        places: dict[bytes, int] = {}
-        back = [places.setdefault(row.tobytes(), len(places)) for row in rows]
-        return np.unique(back, return_index=True)[1], np.array(back)
-
-    def part(self, rows: slice | np.ndarray) -> "Batch":
-        """Some of the candidates."""
-        constants = None if self.constants is None else self.constants[rows]
-        sensor = {name: values[rows] for name, values in self.sensor.items()}
-        return Batch(self.faults[rows], constants, sensor)
-
-
-def _tasks(parts: int, blocks: int, width: int, threads: int) -> list[tuple[slice, slice]]:
-    """Stretches and rows of candidates that are simulated at a time.
-
-    A share for each thread, of `_BLOCKS` blocks over a whole recording at most. Many stretches are
-    shared, candidates where there is one.
-    """
-    if parts > 1:
-        each = max(1, -(-parts // max(threads, -(-blocks // _BLOCKS))))
-        return [(slice(n, n + each), slice(None)) for n in range(0, parts, each)]
-    each = max(1, min(_BLOCKS, blocks // threads))
-    every = slice(None)
-    return [(every, slice(n * width, (n + each) * width)) for n in range(0, blocks, each)]
-
-
-def _joined(answers: np.ndarray, count: int) -> np.ndarray:
-    """The first rows (count, N K) of answers (N, B, K)."""
-    parts, _, kept = answers.shape
-    return answers[:, :count].transpose(1, 0, 2).reshape(count, parts * kept)
-
-
-def _sensed(response: np.ndarray, batch: Batch) -> np.ndarray:
-    """Responses (B, K) as the current sensors of the candidates show them, but for the clock."""
-    sensor = batch.sensor
-    if "current_gain" in sensor:
-        response *= sensor["current_gain"][:, None]
-    if "current_offset" in sensor:
-        response += sensor["current_offset"][:, None]
-    return response
-
-
-def _padded(rows: np.ndarray, count: int) -> np.ndarray:
-    """The rows, the last one repeated up to ``count``."""
-    padded = np.empty((count, rows.shape[1]))
-    padded[: len(rows)] = rows
-    padded[len(rows) :] = rows[-1]
-    return padded
-
-
-def with_speeds(recording: Recording) -> Recording:
-    """The recording with speeds from its positions where it has none.
-
-    Slopes over a millisecond: those from one sample to the next are mostly an encoder's steps.
-    """
-    half = max(1, round(0.5e-3 * recording.sample_rate))
-    n = np.arange(len(recording))
-    before, after = np.maximum(n - half, 0), np.minimum(n + half, len(recording) - 1)
-    speeds = {}
-    for side in ("motor", "output"):
-        position = recording.channels.get(f"{side}_position")
-        if position is not None and f"{side}_speed" not in recording.channels:
-            span = recording.time[after] - recording.time[before]
-            speeds[f"{side}_speed"] = (position[after] - position[before]) / span
-    return recording.changed(**speeds) if speeds else recording
-
-
-def initial_state(
-    recording: Recording, actuator: BldcActuator, current: float | None, first: int = 0
-) -> np.ndarray:
-    """State (7,) of the monitor model at a sample.
-
-    Recorded positions and speeds are taken where they are known. Else the motor stands where the
-    output is, the output where the command is, and speeds are the slopes of the positions.
-    """
-    ratio = actuator.transmission.ratio
-    dt = recording.interval
-    output, motor = recording.output_position, recording.motor_position
-    if output is not None:
-        theta_o = float(output[first]) * ratio
-        w_o = float(output[first + 1] - output[first]) * ratio / dt
-    elif motor is not None:
-        theta_o = float(motor[first])
-        w_o = float(motor[first + 1] - motor[first]) / dt
-    else:
-        theta_o = float(recording.command[first]) * ratio
-        w_o = 0.0
-    if recording.output_speed is not None:
-        w_o = float(recording.output_speed[first]) * ratio
-    theta_m, w_m = theta_o, w_o
-    if motor is not None:
-        theta_m = float(motor[first])
-        w_m = float(motor[first + 1] - motor[first]) / dt
-    if recording.motor_speed is not None:
-        w_m = float(recording.motor_speed[first])
-    now = current or 0.0
-    return np.array([now, w_m, theta_m, w_o, theta_o, 0.0, now])
+        looped = self.actuator.shorted_turns is not None
+        twin = Twin(self.constants, self.step, self.substeps, self.rectify, looped)
+        return scores(stretches, batch, twin, kept, limits, self.threads)

@@ -70,10 +70,30 @@ def signed_current(record: Recording, pole_pairs: int) -> np.ndarray | None:
     return None
 
 
+def equivalent_current(
+    record: Recording, pole_pairs: int, rectify: bool | None = None
+) -> tuple[np.ndarray, bool]:
+    """Equivalent current (S,), A, and whether it is a magnitude.
+
+    ``rectify`` None takes the signed current where the record determines it.
+
+    Raises
+    ------
+    RecordError
+        If there is no current, or the signed one is asked for and not known.
+    """
+    signed = None if rectify else signed_current(record, pole_pairs)
+    if rectify is False and signed is None:
+        raise RecordError(
+            "A signed comparison needs phase currents with motor_position, or a signed current; "
+            "compare magnitudes instead."
+        )
+    return (current_envelope(record), True) if signed is None else (signed, False)
+
+
 def shown_current(recording: Recording, actuator: BldcActuator) -> np.ndarray:
     """Equivalent current (S,), A: signed if that can be told, low-passed if sampled fast enough."""
-    signed = signed_current(recording, actuator.motor.pole_pairs)
-    current = current_envelope(recording) if signed is None else signed
+    current, _ = equivalent_current(recording, actuator.motor.pole_pairs)
     low_pass = LowPass()
     fast_enough = recording.sample_rate >= 4.0 * low_pass.cutoff
     return low_pass.apply(current, recording.sample_rate) if fast_enough else current

@@ -6,14 +6,15 @@ ESREL 2020 paper, sections 6 and 7.1.
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from difflib import get_close_matches
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from ematwin.errors import InputError
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.unknowns import FAULTS, UNKNOWNS, fault
-from ematwin.models.unknown import PhysicalValue, physical_html, table_of
+from ematwin.models.optional import Study, Values
+from ematwin.models.unknown import PhysicalValue, Unknown, physical_html, table_of
 from ematwin.showing.frames import frame_of_rows
 
 HEALTHY = np.array([one.healthy for one in UNKNOWNS])
@@ -93,12 +94,9 @@ class Faults:
     def physical(self, actuator: "BldcActuator | str | None" = None) -> list[PhysicalValue]:
         """The physical value of each component on an actuator (the default one if None)."""
         chosen = BldcActuator.load() if actuator is None else BldcActuator.load(actuator)
-        rows = [one.physical_value(chosen, getattr(self, one.name)) for one in UNKNOWNS]
-        if self.eccentricity == 0.0:
-            n = FAULTS.index("eccentricity_phase")
-            meaning = f"{rows[n].meaning} (no meaning without eccentricity)"
-            rows[n] = rows[n]._replace(meaning=meaning)
-        return rows
+        from ematwin.models.bldc.model import MODEL
+
+        return MODEL.describe(chosen, self.as_dict())
 
     def describe(self, actuator: "BldcActuator | str | None" = None) -> str:
         """A table for people: each component, normalised and physical, against healthy."""
@@ -154,6 +152,25 @@ def error_percent(estimated: np.ndarray, injected: np.ndarray) -> np.ndarray:
 def error_percent_wrapped(estimated: np.ndarray, injected: np.ndarray) -> np.ndarray:
     """`error_percent` with the direction taken as an angle: k_7 = 0 and k_7 = 1 are the same."""
     return _error_percent(np.asarray(estimated), np.asarray(injected), wrapped=True)
+
+
+class PaperStudy(Study):
+    """The paper's cases and its measure; random faults from barely worth a look to severe."""
+
+    severities: ClassVar[dict[str, tuple[float, float]]] = {
+        "friction": (0.1, 1.0), "backlash": (0.05, 1.0), "gain": (0.2, 1.0),
+    }  # fmt: skip
+
+    def cases(self, faults: tuple[Unknown, ...]) -> dict[str, dict[str, float]]:
+        """Table 1 of the paper."""
+        return PAPER_CASES
+
+    def error_percent(
+        self, faults: tuple[Unknown, ...], found: Values, injected: Values, *, wrapped: bool = False
+    ) -> float:
+        """Err% of the paper; ``wrapped`` takes the direction of the eccentricity as an angle."""
+        one, other = (np.array([values[name] for name in FAULTS]) for values in (found, injected))
+        return float(_error_percent(one, other, wrapped=wrapped))
 
 
 def _error_percent(k: np.ndarray, k_hat: np.ndarray, *, wrapped: bool) -> np.ndarray:

@@ -1,18 +1,12 @@
 """The brushless actuator as a `Model`: its only door to search, reports and commands."""
 
-from collections.abc import Collection
 from typing import Any, ClassVar
 
 import numpy as np
 
-from ematwin.models.base import Demand, Law, Model, OtherForm, Progress, Signal, Values
+from ematwin.models.base import Demand, Law, Model, OtherForm, Signal, Study, Values
 from ematwin.models.bldc.channels import CHANNELS, CURRENTS, ON_REQUEST, PHASES
-from ematwin.models.bldc.faults import (
-    PAPER_CASES,
-    Faults,
-    error_percent,
-    error_percent_wrapped,
-)
+from ematwin.models.bldc.faults import Faults, PaperStudy
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.unknowns import (
     CONTRASTS,
@@ -26,11 +20,12 @@ from ematwin.models.bldc.unknowns import (
 from ematwin.models.comparison import Candidates
 from ematwin.models.scenario import Chirp, Component, Ramp, Scenario, Step
 from ematwin.models.servo import (
+    check_travel,
     current_laws,
     motion_laws,
     tracking_signals,
 )
-from ematwin.models.unknown import Alias, Contrast, PhysicalValue, Unknown
+from ematwin.models.unknown import Alias, Contrast, Unknown
 from ematwin.recordings.channel import Channel
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
@@ -40,7 +35,6 @@ class BldcModel(Model):
     """Six-step brushless motor, gear with backlash, fault parameters of the ESREL 2020 paper."""
 
     kind: ClassVar[str] = "bldc"
-    former_kinds: ClassVar[tuple[str, ...]] = ("rotary",)
     title: ClassVar[str] = "brushless motor with six-step drive, gear and backlash"
     parameters: ClassVar[type[BldcActuator]] = BldcActuator
     channels: ClassVar[tuple[Channel, ...]] = CHANNELS
@@ -66,12 +60,7 @@ class BldcModel(Model):
         "controller.position_gain": 1.3,
         "controller.speed_gain": 1.3,
     }
-    # from barely worth a look to severe
-    severities: ClassVar[dict[str, tuple[float, float]]] = {
-        "friction": (0.1, 1.0),
-        "backlash": (0.05, 1.0),
-        "gain": (0.2, 1.0),
-    }
+    study: ClassVar[Study] = PaperStudy()
 
     demands: ClassVar[tuple[Demand, ...]] = (
         Demand("travel", "rad", ("command", "output_position")),
@@ -114,10 +103,6 @@ class BldcModel(Model):
         from ematwin.models.bldc.plausibility import too_little_motion
 
         return too_little_motion(recording, actuator)
-
-    def describe(self, actuator: Any, values: Values) -> list[PhysicalValue]:
-        """What a fault vector means on an actuator."""
-        return self.as_faults(values).physical(actuator)
 
     def as_faults(self, values: Values) -> Faults:
         """Values by name as a fault vector."""
@@ -173,41 +158,22 @@ class BldcModel(Model):
         return check_plausible(recording, actuator)
 
     def simulate(
-        self,
-        actuator: Any,
-        scenario: Scenario,
-        values: Values,
-        *,
-        fidelity: str | None = None,
-        sample_rate: float | None = None,
-        step: float | None = None,
-        noise: Noise | None = None,
-        seed: int = 0,
-        initial_position: float = 0.0,
-        also: Collection[str] = (),
-        progress: Progress | None = None,
-    ) -> Recording:
+        self, actuator: Any, scenario: Scenario, values: Values, *, fidelity: str | None = None,
+        **options: Any,
+    ) -> Recording:  # fmt: skip
         """The response of the reference model, or of the monitor model."""
         from ematwin.models.bldc.simulate import simulate
 
-        return simulate(
-            self.fidelity(fidelity),
-            scenario,
-            self.as_faults(values),
-            actuator,
-            sample_rate=self.sample_rate if sample_rate is None else sample_rate,
-            step=step,
-            noise=noise,
-            seed=seed,
-            initial_position=initial_position,
-            also=also,
-            progress=progress,
-        )
+        return simulate(self, fidelity or self.fidelities[0], actuator, scenario, values, **options)
+
+    def sensed(
+        self, recording: Recording, actuator: Any, values: Values, noise: Noise | None, seed: int
+    ) -> Recording:
+        """With noise of the currents alone."""
+        return recording if noise is None else noise.apply(recording, np.random.default_rng(seed))
 
     def check_scenario(self, scenario: Scenario, actuator: Any) -> None:
         """Raise `ParameterError` if the command leaves the travel."""
-        from ematwin.models.bldc.simulate import check_travel
-
         check_travel(scenario, actuator)
 
     def summary(self, recording: Recording, actuator: Any) -> dict[str, float]:
@@ -227,22 +193,6 @@ class BldcModel(Model):
         current = shown_current(recording, actuator)
         shown = Signal("Equivalent current, 500 Hz low-pass", "A", current)
         return [shown, *tracking_signals(recording)]
-
-    def cases(self, actuator: Any) -> dict[str, dict[str, float]]:
-        """Table 1 of the paper."""
-        return PAPER_CASES
-
-    def error_percent(self, found: Values, injected: Values, actuator: Any) -> float:
-        """Err% of the paper."""
-        return float(error_percent(_vector(found), _vector(injected)))
-
-    def error_percent_wrapped(self, found: Values, injected: Values, actuator: Any) -> float:
-        """Err% with the direction of the eccentricity taken as an angle."""
-        return float(error_percent_wrapped(_vector(found), _vector(injected)))
-
-
-def _vector(values: Values) -> np.ndarray:
-    return np.array([values[name] for name in FAULTS])
 
 
 MODEL = BldcModel()

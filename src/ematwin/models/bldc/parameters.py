@@ -19,13 +19,12 @@ What is left without a tolerance is counted, chosen, or hardly changes what a re
 """
 
 import math
-from collections.abc import Callable
 from typing import Any, ClassVar, Self
 
-import numpy as np
 from pydantic import model_validator
 
 from ematwin.errors import ParameterError
+from ematwin.models.bldc.stability import check_current_loop, check_speed_loop
 from ematwin.models.parameter_set import ParameterSet, Section, quantity
 
 DEFAULT_ACTUATOR = "servo48"
@@ -177,15 +176,6 @@ def _not_later_than_the_next_sample(loop: Any) -> Any:
     return loop
 
 
-def _largest_share(settles: Callable[[float], bool]) -> float:
-    """The share of 1 up to which a loop settles, by bisection."""
-    low, high = 0.0, 1.0
-    for _ in range(50):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if settles(middle) else (low, middle)
-    return low
-
-
 class SpeedLoop(Section):
     """Integral term and sampling of the speed loop; left out, it is proportional and continuous.
 
@@ -304,82 +294,10 @@ class BldcActuator(ParameterSet):
         return self
 
     @model_validator(mode="after")
-    def _sampled_loop_is_stable(self) -> Self:
-        loop = self.speed_loop
-        if loop is None or self._settles(1.0):
-            return self
-        low = _largest_share(self._settles)
-        advice = "lower the gains" if low == 0.0 else "sample faster or lower the gains"
-        raise ValueError(
-            f"the speed loop is unstable at speed_loop.sample_time = {loop.sample_time:.3g} s with "
-            f"a delay of {loop.delay:.3g} s: with these gains and the motor alone it must be below "
-            f"{low * loop.sample_time:.3g} s, the delay in proportion; {advice}"
-        )
-
-    def _settles(self, share: float) -> bool:
-        """Whether the sampled loops settle at a share of the sample time and delay."""
-        loop, control = self.speed_loop, self.controller
-        assert loop is not None
-        span, delay = share * loop.sample_time, share * loop.delay
-        if span == 0.0:
-            return True
-        k_i = loop.integral_gain * span
-        answer = np.array([-(control.speed_gain + k_i) * control.position_gain,
-                           -(control.speed_gain + k_i), 0.0, 1.0])  # fmt: skip
-        # position, speed, torque asked for before, integral; the motor alone, without friction
-        system = np.zeros((4, 4))
-        system[0] = 1.0, span, 0.0, 0.0
-        system[1] = np.array([0.0, 1.0, delay / self.motor.inertia, 0.0])
-        system[1] += (span - delay) / self.motor.inertia * answer
-        system[2] = answer
-        system[3] = -k_i * control.position_gain, -k_i, 0.0, 1.0
-        size = 4 if loop.integral_gain > 0.0 else 3
-        return bool(np.abs(np.linalg.eigvals(system[:size, :size])).max() < 1.0)
-
-    @model_validator(mode="after")
-    def _current_loop_is_stable(self) -> Self:
-        loop = self.current_loop
-        if loop is None or self._current_settles(1.0):
-            return self
-        said = (
-            f"with current_loop.sample_time = {loop.sample_time:.3g} s and a delay of "
-            f"{loop.delay:.3g} s"
-        )
-        if not self._current_settles(0.0):
-            raise ValueError(
-                f"the current loop is unstable {said}: sample faster or lower its gains"
-            )
-        low = _largest_share(self._current_settles)
-        raise ValueError(
-            f"the speed loop is unstable {said}: behind such a current loop, and with the motor "
-            f"alone, controller.speed_gain must be below {low * self.controller.speed_gain:.3g} "
-            "N*m*s/rad; lower it, or sample the current faster"
-        )
-
-    def _current_settles(self, share: float) -> bool:
-        """Whether the loops settle with a share of the speed gain; the motor alone, no friction."""
-        loop, motor, control = self.current_loop, self.motor, self.controller
-        assert loop is not None
-        span = loop.sample_time
-        decay = math.exp(-motor.resistance * span / motor.inductance)
-        per_volt = (1.0 - decay) / motor.resistance
-        # what is asked for by position, speed, current, voltage asked for before, integral
-        demand = -share * control.speed_gain / motor.emf_constant
-        error = np.array([demand * control.position_gain, demand, -1.0, 0.0, 0.0])
-        answer = loop.proportional_gain * error + np.array([0.0, 0.0, 0.0, 0.0, 1.0])
-        before = np.array([0.0, 0.0, 0.0, 1.0, 0.0])
-        late = loop.delay / span
-        system = np.zeros((5, 5))
-        system[2] = per_volt * (late * before + (1.0 - late) * answer)
-        system[2] += np.array([0.0, -per_volt * motor.emf_constant, decay, 0.0, 0.0])
-        system[1] = 0.5 * span * motor.emf_constant / motor.inertia * system[2]
-        system[1] += np.array([0.0, 1.0, 0.5 * span * motor.emf_constant / motor.inertia, 0.0, 0.0])
-        system[0] = 1.0, span, 0.0, 0.0, 0.0
-        system[3] = answer
-        system[4] = np.array([0.0, 0.0, 0.0, 0.0, 1.0]) + loop.integral_gain * span * error
-        keep = [n for n in range(5) if not (n == 4 and loop.integral_gain == 0.0)]
-        keep = keep if share > 0.0 else [n for n in keep if n > 1]
-        return bool(np.abs(np.linalg.eigvals(system[np.ix_(keep, keep)])).max() < 1.0)
+    def _sampled_loops_are_stable(self) -> Self:
+        check_speed_loop(self)
+        check_current_loop(self)
+        return self
 
     @model_validator(mode="after")
     def _current_can_be_reached(self) -> Self:

@@ -10,13 +10,14 @@ from itertools import combinations
 import numpy as np
 
 from ematwin.errors import RecordError
-from ematwin.models.bldc.agreement import check_agreement, check_overspeed
+from ematwin.models.bldc.agreement import check_agreement
 from ematwin.models.bldc.channels import CURRENTS, PHASES, VOLTAGES
 from ematwin.models.bldc.envelope import current_envelope
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.phase_sensors import phase_sensors
 from ematwin.models.bldc.wiring import check_order, check_sum
 from ematwin.models.bldc.zeros import zeros
+from ematwin.models.servo import check_motion, check_size
 from ematwin.recordings.recording import Recording
 
 DEFAULT_CUTOFF = 500.0  # Hz, of the low-pass before the misfit
@@ -28,8 +29,6 @@ _OVER_LIMIT = 3.0  # times the current limit
 _OVER_SUPPLY = 3.0  # times the supply
 _GAPS = 5.0  # times the healthy gap that a motion should cross
 _AT_REST = 0.01  # of the current limit, peak to peak: noise of a sensor
-_BEYOND = 1.02  # times the travel: end stops give a little
-_DEGREES = (10.0, 180.0)  # times the travel: what degrees taken for radians reach (57.3)
 
 
 def check_plausible(
@@ -56,8 +55,7 @@ def check_plausible(
     if actuator is not None:
         _check_currents(record, actuator)
         warnings += _check_voltages(record, actuator)
-        check_overspeed(record, actuator)
-        _check_travel(record, actuator)
+        check_motion(record, actuator)
     sensors = phase_sensors(record)
     if sensors is not None:
         warnings.append(str(sensors))
@@ -174,15 +172,8 @@ def _check_currents(record: Recording, actuator: BldcActuator) -> None:
     limit = actuator.drive.current_limit
     for name in (name for name in (*CURRENTS, "bus_current") if name in record.channels):
         largest = float(np.abs(record.channels[name]).max())
-        if largest <= _OVER_LIMIT * limit:
-            continue
-        hint = (
-            'It looks like mA: give unit = "mA" in the map.'
-            if largest * 1e-3 <= _OVER_LIMIT * limit
-            else "Check the unit and the scale of the channel, or the actuator."
-        )
-        raise RecordError(
-            f"{name} reaches {largest:.4g} A; {actuator.name} limits it to {limit:g} A. {hint}"
+        check_size(
+            name, largest, _OVER_LIMIT * limit, "A", f"{actuator.name} limits it to {limit:g} A"
         )
 
 
@@ -196,12 +187,8 @@ def _check_voltages(record: Recording, actuator: BldcActuator) -> list[str]:
     if "bus_voltage" in record.channels:
         sizes["bus_voltage"] = np.abs(record.channels["bus_voltage"]).max()
     for name, largest in sizes.items():
-        if largest > _OVER_SUPPLY * supply:
-            raise RecordError(
-                f"{name} reaches {largest:.4g} V; the supply of {actuator.name} has {supply:g} V. "
-                + ('It looks like mV: give unit = "mV" in the map.' if largest > 100.0 * supply
-                   else "Check its unit and scale, or the actuator.")
-            )  # fmt: skip
+        said = f"the supply of {actuator.name} has {supply:g} V"
+        check_size(name, float(largest), _OVER_SUPPLY * supply, "V", said)
     if 0 < len(known) < len(VOLTAGES):
         missing = [name for name in VOLTAGES if name not in known]
         return [
@@ -211,26 +198,3 @@ def _check_voltages(record: Recording, actuator: BldcActuator) -> list[str]:
     if known and not set(PHASES) <= record.channels.keys():
         return ["Voltages are not used without the currents of all three phases."]
     return []
-
-
-def _check_travel(record: Recording, actuator: BldcActuator) -> None:
-    gear = actuator.transmission
-    limit = max(-gear.travel_low, gear.travel_high)
-    for name in ("command", "output_position"):
-        values = getattr(record, name)
-        if values is None:
-            continue
-        low, high = float(values.min()), float(values.max())
-        if low >= _BEYOND * gear.travel_low and high <= _BEYOND * gear.travel_high:
-            continue
-        factor = max(abs(low), abs(high)) / limit
-        hint = (
-            'It looks like degrees (give unit = "deg" in the map), or else like an angle of the '
-            'motor side (give side = "motor").'
-            if _DEGREES[0] <= factor <= _DEGREES[1]
-            else "Check its unit, its side of the gear and its offset, or the actuator."
-        )
-        raise RecordError(
-            f"{name} runs from {low:.4g} to {high:.4g} rad, beyond the end stops of "
-            f"{actuator.name} at {gear.travel_low:.4g} and {gear.travel_high:.4g} rad. {hint}"
-        )

@@ -1,20 +1,22 @@
-"""Simulate a brushless actuator: model, scenario and faults in, a `Recording` out."""
+"""Simulate a brushless actuator: over a scenario, or over a recorded command and load."""
 
 import math
-from collections.abc import Callable, Collection
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
-from ematwin import __version__
-from ematwin.errors import DivergedError, InputError, ParameterError
+from ematwin.errors import InputError
+from ematwin.models.base import Progress
 from ematwin.models.bldc.channels import ON_REQUEST, UNITS
-from ematwin.models.bldc.faults import Faults
 from ematwin.models.bldc.parameters import BldcActuator
+from ematwin.models.bldc.unknowns import FAULTS, UNKNOWNS
 from ematwin.models.scenario import Scenario
+from ematwin.models.servo import check_start, checked_step
+from ematwin.models.simulated import recording_of
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
 
-DEFAULT_SAMPLE_RATE = 20_000.0  # Hz
 _MOST_SAMPLES = 10_000_000  # of a record: some 1 GB
 _MOST_POINTS = 50_000_000  # of the inputs: some 2 GB
 INPUT_INTERVAL = 1e-5  # s, at most, where steps are shorter
@@ -26,18 +28,19 @@ _STATE_OF = {
 
 
 def simulate(
-    model: str,
-    scenario: Scenario,
-    faults: Faults,
+    model: Any,
+    fidelity: str,
     actuator: BldcActuator,
+    scenario: Scenario,
+    values: Mapping[str, float],
     *,
-    sample_rate: float = DEFAULT_SAMPLE_RATE,
+    sample_rate: float | None = None,
     step: float | None = None,
     noise: Noise | None = None,
     seed: int = 0,
     initial_position: float = 0.0,
     also: Collection[str] = (),
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
 ) -> Recording:
     """The response of an actuator with some faults to a scenario.
 
@@ -46,56 +49,34 @@ def simulate(
     Terminal voltages and the current of the supply, which the reference model has, are given on
     request.
     """
-    if also and model != "reference":
+    if also and fidelity != "reference":
         raise InputError(
-            f"The {model} model has no {', '.join(also)}; take the reference model, or leave that "
-            "out."
+            f"The {fidelity} model has no {', '.join(also)}; take the reference model, or leave "
+            "that out."
         )
-    _check_start(initial_position, actuator)
-    check_travel(scenario, actuator)
-    grid = time_grid(actuator, model, scenario.duration, sample_rate, step)
+    check_start(initial_position, actuator)
+    model.check_scenario(scenario, actuator)
+    rate = model.sample_rate if sample_rate is None else sample_rate
+    if not (math.isfinite(rate) and rate > 0.0):
+        raise InputError(f"sample_rate must be a positive number of Hz, received {rate}.")
+    chosen = checked_step(actuator, fidelity, step)
+    grid = TimeGrid(chosen, max(INPUT_INTERVAL, chosen), scenario.duration, rate)
     ratio = actuator.transmission.ratio
     command, load = scenario.histories(grid.time)
     start = initial_position * ratio
+    k = np.array([values[name] for name in FAULTS])
     columns = simulated(
-        model, faults.vector, command * ratio, load / ratio, (0.0, start, 0.0, start), actuator,
-        grid, progress,
+        fidelity, k, command * ratio, load / ratio, (0.0, start, 0.0, start), actuator, grid,
+        progress,
     )  # fmt: skip
-    if model == "reference":
-        columns["bus_voltage"] = np.full_like(columns["bus_current"], actuator.drive.supply_voltage)
-    for name in ON_REQUEST:
-        if name not in also:
-            columns.pop(name, None)
-    columns["output_position"] /= ratio
-    columns["output_speed"] /= ratio
-    if not all(np.isfinite(column).all() for column in columns.values()):
-        raise DivergedError(
-            f"The {model} model diverged at a step of {grid.step:.3g} s; shorten the step."
-        )
     kept = slice(None, None, grid.decimation)
-    record = Recording(
-        grid.time[kept],
-        {
-            "command": command[kept],
-            "load": load[kept],
-            **columns,
-        },
-        units=UNITS,
-        provenance={
-            "source": "simulated",
-            "model": model,
-            "ematwin": __version__,
-            "actuator": actuator.name,
-            "actuator_fingerprint": actuator.fingerprint,
-            "scenario": scenario.name,
-            "faults": faults.as_dict(),
-            "initial_position_rad": float(initial_position),
-            "step_s": grid.step,
-            "noise": None if noise is None else vars(noise).copy(),
-            "seed": int(seed),
-        },
-    )
-    return record if noise is None else noise.apply(record, np.random.default_rng(seed))
+    channels = {"command": command[kept], "load": load[kept], **columns}
+    return recording_of(
+        model, actuator, scenario, values, grid.time[kept],
+        {n: x for n, x in channels.items() if n not in ON_REQUEST or n in also},
+        noise=noise, seed=seed, fidelity=fidelity,
+        initial_position_rad=float(initial_position), step_s=grid.step,
+    )  # fmt: skip
 
 
 def simulated(
@@ -103,12 +84,12 @@ def simulated(
     faults: np.ndarray,
     command: np.ndarray,
     load: np.ndarray,
-    start: tuple[float, float, float, float],
+    start: Sequence[float] | np.ndarray,
     actuator: BldcActuator,
     grid: "TimeGrid",
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
 ) -> dict[str, np.ndarray]:
-    """Columns (S,) of a trace, on the motor shaft; the phases carry no current at first.
+    """Columns (S,) of a trace; the phases carry no current at first.
 
     Parameters
     ----------
@@ -164,7 +145,43 @@ def simulated(
         if progress is not None:
             progress(right / end)
     trace = np.concatenate(pieces)
-    return {name: trace[:, n].copy() for n, name in enumerate(names) if name in UNITS}
+    found = {name: trace[:, n].copy() for n, name in enumerate(names) if name in UNITS}
+    for name in ("output_position", "output_speed"):
+        found[name] /= actuator.transmission.ratio
+    if model == "reference":
+        found["bus_voltage"] = np.full(len(trace), actuator.drive.supply_voltage)
+    return found
+
+
+def reference_answer(
+    recording: Recording,
+    actuator: BldcActuator,
+    values: Mapping[str, float],
+    start: np.ndarray,
+) -> Recording:
+    """Currents, voltages and positions at the samples of a recording; NaN where it diverged.
+
+    Parameters
+    ----------
+    recording : holds the command, and the load if there is one
+    actuator : its parameters where ``values`` name none by their place
+    values : faults, corrections of the load, and parameters of one candidate; what is not named is
+        healthy or nominal
+    start : (4,) array, speed and angle of the motor, those of the output, on the motor shaft
+    """
+    actuator = actuator.with_arrays({name: x for name, x in values.items() if "." in name})
+    ratio, step = actuator.transmission.ratio, actuator.steps.reference
+    rate, count = recording.sample_rate, len(recording)
+    grid = TimeGrid(step, max(INPUT_INTERVAL, step), (count - 0.5) / rate, rate)
+    time = np.arange(count) / rate
+    load = np.zeros(count) if recording.load is None else recording.load
+    # a command that was recorded late makes all of the twin late, and its load must be as late
+    load = np.interp(grid.time - values.get("skew", 0.0), time, load)
+    load = values.get("load_gain", 1.0) * load + values.get("load_offset", 0.0)
+    faults = np.array([values.get(one.name, one.healthy) for one in UNKNOWNS])
+    command = np.interp(grid.time, time, recording.command)
+    columns = simulated("reference", faults, command * ratio, load / ratio, start, actuator, grid)
+    return Recording(time, {"command": recording.command, **columns}, units=UNITS)
 
 
 class TimeGrid:
@@ -198,54 +215,3 @@ class TimeGrid:
             )
         self.samples, self.rate = samples, rate
         self.time = np.arange((samples - 1) * self.decimation + 1) / (rate * self.decimation)
-
-
-def time_grid(
-    actuator: BldcActuator, model: str, duration: float, sample_rate: float, step: float | None
-) -> TimeGrid:
-    """The grid on which a model of this actuator is simulated.
-
-    Raises
-    ------
-    InputError
-        If the sample rate or the step cannot be used.
-    """
-    if not (math.isfinite(sample_rate) and sample_rate > 0.0):
-        raise InputError(f"sample_rate must be a positive number of Hz, received {sample_rate}.")
-    chosen = getattr(actuator.steps, model) if step is None else step
-    try:
-        actuator.check_step(model, chosen)
-    except InputError as error:
-        text = str(error)
-        raise InputError(text[0].upper() + text[1:] + ".") from None
-    return TimeGrid(chosen, max(INPUT_INTERVAL, chosen), duration, sample_rate)
-
-
-def _check_start(position: float, actuator: BldcActuator) -> None:
-    gear = actuator.transmission
-    if not gear.travel_low <= position <= gear.travel_high:  # NaN fails this as well
-        raise InputError(
-            f"initial_position must lie within the travel of {actuator.name}, "
-            f"{gear.travel_low:.4g} to {gear.travel_high:.4g} rad, received {position:g}."
-        )
-
-
-def check_travel(scenario: Scenario, actuator: BldcActuator) -> None:
-    """Raise `ParameterError` if the command leaves the travel of the actuator."""
-    time = np.linspace(0.0, scenario.duration, 2001)
-    command, _ = scenario.histories(time)
-    gear = actuator.transmission
-    low, high = float(command.min()), float(command.max())
-    if low < gear.travel_low or high > gear.travel_high:
-        as_degrees = np.radians([low, high])
-        fits = gear.travel_low <= as_degrees[0] and as_degrees[1] <= gear.travel_high
-        hint = (
-            "It looks like degrees; give radians or write the unit."
-            if fits and max(-low, high) > 1.0
-            else "Shorten the command."
-        )
-        raise ParameterError(
-            f"The command of scenario {scenario.name} reaches {low:.4g} to {high:.4g} rad, beyond "
-            f"the end stops of {actuator.name} at {gear.travel_low:.4g} and "
-            f"{gear.travel_high:.4g} rad. {hint}"
-        )

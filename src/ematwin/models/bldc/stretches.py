@@ -1,10 +1,20 @@
-"""Stretches of a recording on the monitor model's time base, and where they start."""
+"""Stretches of a recording on the monitor model's time base, and candidates over them."""
 
+import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
+from ematwin.models.bldc.parameters import BldcActuator
+from ematwin.models.bldc.power import Power
+from ematwin.models.bldc.state import V_SUPPLY, Constants
+from ematwin.models.comparison import Candidates
 from ematwin.numerics.filters import compare
+from ematwin.numerics.side_by_side import side_by_side
+from ematwin.recordings.recording import Recording
+
+_BLOCKS = 8  # of lanes in a task at most: an interrupt waits for no more than one task
 
 
 @dataclass(frozen=True)
@@ -54,6 +64,13 @@ class Stretches:
     def __len__(self) -> int:
         return len(self.starts)
 
+    def kept_within(self, most: int) -> int:
+        """How many samples of a response over a stretch are kept, every ``most``-th at least."""
+        wished = min(max(1, most), -(-self.samples // self.kept))
+        kept = -(-self.samples // wished)
+        stride = -(-self.samples // kept)
+        return -(-self.samples // stride)
+
     def places(self, stride: int) -> np.ndarray:
         """(N, K) integer array: every so many samples of each stretch, from its start on."""
         return self.starts[:, None] + np.arange(0, self.samples, stride)
@@ -84,3 +101,194 @@ class Stretches:
         apart = rows.reshape(len(rows), *places.shape)
         compare(apart, target, np.sqrt(stride * weights), self.starts, stride, late)
         apart[:, :, 0] *= 0.0
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Candidates of a batch: fault vectors (B, 8); constants (B, 35), or None if all share them.
+
+    ``sensor`` holds what the sensors make of the answers, by name, (B,) arrays.
+    """
+
+    faults: np.ndarray
+    constants: np.ndarray | None
+    sensor: Candidates
+
+    def distinct(self) -> tuple[np.ndarray, np.ndarray]:
+        """Candidates (N,) that differ beside their sensors, and which of these each one (B,) is.
+
+        Of a Jacobian the columns of what a sensor makes of one answer are one simulation.
+        """
+        rows = self.faults if self.constants is None else np.hstack([self.faults, self.constants])
+        places: dict[bytes, int] = {}
+        back = [places.setdefault(row.tobytes(), len(places)) for row in rows]
+        return np.unique(back, return_index=True)[1], np.array(back)
+
+    def part(self, rows: slice | np.ndarray) -> "Batch":
+        """Some of the candidates."""
+        constants = None if self.constants is None else self.constants[rows]
+        sensor = {name: values[rows] for name, values in self.sensor.items()}
+        return Batch(self.faults[rows], constants, sensor)
+
+    def late(self, interval: float) -> np.ndarray | None:
+        """By how many samples (B,) the command of a candidate came late; None if it did not."""
+        skew = self.sensor.get("skew")
+        return None if skew is None else skew / interval
+
+    def sensed(self, response: np.ndarray) -> np.ndarray:
+        """Responses (B, K), changed in place, as current sensors show them, but for the clock."""
+        if "current_gain" in self.sensor:
+            response *= self.sensor["current_gain"][:, None]
+        if "current_offset" in self.sensor:
+            response += self.sensor["current_offset"][:, None]
+        return response
+
+    def sensed_power(self, power: Power, watts: np.ndarray, response: np.ndarray) -> np.ndarray:
+        """Power (B, K) as it would be recorded beside currents (B, K), but for the clock."""
+        sensor = self.sensor
+        if "voltage_drop" in sensor:
+            watts = watts + sensor["voltage_drop"][:, None] * np.abs(response)
+        gain = np.ones(len(watts)) * sensor.get("power_gain", 1.0)
+        if power.by_phases:
+            gain *= sensor.get("current_gain", 1.0)
+        elif power.nominal_supply is not None and self.constants is not None:
+            gain *= power.nominal_supply / self.constants[:, V_SUPPLY]
+        offset = np.zeros(len(watts)) + sensor.get("power_offset", 0.0)
+        return np.asarray(gain[:, None] * watts + offset[:, None])
+
+
+class Twin(NamedTuple):
+    """The monitor model of an actuator, as `scores` takes it.
+
+    ``step`` (s), of which ``substeps`` make a sampling interval; whether magnitudes are compared,
+    and whether shorted turns are loops.
+    """
+
+    constants: Constants
+    step: float
+    substeps: int
+    rectify: bool
+    looped: bool
+
+
+def scores(
+    stretches: Stretches,
+    batch: Batch,
+    twin: Twin,
+    kept: int,
+    limits: np.ndarray | None,
+    threads: int,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Costs, responses and power of candidates over stretches, as of `BldcComparison.run`."""
+    from ematwin.models.bldc.batch import monitor_scores
+    from ematwin.numerics.lanes import LANES
+
+    count, parts = len(batch.faults), len(stretches)
+    blocks = -(-count // LANES)
+    faults = _padded(batch.faults, blocks * LANES)
+    each = None if batch.constants is None else _padded(batch.constants, len(faults))
+    within = np.full(len(faults), np.inf)
+    if limits is not None:
+        within[:count] = limits
+        within[count:] = -np.inf  # nobody asks for the padding
+    costs = np.empty((parts, len(faults)))
+    response = np.empty((*costs.shape, kept))
+    power = stretches.power if kept else None
+    watts = np.empty((*costs.shape, 0 if power is None else kept))
+    loops = None
+    if twin.looped:  # their currents are zero at the start: within 0.1 ms they forget it
+        loops = np.zeros((parts, 4))
+        theta_e = twin.constants.pole_pairs * stretches.states[:, 2]
+        loops[:, 3] = np.floor(theta_e / (math.pi / 3.0) - 0.5) % 6.0
+
+    def work_on(task: tuple[slice, slice]) -> None:
+        some, rows = task
+        monitor_scores(
+            faults[rows], stretches.command, stretches.load, stretches.starts[some],
+            stretches.samples, stretches.states[some], twin.constants,
+            None if each is None else each[rows], twin.step, twin.substeps,
+            stretches.taps[some], twin.rectify, stretches.target, stretches.weights,
+            costs[some, rows], response[some, rows],
+            None if power is None else (power.states[some], watts[some, rows]),
+            within[rows], None if loops is None else loops[some],
+        )  # fmt: skip
+
+    side_by_side(work_on, _tasks(parts, blocks, LANES, threads), threads)
+    return costs.sum(axis=0)[:count], _joined(response, count), _joined(watts, count)
+
+
+def _tasks(parts: int, blocks: int, width: int, threads: int) -> list[tuple[slice, slice]]:
+    """Stretches and rows of candidates that are simulated at a time.
+
+    A share for each thread, of `_BLOCKS` blocks over a whole recording at most. Many stretches are
+    shared, candidates where there is one.
+    """
+    if parts > 1:
+        each = max(1, -(-parts // max(threads, -(-blocks // _BLOCKS))))
+        return [(slice(n, n + each), slice(None)) for n in range(0, parts, each)]
+    each = max(1, min(_BLOCKS, blocks // threads))
+    every = slice(None)
+    return [(every, slice(n * width, (n + each) * width)) for n in range(0, blocks, each)]
+
+
+def _joined(answers: np.ndarray, count: int) -> np.ndarray:
+    """The first rows (count, N K) of answers (N, B, K)."""
+    parts, _, kept = answers.shape
+    return answers[:, :count].transpose(1, 0, 2).reshape(count, parts * kept)
+
+
+def _padded(rows: np.ndarray, count: int) -> np.ndarray:
+    """The rows, the last one repeated up to ``count``."""
+    padded = np.empty((count, rows.shape[1]))
+    padded[: len(rows)] = rows
+    padded[len(rows) :] = rows[-1]
+    return padded
+
+
+def with_speeds(recording: Recording) -> Recording:
+    """The recording with speeds from its positions where it has none.
+
+    Slopes over a millisecond: those from one sample to the next are mostly an encoder's steps.
+    """
+    half = max(1, round(0.5e-3 * recording.sample_rate))
+    n = np.arange(len(recording))
+    before, after = np.maximum(n - half, 0), np.minimum(n + half, len(recording) - 1)
+    speeds = {}
+    for side in ("motor", "output"):
+        position = recording.channels.get(f"{side}_position")
+        if position is not None and f"{side}_speed" not in recording.channels:
+            span = recording.time[after] - recording.time[before]
+            speeds[f"{side}_speed"] = (position[after] - position[before]) / span
+    return recording.changed(**speeds) if speeds else recording
+
+
+def initial_state(
+    recording: Recording, actuator: BldcActuator, current: float | None, first: int = 0
+) -> np.ndarray:
+    """State (7,) of the monitor model at a sample.
+
+    Recorded positions and speeds are taken where they are known. Else the motor stands where the
+    output is, the output where the command is, and speeds are the slopes of the positions.
+    """
+    ratio = actuator.transmission.ratio
+    dt = recording.interval
+    output, motor = recording.output_position, recording.motor_position
+    if output is not None:
+        theta_o = float(output[first]) * ratio
+        w_o = float(output[first + 1] - output[first]) * ratio / dt
+    elif motor is not None:
+        theta_o = float(motor[first])
+        w_o = float(motor[first + 1] - motor[first]) / dt
+    else:
+        theta_o = float(recording.command[first]) * ratio
+        w_o = 0.0
+    if recording.output_speed is not None:
+        w_o = float(recording.output_speed[first]) * ratio
+    theta_m, w_m = theta_o, w_o
+    if motor is not None:
+        theta_m = float(motor[first])
+        w_m = float(motor[first + 1] - motor[first]) / dt
+    if recording.motor_speed is not None:
+        w_m = float(recording.motor_speed[first])
+    now = current or 0.0
+    return np.array([now, w_m, theta_m, w_o, theta_o, 0.0, now])

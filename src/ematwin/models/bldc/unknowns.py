@@ -4,11 +4,12 @@ ESREL 2020 paper, section 6. The magnitudes are normalised to [0, 1]; the laws t
 physical ones are those that the kernel calls (`ematwin.models.bldc.state`).
 """
 
-import math
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 from typing import Any
+
+import numpy as np
 
 from ematwin.models.servo import normalised_fault as _fault
 from ematwin.models.unknown import Alias, Contrast, Unknown
@@ -20,41 +21,29 @@ def _law(name: str, k: Any) -> Any:
     return getattr(state, name).py_func(k)
 
 
-def _friction(actuator: Any, k: Any) -> Any:
-    torque = actuator.motor.friction_torque + actuator.transmission.friction_torque
-    return torque * _law("friction_factor", k)
-
-
-def _backlash(actuator: Any, k: Any) -> Any:
-    return actuator.transmission.backlash * _law("backlash_factor", k)
-
-
-def _turns(actuator: Any, k: Any) -> Any:
-    turns = actuator.motor.turns_per_phase
-    return turns - turns * _law("turns_left", k)
-
-
-def _degrees(actuator: Any, k: Any) -> Any:
-    return _law("eccentricity_angle", k) * (180.0 / math.pi)
-
-
-def _gain(actuator: Any, k: Any) -> Any:
-    return actuator.controller.position_gain * _law("gain_factor", k)
+def _dry(actuator: Any) -> Any:
+    """Dry friction of motor and output, N m."""
+    return actuator.motor.friction_torque + actuator.transmission.friction_torque
 
 
 UNKNOWNS = (
-    _fault("friction", "dynamic dry friction on the motor shaft", "N m", _friction,
-           slack=0.1),
-    # the misfit has separate valleys for a small, a middling and a large gap
-    _fault("backlash", "backlash on the motor shaft", "rad", _backlash, valleys=3,
+    _fault("friction", "dynamic dry friction on the motor shaft", "N m",
+           lambda a, k: _dry(a) * _law("friction_factor", k), slack=0.1),
+    # the misfit has separate minima for a small, a middling and a large gap
+    _fault("backlash", "backlash on the motor shaft", "rad",
+           lambda a, k: a.transmission.backlash * _law("backlash_factor", k), valleys=3,
            slack=0.005),
-    _fault("short_a", "shorted turns in phase a", "turns", _turns, slack=0.05),
-    _fault("short_b", "shorted turns in phase b", "turns", _turns, slack=0.05),
-    _fault("short_c", "shorted turns in phase c", "turns", _turns, slack=0.05),
+    *(
+        _fault(f"short_{x}", f"shorted turns in phase {x}", "turns",
+               lambda a, k: (n := a.motor.turns_per_phase) - n * _law("turns_left", k), slack=0.05)
+        for x in "abc"
+    ),
     _fault("eccentricity", "rotor offset over air gap", "", None),
-    _fault("eccentricity_phase", "direction of the eccentricity", "deg", _degrees, 0.5,
+    _fault("eccentricity_phase", "direction of the eccentricity", "deg",
+           lambda a, k: np.degrees(_law("eccentricity_angle", k)), 0.5,
            direction_of="eccentricity"),
-    _fault("gain", "proportional position gain", "1/s", _gain, 0.5),
+    _fault("gain", "proportional position gain", "1/s",
+           lambda a, k: a.controller.position_gain * _law("gain_factor", k), 0.5),
 )  # fmt: skip
 
 FAULTS = tuple(one.name for one in UNKNOWNS)
@@ -79,8 +68,7 @@ def nuisances(actuator: Any) -> tuple[Unknown, ...]:
     supply's current, by a shunt, are known to 1 % with 95 %. A drive takes some power for itself,
     and its switches drop a volt or two.
     """
-    torque = actuator.motor.friction_torque + actuator.transmission.friction_torque
-    load = _LOAD_OFFSET * max(torque, 1e-6) * actuator.transmission.ratio
+    load = _LOAD_OFFSET * max(_dry(actuator), 1e-6) * actuator.transmission.ratio
     current = _CURRENT_OFFSET * actuator.drive.current_limit
     power = _POWER_OFFSET * actuator.drive.current_limit * actuator.drive.supply_voltage
 

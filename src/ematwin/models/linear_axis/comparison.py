@@ -11,11 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.models.comparison import Candidates, Comparison, TraceComparison
+from ematwin.models.comparison import Comparison, TraceComparison
 from ematwin.recordings.recording import Recording
 
 ALIKE = 0.065  # s; docs/linear-axis.md says how it was measured
-_AT_ONCE = 64  # candidates whose traces are held at a time
 _AS_LONG = 0.9  # of the longer of two references that are the same
 _SAME = 1e-4  # of the travel: references that differ less are repeated
 
@@ -26,16 +25,12 @@ class LinearAxisComparison(TraceComparison):
     Parameters
     ----------
     model, recording, actuator : as in `TraceComparison`
-    threads : that share a batch; None takes one for each core
     """
 
-    def __init__(
-        self, model: Any, recording: Recording, actuator: Any, threads: int | None = None
-    ) -> None:
+    def __init__(self, model: Any, recording: Recording, actuator: Any) -> None:
         channels = recording.channels
         error = channels["reference"] - channels["position"]
         super().__init__(model, recording.changed(position_error=error), actuator)
-        self._threads = threads
         self._once = len(recording) * recording.interval / ALIKE / repeats(channels["reference"])
         self.independent = max(1.0, self._once)
 
@@ -52,17 +47,6 @@ class LinearAxisComparison(TraceComparison):
     def reweighed(self, residuals: np.ndarray) -> "LinearAxisComparison":
         """Itself: what is left is counted by `independent`."""
         return self
-
-    def costs(self, candidates: Candidates, count: int) -> np.ndarray:
-        """Sums of squares (B,) of the residuals; infinite where a candidate diverged."""
-        parts = [
-            super(LinearAxisComparison, self).costs(
-                {name: values[n : n + _AT_ONCE] for name, values in candidates.items()},
-                min(_AT_ONCE, count - n),
-            )
-            for n in range(0, count, _AT_ONCE)
-        ]
-        return np.concatenate(parts)
 
 
 def is_same(command: np.ndarray, other: np.ndarray) -> bool:

@@ -1,21 +1,16 @@
 """The linear axis as a `Model`: its only door to search, reports and commands."""
 
-import math
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
 
-from ematwin.errors import DivergedError, InputError
-from ematwin.models.base import Demand, Law, Model, Progress, Signal, Values, simulated_provenance
+from ematwin.models.base import Demand, Law, Model, Signal, Values
 from ematwin.models.comparison import Candidates
-from ematwin.models.linear_axis.channels import CHANNELS
-from ematwin.models.linear_axis.constants import FIXED
-from ematwin.models.linear_axis.parameters import LinearAxis
+from ematwin.models.linear_axis.parameters import FIXED, LinearAxis
 from ematwin.models.linear_axis.unknowns import CONTRASTS, aliases, unknowns
-from ematwin.models.scenario import Scenario
 from ematwin.models.unknown import Alias, Contrast, Unknown
-from ematwin.recordings.channel import Channel
+from ematwin.recordings.channel import Channel, Derivation
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
 
@@ -29,8 +24,19 @@ class LinearAxisModel(Model):
     kind: ClassVar[str] = "linear-axis"
     title: ClassVar[str] = "voltage-driven carriage on a screw and sampled position loop"
     parameters: ClassVar[type[LinearAxis]] = LinearAxis
-    channels: ClassVar[tuple[Channel, ...]] = CHANNELS
+    channels: ClassVar[tuple[Channel, ...]] = (
+        Channel("reference", "m", "commanded position of the carriage",
+                ("qg", "command", "set_point", "setpoint", "demand")),
+        Channel("voltage", "V", "output of the controller and input of the drive",
+                ("vir", "control", "controller_output")),
+        Channel("position", "m", "position of the carriage", ("qm", "carriage_position")),
+        Channel("position_error", "m", "reference less position", ("following_error", "error"),
+                derived=Derivation("reference - position", ("reference", "position"), np.subtract)),
+        Channel("pulses", "V", "voltage that is added to the controller's output",
+                ("pulses_n", "disturbance", "added_voltage"), may_rest=True),
+    )  # fmt: skip
     command: ClassVar[str] = "reference"
+    disturbance: ClassVar[str | None] = "pulses"
     needs: ClassVar[tuple[str | tuple[tuple[str, ...], ...], ...]] = ("voltage", "position")
     # what the twin misses is counted once for each time that it is alike (comparison.py)
     model_error: ClassVar[float] = 1.5
@@ -95,7 +101,7 @@ class LinearAxisModel(Model):
         from ematwin.models.linear_axis.comparison import LinearAxisComparison
 
         self.check_channels(recording)
-        return LinearAxisComparison(self, recording, actuator, threads)
+        return LinearAxisComparison(self, recording, actuator)
 
     def check(self, recording: Recording, actuator: Any) -> list[str]:
         """Sampling, units, signs, and whether the controller is the one that was recorded."""
@@ -116,79 +122,20 @@ class LinearAxisModel(Model):
 
         return missing_motion(recording)
 
-    def load_scenario(self, name_or_path: Any = None) -> Scenario:
-        """A scenario whose command is in m and whose load, if any, are pulses in V."""
-        return Scenario.load_file(name_or_path, self.scenarios(), ("m", "V"))
+    def rate_of(self, actuator: Any) -> float:
+        """Hz, that of the controller."""
+        return float(1.0 / actuator.controller.sample_time)
 
-    def simulate(
-        self,
-        actuator: Any,
-        scenario: Scenario,
-        values: Values,
-        *,
-        fidelity: str | None = None,
-        sample_rate: float | None = None,
-        step: float | None = None,
-        noise: Noise | None = None,
-        seed: int = 0,
-        initial_position: float = 0.0,
-        progress: Progress | None = None,
+    def sensed(
+        self, recording: Recording, actuator: Any, values: Values, noise: Noise | None, seed: int
     ) -> Recording:
-        """The axis in closed loop, from rest at the first reference, sampled with the controller.
-
-        The load of a scenario is a voltage over time that is added to the controller's output.
-
-        Raises
-        ------
-        InputError
-            If a step, a first position or another rate is asked for.
-        DivergedError
-            If the twin left the finite numbers.
-        """
-        interval = actuator.controller.sample_time
-        if step is not None or initial_position:
-            raise InputError(
-                "A linear axis takes its step from its parameters and starts at its reference; "
-                "leave step and initial_position out."
-            )
-        if sample_rate is not None and not math.isclose(sample_rate * interval, 1.0, rel_tol=1e-3):
-            raise InputError(
-                f"A linear axis is sampled with its controller, at {1.0 / interval:g} Hz, received "
-                f"{sample_rate:g} Hz; leave the rate out, or change controller.sample_time."
-            )
-        samples = math.floor(scenario.duration / interval + 1e-9) + 1
-        if samples < 2:
-            raise InputError(
-                f"A scenario of {scenario.duration:g} s is shorter than the sample time of "
-                f"{interval:g} s; make it longer."
-            )
-        time = np.arange(samples) * interval
-        reference, pulses = scenario.histories(time)
-        inputs = {"reference": reference}
-        if scenario.load:
-            inputs["pulses"] = pulses
-        one = {name: np.array([value]) for name, value in values.items()}
-        answer = self.respond(actuator, Recording(time, inputs), one, 1)
-        outputs = {name: trace[0] for name, trace in answer.items() if name != "position_error"}
-        if not all(np.isfinite(trace).all() for trace in outputs.values()):
-            raise DivergedError(
-                f"The twin of {actuator.name} diverged; check its parameters and the scenario."
-            )
-        found = Recording(
-            time,
-            {**inputs, **outputs},
-            units={channel.name: channel.unit for channel in self.channels},
-            provenance=simulated_provenance(self, actuator, scenario, values, noise, seed),
-        )
-        if progress is not None:
-            progress(1.0)
+        """Noise of the encoder is a share of the position error, not of the travel."""
         if noise is None:
-            return found
-        # the position is read by an encoder: its noise is a share of the error, not of the travel
-        seen = found.changed(position_error=reference - outputs["position"])
-        channels = noise.apply(seen, np.random.default_rng(seed), COMPARED).channels
-        return found.changed(
-            voltage=channels["voltage"], position=reference - channels["position_error"]
+            return recording.changed(position_error=None)
+        channels = noise.apply(recording, np.random.default_rng(seed), COMPARED).channels
+        position = channels["reference"] - channels["position_error"]
+        return recording.changed(
+            voltage=channels["voltage"], position=position, position_error=None
         )
 
     def summary(self, recording: Recording, actuator: Any) -> dict[str, float]:

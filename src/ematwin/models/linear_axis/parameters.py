@@ -17,6 +17,9 @@ from pydantic import model_validator
 from ematwin.models.linear_axis.stability import check_stability
 from ematwin.models.parameter_set import ParameterSet, Section, quantity
 
+# These set the grid of steps, which a batch shares: they cannot differ between candidates.
+FIXED = ("controller.sample_time", "steps.twin")
+
 
 class Carriage(Section):
     """What moves, with the inertia of motor and screw, as seen at the carriage."""

@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 
-_HALVINGS = 40  # of the range of gains in which the limit is looked for
+from ematwin.numerics.stability import exponential, largest_share, spectral_radius
 
 
-def spectral_radius(actuator: Any, share: float = 1.0) -> float:
+def loop_radius(actuator: Any, share: float = 1.0) -> float:
     """Largest magnitude of an eigenvalue of the loop; below 1 it is stable.
 
     Parameters
@@ -36,24 +36,18 @@ def spectral_radius(actuator: Any, share: float = 1.0) -> float:
     output = np.array([-k_v * (k_p + 0.5 / interval), 0.0, 0.0, 0.0, k_v * 0.5 / interval])
     loop[:3] += np.outer(held[:3, 3], output)
     loop[3, 0] = loop[4, 3] = 1.0
-    return float(np.abs(np.linalg.eigvals(loop)).max())
+    return spectral_radius(loop)
 
 
 def velocity_gain_limit(actuator: Any) -> float:
     """The velocity gain, V s/m, below which the loop is stable at its sample time; 0 if none is."""
-    stable, unstable = 0.0, 1.0
-    for _ in range(_HALVINGS):
-        share = 0.5 * (stable + unstable)
-        if spectral_radius(actuator, share) < 1.0:
-            stable = share
-        else:
-            unstable = share
-    return stable * float(actuator.controller.velocity_gain)
+    share = largest_share(lambda share: loop_radius(actuator, share) < 1.0)
+    return share * float(actuator.controller.velocity_gain)
 
 
 def check_stability(actuator: Any) -> None:
     """Raise ValueError unless the loop is stable; the message gives the limit."""
-    if spectral_radius(actuator) < 1.0:
+    if loop_radius(actuator) < 1.0:
         return
     control = actuator.controller
     limit = velocity_gain_limit(actuator)
@@ -81,17 +75,4 @@ def _held(actuator: Any) -> np.ndarray:
     rates[0, 1] = 1.0
     rates[1, 1], rates[1, 2] = -viscous / mass, drive.gain / mass
     rates[2, 2], rates[2, 3] = -1.0 / drive.response_time, 1.0 / drive.response_time
-    return _exponential(rates * actuator.controller.sample_time)
-
-
-def _exponential(matrix: np.ndarray) -> np.ndarray:
-    """exp of a small matrix by scaling and squaring; scipy.linalg takes longer to import."""
-    squarings = max(0, math.ceil(math.log2(max(float(np.abs(matrix).sum(1).max()), 1e-300))) + 4)
-    scaled = matrix / 2.0**squarings
-    term, total = np.eye(len(matrix)), np.eye(len(matrix))
-    for n in range(1, 12):
-        term = term @ scaled / n
-        total = total + term
-    for _ in range(squarings):
-        total = total @ total
-    return total
+    return exponential(rates * actuator.controller.sample_time)

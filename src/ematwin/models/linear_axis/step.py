@@ -11,18 +11,49 @@ The dry part is Coulomb friction that changes towards standstill: the rational f
 up with speed. At rest, friction holds any force up to kappa C.
 """
 
-import math
 from typing import NamedTuple
 
 from ematwin.numerics.compile import step
+from ematwin.numerics.lanes import Traces
+from ematwin.numerics.scalar import clip
+
+
+class AxisConstants(NamedTuple):
+    """What the model needs of an axis, SI."""
+
+    mobility: float  # 1/kg
+    dry_forward: float  # N
+    dry_backward: float  # N
+    standstill: float  # friction at standstill over Coulomb friction, less 1
+    per_fading: float  # s/m
+    viscous_forward: float  # N s/m
+    viscous_backward: float  # N s/m
+    gain: float  # N/V
+    offset: float  # N
+    decay: float  # exp(-dt/T_d)
+    lagging: float  # mean of exp(-t/T_d) over a step
+    limit: float  # V
+    k_position: float  # 1/s
+    k_velocity: float  # V s/m
+    closed: float  # 1: the controller drives; 0: the command is the voltage
 
 
 class AxisState(NamedTuple):
-    """State of the model."""
+    """State of carriage and controller."""
 
     x: float  # m
     v: float  # m/s
     u: float  # V, what the force follows
+    x_1: float  # m, one sample before
+    x_2: float  # m, two samples before
+    output: float  # V, held by the controller
+
+
+class AxisAnswer(NamedTuple):
+    """What is seen of an axis at a sample."""
+
+    voltage: float  # V
+    position: float  # m
 
 
 @step
@@ -45,15 +76,14 @@ def from_rest(push, time, c):
 
 
 @step
-def axis_step(state, voltage, decay, lagging, c, dt):
-    """Advance by ``dt`` under a constant voltage.
+def axis_step(now, command, pulse, c, dt):
+    """Advance by ``dt`` under the voltage that the controller holds.
 
-    ``decay`` is exp(-dt/T_d), ``lagging`` the mean of exp(-t/T_d) over the step. Midpoint rule;
-    where the carriage turns, it goes on from rest for what is left of the step.
+    Midpoint rule; where the carriage turns, it goes on from rest for what is left of the step.
     """
-    gap = state.u - voltage
-    push = c.gain * (voltage + gap * lagging) - c.offset
-    v = state.v
+    gap = now.u - now.output
+    push = c.gain * (now.output + gap * c.lagging) - c.offset
+    v = now.v
     rest = v == 0.0
     forward = v > 0.0
     v_mid = v + 0.5 * dt * c.mobility * (push - friction_force(v, forward, c))
@@ -65,12 +95,23 @@ def axis_step(state, voltage, decay, lagging, c, dt):
     left = (1.0 - share) * dt
     v_loose = from_rest(push, left, c)
     stops = rest | turns
-    x = state.x + 0.5 * dt * share * v + 0.5 * (left * v_loose if stops else dt * v_run)
-    return AxisState(x, v_loose if stops else v_run, voltage + gap * decay)
+    x = now.x + 0.5 * dt * share * v + 0.5 * (left * v_loose if stops else dt * v_run)
+    return AxisState(
+        x, v_loose if stops else v_run, now.output + gap * c.decay, now.x_1, now.x_2, now.output
+    )
 
 
 @step
-def lag_of(per_lag, dt):
-    """exp(-dt/T_d), and the mean of exp(-t/T_d) from 0 to dt."""
-    decay = math.exp(-dt * per_lag)
-    return decay, (1.0 - decay) / (dt * per_lag)
+def controlled(now, command, pulse, sample, c, interval):
+    """The controller at a sample: `AxisState` with its output, V, and `AxisAnswer`.
+
+    k_v (k_p (q_ref - q) - dq_f/dt), q_f the mean of the last two samples, so that its difference
+    spans two intervals; then the pulse, then the limit.
+    """
+    speed = (now.x - now.x_2) * (0.5 / interval)
+    output = c.k_velocity * (c.k_position * (command - now.x) - speed) + pulse
+    output = clip(output, -c.limit, c.limit) if c.closed > 0.0 else command
+    return AxisState(now.x, now.v, now.u, now.x, now.x_1, output), AxisAnswer(output, now.x)
+
+
+axis_traces = Traces(AxisConstants, AxisState, AxisAnswer, controlled, axis_step)

@@ -1,13 +1,14 @@
 """The twin of a linear axis on the samples of a recording: closed loop, open loop, first state."""
 
+import math
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
 from ematwin.errors import RecordError
-from ematwin.models.linear_axis.constants import constants_table, substeps_of
-from ematwin.models.linear_axis.parameters import LinearAxis
-from ematwin.numerics.side_by_side import side_by_side
+from ematwin.models.linear_axis.parameters import FIXED, LinearAxis
+from ematwin.models.linear_axis.step import AxisConstants, AxisState, axis_traces
 from ematwin.recordings.recording import Recording
 
 FIRST = 20  # samples from which the first state is taken; the published scores leave them out
@@ -32,10 +33,9 @@ def closed_loop(
     RecordError
         If it is not sampled with the controller.
     """
-    table = constants_table(actuator, candidates, count)
-    start = first_state(recording, actuator, table)
-    reference = recording.channels["reference"]
-    return _traces(actuator, recording, reference, True, start, table, threads)
+    constants = axis_constants(actuator, candidates)
+    start = first_state(recording, actuator, constants, count)
+    return _traces(actuator, recording, constants, start, count, threads)
 
 
 def open_loop(
@@ -61,59 +61,96 @@ def open_loop(
                 f"{recording.name} has no {name}, which an open-loop simulation needs; it has "
                 f"{', '.join(recording.channels)}."
             )
-    table = constants_table(actuator, candidates or {}, count)
-    start = first_state(recording, actuator, table)
-    voltage = recording.channels["voltage"]
-    return _traces(actuator, recording, voltage, False, start, table, threads)[1]
+    constants = axis_constants(actuator, candidates or {})
+    start = first_state(recording, actuator, constants, count)
+    constants = constants._replace(closed=0.0)
+    return _traces(actuator, recording, constants, start, count, threads)[1]
 
 
-def first_state(recording: Recording, actuator: LinearAxis, table: np.ndarray) -> np.ndarray:
-    """(B, 3) position, speed and lagging voltage at the first sample, for each row of constants.
+def axis_constants(
+    actuator: LinearAxis, candidates: Mapping[str, Any] | None = None
+) -> AxisConstants:
+    """Constants of candidates, numbers or (B,) arrays; what is not named is healthy.
+
+    ``candidates`` are faults by name and parameters by place, (B,) each.
+    """
+    k = candidates or {}
+    own = actuator.varied(k, FIXED)
+    friction, drive, control = own.friction, own.drive, own.controller
+    dry = friction.coulomb * k.get("friction", 1.0)
+    dry_side = np.sqrt(friction.coulomb_ratio * k.get("dry_asymmetry", 1.0))
+    viscous = friction.viscous * k.get("viscous", 1.0)
+    viscous_side = np.sqrt(friction.viscous_ratio * k.get("viscous_asymmetry", 1.0))
+    steps = actuator.controller.sample_time / substeps_of(actuator) / drive.response_time
+    decay = np.exp(-steps)
+    return AxisConstants(
+        mobility=1.0 / own.carriage.mass,
+        dry_forward=dry / dry_side,
+        dry_backward=dry * dry_side,
+        standstill=friction.standstill_ratio - 1.0,
+        per_fading=1.0 / friction.fading_speed,
+        viscous_forward=viscous / viscous_side,
+        viscous_backward=viscous * viscous_side,
+        gain=drive.gain * k.get("drive_gain", 1.0),
+        offset=drive.offset,
+        decay=decay,
+        lagging=(1.0 - decay) / steps,
+        limit=drive.voltage_limit,
+        k_position=control.position_gain * k.get("position_gain", 1.0),
+        k_velocity=control.velocity_gain,
+        closed=1.0,
+    )
+
+
+def substeps_of(actuator: LinearAxis) -> int:
+    """Steps from one sample to the next."""
+    return max(1, math.ceil(actuator.controller.sample_time / actuator.steps.twin - 1e-9))
+
+
+def first_state(
+    recording: Recording, actuator: LinearAxis, constants: AxisConstants, count: int
+) -> np.ndarray:
+    """(3, B) position (m), speed (m/s) and lagging voltage (V) of candidates at the first sample.
 
     Position and speed are those from which the recorded voltage leads the candidate closest to the
     first 20 recorded positions; rest at the reference, or the first position, where a channel is
     missing.
     """
     channels = recording.channels
-    state = np.zeros((len(table), 3))
+    state = np.zeros((3, count))
     if "position" not in channels:
-        state[:, 0] = channels["reference"][0]
+        state[0] = channels["reference"][0]
         return state
     position = channels["position"][: FIRST + 1]
-    state[:, 0] = position[0]
+    state[0] = position[0]
     if "voltage" not in channels:
         return state
-    voltage = channels["voltage"][: position.size]
-    state[:, 2] = voltage[0]
+    state[2] = channels["voltage"][0]
     time = np.arange(position.size) * recording.interval
     straight = np.linalg.pinv(np.column_stack([np.ones_like(time), time]))
+    driven = constants._replace(closed=0.0)
     for _ in range(_ROUNDS if position.size > 2 else 0):
-        gap = position - _traces(actuator, recording, voltage, False, state, table, 1)[1]
-        state[:, :2] += gap @ straight.T
+        found = _traces(actuator, recording, driven, state, count, 1, position.size)[1]
+        state[:2] += straight @ (position - found).T
     return state
 
 
 def _traces(
-    actuator: LinearAxis, recording: Recording, command: np.ndarray, closed: bool,
-    start: np.ndarray, table: np.ndarray, threads: int | None,
+    actuator: LinearAxis, recording: Recording, constants: AxisConstants, start: np.ndarray,
+    count: int, threads: int | None, samples: int | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    from ematwin.models.linear_axis.batch import axis_traces
-    from ematwin.numerics.lanes import LANES
-
     check_interval(actuator, recording)
-    voltage, position = np.empty((2, len(table), command.size))
-    pulses = recording.channels.get("pulses", np.zeros(command.size))[: command.size]
-    interval, substeps = actuator.controller.sample_time, substeps_of(actuator)
-
-    def simulate(part: slice) -> None:
-        axis_traces(
-            command, pulses, closed, start[part], table[part], interval, substeps, voltage[part],
-            position[part],
-        )  # fmt: skip
-
-    parts = [slice(n, n + LANES) for n in range(0, len(table), LANES)]
-    side_by_side(simulate, parts, threads)
-    return voltage, position
+    channels, interval = recording.channels, actuator.controller.sample_time
+    command = channels["reference" if constants.closed else "voltage"][:samples]
+    pulses = channels["pulses"][:samples] if "pulses" in channels else None
+    x, v, u = start
+    # it came at the same speed
+    state = AxisState(x, v, u, x - interval * v, x - 2.0 * interval * v, 0.0)
+    found = axis_traces(
+        command, pulses, constants, state, interval, substeps_of(actuator), count=count,
+        threads=threads,
+    )  # fmt: skip
+    return found["voltage"], found["position"]
 
 
 def check_interval(actuator: LinearAxis, recording: Recording) -> None:

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ematwin.models.servo import COMMAND_AND_LOAD, star_channels
 from ematwin.recordings.channel import TIME, Channel, Derivation
 from ematwin.recordings.recording import Recording
 
@@ -11,10 +12,6 @@ TERMINALS = ("terminal_voltage_a", "terminal_voltage_b", "terminal_voltage_c")
 LINES = ("line_voltage_ab", "line_voltage_bc")
 ROTATING = ("current_d", "current_q")
 ROTATING_VOLTAGES = ("voltage_d", "voltage_q")
-
-
-def _third(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    return -(first + second)
 
 
 def _terminal(letter: str) -> Channel:
@@ -32,25 +29,13 @@ def _terminal(letter: str) -> Channel:
     )  # fmt: skip
 
 
-def _phase(quantity: str, unit: str, letter: str, meaning: str, symbols: str) -> Channel:
-    """A channel of one phase; minus the sum of the other two, as the star point is free."""
-    sources = tuple(f"{quantity}_{other}" for other in "abc" if other != letter)
-    return Channel(
-        f"{quantity}_{letter}", unit, f"{meaning} {letter}",
-        tuple(f"{symbol}_{letter}" for symbol in symbols),
-        derived=Derivation(f"-({' + '.join(sources)})", sources, _third),
-    )  # fmt: skip
-
-
 CHANNELS = (
-    Channel("command", "rad", "commanded output position", ("cmd", "setpoint"), "output"),
-    Channel("load", "N*m", "load on the output, against positive motion",
-            ("load_torque", "t_load"), "output"),
-    *(_phase("current", "A", x, "current of phase", "i") for x in "abc"),
+    *COMMAND_AND_LOAD,
+    *star_channels("current", "A", "current of phase {}", ("i_{}",)),
     Channel("current_d", "A", "current along the magnets, as the drive sees it", ("i_d",),
             may_rest=True),
     Channel("current_q", "A", "current across the magnets, as the drive sees it", ("i_q",)),
-    *(_phase("voltage", "V", x, "commanded voltage of phase", "vu") for x in "abc"),
+    *star_channels("voltage", "V", "commanded voltage of phase {}", ("v_{}", "u_{}")),
     Channel("voltage_d", "V", "commanded voltage along the magnets", ("v_d", "u_d")),
     Channel("voltage_q", "V", "commanded voltage across the magnets", ("v_q", "u_q")),
     *(_terminal(x) for x in "abc"),

@@ -25,6 +25,7 @@ from ematwin.models.pmsm.channels import (
 from ematwin.models.pmsm.constants import constants_of
 from ematwin.models.pmsm.parameters import PmsmActuator
 from ematwin.models.pmsm.state import Constants
+from ematwin.models.servo import check_enough, check_moves
 from ematwin.numerics.side_by_side import cores, side_by_side
 from ematwin.numerics.signals import LowPass
 from ematwin.recordings.recording import Recording
@@ -35,7 +36,6 @@ _RATE = 4.0  # times the cutoff: the least rate at which a low-pass acts as one
 _KEPT = 3.0  # times the cutoff: rate of the samples that are compared
 _TWIN_ERROR = 0.003  # of the RMS of a channel
 _REFERENCE_ERROR = 0.001  # the same of what corrects the twin
-_FEWEST = 100  # samples
 _AT_REST = 0.005  # s at the start whose means are the first state
 _SETTLED = 0.1  # s that a candidate holds its first position before the recording begins
 MOVING = 0.05  # of the speed limit: what begins faster does not begin at rest
@@ -75,11 +75,7 @@ class PmsmComparison(Comparison):
     ) -> None:
         self.recording, self.actuator = recording, actuator
         self.threads = threads or cores()
-        if len(recording) < _FEWEST:
-            raise RecordError(
-                f"The record has {len(recording)} samples; at least {_FEWEST} are needed to tell "
-                "faults apart. Record longer or faster."
-            )
+        check_enough(recording)
         rate = recording.sample_rate
         tick = actuator.controller.current_time
         cutoff = min(CUTOFF, rate / _RATE, 1.0 / (_RATE * tick))
@@ -101,11 +97,7 @@ class PmsmComparison(Comparison):
         self.load = self._on_ticks(load / ratio)
         signals = signals_of(recording, actuator)
         self._measured = only_measured(recording)
-        if np.ptp(signals["current_q"]) == 0.0:
-            raise RecordError(
-                f"The current of the record is constant ({signals['current_q'][0]:g} A): nothing "
-                "moved. Check the channel, or record a motion."
-            )
+        check_moves(signals["current_q"])
         self.start = first_state(recording, actuator, signals)
         self._hold()
         self._left: np.ndarray | None = None

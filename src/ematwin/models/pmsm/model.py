@@ -1,11 +1,10 @@
 """The PMSM servo as a `Model`: its only door to search, reports and commands."""
 
-from collections.abc import Collection
 from typing import Any, ClassVar
 
 import numpy as np
 
-from ematwin.models.base import Demand, Law, Model, Progress, Signal, Values
+from ematwin.models.base import Demand, Law, Model, Signal, Study, Values
 from ematwin.models.comparison import Candidates
 from ematwin.models.pmsm.channels import (
     CHANNELS,
@@ -13,16 +12,24 @@ from ematwin.models.pmsm.channels import (
     ON_REQUEST,
     PHASES,
     ROTATING,
+    TERMINALS,
+    VOLTAGES,
     in_rotor_frame,
 )
 from ematwin.models.pmsm.parameters import PmsmActuator
-from ematwin.models.pmsm.unknowns import CONTRASTS, FIXED, UNKNOWNS, aliases, unknowns
+from ematwin.models.pmsm.unknowns import CONTRASTS, FIXED, aliases, unknowns
 from ematwin.models.scenario import Scenario
-from ematwin.models.servo import tracking_signals
+from ematwin.models.servo import check_travel, tracking_signals
 from ematwin.models.unknown import Alias, Contrast, Unknown
 from ematwin.recordings.channel import Channel
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
+
+
+class PmsmStudy(Study):
+    """Faults from barely worth a look to severe."""
+
+    severity: ClassVar[tuple[float, float]] = (0.1, 0.8)
 
 
 class PmsmModel(Model):
@@ -60,10 +67,7 @@ class PmsmModel(Model):
         "transmission.backlash": 1.5,
         "transmission.stiffness": 1.5,
     }
-    # from barely worth a look to severe
-    severities: ClassVar[dict[str, tuple[float, float]]] = {
-        one.name: (0.1, 0.8) for one in UNKNOWNS if one.direction_of is None
-    }
+    study: ClassVar[Study] = PmsmStudy()
 
     demands: ClassVar[tuple[Demand, ...]] = (
         Demand("travel", "rad", ("command", "output_position")),
@@ -127,33 +131,24 @@ class PmsmModel(Model):
         return check_plausible(recording, actuator)
 
     def simulate(
-        self,
-        actuator: Any,
-        scenario: Scenario,
-        values: Values,
-        *,
-        fidelity: str | None = None,
-        sample_rate: float | None = None,
-        step: float | None = None,
-        noise: Noise | None = None,
-        seed: int = 0,
-        initial_position: float = 0.0,
-        also: Collection[str] = (),
-        progress: Progress | None = None,
-    ) -> Recording:
+        self, actuator: Any, scenario: Scenario, values: Values, *, fidelity: str | None = None,
+        **options: Any,
+    ) -> Recording:  # fmt: skip
         """The response of the reference model, or of the monitor model."""
         from ematwin.models.pmsm.simulate import simulate
 
-        return simulate(
-            self, self.fidelity(fidelity), actuator, scenario, values, sample_rate=sample_rate,
-            step=step, noise=noise, seed=seed, initial_position=initial_position, also=also,
-            progress=progress,
-        )  # fmt: skip
+        return simulate(self, fidelity or self.fidelities[0], actuator, scenario, values, **options)
+
+    def sensed(
+        self, recording: Recording, actuator: Any, values: Values, noise: Noise | None, seed: int
+    ) -> Recording:
+        """With noise of currents and voltages; encoders have none."""
+        if noise is None:
+            return recording
+        return noise.apply(recording, np.random.default_rng(seed), (*VOLTAGES, *TERMINALS))
 
     def check_scenario(self, scenario: Scenario, actuator: Any) -> None:
         """Raise `ParameterError` if the command leaves the travel."""
-        from ematwin.models.pmsm.simulate import check_travel
-
         check_travel(scenario, actuator)
 
     def summary(self, recording: Recording, actuator: Any) -> dict[str, float]:

@@ -19,18 +19,16 @@ from ematwin.models.pmsm.channels import (
 )
 from ematwin.models.pmsm.comparison import MOVING
 from ematwin.models.pmsm.parameters import PmsmActuator
+from ematwin.models.servo import check_motion, check_size
 from ematwin.recordings.recording import Recording
 
 _OVER_LIMIT = 3.0  # times the current limit
 _OVER_LINK = 1.5  # times the DC link
 _OVERSPEED = 3.0  # times the speed limit
-_BEYOND = 1.02  # times the travel
 _ALIKE = 0.1  # of its swing: how far the output may be from where the motor puts it
 _SUM = 0.1  # of the RMS of the phases
-_SWAPPED, _ORDERED = (
-    0.5,
-    0.2,
-)  # of the current, RMS: along the magnets in another order, and in the right one
+_SWAPPED = 0.5  # of the current, RMS, along the magnets: in another order
+_ORDERED = 0.2  # and in the right one
 _GAPS = 5.0  # times the healthy gap that a motion should cross
 _DEGREES = 180.0 / np.pi
 
@@ -66,8 +64,8 @@ def check_plausible(recording: Recording, actuator: PmsmActuator) -> list[str]:
         If it cannot be identified from, with the reason and the likely cause.
     """
     _check_sizes(recording, actuator)
-    _check_travel(recording, actuator)
     _check_sides(recording, actuator)
+    check_motion(recording, actuator)
     _check_order(recording, actuator)
     doubts = _check_voltages(recording)
     doubts += _check_sums(recording)
@@ -76,48 +74,16 @@ def check_plausible(recording: Recording, actuator: PmsmActuator) -> list[str]:
 
 
 def _check_sizes(recording: Recording, actuator: PmsmActuator) -> None:
-    control = actuator.controller
-    limits = {
-        **dict.fromkeys((*PHASES, *ROTATING), (_OVER_LIMIT * control.current_limit, "A")),
-        **dict.fromkeys((*VOLTAGES, *ROTATING_VOLTAGES, *TERMINALS),
-                        (_OVER_LINK * actuator.drive.supply_voltage, "V")),
-        "motor_speed": (_OVERSPEED * control.speed_limit, "rad/s"),
-    }  # fmt: skip
-    for name, (most, unit) in limits.items():
-        if name not in recording.channels:
-            continue
-        largest = float(np.abs(recording.channels[name]).max())
-        if largest > most:
-            smaller = {"A": "mA", "V": "mV", "rad/s": "rpm"}[unit]
-            raise RecordError(
-                f"{name} reaches {largest:.4g} {unit}, more than the {most:.4g} {unit} that "
-                f"{actuator.name} can give. If it is in {smaller}, give its unit; else check its "
-                "scale, or the actuator."
-            )
-
-
-def _check_travel(recording: Recording, actuator: PmsmActuator) -> None:
-    gear = actuator.transmission
-    for name in ("command", "output_position"):
-        values = recording.channels.get(name)
-        if values is None:
-            continue
-        low, high = float(values.min()), float(values.max())
-        if low < _BEYOND * gear.travel_low or high > _BEYOND * gear.travel_high:
-            raise RecordError(
-                f"{name} runs from {low:.4g} to {high:.4g} rad, beyond the end stops of "
-                f"{actuator.name} at {gear.travel_low:.4g} and {gear.travel_high:.4g} rad. If it "
-                "is in degrees or on the motor side, say so in the map; else check its offset."
-            )
-    motor = recording.channels.get("motor_position")
-    if motor is not None and np.ptp(motor) * recording.sample_rate > 0.0:
-        fastest = float(np.abs(np.diff(motor)).max()) * recording.sample_rate
-        if fastest > 20.0 * _OVERSPEED * actuator.controller.speed_limit:
-            raise RecordError(
-                f"motor_position turns at up to {fastest:.4g} rad/s; {actuator.name} limits its "
-                f"speed to {actuator.controller.speed_limit:.4g} rad/s. Check its unit, or give "
-                "unwrap = true in the map if the angle wraps at each full turn."
-            )
+    control, supply = actuator.controller, actuator.drive.supply_voltage
+    for names, limit, unit, most in (
+        ((*PHASES, *ROTATING), control.current_limit, "A", _OVER_LIMIT),
+        ((*VOLTAGES, *ROTATING_VOLTAGES, *TERMINALS), supply, "V", _OVER_LINK),
+        (("motor_speed",), control.speed_limit, "rad/s", _OVERSPEED),
+    ):
+        for name in (name for name in names if name in recording.channels):
+            largest = float(np.abs(recording.channels[name]).max())
+            said = f"{actuator.name} is limited to {limit:.4g} {unit}"
+            check_size(name, largest, most * limit, unit, said)
 
 
 def _check_sides(recording: Recording, actuator: PmsmActuator) -> None:

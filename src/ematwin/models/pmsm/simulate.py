@@ -6,12 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.errors import DivergedError, InputError, ParameterError
-from ematwin.models.base import Progress, simulated_provenance
-from ematwin.models.pmsm.channels import ON_REQUEST, TERMINALS, UNITS, VOLTAGES, to_phases
+from ematwin.errors import InputError
+from ematwin.models.base import Progress
+from ematwin.models.pmsm.channels import ON_REQUEST, TERMINALS, to_phases
 from ematwin.models.pmsm.comparison import ticks_of, whole_ticks
 from ematwin.models.pmsm.parameters import PmsmActuator
 from ematwin.models.scenario import Scenario
+from ematwin.models.servo import check_start, checked_step
+from ematwin.models.simulated import recording_of
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
 
@@ -44,20 +46,11 @@ def simulate(
     Samples are those of the drive: a rate must divide that of its current loops, which is also the
     default.
     """
-    check_travel(scenario, actuator)
-    gear = actuator.transmission
-    if not gear.travel_low <= initial_position <= gear.travel_high:  # NaN fails this as well
-        raise InputError(
-            f"initial_position must lie within the travel of {actuator.name}, "
-            f"{gear.travel_low:.4g} to {gear.travel_high:.4g} rad, received {initial_position:g}."
-        )
+    model.check_scenario(scenario, actuator)
+    check_start(initial_position, actuator)
     tick = actuator.controller.current_time
     every = _every(sample_rate, tick)
-    longest = getattr(actuator.steps, fidelity) if step is None else step
-    try:
-        actuator.check_step(fidelity, longest)
-    except ParameterError as error:
-        raise InputError(str(error)[0].upper() + str(error)[1:] + ".") from None
+    longest = checked_step(actuator, fidelity, step)
     substeps = max(1, math.ceil(tick / longest - 1e-9))
     count = math.floor(scenario.duration / tick + 1e-9) // every * every + 1
     if count < every + 1:
@@ -77,38 +70,18 @@ def simulate(
     load = np.concatenate([np.full(held, carried[0]), carried])
     run = reference_columns if fidelity == "reference" else _monitor
     columns = run(
-        actuator,
-        values,
-        command,
-        load,
-        initial_position,
-        tick / substeps,
-        substeps,
-        every,
+        actuator, values, command, load, initial_position, tick / substeps, substeps, every,
         progress,
-    )
-    if not all(np.isfinite(column).all() for column in columns.values()):
-        raise DivergedError(
-            f"The {fidelity} model of {actuator.name} diverged; check its parameters and the "
-            "scenario."
-        )
+    )  # fmt: skip
     columns = {name: column[held // every :] for name, column in columns.items()}
     channels = {
         "command": asked[::every], "load": carried[::every], **channels_of(columns, actuator)
     }  # fmt: skip
-    found = Recording(
-        time[::every],
-        {n: v for n, v in channels.items() if n not in ON_REQUEST or n in also},
-        units=UNITS,
-        provenance={
-            **simulated_provenance(model, actuator, scenario, values, noise, seed),
-            "model": fidelity,
-            "step_s": tick / substeps,
-        },
-    )
-    if noise is None:
-        return found
-    return noise.apply(found, np.random.default_rng(seed), (*VOLTAGES, *TERMINALS))
+    kept = {n: v for n, v in channels.items() if n not in ON_REQUEST or n in also}
+    return recording_of(
+        model, actuator, scenario, values, time[::every], kept, noise=noise, seed=seed,
+        fidelity=fidelity, step_s=tick / substeps,
+    )  # fmt: skip
 
 
 def _every(sample_rate: float | None, tick: float) -> int:
@@ -258,17 +231,3 @@ def channels_of(columns: Mapping[str, np.ndarray], actuator: PmsmActuator) -> di
     found |= {n: columns[n] for n in (*ON_REQUEST, "motor_position")}
     found["output_position"] = columns["output_position"] / actuator.transmission.ratio
     return found
-
-
-def check_travel(scenario: Scenario, actuator: PmsmActuator) -> None:
-    """Raise `ParameterError` if the command leaves the travel of the actuator."""
-    time = np.linspace(0.0, scenario.duration, 2001)
-    command, _ = scenario.histories(time)
-    gear = actuator.transmission
-    low, high = float(command.min()), float(command.max())
-    if low < gear.travel_low or high > gear.travel_high:
-        raise ParameterError(
-            f"The command of scenario {scenario.name} reaches {low:.4g} to {high:.4g} rad, beyond "
-            f"the end stops of {actuator.name} at {gear.travel_low:.4g} and "
-            f"{gear.travel_high:.4g} rad. Shorten it, or write its unit if it is in degrees."
-        )

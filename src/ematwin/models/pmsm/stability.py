@@ -10,16 +10,16 @@ circle (e.g. Franklin, Powell and Workman 1998, Digital Control of Dynamic Syste
 """
 
 import math
-from collections.abc import Callable
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 from ematwin.errors import ParameterError
+from ematwin.numerics.stability import largest_share, spectral_radius
 
 _MARGIN = 1e-9  # of the unit circle
-_HALVINGS, _BISECTIONS = 20, 10  # in the search for a limit
+_SHORTEST = 1e-6  # of a sample time: a limit below is none
 _PIECES = 4  # steps of the mechanics in a current sample
 
 
@@ -29,16 +29,13 @@ def check_loops(actuator: Any) -> None:
     for loop, name in (("current", "current_time"), ("speed", "speed_time"),
                        ("position", "position_time")):  # fmt: skip
         own = getattr(control, name)
-
-        def stable(sample_time: float, loop: str = loop) -> bool:
-            return spectral_radius(actuator, loop, sample_time) <= 1.0 + _MARGIN
-
-        if stable(own):
+        stable = partial(_is_stable, actuator, loop, own)
+        if stable(1.0):
             continue
-        limit = _limit(stable, own)
+        limit = own * largest_share(stable)
         advice = (
             f"it is stable up to {1e6 * limit:.3g} us; shorten it or lower the gains"
-            if limit > 0.0
+            if limit > _SHORTEST * own
             else "no sample time makes it stable; lower the gains"
         )
         raise ParameterError(
@@ -46,23 +43,12 @@ def check_loops(actuator: Any) -> None:
         )
 
 
-def _limit(stable: Callable[[float], bool], own: float) -> float:
-    """The longest stable sample time below one that is not, s; 0 if there is none."""
-    low = own
-    for _ in range(_HALVINGS):
-        low *= 0.5
-        if stable(low):
-            break
-    else:
-        return 0.0
-    high = 2.0 * low
-    for _ in range(_BISECTIONS):
-        middle = math.sqrt(low * high)
-        low, high = (middle, high) if stable(middle) else (low, middle)
-    return low
+def _is_stable(actuator: Any, loop: str, own: float, share: float) -> bool:
+    """Whether a loop is stable at a share of its own sample time, s."""
+    return loop_radius(actuator, loop, share * own) <= 1.0 + _MARGIN
 
 
-def spectral_radius(actuator: Any, loop: str, sample_time: float) -> float:
+def loop_radius(actuator: Any, loop: str, sample_time: float) -> float:
     """Largest magnitude of the eigenvalues of a loop over its sample time, s.
 
     ``sample_time`` is that of the loop; the faster ones keep theirs, or take it where theirs would
@@ -71,7 +57,7 @@ def spectral_radius(actuator: Any, loop: str, sample_time: float) -> float:
     if loop == "current":
         motor = actuator.motor
         return max(
-            _radius(partial(_current_loop, actuator, inductance, sample_time), 3)
+            spectral_radius(_current_loop(actuator, inductance, sample_time, np.eye(3)))
             for inductance in (motor.inductance_d, motor.inductance_q)
         )
     control = actuator.controller
@@ -80,12 +66,7 @@ def spectral_radius(actuator: Any, loop: str, sample_time: float) -> float:
     counts = (max(1, round(speed / current)), max(1, round(sample_time / current)))
     rigid = loop == "speed"
     period = sample_time / counts[1]
-    return _radius(partial(_cascade, actuator, period, counts, rigid), 10)
-
-
-def _radius(transition: Callable[[np.ndarray], np.ndarray], size: int) -> float:
-    """Of a linear map (size, columns) -> (size, columns)."""
-    return float(np.abs(np.linalg.eigvals(transition(np.eye(size)))).max())
+    return spectral_radius(_cascade(actuator, period, counts, rigid, np.eye(10)))
 
 
 def _current_loop(actuator: Any, inductance: float, period: float, x: np.ndarray) -> np.ndarray:

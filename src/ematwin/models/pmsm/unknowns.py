@@ -8,6 +8,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from ematwin.models.pmsm import state
 from ematwin.models.servo import normalised_fault as _fault
 from ematwin.models.unknown import Alias, Contrast, Unknown
@@ -23,79 +25,48 @@ FIXED = (
 )  # fmt: skip
 
 
-def _friction(actuator: Any, k: Any) -> Any:
-    torque = actuator.motor.friction_torque + actuator.transmission.friction_torque
-    return torque * state.friction_factor(k)
-
-
-def _backlash(actuator: Any, k: Any) -> Any:
-    return actuator.transmission.backlash * state.backlash_factor(k)
-
-
-def _gain(actuator: Any, k: Any) -> Any:
-    return actuator.controller.position_gain * state.gain_factor(k)
-
-
-def _shorted(actuator: Any, k: Any) -> Any:
-    return 100.0 * state.shorted_share(k)
-
-
-def _flux(actuator: Any, k: Any) -> Any:
-    return actuator.motor.flux * state.flux_left(k)
-
-
-def _degrees(actuator: Any, k: Any) -> Any:
-    return state.direction(k) * (180.0 / math.pi)
-
-
-def _connector(actuator: Any, k: Any) -> Any:
-    return state.CONNECTOR * actuator.motor.resistance * k
-
-
-def _sensor_gain(actuator: Any, k: Any) -> Any:
-    return state.sensor_gain(k)
-
-
-def _sensor_offset(actuator: Any, k: Any) -> Any:
-    return state.sensor_offset(k, actuator.controller.current_limit)
-
-
-def _resolver(actuator: Any, k: Any) -> Any:
-    return state.resolver_offset(k) * (180.0 / math.pi)
+def _dry(actuator: Any) -> Any:
+    """Dry friction of motor and output, N m."""
+    return actuator.motor.friction_torque + actuator.transmission.friction_torque
 
 
 UNKNOWNS = (
-    _fault("friction", "dry friction on the motor shaft", "N m", _friction, slack=0.1),
-    _fault("backlash", "backlash on the motor shaft", "rad", _backlash, slack=0.02),
-    _fault("gain", "proportional position gain", "1/s", _gain, 0.5),
+    _fault("friction", "dry friction on the motor shaft", "N m",
+           lambda a, k: _dry(a) * state.friction_factor(k), slack=0.1),
+    _fault("backlash", "backlash on the motor shaft", "rad",
+           lambda a, k: a.transmission.backlash * state.backlash_factor(k), slack=0.02),
+    _fault("gain", "proportional position gain", "1/s",
+           lambda a, k: a.controller.position_gain * state.gain_factor(k), 0.5),
     *(
-        _fault(f"short_{x}", f"shorted turns of phase {x}", "%", _shorted, slack=0.05)
+        _fault(f"short_{x}", f"shorted turns of phase {x}", "%",
+               lambda a, k: 100.0 * state.shorted_share(k), slack=0.05)
         for x in "abc"
     ),
-    _fault("demagnetisation", "flux of the magnets", "Wb", _flux, slack=0.02),
+    _fault("demagnetisation", "flux of the magnets", "Wb",
+           lambda a, k: a.motor.flux * state.flux_left(k), slack=0.02),
     _fault("static_eccentricity", "offset of the bore over the air gap", "", None),
-    _fault("static_direction", "direction of the offset of the bore", "deg", _degrees, 0.5,
-           direction_of="static_eccentricity"),
+    _fault("static_direction", "direction of the offset of the bore", "deg",
+           lambda a, k: np.degrees(state.direction(k)), 0.5, direction_of="static_eccentricity"),
     _fault("dynamic_eccentricity", "offset of the rotor over the air gap", "", None),
-    _fault("dynamic_direction", "direction of the offset of the rotor", "deg", _degrees, 0.5,
-           direction_of="dynamic_eccentricity"),
+    _fault("dynamic_direction", "direction of the offset of the rotor", "deg",
+           lambda a, k: np.degrees(state.direction(k)), 0.5, direction_of="dynamic_eccentricity"),
     *(
-        _fault(f"connector_{x}", f"resistance in the connector of phase {x}", "ohm", _connector,
-               slack=0.02)
+        _fault(f"connector_{x}", f"resistance in the connector of phase {x}", "ohm",
+               lambda a, k: state.CONNECTOR * a.motor.resistance * k, slack=0.02)
         for x in "abc"
     ),
     *(
-        _fault(f"sensor_gain_{x}", f"gain of the current sensor of phase {x}", "", _sensor_gain,
-               0.5)
+        _fault(f"sensor_gain_{x}", f"gain of the current sensor of phase {x}", "",
+               lambda a, k: state.sensor_gain(k), 0.5)
         for x in "ab"
     ),
     *(
         _fault(f"sensor_offset_{x}", f"offset of the current sensor of phase {x}", "A",
-               _sensor_offset, 0.5)
+               lambda a, k: state.sensor_offset(k, a.controller.current_limit), 0.5)
         for x in "ab"
     ),
-    _fault("resolver_offset", "error of the angle of commutation, electrical", "deg", _resolver,
-           0.5),
+    _fault("resolver_offset", "error of the angle of commutation, electrical", "deg",
+           lambda a, k: np.degrees(state.resolver_offset(k)), 0.5),
 )  # fmt: skip
 
 FAULTS = tuple(one.name for one in UNKNOWNS)
@@ -118,8 +89,7 @@ def _share_alike(actuator: Any, mu: float, factor: float) -> float:
 def unknowns(actuator: Any) -> tuple[Unknown, ...]:
     """Faults and nuisances of an actuator, in the order of tables."""
     contact = float(actuator.motor.short_resistance)
-    torque = actuator.motor.friction_torque + actuator.transmission.friction_torque
-    load = _LOAD_OFFSET * max(torque, 1e-6) * actuator.transmission.ratio
+    load = _LOAD_OFFSET * max(_dry(actuator), 1e-6) * actuator.transmission.ratio
 
     def nuisance(
         name: str, unit: str, meaning: str, healthy: float, low: float, high: float, spread: float

@@ -6,8 +6,9 @@ import pytest
 
 from ematwin import BldcActuator, Faults, Noise, Recording, simulate
 from ematwin.errors import InputError, RecordError
-from ematwin.models.bldc.comparison import BldcComparison, initial_state
+from ematwin.models.bldc.comparison import BldcComparison
 from ematwin.models.bldc.faults import FAULTS, HEALTHY
+from ematwin.models.bldc.stretches import initial_state
 from ematwin.models.bldc.unknowns import FIXED
 from ematwin.numerics.signals import LowPass
 

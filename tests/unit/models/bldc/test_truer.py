@@ -15,10 +15,9 @@ from ematwin.models.bldc.constants import kernel_constants, truer_constants
 from ematwin.models.bldc.faults import Faults
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.state import fault_state
-from ematwin.models.bldc.truer.current_loop import advance_current_loop
-from ematwin.models.bldc.truer.emf import truer_emf_constants
+from ematwin.models.bldc.truer.loops import advance_current_loop, advance_speed_loop
+from ematwin.models.bldc.truer.motor import truer_emf_constants
 from ematwin.models.bldc.truer.reference_step import advance_shorted_bridge
-from ematwin.models.bldc.truer.speed_loop import advance_speed_loop
 from ematwin.models.bldc.truer.state import NEUTRAL, REST
 from ematwin.models.registry import model_of
 from ematwin.models.simulating import simulate

@@ -41,7 +41,7 @@ def test_a_mixture_is_found_under_noise_of_two_per_cent(mixture):
     )
     found = ematwin.identify(noisy, ACTUATOR, exact=True)
     truth = MODEL.values_of(ACTUATOR, MIXTURE)
-    assert MODEL.error_percent(found.values, truth, ACTUATOR) < 1.0
+    assert MODEL.study.error_percent(MODEL.faults(ACTUATOR), found.values, truth) < 1.0
     assert set(found.present) == set(MIXTURE)
     assert found.verdict.grade == "fault"
     for name in MIXTURE:
@@ -128,7 +128,7 @@ def test_measured_voltages_stand_in_for_those_commanded():
     )
     found = ematwin.identify(noisy, ACTUATOR, exact=True)
     truth = MODEL.values_of(ACTUATOR, MIXTURE)
-    assert MODEL.error_percent(found.values, truth, ACTUATOR) < 1.0
+    assert MODEL.study.error_percent(MODEL.faults(ACTUATOR), found.values, truth) < 1.0
     assert set(found.present) == set(MIXTURE)
 
 

@@ -10,11 +10,13 @@ from typing import NamedTuple
 from ematwin.models.bldc.inverter import gate_signals, hysteresis, pair_current
 from ematwin.models.bldc.motor import hall_sector, phase_inductance
 from ematwin.models.bldc.reference_step import ReferenceState, advance_bridge, move_masses
-from ematwin.models.bldc.truer.cogging import cogging_torque
-from ematwin.models.bldc.truer.current_loop import advance_current_loop, left_of_voltage
-from ematwin.models.bldc.truer.emf import truer_emf_constants
+from ematwin.models.bldc.truer.loops import (
+    advance_current_loop,
+    advance_speed_loop,
+    left_of_voltage,
+)
+from ematwin.models.bldc.truer.motor import cogging_torque, truer_emf_constants
 from ematwin.models.bldc.truer.shorted_turns import loop_answer, split_short
-from ematwin.models.bldc.truer.speed_loop import advance_speed_loop
 from ematwin.models.bldc.truer.state import TruerState
 from ematwin.numerics.compile import part
 from ematwin.numerics.scalar import clip

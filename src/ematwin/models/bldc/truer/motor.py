@@ -1,9 +1,15 @@
-"""Back-EMF with a rounded shape, in place of the trapezoid f of `ematwin.models.bldc.motor`.
+"""What the motor of the reference model has beyond the paper's: a rounded EMF, and cogging.
+
+In place of the trapezoid f of `ematwin.models.bldc.motor`,
 
     f_r = (1 - r) f + r A sin,   A = 2 pi/(3 sqrt(3)).
 
-``A`` gives the sine the mean torque of the trapezoid over the 120 degrees in
-which a pair conducts, so that ``r`` changes the shape and not the torque constant. Derived here.
+``A`` gives the sine the mean torque of the trapezoid over the 120 degrees in which a pair conducts,
+so that ``r`` changes the shape and not the torque constant. Derived here.
+
+Magnets are drawn to teeth with as many cycles in a turn as both have in common:
+T_cog = -A sin(N theta_m + phi_c) does no work over a turn, whether a current flows or not. The
+fundamental of what textbooks on permanent-magnet machines give as a Fourier series.
 """
 
 import math
@@ -37,3 +43,10 @@ def truer_emf_constants(theta_m, h_a, h_b, h_c, fault, c, truer):
     gap_a, gap_b, gap_c = gap_factors(theta_m, fault.zeta_cos, fault.zeta_sin, c.turning)
     f_a, f_b, f_c = rounded_shapes(c.pole_pairs * theta_m, truer.rounding)
     return h_a * c.k_e * gap_a * f_a, h_b * c.k_e * gap_b * f_b, h_c * c.k_e * gap_c * f_c
+
+
+@part
+def cogging_torque(theta_m, truer):
+    """Cogging torque on the rotor, N m."""
+    s, _ = sincos(truer.cogging_cycles * theta_m + truer.cogging_phase)
+    return -truer.cogging * s
