@@ -74,7 +74,7 @@ def test_nothing_is_cut_or_wrong_at_any_width(
 
 def test_the_verdict_stands_first_in_the_colour_of_its_grade(pages: dict[str, str]) -> None:
     body = pages["identify"].split("<body>")[1]
-    assert re.match(r'\s*<header class="verdict fault">\s*<h1>.*?</h1>\s*<p class="lead">Friction',
+    assert re.match(r'\s*<header class="verdict fault">\s*<h1>.*?</h1>\s*<p class="lead">Fault: fr',
                     body)  # fmt: skip
     assert '<header class="verdict fault">' in pages["detect"]
     assert re.search(r'<p class="lead">[^<]* has the lowest mean Err%', pages["compare"])

@@ -1,7 +1,7 @@
 """``ematwin identify``: recordings in, what they say of their actuator out."""
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
@@ -23,6 +23,7 @@ from ematwin.cli.options import (
     print_notes,
     print_table,
     progress_bar,
+    terminal_width,
 )
 from ematwin.cli.recordings import constant_load
 from ematwin.errors import InputError
@@ -31,6 +32,8 @@ if TYPE_CHECKING:
     from ematwin.estimation.identify import Identification
     from ematwin.estimation.uncertainty import Uncertainty
     from ematwin.recordings.cleaning import Policy
+
+_WIDE = 110  # columns of a terminal, from which a table has room for what a fault means
 
 
 def identify(
@@ -202,28 +205,27 @@ def print_findings(found: "Identification") -> None:
     """The verdict, then the table for people."""
     from rich.table import Table
 
+    from ematwin.estimation.findings import fault_cells
+    from ematwin.showing.numbers import with_interval
+
     typer.echo(f"{found.verdict.sentence}\n")
     table = Table(title=f"Faults of {found.actuator.name}", title_justify="left")
-    table.add_column("fault")
-    for heading in ("k", "95 % of k", "value", "95 % of value", "healthy"):
-        table.add_column(heading, justify="right")
-    table.add_column("meaning")
-    for row in found.physical:
-        table.add_row(
-            row.name,
-            f"{row.normalised:.4g}",
-            _range(found.intervals.get(row.name)),
-            f"{row.value:.4g} {row.unit}".rstrip(),
-            _range(found.physical_values.get(row.name, ())[1:]),
-            f"{row.healthy:.4g}",
-            row.meaning,
-            style="bold" if row.name in found.present else None,
-        )
+    table.add_column("fault", no_wrap=True)
+    for heading in ("value", "95 % interval", "healthy", "k"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    meanings = terminal_width() >= _WIDE
+    if meanings:
+        table.add_column("meaning")
+    for row in fault_cells(found):
+        cells = [row.name, row.value, row.interval, row.healthy, row.k]
+        cells += [row.meaning] if meanings else []
+        table.add_row(*cells, style="bold" if row.name in found.present else None)
     print_table(table, 150)
     for one in found.model.contrasts(found.actuator):
         if one.name in found.contrasts:
             value, (low, high) = found.contrasts[one.name]
-            typer.echo(f"{one.meaning}: {value:.3g} ({low:.3g} to {high:.3g})")
+            number, between = with_interval(value, low, high)
+            typer.echo(f"{one.meaning}: {number} ({between})")
     typer.echo(
         f"misfit {100.0 * found.relative_misfit:.2f} % ({found.cost:.4g}), "
         f"{found.evaluations} simulations in {found.seconds:.2f} s with {found.algorithm}, "
@@ -250,8 +252,3 @@ def print_uncertainty(sure: "Uncertainty") -> None:
     for sentence in sure.sentences:
         typer.echo(sentence)
     print_notes("Doubt", sure.doubts)
-
-
-def _range(ends: "Sequence[float] | None") -> str:
-    """ "0.1 to 0.2"; "held" where there is none."""
-    return f"{ends[0]:.3g} to {ends[1]:.3g}" if ends else "held"

@@ -1,6 +1,7 @@
 """Options that several commands share, and how their texts become values."""
 
 import json
+import shutil
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -44,6 +45,8 @@ ReportOption = Annotated[
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Answer as JSON.")]
 
+_FILE = 200  # columns where the answer goes to a file
+
 
 def pairs(texts: list[str], what: str) -> dict[str, str]:
     """``["friction=0.25"]`` as a mapping.
@@ -81,6 +84,11 @@ def numbers(texts: list[str], what: str) -> dict[str, float]:
 def print_json(answer: Any) -> None:
     """An answer for a program, on standard output."""
     typer.echo(json.dumps(answer, indent=2, allow_nan=False))
+
+
+def terminal_width() -> int:
+    """Columns of the terminal; a file has room for whole tables."""
+    return shutil.get_terminal_size().columns if sys.stdout.isatty() else _FILE
 
 
 def print_table(table: Any, width: int) -> None:

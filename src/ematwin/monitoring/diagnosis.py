@@ -9,6 +9,7 @@ from typing import Any
 
 from ematwin.errors import InputError
 from ematwin.estimation.estimate import Estimate
+from ematwin.estimation.findings import fault_cells
 from ematwin.estimation.identify import Identification
 from ematwin.estimation.verdict import Grade, Verdict
 from ematwin.monitoring.calibration import Calibration
@@ -16,6 +17,7 @@ from ematwin.recordings.recording import Recording, label_text
 from ematwin.showing import markup
 from ematwin.showing.drawing import drawn
 from ematwin.showing.frames import frame_of_rows
+from ematwin.showing.numbers import in_unit, plain, with_interval
 
 UNNAMED = "unnamed change"
 
@@ -39,14 +41,9 @@ class Magnitude:
     healthy: tuple[float, float]
     score: float
 
-    @property
-    def title(self) -> str:
-        """The name with its unit, for the head of a table."""
-        return f"{self.name}, {self.unit}" if self.unit not in ("", "x") else self.name
-
     def __str__(self) -> str:
-        digits = ".2f" if self.unit in ("", "x", "mm") else ".3g"
-        return f"{self.value:{digits}} ({self.low:{digits}} to {self.high:{digits}})"
+        number, between = with_interval(self.value, self.low, self.high)
+        return f"{in_unit(number, self.unit)} ({between})"
 
 
 @dataclass(frozen=True)
@@ -169,6 +166,17 @@ class Diagnosis:
         return self.fault or self.grade
 
     @property
+    def values(self) -> dict[str, str]:
+        """Each magnitude by name, with its interval, for people; physical where it was identified.
+
+        The numbers of `magnitudes` and of tables are those that are searched.
+        """
+        physical = {} if self.identification is None else {
+            one.name: f"{one.value} ({one.interval})" for one in fault_cells(self.identification)
+        }  # fmt: skip
+        return {m.name: physical.get(m.name, str(m)) for m in self.magnitudes}
+
+    @property
     def load(self) -> float | None:
         """The estimated load, SI, where that is the covariate."""
         one = None if self.standing is None else self.standing.covariate
@@ -195,14 +203,13 @@ class Diagnosis:
     def _repr_html_(self) -> str:
         """The verdict, then the magnitudes, in a notebook."""
         rows = [
-            (m.name, f"{m.value:.3g} {m.unit}".rstrip(), f"{m.low:.3g} to {m.high:.3g}",
-             f"{m.healthy[0]:.3g} to {m.healthy[1]:.3g}")
+            (m.name, str(m), f"{plain(m.healthy[0])} to {plain(m.healthy[1])}")
             for m in self.magnitudes
-        ]  # fmt: skip
+        ]
         return "".join(
             [
                 markup.verdict(f"{self.name}: {self.verdict.sentence}", self.grade),
-                markup.table(("quantity", "value", "95 %", "healthy"), rows),
+                markup.table(("quantity", "value (95 %)", "healthy"), rows),
                 *(markup.note(text) for text in self.notes),
             ]
         )

@@ -41,7 +41,7 @@ def verdict_table(rows: tuple[Diagnosis, ...]) -> Table:
     header = ["recording" if first.standing is None else "run", "verdict"]
     if first.standing is not None:
         header.append("index / limit")
-    header += [m.title for m in first.magnitudes]
+    header += first.values
     covariate = None if first.standing is None else first.standing.covariate
     header += [] if covariate is None else [covariate.name]
     return Table(header, [_cells(one) for one in rows], texts=(1,))
@@ -53,7 +53,7 @@ def _cells(one: Diagnosis) -> Row:
     cells = [one.name, f"{one.said}{by}"]
     if at is not None:
         cells.append(f"{at.index:.2f} / {at.threshold:.2f}")
-    cells += [str(m) for m in one.magnitudes]
+    cells += one.values.values()
     if at is not None and at.covariate is not None:
         cells.append(str(at.covariate))
     return Row(cells, marked=one.alarm)
