@@ -361,6 +361,20 @@ def test_a_brushless_actuator_is_calibrated_and_judged_from_the_shell(ematwin, f
             (row,) = csv.DictReader(file)
         assert float(row["friction"]) == pytest.approx(friction["value"])
         assert (files / "a.html").stat().st_size > 10_000
+    again = ("calibrate", "day1.parquet", "--actuator", "servo48", "--out", "axis.toml")
+    assert ematwin(*again).code == 0  # nobody touched it
+    twin, digit = files / "axis.toml", re.compile(r"(?<=[0-9])[0-9](?=\.\d|\d{6})")
+    written = twin.read_text(encoding="utf-8")
+    places = [one.start() for one in digit.finditer(written)]
+    for place in places[:: len(places) // 20]:
+        other = "1" if written[place] != "1" else "2"
+        twin.write_text(written[:place] + other + written[place + 1 :], encoding="utf-8")
+        refused = ematwin("identify", "dry.parquet", "--actuator", "axis.toml")
+        assert refused.code == 2, place
+        assert refused.err.count("\n") == 1
+    assert "exists, and may hold" in ematwin(*again).err
+    twin.write_text(re.sub("checksum = .*\n", "", written), encoding="utf-8")  # on purpose
+    assert ematwin("detect", "dry.parquet", "--actuator", "axis.toml").code == 0
 
 
 def ematwin_of(recording, path: Path) -> None:

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from ematwin.cli import complete
-from ematwin.cli.options import JsonOption, print_json
+from ematwin.cli.options import ForceOption, JsonOption, print_json
 
 
 def actuators(
@@ -21,6 +21,7 @@ def actuators(
         Path | None,
         typer.Option(help="Write its parameters to this file (.toml), as a start for your own."),
     ] = None,
+    force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
     """List the actuators of all kinds, or show one: parameters, channels, faults."""
@@ -43,7 +44,7 @@ def actuators(
     model = model_of(actuator)
     rows = list(actuator.parameters())
     if out is not None:
-        check_target(out, (".toml",))
+        check_target(out, (".toml",), replace=force)
         write_text(out, actuator.template(parameter_table(name, shipped_actuators())))
     if json:
         print_json(

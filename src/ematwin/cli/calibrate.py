@@ -8,6 +8,7 @@ import typer
 
 from ematwin.cli import complete
 from ematwin.cli.options import (
+    ForceOption,
     JsonOption,
     MapOption,
     print_json,
@@ -74,16 +75,17 @@ def calibrate(
         typer.Option(help='Which channel is what, e.g. set_point="Demand [mm]". Repeatable.'),
     ] = None,
     map_file: MapOption = None,
+    force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
     """Learn from healthy recordings how an actuator behaves and how far healthy runs differ."""
     from ematwin.files import check_target
     from ematwin.models.registry import load_actuator
     from ematwin.monitoring.calibrate import calibrate as run
-    from ematwin.monitoring.calibration import Calibration
+    from ematwin.monitoring.calibration import Calibration, is_as_written
     from ematwin.recordings.motions import fitting
 
-    check_target(out, (".toml",))
+    check_target(out, (".toml",), replace=force or is_as_written(out))
     before = None if add is None else Calibration.load(add)
     template = load_actuator(actuator) if before is None else before.actuator
     wanted = choice(where or [], "--where")

@@ -6,7 +6,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ematwin.cli import complete
-from ematwin.cli.options import JsonOption, print_json, print_notes, print_table, progress_bar
+from ematwin.cli.options import (
+    ForceOption,
+    JsonOption,
+    print_json,
+    print_notes,
+    print_table,
+    progress_bar,
+)
 
 if TYPE_CHECKING:
     from ematwin.recordings.proposal import Proposal
@@ -44,6 +51,7 @@ def channels(
     plot: Annotated[
         Path | None, typer.Option(help="Write a page with every channel here (.html).")
     ] = None,
+    force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
     """List the channels of a file, and propose which is which, with reasons.
@@ -56,7 +64,7 @@ def channels(
     from ematwin.recordings.survey import survey
 
     if write is not None:
-        check_target(write, (".toml",))
+        check_target(write, (".toml",), replace=force)
     if plot is not None:
         check_target(plot, (".html",))
     chosen = load_actuator(actuator)

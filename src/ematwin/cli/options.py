@@ -43,6 +43,9 @@ TableOption = Annotated[
 ReportOption = Annotated[
     Path | None, typer.Option(help="Write a self-contained page here (.html).")
 ]
+ForceOption = Annotated[
+    bool, typer.Option("--force", help="Replace a file that exists, which you may have edited.")
+]
 JsonOption = Annotated[bool, typer.Option("--json", help="Answer as JSON.")]
 
 _FILE = 200  # columns where the answer goes to a file
