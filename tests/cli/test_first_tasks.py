@@ -39,7 +39,8 @@ def run(
 
 def interval(answer: str, fault: str) -> tuple[float, float]:
     """The interval of a fault in SI, as the verdict states it."""
-    found = re.search(rf"{fault} [^(]*\([^,]*, ([\d.]+) to ([\d.]+)\)", answer)
+    said = r"(?:[^,()]*, )?(?:95 % interval )?([\d.]+) to ([\d.]+)"
+    found = re.search(rf"{fault} [^(]*\({said}\)", answer)
     assert found, answer
     return float(found[1]), float(found[2])
 
@@ -80,7 +81,7 @@ def test_a_bench_file_comes_to_its_verdict(run: Callable[[str], str], tmp_path: 
     run("channels today.mf4 --actuator servo48 --write map.toml")
     run("calibrate healthy.mf4 --actuator servo48 --map map.toml --out axis.toml")
     answer = run("identify today.mf4 --actuator axis.toml --map map.toml --report today.html")
-    for fault, truth in (("Friction", 0.033 * 1.6), ("Backlash", 0.005 * (1 + 99 * 0.12))):
+    for fault, truth in (("friction", 0.033 * 1.6), ("backlash", 0.005 * (1 + 99 * 0.12))):
         low, high = interval(answer, fault)
         assert low <= truth <= high
         assert high - low < 0.15 * truth
@@ -138,9 +139,9 @@ def test_a_data_sheet_comes_to_its_twin(run: Callable[[str], str], tmp_path: Pat
     run("channels healthy.csv --actuator sheet.toml --write bench.toml")
     run("calibrate healthy.csv --actuator sheet.toml --map bench.toml --out twin.toml")
     answer = run("identify later.csv --actuator twin.toml --map bench.toml")
-    low, high = interval(answer, "Friction")
+    low, high = interval(answer, "friction")
     assert low <= 0.0255 * 1.4 <= high
-    low, high = interval(answer, "Short b")
+    low, high = interval(answer, "shorted turns in phase b")
     assert low <= 0.15 * 40 <= high
     twin = tomllib.loads((tmp_path / "twin.toml").read_text(encoding="utf-8"))
     for section, name, truth, share in (

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from ematwin.cli import complete
-from ematwin.cli.options import ForceOption, JsonOption, print_json
+from ematwin.cli.options import ForceOption, JsonOption, print_json, print_notes
 
 
 def actuators(
@@ -28,7 +28,12 @@ def actuators(
     from ematwin.errors import InputError
     from ematwin.files import check_target, write_text
     from ematwin.models.parameter_set import parameter_table
-    from ematwin.models.registry import load_actuator, model_of, shipped_actuators
+    from ematwin.models.registry import (
+        broken_kinds,
+        load_actuator,
+        model_of,
+        shipped_actuators,
+    )
 
     if name is None:
         if out is not None:
@@ -39,6 +44,7 @@ def actuators(
         else:
             for one in found:
                 typer.echo(f"{one.name:<12} {one.kind:<12} {one.description}")
+            print_notes("Warning", broken_kinds())
         return
     actuator = load_actuator(name)
     model = model_of(actuator)

@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ematwin.cli import complete
 from ematwin.cli.options import (
     ForceOption,
     JsonOption,
+    RecordedActuatorOption,
     print_json,
     print_notes,
     print_table,
@@ -37,14 +37,7 @@ def map_of(column: list[str] | None, map_file: Path | None, actuator: Any) -> An
 
 def channels(
     file: Annotated[Path, typer.Argument(help="CSV, Parquet, MAT, MDF4, TDMS or HDF5.")],
-    actuator: Annotated[
-        str,
-        typer.Option(
-            help="For which actuator a map is proposed: a shipped set of any kind, a TOML file, or "
-            "a calibrated actuator.",
-            autocompletion=complete.actuators,
-        ),
-    ] = "servo48",
+    actuator: RecordedActuatorOption = None,
     write: Annotated[
         Path | None, typer.Option(help="Write the proposed map here (.toml), for identify --map.")
     ] = None,
@@ -58,6 +51,7 @@ def channels(
 
     Names, units, rates, ranges and a small plot of each. What the file does not tell is asked.
     """
+    from ematwin.cli.recordings import meant
     from ematwin.files import check_target, write_text
     from ematwin.models.proposing import propose_map
     from ematwin.models.registry import load_actuator
@@ -67,7 +61,7 @@ def channels(
         check_target(write, (".toml",), replace=force)
     if plot is not None:
         check_target(plot, (".html",))
-    chosen = load_actuator(actuator)
+    chosen = load_actuator(actuator or meant([file], None, None))
     with progress_bar(f"Reading {file.name}", not json) as progress:
         found = survey(file, progress=progress)
         proposal = propose_map(file, chosen, found)
@@ -91,7 +85,7 @@ def channels(
         )
         return
     print_channels(found, proposal)
-    print_proposal(proposal, file, actuator, write)
+    print_proposal(proposal, file, actuator or chosen.name, write)
     if plot is not None:
         typer.echo(f"wrote {plot}")
 

@@ -100,17 +100,13 @@ def answer(
     json: bool,
 ) -> None:
     """Write table and page if they are wanted, and print the verdicts with what was assumed."""
-    from ematwin.files import write_text
-
     actuator = found.calibration.actuator
     assumed, doubtful = remarks(recordings)
     shown = found.each(each)
     if table is not None:
         _write_table(table, shown)
     if report is not None:
-        from ematwin.report.detection import detection_page
-
-        write_text(report, detection_page(found))
+        found.report(report)
     if json:
         print_json(
             {

@@ -10,11 +10,11 @@ import typer
 
 from ematwin.cli import complete
 from ematwin.cli.options import (
-    ActuatorOption,
     ColumnOption,
     JsonOption,
     LoadOption,
     MapOption,
+    RecordedActuatorOption,
     ReportOption,
     TableOption,
     numbers,
@@ -25,7 +25,7 @@ from ematwin.cli.options import (
     progress_bar,
     terminal_width,
 )
-from ematwin.cli.recordings import constant_load
+from ematwin.cli.recordings import constant_load, meant
 from ematwin.errors import InputError
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def identify(
             "a table of verdicts."
         ),
     ],
-    actuator: ActuatorOption = "servo48",
+    actuator: RecordedActuatorOption = None,
     algorithm: Annotated[
         str | None,
         typer.Option(
@@ -116,16 +116,15 @@ def identify(
     """Find the faults with which the digital twin behaves like the recorded actuator."""
     from ematwin.cli.channels import map_of
     from ematwin.cli.detect import answer, check_targets
-    from ematwin.files import write_text
     from ematwin.models.reading import read
     from ematwin.monitoring.calibration import Calibration
     from ematwin.monitoring.gather import files_of, is_one
     from ematwin.monitoring.identify import identify as run
 
     check_targets(table, report)
-    known = Calibration.of(actuator)
-    columns = map_of(column, map_file, known.actuator)
     files = [file for path in records for file in files_of(path)]
+    known = Calibration.of(actuator or meant(files, column, map_file))
+    columns = map_of(column, map_file, known.actuator)
     with progress_bar(f"Reading {records[0].name}", not json) as progress:
         recordings = read(
             files, columns, actuator=known.actuator, resample_to=resample_to,
@@ -159,9 +158,7 @@ def identify(
         # given away, so that what was sampled faster than it is compared can be freed
         found = run(recordings.pop(), known, algorithm, **settings, progress=progress_of_search)
     if report is not None:
-        from ematwin.report.identification import identification_page
-
-        write_text(report, identification_page(found))
+        found.report(report)
     if json:
         print_json({**found.as_dict(), "report": None if report is None else str(report)})
         return

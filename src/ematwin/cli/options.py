@@ -46,6 +46,15 @@ ReportOption = Annotated[
 ForceOption = Annotated[
     bool, typer.Option("--force", help="Replace a file that exists, which you may have edited.")
 ]
+RecordedActuatorOption = Annotated[
+    str | None,
+    typer.Option(
+        "--actuator",
+        help="A shipped parameter set of any kind, a TOML file, or a calibrated actuator; if not "
+        "given the default one of the kind that has such channels.",
+        autocompletion=complete.actuators,
+    ),
+]
 JsonOption = Annotated[bool, typer.Option("--json", help="Answer as JSON.")]
 
 _FILE = 200  # columns where the answer goes to a file

@@ -5,8 +5,12 @@
 
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import TYPE_CHECKING, NamedTuple
 
+import numpy as np
+
+from ematwin.errors import EmatwinError
 from ematwin.estimation.assess import Assessment
 from ematwin.estimation.baseline import Baseline
 from ematwin.estimation.constants import HOPELESS, WORSE
@@ -16,6 +20,8 @@ from ematwin.estimation.search import Found
 from ematwin.estimation.verdict import INTERVAL, Verdict, judged, most_misfit
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
+from ematwin.models.proposing import in_other_units
+from ematwin.models.registry import model_of
 from ematwin.models.unknown import Unknown
 from ematwin.recordings.recording import Recording
 from ematwin.showing.numbers import in_unit, plain, with_interval
@@ -25,6 +31,7 @@ if TYPE_CHECKING:
     from ematwin.estimation.identify import Identification
 
 _DISTRUSTED = 0.33  # share of its weight with which evidence counts
+_FITS = 0.3  # times the misfit in SI: other units are what was meant
 _SATURATED = 0.01  # share of the samples of a current
 _VAGUE = 0.05  # standard error, as a share of the range, above which a fault is not determined
 
@@ -197,6 +204,7 @@ def doubts_of(
             f"(misfit {100.0 * found.problem.relative_misfit(stretch_cost):.2f} %)."
         )
     elif misfit > HOPELESS:
+        doubts += _fitting_units(problem)
         doubts.append(
             f"The twin does not explain this record at all (misfit {100.0 * misfit:.0f} %; no twin "
             "leaves 100 %): these values mean nothing. Check the channels and their units, and "
@@ -212,6 +220,29 @@ def doubts_of(
             "nearly as well. Use a command that moves the actuator more."
         )
     return doubts
+
+
+def _fitting_units(problem: Problem) -> list[str]:
+    """A sentence on the units with which the healthy twin explains a recording, if it is theirs."""
+    one = problem.comparisons[0]
+    model = model_of(one.actuator)
+    tried: list[tuple[float, dict[str, str]]] = []
+    for units, scaled in in_other_units(one.recording, model, one.actuator):
+        with suppress(EmatwinError):
+            other = Problem.of(scaled, one.actuator)
+            point = np.array([[each.healthy for each in other.unknowns]])
+            tried.append((other.relative_misfit(float(other.costs(point)[0])), units))
+    stated = next((misfit for misfit, units in tried if not units), math.inf)
+    best, units = min(tried, key=lambda each: each[0], default=(math.inf, {}))
+    if not units or best > 1.0 or best > _FITS * stated:
+        return []
+    said = listed([f'unit = "{unit}" for {name}' for name, unit in units.items()])
+    return [
+        f"Nobody stated the units, and SI was taken: the healthy twin leaves "
+        f"{100.0 * best:.0f} % unexplained with {said}, and {100.0 * stated:.0f} % in SI. If that "
+        "is what they are, state it in the map or in the names of the file, as in "
+        f"“{next(iter(units))} [{next(iter(units.values()))}]”."
+    ]
 
 
 class FaultCells(NamedTuple):

@@ -38,7 +38,7 @@ from ematwin.recordings.read import assumptions
 from ematwin.recordings.recording import Recording
 from ematwin.showing import markup
 from ematwin.showing.bars import told
-from ematwin.showing.drawing import drawn
+from ematwin.showing.drawing import drawn, page_written
 from ematwin.showing.frames import frame_of_rows
 
 if TYPE_CHECKING:
@@ -249,6 +249,10 @@ class Identification:
             kind,
             {"faults": "plot_faults", "fit": "plot_fit", "convergence": "plot_convergence"},
         )
+
+    def report(self, path: str | Path) -> None:
+        """Write its page (.html), which holds all that it shows."""
+        page_written(self, path, "identification:identification_page")
 
     def _repr_html_(self) -> str:
         """The verdict, then the faults, in a notebook."""
@@ -464,6 +468,8 @@ def _loaded(model: Model, recording: Recording, load: float | None) -> Recording
     """The recording with a constant load, where one is given."""
     if load is None:
         return recording
+    if isinstance(load, bool) or not isinstance(load, int | float | np.number):
+        raise InputError(f"load must be a number in SI units, received {load!r}.")
     if model.load is None:
         raise InputError(f"The kind {model.kind} takes no load; leave it out.")
     if model.load in recording.channels:

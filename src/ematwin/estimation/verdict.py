@@ -113,6 +113,8 @@ def judged(
             estimate[name] - estimate.healthy[name], estimate.ranges[name], sharp_errors[name]
         )
     ]
+    if not magnitudes:
+        obstacles = [*obstacles, "No fault was searched."]
     if obstacles:
         reason = " ".join(obstacles)
         return Verdict("none", (), reason, f"No verdict: {reason}")

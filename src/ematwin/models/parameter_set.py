@@ -8,9 +8,10 @@ of `ParameterSet`; its shipped sets lie beside it.
 import hashlib
 import json
 import math
-import sys
+import re
 from collections.abc import Collection, Iterator, Mapping
 from functools import cached_property
+from importlib import import_module
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, Self, get_args
 
@@ -126,6 +127,12 @@ def parameter_file(name_or_path: str | Path, shipped: Mapping[str, Path]) -> Pat
 def parameter_table(name_or_path: str | Path, shipped: Mapping[str, Path]) -> dict[str, Any]:
     """The content of a parameter file, or of that of a shipped set, as it is written."""
     return load_toml(parameter_file(name_or_path, shipped), "actuator")
+
+
+def folder_of(module: str) -> Path:
+    """The folder of a module; the current one where it comes from no file, as in a notebook."""
+    file = getattr(import_module(module), "__file__", None)
+    return Path.cwd() if file is None else Path(file).parent
 
 
 def _toml(value: str | float) -> str:
@@ -365,8 +372,16 @@ class ParameterSet(BaseModel):
     @classmethod
     def shipped(cls) -> dict[str, Path]:
         """Names and files of the sets of this kind that come with ematwin."""
-        folder = Path(str(sys.modules[cls.__module__].__file__)).parent
-        return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+        files = {path.stem: path for path in sorted(folder_of(cls.__module__).glob("*.toml"))}
+        if "." in cls.__module__:
+            return files
+        # a module in no package may lie beside anything
+        own = re.compile(rf"""^kind\s*=\s*["']{re.escape(cls.kind)}["']""", re.MULTILINE)
+        return {
+            name: path
+            for name, path in files.items()
+            if own.search(path.read_text(encoding="utf-8", errors="replace"))
+        }
 
     def changed(self, values: dict[str, float]) -> Self:
         """A variant with some values replaced, e.g. ``{"motor.resistance": 2.3}``, in SI.

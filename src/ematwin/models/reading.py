@@ -1,17 +1,19 @@
 """`read` and `write`: recordings of any kind of actuator, in files of any known format."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Literal, Protocol, TypedDict, Unpack, overload
 
-from ematwin.errors import RecordError
+from ematwin.errors import InputError, ParameterError, RecordError
 from ematwin.models.base import Model
-from ematwin.models.registry import DEFAULT_KIND, kind_of, model_of, models
+from ematwin.models.parameter_set import ParameterSet
+from ematwin.models.registry import DEFAULT_KIND, kind_of, load_actuator, model_of, models
 from ematwin.recordings.channel import Channel
 from ematwin.recordings.channel_map import ChannelMap, Columns
 from ematwin.recordings.cleaning import Policy
 from ematwin.recordings.formats.base import Progress, open_file
-from ematwin.recordings.matching import MissingChannelError, match
+from ematwin.recordings.matching import MissingChannelError, is_met, match
 from ematwin.recordings.motions import Choice
 from ematwin.recordings.read import read_file
 from ematwin.recordings.recording import Recording
@@ -117,6 +119,10 @@ def read(
         If the library for a format is not installed.
     """
     single = isinstance(path, str | Path) or is_frame(path)
+    if not (single or isinstance(path, Iterable)):
+        raise InputError(
+            f"Give the path of a file, a DataFrame, or a list of them; received {path!r}."
+        )
     files: list[Any] = [path] if single else list(path)  # type: ignore[arg-type]
     model = model_of(DEFAULT_KIND) if actuator is None else _model(actuator)
     channel_map = ChannelMap.of(columns, model.channels) if columns is not None else None
@@ -137,11 +143,12 @@ def read(
                 progress=_share(progress, n, len(files)),
             )
         except MissingChannelError as error:
-            kind = _kind_that_fits(file) if columns is None else None
-            if kind is None:
+            kinds = _kinds_of(file, None)[1] if columns is None else []
+            if not kinds:
                 raise
             raise RecordError(
-                f"{error} It has the channels of the kind {kind}: give an actuator of that kind."
+                f"{error} It has the channels of the kind {kinds[0]}: give an actuator of that "
+                "kind."
             ) from None
     if split or not single:
         return found
@@ -199,16 +206,58 @@ def _model(actuator: Any) -> Model:
     return model_of(str(actuator) if str(actuator) in kinds else kind_of(actuator))
 
 
-def _kind_that_fits(path: Any) -> str | None:
-    """The first kind for which a file has all channels that are needed."""
-    for kind, model in models().items():
-        with open_file(path) as file:
-            try:
-                match(file, ChannelMap(model.channels), model.required)
-            except RecordError:
-                continue
-            return kind
-    return None
+def actuator_for(recording: Any, columns: Columns = None) -> ParameterSet:
+    """The actuator that is meant where none is named: the default one of the recording's kind.
+
+    Parameters
+    ----------
+    recording : a `Recording`, the path of a file, or a DataFrame
+    columns : as of `read`
+
+    Returns
+    -------
+    ParameterSet : of a simulation the shipped one that was simulated; of other recordings the
+        default of the only kind that has such channels; if there is none the default brushless one
+
+    Raises
+    ------
+    InputError
+        If several kinds have such channels.
+    """
+    simulated, kinds = _kinds_of(recording, columns)
+    if simulated is not None:
+        return simulated
+    if len(kinds) > 1:
+        raise InputError(
+            f"{getattr(recording, 'name', recording)} has channels of the kinds "
+            f"{', '.join(kinds)}; give the actuator, such as "
+            f'actuator="{models()[kinds[0]].parameters.default}" or your own file.'
+        )
+    return load_actuator(models()[kinds[0]].parameters.default if kinds else None)
+
+
+def _kinds_of(recording: Any, columns: Columns) -> tuple[ParameterSet | None, list[str]]:
+    """The shipped actuator that was simulated, and the kinds that have such channels."""
+    kinds = []
+    if isinstance(recording, Recording):
+        told = recording.provenance
+        for kind, model in models().items():
+            if all(is_met(group, recording.channels) for group in model.required):
+                kinds.append(kind)
+    else:
+        with open_file(recording) as file:
+            told = file.metadata.get("provenance") or {}
+            for kind, model in models().items():
+                try:
+                    match(file, ChannelMap.of(columns or {}, model.channels), model.required)
+                except (RecordError, InputError):
+                    continue
+                kinds.append(kind)
+    simulated = None
+    if told.get("source") == "simulated":
+        with suppress(ParameterError):
+            simulated = load_actuator(str(told.get("actuator")))
+    return simulated, kinds
 
 
 def _channels_of(recording: Recording) -> Sequence[Channel]:

@@ -5,6 +5,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from ematwin.errors import InputError
@@ -15,7 +16,7 @@ from ematwin.estimation.verdict import Grade, Verdict
 from ematwin.monitoring.calibration import Calibration
 from ematwin.recordings.recording import Recording, label_text
 from ematwin.showing import markup
-from ematwin.showing.drawing import drawn
+from ematwin.showing.drawing import drawn, page_written
 from ematwin.showing.frames import frame_of_rows
 from ematwin.showing.numbers import in_unit, plain, with_interval
 
@@ -292,6 +293,10 @@ class Detection:
     def plot(self, each: str = "run") -> Any:
         """The trend over runs, or over motions: a figure of plotly."""
         return drawn(self, each, dict.fromkeys(("run", "motion"), "plot_trend"), each)
+
+    def report(self, path: str | Path) -> None:
+        """Write its page (.html), which holds all that it shows."""
+        page_written(self, path, "detection:detection_page")
 
     def each(self, each: str) -> tuple[Diagnosis, ...]:
         """Those of each "run" or of each "motion"."""

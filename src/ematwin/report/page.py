@@ -1,10 +1,12 @@
 """Self-contained HTML pages: verdict, tables, facts and interactive figures in one file."""
 
 from dataclasses import dataclass, field
-from importlib import resources
+from importlib import import_module, resources
+from pathlib import Path
 from typing import Any
 
 from ematwin import __version__
+from ematwin.files import check_target, write_text
 
 _BASIC = {"scatter", "bar", "pie"}  # traces that the small bundle of plotly draws
 _BASIC_BUNDLE = "assets/plotly-basic-4.1.1.min.js"
@@ -81,6 +83,21 @@ def render(
         plotly_js=_plotly_js(figures) if figures else "",
         version=__version__,
     )
+
+
+def write_page(result: Any, path: str | Path, function: str) -> None:
+    """Write the page of a result, made by a function of a module here, "module:name".
+
+    Raises
+    ------
+    InputError
+        If the name does not end in .html.
+    FileError
+        If the file cannot be written.
+    """
+    check_target(Path(path), (".html",))
+    module, _, name = function.partition(":")
+    write_text(path, getattr(import_module(f"ematwin.report.{module}"), name)(result))
 
 
 def _text(name: str) -> str:
