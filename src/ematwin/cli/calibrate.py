@@ -15,11 +15,14 @@ from ematwin.cli.options import (
     print_notes,
     print_table,
     progress_bar,
+    terminal_width,
 )
 from ematwin.cli.recordings import choice, known_fault, load, meant, remarks
 
 if TYPE_CHECKING:
     from ematwin.monitoring.calibrate import CalibrationReport
+
+_WIDE = 110  # columns of a terminal, from which a table has room for the template
 
 
 def calibrate(
@@ -135,10 +138,13 @@ def print_calibration(report: "CalibrationReport") -> None:
 
     shown = parameter_table(report)
     table = Table(title="Parameters", title_justify="left")
-    for heading in shown.header:
-        table.add_column(heading, justify="left" if heading in {"parameter", ""} else "right")
+    # what is not determined is also said below the table
+    columns = len(shown.header) if terminal_width() >= _WIDE else 3
+    for heading in shown.header[:columns]:
+        justify = "left" if heading in {"parameter", ""} else "right"
+        table.add_column(heading, justify=justify, overflow="fold")
     for row in shown.rows:
-        table.add_row(*row.cells)
+        table.add_row(*row.cells[:columns])
     if shown.rows:
         print_table(table, 110)
     for sentence in (

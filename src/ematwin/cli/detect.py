@@ -137,7 +137,7 @@ def print_verdicts(found: "Detection", each: str) -> None:
 
     shown = found.each(each)
     telling = {name for one in shown if one.alarm for name in _telling(one)}
-    columns = [name for name in shown[0].values if name in telling]
+    columns = [m.name for m in shown[0].magnitudes if m.name in telling]
     at = shown[0].standing
     covariate = None if at is None else at.covariate
     table = Table()
@@ -147,7 +147,7 @@ def print_verdicts(found: "Detection", each: str) -> None:
     for heading in (*columns, *beside, *(() if at is None else ("index / limit",))):
         table.add_column(heading, justify="right")
     for one in shown:
-        cells = [text for name, text in one.values.items() if name in columns]
+        cells = [str(m) for m in one.magnitudes if m.name in columns]
         if one.standing is not None:
             cells += [str(one.standing.covariate)] if covariate else []
             cells.append(f"{one.standing.index:.2f} / {one.standing.threshold:.2f}")

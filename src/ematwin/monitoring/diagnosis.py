@@ -10,7 +10,6 @@ from typing import Any
 
 from ematwin.errors import InputError
 from ematwin.estimation.estimate import Estimate
-from ematwin.estimation.findings import fault_cells
 from ematwin.estimation.identify import Identification
 from ematwin.estimation.verdict import Grade, Verdict
 from ematwin.monitoring.calibration import Calibration
@@ -167,17 +166,6 @@ class Diagnosis:
         return self.fault or self.grade
 
     @property
-    def values(self) -> dict[str, str]:
-        """Each magnitude by name, with its interval, for people; physical where it was identified.
-
-        The numbers of `magnitudes` and of tables are those that are searched.
-        """
-        physical = {} if self.identification is None else {
-            one.name: f"{one.value} ({one.interval})" for one in fault_cells(self.identification)
-        }  # fmt: skip
-        return {m.name: physical.get(m.name, str(m)) for m in self.magnitudes}
-
-    @property
     def load(self) -> float | None:
         """The estimated load, SI, where that is the covariate."""
         one = None if self.standing is None else self.standing.covariate
@@ -193,7 +181,8 @@ class Diagnosis:
         found |= {"alarm": self.alarm, "fault": self.fault}
         found |= {"grade": self.grade, "reason": self.reason}
         for m in self.magnitudes:
-            key = f"{m.name}_{m.unit}" if m.unit not in ("", "x") else m.name
+            unit = m.unit.replace("*", "").replace(" ", "")
+            key = f"{m.name}_{unit}" if unit not in ("", "x") else m.name
             found |= {key: m.value, f"{key}_low": m.low, f"{key}_high": m.high}
         if at is None:
             return found

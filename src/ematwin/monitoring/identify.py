@@ -240,10 +240,14 @@ def _row(known: Calibration, found: Identification, recording: Recording, name: 
             continue
         value, error = estimate[one.name], errors[one.name]
         reach = COVERAGE * usual.get(one.name, 0.0)
-        band = max(one.lower, one.healthy - reach), min(one.upper, one.healthy + reach)
+        band = sorted(
+            one.physical_value(known.actuator, end).value
+            for end in (max(one.lower, one.healthy - reach), min(one.upper, one.healthy + reach))
+        )
         score = (value - one.healthy) / error if 0.0 < error < math.inf else 0.0
-        low, high = found.intervals[one.name]
-        magnitudes.append(Magnitude(one.name, one.unit, value, low, high, band, score))
+        unit = one.physical_value(known.actuator, value).unit
+        told = found.physical_values[one.name]
+        magnitudes.append(Magnitude(one.name, unit, *told, (band[0], band[1]), score))
     return Diagnosis(
         name=name,
         labels=recording.labels,

@@ -9,6 +9,7 @@ from ematwin.plots.style import BLUE, GREY, PALE, styled
 from ematwin.report.page import Row, Section, Table, render
 from ematwin.showing.numbers import in_unit, plain, with_interval
 
+_ON_FIGURE = "Lines are 95 % intervals. Pale: not determined by these recordings."
 _ROW = 26  # px of a parameter
 _SIDES = 1.96  # standard errors to both sides: 95 %
 
@@ -22,7 +23,11 @@ def calibration_page(report: CalibrationReport) -> str:
         f"recordings. {misfit_sentence(report)}"
     )
     sections = [
-        *([Section("Change from the template", figure=_figure(report))] if told else []),
+        *(
+            [Section("Change from the template", _ON_FIGURE, figure=_figure(report))]
+            if told
+            else []
+        ),
         *([Section("Parameters", table=parameter_table(report))] if report.parameters else []),
         Section("What they leave open", points=open_sentences(report)),
         Section("How healthy runs differ", points=spread_sentences(report)),
@@ -121,7 +126,7 @@ def _figure(report: CalibrationReport) -> Any:
         },
         hovertemplate="%{y}: %{x:.2f} %<extra></extra>",
     )  # fmt: skip
-    figure.update_xaxes(title_text="change from the template, %; pale: not determined",
+    figure.update_xaxes(title_text="change, %",
                         zeroline=True, zerolinewidth=2)  # fmt: skip
     figure = styled(figure, 110 + _ROW * len(shown))
     figure.update_layout(hovermode="closest", margin_l=20, margin_t=20, showlegend=False)

@@ -19,15 +19,28 @@ class Row:
     cells: list[str]
     marked: bool = False
 
+    @property
+    def wrapped(self) -> list[str]:
+        """Cells in which a value and its interval, "0.1 A (0 to 0.2)", may stand on two lines."""
+        hard = "\N{NO-BREAK SPACE}"
+        return [
+            cell.replace(" ", hard).replace(f"{hard}(", " (") if " to " in cell else cell
+            for cell in self.cells
+        ]
+
 
 @dataclass(frozen=True)
 class Table:
-    """A table; columns of text (``texts``, ``last_is_text``) stand left and may be wrapped."""
+    """A table; columns of text (``texts``, ``last_is_text``) stand left and may be wrapped.
+
+    ``pairs``: cells hold a value with its interval.
+    """
 
     header: list[str]
     rows: list[Row]
     last_is_text: bool = False
     texts: tuple[int, ...] = ()
+    pairs: bool = False
 
     def is_text(self, column: int) -> bool:
         """Whether a column, counted from 0, holds text."""
