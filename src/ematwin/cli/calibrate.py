@@ -141,8 +141,8 @@ def print_calibration(report: "CalibrationReport") -> None:
     # what is not determined is also said below the table
     columns = len(shown.header) if terminal_width() >= _WIDE else 3
     for heading in shown.header[:columns]:
-        justify = "left" if heading in {"parameter", ""} else "right"
-        table.add_column(heading, justify=justify, overflow="fold")
+        text = heading in {"parameter", ""}
+        table.add_column(heading, justify="left" if text else "right", overflow="fold")
     for row in shown.rows:
         table.add_row(*row.cells[:columns])
     if shown.rows:
