@@ -364,6 +364,10 @@ def test_a_brushless_actuator_is_calibrated_and_judged_from_the_shell(ematwin, f
         assert (files / "a.html").stat().st_size > 10_000
     again = ("calibrate", "day1.parquet", "--actuator", "servo48", "--out", "axis.toml")
     assert ematwin(*again).code == 0  # nobody touched it
+    judge = ("detect", "runs", "--actuator", "axis.toml", "--fail-on")
+    assert [ematwin(*judge, on).code for on in ("fault", "changed,none")] == [1, 0]
+    assert ematwin("identify", *judge[1:], "fault").code == 1
+    assert "--fail-on takes" in ematwin(*judge, "broken").err
     twin, digit = files / "axis.toml", re.compile(r"(?<=[0-9])[0-9](?=\.\d|\d{6})")
     written = twin.read_text(encoding="utf-8")
     places = [one.start() for one in digit.finditer(written)]

@@ -16,7 +16,7 @@ from asammdf import MDF, Signal
 from mcap_ros2.writer import Writer as McapWriter
 from nptdms import ChannelObject, TdmsWriter
 
-from ematwin.errors import FileError
+from ematwin.errors import FileError, InputError
 from ematwin.models.reading import read
 from ematwin.testing.reader_contract import ReaderContract, bench_channels
 
@@ -235,3 +235,21 @@ def write_matlab73(path: Path, content: dict[str, object]) -> None:
     header = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM"
     with path.open("r+b") as raw:
         raw.write(header)
+
+
+@pytest.mark.parametrize(
+    ("name", "advice"),
+    [("run.db3", "ros2 bag convert"), ("run.xls", r"Save it as \.xlsx"), ("run.svdx", "as CSV")],
+)
+def test_a_format_that_is_not_read_gets_a_recipe(tmp_path: Path, name: str, advice: str) -> None:
+    (tmp_path / name).touch()
+    with pytest.raises(InputError, match=advice):
+        read(tmp_path / name)
+
+
+def test_a_zip_of_several_files_is_refused_by_their_names(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "days.zip", "w") as archive:
+        for day in (1, 2):
+            archive.writestr(f"day{day}.csv", "time,command\n0,0\n")
+    with pytest.raises(FileError, match=r"holds day1\.csv, day2\.csv\. Unpack it"):
+        read(tmp_path / "days.zip")

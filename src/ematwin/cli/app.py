@@ -1,6 +1,7 @@
 """The application: its commands, and how it ends.
 
-Exit codes: 0 done; 2 the input cannot be used (one sentence on standard error); 130 interrupted.
+Exit codes: 0 done; 1 a recording has a grade of --fail-on; 2 the input cannot be used (one sentence
+on standard error); 130 interrupted.
 """
 
 import os

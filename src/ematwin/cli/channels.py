@@ -36,7 +36,9 @@ def map_of(column: list[str] | None, map_file: Path | None, actuator: Any) -> An
 
 
 def channels(
-    file: Annotated[Path, typer.Argument(help="CSV, Parquet, MAT, MDF4, TDMS or HDF5.")],
+    file: Annotated[
+        Path, typer.Argument(help="CSV, Parquet, Excel, MAT, MDF4, TDMS, HDF5, ULog or MCAP.")
+    ],
     actuator: RecordedActuatorOption = None,
     write: Annotated[
         Path | None, typer.Option(help="Write the proposed map here (.toml), for identify --map.")

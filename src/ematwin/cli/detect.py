@@ -6,11 +6,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ematwin.cli.options import (
+    FailOption,
     JsonOption,
     LoadOption,
     MapOption,
     ReportOption,
     TableOption,
+    grades,
     print_json,
     print_notes,
     print_table,
@@ -57,6 +59,7 @@ def detect(
     load: LoadOption = None,
     report: ReportOption = None,
     table: TableOption = None,
+    fail_on: FailOption = None,
     json: JsonOption = False,
 ) -> None:
     """Judge recordings against the healthy actuator: what identify says of each, as a table.
@@ -70,6 +73,7 @@ def detect(
     if each not in _EACH:
         raise InputError(f"--each must be motion or run, received {each!r}.")
     check_targets(table, report)
+    failing = grades(fail_on)
     calibration = Calibration.load(actuator)
     wanted = choice(where or [], "--where")
     recordings = loaded(
@@ -79,6 +83,8 @@ def detect(
     with progress_bar("Judging", not json) as progress:
         found = run(recordings, calibration, load=given, progress=progress)
     answer(found, recordings, each, table, report, json)
+    if any(one.grade in failing for one in found.each(each)):
+        raise typer.Exit(1)
 
 
 def check_targets(table: Path | None, report: Path | None) -> None:

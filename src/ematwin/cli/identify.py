@@ -11,12 +11,14 @@ import typer
 from ematwin.cli import complete
 from ematwin.cli.options import (
     ColumnOption,
+    FailOption,
     JsonOption,
     LoadOption,
     MapOption,
     RecordedActuatorOption,
     ReportOption,
     TableOption,
+    grades,
     numbers,
     pairs,
     print_json,
@@ -111,6 +113,7 @@ def identify(
     ] = None,
     report: ReportOption = None,
     table: TableOption = None,
+    fail_on: FailOption = None,
     json: JsonOption = False,
 ) -> None:
     """Find the faults with which the digital twin behaves like the recorded actuator."""
@@ -122,6 +125,7 @@ def identify(
     from ematwin.monitoring.identify import identify as run
 
     check_targets(table, report)
+    failing = grades(fail_on)
     files = [file for path in records for file in files_of(path)]
     known = Calibration.of(actuator or meant(files, column, map_file))
     columns = map_of(column, map_file, known.actuator)
@@ -151,6 +155,8 @@ def identify(
                 progress=lambda done, cost, count: show(done / count),
             )  # fmt: skip
         answer(judged, recordings, "motion", table, report, json)
+        if any(one.grade in failing for one in judged.motions):
+            raise typer.Exit(1)
         return
     if table is not None:
         raise InputError("--table is of several recordings; give more, or a folder.")
@@ -161,15 +167,17 @@ def identify(
         found.report(report)
     if json:
         print_json({**found.as_dict(), "report": None if report is None else str(report)})
-        return
-    print_findings(found)
-    if not found.calibrated:
-        typer.echo(
-            f"Not calibrated: {found.actuator.name} is known as far as its tolerances go. "
-            "ematwin calibrate learns your actuator from healthy recordings."
-        )
-    if report is not None:
-        typer.echo(f"wrote {report}")
+    else:
+        print_findings(found)
+        if not found.calibrated:
+            typer.echo(
+                f"Not calibrated: {found.actuator.name} is known as far as its tolerances go. "
+                "ematwin calibrate learns your actuator from healthy recordings."
+            )
+        if report is not None:
+            typer.echo(f"wrote {report}")
+    if found.verdict.grade in failing:
+        raise typer.Exit(1)
 
 
 @contextmanager

@@ -55,6 +55,13 @@ RecordedActuatorOption = Annotated[
         autocompletion=complete.actuators,
     ),
 ]
+FailOption = Annotated[
+    str | None,
+    typer.Option(
+        help="End with exit code 1 if a recording gets one of these grades: fault, changed, none; "
+        "several with commas."
+    ),
+]
 JsonOption = Annotated[bool, typer.Option("--json", help="Answer as JSON.")]
 
 _FILE = 200  # columns where the answer goes to a file
@@ -91,6 +98,14 @@ def numbers(texts: list[str], what: str) -> dict[str, float]:
         except ValueError:
             raise InputError(f"{what} {name} must be a number, received {text!r}.") from None
     return values
+
+
+def grades(text: str | None) -> set[str]:
+    """The grades of ``--fail-on``; none where it is not given."""
+    found = set() if text is None else {part.strip() for part in text.split(",")}
+    if not found <= {"fault", "changed", "none", "healthy"}:
+        raise InputError(f"--fail-on takes fault, changed and none, received {text!r}.")
+    return found
 
 
 def print_json(answer: Any) -> None:

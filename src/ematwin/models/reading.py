@@ -82,7 +82,7 @@ def read(
 
     Parameters
     ----------
-    path : a .csv, .parquet, .mat, .mf4, .mdf, .tdms, .h5 or .hdf5 file, or a DataFrame of pandas;
+    path : a file of a known format (docs/formats.md), or a DataFrame of pandas;
         or several of them
     columns : which channel of the file is which: a mapping such as
         ``{"current_a": "Phase A [A]"}``, a TOML file, or a `ChannelMap`. All others are found by
