@@ -254,6 +254,7 @@ def test_words_of_benches_are_known(name: str, quantity: str, place: str, phase:
         ("axis0.controller.input_pos", {"command", "position"}, ""),  # ODrive
         ("axis0.motor.Iq_measured", {"current"}, "q"),
         ("Id_measured", {"current"}, "d"),
+        ("Id [A]", {"current"}, "d"),
         ("vel_estimate", {"speed"}, ""),
         ("q_current", {"current"}, "q"),  # moteus
         ("shaft_velocity", {"speed"}, ""),  # SimpleFOC

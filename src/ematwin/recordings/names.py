@@ -86,7 +86,7 @@ def said_by(name: str) -> Said:
     """Quantity, place and phase in a name without its unit."""
     words = _words(name)
     quantities, place, phase = set(), "", ""
-    named = words[1:] if words[:1] == ["id"] and len(words) > 1 else words  # Id_measured
+    named = words[1:] if words[:1] == ["id"] else words  # Id, Id_measured
     other = next((word for word in named if word in _OTHER), "")
     for n, word in enumerate(words):
         before = words[n - 1] if n else ""

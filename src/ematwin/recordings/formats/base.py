@@ -176,6 +176,8 @@ def open_file(path: Any, **options: Any) -> RecordedFile:
         return FrameFile(path)
     path = Path(path)
     suffix = path.suffix.lower()
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise FileError(f"{path} is a pipe or a device; save the recording to a file first.")
     if suffix in _PACKED and path.is_file():
         from ematwin.recordings.formats.packed import open_packed
 
