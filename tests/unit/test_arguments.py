@@ -71,7 +71,9 @@ def test_the_recording_decides_which_actuator_is_meant(tmp_path: Path) -> None:
 def test_a_recording_that_two_kinds_may_have_made_is_asked_about() -> None:
     record = ematwin.simulate(actuator="servo400")
     measured = record.changed(provenance={}, source="bench.csv")
-    with pytest.raises(InputError, match=r"bench\.csv has channels of the kinds bldc, pmsm; give"):
+    with pytest.raises(
+        InputError, match=r"bench\.csv has channels of the kinds bldc and pmsm\\. Name"
+    ):
         ematwin.identify(measured)
 
 

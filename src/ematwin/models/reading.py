@@ -230,8 +230,8 @@ def actuator_for(recording: Any, columns: Columns = None) -> ParameterSet:
     if len(kinds) > 1:
         raise InputError(
             f"{getattr(recording, 'name', recording)} has channels of the kinds "
-            f"{', '.join(kinds)}; give the actuator, such as "
-            f'actuator="{models()[kinds[0]].parameters.default}" or your own file.'
+            f"{' and '.join(kinds)}. Name the actuator: "
+            f'actuator="{models()[kinds[0]].parameters.default}", or your own file.'
         )
     return load_actuator(models()[kinds[0]].parameters.default if kinds else None)
 

@@ -73,7 +73,7 @@ def render(
     Parameters
     ----------
     title : of the page
-    lead : the answer in words; large, at the top
+    lead : the answer in words, at the top; its first sentence is large
     sections : in their order
     warnings : sentences below the answer
     grade : "healthy", "changed", "fault" or "none" gives the answer its colour; "" has none
@@ -81,10 +81,12 @@ def render(
     import jinja2
 
     environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    first, stop, rest = lead.partition(". ")
     figures = [section.figure for section in sections if section.figure is not None]
     return environment.from_string(_text("templates/page.html.j2")).render(
         title=title,
-        lead=lead,
+        lead=first + stop.rstrip(),
+        rest=rest,
         grade=grade,
         sections=[
             {**vars(section), "figure": section.figure and _as_json(section.figure)}
