@@ -72,7 +72,7 @@ def test_a_recording_that_two_kinds_may_have_made_is_asked_about() -> None:
     record = ematwin.simulate(actuator="servo400")
     measured = record.changed(provenance={}, source="bench.csv")
     with pytest.raises(
-        InputError, match=r"bench\.csv has channels of the kinds bldc and pmsm\\. Name"
+        InputError, match=r"bench\.csv has channels of the kinds bldc and pmsm\. Name"
     ):
         ematwin.identify(measured)
 

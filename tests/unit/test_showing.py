@@ -17,7 +17,7 @@ from ematwin.estimation.identify import Identification
 from ematwin.monitoring.diagnosis import Detection
 from ematwin.recordings.survey import survey
 from ematwin.showing import bars, markup
-from ematwin.showing.numbers import plain, with_interval
+from ematwin.showing.numbers import apart, plain, with_interval
 from ematwin.testing.reader_contract import bench_channels
 
 BENCH = bench_channels()
@@ -64,6 +64,11 @@ def test_an_interval_never_excludes_its_own_value() -> None:
 @pytest.mark.parametrize(("value", "said"), [(6.8e3, "6800"), (1e-5, "1e-5"), (-0.0, "0")])
 def test_a_number_has_no_power_of_ten_where_it_is_read_without(value, said) -> None:
     assert plain(value) == said
+
+
+def test_what_is_less_than_a_limit_is_not_rounded_to_it() -> None:
+    assert apart(179.96, 180.0) == ("179.96", "180")
+    assert apart(12.3456, 180.0) == ("12.3", "180")
 
 
 class Tags(HTMLParser):

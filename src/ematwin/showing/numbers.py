@@ -35,6 +35,15 @@ def plain(value: float, digits: int = 3) -> str:
     return (mantissa.rstrip("0").rstrip(".") if "." in mantissa else mantissa) + e + rest
 
 
+def apart(one: float, other: float) -> tuple[str, str]:
+    """Two numbers with as many digits as tell them apart, three at least."""
+    for digits in range(3, _MOST_DIGITS + 3):
+        said = plain(one, digits), plain(other, digits)
+        if said[0] != said[1]:
+            break
+    return said
+
+
 def in_unit(number: str, unit: str) -> str:
     """A number with its unit, as "0.045 N m"."""
     return f"{number} {unit.replace('*', ' ')}".rstrip()
