@@ -1,4 +1,4 @@
-"""Two first tasks, from the files of a bench to a right answer, by commands alone."""
+"""Three first tasks, from the files of a bench to a right answer, by commands alone."""
 
 import re
 import shlex
@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pyarrow.csv
 import pytest
@@ -150,3 +151,23 @@ def test_a_data_sheet_comes_to_its_twin(run: Callable[[str], str], tmp_path: Pat
         ("transmission", "backlash", 0.0065, 0.02),
     ):  # fmt: skip
         assert twin[section][name]["value"] == pytest.approx(truth, rel=share)
+
+
+def test_a_workbook_with_clock_times_comes_to_its_verdict(run: Callable[[str], str]) -> None:
+    """Excel, German names, mA and degrees, moments of the day; from a frame to a page."""
+    actual = ematwin.load_actuator("servo48").changed({"motor.friction_torque": 0.018})
+    for name, faults in (("healthy", None), ("today", {"friction": 0.3})):
+        record = recorded(actual, 3, faults)
+        began = np.datetime64("2026-03-03T09:14:02", "us")
+        frame = pd.DataFrame({
+            "Uhrzeit": began + np.round(1e6 * record.time).astype("timedelta64[us]"),
+            "Sollwert [°]": np.degrees(record.command), "Last [Nm]": record.load,
+            "Strom U [mA]": 1e3 * record.current_a, "Strom V [mA]": 1e3 * record.current_b,
+            "Strom W [mA]": 1e3 * record.current_c,
+        })  # fmt: skip
+        frame.to_excel(f"{name}.xlsx", index=False)
+    run("channels today.xlsx --actuator servo48 --write map.toml")
+    run("calibrate healthy.xlsx --actuator servo48 --map map.toml --out axis.toml")
+    answer = run("identify today.xlsx --actuator axis.toml --map map.toml")
+    low, high = interval(answer, "friction")
+    assert low <= 0.033 * 1.6 <= high
