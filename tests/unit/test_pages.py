@@ -149,3 +149,17 @@ def test_a_table_stays_a_table_where_a_screen_is_wide(tmp_path: Path) -> None:
     for width, cards in ((1400, 0), (500, 1)):
         document, _ = browse(page, tmp_path, f"--window-size={width},900")
         assert f"<title>cards {cards}</title>" in document
+
+
+def test_figures_fit_a_sheet_of_paper(pages: dict[str, str], tmp_path: Path) -> None:
+    show = """<script>setTimeout(() => {
+    dispatchEvent(new Event("beforeprint"));
+    setTimeout(() => document.title = "widths " + [...document.querySelectorAll(".plot")].map(
+      (one) => one.querySelector(".main-svg").getAttribute("width")).join(" "), 1500);
+    }, 500);</script>"""
+    page = tmp_path / "page.html"
+    page.write_text(pages["detect"].replace("</body>", f"{show}</body>"), encoding="utf-8")
+    document, _ = browse(page, tmp_path, "--window-size=1400,900")
+    found = re.search("<title>widths ([0-9 ]+)</title>", document)
+    assert found is not None
+    assert all(0 < float(width) <= 700 for width in found[1].split())
