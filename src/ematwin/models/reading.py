@@ -143,7 +143,7 @@ def read(
                 progress=_share(progress, n, len(files)),
             )
         except MissingChannelError as error:
-            kinds = _kinds_of(file, None)[1] if columns is None else []
+            kinds = _kinds_of(file, None) if columns is None else []
             if not kinds:
                 raise
             raise RecordError(
@@ -224,9 +224,15 @@ def actuator_for(recording: Any, columns: Columns = None) -> ParameterSet:
     InputError
         If several kinds have such channels.
     """
-    simulated, kinds = _kinds_of(recording, columns)
-    if simulated is not None:
-        return simulated
+    if isinstance(recording, Recording):
+        told = recording.provenance
+    else:
+        with open_file(recording) as file:
+            told = file.metadata.get("provenance") or {}
+    if told.get("source") == "simulated":
+        with suppress(ParameterError):
+            return load_actuator(str(told.get("actuator")))
+    kinds = _kinds_of(recording, columns)
     if len(kinds) > 1:
         raise InputError(
             f"{getattr(recording, 'name', recording)} has channels of the kinds "
@@ -236,28 +242,21 @@ def actuator_for(recording: Any, columns: Columns = None) -> ParameterSet:
     return load_actuator(models()[kinds[0]].parameters.default if kinds else None)
 
 
-def _kinds_of(recording: Any, columns: Columns) -> tuple[ParameterSet | None, list[str]]:
-    """The shipped actuator that was simulated, and the kinds that have such channels."""
-    kinds = []
+def _kinds_of(recording: Any, columns: Columns) -> list[str]:
+    """The kinds for which a recording or a file has all channels that are needed."""
     if isinstance(recording, Recording):
-        told = recording.provenance
+        return [
+            kind
+            for kind, model in models().items()
+            if all(is_met(group, recording.channels) for group in model.required)
+        ]
+    kinds = []
+    with open_file(recording) as file:
         for kind, model in models().items():
-            if all(is_met(group, recording.channels) for group in model.required):
+            with suppress(RecordError, InputError):
+                match(file, ChannelMap.of(columns or {}, model.channels), model.required)
                 kinds.append(kind)
-    else:
-        with open_file(recording) as file:
-            told = file.metadata.get("provenance") or {}
-            for kind, model in models().items():
-                try:
-                    match(file, ChannelMap.of(columns or {}, model.channels), model.required)
-                except (RecordError, InputError):
-                    continue
-                kinds.append(kind)
-    simulated = None
-    if told.get("source") == "simulated":
-        with suppress(ParameterError):
-            simulated = load_actuator(str(told.get("actuator")))
-    return simulated, kinds
+    return kinds
 
 
 def _channels_of(recording: Recording) -> Sequence[Channel]:
