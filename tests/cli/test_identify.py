@@ -200,7 +200,8 @@ def test_record_that_cannot_be_right_is_refused_with_the_reason(
     ematwin, tmp_path: Path, record: library.Recording, change, said: str
 ) -> None:
     name = changed_file(tmp_path, record, change)
-    refused(ematwin("identify", name, "--report", "out.html"), said)
+    known = ("--actuator", "servo48")
+    refused(ematwin("identify", name, *known, "--report", "out.html"), said)
     assert not (tmp_path / "out.html").exists()
 
 
