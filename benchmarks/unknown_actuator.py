@@ -573,7 +573,7 @@ def main() -> None:
         print(row(given.mode, runs))
     if given.mode == "forms":
         wrong = [one for one in runs if set(one.faults) - injected_names(one)]
-        told = sum("may as well be" in one.reason for one in wrong)
+        told = sum("Not certain:" in one.reason for one in wrong)
         print(f"\nOf {len(wrong)} that name a wrong fault, {told} say what else it may be.")
     for one in runs if given.mode == "special" else ():
         print(f"\n{one.group}: {one.grade} {', '.join(one.faults)}. {one.reason}")

@@ -50,7 +50,7 @@ html_static_path = [
 ]
 html_css_files = ["style.css"]
 html_theme = "furo"
-html_title = "ematwin"
+html_title = f"ematwin {release}"
 html_show_sourcelink = False
 
 

@@ -109,13 +109,15 @@ def _umask() -> int:
     return mask
 
 
-def check_target(path: Path, suffixes: tuple[str, ...]) -> None:
+def check_target(path: Path, suffixes: tuple[str, ...], *, replace: bool = True) -> None:
     """Before long work: the name ends in one of ``suffixes`` and its folder can be written.
+
+    ``replace`` False is for files that a user may have edited: one that exists is refused.
 
     Raises
     ------
     InputError
-        If the name has another ending.
+        If the name has another ending, or the file exists and may not be replaced.
     FileError
         If the folder is missing or read-only.
     """
@@ -125,6 +127,11 @@ def check_target(path: Path, suffixes: tuple[str, ...]) -> None:
         )
     if path.is_dir():
         raise FileError(f"Cannot write {path}: it is a folder. Give the name of a file.")
+    if path.exists() and not replace:
+        raise InputError(
+            f"{path} exists, and may hold what you put in. Give another name, or replace it with "
+            "--force."
+        )
     folder = path.parent
     try:
         tempfile.TemporaryFile(dir=folder).close()  # rights alone do not tell of read-only mounts

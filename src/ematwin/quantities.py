@@ -11,7 +11,11 @@ from ematwin.errors import ParameterError
 ANGULAR = re.compile(r"rad|deg|°|turn|rpm|rev|arcmin|arcsec|gon|cycle", re.IGNORECASE)
 _ANGLES = {"rad", "rad/s"}
 _NO_ANGLES = {"", "Hz", "s"}
-_NEWTON_METRE = re.compile(r"\b([kmu\N{MICRO SIGN}]?)Nm\b")  # nautical mile to pint
+_NEWTON_METRE = re.compile(r"\b([kmu\N{MICRO SIGN}]?)N([cm]?)m\b")  # nautical mile to pint
+_VOLT_SECOND = re.compile(r"\b(m?)Vs\b")
+# pint takes 1/min for 1/60 rad/s instead of a turn a minute
+_PER_MINUTE = re.compile(r"(?:\b(?:u|r|rev|1)/min\b|\bmin\^?-1(?!\d)|\b[ru]pm\b)", re.IGNORECASE)
+_THOUSAND = re.compile(r"\b1000\s*rpm\b")
 # gcm², kgcm2 and kgm² of data sheets; the dot and the space are left to pint
 _INERTIA = re.compile(r"\b([mk]?g)\s?([cm]?m)(?:\^2|2|\N{SUPERSCRIPT TWO})(?!\d)")
 # Factors of usual units, as pint has them: importing it takes longer than reading a file.
@@ -47,15 +51,24 @@ def to_si(value: float, unit: str, si_unit: str, what: str) -> float:
         return float(value * _USUAL[unit, si_unit])
     kind = "unit '', a ratio" if si_unit == "" else f"unit of the kind {si_unit}"
     try:
-        if not isinstance(unit, str) or _is_mistaken(unit, si_unit):
+        if not isinstance(unit, str):
             raise ValueError(unit)
-        spelled = _INERTIA.sub(r"\1*\2^2", _NEWTON_METRE.sub(r"\1N*m", unit))
+        spelled = turns_a_minute(unit) if "rad" in si_unit else unit
+        if _is_mistaken(spelled, si_unit):
+            raise ValueError(unit)
+        spelled = _VOLT_SECOND.sub(r"\1V*s", _NEWTON_METRE.sub(r"\1N*\2m", spelled))
+        spelled = _INERTIA.sub(r"\1*\2^2", spelled)
         return float(_registry().Quantity(value, spelled).to(si_unit).magnitude)
     except Exception:
         # pint raises a family of unrelated types here (undefined unit, dimension, syntax)
         raise ParameterError(
             f"{what} must have a {kind}; received {value:g} {unit!r}. Correct the unit."
         ) from None
+
+
+def turns_a_minute(unit: str) -> str:
+    """A unit with its turns a minute as pint spells them: ``V/(1000 1/min)`` as ``V/(krpm)``."""
+    return _THOUSAND.sub("krpm", _PER_MINUTE.sub("rpm", unit))
 
 
 def _is_mistaken(unit: str, si_unit: str) -> bool:

@@ -1,8 +1,10 @@
 """From a TOML file to checked values, and from pydantic's findings to one sentence."""
 
 import difflib
+import hashlib
+import json
 import tomllib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +36,12 @@ def load_toml(path: Path, kind: str) -> dict[str, Any]:
         ) from None
     except tomllib.TOMLDecodeError as error:
         raise ParameterError(f"The {kind} file {path} is not valid TOML: {error}.") from None
+
+
+def checksum_of(table: Mapping[str, Any]) -> str:
+    """That of the values of a TOML file, whatever its name, its description and its comments."""
+    values = {key: one for key, one in table.items() if key not in ("name", "description")}
+    return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def one_sentence(error: ValidationError, what: str) -> ParameterError:

@@ -4,6 +4,7 @@ import json
 import math
 import re
 import tomllib
+from pathlib import Path
 
 import pytest
 
@@ -100,7 +101,9 @@ def test_a_template_is_written_to_be_made_ones_own(ematwin, tmp_path, name):
 def test_a_template_of_a_file_keeps_its_tolerances_and_may_replace_it(ematwin, tmp_path):
     known = BldcActuator.load("servo48").with_tolerances({"motor.resistance": "2 %"})
     known.save(tmp_path / "mine.toml")
-    told = json.loads(ematwin("actuators", "mine.toml", "--out", "mine.toml", "--json").out)
+    told = json.loads(
+        ematwin("actuators", "mine.toml", "--out", "mine.toml", "--force", "--json").out
+    )
     assert told["out"] == "mine.toml"
     assert told["parameters"]["motor.resistance"]["tolerance"] == 0.02
     text = (tmp_path / "mine.toml").read_text(encoding="utf-8")
@@ -136,3 +139,18 @@ def test_all_that_is_wrong_with_a_file_is_said_at_once(ematwin, tmp_path):
     for said in ("motor.resistance must have a unit", "transmission.ratio must be a number",
                  "transmission.ratio is chosen or counted"):  # fmt: skip
         assert said in refused.err
+
+
+def test_a_filled_in_sheet_is_not_overwritten_without_a_word(ematwin, tmp_path: Path) -> None:
+    sheet = tmp_path / "sheet.toml"
+    assert ematwin("actuators", "servo48", "--out", "sheet.toml").code == 0
+    sheet.write_text(sheet.read_text() + "# mine\n")
+    refused = ematwin("actuators", "servo48", "--out", "sheet.toml")
+    assert (refused.code, refused.out) == (2, "")
+    assert refused.err == (
+        "Error: sheet.toml exists, and may hold what you put in. Give another name, or replace it "
+        "with --force.\n"
+    )
+    assert "# mine" in sheet.read_text()
+    assert ematwin("actuators", "servo48", "--out", "sheet.toml", "--force").code == 0
+    assert "# mine" not in sheet.read_text()

@@ -1,5 +1,6 @@
 """What an impatient user may type: one sentence, exit code 2, no answer, no half-written file."""
 
+import os
 import re
 import signal
 import subprocess
@@ -241,3 +242,30 @@ def test_damaged_parquet_is_never_a_traceback(ematwin, tmp_path, size):
     rng = np.random.default_rng(size)
     (tmp_path / "noise.parquet").write_bytes(b"PAR1" + rng.bytes(size) + b"PAR1")
     refused(ematwin("simulate", "--scenario", "noise.parquet"), "Cannot read noise.parquet")
+
+
+@pytest.mark.parametrize(
+    ("command", "code", "said"),
+    [
+        ("actuators servo48 > /dev/full", 2, "Error: Cannot write the answer: No space left"),
+        ("actuators servo48 >&-", 0, ""),
+        ("identify none.csv 2>&-", 2, ""),
+        ("identify pipe.csv", 2, "Error: pipe.csv is a pipe or a device; save the recording"),
+    ],
+)
+def test_a_stream_that_takes_no_more_ends_in_one_sentence(tmp_path, command, code, said):
+    os.mkfifo(tmp_path / "pipe.csv")
+    done = subprocess.run(
+        f"{sys.executable} -m ematwin {command}", shell=True, cwd=tmp_path, capture_output=True,
+        text=True, check=False, timeout=60,
+    )  # fmt: skip
+    assert done.returncode == code
+    assert done.stderr.startswith(said)
+    assert done.stderr.count("\n") == bool(said)
+
+
+def test_an_encoding_that_lacks_a_sign_is_no_error(ematwin_process, tmp_path):
+    library.simulate("monitor").save(tmp_path / "rec.parquet")
+    answer = ematwin_process("channels", "rec.parquet", PYTHONIOENCODING="cp1252")
+    assert answer.code == 0, answer.err
+    assert "taken for" in answer.out

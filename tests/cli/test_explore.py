@@ -151,7 +151,7 @@ def test_the_page_follows_a_slider_fits_and_gives_its_verdict(page, tmp_path):
         assert tab.value("window.shares.every((share) => share > 0 && share <= 1)")
         tab.wait("document.querySelector('.ee-progress').hidden")
         verdict = tab.value("document.querySelector('.ee-verdict').textContent")
-        assert "Friction +" in verdict
+        assert "friction +" in verdict
         assert tab.value("document.querySelectorAll('.ee-band:not([hidden])').length") == 6
 
         tab.value(f"({PRESS})('Healthy')")

@@ -1,4 +1,4 @@
-"""Two first tasks, from the files of a bench to a right answer, by commands alone."""
+"""Three first tasks, from the files of a bench to a right answer, by commands alone."""
 
 import re
 import shlex
@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pyarrow.csv
 import pytest
@@ -39,7 +40,8 @@ def run(
 
 def interval(answer: str, fault: str) -> tuple[float, float]:
     """The interval of a fault in SI, as the verdict states it."""
-    found = re.search(rf"{fault} [^(]*\([^,]*, ([\d.]+) to ([\d.]+)\)", answer)
+    said = r"(?:[^,()]*, )?(?:95 % interval )?([\d.]+) to ([\d.]+)"
+    found = re.search(rf"{fault} [^(]*\({said}\)", answer)
     assert found, answer
     return float(found[1]), float(found[2])
 
@@ -80,7 +82,7 @@ def test_a_bench_file_comes_to_its_verdict(run: Callable[[str], str], tmp_path: 
     run("channels today.mf4 --actuator servo48 --write map.toml")
     run("calibrate healthy.mf4 --actuator servo48 --map map.toml --out axis.toml")
     answer = run("identify today.mf4 --actuator axis.toml --map map.toml --report today.html")
-    for fault, truth in (("Friction", 0.033 * 1.6), ("Backlash", 0.005 * (1 + 99 * 0.12))):
+    for fault, truth in (("friction", 0.033 * 1.6), ("backlash", 0.005 * (1 + 99 * 0.12))):
         low, high = interval(answer, fault)
         assert low <= truth <= high
         assert high - low < 0.15 * truth
@@ -138,9 +140,9 @@ def test_a_data_sheet_comes_to_its_twin(run: Callable[[str], str], tmp_path: Pat
     run("channels healthy.csv --actuator sheet.toml --write bench.toml")
     run("calibrate healthy.csv --actuator sheet.toml --map bench.toml --out twin.toml")
     answer = run("identify later.csv --actuator twin.toml --map bench.toml")
-    low, high = interval(answer, "Friction")
+    low, high = interval(answer, "friction")
     assert low <= 0.0255 * 1.4 <= high
-    low, high = interval(answer, "Short b")
+    low, high = interval(answer, "shorted turns in phase b")
     assert low <= 0.15 * 40 <= high
     twin = tomllib.loads((tmp_path / "twin.toml").read_text(encoding="utf-8"))
     for section, name, truth, share in (
@@ -149,3 +151,23 @@ def test_a_data_sheet_comes_to_its_twin(run: Callable[[str], str], tmp_path: Pat
         ("transmission", "backlash", 0.0065, 0.02),
     ):  # fmt: skip
         assert twin[section][name]["value"] == pytest.approx(truth, rel=share)
+
+
+def test_a_workbook_with_clock_times_comes_to_its_verdict(run: Callable[[str], str]) -> None:
+    """Excel, German names, mA and degrees, moments of the day; from a frame to a page."""
+    actual = ematwin.load_actuator("servo48").changed({"motor.friction_torque": 0.018})
+    for name, faults in (("healthy", None), ("today", {"friction": 0.3})):
+        record = recorded(actual, 3, faults)
+        began = np.datetime64("2026-03-03T09:14:02", "us")
+        frame = pd.DataFrame({
+            "Uhrzeit": began + np.round(1e6 * record.time).astype("timedelta64[us]"),
+            "Sollwert [°]": np.degrees(record.command), "Last [Nm]": record.load,
+            "Strom U [mA]": 1e3 * record.current_a, "Strom V [mA]": 1e3 * record.current_b,
+            "Strom W [mA]": 1e3 * record.current_c,
+        })  # fmt: skip
+        frame.to_excel(f"{name}.xlsx", index=False)
+    run("channels today.xlsx --actuator servo48 --write map.toml")
+    run("calibrate healthy.xlsx --actuator servo48 --map map.toml --out axis.toml")
+    answer = run("identify today.xlsx --actuator axis.toml --map map.toml")
+    low, high = interval(answer, "friction")
+    assert low <= 0.033 * 1.6 <= high

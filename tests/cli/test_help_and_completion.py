@@ -112,7 +112,7 @@ def test_a_broken_package_does_not_disturb_the_prompt(tmp_path, monkeypatch):
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: broken\nVersion: 1\n")
     (info / "entry_points.txt").write_text("[ematwin.models]\nbroken = no_such_module:MODEL\n")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    assert completed("simulate", "--actuator", "") == []
+    assert "servo48" in completed("simulate", "--actuator", "")
 
 
 def test_completion_can_be_switched_on_and_bash_accepts_the_script(tmp_path):

@@ -56,8 +56,8 @@ def healthy(days: Path, tmp_path: Path) -> list[str]:
 def shell(ematwin_process, site: Path) -> Callable:
     """`ematwin` in a process that finds the package; gives its output."""
 
-    def run(*arguments: object, code: int = 0) -> str:
-        answer = ematwin_process(*arguments, PYTHONPATH=str(site))
+    def run(*arguments: object, code: int = 0, **environment: str) -> str:
+        answer = ematwin_process(*arguments, **{"PYTHONPATH": str(site), **environment})
         assert answer.code == code, answer.out + answer.err
         return answer.err if code else answer.out
 
@@ -183,9 +183,11 @@ def test_compare_runs_a_study_of_it_and_report_makes_its_page(shell, tmp_path):
     assert "wrote" in shell("report", "study.db", "--out", "study")
 
 
-def test_what_is_missing_is_one_sentence(shell, recorded):
+def test_what_is_missing_is_one_sentence(shell, recorded, tmp_path):
     recorded("one.parquet", 1)
-    said = shell("identify", "one.parquet", code=2)  # a brushless actuator, if none is named
+    assert "Faults of dcg25" in shell("identify", "one.parquet")  # of the only kind that fits
+    (tmp_path / "one.csv").write_text("time,speed\n0,1\n0.1,2\n")
+    said = shell("identify", "one.csv", code=2)
     assert said.startswith("Error: ")
     assert said.count("\n") == 1
 
@@ -198,3 +200,17 @@ def test_a_load_that_the_kind_does_not_take_is_refused(shell, tmp_path):
     )
     said = shell("simulate", "--actuator", "dcg25", "--scenario", "loaded.toml", code=2)
     assert "leave the load out" in said
+
+
+def test_a_broken_kind_beside_it_is_refused_alone(shell, site: Path, tmp_path: Path) -> None:
+    broken = tmp_path / "broken-1.dist-info"
+    broken.mkdir()
+    (broken / "METADATA").write_text("Metadata-Version: 2.1\nName: broken\nVersion: 1\n")
+    points = "[ematwin.models]\ncrank = no_such_module:MODEL\n"
+    (broken / "entry_points.txt").write_text(points)
+    both = f"{site}{os.pathsep}{tmp_path}"
+    assert "dcg25" in shell("simulate", "--actuator", "dcg25", PYTHONPATH=both)
+    assert "Warning: The kind of actuator 'crank' cannot be" in shell("actuators", PYTHONPATH=both)
+    (tmp_path / "crank.toml").write_text('kind = "crank"\nname = "c"\ndescription = "d"\n')
+    refused = shell("simulate", "--actuator", "crank.toml", code=2, PYTHONPATH=both)
+    assert "'crank' cannot be loaded from no_such_module:MODEL" in refused

@@ -1,17 +1,22 @@
 """Each reader of ours against the contract, on files made by the libraries of the formats."""
 
+import gzip
+import struct
+import zipfile
 from pathlib import Path
 
 import h5py
 import numpy as np
+import openpyxl
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 import scipy.io
 from asammdf import MDF, Signal
+from mcap_ros2.writer import Writer as McapWriter
 from nptdms import ChannelObject, TdmsWriter
 
-from ematwin.errors import FileError
+from ematwin.errors import FileError, InputError
 from ematwin.models.reading import read
 from ematwin.testing.reader_contract import ReaderContract, bench_channels
 
@@ -44,6 +49,80 @@ class TestParquet(ReaderContract):
             [pa.field(n, pa.float64(), metadata={"unit": units[n]}) for n in channels]
         )
         pq.write_table(pa.table(channels, schema=schema), path, row_group_size=700)
+
+
+class TestGzip(ReaderContract):
+    suffix = ".csv.gz"
+
+    def write(self, path: Path, channels: dict[str, np.ndarray], units: dict[str, str]) -> None:
+        TestCsv().write(path, channels, units)
+        path.write_bytes(gzip.compress(path.read_bytes()))
+
+
+class TestZip(ReaderContract):
+    suffix = ".zip"
+    states_units = True
+
+    def write(self, path: Path, channels: dict[str, np.ndarray], units: dict[str, str]) -> None:
+        TestParquet().write(path, channels, units)
+        content = path.read_bytes()
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr("day 1/bench.parquet", content)
+
+
+class TestExcel(ReaderContract):
+    suffix = ".xlsx"
+    states_units = True
+
+    @pytest.fixture
+    def channels(self) -> dict[str, np.ndarray]:
+        """With the 15 digits that Excel keeps."""
+        return {name: np.round(values, 12) for name, values in bench_channels().items()}
+
+    def write(self, path: Path, channels: dict[str, np.ndarray], units: dict[str, str]) -> None:
+        book = openpyxl.Workbook()
+        book.active.title = "Notes"
+        book.active["A1"] = "Bench 3"
+        sheet = book.create_sheet("Run 1")
+        sheet.append(["Operator", "A. N."])
+        sheet.append(list(channels))
+        sheet.append([f"[{unit}]" for unit in units.values()])
+        for row in zip(*(values.tolist() for values in channels.values()), strict=True):
+            sheet.append(row)
+        book.save(path)
+
+
+class TestULog(ReaderContract):
+    suffix = ".ulg"
+
+    def write(self, path: Path, channels: dict[str, np.ndarray], units: dict[str, str]) -> None:
+        names = [name for name in channels if name != "time"]
+        fields = ";".join(["uint64_t timestamp", *(f"double {name}" for name in names)])
+        parts = [b"ULog\x01\x12\x35\x01" + bytes(8)]
+        content = [(b"B", bytes(40)), (b"F", f"bench:{fields};".encode()),
+                   (b"A", b"\0" + struct.pack("<H", 0) + b"bench")]  # fmt: skip
+        for n, time in enumerate(channels["time"]):
+            values = [channels[name][n] for name in names]
+            sample = struct.pack(f"<HQ{len(names)}d", 0, round(1e6 * time), *values)
+            content.append((b"D", sample))
+        parts += [struct.pack("<H", len(text)) + kind + text for kind, text in content]
+        path.write_bytes(b"".join(parts))
+
+
+class TestMcap(ReaderContract):
+    suffix = ".mcap"
+
+    def write(self, path: Path, channels: dict[str, np.ndarray], units: dict[str, str]) -> None:
+        names = [name for name in channels if name != "time"]
+        with path.open("wb") as file:
+            writer = McapWriter(file)
+            schema = writer.register_msgdef(
+                "bench_msgs/Sample", "\n".join(f"float64 {name}" for name in names)
+            )
+            for n, time in enumerate(channels["time"]):
+                message = {name: float(channels[name][n]) for name in names}
+                writer.write_message("/bench", schema, message, log_time=round(1e9 * time))
+            writer.finish()
 
 
 class TestMatlab5(ReaderContract):
@@ -156,3 +235,21 @@ def write_matlab73(path: Path, content: dict[str, object]) -> None:
     header = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM"
     with path.open("r+b") as raw:
         raw.write(header)
+
+
+@pytest.mark.parametrize(
+    ("name", "advice"),
+    [("run.db3", "ros2 bag convert"), ("run.xls", r"Save it as \.xlsx"), ("run.svdx", "as CSV")],
+)
+def test_a_format_that_is_not_read_gets_a_recipe(tmp_path: Path, name: str, advice: str) -> None:
+    (tmp_path / name).touch()
+    with pytest.raises(InputError, match=advice):
+        read(tmp_path / name)
+
+
+def test_a_zip_of_several_files_is_refused_by_their_names(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "days.zip", "w") as archive:
+        for day in (1, 2):
+            archive.writestr(f"day{day}.csv", "time,command\n0,0\n")
+    with pytest.raises(FileError, match=r"holds day1\.csv, day2\.csv\. Unpack it"):
+        read(tmp_path / "days.zip")

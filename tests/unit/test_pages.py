@@ -14,6 +14,7 @@ from browser import browse, seen_at
 from ematwin.benchmarking.analysis import analyse
 from ematwin.benchmarking.page import study_page
 from ematwin.benchmarking.store import open_store
+from ematwin.report.calibration import calibration_page
 from ematwin.report.comparison import comparison_page
 from ematwin.report.design import design_page, discrimination_page
 from ematwin.report.detection import detection_page
@@ -49,6 +50,7 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
         ),
         "simulate": comparison_page(faulty, healthy, {"friction": 2.0}, found.actuator),
         "detect": detection_page(detection(30)),
+        "calibrate": calibration_page(ematwin.calibrate(healthy, "rm1605")),
         "compare": study_page(study),
     }
 
@@ -56,7 +58,7 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
 @pytest.mark.parametrize(
     "name",
     ["identify", "identify, profile", "identify, posterior", "simulate", "detect", "compare",
-     "identifiability", "design", "discriminate"],
+     "calibrate", "identifiability", "design", "discriminate"],
 )  # fmt: skip
 def test_nothing_is_cut_or_wrong_at_any_width(
     pages: dict[str, str], tmp_path: Path, name: str
@@ -74,7 +76,7 @@ def test_nothing_is_cut_or_wrong_at_any_width(
 
 def test_the_verdict_stands_first_in_the_colour_of_its_grade(pages: dict[str, str]) -> None:
     body = pages["identify"].split("<body>")[1]
-    assert re.match(r'\s*<header class="verdict fault">\s*<h1>.*?</h1>\s*<p class="lead">Friction',
+    assert re.match(r'\s*<header class="verdict fault">\s*<h1>.*?</h1>\s*<p class="lead">Fault: fr',
                     body)  # fmt: skip
     assert '<header class="verdict fault">' in pages["detect"]
     assert re.search(r'<p class="lead">[^<]* has the lowest mean Err%', pages["compare"])
@@ -120,3 +122,44 @@ def test_plain_values_are_told_in_words() -> None:
          "current_c": {"derived": "-(current_a + current_b)"}}
     )  # fmt: skip
     assert told == "command: “Soll” in deg, sign -1; current_c: -(current_a + current_b)"
+
+
+def test_results_write_their_own_page(tmp_path: Path) -> None:
+    healthy = ematwin.simulate(actuator="rm1605")
+    twin = ematwin.calibrate(healthy, "rm1605")
+    found = ematwin.identify(healthy, twin)
+    for result in (twin, found, ematwin.identify([healthy, healthy], twin)):
+        result.report(tmp_path / "page.html")
+        assert "</html>" in (tmp_path / "page.html").read_text(encoding="utf-8")
+        with pytest.raises(ematwin.EmatwinError, match=r"end its name in \.html"):
+            result.report(tmp_path / "page.pdf")
+
+
+def test_a_table_stays_a_table_where_a_screen_is_wide(tmp_path: Path) -> None:
+    """Seven faults with their intervals fit 1,400 px; a phone shows cards."""
+    names = [f"short_{letter}" for letter in "abcdefg"]
+    cells = ["0.0452 N m (0.0444 to 0.0463)", "0.1 turns (0 to 2.2)"]
+    row = Row(["today.parquet", "friction", *cells * 3, "0.0003 (0 to 0.0016)"])
+    table = Table(["recording", "verdict", *names], [row] * 3, texts=(1,), pairs=True)
+    page = tmp_path / "table.html"
+    show = """<script>setTimeout(() => document.title = "cards " +
+    document.querySelectorAll("table.cards").length, 500);</script>"""
+    text = render("t", "l", [Section(table=table)])
+    page.write_text(text.replace("</body>", f"{show}</body>"), encoding="utf-8")
+    for width, cards in ((1400, 0), (500, 1)):
+        document, _ = browse(page, tmp_path, f"--window-size={width},900")
+        assert f"<title>cards {cards}</title>" in document
+
+
+def test_figures_fit_a_sheet_of_paper(pages: dict[str, str], tmp_path: Path) -> None:
+    show = """<script>setTimeout(() => {
+    dispatchEvent(new Event("beforeprint"));
+    setTimeout(() => document.title = "widths " + [...document.querySelectorAll(".plot")].map(
+      (one) => one.querySelector(".main-svg").getAttribute("width")).join(" "), 1500);
+    }, 500);</script>"""
+    page = tmp_path / "page.html"
+    page.write_text(pages["detect"].replace("</body>", f"{show}</body>"), encoding="utf-8")
+    document, _ = browse(page, tmp_path, "--window-size=1400,900")
+    found = re.search("<title>widths ([0-9 ]+)</title>", document)
+    assert found is not None
+    assert all(0 < float(width) <= 700 for width in found[1].split())

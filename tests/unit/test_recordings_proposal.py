@@ -246,6 +246,28 @@ def test_words_of_benches_are_known(name: str, quantity: str, place: str, phase:
     assert (said.place, said.phase) == (place, phase)
 
 
+@pytest.mark.parametrize(
+    ("name", "quantities", "phase"),
+    [
+        ("0x6064", {"position"}, ""),  # CiA 402
+        ("607Ah Target position", {"command", "position"}, ""),
+        ("axis0.controller.input_pos", {"command", "position"}, ""),  # ODrive
+        ("axis0.motor.Iq_measured", {"current"}, "q"),
+        ("Id_measured", {"current"}, "d"),
+        ("Id [A]", {"current"}, "d"),
+        ("vel_estimate", {"speed"}, ""),
+        ("q_current", {"current"}, "q"),  # moteus
+        ("shaft_velocity", {"speed"}, ""),  # SimpleFOC
+        ("Goal_Position", {"command", "position"}, ""),  # Dynamixel, Feetech
+        ("Present_Load", set(), ""),
+        ("/joint_states/effort[knee]", {"torque"}, ""),  # ROS
+    ],
+)
+def test_names_of_servo_drives_are_known(name: str, quantities: set[str], phase: str) -> None:
+    said = said_by(name)
+    assert (said.quantities, said.phase, said.other) == (quantities, phase, "")
+
+
 def test_a_hinge_moment_is_a_load(tmp_path: Path) -> None:
     names = {"t [s]": TIME, "Demand [deg]": DEGREES, "I [A]": A, "Hinge moment [Nm]": LOAD}
     proposal = propose_map(ugly(tmp_path / "bench.csv", names))

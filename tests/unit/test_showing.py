@@ -17,6 +17,7 @@ from ematwin.estimation.identify import Identification
 from ematwin.monitoring.diagnosis import Detection
 from ematwin.recordings.survey import survey
 from ematwin.showing import bars, markup
+from ematwin.showing.numbers import apart, plain, with_interval
 from ematwin.testing.reader_contract import bench_channels
 
 BENCH = bench_channels()
@@ -30,6 +31,44 @@ def record() -> ematwin.Recording:
 @pytest.fixture(scope="module")
 def found(record: ematwin.Recording) -> Identification:
     return ematwin.identify(record, "rm1605", exact=True)
+
+
+@pytest.mark.parametrize(
+    ("value", "low", "high", "said"),
+    [
+        (0.0452, 0.0438, 0.0467, ("0.045", "0.044 to 0.047")),
+        (6.04, 5.8, 8.0, ("6.0", "5.8 to 8.0")),
+        (6.8e3, 6.71e3, 6.92e3, ("6800", "6710 to 6920")),
+        (-0.0009, -0.0031, 0.0022, ("-0.001", "-0.003 to 0.002")),
+        (-0.0001, -0.05, 0.05, ("0.00", "-0.05 to 0.05")),
+        (149.9, 149.92, 150.04, ("149.90", "149.92 to 150.04")),
+        (2.1e-6, 2e-6, 2.35e-6, ("2.1e-6", "2.0e-6 to 2.4e-6")),
+        (0.3, 0.0, np.inf, ("0.3", "0 to inf")),
+        (1.25, 1.25, 1.25, ("1.25", "1.25 to 1.25")),
+    ],
+)
+def test_numbers_have_the_digits_that_their_interval_deserves(value, low, high, said) -> None:
+    assert with_interval(value, low, high) == said
+
+
+def test_an_interval_never_excludes_its_own_value() -> None:
+    drawn = np.random.default_rng(1)
+    for _ in range(2000):
+        ends = np.sort(drawn.normal(0.0, 10.0 ** drawn.uniform(-8, 8), 3) + drawn.normal())
+        number, between = with_interval(ends[1], ends[0], ends[2])
+        low, high = (float(end) for end in between.split(" to "))
+        assert low <= float(number) <= high
+        assert not number.startswith("-0.0") or float(number) < 0.0
+
+
+@pytest.mark.parametrize(("value", "said"), [(6.8e3, "6800"), (1e-5, "1e-5"), (-0.0, "0")])
+def test_a_number_has_no_power_of_ten_where_it_is_read_without(value, said) -> None:
+    assert plain(value) == said
+
+
+def test_what_is_less_than_a_limit_is_not_rounded_to_it() -> None:
+    assert apart(179.96, 180.0) == ("179.96", "180")
+    assert apart(12.3456, 180.0) == ("12.3", "180")
 
 
 class Tags(HTMLParser):

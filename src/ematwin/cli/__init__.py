@@ -17,6 +17,7 @@ def main() -> None:
     # cycles, again and again and once more at exit, took a fifth of an identification
     gc.set_threshold(200_000)
     atexit.register(gc.freeze)
+    _open_streams()
     try:
         from ematwin.cli.app import run  # here, so that Ctrl-C is answered from the first moment
 
@@ -26,3 +27,13 @@ def main() -> None:
     if code == 130:
         print("Interrupted; nothing was left half-written.", file=sys.stderr)
     sys.exit(code)
+
+
+def _open_streams() -> None:
+    """Answer into nothing where a stream was closed, and without what its encoding lacks."""
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115 (until the end)
+        elif hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="replace")

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from ematwin.cli import complete
-from ematwin.cli.options import JsonOption, print_json
+from ematwin.cli.options import ForceOption, JsonOption, print_json, print_notes
 
 
 def actuators(
@@ -21,13 +21,19 @@ def actuators(
         Path | None,
         typer.Option(help="Write its parameters to this file (.toml), as a start for your own."),
     ] = None,
+    force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
     """List the actuators of all kinds, or show one: parameters, channels, faults."""
     from ematwin.errors import InputError
     from ematwin.files import check_target, write_text
     from ematwin.models.parameter_file import parameter_table
-    from ematwin.models.registry import load_actuator, model_of, shipped_actuators
+    from ematwin.models.registry import (
+        broken_kinds,
+        load_actuator,
+        model_of,
+        shipped_actuators,
+    )
 
     if name is None:
         if out is not None:
@@ -38,12 +44,13 @@ def actuators(
         else:
             for one in found:
                 typer.echo(f"{one.name:<12} {one.kind:<12} {one.description}")
+            print_notes("Warning", broken_kinds())
         return
     actuator = load_actuator(name)
     model = model_of(actuator)
     rows = list(actuator.parameters())
     if out is not None:
-        check_target(out, (".toml",))
+        check_target(out, (".toml",), replace=force)
         write_text(out, actuator.template(parameter_table(name, shipped_actuators())))
     if json:
         print_json(

@@ -1,8 +1,10 @@
 """The application: its commands, and how it ends.
 
-Exit codes: 0 done; 2 the input cannot be used (one sentence on standard error); 130 interrupted.
+Exit codes: 0 done; 1 a recording has a grade of --fail-on; 2 the input cannot be used (one sentence
+on standard error); 130 interrupted.
 """
 
+import errno
 import os
 import sys
 from typing import Any
@@ -116,10 +118,21 @@ def run() -> int:
     except typer.Abort:
         return 130
     except BrokenPipeError:
-        # whoever read the answer has seen enough; keep the interpreter from flushing into it
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        # whoever read the answer has seen enough
+        _drop_answer()
         return 0
+    except OSError as error:
+        if error.errno not in (errno.ENOSPC, errno.EIO, errno.EBADF):
+            raise
+        print(f"Error: Cannot write the answer: {error.strerror}.", file=sys.stderr)
+        _drop_answer()
+        return 2
     return answer if isinstance(answer, int) else 0
+
+
+def _drop_answer() -> None:
+    """Keep the interpreter from flushing into a standard output that takes no more."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _say_compiling() -> None:

@@ -1,25 +1,28 @@
 """``ematwin calibrate``: healthy recordings in, a calibrated actuator out."""
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ematwin.cli import complete
 from ematwin.cli.options import (
+    ForceOption,
     JsonOption,
     MapOption,
+    RecordedActuatorOption,
+    ReportOption,
     print_json,
     print_notes,
     print_table,
     progress_bar,
+    terminal_width,
 )
-from ematwin.cli.recordings import choice, known_fault, load, remarks
+from ematwin.cli.recordings import choice, known_fault, load, meant, remarks
 
 if TYPE_CHECKING:
     from ematwin.monitoring.calibrate import CalibrationReport
-    from ematwin.monitoring.calibration import PopulationCalibration
+
+_WIDE = 110  # columns of a terminal, from which a table has room for the template
 
 
 def calibrate(
@@ -31,13 +34,7 @@ def calibrate(
         ),
     ],
     out: Annotated[Path, typer.Option(help="Where to write the calibrated actuator (.toml).")],
-    actuator: Annotated[
-        str,
-        typer.Option(
-            help="Template: a shipped set of any kind, or a TOML file.",
-            autocompletion=complete.actuators,
-        ),
-    ] = "rm1605",
+    actuator: RecordedActuatorOption = None,
     where: Annotated[
         list[str] | None,
         typer.Option(help="Use only recordings with this label: condition=normal. Repeatable."),
@@ -74,18 +71,25 @@ def calibrate(
         typer.Option(help='Which channel is what, e.g. set_point="Demand [mm]". Repeatable.'),
     ] = None,
     map_file: MapOption = None,
+    report: ReportOption = None,
+    force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
     """Learn from healthy recordings how an actuator behaves and how far healthy runs differ."""
     from ematwin.files import check_target
-    from ematwin.models.registry import load_actuator
+    from ematwin.models.registry import load_actuator, shipped_actuators
     from ematwin.monitoring.calibrate import calibrate as run
-    from ematwin.monitoring.calibration import Calibration
+    from ematwin.monitoring.calibration import Calibration, is_as_written
     from ematwin.recordings.motions import fitting
 
-    check_target(out, (".toml",))
+    check_target(out, (".toml",), replace=force or is_as_written(out))
+    if report is not None:
+        check_target(report, (".html",))
     before = None if add is None else Calibration.load(add)
-    template = load_actuator(actuator) if before is None else before.actuator
+    if before is not None:
+        template = before.actuator
+    else:
+        template = load_actuator(actuator or meant(records, column, map_file))
     wanted = choice(where or [], "--where")
     taught = [(text, *known_fault(text)) for text in known or []]
     recordings = load(
@@ -96,102 +100,56 @@ def calibrate(
         for text, fault, labels in taught
     }
     with progress_bar("Calibrating", not json) as progress:
-        report = run(
+        found = run(
             fitting(recordings, wanted),
             template,
             held_back=hold_back,
             false_alarm_rate=false_alarms,
             known=faults or None,
-            name=out.stem,
+            name=out.stem if template.name in shipped_actuators() else None,  # its own stays
             progress=progress,
             add_to=before,
         )
-    report.save(out)
+    found.save(out)
+    if report is not None:
+        found.report(report)
     assumed, doubtful = remarks(recordings)
     if json:
-        print_json({**report.as_dict(), "out": str(out), "assumed": assumed, "warnings": doubtful})
+        print_json({**found.as_dict(), "out": str(out), "assumed": assumed, "warnings": doubtful})
         return
-    print_calibration(report)
+    print_calibration(found)
     print_notes("Assumed", assumed)
     print_notes("Warning", doubtful)
-    typer.echo(f"wrote {out}")
+    for path in (out, report):
+        if path is not None:
+            typer.echo(f"wrote {path}")
 
 
 def print_calibration(report: "CalibrationReport") -> None:
-    """Fitted parameters, spread between runs, and the self-check, for people."""
+    """Fitted parameters, what they leave open, and the spread between runs, for people."""
     from rich.table import Table
 
-    from ematwin.monitoring.calibration import PopulationCalibration
-
-    actuator = report.actuator
-    units = {place: unit for place, _, unit, _, _ in actuator.parameters()}
-    table = Table(title="Parameters", title_justify="left")
-    for heading in ("parameter", "value", "standard error", "template", ""):
-        table.add_column(heading, justify="left" if heading in {"parameter", ""} else "right")
-    for p in report.parameters:
-        unit = units[p.place]
-        table.add_row(
-            p.place,
-            f"{p.value:.4g} {unit}".rstrip(),
-            f"{p.standard_error:.2g}",
-            f"{p.template:.4g}",
-            "" if p.determined else "not determined",
-        )
-    if report.parameters:
-        print_table(table, 110)
-    missing = [p.place for p in report.parameters if not p.determined]
-    if missing:
-        typer.echo(
-            f"These recordings do not determine {', '.join(missing)}: they stay within the "
-            "tolerances of the template."
-        )
-    for group in report.tied:
-        typer.echo(
-            f"Only ratios or products of {', '.join(group)} are known; a common factor stays "
-            "uncertain."
-        )
-    fitted = {p.place for p in report.parameters}
-    fixed = [place for place in units if place not in fitted]
-    if report.parameters:
-        typer.echo(f"Not fitted, as in the template: {', '.join(fixed)}.")
-    baseline = report.baseline
-    if math.isfinite(baseline.misfit):
-        floor = (
-            f" (noise and known errors of the twin: {100.0 * baseline.expected_misfit:.2f} %)"
-            if math.isfinite(baseline.expected_misfit)
-            else ""
-        )
-        typer.echo(
-            f"The twin leaves {100.0 * baseline.misfit:.2f} % of healthy recordings "
-            f"unexplained{floor}."
-        )
-    if isinstance(report.calibration, PopulationCalibration):
-        _print_population(report, report.calibration)
-    elif baseline.scatter:
-        said = ", ".join(f"{name} {value:.2g}" for name, value in baseline.scatter.items())
-        typer.echo(f"Healthy recordings are found off healthy by (one standard deviation): {said}.")
-    print_notes("Warning", report.notes)
-
-
-def _print_population(report: "CalibrationReport", calibration: "PopulationCalibration") -> None:
-    """Spread between runs, thresholds, and known faults."""
-    for one in calibration.model.reported(calibration.actuator):
-        within, between = report.run_spread[one.name]
-        unit, scale = ("%", 100.0) if one.logarithmic else (one.unit, one.scale)
-        typer.echo(
-            f"{one.name:<10} scatters by {f'{within * scale:.3g} {unit}'.rstrip()} within a run "
-            f"and {f'{between * scale:.3g} {unit}'.rstrip()} between runs"
-        )
-    facts = calibration.facts
-    said = "" if facts["labels"] == "none" else f" with {facts['labels']}"
-    typer.echo(f"healthy reference: {facts['motions']} recordings{said}")
-    limits = calibration.thresholds
-    back = ", ".join(report.held_back)
-    judged = f"held back {back}" if back else "each judged by the others"
-    typer.echo(
-        f"learnt from runs {', '.join(report.learnt)}; {judged}: "
-        f"{100.0 * report.false_alarms:.0f} % of their recordings above the threshold "
-        f"({limits.motion:.2f} for a motion, {limits.run:.2f} for a run of {limits.run_size:.3g})"
+    from ematwin.report.calibration import (
+        misfit_sentence,
+        open_sentences,
+        parameter_table,
+        spread_sentences,
     )
-    for signature in calibration.signatures:
-        typer.echo(f"known fault: {signature.fault}, from {signature.source}")
+
+    shown = parameter_table(report)
+    table = Table(title="Parameters", title_justify="left")
+    # what is not determined is also said below the table
+    columns = len(shown.header) if terminal_width() >= _WIDE else 3
+    for heading in shown.header[:columns]:
+        text = heading in {"parameter", ""}
+        table.add_column(heading, justify="left" if text else "right", overflow="fold")
+    for row in shown.rows:
+        table.add_row(*row.cells[:columns])
+    if shown.rows:
+        print_table(table, 110)
+    for sentence in (
+        *open_sentences(report), misfit_sentence(report), *spread_sentences(report)
+    ):  # fmt: skip
+        if sentence:
+            typer.echo(sentence)
+    print_notes("Warning", report.notes)

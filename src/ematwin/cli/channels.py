@@ -5,8 +5,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ematwin.cli import complete
-from ematwin.cli.options import JsonOption, print_json, print_notes, print_table, progress_bar
+from ematwin.cli.options import (
+    ForceOption,
+    JsonOption,
+    RecordedActuatorOption,
+    print_json,
+    print_notes,
+    print_table,
+    progress_bar,
+)
 
 if TYPE_CHECKING:
     from ematwin.recordings.proposal import Proposal
@@ -29,37 +36,34 @@ def map_of(column: list[str] | None, map_file: Path | None, actuator: Any) -> An
 
 
 def channels(
-    file: Annotated[Path, typer.Argument(help="CSV, Parquet, MAT, MDF4, TDMS or HDF5.")],
-    actuator: Annotated[
-        str,
-        typer.Option(
-            help="For which actuator a map is proposed: a shipped set of any kind, a TOML file, or "
-            "a calibrated actuator.",
-            autocompletion=complete.actuators,
-        ),
-    ] = "servo48",
+    file: Annotated[
+        Path, typer.Argument(help="CSV, Parquet, Excel, MAT, MDF4, TDMS, HDF5, ULog or MCAP.")
+    ],
+    actuator: RecordedActuatorOption = None,
     write: Annotated[
         Path | None, typer.Option(help="Write the proposed map here (.toml), for identify --map.")
     ] = None,
     plot: Annotated[
         Path | None, typer.Option(help="Write a page with every channel here (.html).")
     ] = None,
+    force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
     """List the channels of a file, and propose which is which, with reasons.
 
     Names, units, rates, ranges and a small plot of each. What the file does not tell is asked.
     """
+    from ematwin.cli.recordings import meant
     from ematwin.files import check_target, write_text
     from ematwin.models.proposing import propose_map
     from ematwin.models.registry import load_actuator
     from ematwin.recordings.survey import survey
 
     if write is not None:
-        check_target(write, (".toml",))
+        check_target(write, (".toml",), replace=force)
     if plot is not None:
         check_target(plot, (".html",))
-    chosen = load_actuator(actuator)
+    chosen = load_actuator(actuator or meant([file], None, None))
     with progress_bar(f"Reading {file.name}", not json) as progress:
         found = survey(file, progress=progress)
         proposal = propose_map(file, chosen, found)
@@ -83,7 +87,7 @@ def channels(
         )
         return
     print_channels(found, proposal)
-    print_proposal(proposal, file, actuator, write)
+    print_proposal(proposal, file, actuator or chosen.name, write)
     if plot is not None:
         typer.echo(f"wrote {plot}")
 

@@ -39,7 +39,6 @@ def demo(
     from ematwin.monitoring.calibrate import calibrate
     from ematwin.monitoring.identify import identify
     from ematwin.report.comparison import comparison_page
-    from ematwin.report.identification import identification_page
 
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -72,8 +71,8 @@ def demo(
     with search_bar(not json) as progress_of_search:
         found = identify(record, twin, seed=seed, progress=progress_of_search)
         without = identify(record, sheet_file, seed=seed, progress=progress_of_search)
-    write_text(folder / "report.html", identification_page(found))
-    write_text(folder / "uncalibrated.html", identification_page(without))
+    found.report(folder / "report.html")
+    without.report(folder / "uncalibrated.html")
     if json:
         print_json(
             {

@@ -11,6 +11,7 @@ import typer
 from ematwin.cli import complete
 from ematwin.cli.options import (
     ActuatorOption,
+    ForceOption,
     JsonOption,
     NoiseOption,
     ReportOption,
@@ -84,6 +85,7 @@ def design(
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of faults, noise and search.", min=0)] = 1,
     report: ReportOption = None,
+    force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
     """Find the test command with which the faults of an actuator are identified best."""
@@ -93,10 +95,7 @@ def design(
     from ematwin.quantities import parse_quantity
     from ematwin.recordings.noise import Noise
 
-    check_target(out, (".toml",))
-    for source in (scenario or "", actuator):
-        if Path(source).is_file() and out.exists() and out.samefile(source):
-            raise InputError(f"--out {out} would overwrite its own input. Give another name.")
+    check_target(out, (".toml",), replace=force)
     if report is not None:
         check_target(report, (".html",))
     chosen = load_actuator(actuator)

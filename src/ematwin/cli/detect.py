@@ -6,11 +6,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ematwin.cli.options import (
+    FailOption,
     JsonOption,
     LoadOption,
     MapOption,
     ReportOption,
     TableOption,
+    grades,
     print_json,
     print_notes,
     print_table,
@@ -29,7 +31,6 @@ _EACH = ("motion", "run")
 _ALWAYS = dict.fromkeys(
     ("index", "threshold", "clear_threshold", "named_by", "load_N", "sensor_coupling")
 )
-_MOST_COLUMNS = 8  # of magnitudes; of more, those that some verdict names
 
 
 def detect(
@@ -58,6 +59,7 @@ def detect(
     load: LoadOption = None,
     report: ReportOption = None,
     table: TableOption = None,
+    fail_on: FailOption = None,
     json: JsonOption = False,
 ) -> None:
     """Judge recordings against the healthy actuator: what identify says of each, as a table.
@@ -71,6 +73,7 @@ def detect(
     if each not in _EACH:
         raise InputError(f"--each must be motion or run, received {each!r}.")
     check_targets(table, report)
+    failing = grades(fail_on)
     calibration = Calibration.load(actuator)
     wanted = choice(where or [], "--where")
     recordings = loaded(
@@ -80,6 +83,8 @@ def detect(
     with progress_bar("Judging", not json) as progress:
         found = run(recordings, calibration, load=given, progress=progress)
     answer(found, recordings, each, table, report, json)
+    if any(one.grade in failing for one in found.each(each)):
+        raise typer.Exit(1)
 
 
 def check_targets(table: Path | None, report: Path | None) -> None:
@@ -101,17 +106,13 @@ def answer(
     json: bool,
 ) -> None:
     """Write table and page if they are wanted, and print the verdicts with what was assumed."""
-    from ematwin.files import write_text
-
     actuator = found.calibration.actuator
     assumed, doubtful = remarks(recordings)
     shown = found.each(each)
     if table is not None:
         _write_table(table, shown)
     if report is not None:
-        from ematwin.report.detection import detection_page
-
-        write_text(report, detection_page(found))
+        found.report(report)
     if json:
         print_json(
             {
@@ -135,29 +136,28 @@ def answer(
 
 
 def print_verdicts(found: "Detection", each: str) -> None:
-    """The table for people, and what there is to say of it."""
+    """The table for people, with the faults that some verdict names, and what is to be said."""
     from rich.table import Table
 
     from ematwin.monitoring.diagnosis import counted, gathered_notes, gathered_reasons
 
     shown = found.each(each)
-    columns = [m.name for m in shown[0].magnitudes]
-    if len(columns) > _MOST_COLUMNS:
-        columns = [name for name in columns if any(name in one.faults for one in shown)]
+    telling = {name for one in shown if one.alarm for name in _telling(one)}
+    columns = [m.name for m in shown[0].magnitudes if m.name in telling]
     at = shown[0].standing
     covariate = None if at is None else at.covariate
     table = Table()
     table.add_column(each if found.by_run else "recording")
-    beside = [] if covariate is None else [covariate.name]
-    for heading in (*columns, *beside, *(() if at is None else ("index", "limit"))):
-        table.add_column(heading, justify="right")
     table.add_column("verdict")
+    beside = [] if covariate is None else [covariate.name]
+    for heading in (*columns, *beside, *(() if at is None else ("index / limit",))):
+        table.add_column(heading, justify="right")
     for one in shown:
-        cells = [f"{m} {m.unit}".rstrip() for m in one.magnitudes if m.name in columns]
+        cells = [str(m) for m in one.magnitudes if m.name in columns]
         if one.standing is not None:
             cells += [str(one.standing.covariate)] if covariate else []
-            cells += [f"{one.standing.index:.2f}", f"{one.standing.threshold:.2f}"]
-        table.add_row(one.name, *cells, one.said, style="bold" if one.alarm else None)
+            cells.append(f"{one.standing.index:.2f} / {one.standing.threshold:.2f}")
+        table.add_row(one.name, one.said, *cells, style="bold" if one.alarm else None)
     print_table(table, 200)
     if found.by_run:
         for kind, rows in (("runs", found.runs), ("motions", found.motions)):
@@ -166,6 +166,12 @@ def print_verdicts(found: "Detection", each: str) -> None:
         typer.echo(found.sentence)
     print_notes("Why", gathered_reasons(shown))
     print_notes("Note", gathered_notes(shown))
+
+
+def _telling(one: "Diagnosis") -> list[str]:
+    """The magnitudes that a fault is named by, or else the one that is furthest from healthy."""
+    named = [m.name for m in one.magnitudes if m.name in one.faults]
+    return named or [max(one.magnitudes, key=lambda m: abs(m.score)).name]
 
 
 def _write_table(path: Path, shown: "tuple[Diagnosis, ...]") -> None:

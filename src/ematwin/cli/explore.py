@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from ematwin.cli import complete
-from ematwin.cli.options import ActuatorOption, ColumnOption, MapOption
+from ematwin.cli.options import ColumnOption, MapOption, RecordedActuatorOption
 
 
 def explore(
@@ -17,7 +17,7 @@ def explore(
             "shown beside the healthy one."
         ),
     ] = None,
-    actuator: ActuatorOption = "servo48",
+    actuator: RecordedActuatorOption = None,
     scenario: Annotated[
         str | None,
         typer.Option(
@@ -38,16 +38,18 @@ def explore(
     import webbrowser
 
     from ematwin.cli.channels import map_of
+    from ematwin.cli.recordings import meant
     from ematwin.exploring.explorer import Explorer
     from ematwin.exploring.server import Server
     from ematwin.models.reading import read
-    from ematwin.models.registry import load_actuator
+    from ematwin.monitoring.calibration import Calibration
 
-    recording = None
+    recording, known = None, Calibration.of(actuator)
     if record is not None:
-        chosen = load_actuator(actuator)
-        recording = read(record, map_of(column, map_file, chosen), actuator=chosen)
-    with Server(Explorer(recording, actuator, scenario), port) as server:
+        known = Calibration.of(actuator or meant([record], column, map_file))
+        columns = map_of(column, map_file, known.actuator)
+        recording = read(record, columns, actuator=known.actuator)
+    with Server(Explorer(recording, known, scenario), port) as server:
         typer.echo(f"{server.address}\nThe twin is on this page. Ctrl-C ends it.")
         if not no_browser:
             webbrowser.open(server.address)

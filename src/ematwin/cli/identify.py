@@ -1,7 +1,7 @@
 """``ematwin identify``: recordings in, what they say of their actuator out."""
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
@@ -10,27 +10,32 @@ import typer
 
 from ematwin.cli import complete
 from ematwin.cli.options import (
-    ActuatorOption,
     ColumnOption,
+    FailOption,
     JsonOption,
     LoadOption,
     MapOption,
+    RecordedActuatorOption,
     ReportOption,
     TableOption,
+    grades,
     numbers,
     pairs,
     print_json,
     print_notes,
     print_table,
     progress_bar,
+    terminal_width,
 )
-from ematwin.cli.recordings import constant_load
+from ematwin.cli.recordings import constant_load, meant
 from ematwin.errors import InputError
 
 if TYPE_CHECKING:
     from ematwin.estimation.identify import Identification
     from ematwin.estimation.uncertainty import Uncertainty
     from ematwin.recordings.cleaning import Policy
+
+_WIDE = 110  # columns of a terminal, from which a table has room for what a fault means
 
 
 def identify(
@@ -41,7 +46,7 @@ def identify(
             "a table of verdicts."
         ),
     ],
-    actuator: ActuatorOption = "servo48",
+    actuator: RecordedActuatorOption = None,
     algorithm: Annotated[
         str | None,
         typer.Option(
@@ -108,21 +113,22 @@ def identify(
     ] = None,
     report: ReportOption = None,
     table: TableOption = None,
+    fail_on: FailOption = None,
     json: JsonOption = False,
 ) -> None:
     """Find the faults with which the digital twin behaves like the recorded actuator."""
     from ematwin.cli.channels import map_of
     from ematwin.cli.detect import answer, check_targets
-    from ematwin.files import write_text
     from ematwin.models.reading import read
     from ematwin.monitoring.calibration import Calibration
     from ematwin.monitoring.gather import files_of, is_one
     from ematwin.monitoring.identify import identify as run
 
     check_targets(table, report)
-    known = Calibration.of(actuator)
-    columns = map_of(column, map_file, known.actuator)
+    failing = grades(fail_on)
     files = [file for path in records for file in files_of(path)]
+    known = Calibration.of(actuator or meant(files, column, map_file))
+    columns = map_of(column, map_file, known.actuator)
     with progress_bar(f"Reading {records[0].name}", not json) as progress:
         recordings = read(
             files, columns, actuator=known.actuator, resample_to=resample_to,
@@ -149,6 +155,8 @@ def identify(
                 progress=lambda done, cost, count: show(done / count),
             )  # fmt: skip
         answer(judged, recordings, "motion", table, report, json)
+        if any(one.grade in failing for one in judged.motions):
+            raise typer.Exit(1)
         return
     if table is not None:
         raise InputError("--table is of several recordings; give more, or a folder.")
@@ -156,20 +164,20 @@ def identify(
         # given away, so that what was sampled faster than it is compared can be freed
         found = run(recordings.pop(), known, algorithm, **settings, progress=progress_of_search)
     if report is not None:
-        from ematwin.report.identification import identification_page
-
-        write_text(report, identification_page(found))
+        found.report(report)
     if json:
         print_json({**found.as_dict(), "report": None if report is None else str(report)})
-        return
-    print_findings(found)
-    if not found.calibrated:
-        typer.echo(
-            f"Not calibrated: {found.actuator.name} is known as far as its tolerances go. "
-            "ematwin calibrate learns your actuator from healthy recordings."
-        )
-    if report is not None:
-        typer.echo(f"wrote {report}")
+    else:
+        print_findings(found)
+        if not found.calibrated:
+            typer.echo(
+                f"Not calibrated: {found.actuator.name} is known as far as its tolerances go. "
+                "ematwin calibrate learns your actuator from healthy recordings."
+            )
+        if report is not None:
+            typer.echo(f"wrote {report}")
+    if found.verdict.grade in failing:
+        raise typer.Exit(1)
 
 
 @contextmanager
@@ -202,28 +210,27 @@ def print_findings(found: "Identification") -> None:
     """The verdict, then the table for people."""
     from rich.table import Table
 
+    from ematwin.estimation.findings import fault_cells
+    from ematwin.showing.numbers import with_interval
+
     typer.echo(f"{found.verdict.sentence}\n")
     table = Table(title=f"Faults of {found.actuator.name}", title_justify="left")
-    table.add_column("fault")
-    for heading in ("k", "95 % of k", "value", "95 % of value", "healthy"):
-        table.add_column(heading, justify="right")
-    table.add_column("meaning")
-    for row in found.physical:
-        table.add_row(
-            row.name,
-            f"{row.normalised:.4g}",
-            _range(found.intervals.get(row.name)),
-            f"{row.value:.4g} {row.unit}".rstrip(),
-            _range(found.physical_values.get(row.name, ())[1:]),
-            f"{row.healthy:.4g}",
-            row.meaning,
-            style="bold" if row.name in found.present else None,
-        )
+    table.add_column("fault", no_wrap=True)
+    for heading in ("value", "95 % interval", "healthy", "k"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    meanings = terminal_width() >= _WIDE
+    if meanings:
+        table.add_column("meaning")
+    for row in fault_cells(found):
+        cells = [row.name, row.value, row.interval, row.healthy, row.k]
+        cells += [row.meaning] if meanings else []
+        table.add_row(*cells, style="bold" if row.name in found.present else None)
     print_table(table, 150)
     for one in found.model.contrasts(found.actuator):
         if one.name in found.contrasts:
             value, (low, high) = found.contrasts[one.name]
-            typer.echo(f"{one.meaning}: {value:.3g} ({low:.3g} to {high:.3g})")
+            number, between = with_interval(value, low, high)
+            typer.echo(f"{one.meaning}: {number} ({between})")
     typer.echo(
         f"misfit {100.0 * found.relative_misfit:.2f} % ({found.cost:.4g}), "
         f"{found.evaluations} simulations in {found.seconds:.2f} s with {found.algorithm}, "
@@ -250,8 +257,3 @@ def print_uncertainty(sure: "Uncertainty") -> None:
     for sentence in sure.sentences:
         typer.echo(sentence)
     print_notes("Doubt", sure.doubts)
-
-
-def _range(ends: "Sequence[float] | None") -> str:
-    """ "0.1 to 0.2"; "held" where there is none."""
-    return f"{ends[0]:.3g} to {ends[1]:.3g}" if ends else "held"

@@ -1,6 +1,7 @@
 """Options that several commands share, and how their texts become values."""
 
 import json
+import shutil
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -42,7 +43,28 @@ TableOption = Annotated[
 ReportOption = Annotated[
     Path | None, typer.Option(help="Write a self-contained page here (.html).")
 ]
+ForceOption = Annotated[
+    bool, typer.Option("--force", help="Replace a file that exists, which you may have edited.")
+]
+RecordedActuatorOption = Annotated[
+    str | None,
+    typer.Option(
+        "--actuator",
+        help="A shipped parameter set of any kind, a TOML file, or a calibrated actuator; if not "
+        "given the default one of the kind that has such channels.",
+        autocompletion=complete.actuators,
+    ),
+]
+FailOption = Annotated[
+    str | None,
+    typer.Option(
+        help="End with exit code 1 if a recording gets one of these grades: fault, changed, none; "
+        "several with commas."
+    ),
+]
 JsonOption = Annotated[bool, typer.Option("--json", help="Answer as JSON.")]
+
+_FILE = 200  # columns where the answer goes to a file
 
 
 def pairs(texts: list[str], what: str) -> dict[str, str]:
@@ -78,9 +100,22 @@ def numbers(texts: list[str], what: str) -> dict[str, float]:
     return values
 
 
+def grades(text: str | None) -> set[str]:
+    """The grades of ``--fail-on``; none where it is not given."""
+    found = set() if text is None else {part.strip() for part in text.split(",")}
+    if not found <= {"fault", "changed", "none", "healthy"}:
+        raise InputError(f"--fail-on takes fault, changed and none, received {text!r}.")
+    return found
+
+
 def print_json(answer: Any) -> None:
     """An answer for a program, on standard output."""
     typer.echo(json.dumps(answer, indent=2, allow_nan=False))
+
+
+def terminal_width() -> int:
+    """Columns of the terminal; a file has room for whole tables."""
+    return shutil.get_terminal_size().columns if sys.stdout.isatty() else _FILE
 
 
 def print_table(table: Any, width: int) -> None:

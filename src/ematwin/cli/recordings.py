@@ -14,6 +14,15 @@ if TYPE_CHECKING:
 Choices = dict[str, list[str]]
 
 
+def meant(files: list[Path], column: list[str] | None, map_file: Path | None) -> "ParameterSet":
+    """The actuator that the first of some files is of, where none was named."""
+    from ematwin.models.reading import actuator_for
+    from ematwin.monitoring.gather import files_of
+
+    given = pairs(column or [], "--column")
+    return actuator_for(files_of(files[0])[0], given or map_file)
+
+
 def load(
     files: list[Path],
     column: list[str] | None,

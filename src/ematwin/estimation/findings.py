@@ -5,21 +5,33 @@
 
 import math
 from collections.abc import Mapping
+from contextlib import suppress
+from typing import TYPE_CHECKING, NamedTuple
 
+import numpy as np
+
+from ematwin.errors import EmatwinError
 from ematwin.estimation.assess import Assessment
 from ematwin.estimation.baseline import Baseline
 from ematwin.estimation.constants import HOPELESS, WORSE
 from ematwin.estimation.estimate import Estimate
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found
-from ematwin.estimation.verdict import Verdict, judged, most_misfit
+from ematwin.estimation.verdict import INTERVAL, Verdict, judged, most_misfit
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
+from ematwin.models.proposing import in_other_units
+from ematwin.models.registry import model_of
 from ematwin.models.unknown import Unknown
 from ematwin.recordings.recording import Recording
+from ematwin.showing.numbers import in_unit, plain, with_interval
 from ematwin.showing.words import listed
 
+if TYPE_CHECKING:
+    from ematwin.estimation.identify import Identification
+
 _DISTRUSTED = 0.33  # share of its weight with which evidence counts
+_FITS = 0.3  # times the misfit in SI: other units are what was meant
 _SATURATED = 0.01  # share of the samples of a current
 _VAGUE = 0.05  # standard error, as a share of the range, above which a fault is not determined
 
@@ -34,11 +46,7 @@ def verdict_on(
     obstacles: list[str],
 ) -> Verdict:
     """The verdict on an assessed recording, or why there is none."""
-    said = {
-        one.name: _said(one, actuator, estimate, assessed)
-        for one in problem.unknowns
-        if one.role == "fault" and one.direction_of is None
-    }
+    faults = [one for one in problem.unknowns if one.role == "fault" and one.direction_of is None]
     ambiguities = {
         name: one.ambiguity
         for one in model.contrasts(actuator)
@@ -52,7 +60,8 @@ def verdict_on(
         intervals={name: (one.low, one.high) for name, one in assessed.intervals.items()},
         obstacles=obstacles,
         ambiguities=ambiguities,
-        found=said,
+        found={one.name: _said(one, actuator, estimate, assessed) for one in faults},
+        ranges={one.name: _range(one, actuator, assessed) for one in faults},
     )
 
 
@@ -118,17 +127,34 @@ def obstacles_to(
 
 
 def _said(one: Unknown, actuator: ParameterSet, estimate: Estimate, assessed: Assessment) -> str:
-    """What is said of a fault: "Friction +50 % (0.045 N m, 0.043 to 0.047)"."""
+    """The size of a fault: "friction +50 % (0.045 N m, 95 % interval 0.044 to 0.047)".
+
+    Where nothing is healthy: "6.0 shorted turns in phase b (95 % interval 5.8 to 8.0)".
+    """
     row = one.physical_value(actuator, estimate[one.name])
     value, ends = assessed.physical[one.name]
-    title = one.name.replace("_", " ").capitalize()
-    unit = f" {row.unit.replace('*', ' ')}" if row.unit else ""
-    numbers = f"{value:.3g}{unit}, {ends.low:.3g} to {ends.high:.3g}"
+    number, between = with_interval(value, ends.low, ends.high)
+    name, between = one.name.replace("_", " "), f"{INTERVAL} {between}"
     if row.healthy > 0.0:
-        change = row.value / row.healthy
-        size = f"{100.0 * (change - 1.0):+.0f} %" if change < 3.0 else f"x{change:.3g}"
-        return f"{title} {size} ({numbers})"
-    return f"{title} {100.0 * (row.normalised - one.healthy) / one.width:.0f} % ({numbers})"
+        low, now, high = (x / row.healthy for x in (ends.low, value, ends.high))
+        if now < 3.0:
+            percent = with_interval(*(100.0 * (x - 1.0) for x in (now, low, high)))[0]
+            size = f"{percent} %" if percent.startswith("-") else f"+{percent} %"
+        else:
+            size = f"x{with_interval(now, low, high)[0]}"
+        return f"{name} {size} ({in_unit(number, row.unit)}, {between})"
+    if row.unit and row.unit in one.meaning.split():
+        return f"{number} {one.meaning} ({between})"
+    return f"{name} {in_unit(number, row.unit)} ({between})"
+
+
+def _range(one: Unknown, actuator: ParameterSet, assessed: Assessment) -> str:
+    """Where a fault lies: "short a, 0 to 2.2 turns"; with the healthy value where it has one."""
+    row = one.physical_value(actuator, one.healthy)
+    value, ends = assessed.physical[one.name]
+    _, between = with_interval(value, ends.low, ends.high)
+    healthy = f", healthy {plain(row.healthy)}" if row.healthy else ""
+    return f"{one.name.replace('_', ' ')}, {in_unit(between, row.unit)}{healthy}"
 
 
 def remarks_on(model: Model, actuator: ParameterSet, assessed: Assessment) -> list[str]:
@@ -136,10 +162,10 @@ def remarks_on(model: Model, actuator: ParameterSet, assessed: Assessment) -> li
     found = []
     for name, (value, ends) in assessed.nuisances.items():
         one = model.unknown(actuator, name)
-        unit = f" {one.unit}".rstrip()
+        number, between = with_interval(value, ends.low, ends.high)
         found.append(
-            f"{one.meaning[:1].upper()}{one.meaning[1:]} is {value:.3g}{unit} ({ends.low:.3g} to "
-            f"{ends.high:.3g}); that was taken into account."
+            f"{one.meaning[:1].upper()}{one.meaning[1:]} is {in_unit(number, one.unit)} "
+            f"({between}); that was taken into account."
         )
     if assessed.unsettled:
         found.append(
@@ -178,6 +204,7 @@ def doubts_of(
             f"(misfit {100.0 * found.problem.relative_misfit(stretch_cost):.2f} %)."
         )
     elif misfit > HOPELESS:
+        doubts += _fitting_units(problem)
         doubts.append(
             f"The twin does not explain this record at all (misfit {100.0 * misfit:.0f} %; no twin "
             "leaves 100 %): these values mean nothing. Check the channels and their units, and "
@@ -193,3 +220,53 @@ def doubts_of(
             "nearly as well. Use a command that moves the actuator more."
         )
     return doubts
+
+
+def _fitting_units(problem: Problem) -> list[str]:
+    """A sentence on the units with which the healthy twin explains a recording, if it is theirs."""
+    one = problem.comparisons[0]
+    model = model_of(one.actuator)
+    tried: list[tuple[float, dict[str, str]]] = []
+    for units, scaled in in_other_units(one.recording, model, one.actuator):
+        with suppress(EmatwinError):
+            other = Problem.of(scaled, one.actuator)
+            point = np.array([[each.healthy for each in other.unknowns]])
+            tried.append((other.relative_misfit(float(other.costs(point)[0])), units))
+    stated = next((misfit for misfit, units in tried if not units), math.inf)
+    best, units = min(tried, key=lambda each: each[0], default=(math.inf, {}))
+    if not units or best > 1.0 or best > _FITS * stated:
+        return []
+    said = listed([f'unit = "{unit}" for {name}' for name, unit in units.items()])
+    return [
+        f"Nobody stated the units, and SI was taken: the healthy twin leaves "
+        f"{100.0 * best:.0f} % unexplained with {said}, and {100.0 * stated:.0f} % in SI. If that "
+        "is what they are, state it in the map or in the names of the file, as in "
+        f"“{next(iter(units))} [{next(iter(units.values()))}]”."
+    ]
+
+
+class FaultCells(NamedTuple):
+    """A fault as a row of a table; ``interval`` and ``k_interval`` are "held" without one."""
+
+    name: str
+    value: str  # with its unit
+    interval: str
+    healthy: str
+    k: str
+    k_interval: str
+    meaning: str
+
+
+def fault_cells(found: "Identification") -> list[FaultCells]:
+    """Values of an identification for people, with the digits that their intervals deserve."""
+    rows = []
+    for row in found.physical:
+        number, between = plain(row.value, 4), "held"
+        if row.name in found.physical_values:
+            number, between = with_interval(*found.physical_values[row.name])
+        k, ends = plain(row.normalised, 4), "held"
+        if row.name in found.intervals:
+            k, ends = with_interval(row.normalised, *found.intervals[row.name])
+        value, healthy = in_unit(number, row.unit), plain(row.healthy, 4)
+        rows.append(FaultCells(row.name, value, between, healthy, k, ends, row.meaning))
+    return rows

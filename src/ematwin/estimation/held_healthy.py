@@ -56,8 +56,11 @@ def held_healthy(peak: Laplace, names: Sequence[str], threads: int | None = 1) -
     free = Descent(least_noise=noise, settled=np.inf)
 
     def end(name: str) -> tuple[np.ndarray, int]:
+        healthy = problem.unknowns[problem.names.index(name)].healthy
+        if len(problem.names) == 1:  # nothing else is free
+            return np.array([healthy]), 0
         start = chart.to_values(chart.project((peak.z + _step(peak, name))[None]))[0]
-        small = problem.holding({name: problem.unknowns[problem.names.index(name)].healthy})
+        small = problem.holding({name: healthy})
         kept = [problem.names.index(one) for one in small.names]
         point, spent = free.end(small, start[kept])
         values = small.values(point)

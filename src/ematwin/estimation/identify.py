@@ -13,7 +13,14 @@ from ematwin.errors import InputError
 from ematwin.estimation.assess import assess, unassessed
 from ematwin.estimation.baseline import Baseline
 from ematwin.estimation.estimate import Estimate
-from ematwin.estimation.findings import caveats_of, doubts_of, obstacles_to, remarks_on, verdict_on
+from ematwin.estimation.findings import (
+    caveats_of,
+    doubts_of,
+    fault_cells,
+    obstacles_to,
+    remarks_on,
+    verdict_on,
+)
 from ematwin.estimation.initial_angle import estimate_initial_angle
 from ematwin.estimation.intervals import Interval
 from ematwin.estimation.problem import Problem
@@ -25,13 +32,13 @@ from ematwin.models.base import Model
 from ematwin.models.channels_agree import checked
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.registry import model_of
-from ematwin.models.unknown import PhysicalValue, table_of
+from ematwin.models.unknown import PhysicalValue
 from ematwin.optimizers.base import ITERATIONS, POPULATION, Optimizer
 from ematwin.recordings.read import assumptions
 from ematwin.recordings.recording import Recording
 from ematwin.showing import markup
 from ematwin.showing.bars import told
-from ematwin.showing.drawing import drawn
+from ematwin.showing.drawing import drawn, page_written
 from ematwin.showing.frames import frame_of_rows
 
 if TYPE_CHECKING:
@@ -243,14 +250,16 @@ class Identification:
             {"faults": "plot_faults", "fit": "plot_fit", "convergence": "plot_convergence"},
         )
 
+    def report(self, path: str | Path) -> None:
+        """Write its page (.html), which holds all that it shows."""
+        page_written(self, path, "identification:identification_page")
+
     def _repr_html_(self) -> str:
         """The verdict, then the faults, in a notebook."""
-        rows = []
-        for row in self.physical:
-            ends = self._physical_ends(row.name)
-            between = f"{ends['low']:.3g} to {ends['high']:.3g}" if ends else "held"
-            value = f"{row.value:.4g} {row.unit}".rstrip()
-            rows.append((row.name, value, between, f"{row.healthy:.4g}", row.meaning))
+        rows = [
+            (row.name, row.value, row.interval, row.healthy, row.meaning)
+            for row in fault_cells(self)
+        ]
         marked = [n for n, row in enumerate(self.physical) if row.name in self.present]
         return "".join(
             [
@@ -266,7 +275,12 @@ class Identification:
         )
 
     def __str__(self) -> str:
-        lines = [self.verdict.sentence, "", table_of(self.physical, self.present)]
+        lines = [self.verdict.sentence, ""]
+        lines += [
+            f"{row.name:<19} {row.value:>14}  {row.interval:>20}  {row.meaning}"
+            + ("  <" if row.name in self.present else "")
+            for row in fault_cells(self)
+        ]
         lines.append(
             f"misfit {100.0 * self.relative_misfit:.2f} %, {self.evaluations} simulations in "
             f"{self.seconds:.2f} s with {self.algorithm}; stopped: {self.stopped}"
@@ -455,6 +469,8 @@ def _loaded(model: Model, recording: Recording, load: float | None) -> Recording
     """The recording with a constant load, where one is given."""
     if load is None:
         return recording
+    if isinstance(load, bool) or not isinstance(load, int | float | np.number):
+        raise InputError(f"load must be a number in SI units, received {load!r}.")
     if model.load is None:
         raise InputError(f"The kind {model.kind} takes no load; leave it out.")
     if model.load in recording.channels:

@@ -27,7 +27,7 @@ from ematwin.models.base import Model, OtherForm
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
 from ematwin.numerics.side_by_side import side_by_side
-from ematwin.showing.words import listed
+from ematwin.showing.numbers import in_unit, plain
 
 _FAR = 5.0  # times the misfit of the first answer: a start, or a smooth descent, not worth more
 _FAR_BETTER = 0.7  # times the misfit of the first answer; 0.42 at most where the form was right
@@ -109,9 +109,10 @@ def qualified(rivals: Iterable[Rival], verdict: Verdict) -> Verdict:
     """The verdict with the other forms that explain the recording about as well in its sentence."""
     for one in rivals:
         if _is_as_near(one, verdict):
-            named = [name for name in verdict.faults if name in one.form.mistaken]
-            which = listed(named).replace("_", " ").capitalize()
-            said = f"{which} may as well be {one.form.meaning} ({one.said})."
+            said = (
+                f"Not certain: {one.form.meaning} ({one.said}) would explain this recording about "
+                "as well."
+            )
             verdict = replace(
                 verdict,
                 reason=f"{verdict.reason} {said}".strip(),
@@ -140,10 +141,7 @@ def hints(rivals: Iterable[Rival], verdict: Verdict) -> list[str]:
                     f"fault, of another size: {setting} if it may have that."
                 )
         elif _is_as_near(one, verdict):
-            found.append(
-                f"{_told(one)} would explain this recording about as well: {setting} "
-                "if it may have that."
-            )
+            found.append(f"P{setting[1:]} if it may have {one.form.meaning}.")
     return found
 
 
@@ -324,5 +322,4 @@ def _own_names(problem: Problem, form: OtherForm) -> list[str]:
 
 def _said(one: Unknown, actuator: ParameterSet, value: float) -> str:
     row = one.physical_value(actuator, value)
-    unit = f" {row.unit.replace('*', ' ')}" if row.unit else ""
-    return f"{one.name.replace('_', ' ')} {row.value:.3g}{unit}"
+    return f"{one.name.replace('_', ' ')} {in_unit(plain(row.value, 2), row.unit)}"

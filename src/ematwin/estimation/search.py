@@ -293,6 +293,8 @@ def find(
     ``progress`` is called with evaluations, best cost and budget after each batch; it may raise to
     end the search.
     """
+    if not (budget is None or isinstance(budget, int | np.integer)):
+        raise InputError(f"budget must be a whole number of simulations, received {budget!r}.")
     total = search.planned if budget is None else budget
     with noting_interrupts() as interrupts:
 

@@ -12,13 +12,23 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from ematwin.estimation.constants import EXPLAINED, SMALLEST, TELLING, UNCALIBRATED, WORSE, WORST
+from ematwin.estimation.constants import (
+    EXPLAINED,
+    LEVEL,
+    SMALLEST,
+    TELLING,
+    UNCALIBRATED,
+    WORSE,
+    WORST,
+)
 from ematwin.estimation.estimate import Estimate
 from ematwin.estimation.significance import is_present, present
 from ematwin.showing import markup
 from ematwin.showing.words import listed
 
 Grade = Literal["healthy", "changed", "fault", "none"]
+INTERVAL = f"{100 * LEVEL:.0f} % interval"
+_COUNTS = {2: "Two", 3: "Three", 4: "Four", 5: "Five", 6: "Six", 7: "Seven", 8: "Eight"}
 
 
 @dataclass(frozen=True)
@@ -79,6 +89,7 @@ def judged(
     obstacles: Sequence[str],
     ambiguities: Mapping[str, str],
     found: Mapping[str, str],
+    ranges: Mapping[str, str],
 ) -> Verdict:
     """The verdict on an estimate.
 
@@ -90,7 +101,8 @@ def judged(
     intervals : 95 %, by fault
     obstacles : sentences, each of which forbids a verdict
     ambiguities : by fault, what else may be the cause where only a drift would excuse it
-    found : by fault, what is said of it, such as "Friction +50 % (0.045 N m, ...)"
+    found : by fault, its size for people, "friction +50 % (0.045 N m, 95 % interval ...)"
+    ranges : by fault, its interval for people, "short a, 0 to 2.2 turns"
     """
     magnitudes = [name for name in estimate.names if name in found]
     named = tuple(name for name in present(estimate) if name in found)
@@ -101,23 +113,39 @@ def judged(
             estimate[name] - estimate.healthy[name], estimate.ranges[name], sharp_errors[name]
         )
     ]
+    if not magnitudes:
+        obstacles = [*obstacles, "No fault was searched."]
     if obstacles:
         reason = " ".join(obstacles)
         return Verdict("none", (), reason, f"No verdict: {reason}")
     unexplained = [name for name in moved if name not in named]
-    said = ", ".join(found[name] for name in unexplained)
+    said = _together([found[name] for name in unexplained]) if unexplained else ""
     causes = list(dict.fromkeys(ambiguities[n] for n in unexplained if n in ambiguities))
     because = f" {' '.join(causes)}" if causes else ""
+
+    def least_certain(names: Sequence[str], none: str) -> str:
+        """The bound that the intervals set to faults that are not seen."""
+        far = {
+            name: max(abs(end - estimate.healthy[name]) for end in intervals[name])
+            / estimate.ranges[name]
+            for name in names
+        }
+        if max(far.values()) <= SMALLEST:
+            return f"{none} larger than {100 * SMALLEST:g} % of its range."
+        worst = ranges[max(far, key=lambda name: far[name])]
+        return f"{none} found; the least certain is {worst} ({INTERVAL})."
+
     if named:
-        lead = "; ".join(found[name] for name in named)
-        word = "fault" if len(named) == 1 else "faults"
-        rest = "All else healthy."
-        reason = ""
+        count = _COUNTS.get(len(named), str(len(named)))
+        lead = f"{count} faults" if len(named) > 1 else "Fault"
+        reason = rest = ""
         if unexplained:
             excuse = "drift" if calibrated else "the tolerances of the data sheet"
-            reason = f"Beside it {said}, which {excuse} may cause.{because}"
-            rest = reason
-        return Verdict("fault", named, reason, f"{lead}: {word}. {rest}")
+            reason = rest = f"{said[:1].upper()}{said[1:]} may be due to {excuse}.{because}"
+        elif others := [name for name in magnitudes if name not in named]:
+            rest = least_certain(others, "No other fault")
+        sentence = f"{lead}: {_together([found[name] for name in named])}. {rest}".rstrip()
+        return Verdict("fault", named, reason, sentence)
     if moved:
         if calibrated:
             reason = f"{said}, no more than drift since the calibration can cause.{because}"
@@ -144,6 +172,9 @@ def judged(
             )
         )
         return Verdict("none", (), reason, f"No verdict: {reason}")
-    return Verdict(
-        "healthy", (), "", f"Healthy: no fault larger than {100 * SMALLEST:g} % of its range shows."
-    )
+    return Verdict("healthy", (), "", f"Healthy: {least_certain(magnitudes, 'no fault')}")
+
+
+def _together(said: Sequence[str]) -> str:
+    """Sizes of several faults; the first one says that its interval is of 95 %."""
+    return listed([said[0], *(one.replace(f"{INTERVAL} ", "") for one in said[1:])])

@@ -16,7 +16,7 @@ from ematwin.errors import InputError
 from ematwin.estimation.local import LocalDescent
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import find
-from ematwin.models.reading import read
+from ematwin.models.reading import actuator_for, read
 from ematwin.models.registry import load_actuator, model_of
 from ematwin.models.scenario import Scenario
 from ematwin.models.unknown import Unknown
@@ -66,6 +66,8 @@ class Explorer:
     ) -> None:
         if record is not None and scenario is not None:
             raise InputError("A recording has its own command; leave the scenario out.")
+        if actuator is None and record is not None:
+            actuator = actuator_for(record)
         self._given = actuator
         self.actuator = load_actuator(actuator)
         self.model = model_of(self.actuator)

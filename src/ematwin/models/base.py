@@ -332,7 +332,7 @@ class Model(ABC):
 
     def scenarios(self) -> dict[str, Path]:
         """Names and files of the scenarios that come with this kind."""
-        return shipped_scenarios(type(self).__module__.rpartition(".")[0])
+        return shipped_scenarios(type(self).__module__)
 
     def check_scenario(self, scenario: Scenario, actuator: Any) -> None:  # noqa: B027
         """Raise `ParameterError` if an actuator cannot follow a scenario."""

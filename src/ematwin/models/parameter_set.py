@@ -7,9 +7,10 @@ Each kind of actuator is one subclass of `ParameterSet`; its shipped sets lie be
 import hashlib
 import json
 import math
-import sys
+import re
 from collections.abc import Collection, Iterator, Mapping
 from functools import cached_property
+from importlib import import_module
 from pathlib import Path
 from typing import Any, ClassVar, Self, get_args
 
@@ -79,6 +80,12 @@ def quantity(
         allow_inf_nan=False,
         **limits,
     )
+
+
+def folder_of(module: str) -> Path:
+    """The folder of a module; the current one where it comes from no file, as in a notebook."""
+    file = getattr(import_module(module), "__file__", None)
+    return Path.cwd() if file is None else Path(file).parent
 
 
 def not_searchable(place: str) -> InputError:
@@ -199,8 +206,16 @@ class ParameterSet(BaseModel):
     @classmethod
     def shipped(cls) -> dict[str, Path]:
         """Names and files of the sets of this kind that come with ematwin."""
-        folder = Path(str(sys.modules[cls.__module__].__file__)).parent
-        return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+        files = {path.stem: path for path in sorted(folder_of(cls.__module__).glob("*.toml"))}
+        if "." in cls.__module__:
+            return files
+        # a module in no package may lie beside anything
+        own = re.compile(rf"""^kind\s*=\s*["']{re.escape(cls.kind)}["']""", re.MULTILINE)
+        return {
+            name: path
+            for name, path in files.items()
+            if own.search(path.read_text(encoding="utf-8", errors="replace"))
+        }
 
     def changed(self, values: dict[str, float]) -> Self:
         """A variant with some values replaced, e.g. ``{"motor.resistance": 2.3}``, in SI.

@@ -7,9 +7,12 @@ several remain, the question stays open.
 
 import math
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from itertools import product
 from typing import Any
+
+import numpy as np
 
 from ematwin.errors import EmatwinError
 from ematwin.models.base import Model
@@ -84,6 +87,31 @@ def propose_map(path: Any, actuator: Any = None, found: Survey | None = None) ->
     except EmatwinError as error:
         return replace(proposal, check=(str(error),), refused=True)
     return replace(proposal, check=tuple(doubts))
+
+
+def in_other_units(
+    recording: Recording, model: Model, actuator: Any
+) -> Iterator[tuple[dict[str, str], Recording]]:
+    """Yield a recording with numbers of which nobody stated the unit taken for other usual units.
+
+    Each comes with the units that differ from SI, by channel; those that the kind refuses are left
+    out.
+    """
+    channels = {one.name: one for one in with_time(model.channels)}
+    assumed = {
+        name: list(_USUAL[channels[name].unit][0])
+        for name, account in recording.provenance.get("columns", {}).items()
+        if account.get("unit_from") == "assumed" and name in channels
+        and channels[name].unit in _USUAL and np.any(recording.channels.get(name))
+    }  # fmt: skip
+    for tried, combination in enumerate(_combinations(assumed), start=1):
+        units = {name: unit for name, unit in combination.items() if unit != channels[name].unit}
+        if tried > _MOST_TRIES:
+            return
+        with suppress(EmatwinError):
+            scaled = _in_units(recording, units, channels)
+            model.check(scaled, actuator)
+            yield units, scaled
 
 
 def _read(path: Any, model: Model, proposal: Proposal) -> tuple[Recording | None, str]:

@@ -1,17 +1,19 @@
 """`read` and `write`: recordings of any kind of actuator, in files of any known format."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Literal, Protocol, TypedDict, Unpack, overload
 
-from ematwin.errors import RecordError
+from ematwin.errors import InputError, ParameterError, RecordError
 from ematwin.models.base import Model
-from ematwin.models.registry import DEFAULT_KIND, kind_of, model_of, models
+from ematwin.models.parameter_set import ParameterSet
+from ematwin.models.registry import DEFAULT_KIND, kind_of, load_actuator, model_of, models
 from ematwin.recordings.channel import Channel
 from ematwin.recordings.channel_map import ChannelMap, Columns
 from ematwin.recordings.cleaning import Policy
 from ematwin.recordings.formats.base import Progress, open_file
-from ematwin.recordings.matching import MissingChannelError, match
+from ematwin.recordings.matching import MissingChannelError, is_met, match
 from ematwin.recordings.motions import Choice
 from ematwin.recordings.read import read_file
 from ematwin.recordings.recording import Recording
@@ -80,7 +82,7 @@ def read(
 
     Parameters
     ----------
-    path : a .csv, .parquet, .mat, .mf4, .mdf, .tdms, .h5 or .hdf5 file, or a DataFrame of pandas;
+    path : a file of a known format (docs/formats.md), or a DataFrame of pandas;
         or several of them
     columns : which channel of the file is which: a mapping such as
         ``{"current_a": "Phase A [A]"}``, a TOML file, or a `ChannelMap`. All others are found by
@@ -117,6 +119,10 @@ def read(
         If the library for a format is not installed.
     """
     single = isinstance(path, str | Path) or is_frame(path)
+    if not (single or isinstance(path, Iterable)):
+        raise InputError(
+            f"Give the path of a file, a DataFrame, or a list of them; received {path!r}."
+        )
     files: list[Any] = [path] if single else list(path)  # type: ignore[arg-type]
     model = model_of(DEFAULT_KIND) if actuator is None else _model(actuator)
     channel_map = ChannelMap.of(columns, model.channels) if columns is not None else None
@@ -137,11 +143,12 @@ def read(
                 progress=_share(progress, n, len(files)),
             )
         except MissingChannelError as error:
-            kind = _kind_that_fits(file) if columns is None else None
-            if kind is None:
+            kinds = _kinds_of(file, None) if columns is None else []
+            if not kinds:
                 raise
             raise RecordError(
-                f"{error} It has the channels of the kind {kind}: give an actuator of that kind."
+                f"{error} It has the channels of the kind {kinds[0]}: give an actuator of that "
+                "kind."
             ) from None
     if split or not single:
         return found
@@ -201,16 +208,57 @@ def _model(actuator: Any) -> Model:
     return model_of(str(actuator) if str(actuator) in kinds else kind_of(actuator))
 
 
-def _kind_that_fits(path: Any) -> str | None:
-    """The first kind for which a file has all channels that are needed."""
-    for kind, model in models().items():
-        with open_file(path) as file:
-            try:
-                match(file, ChannelMap(model.channels), model.required)
-            except RecordError:
-                continue
-            return kind
-    return None
+def actuator_for(recording: Any, columns: Columns = None) -> ParameterSet:
+    """The actuator that is meant where none is named: the default one of the recording's kind.
+
+    Parameters
+    ----------
+    recording : a `Recording`, the path of a file, or a DataFrame
+    columns : as of `read`
+
+    Returns
+    -------
+    ParameterSet : of a simulation the shipped one that was simulated; of other recordings the
+        default of the only kind that has such channels; if there is none the default brushless one
+
+    Raises
+    ------
+    InputError
+        If several kinds have such channels.
+    """
+    if isinstance(recording, Recording):
+        told = recording.provenance
+    else:
+        with open_file(recording) as file:
+            told = file.metadata.get("provenance") or {}
+    if told.get("source") == "simulated":
+        with suppress(ParameterError):
+            return load_actuator(str(told.get("actuator")))
+    kinds = _kinds_of(recording, columns)
+    if len(kinds) > 1:
+        raise InputError(
+            f"{getattr(recording, 'name', recording)} has channels of the kinds "
+            f"{' and '.join(kinds)}. Name the actuator: "
+            f'actuator="{models()[kinds[0]].parameters.default}", or your own file.'
+        )
+    return load_actuator(models()[kinds[0]].parameters.default if kinds else None)
+
+
+def _kinds_of(recording: Any, columns: Columns) -> list[str]:
+    """The kinds for which a recording or a file has all channels that are needed."""
+    if isinstance(recording, Recording):
+        return [
+            kind
+            for kind, model in models().items()
+            if all(is_met(group, recording.channels) for group in model.required)
+        ]
+    kinds = []
+    with open_file(recording) as file:
+        for kind, model in models().items():
+            with suppress(RecordError, InputError):
+                match(file, ChannelMap.of(columns or {}, model.channels), model.required)
+                kinds.append(kind)
+    return kinds
 
 
 def _channels_of(recording: Recording) -> Sequence[Channel]:

@@ -34,6 +34,7 @@ def _own(kind: str) -> Model:
 
 
 _REGISTERED: dict[str, Model] = {}  # of this process, by kind
+_BROKEN: dict[str, str] = {}  # sentences by the name of the entry point
 
 
 def register_model(model: Model) -> None:
@@ -74,31 +75,31 @@ def registered_models() -> tuple[Model, ...]:
 
 @cache
 def models() -> dict[str, Model]:
-    """All kinds by name, ours first.
-
-    Raises
-    ------
-    InputError
-        If an installed package registers something that is no model.
-    """
+    """All kinds by name, ours first; those of packages that cannot be loaded are `broken_kinds`."""
     found: dict[str, Model] = {kind: _own(kind) for kind in _OURS} | _REGISTERED
+    _BROKEN.clear()
     for point in entry_points(group=ENTRY_POINTS):
         try:
             loaded = point.load()
             model = loaded() if isinstance(loaded, type) else loaded
-        except Exception as error:
-            raise InputError(
+            if not isinstance(model, Model):
+                raise TypeError(
+                    f"it must be a Model of ematwin.models.base, but is a {type(model).__name__}"
+                )
+        except Exception as error:  # whatever a package of others raises
+            _BROKEN[point.name] = (
                 f"The kind of actuator {point.name!r} cannot be loaded from {point.value}: "
                 f"{error}. Repair or remove the package that registers it."
-            ) from error
-        if not isinstance(model, Model):
-            raise InputError(
-                f"{point.value} must be a Model of ematwin.models.base, but is a "
-                f"{type(model).__name__}. Repair or remove the package that registers it."
             )
-        if model.kind not in found:
-            found[model.kind] = model
+            continue
+        found.setdefault(model.kind, model)
     return found
+
+
+def broken_kinds() -> list[str]:
+    """A sentence on each kind that an installed package names and that cannot be loaded."""
+    models()
+    return list(_BROKEN.values())
 
 
 def model_of(actuator: Any) -> Model:
@@ -115,9 +116,16 @@ def model_of(actuator: Any) -> Model:
     for model in models().values():
         if kind == model.kind or kind in model.parameters.former_kinds:
             return model
+    if kind in _BROKEN:
+        raise ParameterError(_BROKEN[kind])
     raise ParameterError(
-        f"There is no kind of actuator {kind!r}; choose one of {', '.join(models())}."
+        _and_broken(f"There is no kind of actuator {kind!r}; choose one of {', '.join(models())}.")
     )
+
+
+def _and_broken(sentence: str) -> str:
+    """A sentence on what is not found, and those on kinds that it may belong to."""
+    return " ".join([sentence, *broken_kinds()])
 
 
 def shipped_actuators() -> dict[str, Path]:
@@ -148,6 +156,11 @@ def load_actuator(name_or_path: "str | Path | ParameterSet | Any | None" = None)
     held = getattr(name_or_path, "actuator", None)
     if isinstance(held, ParameterSet):
         return held
+    if not isinstance(name_or_path, str | Path):
+        raise InputError(
+            "An actuator is a parameter set, the name of a shipped one, or the path of a TOML "
+            f"file; received {type(name_or_path).__name__}."
+        )
     return actuator_in(_table(name_or_path), name_or_path)
 
 
@@ -167,8 +180,10 @@ def _table(name_or_path: str | Path) -> dict[str, Any]:
         close = difflib.get_close_matches(str(name_or_path), shipped, n=1)
         hint = f" Did you mean {close[0]}?" if close else ""
         raise ParameterError(
-            f"There is no actuator {str(name_or_path)!r}.{hint} Shipped: {', '.join(shipped)}; "
-            "or give the path of a TOML file (ending in .toml)."
+            _and_broken(
+                f"There is no actuator {str(name_or_path)!r}.{hint} Shipped: {', '.join(shipped)}; "
+                "or give the path of a TOML file (ending in .toml)."
+            )
         )
     return load_toml(parameter_file(name_or_path, shipped), "actuator")
 
@@ -189,6 +204,11 @@ def _model(table: dict[str, Any], what: str | Path) -> Model:
             raise ParameterError("")
         return model_of(kind)
     except ParameterError:
+        if kind in _BROKEN:
+            raise
         raise ParameterError(
-            f"{what}: there is no kind of actuator {kind!r}; choose one of {', '.join(models())}."
+            _and_broken(
+                f"{what}: there is no kind of actuator {kind!r}; choose one of "
+                f"{', '.join(models())}."
+            )
         ) from None

@@ -8,7 +8,6 @@ a unit; from Python the same components are objects:
 """
 
 from collections.abc import Mapping
-from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
@@ -16,6 +15,7 @@ import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from ematwin.errors import ParameterError
+from ematwin.models.parameter_set import folder_of
 from ematwin.models.recorded import recorded_columns
 from ematwin.quantities import parse_quantity
 from ematwin.validation import load_toml, one_sentence
@@ -271,7 +271,17 @@ class Scenario(BaseModel):
             return name_or_path
         shipped = shipped_scenarios() if shipped is None else shipped
         if name_or_path is None:
+            if not shipped:
+                raise ParameterError(
+                    "This kind of actuator comes with no scenario; give one, or put one into the "
+                    "folder scenarios beside its model."
+                )
             name_or_path = DEFAULT_SCENARIO if DEFAULT_SCENARIO in shipped else next(iter(shipped))
+        if not isinstance(name_or_path, str | Path):
+            raise ParameterError(
+                "A scenario is a Scenario, the name of a shipped one, or the path of a file; "
+                f"received {type(name_or_path).__name__}."
+            )
         path, (unit, load_unit) = Path(name_or_path), units
         if path.suffix and path.suffix != ".toml":
             load = {"load": (load_unit,)} if load_unit else {}
@@ -391,7 +401,7 @@ def _units_resolved(table: dict[str, Any], folder: Path, what: str, units: Units
     return table
 
 
-def shipped_scenarios(package: str = "ematwin.models.bldc") -> dict[str, Path]:
-    """Names and files of the scenarios in the folder ``scenarios`` of a package."""
-    folder = Path(str(resources.files(package))) / "scenarios"
+def shipped_scenarios(module: str = "ematwin.models.bldc") -> dict[str, Path]:
+    """Names and files of the scenarios in the folder ``scenarios`` beside a module."""
+    folder = folder_of(module) / "scenarios"
     return {path.stem: path for path in sorted(folder.glob("*.toml"))}

@@ -23,7 +23,7 @@ def simulate(
     *,
     sample_rate: float | None = None,
     step: float | None = None,
-    noise: Noise | None = None,
+    noise: Noise | float | str | None = None,
     seed: int = 0,
     initial_position: float = 0.0,
     also: Iterable[str] = (),
@@ -42,7 +42,7 @@ def simulate(
         brushless actuator
     sample_rate : float, Hz, of the recording; None takes the kind's
     step : float, s, of the model; None takes the actuator's
-    noise : imperfections of the current measurement, or None
+    noise : imperfections of the measurement: a `Noise`, or the share of white noise, such as 0.02
     seed : int, of the noise
     initial_position : float, rad on the output, at rest
     also : channels that are only given on request, such as voltage_a; those of a kind stand in
@@ -68,6 +68,12 @@ def simulate(
             f"There is no model {model!r} of the kind {kind.kind}; choose "
             f"{' or '.join(kind.fidelities)}."
         )
+    if isinstance(faults, str) or (
+        isinstance(faults, list | tuple) and any(isinstance(one, str) for one in faults)
+    ):
+        raise InputError(
+            f'Faults are values by name, such as {{"friction": 0.25}}; received {faults!r}.'
+        )
     check_seed(seed)
     more = tuple(dict.fromkeys([also] if isinstance(also, str) else also))
     unknown = [name for name in more if name not in kind.on_request]
@@ -84,7 +90,7 @@ def simulate(
             fidelity=model,
             sample_rate=sample_rate,
             step=step,
-            noise=noise,
+            noise=Noise.of(noise),
             seed=seed,
             initial_position=initial_position,
             progress=tell,

@@ -34,6 +34,7 @@ from ematwin.monitoring.diagnosis import (
 from ematwin.monitoring.index import health_index, single_reach
 from ematwin.monitoring.measure import Measured, reported_values, statistics_of
 from ematwin.recordings.recording import Recording
+from ematwin.showing.numbers import plain
 
 _ENDS = np.array([-1.0, 1.0])
 _CHANGED = 6.0  # healthy standard deviations of a statistic
@@ -178,13 +179,10 @@ class _Judge:
         said = ""
         if own:
             m = own[0][0]
-            said = (
-                f"{m.name} {m.value:.3g} {m.unit}".rstrip()
-                + f", healthy {m.healthy[0]:.3g} to {m.healthy[1]:.3g}"
-            )
+            said = f"{m}, healthy {plain(m.healthy[0])} to {plain(m.healthy[1])}"
         if named.by == "physics":
-            m = own[0][0]
-            return f"{said}: {abs(m.score):.1f} healthy deviations off", ""
+            name = own[0][0].name.replace("_", " ").capitalize()
+            return f"{name} is far outside what healthy runs showed ({said})", ""
         text = "It resembles the recordings that were taught as this fault"
         raised = any((abs(m.score) if either else m.score) > _SIGMAS for m, either in own)
         if not own or raised:

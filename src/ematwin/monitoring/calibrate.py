@@ -26,7 +26,7 @@ from ematwin.monitoring.by_population import by_population
 from ematwin.monitoring.calibration import Calibration, PopulationCalibration, Thresholds
 from ematwin.monitoring.classification import REACH, Signature
 from ematwin.monitoring.features import Layout
-from ematwin.monitoring.gather import Given, recordings_of
+from ematwin.monitoring.gather import Given, actuator_of, recordings_of
 from ematwin.monitoring.healthy import HealthyRuns, Learning, without_own_share
 from ematwin.monitoring.index import single_reach
 from ematwin.monitoring.measure import Bench, Fit, Measured
@@ -35,6 +35,7 @@ from ematwin.monitoring.scores import FALSE_ALARM_RATE
 from ematwin.recordings.recording import Recording
 from ematwin.showing import markup
 from ematwin.showing.bars import told
+from ematwin.showing.drawing import page_written
 from ematwin.showing.frames import frame_of_rows
 
 Progress = Callable[[float], None]
@@ -119,6 +120,10 @@ class CalibrationReport:
             ]
         )
 
+    def report(self, path: str | Path) -> None:
+        """Write its page (.html), which holds all that it shows."""
+        page_written(self, path, "calibration:calibration_page")
+
     def save(self, path: str | Path) -> None:
         """Write the calibrated actuator as a TOML file, with the sources of its parameters."""
         self.calibration.save(path, self.sources)
@@ -149,7 +154,7 @@ class CalibrationReport:
 
 def calibrate(
     recordings: Given,
-    template: ParameterSet | str | Path | Any = "rm1605",
+    template: ParameterSet | str | Path | Any | None = None,
     *,
     held_back: int | None = None,
     false_alarm_rate: float | None = None,
@@ -165,7 +170,8 @@ def calibrate(
     recordings : healthy ones, or the files or folders that hold them; one is enough for the twin;
         three runs over one command also give the healthy population by which kinds that one
         descent fits are judged; nuisances such as a load need not be known
-    template : actuator of any kind to start from: parameters, the name of a shipped set, or a file
+    template : actuator of any kind to start from: parameters, the name of a shipped set, or a file;
+        if not given the default one of the kind that has such channels
     held_back : runs, the last ones, that take no part in learning and set the thresholds; by
         default all runs are learnt from, and each, judged by the others, sets the thresholds
     false_alarm_rate : of a healthy recording, or run, of another day; 0.1 if not given
@@ -196,7 +202,7 @@ def calibrate(
 
 def _calibrated(
     recordings: Given,
-    template: ParameterSet | str | Path | Any,
+    template: ParameterSet | str | Path | Any | None,
     held_back: int | None,
     false_alarm_rate: float | None,
     known: Mapping[str, Given],
@@ -215,7 +221,7 @@ def _calibrated(
                 "leave it out."
             )
         return _added(recordings, add_to, rate, known, name, tell)
-    chosen = load_actuator(template)
+    chosen = actuator_of(recordings) if template is None else load_actuator(template)
     model = model_of(chosen)
     by_values = frees_parameters(model)
     asked = {

@@ -5,6 +5,7 @@ parameters are known). Where a healthy population judges, the tables ``calibrati
 learnt from which runs) and ``signature`` (known faults) stand beside it.
 """
 
+import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -15,7 +16,7 @@ import numpy as np
 import tomli_w
 
 from ematwin import __version__
-from ematwin.errors import ParameterError
+from ematwin.errors import EmatwinError, ParameterError
 from ematwin.estimation.baseline import Baseline, baseline_of, frees_parameters, uncertain
 from ematwin.estimation.problem import Prior
 from ematwin.files import written_whole
@@ -30,7 +31,7 @@ from ematwin.monitoring.index import clear_limit
 from ematwin.monitoring.measure import Bench, Measured, layout_of
 from ematwin.monitoring.population import Population
 from ematwin.monitoring.scores import Scores
-from ematwin.validation import load_toml
+from ematwin.validation import checksum_of, load_toml
 
 FORMAT = 3  # 3 keeps the healthy runs; 2 and 1 do not
 _DIGITS = 9
@@ -126,8 +127,10 @@ class Calibration:
         ``sources`` says where the values of parameters come from, by place, where that is not known
         to the actuator.
         """
+        table = self._table(sources)
+        table["baseline"]["checksum"] = checksum_of(tomllib.loads(tomli_w.dumps(table)))
         with written_whole(path) as draft:
-            draft.write_text(tomli_w.dumps(self._table(sources)), encoding="utf-8")
+            draft.write_text(tomli_w.dumps(table), encoding="utf-8")
 
     def _table(self, sources: Mapping[str, str] | None) -> dict[str, Any]:
         return {**self.actuator.as_table(sources), "baseline": self.baseline.as_table()}
@@ -309,8 +312,31 @@ class PopulationCalibration(Calibration):
                 raise ValueError(f"{name} holds values that are not finite")
 
 
+def is_as_written(path: Path) -> bool:
+    """Whether a file holds a calibration that nobody changed since `calibrate` wrote it."""
+    try:
+        table = load_toml(path, "calibration")
+        return _stated_checksum(table, path) is not None
+    except EmatwinError:
+        return False
+
+
+def _stated_checksum(table: dict[str, Any], path: Path) -> str | None:
+    """Take the checksum out of the content of a file; None if it has none, as those of 0.2."""
+    known = table.get("baseline")
+    stated = known.pop("checksum", None) if isinstance(known, dict) else None
+    if stated is not None and stated != checksum_of(table):
+        raise ParameterError(
+            f"{path} was changed after ematwin calibrate wrote it: its values differ from their "
+            "checksum. If that was on purpose, delete the line with the checksum in [baseline]; "
+            "else calibrate again."
+        )
+    return stated
+
+
 def _in_table(table: dict[str, Any], path: Path) -> Calibration:
     """The calibration in the content of a file; tolerances, where it holds an actuator alone."""
+    _stated_checksum(table, path)
     learnt, signatures = table.pop("calibration", None), table.pop("signature", [])
     known = table.pop("baseline", None)
     actuator = actuator_in(table, path)

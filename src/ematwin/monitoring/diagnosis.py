@@ -5,6 +5,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from ematwin.errors import InputError
@@ -14,8 +15,9 @@ from ematwin.estimation.verdict import Grade, Verdict
 from ematwin.monitoring.calibration import Calibration
 from ematwin.recordings.recording import Recording, label_text
 from ematwin.showing import markup
-from ematwin.showing.drawing import drawn
+from ematwin.showing.drawing import drawn, page_written
 from ematwin.showing.frames import frame_of_rows
+from ematwin.showing.numbers import in_unit, plain, with_interval
 
 UNNAMED = "unnamed change"
 
@@ -39,14 +41,9 @@ class Magnitude:
     healthy: tuple[float, float]
     score: float
 
-    @property
-    def title(self) -> str:
-        """The name with its unit, for the head of a table."""
-        return f"{self.name}, {self.unit}" if self.unit not in ("", "x") else self.name
-
     def __str__(self) -> str:
-        digits = ".2f" if self.unit in ("", "x", "mm") else ".3g"
-        return f"{self.value:{digits}} ({self.low:{digits}} to {self.high:{digits}})"
+        number, between = with_interval(self.value, self.low, self.high)
+        return f"{in_unit(number, self.unit)} ({between})"
 
 
 @dataclass(frozen=True)
@@ -184,7 +181,8 @@ class Diagnosis:
         found |= {"alarm": self.alarm, "fault": self.fault}
         found |= {"grade": self.grade, "reason": self.reason}
         for m in self.magnitudes:
-            key = f"{m.name}_{m.unit}" if m.unit not in ("", "x") else m.name
+            unit = m.unit.replace("*", "").replace(" ", "")
+            key = f"{m.name}_{unit}" if unit not in ("", "x") else m.name
             found |= {key: m.value, f"{key}_low": m.low, f"{key}_high": m.high}
         if at is None:
             return found
@@ -195,14 +193,13 @@ class Diagnosis:
     def _repr_html_(self) -> str:
         """The verdict, then the magnitudes, in a notebook."""
         rows = [
-            (m.name, f"{m.value:.3g} {m.unit}".rstrip(), f"{m.low:.3g} to {m.high:.3g}",
-             f"{m.healthy[0]:.3g} to {m.healthy[1]:.3g}")
+            (m.name, str(m), f"{plain(m.healthy[0])} to {plain(m.healthy[1])}")
             for m in self.magnitudes
-        ]  # fmt: skip
+        ]
         return "".join(
             [
                 markup.verdict(f"{self.name}: {self.verdict.sentence}", self.grade),
-                markup.table(("quantity", "value", "95 %", "healthy"), rows),
+                markup.table(("quantity", "value (95 %)", "healthy"), rows),
                 *(markup.note(text) for text in self.notes),
             ]
         )
@@ -285,6 +282,10 @@ class Detection:
     def plot(self, each: str = "run") -> Any:
         """The trend over runs, or over motions: a figure of plotly."""
         return drawn(self, each, dict.fromkeys(("run", "motion"), "plot_trend"), each)
+
+    def report(self, path: str | Path) -> None:
+        """Write its page (.html), which holds all that it shows."""
+        page_written(self, path, "detection:detection_page")
 
     def each(self, each: str) -> tuple[Diagnosis, ...]:
         """Those of each "run" or of each "motion"."""

@@ -8,8 +8,8 @@ from typing import Any
 
 from ematwin.errors import InputError
 from ematwin.models.parameter_set import ParameterSet
-from ematwin.models.reading import read
-from ematwin.models.registry import model_of
+from ematwin.models.reading import actuator_for, read
+from ematwin.models.registry import load_actuator, model_of
 from ematwin.recordings.channel_map import Columns
 from ematwin.recordings.formats.base import known_suffixes
 from ematwin.recordings.recording import Recording
@@ -34,9 +34,12 @@ def recordings_of(
         If a file cannot be read.
     """
     single = isinstance(given, Recording | str | Path) or is_frame(given)
+    if not (single or isinstance(given, Iterable)):
+        raise InputError(f"Give recordings, DataFrames or the paths of files, received {given!r}.")
     items: Iterable[Any] = [given] if single else given  # type: ignore[assignment]
     found: list[Recording] = []
-    for one in items:
+    for n, one in enumerate(items, 1):
+        count = len(found)
         if isinstance(one, Recording):
             if columns is not None:
                 raise InputError("A Recording has its channels already; leave columns out.")
@@ -49,9 +52,26 @@ def recordings_of(
             raise InputError(
                 f"Give recordings, DataFrames or the paths of files, received {type(one).__name__}."
             )
+        # what comes from no file is a run of its own
+        if not (single or isinstance(one, str | Path) or Path(found[-1].source).suffix):
+            found[count:] = [
+                each.changed(labels={**each.labels, "run": each.labels.get("run", str(n))})
+                for each in found[count:]
+            ]
     if not found:
         raise InputError("No recording was given; give at least one.")
     return [model_of(actuator).averaged(one) for one in found] if averaged else found
+
+
+def actuator_of(given: Given, columns: Columns = None) -> ParameterSet:
+    """The actuator that is meant where none is named, by the first recording that is given."""
+    single = isinstance(given, Recording | str | Path) or is_frame(given)
+    first = given if single or not isinstance(given, Iterable) else next(iter(given), None)
+    if isinstance(first, str | Path):
+        first = files_of(first)[0]
+    if first is None or not (isinstance(first, Recording | Path) or is_frame(first)):
+        return load_actuator()  # what is wrong with it is said where it is read
+    return actuator_for(first, columns)
 
 
 def is_one(given: Any) -> bool:

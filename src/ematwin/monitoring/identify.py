@@ -24,7 +24,7 @@ from ematwin.models.reading import read
 from ematwin.monitoring.by_population import by_population
 from ematwin.monitoring.calibration import Calibration, PopulationCalibration
 from ematwin.monitoring.diagnosis import Detection, Diagnosis, Magnitude, name_of
-from ematwin.monitoring.gather import Given, is_one, recordings_of
+from ematwin.monitoring.gather import Given, actuator_of, is_one, recordings_of
 from ematwin.numerics.side_by_side import cores
 from ematwin.optimizers.base import ITERATIONS, POPULATION, Optimizer
 from ematwin.recordings.channel_map import Columns
@@ -71,7 +71,7 @@ def identify(
     record : a `Recording`, a file that `ematwin.read` knows, or a DataFrame of pandas; or several
         of them in a list, a folder or a glob, which are judged side by side
     actuator : parameters of any kind, a calibration, the name of a shipped set, or a TOML file;
-        the default brushless actuator if not given
+        if not given the default one of the kind that has such channels
     algorithm : a name of ``ematwin algorithms``, a `Search`, or an optimiser; the default method
         of the kind if not given
     budget : simulations at most; for a population method exactly, by default
@@ -109,12 +109,13 @@ def identify(
     InputError
         If an argument cannot be used.
     """
-    known = Calibration.of(actuator)
+    known = Calibration.of(actuator_of(record, columns) if actuator is None else actuator)
     if exact:
         known = Calibration(known.actuator, Baseline.of_simulation())
+    names = [only] if isinstance(only, str) else None if only is None else list(only)
     settings: dict[str, Any] = {
         "budget": budget, "population": population, "iterations": iterations, "seed": seed,
-        "only": None if only is None else list(only), "held": held, "checkpoint": checkpoint,
+        "only": names, "held": held, "checkpoint": checkpoint,
         "backend": backend, "uncertainty": uncertainty, "thresholds": thresholds,
     }  # fmt: skip
     if not is_one(record):
@@ -175,6 +176,10 @@ def detect(
     InputError
         If a healthy population is needed, and the calibration has none.
     """
+    if calibration is None:
+        raise InputError(
+            "detect needs a calibration: what ematwin.calibrate gives, or the file it was saved to."
+        )
     held = getattr(calibration, "calibration", calibration)
     known = held if isinstance(held, Calibration) else Calibration.load(held)
     ready = _ready(recordings, known, None, load)
@@ -235,10 +240,14 @@ def _row(known: Calibration, found: Identification, recording: Recording, name: 
             continue
         value, error = estimate[one.name], errors[one.name]
         reach = COVERAGE * usual.get(one.name, 0.0)
-        band = max(one.lower, one.healthy - reach), min(one.upper, one.healthy + reach)
+        band = sorted(
+            one.physical_value(known.actuator, end).value
+            for end in (max(one.lower, one.healthy - reach), min(one.upper, one.healthy + reach))
+        )
         score = (value - one.healthy) / error if 0.0 < error < math.inf else 0.0
-        low, high = found.intervals[one.name]
-        magnitudes.append(Magnitude(one.name, one.unit, value, low, high, band, score))
+        unit = one.physical_value(known.actuator, value).unit
+        told = found.physical_values[one.name]
+        magnitudes.append(Magnitude(one.name, unit, *told, (band[0], band[1]), score))
     return Diagnosis(
         name=name,
         labels=recording.labels,

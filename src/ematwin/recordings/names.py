@@ -23,13 +23,13 @@ _QUANTITIES = {
     "time": "time t zeit timestamp clock zeitstempel uhrzeit datetime",
     "current": "current currents i strom amps ampere",
     "voltage": "voltage voltages u spannung volt volts",
-    "speed": "speed velocity omega rpm drehzahl geschwindigkeit n",
+    "speed": "speed velocity vel omega rpm drehzahl geschwindigkeit n",
     "position": "position pos angle theta phi lage winkel weg travel stroke encoder resolver "
     "carriage",
     "command": "command cmd setpoint demand reference ref soll sollwert target desired commanded "
-    "set vorgabe fuehrung",
+    "set vorgabe fuehrung goal input",
     "load": "load last lastmoment hinge",
-    "torque": "torque moment drehmoment",
+    "torque": "torque moment drehmoment effort",
     "error": "error deviation following schleppfehler abweichung",
 }  # fmt: skip
 _PLACES = {
@@ -45,6 +45,14 @@ _OTHER = {
     "accel", "sound",
 }  # fmt: skip
 _GLUED = re.compile(r"(i|u|v)(l?[123]|[abcuvwdqrst]|bus|dc)")  # ia, iL1, uq, vdc
+# Objects of CiA 402 (IEC 61800-7-201) that a recording may name by their index alone.
+_OBJECTS = {
+    "6062": "position demand", "607a": "target position", "6064": "position actual",
+    "606b": "velocity demand", "60ff": "target velocity", "606c": "velocity actual",
+    "6071": "target torque", "6077": "torque actual", "6078": "current actual",
+    "6079": "dc link voltage", "60f4": "following error",
+}  # fmt: skip
+_INDEX = re.compile(r"(?i)\b(?:0x(60[67f][0-9a-f])|(60[67f][0-9a-f])h)\b")
 _SERIES = ("phase", "ph", "strang")  # before the letter or number of a phase
 _HEADS = ("soll", "ist", "motor", "last", "abtriebs", "phasen")  # of German compounds
 
@@ -78,7 +86,8 @@ def said_by(name: str) -> Said:
     """Quantity, place and phase in a name without its unit."""
     words = _words(name)
     quantities, place, phase = set(), "", ""
-    other = next((word for word in words if word in _OTHER), "")
+    named = words[1:] if words[:1] == ["id"] else words  # Id, Id_measured
+    other = next((word for word in named if word in _OTHER), "")
     for n, word in enumerate(words):
         before = words[n - 1] if n else ""
         glued = _GLUED.fullmatch(word)
@@ -88,7 +97,9 @@ def said_by(name: str) -> Said:
                 place = "bus"
             else:
                 phase = phase or _PHASE_OF[glued[2]]
-        elif _is_phase(word, before):
+        elif _is_phase(word, before) or (
+            word in ("d", "q") and _is_electric(words[n + 1 : n + 2])  # q_current
+        ):
             phase = phase or _PHASE_OF[word]
         elif word in _QUANTITY_OF:
             quantities.add(_QUANTITY_OF[word])
@@ -98,19 +109,27 @@ def said_by(name: str) -> Said:
             place = place or _PLACE_OF[word]
     if "command" in quantities and "point" in words:
         quantities.discard("position")
+    if "load" in quantities and "present" in words:
+        quantities.discard("load")  # of smart servos, a share of the motor's own torque
     return Said(frozenset(quantities), place, phase, other)
 
 
 def _is_phase(word: str, before: str) -> bool:
     """Whether a letter or number stands behind a phase, a current or a voltage."""
-    electric = _QUANTITY_OF.get(before) in ("current", "voltage") and before != word
+    electric = _is_electric([before]) and before != word
     return word in _PHASE_OF and (before in _SERIES or electric)
+
+
+def _is_electric(words: Sequence[str]) -> bool:
+    """Whether the first of some words is a current or a voltage."""
+    return bool(words) and _QUANTITY_OF.get(words[0]) in ("current", "voltage")
 
 
 def _words(name: str) -> list[str]:
     """``phiMotor_soll`` as phi, motor, soll; ``L1`` and ``I_a`` whole."""
     for letter, spelled in (("ä", "ae"), ("ö", "oe"), ("ü", "ue"), ("ß", "ss")):
         name = name.replace(letter, spelled).replace(letter.upper(), spelled)
+    name = _INDEX.sub(lambda found: _OBJECTS.get((found[1] or found[2]).lower(), found[0]), name)
     name = re.sub(r"(?<=[a-z])(?=[A-Z][a-z])", " ", name)  # SetPoint, iL1 stays
     name = re.sub(r"(?i)set[\s_-]?point", "setpoint", name)
     found: list[str] = []

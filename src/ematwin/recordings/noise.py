@@ -45,6 +45,20 @@ class Noise:
             raise InputError(f"full_scale must be positive amperes, received {self.full_scale}.")
 
     @classmethod
+    def of(cls, given: "Noise | float | str | None") -> "Noise | None":
+        """Noise from itself, from a share of white noise, or from a text as `parse` takes it."""
+        if given is None or isinstance(given, cls):
+            return given
+        if isinstance(given, str):
+            return cls.parse(given)
+        if isinstance(given, bool) or not isinstance(given, int | float | np.number):
+            raise InputError(
+                "noise must be a Noise, such as Noise(white=0.02, bits=12), or the share of white "
+                f"noise, such as 0.02; received {given!r}."
+            )
+        return cls(white=float(given))
+
+    @classmethod
     def parse(cls, text: str) -> "Noise":
         """Noise from ``"white=0.02,offset=0.05,bits=12,full_scale=25"``."""
         values: dict[str, float | int] = {}

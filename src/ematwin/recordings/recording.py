@@ -8,6 +8,8 @@ except by the provenance that is kept for the report.
 import json
 from collections.abc import Iterator, Mapping
 from datetime import datetime
+from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -114,6 +116,11 @@ class Recording:
         return float((self.time[-1] - self.time[0]) / (self.time.size - 1))
 
     @property
+    def duration(self) -> float:
+        """From the first to the last sample, s."""
+        return float(self.time[-1] - self.time[0])
+
+    @property
     def name(self) -> str:
         """File and labels, for messages and tables."""
         said = label_text(self.labels)
@@ -139,6 +146,10 @@ class Recording:
         parts: dict[str, Any] = {name: getattr(self, name) for name in _RESERVED - {"channels"}}
         parts |= {name: values.pop(name) for name in list(values) if name in parts}
         return Recording(channels={**self.channels, **values}, **parts)
+
+    def save(self, path: str | Path) -> None:
+        """Write it to a Parquet or CSV file, as `ematwin.write` does."""
+        import_module("ematwin.models.reading").write(self, path)  # it knows the kinds' units
 
     def between(self, start: float, stop: float) -> "Recording":
         """The part from ``start`` to ``stop``, s, both included."""

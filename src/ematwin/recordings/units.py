@@ -10,14 +10,13 @@ from collections.abc import Collection, Iterator
 from functools import cache
 
 from ematwin.errors import ParameterError, RecordError
-from ematwin.quantities import ANGULAR, to_si
+from ematwin.quantities import ANGULAR, to_si, turns_a_minute
 
 # Spellings met in files of test benches that pint reads as something else or not at all.
-# (pint takes Nm for "N times milli-nothing", and 1/min for 1/60 rad/s instead of a turn a minute.)
+# (pint takes Nm for "N times milli-nothing".)
 _SPELLINGS = {
     "nm": "N*m", "knm": "kN*m", "mnm": "mN*m", "n-m": "N*m",
-    "u/min": "rpm", "1/min": "rpm", "min-1": "rpm", "min^-1": "rpm", "r/min": "rpm",
-    "rev/min": "rpm", "rev": "turn", "rev/s": "turn/s", "u/s": "turn/s", "r/s": "turn/s",
+    "rev": "turn", "rev/s": "turn/s", "u/s": "turn/s", "r/s": "turn/s",
     "amp": "A", "amps": "A", "ampere": "A", "amperes": "A", "ma": "mA",
     "sec": "s", "secs": "s", "seconds": "s", "msec": "ms", "usec": "us",
     "rads": "rad", "rad/sec": "rad/s", "deg/sec": "deg/s", "degrees": "deg",
@@ -170,6 +169,8 @@ def _factor(unit: str, si_unit: str) -> float | None:
     unit = unit.replace("\N{MIDDLE DOT}", "*")
     if not (si_unit == "m" and unit == "nm"):  # a nanometre there, a newton metre elsewhere
         unit = _SPELLINGS.get(unit.casefold() if unit != "MA" else unit, unit)
+    if "rad" in si_unit:
+        unit = turns_a_minute(unit)
     # pint holds that a radian is nothing, so that percent and Hz would pass for rad and rad/s
     if ("rad" in si_unit) != bool(ANGULAR.search(unit)):
         return None

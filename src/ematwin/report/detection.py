@@ -1,5 +1,6 @@
 """Page: verdicts on recordings, value by value against the healthy band."""
 
+from ematwin.estimation.constants import CERTAIN, SMALLEST
 from ematwin.monitoring.calibration import PopulationCalibration
 from ematwin.monitoring.diagnosis import Detection, Diagnosis, counted, gathered_notes
 from ematwin.monitoring.index import DRIFT
@@ -41,10 +42,10 @@ def verdict_table(rows: tuple[Diagnosis, ...]) -> Table:
     header = ["recording" if first.standing is None else "run", "verdict"]
     if first.standing is not None:
         header.append("index / limit")
-    header += [m.title for m in first.magnitudes]
+    header += [m.name for m in first.magnitudes]
     covariate = None if first.standing is None else first.standing.covariate
     header += [] if covariate is None else [covariate.name]
-    return Table(header, [_cells(one) for one in rows], texts=(1,))
+    return Table(header, [_cells(one) for one in rows], texts=(1,), pairs=True)
 
 
 def _cells(one: Diagnosis) -> Row:
@@ -65,8 +66,8 @@ def _facts(found: Detection) -> dict[str, str]:
     if not isinstance(calibration, PopulationCalibration):
         return actuator | {
             "learnt from": f"{calibration.baseline.recordings} healthy recordings",
-            "a fault": "a value further from healthy than noise, what the twin misses, and drift "
-            "of the parameters may account for (three standard errors)",
+            "a fault": f"at least {100 * SMALLEST:g} % of its range from healthy, with a "
+            f"probability of {100 * CERTAIN:g} %",
             "intervals": "95 %, over noise, the twin's own error, and parameters, load and sensors",
         }
     facts, limits = calibration.facts, calibration.thresholds

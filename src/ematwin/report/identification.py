@@ -1,13 +1,13 @@
 """Page: what a recording says about its actuator."""
 
-from collections.abc import Sequence
-
 from ematwin.errors import InputError
+from ematwin.estimation.findings import fault_cells
 from ematwin.estimation.identify import Identification
 from ematwin.plots.identification import plot_convergence, plot_faults, plot_fit, true_faults
 from ematwin.recordings.recording import Recording
 from ematwin.report.page import Row, Section, Table, columns_in_words, listed, render
 from ematwin.report.uncertainty import uncertainty_sections
+from ematwin.showing.numbers import in_unit, plain, with_interval
 
 
 def identification_page(found: Identification) -> str:
@@ -54,16 +54,16 @@ def fault_table(found: Identification) -> Table:
     truth = true_faults(found)
     true_rows = {row.name: row for row in found.model.describe(found.actuator, truth)}
     rows = []
-    for row in found.physical:
+    for row in fault_cells(found):
         true = true_rows.get(row.name)
         cells = [
             row.name,
-            f"{row.value:.4g} {row.unit}".rstrip(),
-            _range(found.physical_values.get(row.name, ())[1:]),
-            f"{row.healthy:.4g}",
-            *(["" if true is None else f"{true.value:.4g}"] if truth else []),
-            f"{row.normalised:.4g}",
-            _range(found.intervals.get(row.name)),
+            row.value,
+            row.interval,
+            row.healthy,
+            *(["" if true is None else plain(true.value, 4)] if truth else []),
+            row.k,
+            row.k_interval,
             row.meaning,
         ]
         rows.append(Row(cells, marked=row.name in found.present))
@@ -74,22 +74,18 @@ def fault_table(found: Identification) -> Table:
     return Table(header, rows, last_is_text=True)
 
 
-def _range(ends: Sequence[float] | None) -> str:
-    return f"{ends[0]:.3g} to {ends[1]:.3g}" if ends else "held"
-
-
 def parts_table(found: Identification) -> Table:
     """Combinations of faults, and what of load and sensors is not as recorded."""
     rows = [
-        Row([one.meaning, f"{value:.3g}", f"{low:.3g} to {high:.3g}", one.ambiguity])
+        Row([one.meaning, *with_interval(value, low, high), one.ambiguity])
         for one in found.model.contrasts(found.actuator)
         if one.name in found.contrasts
         for value, (low, high) in [found.contrasts[one.name]]
     ]
     for name, (value, (low, high)) in found.nuisances.items():
         one = found.model.unknown(found.actuator, name)
-        size = f"{value:.3g} {one.unit}".rstrip()
-        cells = [one.meaning, size, f"{low:.3g} to {high:.3g}", "not as recorded"]
+        number, between = with_interval(value, low, high)
+        cells = [one.meaning, in_unit(number, one.unit), between, "not as recorded"]
         rows.append(Row(cells, marked=True))
     return Table(["part", "value", "95 %", ""], rows, last_is_text=True)
 

@@ -1,10 +1,12 @@
 """Self-contained HTML pages: verdict, tables, facts and interactive figures in one file."""
 
 from dataclasses import dataclass, field
-from importlib import resources
+from importlib import import_module, resources
+from pathlib import Path
 from typing import Any
 
 from ematwin import __version__
+from ematwin.files import check_target, write_text
 
 _BASIC = {"scatter", "bar", "pie"}  # traces that the small bundle of plotly draws
 _BASIC_BUNDLE = "assets/plotly-basic-4.1.1.min.js"
@@ -17,15 +19,28 @@ class Row:
     cells: list[str]
     marked: bool = False
 
+    @property
+    def wrapped(self) -> list[str]:
+        """Cells in which a value and its interval, "0.1 A (0 to 0.2)", may stand on two lines."""
+        hard = "\N{NO-BREAK SPACE}"
+        return [
+            cell.replace(" ", hard).replace(f"{hard}(", " (") if " to " in cell else cell
+            for cell in self.cells
+        ]
+
 
 @dataclass(frozen=True)
 class Table:
-    """A table; columns of text (``texts``, ``last_is_text``) stand left and may be wrapped."""
+    """A table; columns of text (``texts``, ``last_is_text``) stand left and may be wrapped.
+
+    ``pairs``: cells hold a value with its interval.
+    """
 
     header: list[str]
     rows: list[Row]
     last_is_text: bool = False
     texts: tuple[int, ...] = ()
+    pairs: bool = False
 
     def is_text(self, column: int) -> bool:
         """Whether a column, counted from 0, holds text."""
@@ -58,7 +73,7 @@ def render(
     Parameters
     ----------
     title : of the page
-    lead : the answer in words; large, at the top
+    lead : the answer in words, at the top; its first sentence is large
     sections : in their order
     warnings : sentences below the answer
     grade : "healthy", "changed", "fault" or "none" gives the answer its colour; "" has none
@@ -66,10 +81,12 @@ def render(
     import jinja2
 
     environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    first, stop, rest = lead.partition(". ")
     figures = [section.figure for section in sections if section.figure is not None]
     return environment.from_string(_text("templates/page.html.j2")).render(
         title=title,
-        lead=lead,
+        lead=first + stop.rstrip(),
+        rest=rest,
         grade=grade,
         sections=[
             {**vars(section), "figure": section.figure and _as_json(section.figure)}
@@ -81,6 +98,21 @@ def render(
         plotly_js=_plotly_js(figures) if figures else "",
         version=__version__,
     )
+
+
+def write_page(result: Any, path: str | Path, function: str) -> None:
+    """Write the page of a result, made by a function of a module here, "module:name".
+
+    Raises
+    ------
+    InputError
+        If the name does not end in .html.
+    FileError
+        If the file cannot be written.
+    """
+    check_target(Path(path), (".html",))
+    module, _, name = function.partition(":")
+    write_text(path, getattr(import_module(f"ematwin.report.{module}"), name)(result))
 
 
 def _text(name: str) -> str:

@@ -180,3 +180,17 @@ def test_record_without_motion_is_refused() -> None:
     )
     with pytest.raises(RecordError):
         identify(still)
+
+
+def test_a_recording_in_degrees_is_told_from_one_that_the_twin_cannot_explain(tmp_path: Path):
+    record = simulate("reference", faults={"friction": 0.25}, noise=0.02)
+    names = ("command", "load", "current_a", "current_b", "current_c", "motor_position")
+    frame = record.to_frame()[["time", *names]]
+    frame["command"] = np.degrees(frame["command"])
+    frame.to_csv(tmp_path / "bench.csv", index=False)
+    found = identify(tmp_path / "bench.csv", "servo48")
+    assert found.verdict.grade == "none"
+    assert 'unexplained with unit = "deg" for command, and' in found.warnings[0]
+    right = frame.rename(columns={"command": "command [deg]"})
+    right.to_csv(tmp_path / "bench.csv", index=False)
+    assert identify(tmp_path / "bench.csv", "servo48").relative_misfit < 0.03

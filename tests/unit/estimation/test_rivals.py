@@ -64,11 +64,14 @@ def test_a_nearer_form_that_says_something_else_forbids_the_verdict():
 def test_a_form_that_is_about_as_near_is_told_and_forbids_nothing(rise):
     assert objections([rival(rise)], NAMED) == []
     (said,) = hints([rival(rise)], NAMED)
-    assert "about as well" in said
+    assert said == (
+        "Put [eccentricity] into the file of the actuator if it may have an eccentricity that is "
+        "fixed in space."
+    )
     told = qualified([rival(rise), rival(20.0)], NAMED)
     assert told.sentence == (
-        "Short b: fault. Short b may as well be an eccentricity that is fixed in space "
-        "(eccentricity 0.2)."
+        "Short b: fault. Not certain: an eccentricity that is fixed in space (eccentricity 0.2) "
+        "would explain this recording about as well."
     )
     assert told.reason == told.sentence.removeprefix("Short b: fault. ")
     assert told.faults == NAMED.faults

@@ -14,11 +14,12 @@ NAMES = ("friction", "short_a", "eccentricity", "eccentricity_phase", "gain")
 HEALTHY = {"friction": 0.0, "short_a": 0.0, "eccentricity": 0.0, "eccentricity_phase": 0.5,
            "gain": 0.5}  # fmt: skip
 SAID = {
-    "friction": "Friction +50 % (0.045 N m, 0.043 to 0.047)",
-    "short_a": "Short a 8 % (3.2 turns, 2.9 to 3.5)",
-    "eccentricity": "Eccentricity 20 % (0.2, 0.18 to 0.22)",
-    "gain": "Gain -20 % (120 1/s, 118 to 122)",
+    "friction": "friction +50 % (0.045 N m, 95 % interval 0.043 to 0.047)",
+    "short_a": "3.2 shorted turns in phase a (95 % interval 2.9 to 3.5)",
+    "eccentricity": "eccentricity 0.20 (95 % interval 0.18 to 0.22)",
+    "gain": "gain -20 % (120 1/s, 95 % interval 118 to 122)",
 }
+BESIDE = {name: text.replace("95 % interval ", "") for name, text in SAID.items()}
 WARM = "Turns missing from all phases alike cannot be told from warm magnets."
 
 
@@ -49,26 +50,36 @@ def verdict(
         obstacles=obstacles,
         ambiguities={"short_a": WARM},
         found=SAID,
+        ranges={name: f"{name}, so much" for name in SAID},
     )
 
 
 def test_an_actuator_without_a_change_is_healthy() -> None:
     found = verdict()
     assert (found.grade, found.faults, found.reason) == ("healthy", (), "")
-    assert found.sentence.startswith("Healthy: no fault larger than 2 % of its range")
+    assert found.sentence == "Healthy: no fault larger than 2 % of its range."
     assert str(found) == found.sentence
 
 
 def test_a_fault_beyond_all_doubt_is_named() -> None:
     found = verdict({"friction": 0.25})
     assert (found.grade, found.faults, found.reason) == ("fault", ("friction",), "")
-    assert found.sentence == f"{SAID['friction']}: fault. All else healthy."
+    assert found.sentence == (
+        f"Fault: {SAID['friction']}. No other fault larger than 2 % of its range."
+    )
+
+
+@pytest.mark.parametrize(("values", "none"), [({}, "no fault"), ({"gain": 0.3}, "No other fault")])
+def test_no_bound_is_stated_that_an_interval_exceeds(values, none) -> None:
+    found = verdict(values, intervals={"short_a": (0.0, 0.06), "friction": (0.0, 0.04)})
+    assert f"{none} found; the least certain is short_a, so much" in found.sentence
+    assert "2 %" not in found.sentence
 
 
 def test_several_faults_are_named_in_one_sentence() -> None:
     found = verdict({"friction": 0.25, "gain": 0.3})
     assert found.faults == ("friction", "gain")
-    assert found.sentence.startswith(f"{SAID['friction']}; {SAID['gain']}: faults.")
+    assert found.sentence.startswith(f"Two faults: {SAID['friction']} and {BESIDE['gain']}.")
 
 
 def test_too_small_or_too_uncertain_is_no_fault() -> None:
@@ -89,7 +100,7 @@ def test_what_drift_may_cause_is_a_change_without_a_name() -> None:
                     {"friction": 0.001, "short_a": 0.001})  # fmt: skip
     assert (found.grade, found.faults) == ("changed", ())
     assert found.sentence == f"Changed: {found.reason}"
-    assert found.reason.startswith(f"{SAID['friction']}, {SAID['short_a']}, no more than drift")
+    assert found.reason.startswith(f"{SAID['friction']} and {BESIDE['short_a']}, no more")
     assert found.reason.endswith(WARM)  # what else may be the cause, where there is something
 
 
@@ -98,7 +109,7 @@ def test_a_change_beside_a_fault_is_told_and_not_named() -> None:
     assert (found.grade, found.faults) == ("fault", ("friction",))
     assert SAID["short_a"] in found.reason
     assert WARM in found.reason
-    assert found.sentence == f"{SAID['friction']}: fault. {found.reason}"
+    assert found.sentence == f"Fault: {SAID['friction']}. {found.reason}"
 
 
 def test_an_obstacle_forbids_a_verdict_on_whatever_is_found() -> None:

@@ -1,6 +1,7 @@
 """A kind of actuator named in a process: the one that docs/your-own-model.md writes."""
 
 import re
+import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -62,3 +63,31 @@ def test_what_is_no_model_of_ones_own_is_refused(voice_coil: Any) -> None:
 
     with pytest.raises(InputError, match="'bldc' comes with ematwin"):
         ematwin.register_model(Brushless())
+
+
+@pytest.mark.parametrize("by_file", [True, False], ids=["a module", "a notebook"])
+def test_a_kind_may_stand_in_a_module_without_a_package(tmp_path: Path, by_file: bool) -> None:
+    """Its files lie beside it, or in the folder of the notebook."""
+    cells = re.findall(CELLS, NOTEBOOK.read_text("utf-8"), re.DOTALL | re.MULTILINE)
+    files = {name.removeprefix("voice_coil/"): text for name, text in cells}
+    (tmp_path / "scenarios").mkdir()
+    (tmp_path / "pyproject.toml").write_text("[project]\n", encoding="utf-8")
+    source = re.sub("from voice_coil.parameters import.*", "", files["parameters.py"])
+    source += re.sub("from voice_coil.parameters import.*", "", files["model.py"])
+    source += """
+import ematwin
+ematwin.register_model(MODEL)
+assert list(VoiceCoil.shipped()) == ["vc25"]
+record = ematwin.simulate(actuator="vc25", faults={"magnet": 0.9})
+print(ematwin.identify(record, "vc25", exact=True).verdict.faults)
+"""
+    for name in ("vc25.toml", "scenarios/sweep.toml"):
+        (tmp_path / name).write_text(files[name], encoding="utf-8")
+    (tmp_path / "coil.py").write_text(source, encoding="utf-8")
+    given = {"args": [sys.executable, "coil.py"]} if by_file else {
+        "args": [sys.executable, "-"], "input": source
+    }  # fmt: skip
+    done = subprocess.run(
+        cwd=tmp_path, text=True, capture_output=True, timeout=120, check=False, **given
+    )
+    assert done.stdout == "('magnet',)\n", done.stderr

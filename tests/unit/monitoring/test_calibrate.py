@@ -283,7 +283,9 @@ def test_what_cannot_be_added_is_refused(tmp_path):
     first = calibrate(motions).calibration
     assert "is among the healthy runs already" in refusal(motions[:2], add_to=first)
     text = refusal(run(66, friction=1.5), add_to=first)
-    assert "is no healthy run by the calibration that it is to join (friction 1." in text
+    assert (
+        "is no healthy run by the calibration that it is to join (Friction is far outside" in text
+    )
     text = refusal(healthy_runs(1, 7), InputError, add_to=first, held_back=1)
     assert "received held_back=1" in text
     old = Path(__file__).parents[2] / "data" / "0.1" / "calibrated.toml"

@@ -269,7 +269,7 @@ def test_a_name_that_the_magnitude_contradicts_says_why(calibration):
         assert "resembles the recordings that were taught as backlash" in note
     for verdict in found[2:]:
         assert (verdict.fault, verdict.standing.named_by) == ("backlash", "physics")
-        assert "healthy deviations off" in verdict.reason
+        assert "is far outside what healthy runs showed" in verdict.reason
         assert not any("not because" in note for note in verdict.notes)
 
 

@@ -113,7 +113,10 @@ def test_a_row_shows_values_with_intervals(found, name):
     row = found.motions[2 + list(FAULTS).index(name)]
     magnitude = next(m for m in row.magnitudes if m.name == name)
     assert magnitude.low < magnitude.value < magnitude.high
-    assert magnitude.value == pytest.approx(FAULTS[name][name], abs=0.03)
+    k = row.identification.values[name]
+    assert k == pytest.approx(FAULTS[name][name], abs=0.03)
+    physical = {one.name: one for one in row.identification.physical}[name]
+    assert (magnitude.value, magnitude.unit) == (physical.value, physical.unit)
     assert not magnitude.healthy[0] <= magnitude.value <= magnitude.healthy[1]
     assert abs(magnitude.score) > 3.0
     assert row.standing is row.load is None
@@ -131,9 +134,7 @@ def test_a_row_is_plain_json_and_a_line_of_a_table(found):
     table = found.to_frame()
     assert isinstance(table, pd.DataFrame)
     assert table.iloc[-1]["fault"] == "friction, short_a"
-    assert (
-        table.iloc[2]["friction_low"] < table.iloc[2]["friction"] < table.iloc[2]["friction_high"]
-    )
+    assert (row := table.iloc[2])["friction_Nm_low"] < row["friction_Nm"] < row["friction_Nm_high"]
 
 
 def test_a_table_is_printed_with_a_line_for_each_recording(found):

@@ -19,6 +19,7 @@ from ematwin.models.bldc.wiring import check_order, check_sum
 from ematwin.models.bldc.zeros import zeros
 from ematwin.models.servo import check_motion, check_size
 from ematwin.recordings.recording import Recording
+from ematwin.showing.numbers import apart
 
 DEFAULT_CUTOFF = 500.0  # Hz, of the low-pass before the misfit
 _RATE = 4.0  # times the cutoff: the least rate at which that low-pass acts as one
@@ -155,9 +156,10 @@ def too_little_motion(record: Recording, actuator: BldcActuator) -> list[str]:
     turn = 2.0 * np.pi / actuator.motor.pole_pairs
     found = []
     if travel < turn:
+        moved, needed = apart(float(np.degrees(travel)), float(np.degrees(turn)))
         found.append(
-            f"The motor turns by {np.degrees(travel):.3g} degrees, less than the "
-            f"{np.degrees(turn):.3g} of one electrical turn: not every phase takes part. Record a "
+            f"The motor turns by {moved} degrees, less than the "
+            f"{needed} of one electrical turn: not every phase takes part. Record a "
             f"motion of at least {1e3 * turn / gear.ratio:.3g} mrad of the output."
         )
     if travel < _GAPS * gear.backlash:

@@ -34,6 +34,20 @@ _FORMATS = {
     ".tdms": "tdms_file:TdmsFile",
     ".h5": "hdf5_file:Hdf5File",
     ".hdf5": "hdf5_file:Hdf5File",
+    ".ulg": "ulog_file:ULogFile",
+    ".mcap": "mcap_file:McapFile",
+}
+_PACKED = (".gz", ".zip", ".xlsx", ".xlsm")  # read as what they hold
+_ELSEWHERE = {
+    ".xls": "Save it as .xlsx or .csv.",
+    ".ods": "Save it as .xlsx or .csv.",
+    ".db3": "Convert the bag: ros2 bag convert, with storage_id: mcap.",
+    ".bag": "Convert the bag of ROS 1: rosbags-convert, then ros2 bag convert to MCAP.",
+    ".bin": "Convert the log of ArduPilot: mavlogdump.py --format csv.",
+    ".tcscopex": "Export it from the TwinCAT Scope as CSV.",
+    ".svdx": "Export it from the TwinCAT Scope as CSV.",
+    ".blf": "Convert the log to MDF or CSV, as python-can or CANalyzer do.",
+    ".slx": "Give the recorded signals, in a .mat file.",
 }
 
 
@@ -57,6 +71,7 @@ class RecordedFile(ABC):
         self.assumed: list[str] = []
         self.start: datetime | None = None
         self.clocks: dict[str, datetime] = {}
+        self.unpacked: Any = None  # the temporary folder of what a packed file holds
 
     @property
     @abstractmethod
@@ -161,10 +176,19 @@ def open_file(path: Any, **options: Any) -> RecordedFile:
         return FrameFile(path)
     path = Path(path)
     suffix = path.suffix.lower()
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise FileError(f"{path} is a pipe or a device; save the recording to a file first.")
+    if suffix in _PACKED and path.is_file():
+        from ematwin.recordings.formats.packed import open_packed
+
+        return open_packed(path, **options)
     maker = _maker(suffix)
-    if maker is None:
+    if maker is None and suffix not in _PACKED:
         raise InputError(
-            f"Cannot tell how to read {path}: its name must end in {', '.join(known_suffixes())}."
+            f"Cannot read {path} itself. {_ELSEWHERE[suffix]}"
+            if suffix in _ELSEWHERE
+            else f"Cannot tell how to read {path}: its name must end in "
+            f"{', '.join(known_suffixes())}."
         )
     if not path.is_file():
         raise FileError(
@@ -181,7 +205,7 @@ def open_file(path: Any, **options: Any) -> RecordedFile:
 
 def known_suffixes() -> list[str]:
     """Suffixes that can be read, those of installed plug-ins included."""
-    return [*_FORMATS, *(f".{entry.name}" for entry in entry_points(group=ENTRY_POINTS))]
+    return [*_FORMATS, *_PACKED, *(f".{entry.name}" for entry in entry_points(group=ENTRY_POINTS))]
 
 
 def _maker(suffix: str) -> Any:

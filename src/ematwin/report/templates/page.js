@@ -1,12 +1,12 @@
 "use strict";
 (() => {
   const dark = matchMedia("(prefers-color-scheme: dark)");
-  const narrow = 640;
+  const narrow = 640, sheet = 690, tall = 900; // px; the last two of a sheet of A4
 
   // Figures: the theme of the page, and less room for margins on a phone.
   function draw(box, printed) {
     const figure = JSON.parse(box.querySelector("script").textContent);
-    const layout = figure.layout, width = box.clientWidth || 800;
+    const layout = figure.layout, width = printed ? sheet : box.clientWidth || 800;
     const night = dark.matches && !printed;
     layout.font = { ...layout.font, color: night ? "#c9d1d9" : "#24292f" };
     layout.hoverlabel = { bgcolor: night ? "#161b22" : "#ffffff" };
@@ -16,7 +16,11 @@
       menu.font = { ...menu.font, color: "#24292f" };
       menu.bgcolor = "#c6cdd5";
     }
-    layout.autosize = true;
+    layout.autosize = !printed;
+    if (printed) {
+      layout.width = sheet;
+      layout.height = Math.min(layout.height || 450, tall);
+    }
     if (width < narrow) {
       layout.font.size = 11;
       layout.margin = { ...layout.margin, l: Math.min((layout.margin || {}).l ?? 40, 45), r: 8 };

@@ -1,0 +1,71 @@
+"""ULog files of PX4, through pyulog: fields of messages as ``topic/field``."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ematwin.errors import FileError
+from ematwin.recordings.formats.base import Progress, RecordedFile, load_library
+
+_HEADER = 16  # bytes
+_STAMP = "timestamp"  # us since the start of the system
+
+
+class ULogFile(RecordedFile):
+    """A ULog file; instances of a topic after the first are ``topic.1/field``."""
+
+    kind: ClassVar[str] = "ULog"
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        library = load_library("pyulog", "pyulog", "Reading ULog files")
+        log = library.ULog(str(path))
+        self._topics: dict[str, dict[str, np.ndarray]] = {}
+        for one in log.data_list:
+            topic = f"{one.name}.{one.multi_id}" if one.multi_id else one.name
+            self._topics[topic] = one.data
+        self._channels = {
+            f"{topic}/{field}": (topic, field)
+            for topic, data in self._topics.items()
+            for field in data
+            if field != _STAMP
+        }
+        whole = _ends_with_a_message(path)
+        if log.file_corruption or not (whole and self._channels):
+            why = "it holds no messages" if whole else "it ends within a message"
+            raise FileError(
+                f"Cannot read {path} as ULog: {'it is damaged' if log.file_corruption else why}. "
+                "Copy it from the vehicle again; of a log that power loss cut off, ulog2csv makes "
+                "tables."
+            )
+
+    @property
+    def names(self) -> tuple[str, ...]:  # noqa: D102
+        return tuple(self._channels)
+
+    def time_base(self, name: str) -> str:  # noqa: D102
+        return self._channels[name][0]
+
+    def base_time(self, key: str) -> np.ndarray | None:  # noqa: D102
+        return np.asarray(self._topics[key][_STAMP], dtype=np.float64) * 1e-6
+
+    def read(  # noqa: D102
+        self, names: Sequence[str], progress: Progress | None = None
+    ) -> dict[str, np.ndarray]:
+        return self.each(names, self._values, progress)
+
+    def _values(self, name: str) -> Any:
+        topic, field = self._channels[name]
+        return self._topics[topic][field]
+
+
+def _ends_with_a_message(path: Path) -> bool:
+    """Whether the last message is whole: 16 bytes, then size (2 bytes), kind (1) and content."""
+    place, size = _HEADER, path.stat().st_size
+    with path.open("rb") as file:
+        while place + 3 <= size:
+            file.seek(place)
+            place += 3 + int.from_bytes(file.read(2), "little")
+    return place == size

@@ -1,0 +1,133 @@
+"""Page: what healthy recordings told of an actuator. The shell shows its table and sentences."""
+
+import math
+from typing import Any
+
+from ematwin.monitoring.calibrate import CalibrationReport
+from ematwin.monitoring.calibration import PopulationCalibration
+from ematwin.plots.style import BLUE, GREY, PALE, styled
+from ematwin.report.page import Row, Section, Table, render
+from ematwin.showing.numbers import in_unit, plain, with_interval
+
+_ON_FIGURE = "Lines are 95 % intervals. Pale: not determined by these recordings."
+_ROW = 26  # px of a parameter
+_SIDES = 1.96  # standard errors to both sides: 95 %
+
+
+def calibration_page(report: CalibrationReport) -> str:
+    """HTML page: parameters beside their template, what is left open, how healthy runs differ."""
+    actuator = report.actuator
+    told = [p for p in report.parameters if p.determined]
+    lead = (
+        f"{actuator.name}: {len(told)} parameters from {report.baseline.recordings} healthy "
+        f"recordings. {misfit_sentence(report)}"
+    )
+    sections = [
+        *(
+            [Section("Change from the template", _ON_FIGURE, figure=_figure(report))]
+            if told
+            else []
+        ),
+        *([Section("Parameters", table=parameter_table(report))] if report.parameters else []),
+        Section("What they leave open", points=open_sentences(report)),
+        Section("How healthy runs differ", points=spread_sentences(report)),
+        Section("Learnt from", facts={"runs": ", ".join(report.learnt), "kind": actuator.kind}),
+    ]
+    shown = [one for one in sections if one.figure or one.table or one.points or one.facts]
+    return render(f"{actuator.name}: calibration", lead.rstrip(), shown, list(report.notes))
+
+
+def parameter_table(report: CalibrationReport) -> Table:
+    """Each parameter with its 95 % interval and the template's value."""
+    units = {place: unit for place, _, unit, _, _ in report.actuator.parameters()}
+    rows = []
+    for p in report.parameters:
+        reach = _SIDES * p.standard_error
+        number, between = with_interval(p.value, p.value - reach, p.value + reach)
+        cells = [p.place, in_unit(number, units[p.place]), between, plain(p.template, 4)]
+        rows.append(Row([*cells, "" if p.determined else "not determined"]))
+    return Table(["parameter", "value", "95 % interval", "template", ""], rows, last_is_text=True)
+
+
+def misfit_sentence(report: CalibrationReport) -> str:
+    """How much of the healthy recordings the twin leaves; "" where it is not known."""
+    known = report.baseline
+    if not math.isfinite(known.misfit):
+        return ""
+    floor = (
+        f" (noise and known errors of the twin: {100.0 * known.expected_misfit:.2f} %)"
+        if math.isfinite(known.expected_misfit)
+        else ""
+    )
+    return f"The twin leaves {100.0 * known.misfit:.2f} % of healthy recordings unexplained{floor}."
+
+
+def open_sentences(report: CalibrationReport) -> list[str]:
+    """Which parameters are not determined, known together only, or not fitted."""
+    if not report.parameters:
+        return []
+    fitted = {p.place for p in report.parameters}
+    missing = [p.place for p in report.parameters if not p.determined]
+    fixed = [one[0] for one in report.actuator.parameters() if one[0] not in fitted]
+    said = [
+        f"Only ratios or products of {', '.join(group)} are known; a common factor stays uncertain."
+        for group in report.tied
+    ]
+    if missing:
+        said.insert(
+            0,
+            f"These recordings do not determine {', '.join(missing)}: they stay within the "
+            "tolerances of the template.",
+        )
+    return [*said, f"Not fitted, as in the template: {', '.join(fixed)}."]
+
+
+def spread_sentences(report: CalibrationReport) -> list[str]:
+    """How far healthy recordings are from one another, and the thresholds of a population."""
+    calibration = report.calibration
+    if not isinstance(calibration, PopulationCalibration):
+        scatter = report.baseline.scatter
+        said = ", ".join(f"{name} {plain(value, 2)}" for name, value in scatter.items())
+        text = f"Healthy recordings are found off healthy by (one standard deviation): {said}."
+        return [text] if scatter else []
+    told = []
+    for one in calibration.model.reported(calibration.actuator):
+        unit, scale = ("%", 100.0) if one.logarithmic else (one.unit, one.scale)
+        within, between = (in_unit(plain(x * scale), unit) for x in report.run_spread[one.name])
+        told.append(f"{one.name} scatters by {within} within a run and {between} between runs")
+    facts, limits = calibration.facts, calibration.thresholds
+    labels = "" if facts["labels"] == "none" else f" with {facts['labels']}"
+    back = ", ".join(report.held_back)
+    judged = f"held back {back}" if back else "each judged by the others"
+    return [
+        *told,
+        f"healthy reference: {facts['motions']} recordings{labels}",
+        f"learnt from runs {', '.join(report.learnt)}; {judged}: "
+        f"{100.0 * report.false_alarms:.0f} % of their recordings above the threshold "
+        f"({limits.motion:.2f} for a motion, {limits.run:.2f} for a run of {limits.run_size:.3g})",
+        *(f"known fault: {one.fault}, from {one.source}" for one in calibration.signatures),
+    ]
+
+
+def _figure(report: CalibrationReport) -> Any:
+    """Change of each parameter from the template, with its 95 % interval."""
+    from plotly.graph_objects import Figure
+
+    shown = [p for p in report.parameters if p.template][::-1]  # plotly draws from below
+    figure = Figure()
+    figure.add_scatter(
+        y=[p.place for p in shown],
+        x=[100.0 * (p.value / p.template - 1.0) for p in shown],
+        mode="markers",
+        marker={"size": 9, "color": [BLUE if p.determined else PALE for p in shown]},
+        error_x={
+            "type": "data", "thickness": 1.6, "width": 4, "color": GREY,
+            "array": [abs(100.0 * _SIDES * p.standard_error / p.template) for p in shown],
+        },
+        hovertemplate="%{y}: %{x:.2f} %<extra></extra>",
+    )  # fmt: skip
+    figure.update_xaxes(title_text="change, %",
+                        zeroline=True, zerolinewidth=2)  # fmt: skip
+    figure = styled(figure, 110 + _ROW * len(shown))
+    figure.update_layout(hovermode="closest", margin_l=20, margin_t=20, showlegend=False)
+    return figure
