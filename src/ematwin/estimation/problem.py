@@ -25,6 +25,7 @@ from ematwin.numerics.side_by_side import side_by_side
 from ematwin.recordings.recording import Recording
 
 _ROUNDING = 1e-12
+_BESIDE = 0.1  # standard deviations of the prior
 
 
 @dataclass(frozen=True)
@@ -387,6 +388,28 @@ class Problem:
         if not any(one.unseen for one in self.comparisons):
             return self
         return self.corrected(self.start) or self
+
+    def scatter(self, point: np.ndarray) -> float:
+        """The relative misfit by which the reference differs from one candidate to the next.
+
+        Behind sampled loops they do: a small change moves samples, and these the impacts in a gap.
+        A recording is one such answer. The candidates are a point (d,) and one beside it, within a
+        tenth of a standard deviation of its prior; 0 where the kind has no reference.
+        """
+        here = self.corrected(point)
+        if here is None:
+            return 0.0
+        sides = np.random.default_rng(0).choice([-1.0, 1.0], len(self._priors))
+        moves = _BESIDE * sides * np.sqrt(np.diag(self.prior.covariance))
+        near = point.copy()
+        near[self._priors] = np.where(
+            self._logarithmic, point[self._priors] * np.exp(moves), point[self._priors] + moves
+        )
+        beside = self.corrected(np.clip(near, self.lower, self.upper), here)
+        if beside is None:
+            return 0.0
+        change = here.data_cost(beside.residuals(point[None])[0] - here.residuals(point[None])[0])
+        return self.relative_misfit(0.5 * change)
 
     def of_fast_model(self) -> "Problem":
         """The same problem where the recordings are of the fast model: a correction is nothing."""
