@@ -72,6 +72,8 @@ class Identification:
     calibrated : whether the twin was fitted to healthy recordings of the actuator
     recording : what was identified from, for figures; None where it was not kept
     uncertainty : what is sure of it, where that was asked for; None after an interruption
+    certain : probabilities of faults where sets of faults were compared; None where they follow
+        from the estimate
     """
 
     verdict: Verdict
@@ -99,6 +101,7 @@ class Identification:
     recording: Recording | None = field(default=None, repr=False, compare=False)
     uncertainty: "Uncertainty | None" = None
     reference_runs: int = 0
+    certain: dict[str, float] | None = None
 
     @property
     def model(self) -> Model:
@@ -120,6 +123,8 @@ class Identification:
     @property
     def probabilities(self) -> dict[str, float]:
         """Name of each searched fault to the probability that it is as large as matters."""
+        if self.certain is not None:
+            return self.certain
         estimate, errors = self.estimate, self.standard_error
         return {
             one.name: float(
@@ -302,6 +307,11 @@ def identified(
     Other parameters are those of `ematwin.identify`.
     """
     model, recording = model_of(actuator), ready.recording
+    usual = algorithm is budget is uncertainty is None and not thresholds
+    if model.recordings_differ and usual and not baseline.exact:
+        from ematwin.estimation.fault_sets import identified_by_sets
+
+        return identified_by_sets([ready], actuator, baseline, only=only, held=held)
     warnings = list(ready.warnings)
     if thresholds and uncertainty is None:
         uncertainty = "laplace"

@@ -39,6 +39,12 @@ def _linear_axis() -> Model:
     return MODEL
 
 
+def _position_servo() -> Model:
+    from ematwin.models.position_servo.model import MODEL
+
+    return MODEL
+
+
 def _pmsm() -> Model:
     from ematwin.models.pmsm.model import MODEL
 
@@ -51,6 +57,7 @@ _OURS: dict[str, Callable[[], Model]] = {
     "ball-screw": _ball_screw,
     "linear-axis": _linear_axis,
     "pmsm": _pmsm,
+    "position-servo": _position_servo,
 }
 
 _REGISTERED: dict[str, Model] = {}  # of this process, by kind

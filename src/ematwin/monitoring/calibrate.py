@@ -254,8 +254,9 @@ def _calibrated(
     if not by_values:
         first = Bench(model, chosen, healthy, command, interval, settling)
         means = _means(first, learning)
+    few_of_them = taught if model.recordings_differ else _evenly(taught, _MOST_LEARNT)
     learnt = learn(
-        model, chosen, [model.compare(one, chosen) for one in _evenly(taught, _MOST_LEARNT)],
+        model, chosen, [model.compare(one, chosen) for one in few_of_them],
         means=means, progress=lambda share: tell(0.05 + 0.45 * share),
     )  # fmt: skip
     actuator, parameters = learnt.actuator, learnt.parameters

@@ -63,6 +63,7 @@ def identify(
     backend: str = "cpu",
     uncertainty: "str | Method | None" = None,
     thresholds: Mapping[str, float | str] | None = None,
+    together: bool = False,
 ) -> Identification | Detection:
     """Find the values with which the twin answers as the recorded actuator did.
 
@@ -96,6 +97,8 @@ def identify(
         or such a method with settings of its own, e.g. ``Posterior(most=50_000)``
     thresholds : by fault, the value from which on it matters; a text with a unit is physical, e.g.
         ``"0.05 N*m"``. Tells the probability of each to be beyond; "laplace" if no method is given
+    together : several recordings are of one state of the actuator, as those of one day: faults have
+        one value for all of them, and one answer is given; for kinds whose recordings differ
 
     Returns
     -------
@@ -117,6 +120,20 @@ def identify(
         "only": None if only is None else list(only), "held": held, "checkpoint": checkpoint,
         "backend": backend, "uncertainty": uncertainty, "thresholds": thresholds,
     }  # fmt: skip
+    by_sets = (
+        known.model.recordings_differ and algorithm is budget is uncertainty is None
+        and not (known.baseline.exact or thresholds)
+    )  # fmt: skip
+    if together:
+        if not by_sets:
+            raise InputError(
+                f"The kind {known.model.kind} is judged recording by recording, and so is any with "
+                "exact, algorithm, budget, uncertainty or thresholds; leave together out."
+            )
+        from ematwin.estimation.fault_sets import identified_by_sets
+
+        ready = _ready(record, known, columns, load)
+        return identified_by_sets(ready, known.actuator, known.baseline, only=only, held=held)
     if not is_one(record):
         if checkpoint is not None:
             raise InputError("A checkpoint is of one search; leave it out for several recordings.")
