@@ -45,7 +45,6 @@ from ematwin.showing.words import listed
 _SECOND = 0.1  # probability that a faulty actuator has a second fault
 _SLAB = 4.0  # standard deviations of the slab in a range
 _SCANNED = 9  # values of a fault at which a descent may start
-_WITH = 0.02  # probability of a set below which its width does not count
 
 
 @dataclass(frozen=True)
@@ -107,24 +106,33 @@ def assessed_sets(
     for name, slab in slabs.items():
         at = _scanned(comparisons, slab, effects, held)
         peaks[(name,)] = peak_of((name,), np.array([at]), peaks[()].each)
-    singles = [names for names in peaks if names]
-    lead = min(singles, key=lambda names: float(np.sum(peaks[names].misfits ** 2)))
-    for other in slabs:
-        if other not in lead:
-            here = peaks[lead]
-            z = np.r_[here.z, slabs[other].mean]
-            peaks[(*lead, other)] = peak_of((*lead, other), z, here.each)
+    lead = max((names for names in peaks if names), key=lambda names: -_left(peaks[names]))
+    # a second fault only beside a first one that explains more than its prior takes
+    noises = peaks[lead].noises
+    if _evidence(peaks[lead], noises, len(slabs)) > _evidence(peaks[()], noises, len(slabs)):
+        for other in (name for name in slabs if name not in lead):
+            z = np.r_[peaks[lead].z, slabs[other].mean]
+            peaks[(*lead, other)] = peak_of((*lead, other), z, peaks[lead].each)
     # one noise for all sets, that of the best fit: else evidence would not compare
-    closest = min(peaks.values(), key=lambda one: float(np.sum(one.misfits**2)))
-    sets = []
-    for names, peak in peaks.items():
-        height, covariance = peak.weighed(closest.noises)
-        sets.append(_Set(names, peak, height + math.log(_beforehand(len(names), len(slabs))),
-                         covariance))  # fmt: skip
+    noises = min(peaks.values(), key=_left).noises
+    sets = [
+        _Set(names, peak, _evidence(peak, noises, len(slabs)), peak.weighed(noises)[1])
+        for names, peak in peaks.items()
+    ]
     sizes = np.array([one.evidence for one in sets])
     weights = np.exp(sizes - sizes.max())
     weights /= weights.sum()
     return _summed(sets, weights, faults)
+
+
+def _left(peak: Peak) -> float:
+    """Mean square of what is left of all recordings."""
+    return float(np.mean(peak.misfits**2))
+
+
+def _evidence(peak: Peak, noises: np.ndarray, count: int) -> float:
+    """Logarithm of the probability of a set among ``count`` faults, but for a constant."""
+    return peak.weighed(noises)[0] + math.log(_beforehand(len(peak.z), count))
 
 
 def _slab(one: Unknown) -> Normals:

@@ -5,6 +5,7 @@ False reads have no weight. Only the longest stretch with torque is compared, an
 before a trip of the protection.
 """
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,8 +32,8 @@ _NEIGHBOURS = 7  # samples, of which a false read is one or two
 _WIDENED = 2  # samples next to a false read, into which interpolation carries it
 _SHORTEST = 20  # samples that are compared
 _LASTS = 0.25  # s: an arm that overshoots has turned round by then
-_FALLS = 0.3  # share of the no-load speed
-_RESTS = 0.02  # share of the same
+_FALL = 0.3  # share of the no-load speed
+_REST = 0.02  # share of the same
 
 
 class Stretch(NamedTuple):
@@ -77,11 +78,22 @@ def stretch(recording: Recording, actuator: Any) -> Stretch:
             f"{len(reads)} false read{'s' if len(reads) > 1 else ''} of the position, the first at "
             f"{time[first + reads[0][0]]:.2f} s, left out."
         )
-    kind, at = overload(recording, actuator, false, first, stop)
-    if kind:
-        said.append(f"The servo {kind} at {time[at]:.2f} s; what follows is not compared.")
-        obstacles.append(f"The servo {kind} at {time[at]:.2f} s. Free its motion or lighten it.")
-        stop = at
+    moved = smooth(recording, false, first, stop)
+    rests = _runs_of(actuator, recording, moved, _rests, 2.0 * _LASTS)
+    if rests is not None:
+        said.append(
+            f"The servo rests far from its goal from {time[first + rests]:.2f} s on: it stalled, "
+            "or its gain is low."
+        )
+    falls = _runs_of(actuator, recording, moved, _falls, _LASTS)
+    if falls is not None:
+        at = f"{time[first + falls]:.2f} s"
+        said.append(f"The servo lost its torque at {at}; what follows is not compared.")
+        obstacles.append(
+            f"The servo lost its torque at {at}, as its overload protection does (trip). Free its "
+            "motion or lighten it, and record again."
+        )
+        stop = first + falls
     if stop - first < _SHORTEST:
         obstacles.append(
             f"Torque was on in {stop - first} samples without a break; at least {_SHORTEST} are "
@@ -102,28 +114,47 @@ def false_reads(position: np.ndarray, most: float) -> np.ndarray:
     return np.asarray(np.convolve(odd, np.ones(2 * _WIDENED + 1), mode="same") > 0.0)
 
 
-def overload(
-    recording: Recording, actuator: Any, false: np.ndarray, first: int, stop: int
-) -> tuple[str, int]:
-    """What overload a stretch shows, "" for none, and its sample.
+class _Moved(NamedTuple):
+    """Motion (S,) of a stretch: error (rad) of the position, and speed (rad/s)."""
 
-    A servo that stalls rests although its error asks for full duty. One that tripped falls away
-    from such a goal, for longer than its inertia explains.
-    """
-    good = ~false[first:stop]
-    time = recording.time[first:stop]
-    if good.sum() < _SHORTEST:
-        return "", stop
+    error: np.ndarray
+    speed: np.ndarray
+
+
+def smooth(recording: Recording, false: np.ndarray, first: int, stop: int) -> _Moved:
+    """Error and speed with false reads bridged."""
+    time, good = recording.time[first:stop], ~false[first:stop]
+    if good.sum() < 2 or time.size < _SHORTEST:
+        return _Moved(np.zeros(time.size), np.zeros(time.size))
     position = np.interp(time, time[good], recording.channels["position"][first:stop][good])
     error = recording.channels["goal_position"][first:stop] - position
-    speed = np.gradient(position, time) / actuator.motor.no_load_speed
-    samples = max(2, round(_LASTS / recording.interval))
-    full = np.abs(error) * actuator.controller.gain > 1.0
-    for flags, kind, least in (
-        (full & (speed * np.sign(error) < -_FALLS), "lost its torque (overload protection)", 1),
-        (full & (np.abs(speed) < _RESTS), "stalled", 2),
-    ):
-        for a, b in runs(flags):
-            if b - a >= least * samples:
-                return kind, first + a
-    return "", stop
+    return _Moved(error, np.gradient(position, time))
+
+
+def _rests(moved: _Moved, no_load_speed: float) -> np.ndarray:
+    """Where it rests."""
+    return np.asarray(np.abs(moved.speed) < _REST * no_load_speed)
+
+
+def _falls(moved: _Moved, no_load_speed: float) -> np.ndarray:
+    """Where it moves away from its goal."""
+    return np.asarray(moved.speed * np.sign(moved.error) < -_FALL * no_load_speed)
+
+
+def _runs_of(
+    actuator: Any,
+    recording: Recording,
+    moved: _Moved,
+    which: Callable[[_Moved, float], np.ndarray],
+    least: float,
+) -> int | None:
+    """First sample from which, for ``least`` seconds, an error asks a healthy servo for full duty.
+
+    An arm that only overshoots has turned round by then.
+    """
+    full = np.abs(moved.error) * actuator.controller.gain > 1.0
+    flags = full & which(moved, actuator.motor.no_load_speed)
+    for a, b in runs(flags):
+        if (b - a) * recording.interval >= least:
+            return a
+    return None

@@ -27,7 +27,7 @@ def unknowns(actuator: PositionServo) -> tuple[Unknown, ...]:
         Unknown("payload", "", "weight and inertia of the load, as a multiple of what is stated",
                 1.0, 0.25, 4.0, logarithmic=True),
         Unknown("delay", "", "delay of the goal, as a multiple of the healthy one",
-                1.0, 0.25, 5.0, logarithmic=True, physical_unit="ms",
+                1.0, 0.7, 5.0, logarithmic=True, physical_unit="ms",
                 physical=lambda a, k: 1e3 * a.controller.delay * k),
         Unknown("offset", "rad", "zero of the encoder", 0.0, -0.3, 0.3, "nuisance", spread=_ZERO),
     )  # fmt: skip

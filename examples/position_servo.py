@@ -1,0 +1,148 @@
+"""A real position servo: calibrate on healthy runs, judge others.
+
+The tables hold many runs, told apart by a column `run`, as docs/position-servo.md describes them:
+time, goal_position and position, with mass, length and arm_mass of the pendulum that the servo
+moved. Healthy runs are those at register P 16 where there is a column position_gain, else all.
+
+python examples/position_servo.py CALIBRATION.parquet
+python examples/position_servo.py CALIBRATION.parquet --judge TEST.parquet
+python examples/position_servo.py CALIBRATION.parquet --judge TEST.parquet --json
+python examples/position_servo.py CALIBRATION.parquet --judge TEST.parquet --together start
+python examples/position_servo.py CALIBRATION.parquet --judge TEST.parquet --page servo.html
+"""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import ematwin
+from ematwin.errors import EmatwinError
+from ematwin.estimation.identify import Identification
+from ematwin.models.position_servo.recorded import stretch
+from ematwin.models.registry import load_actuator, model_of
+from ematwin.monitoring.calibration import Calibration
+from ematwin.recordings.recording import Recording
+
+HEALTHY_GAIN = "16"  # register P
+USUAL = "sts3215"
+
+
+def main() -> None:
+    """Print the calibration and a table, or one JSON object."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("calibration", type=Path, help="table of healthy runs")
+    parser.add_argument("--judge", type=Path, help="table of runs that are judged")
+    parser.add_argument(
+        "--template", help="actuator to start from; by default the one that the column servo names"
+    )
+    parser.add_argument(
+        "--together", metavar="COLUMN", help="judge runs with the same text in a column together"
+    )
+    parser.add_argument("--json", action="store_true", help="one JSON object instead of a table")
+    parser.add_argument("--page", type=Path, help="write a page (.html) on all runs")
+    given = parser.parse_args()
+    try:
+        twin = calibrated(given.calibration, given.template, quiet=given.json)
+        if given.judge is None:
+            return
+        runs = ematwin.read(given.judge, actuator=twin.actuator, split=True, gaps="longest")
+        if given.together is not None:
+            rows = [row for some in groups(runs, given.together) for row in together(some, twin)]
+        else:
+            detection = ematwin.identify(runs, twin)
+            found = [one.identification for one in detection.motions]
+            rows = [row_of(run, one, twin) for run, one in zip(runs, found, strict=True)]
+            if given.page is not None:
+                from ematwin.report.detection import detection_page
+
+                given.page.write_text(detection_page(detection), encoding="utf-8")
+    except EmatwinError as error:
+        sys.exit(str(error))
+    print(json.dumps({"runs": rows}, indent=2) if given.json else table(rows))
+
+
+def calibrated(path: Path, template: str | None, *, quiet: bool) -> Calibration:
+    """The servo as its healthy runs show it."""
+    runs = ematwin.read(path, actuator=template or USUAL, split=True, gaps="longest")
+    healthy = [one for one in runs if one.labels.get("position_gain", HEALTHY_GAIN) == HEALTHY_GAIN]
+    report = ematwin.calibrate(healthy, template or template_of(runs))
+    if not quiet:
+        print(f"{len(healthy)} healthy runs of {report.actuator.name}:")
+        for one in report.parameters:
+            print(
+                f"  {one.place:<26}{one.value:>10.4g}  standard error {one.standard_error:.2g}"
+                f"{'' if one.determined else ', hardly more than was known'}"
+            )
+        for note in report.notes:
+            print(f"  {note}")
+    return report.calibration
+
+
+def template_of(runs: list[Recording]) -> str:
+    """The shipped set that the column servo names, else the usual one."""
+    name = runs[0].labels.get("servo", USUAL).lower()
+    return name if name in model_of(load_actuator(USUAL)).parameters.shipped() else USUAL
+
+
+def groups(runs: list[Recording], column: str) -> list[list[Recording]]:
+    """Runs with the same text in a column."""
+    found: dict[str, list[Recording]] = {}
+    for one in runs:
+        found.setdefault(one.labels.get(column, ""), []).append(one)
+    return list(found.values())
+
+
+def together(runs: list[Recording], twin: Calibration) -> list[dict[str, Any]]:
+    """Rows of runs that have one answer."""
+    found = ematwin.identify(runs, twin, together=True)
+    return [row_of(one, found, twin) for one in runs]
+
+
+def row_of(run: Recording, found: Identification, twin: Calibration) -> dict[str, Any]:
+    """What is said of a run."""
+    low, high = found.intervals["gain"]
+    label = run.labels.get("run", run.name)
+    return {
+        "run": int(label) if label.isdigit() else label,
+        "gain": found.values["gain"],
+        "low": low,
+        "high": high,
+        "grade": found.verdict.grade,
+        "faults": list(found.verdict.faults),
+        "position_mae": position_mae(run, found, twin),
+        "sentence": found.verdict.sentence,
+        "notes": found.warnings,
+    }
+
+
+def position_mae(run: Recording, found: Identification, twin: Calibration) -> float:
+    """Mean error of the calibrated twin while torque is on, rad, with the faults that are named.
+
+    Nothing else is fitted to the run; false reads do not count.
+    """
+    comparison = twin.model.compare(run, twin.actuator)
+    faults = {name: np.array([found.values[name]]) for name in found.verdict.faults}
+    answer = comparison.responses(faults, 1)["position"][0]
+    error = np.abs(answer - comparison.measured()["position"])
+    part = stretch(run, twin.actuator)
+    return float(error[~part.false[part.first : part.stop]].mean())
+
+
+def table(rows: list[dict[str, Any]]) -> str:
+    """The rows for people."""
+    lines = [f"{'run':>6}{'gain':>8}{'95 % interval':>18}{'error/mrad':>12}  verdict"]
+    for row in rows:
+        interval = f"{row['low']:.2f} to {row['high']:.2f}"
+        lines.append(
+            f"{row['run']:>6}{row['gain']:>8.3f}{interval:>18}"
+            f"{1e3 * row['position_mae']:>12.1f}  {row['sentence']}"
+        )
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    main()
