@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 import ematwin
-from ematwin.errors import EmatwinError
+from ematwin.errors import EmatwinError, InputError
 from ematwin.estimation.identify import Identification
 from ematwin.models.position_servo.recorded import stretch
 from ematwin.models.registry import load_actuator, model_of
@@ -69,6 +69,12 @@ def calibrated(path: Path, template: str | None, *, quiet: bool) -> Calibration:
     """The servo as its healthy runs show it."""
     runs = ematwin.read(path, actuator=template or USUAL, split=True, gaps="longest")
     healthy = [one for one in runs if one.labels.get("position_gain", HEALTHY_GAIN) == HEALTHY_GAIN]
+    if not healthy:
+        there = ", ".join(sorted({one.labels["position_gain"] for one in runs}))
+        raise InputError(
+            f"{path} has no healthy run: its column position_gain holds {there}, and healthy is "
+            f"{HEALTHY_GAIN}. Give a table with healthy runs."
+        )
     report = ematwin.calibrate(healthy, template or template_of(runs))
     if not quiet:
         print(f"{len(healthy)} healthy runs of {report.actuator.name}:")

@@ -43,7 +43,7 @@ from ematwin.recordings.read import assumptions
 from ematwin.showing.words import listed
 
 _SECOND = 0.1  # probability that a faulty actuator has a second fault
-_SLAB = 4.0  # standard deviations of the slab in a range
+_SLAB = 2.0  # standard deviations of the slab from healthy to the far end of a range
 _SCANNED = 9  # values of a fault at which a descent may start
 
 
@@ -107,6 +107,9 @@ def assessed_sets(
         at = _scanned(comparisons, slab, effects, held)
         peaks[(name,)] = peak_of((name,), np.array([at]), peaks[()].each)
     lead = max((names for names in peaks if names), key=lambda names: -_left(peaks[names]))
+    # from where a fault led it, a descent without that fault may end lower
+    again = peak_of((), np.zeros(0), peaks[lead].each)
+    peaks[()] = min(peaks[()], again, key=_left)
     # a second fault only beside a first one that explains more than its prior takes
     noises = peaks[lead].noises
     if _evidence(peaks[lead], noises, len(slabs)) > _evidence(peaks[()], noises, len(slabs)):
@@ -139,7 +142,7 @@ def _slab(one: Unknown) -> Normals:
     """Where a fault lies if it is there: a normal distribution whose middle holds its range."""
     ends = coordinates((one, one), np.array([one.lower, one.upper]))
     mean = coordinates((one,), np.array([one.healthy]))
-    return Normals((one,), mean, np.array([(ends[1] - ends[0]) / _SLAB]))
+    return Normals((one,), mean, np.array([np.abs(ends - mean).max() / _SLAB]))
 
 
 def _beforehand(size: int, count: int) -> float:

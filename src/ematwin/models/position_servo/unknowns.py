@@ -19,7 +19,7 @@ def unknowns(actuator: PositionServo) -> tuple[Unknown, ...]:
                 1.0, 0.25, 4.0, logarithmic=True, physical_unit="N*m",
                 physical=lambda a, k: (friction.coulomb + friction.stribeck) * k),
         Unknown("backlash", "", "play of the gear, as a multiple of the healthy one",
-                1.0, 0.1, 10.0, logarithmic=True, physical_unit="deg",
+                1.0, 1.0, 15.0, logarithmic=True, physical_unit="deg",
                 physical=lambda a, k: math.degrees(a.gear.backlash * k)),
         Unknown("torque", "", "torque constant of the motor, less where its magnets are weak, as a "
                 "multiple of the healthy one", 1.0, 0.4, 2.0, logarithmic=True,
@@ -27,7 +27,7 @@ def unknowns(actuator: PositionServo) -> tuple[Unknown, ...]:
         Unknown("payload", "", "weight and inertia of the load, as a multiple of what is stated",
                 1.0, 0.25, 4.0, logarithmic=True),
         Unknown("delay", "", "delay of the goal, as a multiple of the healthy one",
-                1.0, 0.7, 5.0, logarithmic=True, physical_unit="ms",
+                1.0, 1.0, 5.0, logarithmic=True, physical_unit="ms",
                 physical=lambda a, k: 1e3 * a.controller.delay * k),
         Unknown("offset", "rad", "zero of the encoder", 0.0, -0.3, 0.3, "nuisance", spread=_ZERO),
     )  # fmt: skip
