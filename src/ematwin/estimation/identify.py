@@ -307,8 +307,7 @@ def identified(
     Other parameters are those of `ematwin.identify`.
     """
     model, recording = model_of(actuator), ready.recording
-    usual = algorithm is budget is uncertainty is None and not thresholds
-    if model.recordings_differ and usual and not baseline.exact:
+    if compares_sets(model, baseline, algorithm, budget, uncertainty, thresholds):
         from ematwin.estimation.fault_sets import identified_by_sets
 
         return identified_by_sets([ready], actuator, baseline, only=only, held=held)
@@ -421,6 +420,11 @@ def identified(
         uncertainty=sure,
         reference_runs=assessed.reference_runs,
     )
+
+
+def compares_sets(model: Model, baseline: Baseline, *asked: Any) -> bool:
+    """Whether sets of faults are compared: of kinds that need it, if nothing else is asked for."""
+    return model.recordings_differ and not baseline.exact and not any(asked)
 
 
 def _shown(done: int, cost: float, budget: int) -> tuple[float, str]:

@@ -28,8 +28,9 @@ from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
 from ematwin.numerics.side_by_side import side_by_side
 
-_ITERATIONS = 12
+_ITERATIONS = 20
 _GAIN = 0.02  # squared standard deviations: a step that gains less ends a descent
+_SETTLED = 0.1  # share by which the noise of a recording may change at the end
 _LONGEST = 0.7  # of a step in a logarithm
 _SHARE, _DIFFERENCE = 0.3, 0.02  # of a spread, and of a logarithm: differences for slopes
 _DAMPINGS = (0.0, 1e-3, 1e-2, 0.1, 1.0, 10.0, 100.0)
@@ -207,30 +208,33 @@ def fit(
             Curvature(square[:f, :f], square[:f, f:], square[f:, f:], found[0]), slopes @ found[0]
         )  # fmt: skip
 
-    weight, spread = own.spread**-2.0, shared.spread
+    def height(z: np.ndarray, each: np.ndarray, left: Sequence[np.ndarray]) -> float:
+        """Cost of a point: squared standard deviations of data and distributions."""
+        found = np.sum(((z - shared.mean) / shared.spread) ** 2)
+        found += np.sum(((each - own.mean) / own.spread) ** 2)
+        return float(found + sum(r @ r / s**2 for r, s in zip(left, noises, strict=True)))
+
     spent = 0
+    noises = np.full(count, least)
     for _ in range(_ITERATIONS):
         spent += count * (2 * len(steps) + 2)
         seen = [looked_at(n) for n in range(count)]
-        noises = np.array([one.noise(least) for one, _ in seen])
-        cost = np.sum(((z - shared.mean) / spread) ** 2) + sum(
-            one.residuals @ one.residuals / s**2 for (one, _), s in zip(seen, noises, strict=True)
-        )
-        cost += np.sum((each - own.mean) ** 2 * weight)
+        # what a start leaves counts as noise until the descent explains it: no jump to far minima
+        before, noises = noises, np.array([one.noise(least) for one, _ in seen])
+        cost = height(z, each, [one.residuals for one, _ in seen])
+        there = z, each
+        after = cost
         for damping in _DAMPINGS:
             dz, moved = _step(seen, noises, z, each, shared, own, damping)
             there = np.clip(z + dz, low, high), each + moved
-            after = np.sum(((there[0] - shared.mean) / spread) ** 2)
-            after += np.sum((there[1] - own.mean) ** 2 * weight)
-            for n in range(count):
-                left = residuals(n, np.r_[there[0], there[1][n]][None])[0]
-                after += left @ left / noises[n] ** 2
+            left = [residuals(n, np.r_[there[0], there[1][n]][None])[0] for n in range(count)]
+            after = height(*there, left)
             if after < cost:
                 break
-        else:
-            break
-        z, each = there
-        if cost - after < _GAIN:
+        if after < cost:
+            z, each = there
+        settled = np.all(np.abs(noises - before) < _SETTLED * before)
+        if cost - after < _GAIN and settled:
             break
     curvatures = tuple(looked_at(n)[0] for n in range(count))
     noises = np.array([one.noise(least) for one in curvatures])

@@ -17,7 +17,13 @@ from ematwin.errors import InputError
 from ematwin.estimation.assess import scatter
 from ematwin.estimation.baseline import Baseline, frees_parameters
 from ematwin.estimation.constants import COVERAGE
-from ematwin.estimation.identify import Identification, Prepared, identified, prepared
+from ematwin.estimation.identify import (
+    Identification,
+    Prepared,
+    compares_sets,
+    identified,
+    prepared,
+)
 from ematwin.estimation.interrupt import noting_interrupts
 from ematwin.estimation.search import Progress, Search
 from ematwin.models.reading import read
@@ -120,12 +126,10 @@ def identify(
         "only": None if only is None else list(only), "held": held, "checkpoint": checkpoint,
         "backend": backend, "uncertainty": uncertainty, "thresholds": thresholds,
     }  # fmt: skip
-    by_sets = (
-        known.model.recordings_differ and algorithm is budget is uncertainty is None
-        and not (known.baseline.exact or thresholds)
-    )  # fmt: skip
     if together:
-        if not by_sets:
+        if not compares_sets(
+            known.model, known.baseline, algorithm, budget, uncertainty, thresholds
+        ):
             raise InputError(
                 f"The kind {known.model.kind} is judged recording by recording, and so is any with "
                 "exact, algorithm, budget, uncertainty or thresholds; leave together out."
