@@ -241,8 +241,7 @@ def identified_by_sets(
     if not faults or others:
         raise InputError(
             f"The kind {model.kind} is judged by its faults, with all parameters free beside them; "
-            f"received {', '.join(others) or 'none'} to search. Name faults, or give "
-            "exact=True."
+            f"received {', '.join(others) or 'no fault'} to search. Name faults, or an algorithm."
         )
     effects = effects_of(model, actuator, baseline)
     kept = [n for n, name in enumerate(effects.names) if name not in fixed]
@@ -336,6 +335,8 @@ def _obstacles(peak: Peak, baseline: Baseline) -> list[str]:
             "recording unexplained as of the worst healthy one: it does something that the twin "
             "cannot. Check channels, units, the load and the actuator."
         )
+    if not peak.own.names:
+        return told
     away = np.abs(peak.each - peak.own.mean) / peak.own.spread
     n, k = (int(x) for x in np.unravel_index(np.argmax(away), away.shape))
     if away[n, k] > IMPLAUSIBLE:

@@ -307,7 +307,7 @@ def identified(
     Other parameters are those of `ematwin.identify`.
     """
     model, recording = model_of(actuator), ready.recording
-    if compares_sets(model, baseline, algorithm, budget, uncertainty, thresholds):
+    if compares_sets(model, algorithm, budget, uncertainty, thresholds):
         from ematwin.estimation.fault_sets import identified_by_sets
 
         return identified_by_sets([ready], actuator, baseline, only=only, held=held)
@@ -422,9 +422,9 @@ def identified(
     )
 
 
-def compares_sets(model: Model, baseline: Baseline, *asked: Any) -> bool:
+def compares_sets(model: Model, *asked: Any) -> bool:
     """Whether sets of faults are compared: of kinds that need it, if nothing else is asked for."""
-    return model.recordings_differ and not baseline.exact and not any(asked)
+    return model.recordings_differ and not any(asked)
 
 
 def _shown(done: int, cost: float, budget: int) -> tuple[float, str]:

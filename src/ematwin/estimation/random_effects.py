@@ -275,6 +275,8 @@ def effects_of(model: Model, actuator: ParameterSet, baseline: Baseline) -> Norm
 
     Without calibration it is what tolerances and stated drifts allow.
     """
+    if baseline.exact:
+        return Normals.of(())
     if baseline.recordings:
         prior = baseline.prior
         unknowns = tuple(model.unknown(actuator, name) for name in prior.names)

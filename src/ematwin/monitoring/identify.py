@@ -127,12 +127,10 @@ def identify(
         "backend": backend, "uncertainty": uncertainty, "thresholds": thresholds,
     }  # fmt: skip
     if together:
-        if not compares_sets(
-            known.model, known.baseline, algorithm, budget, uncertainty, thresholds
-        ):
+        if not compares_sets(known.model, algorithm, budget, uncertainty, thresholds):
             raise InputError(
                 f"The kind {known.model.kind} is judged recording by recording, and so is any with "
-                "exact, algorithm, budget, uncertainty or thresholds; leave together out."
+                "algorithm, budget, uncertainty or thresholds; leave together out."
             )
         from ematwin.estimation.fault_sets import identified_by_sets
 
