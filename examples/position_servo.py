@@ -34,7 +34,7 @@ USUAL = "sts3215"
 def main() -> None:
     """Print the calibration and a table, or one JSON object."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("calibration", type=Path, help="table of healthy runs")
+    parser.add_argument("calibration", nargs="?", type=Path, help="table of healthy runs")
     parser.add_argument("--judge", type=Path, help="table of runs that are judged")
     parser.add_argument(
         "--template", help="actuator to start from; by default the one that the column servo names"
@@ -45,6 +45,12 @@ def main() -> None:
     parser.add_argument("--json", action="store_true", help="one JSON object instead of a table")
     parser.add_argument("--page", type=Path, help="write a page (.html) on all runs")
     given = parser.parse_args()
+    if given.calibration is None:
+        print(
+            "Give a table (.parquet or .csv) of healthy runs of a servo. docs/position-servo.md "
+            "says what it holds and how to log one."
+        )
+        return
     try:
         twin = calibrated(given.calibration, given.template, quiet=given.json)
         if given.judge is None:

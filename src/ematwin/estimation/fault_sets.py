@@ -258,7 +258,7 @@ def identified_by_sets(
             for text in (*one.barred, *model.excitation(one.recording, actuator))
         )
     )
-    obstacles += _obstacles(peak, baseline)
+    obstacles += _obstacles(peak, baseline, comparisons)
     verdict = _verdict(model, actuator, found, obstacles)
     cost = float(sum(one.residuals @ one.residuals for one in peak.curvatures))
     misfit = math.sqrt(cost / sum(one.scale for one in comparisons))
@@ -326,14 +326,15 @@ def _errors(found: Assessed) -> np.ndarray:
     return np.array(errors)
 
 
-def _obstacles(peak: Peak, baseline: Baseline) -> list[str]:
+def _obstacles(peak: Peak, baseline: Baseline, comparisons: Sequence[Comparison]) -> list[str]:
     """Sentences on what of a fit forbids a verdict."""
     told = []
-    if baseline.recordings and peak.misfits.max() > WORSE * baseline.misfit:
+    left = float(np.max(peak.misfits * [one.expected_misfit for one in comparisons]))
+    if baseline.recordings and left > WORSE * baseline.misfit:
         told.append(
-            f"The twin leaves {peak.misfits.max() / baseline.misfit:.1f} times as much of this "
-            "recording unexplained as of the worst healthy one: it does something that the twin "
-            "cannot. Check channels, units, the load and the actuator."
+            f"The twin leaves {100.0 * left:.1f} % of this recording unexplained, and "
+            f"{100.0 * baseline.misfit:.1f} % of the worst healthy one: it does something that the "
+            "twin cannot. Check channels, units, the load and the actuator."
         )
     if not peak.own.names:
         return told

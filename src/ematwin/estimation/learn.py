@@ -98,7 +98,7 @@ def learn(
     """
     if model.recordings_differ:
         known = learn_effects(model, template, comparisons, progress)
-        return Learnt(known.actuator, known.baseline, known.parameters, [], known.notes)
+        return Learnt(known.actuator, known.baseline, known.parameters, [], [])
     if not frees_parameters(model):
         actuator, parameters = fit_nominal(model, template, means or comparisons)
         return Learnt(actuator, _local_baseline(model, actuator, parameters), parameters, [], [])

@@ -17,7 +17,6 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from ematwin.errors import RecordError
 from ematwin.estimation.baseline import Baseline, uncertain
 from ematwin.estimation.constants import DETERMINED, TWO_SIGMA
 from ematwin.estimation.nominal import NominalParameter
@@ -287,12 +286,11 @@ def effects_of(model: Model, actuator: ParameterSet, baseline: Baseline) -> Norm
 
 
 class LearntEffects(NamedTuple):
-    """What healthy recordings tell of an actuator: values, baseline, parameters, doubts."""
+    """What healthy recordings tell of an actuator: values, baseline, parameters."""
 
     actuator: ParameterSet
     baseline: Baseline
     parameters: list[NominalParameter]
-    notes: list[str]
 
 
 def learn_effects(
@@ -301,34 +299,18 @@ def learn_effects(
     comparisons: Sequence[Comparison],
     tell: Callable[[float], None] = lambda share: None,
 ) -> LearntEffects:
-    """Mean and spread of the parameters of healthy recordings.
-
-    Raises
-    ------
-    RecordError
-        If no recording can be learnt from.
-    """
-    sound = [c for c in comparisons if not model.excitation(c.recording, template)]
-    notes = [
-        f"{len(comparisons) - len(sound)} of {len(comparisons)} recordings were left out: they "
-        "show an overload, or are too short."
-    ] if len(sound) < len(comparisons) else []  # fmt: skip
-    if not sound:
-        raise RecordError(
-            f"None of the {len(comparisons)} recordings can be learnt from: "
-            f"{' '.join(model.excitation(comparisons[0].recording, template))}"
-        )
+    """Mean and spread of the parameters of healthy recordings."""
     nuisances = Normals.of(_nuisances(model, template))
     known = Normals.of(uncertain(model, template))
-    first = _first(sound, known, nuisances, tell)
+    first = _first(comparisons, known, nuisances, tell)
     unknowns = (*known.unknowns, *nuisances.unknowns)
     before = np.r_[known.mean, nuisances.mean], np.r_[known.spread, nuisances.spread]
     stated = np.array([_drift(template, one) for one in unknowns])
     # from above: a spread that begins too small stays so where recordings tell little of it
     effects = Normals(unknowns, np.r_[first, nuisances.mean], np.minimum(2.0 * stated, before[1]))
-    count = len(sound)
+    count = len(comparisons)
     for n in range(_ROUNDS):
-        each = side_by_side(partial(_alone, effects), sound)
+        each = side_by_side(partial(_alone, effects), comparisons)
         points = np.array([one.each[0] for one in each])
         unsure = np.array([one.own_variances()[0] for one in each])
         variance = effects.spread**2
@@ -344,10 +326,11 @@ def learn_effects(
     places = known.names
     values = dict(zip(places, np.exp(effects.mean[: len(places)]).tolist(), strict=True))
     covariance = np.diag(effects.spread**2 + error**2)
-    misfits = np.array([one.misfits[0] for one in each])
+    expected = np.array([one.expected_misfit for one in comparisons])
+    misfits = expected * [one.misfits[0] for one in each]
     baseline = Baseline(
         Prior(effects.names, effects.mean, covariance),
-        misfit=float(misfits.max()), expected_misfit=1.0, recordings=count,
+        misfit=float(misfits.max()), expected_misfit=float(expected.max()), recordings=count,
     )  # fmt: skip
     parameters = [
         NominalParameter(
@@ -356,7 +339,7 @@ def learn_effects(
         )
         for place, e, spread in zip(places, error, known.spread, strict=False)
     ]  # fmt: skip
-    return LearntEffects(template.changed(values), baseline, parameters, notes)
+    return LearntEffects(template.changed(values), baseline, parameters)
 
 
 def _alone(effects: Normals, comparison: Comparison) -> Peak:
