@@ -14,20 +14,21 @@ python examples/position_servo.py CALIBRATION.parquet --judge TEST.parquet --pag
 import argparse
 import json
 import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import ematwin
-from ematwin.errors import EmatwinError, InputError
+from ematwin.errors import EmatwinError, InputError, RecordError
 from ematwin.estimation.identify import Identification
 from ematwin.models.position_servo.recorded import stretch
 from ematwin.models.registry import load_actuator, model_of
 from ematwin.monitoring.calibration import Calibration
 from ematwin.recordings.recording import Recording
 
-HEALTHY_GAIN = "16"  # register P
+HEALTHY_GAIN = 16.0  # register P
 USUAL = "sts3215"
 
 
@@ -55,7 +56,7 @@ def main() -> None:
         twin = calibrated(given.calibration, given.template, quiet=given.json)
         if given.judge is None:
             return
-        runs = ematwin.read(given.judge, actuator=twin.actuator, split=True, gaps="longest")
+        runs, refused = runs_of(given.judge, twin.actuator)
         if given.together is not None:
             rows = [row for some in groups(runs, given.together) for row in together(some, twin)]
         else:
@@ -68,18 +69,22 @@ def main() -> None:
                 given.page.write_text(detection_page(detection), encoding="utf-8")
     except EmatwinError as error:
         sys.exit(str(error))
+    rows += [unread(run, why) for run, why in refused.items()]
     print(json.dumps({"runs": rows}, indent=2) if given.json else table(rows))
 
 
 def calibrated(path: Path, template: str | None, *, quiet: bool) -> Calibration:
     """The servo as its healthy runs show it."""
-    runs = ematwin.read(path, actuator=template or USUAL, split=True, gaps="longest")
-    healthy = [one for one in runs if one.labels.get("position_gain", HEALTHY_GAIN) == HEALTHY_GAIN]
+    runs, refused = runs_of(path, template or USUAL)
+    healthy = [
+        one for one in runs
+        if float(one.labels.get("position_gain", HEALTHY_GAIN)) == HEALTHY_GAIN
+    ]  # fmt: skip
     if not healthy:
         there = ", ".join(sorted({one.labels["position_gain"] for one in runs}))
         raise InputError(
             f"{path} has no healthy run: its column position_gain holds {there}, and healthy is "
-            f"{HEALTHY_GAIN}. Give a table with healthy runs."
+            f"{HEALTHY_GAIN:g}. Give a table with healthy runs."
         )
     report = ematwin.calibrate(healthy, template or template_of(runs))
     if not quiet:
@@ -89,9 +94,36 @@ def calibrated(path: Path, template: str | None, *, quiet: bool) -> Calibration:
                 f"  {one.place:<26}{one.value:>10.4g}  standard error {one.standard_error:.2g}"
                 f"{'' if one.determined else ', hardly more than was known'}"
             )
-        for note in report.notes:
+        for note in (*report.notes, *refused.values()):
             print(f"  {note}")
     return report.calibration
+
+
+def runs_of(path: Path, actuator: Any) -> tuple[list[Recording], dict[str, str]]:
+    """The runs of a table, and why others cannot be read, by run."""
+    try:
+        return ematwin.read(path, actuator=actuator, split=True, gaps="longest"), {}
+    except RecordError:
+        if path.suffix != ".parquet":
+            raise
+    import pyarrow.compute as pc
+    import pyarrow.parquet as pq
+
+    rows = pq.read_table(path)
+    if "run" not in rows.column_names:
+        raise RecordError(f"{path} has no column run, which tells its runs apart. Add it.")
+    found, refused = [], {}
+    for run in pc.unique(rows["run"]).to_pylist():
+        with tempfile.TemporaryDirectory() as folder:
+            alone = Path(folder, path.name)
+            pq.write_table(rows.filter(pc.equal(rows["run"], run)), alone)
+            try:
+                found += ematwin.read(alone, actuator=actuator, split=True, gaps="longest")
+            except RecordError as error:
+                refused[str(run)] = str(error).replace(f"{folder}/", "")
+    if not found:
+        raise RecordError(next(iter(refused.values())))
+    return found, refused
 
 
 def template_of(runs: list[Recording]) -> str:
@@ -112,6 +144,15 @@ def together(runs: list[Recording], twin: Calibration) -> list[dict[str, Any]]:
     """Rows of runs that have one answer."""
     found = ematwin.identify(runs, twin, together=True)
     return [row_of(one, found, twin) for one in runs]
+
+
+def unread(run: str, why: str) -> dict[str, Any]:
+    """The row of a run that cannot be read."""
+    return {
+        "run": int(run) if run.isdigit() else run, "gain": None, "low": None, "high": None,
+        "grade": "none", "faults": [], "position_mae": None,
+        "sentence": f"No verdict: {why}", "notes": [],
+    }  # fmt: skip
 
 
 def row_of(run: Recording, found: Identification, twin: Calibration) -> dict[str, Any]:
@@ -148,6 +189,9 @@ def table(rows: list[dict[str, Any]]) -> str:
     """The rows for people."""
     lines = [f"{'run':>6}{'gain':>8}{'95 % interval':>18}{'error/mrad':>12}  verdict"]
     for row in rows:
+        if row["gain"] is None:
+            lines.append(f"{row['run']:>6}{'':>38}  {row['sentence']}")
+            continue
         interval = f"{row['low']:.2f} to {row['high']:.2f}"
         lines.append(
             f"{row['run']:>6}{row['gain']:>8.3f}{interval:>18}"

@@ -125,6 +125,17 @@ def test_the_example_refuses_what_it_cannot_use(tables, tmp_path):
     assert "position" in lacking.stderr
 
 
+def test_one_run_that_cannot_be_read_leaves_the_others(tables, tmp_path):
+    runs = [made_up.run(n) for n in (18, 28)]
+    runs[1] = {name: values[:10] for name, values in runs[1].items()}
+    done = example(tables[0], "--judge", made_up.write(tmp_path / "two.parquet", runs), "--json")
+    first, second = json.loads(done.stdout)["runs"]
+    assert first["grade"] == "healthy"
+    assert second["run"] == 28
+    assert second["grade"] == "none"
+    assert "10 samples" in second["sentence"]
+
+
 def test_nothing_is_learnt_from_overloaded_runs():
     time = np.arange(300) * 0.01
     rises = 1.2 * np.minimum(time / 0.5, 1.0)
