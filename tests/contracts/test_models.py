@@ -54,6 +54,14 @@ class TestLinearAxis(ModelContract):
         return models()["linear-axis"]
 
 
+class TestPositionServo(ModelContract):
+    step = "steps.twin"
+
+    @pytest.fixture
+    def model(self):
+        return models()["position-servo"]
+
+
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory):
     """The model of the example package, laid out as pip would and found by its entry point."""

@@ -79,6 +79,8 @@ class Identification:
     calibrated : whether the twin was fitted to healthy recordings of the actuator
     recording : what was identified from, for figures; None where it was not kept
     uncertainty : what is sure of it, where that was asked for; None after an interruption
+    certain : probabilities of faults where sets of faults were compared; None where they follow
+        from the estimate
     """
 
     verdict: Verdict
@@ -106,6 +108,7 @@ class Identification:
     recording: Recording | None = field(default=None, repr=False, compare=False)
     uncertainty: "Uncertainty | None" = None
     reference_runs: int = 0
+    certain: dict[str, float] | None = None
 
     @property
     def model(self) -> Model:
@@ -127,6 +130,8 @@ class Identification:
     @property
     def probabilities(self) -> dict[str, float]:
         """Name of each searched fault to the probability that it is as large as matters."""
+        if self.certain is not None:
+            return self.certain
         estimate, errors = self.estimate, self.standard_error
         return {
             one.name: float(
@@ -316,6 +321,10 @@ def identified(
     Other parameters are those of `ematwin.identify`.
     """
     model, recording = model_of(actuator), ready.recording
+    if compares_sets(model, algorithm, budget, uncertainty, thresholds):
+        from ematwin.estimation.fault_sets import identified_by_sets
+
+        return identified_by_sets([ready], actuator, baseline, only=only, held=held)
     warnings = list(ready.warnings)
     if thresholds and uncertainty is None:
         uncertainty = "laplace"
@@ -426,6 +435,11 @@ def identified(
         uncertainty=sure,
         reference_runs=assessed.reference_runs,
     )
+
+
+def compares_sets(model: Model, *asked: Any) -> bool:
+    """Whether sets of faults are compared: of kinds that need it, if nothing else is asked for."""
+    return model.recordings_differ and not any(asked)
 
 
 def _shown(done: int, cost: float, budget: int) -> tuple[float, str]:

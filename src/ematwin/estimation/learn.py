@@ -39,6 +39,7 @@ from ematwin.estimation.laplace import Laplace, laplace, profiled
 from ematwin.estimation.multistart import MultistartDescent
 from ematwin.estimation.nominal import NominalParameter, fit_nominal
 from ematwin.estimation.problem import Prior, Problem
+from ematwin.estimation.random_effects import learn_effects
 from ematwin.models.base import Model
 from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
@@ -102,6 +103,9 @@ def learn(
     RecordError
         If one recording is unlike the others, or they contradict the template.
     """
+    if model.recordings_differ:
+        known = learn_effects(model, template, comparisons, progress)
+        return Learnt(known.actuator, known.baseline, known.parameters, [], [])
     if not frees_parameters(model):
         actuator, parameters = fit_nominal(model, template, means or comparisons)
         return Learnt(actuator, _local_baseline(model, actuator, parameters), parameters, [], [])

@@ -59,6 +59,9 @@ class Model(ABC):
     frees_parameters : whether parameters are free, as far as their tolerances allow, where healthy
         recordings are learnt and others judged; None where that follows from the default search
         (so it is for all but a local one)
+    recordings_differ : whether recordings of a healthy actuator differ by more than noise, as those
+        of servos do with their temperature: calibration then learns how much, and faults are judged
+        beside it (`ematwin.estimation.random_effects`)
     fidelities : names of its models for `simulate`, the default first
     sample_rate : Hz, of what `simulate` gives where nothing else is said
     compared_rate : Hz, to which faster recordings are averaged (`averaged`); None leaves them
@@ -88,6 +91,7 @@ class Model(ABC):
     default_search: ClassVar[str] = "multistart"
     model_error: ClassVar[float] = 2.5
     frees_parameters: ClassVar[bool | None] = None
+    recordings_differ: ClassVar[bool] = False
     fidelities: ClassVar[tuple[str, ...]] = ("twin",)
     sample_rate: ClassVar[float] = 1000.0
     compared_rate: ClassVar[float | None] = None

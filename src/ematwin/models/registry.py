@@ -23,7 +23,7 @@ DEFAULT_KIND = UNNAMED_KIND
 
 
 # Ours by kind, which is also the name of the folder but for hyphens.
-_OURS = ("bldc", "ball-screw", "linear-axis", "pmsm")
+_OURS = ("bldc", "ball-screw", "linear-axis", "pmsm", "position-servo")
 
 
 def _own(kind: str) -> Model:

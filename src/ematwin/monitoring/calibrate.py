@@ -18,6 +18,7 @@ from ematwin.estimation.baseline import Baseline, frees_parameters
 from ematwin.estimation.learn import learn
 from ematwin.estimation.local import LocalDescent
 from ematwin.estimation.nominal import NominalParameter
+from ematwin.models.base import Model
 from ematwin.models.channels_agree import checked
 from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
@@ -260,8 +261,12 @@ def _calibrated(
     if not by_values:
         first = Bench(model, chosen, healthy, command, interval, settling)
         means = _means(first, learning)
+    if model.recordings_differ:
+        few_of_them, left_out = _sound(model, chosen, taught)
+    else:
+        few_of_them, left_out = _evenly(taught, _MOST_LEARNT), []
     learnt = learn(
-        model, chosen, [model.compare(one, chosen) for one in _evenly(taught, _MOST_LEARNT)],
+        model, chosen, [model.compare(one, chosen) for one in few_of_them],
         means=means, progress=lambda share: tell(0.05 + 0.45 * share),
     )  # fmt: skip
     actuator, parameters = learnt.actuator, learnt.parameters
@@ -270,7 +275,7 @@ def _calibrated(
     tell(0.5)
     if first is None or few:
         tell(1.0)
-        notes = list(learnt.notes)
+        notes = [*left_out, *learnt.notes]
         if few:
             notes.append(f"{few} Without that, ematwin detect cannot judge.")
         return CalibrationReport(
@@ -314,6 +319,27 @@ def _calibrated(
     return _report(
         replace(calibration, signatures=signatures), parameters, learnt.tied, learnt.notes
     )
+
+
+def _sound(
+    model: Model, actuator: ParameterSet, recordings: Sequence[Recording]
+) -> tuple[list[Recording], list[str]]:
+    """The recordings that can be learnt from, and sentences on the others.
+
+    Raises
+    ------
+    RecordError
+        If there is none.
+    """
+    why = [model.excitation(one, actuator) for one in recordings]
+    sound = [one for one, told in zip(recordings, why, strict=True) if not told]
+    if not sound:
+        raise RecordError(f"No recording can be learnt from. Of the first one: {' '.join(why[0])}")
+    return sound, [
+        f"{one.name} was left out: {' '.join(told)}"
+        for one, told in zip(recordings, why, strict=True)
+        if told
+    ]
 
 
 def _evenly(recordings: Sequence[Recording], most: int) -> list[Recording]:

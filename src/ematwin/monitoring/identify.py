@@ -17,7 +17,13 @@ from ematwin.errors import InputError
 from ematwin.estimation.assess import scatter
 from ematwin.estimation.baseline import Baseline, frees_parameters
 from ematwin.estimation.constants import COVERAGE
-from ematwin.estimation.identify import Identification, Prepared, identified, prepared
+from ematwin.estimation.identify import (
+    Identification,
+    Prepared,
+    compares_sets,
+    identified,
+    prepared,
+)
 from ematwin.estimation.interrupt import noting_interrupts
 from ematwin.estimation.search import Progress, Search
 from ematwin.models.reading import read
@@ -63,6 +69,7 @@ def identify(
     backend: str = "cpu",
     uncertainty: "str | Method | None" = None,
     thresholds: Mapping[str, float | str] | None = None,
+    together: bool = False,
 ) -> Identification | Detection:
     """Find the values with which the twin answers as the recorded actuator did.
 
@@ -96,6 +103,8 @@ def identify(
         or such a method with settings of its own, e.g. ``Posterior(most=50_000)``
     thresholds : by fault, the value from which on it matters; a text with a unit is physical, e.g.
         ``"0.05 N*m"``. Tells the probability of each to be beyond; "laplace" if no method is given
+    together : several recordings are of one state of the actuator, as those of one day: faults have
+        one value for all of them, and one answer is given; for kinds whose recordings differ
 
     Returns
     -------
@@ -118,6 +127,16 @@ def identify(
         "only": names, "held": held, "checkpoint": checkpoint,
         "backend": backend, "uncertainty": uncertainty, "thresholds": thresholds,
     }  # fmt: skip
+    if together:
+        if not compares_sets(known.model, algorithm, budget, uncertainty, thresholds):
+            raise InputError(
+                f"The kind {known.model.kind} is judged recording by recording, and so is any with "
+                "algorithm, budget, uncertainty or thresholds; leave together out."
+            )
+        from ematwin.estimation.fault_sets import identified_by_sets
+
+        ready = _ready(record, known, columns, load)
+        return identified_by_sets(ready, known.actuator, known.baseline, only=only, held=held)
     if not is_one(record):
         if checkpoint is not None:
             raise InputError("A checkpoint is of one search; leave it out for several recordings.")

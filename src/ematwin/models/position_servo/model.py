@@ -1,0 +1,151 @@
+"""The position servo as a `Model`: its only entry for search, reports and commands."""
+
+import math
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ematwin.models.base import Demand, Model, Signal, Values
+from ematwin.models.comparison import Candidates, TraceComparison
+from ematwin.models.position_servo.parameters import PositionServo
+from ematwin.models.position_servo.recorded import CHANNELS, stretch
+from ematwin.models.position_servo.unknowns import aliases, unknowns
+from ematwin.models.unknown import Alias, Unknown
+from ematwin.recordings.channel import Channel
+from ematwin.recordings.recording import Recording
+
+_READ = 0.004
+_LATE = 0.006  # s, by which reads on a bus come sooner or later
+_NO_WEIGHT = 1e6  # times the noise
+
+
+class PositionServoModel(Model):
+    """Position of a geared DC servo with its controller inside; docs/position-servo.md."""
+
+    kind: ClassVar[str] = "position-servo"
+    title: ClassVar[str] = "geared DC servo with its position controller inside"
+    parameters: ClassVar[type[PositionServo]] = PositionServo
+    channels: ClassVar[tuple[Channel, ...]] = CHANNELS
+    command: ClassVar[str] = "goal_position"
+    needs: ClassVar[tuple[str | tuple[tuple[str, ...], ...], ...]] = ("position",)
+    sample_rate: ClassVar[float] = 100.0
+    compared_rate: ClassVar[float | None] = 200.0
+    # healthy recordings leave so many times the stated noise, what is alike counted once
+    model_error: ClassVar[float] = 3.0
+    recordings_differ: ClassVar[bool] = True
+    fixed: ClassVar[tuple[str, ...]] = ("steps.twin", "motor.rated_voltage")
+    demands: ClassVar[tuple[Demand, ...]] = (
+        Demand("travel", "rad", ("goal_position", "position")),
+        Demand("speed", "rad/s", ("position",), is_rate=True),
+    )
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """The position; all else drives the twin."""
+        return ("position",)
+
+    def unknowns(self, actuator: Any) -> tuple[Unknown, ...]:
+        """Faults and the zero of the encoder."""
+        return unknowns(actuator)
+
+    def aliases(self, actuator: Any, values: Values) -> list[Alias]:
+        """Faults against the parameters that they multiply."""
+        return aliases()
+
+    def noise(self, actuator: Any, recording: Recording) -> dict[str, Any]:
+        """Standard deviation of each sample of the position, (S,) rad."""
+        position = recording.channels["position"]
+        false = stretch(recording, actuator).false
+        good = np.flatnonzero(~false)
+        smooth = np.interp(np.arange(len(recording)), good, position[good])
+        speed = np.gradient(smooth, recording.time)
+        noise = np.hypot(_READ, _LATE * speed)
+        noise[false] *= _NO_WEIGHT
+        return {"position": noise}
+
+    def respond(
+        self, actuator: Any, inputs: Recording, candidates: Candidates, count: int
+    ) -> dict[str, np.ndarray]:
+        """Position (rad) of each candidate, (B, S) array."""
+        from ematwin.models.position_servo.step import GRAVITY, Constants, traces
+
+        values: dict[str, Any] = {**self.healthy(actuator), **candidates}
+        varied = actuator.varied(values, self.fixed)
+        controller, motor, friction = varied.controller, varied.motor, varied.friction
+        arm, given = varied.arm, inputs.channels
+
+        def stated(name: str) -> Any:
+            return float(np.mean(given[name])) if name in given else getattr(arm, name)
+
+        mass, length, arm_mass = stated("mass"), stated("length"), stated("arm_mass")
+        payload, rubs, weak = values["payload"], values["friction"], values["torque"]
+        torque = motor.stall_torque * weak
+        each = Constants(
+            gain=controller.gain * values["gain"],
+            startup=controller.startup,
+            delay=controller.delay * values["delay"],
+            speed_limit=controller.speed_limit,
+            offset=values["offset"],
+            stall_torque=torque,
+            back_emf=torque / motor.no_load_speed * weak,
+            inertia=varied.gear.inertia,
+            half_gap=0.5 * varied.gear.backlash * values["backlash"],
+            coulomb=friction.coulomb * rubs,
+            stribeck=friction.stribeck * rubs,
+            stribeck_speed=friction.stribeck_speed,
+            load_share=friction.load_share * rubs,
+            gravity=payload * (mass + 0.5 * arm_mass) * GRAVITY * length,
+            load_inertia=payload * ((mass + arm_mass / 3.0) * length**2 + arm.inertia),
+            load_torque=payload * arm.torque,
+        )
+        constants = Constants._make(np.full(count, one, dtype=float) for one in each)
+        supply = np.ones(len(inputs))
+        if "supply_voltage" in given:
+            supply = given["supply_voltage"] / motor.rated_voltage
+        if "torque_enabled" in given:
+            supply = np.where(given["torque_enabled"] > 0.5, supply, 0.0)
+        start, speed = self._start(inputs)
+        substeps = math.ceil(inputs.interval / actuator.steps.twin - 1e-9)
+        position = traces(
+            constants, given["goal_position"], supply, start, speed, inputs.interval, substeps
+        )
+        return {"position": position}
+
+    def _start(self, inputs: Recording) -> tuple[float, float]:
+        """First position and speed: a line through the first samples, or at rest at the goal."""
+        position = inputs.channels.get("position")
+        if position is None:
+            return float(inputs.channels["goal_position"][0]), 0.0
+        return float(np.median(position[:3])), 0.0
+
+    def compare(
+        self, recording: Recording, actuator: Any, *, threads: int | None = None, **settings: Any
+    ) -> TraceComparison:
+        """The stretch of a recording with torque, beside the twin."""
+        self.check_channels(recording)
+        part = stretch(recording, actuator)
+        cut = recording
+        if part.stop - part.first < len(recording):
+            time = recording.time
+            cut = recording.between(time[part.first], time[part.stop - 1])
+        return TraceComparison(self, cut, actuator)
+
+    def check(self, recording: Recording, actuator: Any) -> list[str]:
+        """What of a recording is not compared."""
+        self.check_channels(recording)
+        return stretch(recording, actuator).said
+
+    def excitation(self, recording: Recording, actuator: Any) -> list[str]:
+        """Overload, and stretches that are too short."""
+        return stretch(recording, actuator).obstacles
+
+    def signals(self, recording: Recording, actuator: Any) -> list[Signal]:
+        """Position with its goal, and the error between them."""
+        goal, position = recording.channels["goal_position"], recording.channels["position"]
+        return [
+            Signal("Position of the output", "rad", position, goal),
+            Signal("Goal less position", "rad", goal - position),
+        ]
+
+
+MODEL = PositionServoModel()

@@ -1,0 +1,119 @@
+"""Parameters of a position servo: controller, motor, gear, friction, and what it moves.
+
+All values are on the output shaft; the equations are in `step` and in docs/position-servo.md.
+
+Tolerances are what a servo of the same type and firmware may be off by; those of friction are
+judgement. Drift is how far healthy recordings of one servo differed beyond their noise
+(docs/lab/position-servo.md): grease and temperature change its friction, temperature its motor, and
+the bus the moment at which a goal arrives.
+"""
+
+from typing import ClassVar, Self
+
+from pydantic import model_validator
+
+from ematwin.models.parameter_set import ParameterSet, Section, quantity
+
+
+class ServoController(Section):
+    """What the firmware does between the goal and the motor."""
+
+    gain: float = quantity(
+        "1/rad", "duty for an error of the position", tolerance=0.3, drift=0.03, gt=0
+    )
+    startup: float = quantity(
+        "", "duty that is added in the direction of the error, to start the motor",
+        tolerance=1.0, drift=0.2, gt=0,
+    )  # fmt: skip
+    delay: float = quantity(
+        "s", "from a goal on the bus to its effect, as recorded positions show it",
+        tolerance=0.5, drift=0.2, gt=0,
+    )  # fmt: skip
+    speed_limit: float = quantity(
+        "rad/s", "speed limit of the target", tolerance=0.2, drift=0.05, gt=0
+    )
+
+
+class ServoMotor(Section):
+    """DC motor at the rated voltage."""
+
+    rated_voltage: float = quantity("V", "voltage of torque and speed", exact=True, gt=0)
+    stall_torque: float = quantity(
+        "N*m", "torque at rest and full duty", tolerance=0.4, drift=0.05, gt=0
+    )
+    no_load_speed: float = quantity(
+        "rad/s", "speed at full duty without friction", tolerance=0.3, drift=0.05, gt=0
+    )
+
+
+class ServoGear(Section):
+    """Gear with the inertia of the rotor."""
+
+    inertia: float = quantity("kg*m^2", "rotor and gear", tolerance=1.0, drift=0.2, gt=0)
+    backlash: float = quantity("rad", "play, full width", tolerance=1.0, drift=0.5, gt=0)
+
+
+class ServoFriction(Section):
+    """Friction of motor and gear."""
+
+    coulomb: float = quantity("N*m", "Coulomb friction", tolerance=1.5, drift=0.25, gt=0)
+    stribeck: float = quantity(
+        "N*m", "static less Coulomb friction", tolerance=1.5, drift=0.6, gt=0
+    )
+    stribeck_speed: float = quantity(
+        "rad/s", "speed at which half of that is gone", tolerance=1.5, drift=0.5, gt=0
+    )
+    load_share: float = quantity(
+        "", "further friction for each N m of load", tolerance=1.0, drift=0.2, gt=0
+    )
+
+
+class ServoArm(Section):
+    """What the servo moves, where a recording does not say it: a pendulum, inertia, a torque."""
+
+    mass: float = quantity("kg", "point mass at the end of the arm", exact=True, ge=0)
+    length: float = quantity("m", "from the shaft to the mass", exact=True, ge=0)
+    arm_mass: float = quantity("kg", "even arm between them", exact=True, ge=0)
+    inertia: float = quantity("kg*m^2", "of what has no weight here", exact=True, ge=0)
+    torque: float = quantity("N*m", "constant torque against positive motion", exact=True)
+
+
+class ServoSteps(Section):
+    """Fixed step of the twin."""
+
+    twin: float = quantity("s", "step of the twin, at most", exact=True, gt=0)
+
+
+class PositionServo(ParameterSet):
+    """One position servo, all values in SI, on the output shaft."""
+
+    kind: ClassVar[str] = "position-servo"
+    default: ClassVar[str] = "sts3215"
+
+    controller: ServoController
+    motor: ServoMotor
+    gear: ServoGear
+    friction: ServoFriction
+    arm: ServoArm
+    steps: ServoSteps
+
+    @model_validator(mode="after")
+    def _step_resolves_the_loop(self) -> Self:
+        stiffness = self.controller.gain * self.motor.stall_torque
+        longest = 0.5 * (self.gear.inertia / stiffness) ** 0.5
+        if not 1e-5 <= self.steps.twin <= longest:
+            raise ValueError(
+                f"steps.twin must lie between 1e-5 s and {longest:.2g} s, a half over the "
+                f"frequency of the position loop, received {self.steps.twin:.2g} s; change it"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _something_moves(self) -> Self:
+        arm = self.arm
+        if not arm.inertia + (arm.mass + arm.arm_mass) * arm.length**2 > 0.0:
+            raise ValueError(
+                "arm has neither inertia nor a mass at a length; give arm.inertia, or mass and "
+                "length of the arm"
+            )
+        return self

@@ -1,0 +1,160 @@
+"""What a recording of a servo holds, and which part of it is compared.
+
+A serial bus gives now and then a false position, and a servo that is overloaded cuts its torque.
+False reads have no weight. Only the longest stretch with torque is compared, and of it what comes
+before a trip of the protection.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ematwin.recordings.channel import Channel
+from ematwin.recordings.cleaning import runs
+from ematwin.recordings.recording import Recording
+
+CHANNELS = (
+    Channel("goal_position", "rad", "commanded position, 0 where a pendulum hangs down",
+            ("goal", "command", "target_position", "present_goal")),
+    Channel("position", "rad", "position of the output", ("present_position",), "output"),
+    Channel("supply_voltage", "V", "supply voltage of the servo",
+            ("voltage", "present_voltage", "present_input_voltage"), may_rest=True),
+    Channel("temperature", "", "temperature register of the servo, degC",
+            ("present_temperature",), may_rest=True),
+    Channel("torque_enabled", "", "1 with torque, 0 where it is released", ("torque_enable",),
+            may_rest=True),
+    Channel("mass", "kg", "point mass at the end of the arm", ("payload_mass",), may_rest=True),
+    Channel("length", "m", "from the shaft to the mass", ("arm_length",), may_rest=True),
+    Channel("arm_mass", "kg", "mass of the arm", may_rest=True),
+)  # fmt: skip
+_NEIGHBOURS = 7  # samples, of which a false read is one or two
+_WIDENED = 2  # samples next to a false read, into which interpolation carries it
+_SHORTEST = 20  # samples that are compared
+_LASTS = 0.25  # s: an arm that overshoots has turned round by then
+_FALL = 0.3  # share of the no-load speed
+_REST = 0.02  # share of the same
+
+
+class Stretch(NamedTuple):
+    """The part of a recording that is compared.
+
+    Attributes
+    ----------
+    first, stop : int, samples
+    false : (S,) of bool, false reads and what interpolation made of their neighbours
+    said : sentences on what is left out
+    obstacles : sentences on why no verdict can rest on it
+    """
+
+    first: int
+    stop: int
+    false: np.ndarray
+    said: list[str]
+    obstacles: list[str]
+
+
+def stretch(recording: Recording, actuator: Any) -> Stretch:
+    """Find the part of a recording that is compared."""
+    channels, time = recording.channels, recording.time
+    size, interval = len(recording), recording.interval
+    position, said, obstacles = channels["position"], [], []
+    false = false_reads(position, 3.0 * actuator.motor.no_load_speed * interval)
+    first, stop = 0, size
+    enabled = channels.get("torque_enabled")
+    if enabled is not None:
+        parts = runs(enabled > 0.5)
+        first, stop = max(parts, key=lambda part: part[1] - part[0], default=(0, 0))
+        if stop - first < size:
+            said.append(
+                f"The torque is released outside of {time[first]:.2f} to "
+                f"{time[max(stop - 1, first)]:.2f} s: only that stretch is compared."
+                if stop > first
+                else "The torque is released throughout: nothing can be compared."
+            )
+    reads = runs(false[first:stop])
+    if reads:
+        said.append(
+            f"{len(reads)} false read{'s' if len(reads) > 1 else ''} of the position, the first at "
+            f"{time[first + reads[0][0]]:.2f} s, left out."
+        )
+    moved = smooth(recording, false, first, stop)
+    rests = _runs_of(actuator, recording, moved, _rests, 2.0 * _LASTS)
+    if rests is not None:
+        said.append(
+            f"The servo rests far from its goal from {time[first + rests]:.2f} s on: it stalled, "
+            "or its gain is low."
+        )
+    falls = _runs_of(actuator, recording, moved, _falls, _LASTS)
+    if falls is not None:
+        at = f"{time[first + falls]:.2f} s"
+        said.append(f"The servo lost its torque at {at}; what follows is not compared.")
+        obstacles.append(
+            f"The servo lost its torque at {at}, as its overload protection does (trip). Free its "
+            "motion or lighten it, and record again."
+        )
+        stop = first + falls
+    if stop - first < _SHORTEST:
+        obstacles.append(
+            f"Torque was on in {stop - first} samples without a break; at least {_SHORTEST} are "
+            "needed. Record a longer motion."
+        )
+        stop = min(size, first + _SHORTEST)
+        first = stop - _SHORTEST
+    return Stretch(first, stop, false, said, obstacles)
+
+
+def false_reads(position: np.ndarray, most: float) -> np.ndarray:
+    """Flags (S,) of samples further than ``most`` (rad) from the median of their neighbours."""
+    half = _NEIGHBOURS // 2
+    windows = np.lib.stride_tricks.sliding_window_view(
+        np.pad(position, half, mode="edge"), _NEIGHBOURS
+    )
+    odd = np.abs(position - np.median(windows, axis=1)) > max(most, 0.02)
+    return np.asarray(np.convolve(odd, np.ones(2 * _WIDENED + 1), mode="same") > 0.0)
+
+
+class _Moved(NamedTuple):
+    """Motion (S,) of a stretch: error (rad) of the position, and speed (rad/s)."""
+
+    error: np.ndarray
+    speed: np.ndarray
+
+
+def smooth(recording: Recording, false: np.ndarray, first: int, stop: int) -> _Moved:
+    """Error and speed with false reads bridged."""
+    time, good = recording.time[first:stop], ~false[first:stop]
+    if good.sum() < 2 or time.size < _SHORTEST:
+        return _Moved(np.zeros(time.size), np.zeros(time.size))
+    position = np.interp(time, time[good], recording.channels["position"][first:stop][good])
+    error = recording.channels["goal_position"][first:stop] - position
+    return _Moved(error, np.gradient(position, time))
+
+
+def _rests(moved: _Moved, no_load_speed: float) -> np.ndarray:
+    """Where it rests."""
+    return np.asarray(np.abs(moved.speed) < _REST * no_load_speed)
+
+
+def _falls(moved: _Moved, no_load_speed: float) -> np.ndarray:
+    """Where it moves away from its goal."""
+    return np.asarray(moved.speed * np.sign(moved.error) < -_FALL * no_load_speed)
+
+
+def _runs_of(
+    actuator: Any,
+    recording: Recording,
+    moved: _Moved,
+    which: Callable[[_Moved, float], np.ndarray],
+    least: float,
+) -> int | None:
+    """First sample from which, for ``least`` seconds, an error asks a healthy servo for full duty.
+
+    An arm that only overshoots has turned round by then.
+    """
+    full = np.abs(moved.error) * actuator.controller.gain > 1.0
+    flags = full & which(moved, actuator.motor.no_load_speed)
+    for a, b in runs(flags):
+        if (b - a) * recording.interval >= least:
+            return a
+    return None

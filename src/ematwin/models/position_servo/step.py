@@ -1,0 +1,171 @@
+"""One step of the twin, and the loop over time and candidates.
+
+All on the output shaft: a torque of the motor times the gear ratio, its inertia times the ratio
+squared.
+
+    target = rate_limit(goal(t - delay))                       at most ``speed_limit``
+    error  = target - output - offset                          encoder on the output
+    duty   = clip(gain error + startup sign(error), 1)         pulse width, 0 where released
+    torque = T_s duty V/V_rated - (T_s/w_0) w                  stall torque, no-load speed
+    F      = F_c + F_s exp(-|w|/w_s) + k_load |load|           friction of motor and gear
+    load   = (m + m_arm/2) g L sin(output) + constant torque
+
+    J dw/dt = torque - F sign(w) - contact                     motor and gear
+    (J_load + (m + m_arm/3) L^2) dw_o/dt = contact - load      output, with play in between
+
+The friction is that of Duclusaud, Passault and Padois (2025), Extended friction models for the
+physics simulation of servo actuators (BAM): Coulomb and Stribeck as in their M2, and a part that
+grows with the external torque as in M3 to M5, of which measurements here told no more
+(docs/lab/position-servo.md). Their viscous part is not apart from the back-EMF where the supply is
+constant, and belongs to it here. The play is the rigid, inelastic contact of
+`ematwin.numerics.backlash`.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ematwin.numerics.compile import loop, part
+from ematwin.numerics.friction import advance_mobile
+from ematwin.numerics.scalar import clip, sincos
+
+GRAVITY = 9.80665  # m/s^2
+
+
+class Constants(NamedTuple):
+    """What the equations take, on the output shaft; (B,) arrays for a batch of candidates."""
+
+    gain: float  # 1/rad
+    startup: float  # duty
+    delay: float  # s
+    speed_limit: float  # rad/s
+    offset: float  # rad
+    stall_torque: float  # N m
+    back_emf: float  # N m s/rad
+    inertia: float  # kg m^2
+    half_gap: float  # rad
+    coulomb: float  # N m
+    stribeck: float  # N m
+    stribeck_speed: float  # rad/s
+    load_share: float
+    gravity: float  # N m at a horizontal arm
+    load_inertia: float  # kg m^2
+    load_torque: float  # N m against positive motion
+
+
+class State(NamedTuple):
+    """State of one candidate."""
+
+    target: float  # rad
+    theta_m: float  # rad, motor and gear, on the output
+    w_m: float  # rad/s
+    theta: float  # rad, output
+    w: float  # rad/s
+    side: float  # of the play on which they touch: 1 the motor pushes forward, -1 back, 0 apart
+
+
+@part
+def friction(w, load, c):
+    """Dry friction of motor and gear at a speed, N m."""
+    fading = c.stribeck / (1.0 + (w / c.stribeck_speed) * (w / c.stribeck_speed))
+    return c.coulomb + fading + c.load_share * abs(load)
+
+
+@part
+def duty_of(target, theta, c):
+    """Pulse width that the controller asks for, -1 to 1."""
+    error = target - theta - c.offset
+    # the sign is smoothed over a step of the encoder: in a jump the duty would chatter at the goal
+    startup = c.startup * clip(error / ENCODER_STEP, -1.0, 1.0)
+    return clip(c.gain * error + startup, -1.0, 1.0)
+
+
+ENCODER_STEP = 2.0 * math.pi / 4096.0  # rad
+
+
+@part
+def servo_step(now, goal, supply, c, dt):
+    """Advance by ``dt``; ``supply`` is that voltage over the rated one, 0 where released."""
+    most = c.speed_limit * dt
+    target = now.target + clip(goal - now.target, -most, most)
+    middle = now.theta + 0.5 * dt * now.w  # torques act in the middle of the step
+    load = c.gravity * sincos(middle)[0] + c.load_torque
+    torque = c.stall_torque * duty_of(0.5 * (now.target + target), middle, c) * supply
+    back_emf = c.back_emf if supply > 0.0 else 0.0
+    act = torque - back_emf * now.w_m
+    # the trapezoidal rule for the back-EMF: stable however long the step
+    inertia = c.inertia + 0.5 * dt * back_emf
+    dry = friction(now.w_m, load, c)
+    if now.side != 0.0:
+        w = advance_mobile(now.w, act - load, 1.0 / (inertia + c.load_inertia), dry, dry, dt)
+        contact = c.load_inertia * (w - now.w) / dt + load
+        # faces push and never pull; without play there is no other face to go to
+        if now.side * contact >= 0.0 or c.half_gap == 0.0:
+            theta = now.theta + 0.5 * dt * (now.w + w)
+            return State(target, theta + now.side * c.half_gap, w, theta, w, now.side)
+    w_m = advance_mobile(now.w_m, act, 1.0 / inertia, dry, dry, dt)
+    w = now.w - dt * load / c.load_inertia
+    theta_m = now.theta_m + 0.5 * dt * (now.w_m + w_m)
+    theta = now.theta + 0.5 * dt * (now.w + w)
+    twist = theta_m - theta
+    if abs(twist) < c.half_gap:
+        return State(target, theta_m, w_m, theta, w, 0.0)
+    # an inelastic impact on the other face, or back on the same one
+    side = math.copysign(1.0, twist)
+    w = (inertia * w_m + c.load_inertia * w) / (inertia + c.load_inertia)
+    return State(target, theta + side * c.half_gap, w, theta, w, side)
+
+
+@part
+def delayed(goal, sample, delay):
+    """The goal at a sample less a delay in samples, between samples on a straight line."""
+    at = max(sample - delay, 0.0)
+    n = min(int(at), goal.size - 2)
+    return goal[n] + min(at - n, 1.0) * (goal[n + 1] - goal[n])
+
+
+@loop
+def traces(constants, goal, supply, start, speed, interval, substeps):
+    """Simulate a batch of candidates.
+
+    Parameters
+    ----------
+    constants : Constants of (B,) arrays
+    goal : (S,) array, rad
+    supply : (S,) array, voltage over the rated one; 0 where the torque is released
+    start, speed : float, rad and rad/s at the first sample
+    interval : float, s, from one sample to the next
+    substeps : int, steps from one sample to the next
+
+    Returns
+    -------
+    (B, S) array, rad, position of the output; NaN for a candidate with a constant that is not
+    finite
+    """
+    count, samples = constants.gain.size, goal.size
+    position = np.full((count, samples), start)
+    dt = interval / substeps
+    for n in range(count):
+        c = Constants(
+            constants.gain[n], constants.startup[n], constants.delay[n], constants.speed_limit[n],
+            constants.offset[n], constants.stall_torque[n], constants.back_emf[n],
+            constants.inertia[n], constants.half_gap[n], constants.coulomb[n],
+            constants.stribeck[n], constants.stribeck_speed[n], constants.load_share[n],
+            constants.gravity[n], constants.load_inertia[n], constants.load_torque[n],
+        )  # fmt: skip
+        nothing = 0.0
+        for value in c:
+            nothing += 0.0 * value  # a NaN anywhere must show: comparisons with it are false
+        delay = c.delay / interval
+        load = c.gravity * math.sin(start) + c.load_torque
+        # the output rests on the face that its load pushes it to
+        side = math.copysign(1.0, load)
+        now = State(goal[0], start + side * c.half_gap, speed, start, speed, side)
+        position[n, 0] = start + nothing
+        for sample in range(1, samples):
+            for j in range(substeps):
+                at = sample - 1 + (j + 1) / substeps
+                now = servo_step(now, delayed(goal, at, delay), supply[sample - 1], c, dt)
+            position[n, sample] = now.theta + nothing
+    return position

@@ -1,0 +1,145 @@
+"""``examples/position_servo.py`` and the commands on a servo that is made up, logged like a bus."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ematwin
+import made_up_servo as made_up
+from ematwin.errors import InputError, RecordError
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "position_servo.py"
+FAULTS = (
+    {}, {}, {}, {"gain": 0.5}, {"gain": 0.75}, {"gain": 1.5}, {"payload": 1.6}, {"friction": 2.5},
+)  # fmt: skip
+
+
+def example(*arguments: object) -> subprocess.CompletedProcess[str]:
+    """The example as a process of its own."""
+    return subprocess.run(
+        [sys.executable, str(EXAMPLE), *map(str, arguments)],
+        stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=300, check=False,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def tables(tmp_path_factory) -> tuple[Path, Path]:
+    """Nine healthy runs, and eight that are judged."""
+    folder = tmp_path_factory.mktemp("servo")
+    healthy = made_up.write(folder / "healthy.parquet", [made_up.run(n) for n in range(9)])
+    # of the motion with two sines, which shows most
+    judged = [made_up.run(18 + n % 3 + 9 * n, **faults) for n, faults in enumerate(FAULTS)]
+    return healthy, made_up.write(folder / "judged.parquet", judged)
+
+
+@pytest.fixture(scope="module")
+def answer(tables) -> list[dict]:
+    done = example(tables[0], "--judge", tables[1], "--json")
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)["runs"]
+
+
+@pytest.fixture(scope="module")
+def twin(tables):
+    runs = ematwin.read(tables[0], actuator="sts3215", split=True)
+    return ematwin.calibrate(runs, "sts3215")
+
+
+def test_healthy_runs_are_healthy_and_gains_are_named_with_their_value(answer):
+    for row, faults in zip(answer, FAULTS, strict=True):
+        if not faults:
+            assert row["grade"] == "healthy", row["sentence"]
+        if "gain" in faults:
+            assert row["faults"] == ["gain"], row["sentence"]
+            assert row["gain"] == pytest.approx(faults["gain"], rel=0.1)
+            assert row["low"] <= 1.02 * faults["gain"]
+            assert row["high"] >= 0.98 * faults["gain"]
+
+
+def test_payload_and_friction_are_told_from_gain(answer):
+    for row, faults in zip(answer, FAULTS, strict=True):
+        for name in ("payload", "friction"):
+            if name in faults:
+                assert row["faults"] == [name], row["sentence"]
+
+
+def test_twin_predicts_the_position_and_says_false_reads(answer):
+    for row in answer:
+        assert row["position_mae"] < 0.01
+        assert any("false read" in note for note in row["notes"])
+
+
+def test_calibration_finds_what_the_servo_is(twin):
+    for place, value in made_up.TRUE.items():
+        assert twin.actuator.value(place) == pytest.approx(value, rel=0.3), place
+    assert twin.actuator.controller.gain == pytest.approx(2.75, rel=0.05)
+
+
+def test_several_runs_of_one_state_are_judged_together(tables, twin):
+    runs = ematwin.read(tables[1], actuator="sts3215", split=True)
+    alone = ematwin.identify(runs[0], twin)
+    found = ematwin.identify(runs[:3], twin, together=True)
+    assert found.verdict.grade == "healthy"
+    assert np.ptp(found.intervals["gain"]) < np.ptp(alone.intervals["gain"])
+
+
+def test_a_list_of_runs_gives_the_answers_of_each(tables, twin):
+    runs = ematwin.read(tables[1], actuator="sts3215", split=True)[2:5]
+    table = ematwin.detect(runs, twin)
+    for run, row in zip(runs, table.motions, strict=True):
+        assert row.identification.values == ematwin.identify(run, twin).values
+
+
+def test_a_calibration_is_kept_in_its_file(tables, twin, tmp_path):
+    twin.save(tmp_path / "own.toml")
+    run = ematwin.read(tables[1], actuator="sts3215", split=True)[3]
+    assert ematwin.identify(run, tmp_path / "own.toml").values["gain"] == pytest.approx(
+        ematwin.identify(run, twin).values["gain"], rel=1e-6
+    )
+
+
+def test_a_wrong_fault_or_kind_is_refused(twin, tables):
+    run = ematwin.read(tables[1], actuator="sts3215", split=True)[0]
+    with pytest.raises(InputError, match="judged by its faults"):
+        ematwin.identify(run, twin, only=["controller.gain"])
+    with pytest.raises(InputError, match="leave together out"):
+        ematwin.identify([run, run], "emps", together=True)
+
+
+def test_the_example_refuses_what_it_cannot_use(tables, tmp_path):
+    assert "docs/position-servo.md" in example().stdout
+    gone = example(tmp_path / "none.parquet")
+    assert gone.returncode == 1
+    assert "none.parquet" in gone.stderr
+    runs = [made_up.run(n) | {"position_gain": np.full(made_up.SAMPLES, 8)} for n in range(2)]
+    other = example(made_up.write(tmp_path / "other.parquet", runs))
+    assert other.returncode == 1
+    assert "no healthy run" in other.stderr
+    del runs[0]["position"], runs[1]["position"]
+    lacking = example(made_up.write(tmp_path / "lacking.parquet", runs))
+    assert lacking.returncode == 1
+    assert "position" in lacking.stderr
+
+
+def test_one_run_that_cannot_be_read_leaves_the_others(tables, tmp_path):
+    runs = [made_up.run(n) for n in (18, 28)]
+    runs[1] = {name: values[:10] for name, values in runs[1].items()}
+    done = example(tables[0], "--judge", made_up.write(tmp_path / "two.parquet", runs), "--json")
+    first, second = json.loads(done.stdout)["runs"]
+    assert first["grade"] == "healthy"
+    assert second["run"] == 28
+    assert second["grade"] == "none"
+    assert "10 samples" in second["sentence"]
+
+
+def test_nothing_is_learnt_from_overloaded_runs():
+    time = np.arange(300) * 0.01
+    rises = 1.2 * np.minimum(time / 0.5, 1.0)
+    falls = np.where(time < 1.0, rises, np.maximum(1.2 - 3.0 * (time - 1.0), 0.0))
+    run = ematwin.Recording(time, {"goal_position": np.full(300, 1.5), "position": falls})
+    with pytest.raises(RecordError, match="trip"):
+        ematwin.calibrate([run], "sts3215")

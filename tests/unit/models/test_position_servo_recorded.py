@@ -1,0 +1,92 @@
+"""What of a servo's recording is compared, and what is said of the rest."""
+
+import numpy as np
+import pytest
+
+from ematwin.models.position_servo.model import MODEL
+from ematwin.models.position_servo.parameters import PositionServo
+from ematwin.models.position_servo.recorded import stretch
+from ematwin.recordings.recording import Recording
+
+SERVO = PositionServo.load()
+TIME = np.arange(600) * 0.01
+
+
+def recording(goal, position, **channels):
+    return Recording(TIME, {"goal_position": goal, "position": position, **channels})
+
+
+def followed():
+    goal = 0.8 * np.sin(2.0 * np.pi * 0.4 * TIME)
+    return goal, MODEL.respond(SERVO, Recording(TIME, {"goal_position": goal}), {}, 1)["position"][
+        0
+    ]
+
+
+def test_false_reads_have_no_weight_and_are_said():
+    goal, position = followed()
+    for sample in (100, 333):
+        position[sample] = -3.14
+    part = stretch(recording(goal, position), SERVO)
+    assert part.false[[100, 333]].all()
+    assert part.false.sum() <= 12
+    assert "2 false reads" in part.said[0]
+    comparison = MODEL.compare(recording(goal, position), SERVO)
+    assert np.abs(comparison.residuals({}, 1)).max() < 0.1
+
+
+def test_only_the_stretch_with_torque_is_compared():
+    goal, position = followed()
+    enabled = np.where(TIME < 2.0, 1.0, 0.0)
+    given = recording(goal, np.where(TIME < 2.0, position, 0.0), torque_enabled=enabled)
+    comparison = MODEL.compare(given, SERVO)
+    assert len(comparison.recording) == 200
+    assert "released" in MODEL.check(given, SERVO)[0]
+    assert not MODEL.excitation(given, SERVO)
+
+
+def test_a_trip_is_said_and_forbids_a_verdict():
+    goal = np.full(600, 1.5)
+    rises = 1.4 * np.minimum(TIME / 0.5, 1.0)
+    position = np.where(TIME < 2.0, rises, np.maximum(1.4 - 3.0 * (TIME - 2.0), 0.0))
+    given = recording(goal, position)
+    assert "trip" in MODEL.excitation(given, SERVO)[0]
+    assert 2.0 < MODEL.compare(given, SERVO).recording.time[-1] < 2.4
+
+
+def test_a_stall_is_said():
+    goal = np.full(600, 1.5)
+    position = 0.8 * np.minimum(TIME / 0.5, 1.0)
+    assert any("stalled" in text for text in MODEL.check(recording(goal, position), SERVO))
+
+
+def test_motion_that_overshoots_is_neither():
+    goal = np.where(TIME % 1.0 < 0.5, 1.2, -1.2)
+    position = MODEL.respond(SERVO, Recording(TIME, {"goal_position": goal}), {}, 1)["position"][0]
+    part = stretch(recording(goal, position), SERVO)
+    assert not part.said
+    assert not part.obstacles
+
+
+@pytest.mark.parametrize("torque", [np.zeros(600), np.where(TIME < 0.1, 1.0, 0.0)])
+def test_too_little_torque_forbids_a_verdict(torque):
+    goal, position = followed()
+    given = recording(goal, position, torque_enabled=torque)
+    assert "at least 20" in MODEL.excitation(given, SERVO)[-1]
+    MODEL.compare(given, SERVO)
+
+
+def test_what_a_recording_says_of_its_load_counts():
+    goal, _ = followed()
+    heavy = Recording(TIME, {"goal_position": goal, "mass": np.full(600, 1.0)})
+    stated = SERVO.changed({"arm.mass": 1.0})
+    one = MODEL.respond(SERVO, heavy, {}, 1)["position"]
+    other = MODEL.respond(stated, Recording(TIME, {"goal_position": goal}), {}, 1)["position"]
+    assert np.array_equal(one, other)
+
+
+def test_a_servo_that_moves_nothing_is_refused():
+    with pytest.raises(Exception, match="neither inertia nor a mass"):
+        SERVO.changed({"arm.mass": 0.0, "arm.arm_mass": 0.0})
+    with pytest.raises(Exception, match=r"steps.twin must lie between"):
+        SERVO.changed({"steps.twin": 0.1})
