@@ -30,10 +30,12 @@ from ematwin.estimation.constants import (
     TELLING,
     WORSE,
 )
+from ematwin.estimation.findings import range_of, size_of
 from ematwin.estimation.identify import Identification, Prepared, estimate_of
+from ematwin.estimation.intervals import Interval
 from ematwin.estimation.problem import Problem, unknowns_of
 from ematwin.estimation.random_effects import Normals, Peak, coordinates, effects_of, fit
-from ematwin.estimation.verdict import Verdict
+from ematwin.estimation.verdict import Verdict, faults_said, least_certain
 from ematwin.models.base import Model
 from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
@@ -358,13 +360,20 @@ def _verdict(
         reason = " ".join(obstacles)
         return Verdict("none", (), reason, f"No verdict: {reason}")
     named = tuple(name for name, p in likely.items() if p > CERTAIN)
-    said = {one.name: _said(one, actuator, found) for one in found.faults}
+    physical = {one.name: _physical_of(one, actuator, found) for one in found.faults}
+    said = {one.name: size_of(one, actuator, *physical[one.name]) for one in found.faults}
+    ranges = {one.name: range_of(one, actuator, *physical[one.name]) for one in found.faults}
+    far = {
+        one.name: max(abs(end - one.healthy) for end in found.intervals[one.name]) / one.width
+        for one in found.faults
+    }
     if named:
-        lead = "; ".join(said[name] for name in named)
-        word = "fault" if len(named) == 1 else "faults"
+        others = {name: x for name, x in far.items() if name not in named}
         beside = [said[n] for n, p in likely.items() if n not in named and p > BEFOREHAND]
         reason = f"Perhaps also {listed(beside)}." if beside else ""
-        return Verdict("fault", named, reason, f"{lead}: {word}. {reason or 'All else healthy.'}")
+        rest = reason or (least_certain("No other fault", others, ranges) if others else "")
+        sentence = f"{faults_said([said[name] for name in named])} {rest}".rstrip()
+        return Verdict("fault", named, reason, sentence)
     suspects = sorted((p, name) for name, p in likely.items() if p > 1.0 - CERTAIN)[::-1]
     which = " or ".join(f"{said[name]}, {100.0 * p:.0f} % probable" for p, name in suspects)
     if found.healthy < 1.0 - CERTAIN and found.faulty > CERTAIN:
@@ -373,25 +382,14 @@ def _verdict(
     if found.faulty > BEFOREHAND:
         reason = f"As likely healthy as not: {which}. Record more, or judge several together."
         return Verdict("none", (), reason, f"No verdict: {reason}")
-    unseen = [
-        one.name for one in found.faults
-        if max(abs(end - one.healthy) for end in found.intervals[one.name])
-        > TELLING * one.width
-    ]  # fmt: skip
+    unseen = [name for name, x in far.items() if x > TELLING]
     reason = f"A fault of {listed(unseen)} would hardly show in this motion." if unseen else ""
-    return Verdict(
-        "healthy", (), reason,
-        f"Healthy: no fault larger than {100 * SMALLEST:g} % of its range shows. {reason}".rstrip(),
-    )  # fmt: skip
+    sentence = f"Healthy: {least_certain('no fault', far, ranges)} {reason}".rstrip()
+    return Verdict("healthy", (), reason, sentence)
 
 
-def _said(one: Unknown, actuator: ParameterSet, found: Assessed) -> str:
-    """What is said of a fault: "Gain -26 % (1.97 1/rad, 1.88 to 2.05)"."""
+def _physical_of(one: Unknown, actuator: ParameterSet, found: Assessed) -> tuple[float, Interval]:
+    """Value and interval of a fault in its physical unit."""
     value, (low, high) = found.values[one.name], found.intervals[one.name]
-    unit = one.unit if one.physical_unit is None else one.physical_unit
-    shown = [_physical(one, actuator, x) for x in (value, low, high)]
-    change = value / one.healthy
-    size = f"{100.0 * (change - 1.0):+.0f} %" if change < 3.0 else f"x{change:.3g}"
-    physical = f"{shown[0]:.3g} {unit.replace('*', ' ')}".rstrip()
-    title = one.name.replace("_", " ").capitalize()
-    return f"{title} {size} ({physical}, {shown[1]:.3g} to {shown[2]:.3g})"
+    ends = sorted(_physical(one, actuator, x) for x in (low, high))
+    return _physical(one, actuator, value), Interval(*ends)

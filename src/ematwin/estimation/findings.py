@@ -15,6 +15,7 @@ from ematwin.estimation.assess import Assessment
 from ematwin.estimation.baseline import Baseline
 from ematwin.estimation.constants import HOPELESS, WORSE
 from ematwin.estimation.estimate import Estimate
+from ematwin.estimation.intervals import Interval
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found
 from ematwin.estimation.verdict import INTERVAL, Verdict, judged, most_misfit
@@ -60,8 +61,8 @@ def verdict_on(
         intervals={name: (one.low, one.high) for name, one in assessed.intervals.items()},
         obstacles=obstacles,
         ambiguities=ambiguities,
-        found={one.name: _said(one, actuator, estimate, assessed) for one in faults},
-        ranges={one.name: _range(one, actuator, assessed) for one in faults},
+        found={one.name: size_of(one, actuator, *assessed.physical[one.name]) for one in faults},
+        ranges={one.name: range_of(one, actuator, *assessed.physical[one.name]) for one in faults},
     )
 
 
@@ -126,13 +127,13 @@ def obstacles_to(
     return told
 
 
-def _said(one: Unknown, actuator: ParameterSet, estimate: Estimate, assessed: Assessment) -> str:
+def size_of(one: Unknown, actuator: ParameterSet, value: float, ends: Interval) -> str:
     """The size of a fault: "friction +50 % (0.045 N m, 95 % interval 0.044 to 0.047)".
 
-    Where nothing is healthy: "6.0 shorted turns in phase b (95 % interval 5.8 to 8.0)".
+    Where nothing is healthy: "6.0 shorted turns in phase b (95 % interval 5.8 to 8.0)". Value and
+    interval are physical.
     """
-    row = one.physical_value(actuator, estimate[one.name])
-    value, ends = assessed.physical[one.name]
+    row = one.physical_value(actuator, one.healthy)
     number, between = with_interval(value, ends.low, ends.high)
     name, between = one.name.replace("_", " "), f"{INTERVAL} {between}"
     if row.healthy > 0.0:
@@ -148,10 +149,9 @@ def _said(one: Unknown, actuator: ParameterSet, estimate: Estimate, assessed: As
     return f"{name} {in_unit(number, row.unit)} ({between})"
 
 
-def _range(one: Unknown, actuator: ParameterSet, assessed: Assessment) -> str:
+def range_of(one: Unknown, actuator: ParameterSet, value: float, ends: Interval) -> str:
     """Where a fault lies: "short a, 0 to 2.2 turns"; with the healthy value where it has one."""
     row = one.physical_value(actuator, one.healthy)
-    value, ends = assessed.physical[one.name]
     _, between = with_interval(value, ends.low, ends.high)
     healthy = f", healthy {plain(row.healthy)}" if row.healthy else ""
     return f"{one.name.replace('_', ' ')}, {in_unit(between, row.unit)}{healthy}"

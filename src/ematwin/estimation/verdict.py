@@ -123,28 +123,19 @@ def judged(
     causes = list(dict.fromkeys(ambiguities[n] for n in unexplained if n in ambiguities))
     because = f" {' '.join(causes)}" if causes else ""
 
-    def least_certain(names: Sequence[str], none: str) -> str:
-        """The bound that the intervals set to faults that are not seen."""
-        far = {
-            name: max(abs(end - estimate.healthy[name]) for end in intervals[name])
-            / estimate.ranges[name]
-            for name in names
-        }
-        if max(far.values()) <= SMALLEST:
-            return f"{none} larger than {100 * SMALLEST:g} % of its range."
-        worst = ranges[max(far, key=lambda name: far[name])]
-        return f"{none} found; the least certain is {worst} ({INTERVAL})."
-
+    far = {
+        name: max(abs(end - estimate.healthy[name]) for end in intervals[name])
+        / estimate.ranges[name]
+        for name in magnitudes
+    }
     if named:
-        count = _COUNTS.get(len(named), str(len(named)))
-        lead = f"{count} faults" if len(named) > 1 else "Fault"
         reason = rest = ""
         if unexplained:
             excuse = "drift" if calibrated else "the tolerances of the data sheet"
             reason = rest = f"{said[:1].upper()}{said[1:]} may be due to {excuse}.{because}"
         elif others := [name for name in magnitudes if name not in named]:
-            rest = least_certain(others, "No other fault")
-        sentence = f"{lead}: {_together([found[name] for name in named])}. {rest}".rstrip()
+            rest = least_certain("No other fault", {name: far[name] for name in others}, ranges)
+        sentence = f"{faults_said([found[name] for name in named])} {rest}".rstrip()
         return Verdict("fault", named, reason, sentence)
     if moved:
         if calibrated:
@@ -155,12 +146,7 @@ def judged(
             f"{because} Calibrate with healthy recordings of this actuator."
         )
         return Verdict("none", (), reason, f"No verdict: {reason}")
-    unseen = [
-        name
-        for name in magnitudes
-        if max(abs(end - estimate.healthy[name]) for end in intervals[name])
-        > TELLING * estimate.ranges[name]
-    ]
+    unseen = [name for name in magnitudes if far[name] > TELLING]
     if unseen:
         reason = (
             f"Nothing has changed beyond doubt, but {listed(unseen)} could be present unseen"
@@ -172,7 +158,29 @@ def judged(
             )
         )
         return Verdict("none", (), reason, f"No verdict: {reason}")
-    return Verdict("healthy", (), "", f"Healthy: {least_certain(magnitudes, 'no fault')}")
+    return Verdict("healthy", (), "", f"Healthy: {least_certain('no fault', far, ranges)}")
+
+
+def faults_said(said: Sequence[str]) -> str:
+    """Named faults in one sentence, from the size of each: "Two faults: ... and ..."."""
+    count = _COUNTS.get(len(said), str(len(said)))
+    lead = f"{count} faults" if len(said) > 1 else "Fault"
+    return f"{lead}: {_together(said)}."
+
+
+def least_certain(none: str, far: Mapping[str, float], ranges: Mapping[str, str]) -> str:
+    """The bound that intervals set to faults that are not seen.
+
+    Parameters
+    ----------
+    none : "no fault"
+    far : by fault, how far its interval reaches from healthy, as a share of its range
+    ranges : by fault, its interval for people
+    """
+    if max(far.values()) <= SMALLEST:
+        return f"{none} larger than {100 * SMALLEST:g} % of its range."
+    worst = ranges[max(far, key=lambda name: far[name])]
+    return f"{none} found; the least certain is {worst} ({INTERVAL})."
 
 
 def _together(said: Sequence[str]) -> str:
