@@ -48,7 +48,8 @@ def test_a_file_is_shown_like_a_shipped_set(ematwin, tmp_path):
 def test_shipped_scenarios_are_listed(ematwin):
     lines = ematwin("scenarios").out.splitlines()
     names = [line.split()[0] for line in lines]
-    others = ("ematwin.models.ball_screw", "ematwin.models.linear_axis", "ematwin.models.pmsm")
+    kinds = ("ball_screw", "linear_axis", "pmsm", "position_servo")
+    others = [f"ematwin.models.{kind}" for kind in kinds]
     assert names == [
         *shipped_scenarios(),
         *(name for kind in others for name in shipped_scenarios(kind)),

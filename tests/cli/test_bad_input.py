@@ -113,7 +113,7 @@ CASES = [
     (["--scenario", "degrees.csv"], "It looks like degrees"),
     (["--scenario", "header.csv"], "header and no rows"),
     (["--scenario", "empty.csv"], "empty"),
-    (["--scenario", "sheet.xlsx"], "Cannot tell how to read sheet.xlsx"),
+    (["--scenario", "sheet.xlsx"], "Cannot read sheet.xlsx as xlsx"),
     (["--scenario", "binary.parquet"], "Cannot read binary.parquet as parquet"),
     (["--scenario", "truncated.parquet"], "may be truncated"),
     (["--scenario", "folder.parquet"], "is a folder"),

@@ -204,7 +204,7 @@ def _model(table: dict[str, Any], what: str | Path) -> Model:
             raise ParameterError("")
         return model_of(kind)
     except ParameterError:
-        if kind in _BROKEN:
+        if isinstance(kind, str) and kind in _BROKEN:
             raise
         raise ParameterError(
             _and_broken(

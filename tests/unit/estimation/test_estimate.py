@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from ematwin import Estimate, identify, simulate
-from ematwin.errors import FileError, InputError
+from ematwin.errors import InputError
 from ematwin.estimation.constants import SMALLEST
-from ematwin.estimation.estimate import load_estimates, save_estimates
 from ematwin.estimation.significance import is_present, present, probability
 
 
@@ -39,13 +38,11 @@ def same(one: Estimate, other: Estimate) -> bool:
     return json.dumps(one.as_dict()) == json.dumps(other.as_dict())
 
 
-def test_an_estimate_comes_back_from_json_as_it_was(tmp_path) -> None:  # type: ignore[no-untyped-def]
+def test_an_estimate_comes_back_from_json_as_it_was() -> None:
     back = Estimate.from_dict(json.loads(json.dumps(some().as_dict(), allow_nan=False)))
     assert same(back, some())
     assert back.standard_errors["gain"] == np.inf
     assert back["short_a"] == 0.2
-    save_estimates([some(), some((0.0, 0.0, 0.5))], tmp_path / "e.json")
-    assert [same(a, some()) for a in load_estimates(tmp_path / "e.json")] == [True, False]
 
 
 def test_a_fault_is_present_if_it_is_large_and_significant() -> None:
@@ -93,11 +90,3 @@ def test_an_identification_carries_its_estimate() -> None:
 def test_what_is_no_estimate_is_refused(change: dict, said: str) -> None:  # type: ignore[type-arg]
     with pytest.raises(InputError, match=said):
         Estimate.from_dict({**some().as_dict(), **change})
-
-
-def test_files_that_cannot_be_used_are_refused(tmp_path) -> None:  # type: ignore[no-untyped-def]
-    with pytest.raises(FileError, match="Cannot read"):
-        load_estimates(tmp_path / "none.json")
-    (tmp_path / "text.json").write_text("friction")
-    with pytest.raises(InputError, match="is not JSON"):
-        load_estimates(tmp_path / "text.json")
