@@ -85,6 +85,8 @@ def test_several_runs_of_one_state_are_judged_together(tables, twin):
     found = ematwin.identify(runs[:3], twin, together=True)
     assert found.verdict.grade == "healthy"
     assert np.ptp(found.intervals["gain"]) < np.ptp(alone.intervals["gain"])
+    one_fault = ematwin.identify(runs[:2], twin, only="gain", together=True)
+    assert one_fault.searched == ("gain",)
 
 
 def test_a_list_of_runs_gives_the_answers_of_each(tables, twin):

@@ -33,6 +33,7 @@ from ematwin.estimation.intervals import (
     contrasts_of,
     draws,
     in_physical_units,
+    mean_slope,
     with_corner,
 )
 from ematwin.estimation.joint import Joint
@@ -54,7 +55,6 @@ _KNOWN, _BY_SHEET = 5, 10  # iterations from there: parameters have yet to leave
 _RIVALS = 2  # other valleys that are gone into
 _ANEW = 3  # rounds in which a best point is looked for without the faults that it names
 _FAR = 100.0  # squared standard deviations by which a minimum is no rival any more
-_ALIKE = 1e-6  # logarithms so near that their mean slope is the slope
 
 
 @dataclass(frozen=True)
@@ -338,7 +338,7 @@ def _covariance_of(drawn: Draws, problem: Problem, values: Mapping[str, float]) 
             if abs(turn.mean()) < 0.3:
                 lost.append(n)
         elif one.logarithmic:
-            away[:, n] = _mean_slope(value, one.healthy) * np.log(away[:, n] / value)
+            away[:, n] = mean_slope(value, one.healthy) * np.log(away[:, n] / value)
     found = np.atleast_2d(np.cov(away.T))
     for n, one in enumerate(problem.unknowns):
         if one.name in drawn.directions.values():  # the length of a vector is found too long
@@ -351,12 +351,6 @@ def _covariance_of(drawn: Draws, problem: Problem, values: Mapping[str, float]) 
         found[n, :] = found[:, n] = 0.0
         found[n, n] = np.inf
     return found
-
-
-def _mean_slope(value: float, healthy: float) -> float:
-    """The logarithmic mean: the difference of two values over that of their logarithms."""
-    away = math.log(value / healthy)
-    return (value - healthy) / away if abs(away) > _ALIKE else healthy
 
 
 def _named(

@@ -32,9 +32,9 @@ from ematwin.estimation.constants import (
 )
 from ematwin.estimation.findings import range_of, size_of
 from ematwin.estimation.identify import Identification, Prepared, estimate_of
-from ematwin.estimation.intervals import Interval
-from ematwin.estimation.problem import Problem, unknowns_of
-from ematwin.estimation.random_effects import Normals, Peak, coordinates, effects_of, fit
+from ematwin.estimation.intervals import Interval, mean_slope
+from ematwin.estimation.problem import Problem, coordinate, unknowns_of
+from ematwin.estimation.random_effects import Normals, Peak, effects_of, fit
 from ematwin.estimation.verdict import Verdict, faults_said, least_certain
 from ematwin.models.base import Model
 from ematwin.models.comparison import Comparison
@@ -142,8 +142,8 @@ def _evidence(peak: Peak, noises: np.ndarray, count: int) -> float:
 
 def _slab(one: Unknown) -> Normals:
     """Where a fault lies if it is there: a normal distribution whose middle holds its range."""
-    ends = coordinates((one, one), np.array([one.lower, one.upper]))
-    mean = coordinates((one,), np.array([one.healthy]))
+    ends = coordinate(one, np.array([one.lower, one.upper]))
+    mean = coordinate(one, np.array([one.healthy]))
     return Normals((one,), mean, np.array([np.abs(ends - mean).max() / _SLAB]))
 
 
@@ -160,7 +160,7 @@ def _scanned(
 ) -> float:
     """The coordinate of a fault alone at which the misfit is least."""
     one = slab.unknowns[0]
-    low, high = coordinates((one, one), np.array([one.lower, one.upper]))
+    low, high = coordinate(one, np.array([one.lower, one.upper]))
     z = np.r_[slab.mean, np.linspace(low, high, _SCANNED)]
     values = {name: np.full(len(z), value) for name, value in held.items()}
     values |= effects.candidates(np.tile(effects.mean, (len(z), 1))) | slab.candidates(z[:, None])
@@ -185,7 +185,7 @@ def _summed(sets: Sequence[_Set], weights: np.ndarray, faults: Sequence[Unknown]
             w * (e**2 + (z - mean) ** 2) for w, (_, z, e) in zip(share, parts, strict=True)
         )
         error = math.sqrt(variance)
-        ends = coordinates((one, one), np.array([one.lower, one.upper]))
+        ends = coordinate(one, np.array([one.lower, one.upper]))
         low, high = np.clip([mean - COVERAGE * error, mean + COVERAGE * error], *ends)
         back = math.exp if one.logarithmic else float
         values[one.name] = float(back(mean))
@@ -207,7 +207,7 @@ def _summed(sets: Sequence[_Set], weights: np.ndarray, faults: Sequence[Unknown]
 def _matters(one: Unknown, z: float, error: float) -> float:
     """Probability that a fault which is there is `SMALLEST` of its range from healthy, or more."""
     ends = [one.healthy - SMALLEST * one.width, one.healthy + SMALLEST * one.width]
-    low, high = coordinates((one, one), np.clip(ends, 0.5 * one.lower, None))
+    low, high = coordinate(one, np.clip(ends, 0.5 * one.lower, None))
     inside = math.erf((high - z) / (error * math.sqrt(2.0))) - math.erf(
         (low - z) / (error * math.sqrt(2.0))
     )
@@ -288,7 +288,7 @@ def identified_by_sets(
         provenance=first.provenance,
         intervals=found.intervals,
         physical_values={
-            one.name: _all_physical(one, actuator, found.values, found.intervals) for one in faults
+            one.name: _physical(one, actuator, found) for one in faults
         },
         fitted={name: float(values[0]) for name, values in fitted.items()},
         calibrated=baseline.calibrated,
@@ -297,23 +297,13 @@ def identified_by_sets(
     )  # fmt: skip
 
 
-def _all_physical(
-    one: Unknown,
-    actuator: ParameterSet,
-    values: Mapping[str, float],
-    intervals: Mapping[str, tuple[float, float]],
-) -> tuple[float, float, float]:
-    """Value, low and high end in the unit that can be measured."""
-    low, high = intervals[one.name]
-    return (
-        _physical(one, actuator, values[one.name]),
-        _physical(one, actuator, low),
-        _physical(one, actuator, high),
+def _physical(one: Unknown, actuator: ParameterSet, found: Assessed) -> tuple[float, float, float]:
+    """Value, low and high end of a fault in the unit that can be measured."""
+    value, low, high = (
+        one.physical_value(actuator, x).value
+        for x in (found.values[one.name], *found.intervals[one.name])
     )
-
-
-def _physical(one: Unknown, actuator: ParameterSet, value: float) -> float:
-    return value if one.physical is None else float(one.physical(actuator, value))
+    return value, low, high
 
 
 def _errors(found: Assessed) -> np.ndarray:
@@ -322,8 +312,7 @@ def _errors(found: Assessed) -> np.ndarray:
     for one in found.faults:
         error, value = found.errors[one.name], found.values[one.name]
         if one.logarithmic:
-            away = math.log(value / one.healthy)
-            error *= (value - one.healthy) / away if abs(away) > 1e-6 else one.healthy
+            error *= mean_slope(value, one.healthy)
         errors.append(error)
     return np.array(errors)
 
@@ -360,9 +349,12 @@ def _verdict(
         reason = " ".join(obstacles)
         return Verdict("none", (), reason, f"No verdict: {reason}")
     named = tuple(name for name, p in likely.items() if p > CERTAIN)
-    physical = {one.name: _physical_of(one, actuator, found) for one in found.faults}
-    said = {one.name: size_of(one, actuator, *physical[one.name]) for one in found.faults}
-    ranges = {one.name: range_of(one, actuator, *physical[one.name]) for one in found.faults}
+    said, ranges = {}, {}
+    for one in found.faults:
+        value, *ends = _physical(one, actuator, found)
+        interval = Interval(min(ends), max(ends))
+        said[one.name] = size_of(one, actuator, value, interval)
+        ranges[one.name] = range_of(one, actuator, value, interval)
     far = {
         one.name: max(abs(end - one.healthy) for end in found.intervals[one.name]) / one.width
         for one in found.faults
@@ -386,10 +378,3 @@ def _verdict(
     reason = f"A fault of {listed(unseen)} would hardly show in this motion." if unseen else ""
     sentence = f"Healthy: {least_certain('no fault', far, ranges)} {reason}".rstrip()
     return Verdict("healthy", (), reason, sentence)
-
-
-def _physical_of(one: Unknown, actuator: ParameterSet, found: Assessed) -> tuple[float, Interval]:
-    """Value and interval of a fault in its physical unit."""
-    value, (low, high) = found.values[one.name], found.intervals[one.name]
-    ends = sorted(_physical(one, actuator, x) for x in (low, high))
-    return _physical(one, actuator, value), Interval(*ends)

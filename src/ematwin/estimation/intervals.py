@@ -6,6 +6,7 @@ for each. An interval is the shortest one with its share of the draws; where tha
 the bound belongs to it.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -23,6 +24,7 @@ _DRAWS, _ROUNDS, _FEWEST, _ENOUGH, _MOST = 20_000, 20, 200, 4000, 10_000
 _TRIED, _HARDLY = 4, 20  # rounds after which so few draws say that all rounds will bring too few
 _NEAR = 0.15  # of an interval: so close to a bound it begins there
 _SEED = 20_201
+_ALIKE = 1e-6  # logarithms so near that their mean slope is the slope
 _WIDE = 12.0  # sharp standard errors: an interval that others than noise make
 
 
@@ -238,3 +240,9 @@ def contrasts_of(
         # the best point may lie in a corner that draws within the bounds do not straddle
         found[one.name] = (value, Interval(min(float(low), value), max(float(high), value)))
     return found
+
+
+def mean_slope(value: float, healthy: float) -> float:
+    """The logarithmic mean: the difference of two values over that of their logarithms."""
+    away = math.log(value / healthy)
+    return (value - healthy) / away if abs(away) > _ALIKE else healthy

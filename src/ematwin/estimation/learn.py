@@ -121,7 +121,7 @@ def learn(
         _refuse_odd(fit, comparisons, misfit)
     progress(0.8)
     places = [one.name for one in nominals]
-    if any(one.unseen for one in comparisons):
+    if problem.lacks_forms:
         floor = float(np.hypot(floor, problem.scatter(peak.point)))
     beyond = _beyond_tolerance(problem, peak, nominals)
     if beyond and misfit > WORSE * floor:

@@ -278,7 +278,7 @@ class Problem:
         candidates = self.candidates(points, n)
         found = self._seen_of(n, comparison, points, candidates)
         for one, around, slopes in self._unseen:
-            moved = _coordinate(one, candidates[one.name]) - around
+            moved = coordinate(one, candidates[one.name]) - around
             found = found + np.outer(moved, slopes[n])
         return found
 
@@ -366,7 +366,7 @@ class Problem:
             return None
         other = self._without(first)
         for k, one in enumerate(unseen):
-            now = _coordinate(one, values[one.name])
+            now = coordinate(one, values[one.name])
             if like is not None:
                 slopes = like._unseen[k].slopes
             else:
@@ -374,10 +374,15 @@ class Problem:
                 missed = self._missed(point, {one.name: there})
                 if missed is None:
                     return None
-                far = _coordinate(one, there) - now
+                far = coordinate(one, there) - now
                 slopes = other._changes(self._without(missed), point, far)
             other._unseen.append(_Unseen(one, now, slopes))
         return other
+
+    @property
+    def lacks_forms(self) -> bool:
+        """Whether only the reference has some forms of the actuator."""
+        return any(one.unseen for one in self.comparisons)
 
     def searched(self) -> "Problem":
         """The same problem as a search sees it.
@@ -385,7 +390,7 @@ class Problem:
         Where the fast model lacks forms of the actuator, it is corrected at healthy values first:
         minima of the fast model alone are those of another actuator.
         """
-        if not any(one.unseen for one in self.comparisons):
+        if not self.lacks_forms:
             return self
         return self.corrected(self.start) or self
 
@@ -550,7 +555,8 @@ class Problem:
         return float(np.sqrt((data @ data) / independent)) or 1e-9 * float(np.sqrt(scale))
 
 
-def _coordinate(one: Unknown, value: Any) -> Any:
+def coordinate(one: Unknown, value: Any) -> Any:
+    """A value, or an array, of an unknown as its prior counts it: it, or its logarithm."""
     return np.log(value) if one.logarithmic else value
 
 

@@ -20,7 +20,7 @@ import numpy as np
 from ematwin.estimation.baseline import Baseline, uncertain
 from ematwin.estimation.constants import DETERMINED, TWO_SIGMA
 from ematwin.estimation.nominal import NominalParameter
-from ematwin.estimation.problem import Prior
+from ematwin.estimation.problem import Prior, coordinate
 from ematwin.models.base import Model
 from ematwin.models.comparison import Comparison, correlation_time
 from ematwin.models.parameter_set import ParameterSet
@@ -36,6 +36,7 @@ _DAMPINGS = (0.0, 1e-3, 1e-2, 0.1, 1.0, 10.0, 100.0)
 _DRAWS, _SEARCHED, _STARTS = 300, 6, 3  # points, recordings and best points of the first search
 _ROUNDS = 12  # of expectation and maximisation
 _STATED = 4.0  # recordings that the stated drift counts for
+_LITTLE = 0.002  # in a logarithm, of what is stated not to drift
 _SEED = 1
 
 
@@ -83,8 +84,7 @@ class Normals:
 
 def coordinates(unknowns: Sequence[Unknown], values: np.ndarray) -> np.ndarray:
     """Coordinates (d,) of values (d,)."""
-    log = np.array([one.logarithmic for one in unknowns], dtype=bool)
-    return np.where(log, np.log(np.where(log, values, 1.0)), values)
+    return np.array([coordinate(one, x) for one, x in zip(unknowns, values, strict=True)])
 
 
 class Curvature(NamedTuple):
@@ -383,6 +383,3 @@ def _drift(actuator: ParameterSet, one: Unknown) -> float:
         return one.spread
     stated = actuator.drift(one.name)
     return _LITTLE if stated is None else math.log1p(stated) / TWO_SIGMA
-
-
-_LITTLE = 0.002  # in a logarithm, of what is stated not to drift

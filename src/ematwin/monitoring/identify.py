@@ -136,7 +136,7 @@ def identify(
         from ematwin.estimation.fault_sets import identified_by_sets
 
         ready = _ready(record, known, columns, load)
-        return identified_by_sets(ready, known.actuator, known.baseline, only=only, held=held)
+        return identified_by_sets(ready, known.actuator, known.baseline, only=names, held=held)
     if not is_one(record):
         if checkpoint is not None:
             raise InputError("A checkpoint is of one search; leave it out for several recordings.")

@@ -102,7 +102,7 @@ def has_device() -> bool:
 
 def test_a_device_gives_the_scores_of_the_processor() -> None:
     if not has_device():
-        pytest.skip("no CUDA device here; the kernel has never been run on one")
+        pytest.skip("no CUDA device here")
     record = simulate("reference", faults=SEVERE)
     actuator = BldcActuator.load()
     k = np.random.default_rng(1).random((256, 8))
