@@ -1,7 +1,7 @@
 """Recordings as they are given: themselves, or the files, folders or globs that hold them."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from glob import glob
 from pathlib import Path
 from typing import Any
@@ -66,7 +66,8 @@ def recordings_of(
 def actuator_of(given: Given, columns: Columns = None) -> ParameterSet:
     """The actuator that is meant where none is named, by the first recording that is given."""
     single = isinstance(given, Recording | str | Path) or is_frame(given)
-    first = given if single or not isinstance(given, Iterable) else next(iter(given), None)
+    # an iterator is not looked into: its first recording would be gone
+    first = given if single or not isinstance(given, Collection) else next(iter(given), None)
     if isinstance(first, str | Path):
         first = files_of(first)[0]
     if first is None or not (isinstance(first, Recording | Path) or is_frame(first)):
