@@ -24,7 +24,12 @@ from ematwin.estimation.constants import (
     SIGMAS,
     WORTH,
 )
-from ematwin.estimation.correction import Corrected, corrected, reweighed
+from ematwin.estimation.correction import (
+    Corrected,
+    corrected,
+    reweighed,
+    with_model_error,
+)
 from ematwin.estimation.descent import Descent
 from ematwin.estimation.held_healthy import held_healthy
 from ematwin.estimation.intervals import (
@@ -167,6 +172,7 @@ def assess(
         near_it = descent.afresh(settled=math.inf, least_noise=noise)
         others = [corrected(full, point, near_it) for point in near]
         spent += sum(one.peak.evaluations for one in (best, *others))
+    best = with_model_error(best)
     for left in reversed(range(_ANEW)):
         values = full.values(best.peak.point)
         drawn = _drawn(best, own, baseline)
@@ -182,7 +188,7 @@ def assess(
         spent += nearer.peak.evaluations
         if not height(nearer.peak, noise) < height(best.peak, noise):
             break
-        best = nearer
+        best = with_model_error(nearer)
     peak, rivals = best.peak, [one.peak for one in others]
     wider = peak.problem.model_error
     sharp = sharp_errors(peak, own, wider).tolist()

@@ -32,7 +32,12 @@ from ematwin.estimation.constants import (
     SAME_COMMAND,
     WORSE,
 )
-from ematwin.estimation.correction import Corrected, corrected, reweighed
+from ematwin.estimation.correction import (
+    Corrected,
+    corrected,
+    reweighed,
+    with_model_error,
+)
 from ematwin.estimation.descent import Descent
 from ematwin.estimation.healthy_bias import healthy_bias, name_of
 from ematwin.estimation.laplace import Laplace, laplace, profiled
@@ -236,7 +241,9 @@ class _Fit:
         fine, near = problem.refined(), Descent(aliases, settled=np.inf)
         end = corrected(fine, best.point, near)
         left = end.peak.problem.relative_misfit(end.peak.cost)
-        return _Fitted(reweighed(end, near), left, searched.relative_misfit(ends[0][0]))
+        return _Fitted(
+            with_model_error(reweighed(end, near)), left, searched.relative_misfit(ends[0][0])
+        )
 
     def _ends(
         self, comparisons: Sequence[Comparison], clocks: Sequence[Unknown], tell: Progress
