@@ -134,7 +134,7 @@ class Problem:
     trust : float, how far evidence counts: one over its noise in the unit of that expected, 1 at
         most
     model_error : float, factor on standard errors for what the fast model gets wrong in the same
-        way throughout a recording; of a corrected problem for its slopes alone
+        way throughout a recording; 1 where the reference corrects it
     """
 
     def __init__(
@@ -418,7 +418,7 @@ class Problem:
 
     def of_fast_model(self) -> "Problem":
         """The same problem where the recordings are of the fast model: a correction is nothing."""
-        if self.comparisons[0].slope_error is None:
+        if not self.comparisons[0].has_reference:
             return self
         every = [one.measured() for one in self.comparisons]
         return self._without([{n: np.zeros_like(x) for n, x in one.items()} for one in every])
@@ -446,7 +446,7 @@ class Problem:
         """The same problem with that taken off each recording, and the noise that is left then."""
         pairs = zip(self.comparisons, missed, strict=True)
         other = self._with([one.with_missed(by_channel) for one, by_channel in pairs])
-        other.model_error = self.comparisons[0].slope_error or self.model_error
+        other.model_error = 1.0  # measured at the minimum (`correction.with_model_error`)
         return other.with_noise(other.comparisons[0].noise)
 
     def _changes(self, other: "Problem", point: np.ndarray, far: float) -> list[np.ndarray]:
