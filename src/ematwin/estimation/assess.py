@@ -172,7 +172,7 @@ def assess(
         near_it = descent.afresh(settled=math.inf, least_noise=noise)
         others = [corrected(full, point, near_it) for point in near]
         spent += sum(one.peak.evaluations for one in (best, *others))
-    best = with_model_error(best)
+    best = with_model_error(best, threads)
     for left in reversed(range(_ANEW)):
         values = full.values(best.peak.point)
         drawn = _drawn(best, own, baseline)
@@ -188,7 +188,7 @@ def assess(
         spent += nearer.peak.evaluations
         if not height(nearer.peak, noise) < height(best.peak, noise):
             break
-        best = with_model_error(nearer)
+        best = with_model_error(nearer, threads)
     peak, rivals = best.peak, [one.peak for one in others]
     wider = peak.problem.model_error
     sharp = sharp_errors(peak, own, wider).tolist()

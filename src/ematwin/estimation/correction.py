@@ -31,6 +31,7 @@ import numpy as np
 from ematwin.estimation.descent import Descent
 from ematwin.estimation.laplace import Laplace, laplace, step_lengths
 from ematwin.estimation.problem import Problem
+from ematwin.numerics.side_by_side import side_by_side
 
 ROUNDS = 10  # at most
 _STAYS = 0.25  # standard errors: adds 3 % to an error that it widens
@@ -136,8 +137,11 @@ def reweighed(found: Corrected, descent: Descent) -> Corrected:
     return replace(end, peak=replace(end.peak, evaluations=spent), rounds=found.rounds + end.rounds)
 
 
-def with_model_error(found: Corrected) -> Corrected:
-    """The same minimum, with the error that the model has within its width."""
+def with_model_error(found: Corrected, threads: int | None = None) -> Corrected:
+    """The same minimum, with the error that the model has within its width.
+
+    The answers of the reference are made side by side, on one thread for each core if not given.
+    """
     if not found.rounds:
         return found
     peak = found.peak
@@ -145,7 +149,7 @@ def with_model_error(found: Corrected) -> Corrected:
     root = np.linalg.cholesky(peak.covariance)
     draws = np.random.default_rng(0).standard_normal((_ELSEWHERE, len(peak.z)))
     points = chart.to_values(chart.project(peak.z + draws @ root.T))
-    there = (problem.corrected(point, problem) for point in points)
+    there = side_by_side(lambda point: problem.corrected(point, problem), points, threads)
     changes = np.array([
         one.with_noise(problem.noise).residuals(peak.point[None])[0] - peak.residuals
         for one in there
