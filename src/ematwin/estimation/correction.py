@@ -21,7 +21,8 @@ covariance C, a correction at a point v in place of the minimum x moves the mini
     C J^T ([R(v) - f(v)] - [R(x) - f(x)]) / s^2
 
 in the first order. `with_model_error` measures that at points drawn from the width: the error of
-the model in this answer.
+the model in this answer. What is left of the recording beyond its noise and this scatter is a
+discrepancy, and counts by the kind's `Problem.model_error`.
 """
 
 from dataclasses import dataclass, replace
@@ -159,7 +160,9 @@ def with_model_error(found: Corrected, threads: int | None = None) -> Corrected:
         return found
     moved = changes @ peak.jacobian.T @ peak.covariance / problem.noise**2
     error = moved.T @ moved / len(moved)
-    return replace(found, model_error=error, rounds=found.rounds + len(moved))
+    scatter = float(np.mean([problem.data_cost(change) for change in changes]))
+    nearer = replace(peak, problem=problem.with_discrepancy(peak.cost, scatter))
+    return replace(found, peak=nearer, model_error=error, rounds=found.rounds + len(moved))
 
 
 def _combined(known: list[tuple[np.ndarray, np.ndarray]], errors: np.ndarray) -> np.ndarray:

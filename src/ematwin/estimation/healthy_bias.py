@@ -6,7 +6,7 @@ can hide that from a calibration and not from a verdict: so healthy recordings a
 `identify` would. What it finds then beyond its standard errors, it may find in any recording.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +14,7 @@ import numpy as np
 from ematwin.errors import RecordError
 from ematwin.estimation.assess import assess
 from ematwin.estimation.baseline import Baseline
+from ematwin.estimation.local import LocalDescent
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import find, named
 from ematwin.models.base import Model
@@ -28,19 +29,25 @@ _ODD = 6.0  # standard deviations
 
 
 def healthy_bias(
-    model: Model, actuator: ParameterSet, baseline: Baseline, comparisons: Sequence[Comparison]
+    model: Model,
+    actuator: ParameterSet,
+    baseline: Baseline,
+    comparisons: Sequence[Comparison],
+    beside: Sequence[Mapping[str, float]],
 ) -> dict[str, float]:
     """Standard deviation by which a healthy recording may be found off healthy, by fault.
 
-    It is the root mean square of what is found, less the standard errors that explain it: the
-    moment estimate of a variance between recordings (DerSimonian and Laird 1986, Control. Clin.
-    Trials 7, 177-188).
+    It is the larger of two. One is the root mean square of what `identify` finds, less the standard
+    errors that explain it: the moment estimate of a variance between recordings (DerSimonian and
+    Laird 1986, Control. Clin. Trials 7, 177-188). The other is what the faults alone find, all else
+    as learnt: there they have to take what the twin lacks upon themselves.
 
     Parameters
     ----------
     model, actuator : as learnt
     baseline : what is known of it, without this
     comparisons : the healthy recordings
+    beside : load and sensors of each, by name, as learnt
 
     Raises
     ------
@@ -57,22 +64,37 @@ def healthy_bias(
         _refuse_odd(comparisons, faults, values, errors)
     healthy = np.array([one.healthy for one in faults])
     beyond = np.mean((values - healthy) ** 2 - errors**2, axis=0)
-    spread = np.sqrt(np.maximum(beyond, 0.0))
+    alone = [
+        _descended_to(model.compare(one.recording, actuator), faults, held)
+        for one, held in zip(comparisons, beside, strict=True)
+    ]
+    off = np.mean((np.array(alone) - healthy) ** 2, axis=0)
+    spread = np.sqrt(np.maximum(beyond, off))
     return {one.name: float(x) for one, x in zip(faults, spread, strict=True)}
+
+
+def _descended_to(
+    one: Comparison, faults: Sequence[Unknown], held: Mapping[str, float]
+) -> np.ndarray:
+    """(d,) faults at the end of a descent from healthy, which may end below it."""
+    problem = Problem([one], _lowered(faults), held=held)
+    problem = problem.corrected(problem.healthy) or problem
+    return LocalDescent().run(problem, budget=None, seed=1, report=lambda *_: None).point
+
+
+def _lowered(faults: Sequence[Unknown]) -> list[Unknown]:
+    """Faults that may lie as far below healthy as a kind lets monitoring look.
+
+    A twin that is worn itself finds healthy recordings there.
+    """
+    return [replace(one, lower=one.lower - one.slack) if one.slack else one for one in faults]
 
 
 def _judged(
     model: Model, actuator: ParameterSet, baseline: Baseline, recording: Recording
 ) -> dict[str, tuple[float, float]]:
-    """Each fault of a recording and its standard error, all else free as it is known.
-
-    Faults may be as far below healthy as a kind lets monitoring look: a twin that is worn itself
-    finds healthy recordings there.
-    """
-    free = [
-        replace(one, lower=one.lower - one.slack) if one.slack else one
-        for one in model.faults(actuator)
-    ]
+    """Each fault of a recording and its standard error, all else free as it is known."""
+    free = _lowered(model.faults(actuator))
     problem = Problem([model.compare(recording, actuator)], free).searched()
     seen = assess(model, actuator, problem, find(problem, named(model.default_search)), baseline)
     errors = np.sqrt(np.diag(seen.covariance)).tolist()

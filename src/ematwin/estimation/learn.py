@@ -146,13 +146,22 @@ def learn(
         recordings=len(comparisons),
         has_load=model.load is None or all(model.load in c.recording.channels for c in comparisons),
     )
-    scatter = healthy_bias(model, actuator, baseline, comparisons)
+    beside = [
+        {name.partition("@")[0]: x for name, x in values.items() if _is_of(n, name, places)}
+        for n in range(len(comparisons))
+    ]
+    scatter = healthy_bias(model, actuator, baseline, comparisons, beside)
     progress(1.0)
     return Learnt(
         actuator, replace(baseline, scatter=scatter), _parameters(template, nominals, prior),
         _tied(prior),
         [*map(_as_finding, beyond), *_notes(misfit, floor)],
     )  # fmt: skip
+
+
+def _is_of(n: int, name: str, places: Sequence[str]) -> bool:
+    """Whether an unknown is load or sensor of the nth recording."""
+    return name not in places and name.partition("@")[2] in ("", str(n))
 
 
 def expected_misfit(comparisons: Sequence[Comparison], command: str) -> float:
