@@ -250,7 +250,9 @@ def test_one_recording_is_enough_and_no_population_is_learnt(report):
 
 
 @pytest.mark.parametrize(
-    "option", [{"held_back": 1}, {"known": {"dry": [run(60)]}}, {"false_alarm_rate": 0.1}], ids=str
+    "option",
+    [{"held_back": 1}, {"known": {"dry": ["run60.csv"]}}, {"false_alarm_rate": 0.1}],
+    ids=str,
 )
 def test_what_is_of_a_population_is_refused(option):
     with pytest.raises(InputError, match=f"judged by the values.*; leave {next(iter(option))} out"):
