@@ -173,12 +173,6 @@ def test_labels_are_texts_and_numbers_of_any_type(tmp_path, values, text):
     assert {motion.labels["day"] for motion in read_motions(path)} == {text}
 
 
-def test_days_written_as_large_numbers_stay_apart(tmp_path):
-    days = np.repeat([20261120.0, 20261121.0], SAMPLES)
-    found = read_motions(saved(tmp_path / "bench.parquet", table(day=days)))
-    assert [motion.labels["day"] for motion in found] == ["20261120", "20261121"]
-
-
 def test_labels_of_a_csv_are_taken_as_they_are_written(tmp_path):
     path = tmp_path / "bench.csv"
     rows = [
@@ -208,16 +202,6 @@ def test_where_keeps_motions_with_these_labels(tmp_path):
     found = read_motions(path, where={"condition": ["normal"], "run": ["2", "3"]})
     assert [motion.labels for motion in found] == [MOTIONS[2].labels]
     assert len(read_motions(path, where={"condition": ["dry", "normal"]})) == 4
-
-
-def test_a_choice_that_nothing_fits_names_what_there_is(tmp_path):
-    path = tmp_path / "bench.csv"
-    write(MOTIONS, path)
-    text = refusal(lambda: read_motions(path, where={"condition": ["wet"]}))
-    assert "None of the 4 motions has condition = wet" in text
-    assert "condition normal, dry" in text
-    text = refusal(lambda: read_motions(path, where={"state": ["dry"]}), InputError)
-    assert "no label 'state'; it has condition, run, motion" in text
 
 
 # Channels and units
@@ -261,18 +245,6 @@ def test_position_stands_for_its_error(tmp_path):
 def test_the_error_goes_before_the_position(tmp_path):
     path = saved(tmp_path / "bench.parquet", table(position=np.zeros(2 * SAMPLES)))
     same(read_motions(path)[0], MOTIONS[0])
-
-
-def test_channels_of_other_names_are_mapped(tmp_path):
-    columns = table(set_point=None, current=None)
-    columns["Soll [mm]"] = 1e3 * table()["set_point"]
-    columns["Strom [mA]"] = 1e3 * table()["current"]
-    path = saved(tmp_path / "bench.csv", columns)
-    assert "no channel for set_point (commanded position of the nut); it has run, time" in (
-        refused(path)
-    )
-    found = read_motions(path, {"set_point": "soll", "current": "Strom [mA]"})
-    same(found[0], MOTIONS[0])
 
 
 @pytest.mark.parametrize("name", ["time", "set_point", "position_error", "current"])
@@ -360,15 +332,6 @@ def test_a_table_without_rows_is_refused(tmp_path):
 
 
 # The motion itself
-
-
-def test_columns_of_a_motion_are_equally_long_and_finite():
-    motion = made()
-    parts = {name: getattr(motion, name) for name in ("time", "set_point", "position_error")}
-    text = refusal(lambda: Recording(**parts, current=motion.current[:-1]))
-    assert "current has shape (59,) but time has (60,)" in text
-    bad = np.where(np.arange(SAMPLES) == 7, np.inf, motion.current)
-    assert "the first at sample 7 (0.28 s)" in refusal(lambda: Recording(**parts, current=bad))
 
 
 def test_a_motion_says_what_it_is():
