@@ -112,11 +112,8 @@ def test_a_short_is_told_with_the_contact_that_it_holds_for():
     ]
     place = Constants._fields.index("loop_a")
     assert drawn[1][place] == pytest.approx(drawn[0][place], rel=0.1)  # two digits are said
-    assert not any("short_resistance" in one for one in _healthy_warnings())
-
-
-def _healthy_warnings():
-    return ematwin.identify(ematwin.simulate(None, None, None, ACTUATOR), ACTUATOR).warnings
+    healthy = ematwin.identify(ematwin.simulate(None, None, None, ACTUATOR), ACTUATOR, exact=True)
+    assert not any("short_resistance" in one for one in healthy.warnings)
 
 
 def test_measured_voltages_stand_in_for_those_commanded():
