@@ -17,6 +17,7 @@ import pytest
 import ematwin as library
 from browser import browse
 from ematwin.recordings.tables import write_table
+from refusals import refused
 
 FAULTS = {"friction": 0.3, "backlash": 0.15}
 
@@ -30,13 +31,6 @@ def record() -> library.Recording:
 def folder(tmp_path: Path, record: library.Recording) -> Path:
     library.write(record, tmp_path / "rec.parquet")
     return tmp_path
-
-
-def refused(answer, said: str) -> None:  # type: ignore[no-untyped-def]
-    assert answer.code == 2, answer.out + answer.err
-    assert answer.out == ""
-    assert re.fullmatch(r"Error: [^\n]*[.?]\n", answer.err), answer.err
-    assert re.search(said, answer.err), answer.err
 
 
 def test_answer_for_programs_holds_faults_and_how_they_were_found(ematwin, folder: Path) -> None:

@@ -18,6 +18,7 @@ from ematwin.cli import main
 from ematwin.models.ball_screw.parameters import BallScrew
 from ematwin.models.registry import load_actuator, shipped_actuators
 from made_up_rig import healthy_runs, run
+from refusals import contents, refused
 
 HEALTHY = (
     "calibrate", "bench.csv", "--where", "condition=normal", "--hold-back", "3",
@@ -46,21 +47,6 @@ def files(bench: Path, tmp_path: Path) -> Path:
     for path in bench.iterdir():
         shutil.copy(path, tmp_path)
     return tmp_path
-
-
-def contents(folder: Path) -> dict[str, bytes | None]:
-    """Every file of a folder, hidden ones included."""
-    return {
-        str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None
-        for path in folder.rglob("*")
-    }
-
-
-def refused(answer, said: str) -> None:
-    assert answer.code == 2, answer.out + answer.err
-    assert answer.out == ""
-    assert re.fullmatch(r"Error: [^\n]*[.?]\n", answer.err), answer.err
-    assert said in answer.err, answer.err
 
 
 # calibrate

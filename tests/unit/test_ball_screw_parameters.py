@@ -4,6 +4,7 @@ import math
 import re
 import tomllib
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,9 @@ from ematwin.models.registry import kind_of, load_actuator, models, shipped_actu
 from ematwin.monitoring.calibration import FORMAT, Calibration, PopulationCalibration, Thresholds
 from ematwin.monitoring.classification import Signature
 from ematwin.monitoring.population import Population
+from refusals import refusal_of
+
+refusal = partial(refusal_of, kind=ParameterError)
 
 SHIPPED = BallScrew.shipped()["rm1605"].read_text(encoding="utf-8")
 
@@ -33,15 +37,6 @@ def written(tmp_path: Path, old: str = "", new: str = "") -> Path:
     path = tmp_path / "mine.toml"
     path.write_text(SHIPPED.replace(old, new, 1) if old else SHIPPED, encoding="utf-8")
     return path
-
-
-def refusal(load: Callable[[], object]) -> str:
-    with pytest.raises(ParameterError) as caught:
-        load()
-    text = str(caught.value)
-    assert "\n" not in text
-    assert text.endswith(".")
-    return text
 
 
 # Values

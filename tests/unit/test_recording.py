@@ -15,6 +15,7 @@ from ematwin.errors import EmatwinError, FileError, InputError, RecordError
 from ematwin.models.bldc.channels import COLUMNS, PHASES, UNITS, phase_currents
 from ematwin.models.bldc.plausibility import check_phases
 from ematwin.models.registry import model_of
+from refusals import refusal_of
 
 N = 50
 
@@ -33,12 +34,7 @@ def columns(**changed):
 
 
 def refusal(**changed):
-    with pytest.raises(RecordError) as caught:
-        Recording(**columns(**changed))
-    text = str(caught.value)
-    assert "\n" not in text
-    assert text.endswith(".")
-    return text
+    return refusal_of(lambda: Recording(**columns(**changed)), RecordError)
 
 
 def phases_refused(**changed):

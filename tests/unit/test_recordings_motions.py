@@ -1,7 +1,7 @@
 """Motions in files: where one ends and the next begins, which channel is what, in which unit."""
 
 import re
-from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,9 @@ from ematwin.errors import EmatwinError, InputError, RecordError
 from ematwin.models.ball_screw.plausibility import check_spans
 from ematwin.models.reading import read, read_motions, write
 from ematwin.recordings.recording import Recording
+from refusals import refusal_of
+
+refusal = partial(refusal_of, kind=RecordError)
 
 SAMPLES, INTERVAL = 60, 0.04
 TIME = np.arange(SAMPLES) * INTERVAL
@@ -63,15 +66,6 @@ def same(found: Recording, wanted: Recording) -> None:
     np.testing.assert_allclose(found.time, wanted.time, atol=1e-9)
     for name in ("set_point", "position_error", "current"):
         np.testing.assert_allclose(getattr(found, name), getattr(wanted, name), atol=1e-12)
-
-
-def refusal(call: Callable[[], object], kind: type[EmatwinError] = RecordError) -> str:
-    with pytest.raises(kind) as caught:
-        call()
-    text = str(caught.value)
-    assert "\n" not in text
-    assert text.endswith(".")
-    return text
 
 
 def refused(path: Path, **options: Any) -> str:
@@ -266,7 +260,7 @@ def test_several_candidates_ask_which_one(tmp_path):
 
 def test_an_unknown_column_or_channel_is_refused(tmp_path):
     path = saved(tmp_path / "bench.parquet", table())
-    text = refusal(lambda: read_motions(path, {"torque": "current"}), InputError)
+    text = refusal(lambda: read_motions(path, {"torque": "current"}), kind=InputError)
     assert "no column 'torque'; there are time, set_point" in text
     assert "no channel 'amps'" in refused(path, columns={"current": "amps"})
 
@@ -328,7 +322,7 @@ def test_a_table_without_rows_is_refused(tmp_path):
     for suffix in (".csv", ".parquet"):
         columns = {name: np.asarray(values)[:0] for name, values in table().items()}
         path = saved(tmp_path / f"bench{suffix}", columns)
-        assert path.name in refusal(lambda path=path: read_motions(path), EmatwinError)
+        assert path.name in refusal(lambda path=path: read_motions(path), kind=EmatwinError)
 
 
 # The motion itself

@@ -16,17 +16,13 @@ from ematwin.monitoring.calibration import Calibration
 from ematwin.monitoring.identify import detect
 from ematwin.monitoring.index import single_reach
 from made_up_rig import TRUTH, command, healthy_runs, motion, rig, run, template
+from refusals import refusal_of
 
 SET_POINT, INTERVAL = command()
 
 
 def refusal(motions, kind=RecordError, **options) -> str:
-    with pytest.raises(kind) as caught:
-        calibrate(motions, **options)
-    text = str(caught.value)
-    assert "\n" not in text
-    assert text.endswith(".")
-    return text
+    return refusal_of(lambda: calibrate(motions, **options), kind)
 
 
 # Nominal parameters
