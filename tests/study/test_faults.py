@@ -30,9 +30,11 @@ def loky_workers(main: "subprocess.Popen[str]") -> list[psutil.Process]:
     return found
 
 
-def test_killed_main_process(tmp_path: Path, undisturbed: Numbers) -> None:
+def test_killed_main_process(
+    tmp_path: Path, undisturbed: Numbers, short_leases: dict[str, str]
+) -> None:
     where = tmp_path / "study.db"
-    main = start("--store", where, "--workers", 2)
+    main = start("--store", where, "--workers", 2, **short_leases)
     wait_for(where, 5, main)
     workers = loky_workers(main)
     main.kill()
@@ -41,7 +43,7 @@ def test_killed_main_process(tmp_path: Path, undisturbed: Numbers) -> None:
     assert not alive, "workers outlived their main process"
     done = len(numbers(where))
     assert 5 <= done < RUNS
-    answer = study("--store", where, "--workers", 2)
+    answer = study("--store", where, "--workers", 2, **short_leases)
     assert answer["found"] == done
     assert numbers(where) == undisturbed
 
@@ -82,9 +84,9 @@ def test_two_commands_share_a_store(tmp_path: Path, undisturbed: Numbers) -> Non
 
 
 def test_two_commands_share_postgres_and_one_is_killed(
-    postgres_url: str, undisturbed: Numbers
+    postgres_url: str, undisturbed: Numbers, short_leases: dict[str, str]
 ) -> None:
-    both = [start("--store", postgres_url, "--workers", 1) for _ in range(2)]
+    both = [start("--store", postgres_url, "--workers", 1, **short_leases) for _ in range(2)]
     wait_for(postgres_url, 5, both[0])
     both[0].kill()
     both[0].wait()
