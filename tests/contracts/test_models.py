@@ -9,7 +9,6 @@ import pytest
 from ematwin.models.registry import models
 from ematwin.models.simulating import simulate
 from ematwin.recordings.channel import Channel
-from ematwin.testing import model_contract
 from ematwin.testing.model_contract import ModelContract
 from own_model import laid_out
 
@@ -36,14 +35,8 @@ class TestPmsm(ModelContract):
     def model(self):
         return models()["pmsm"]
 
-    def test_each_fault_is_found_again(self, model, actuator, tmp_path, monkeypatch):
-        """Of phases and sensors that are alike one: seconds each."""
-        whole = model_contract._magnitudes
-        monkeypatch.setattr(
-            model_contract, "_magnitudes",
-            lambda *given: [one for one in whole(*given) if not one.name.endswith(("_b", "_c"))],
-        )  # fmt: skip
-        super().test_each_fault_is_found_again(model, actuator, tmp_path)
+    def test_each_fault_is_found_again(self):
+        pytest.skip("seconds each: test_identification.py finds them in two mixtures")
 
 
 class TestBallScrew(ModelContract):

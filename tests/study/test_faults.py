@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import psutil
-import pytest
 from processes import RUNS, SMALL, finish, numbers, start, study, wait_for
 
 Numbers = dict[str, tuple[Any, ...]]
@@ -150,21 +149,6 @@ def test_full_disk(tmp_path: Path, undisturbed: Numbers) -> None:
     assert numbers(kept) == undisturbed
 
 
-def test_file_that_may_not_grow(tmp_path: Path, undisturbed: Numbers) -> None:
-    """The other way in which writing fails: the limit on the size of a file."""
-    where = tmp_path / "study.db"
-    limit = ["prlimit", "--fsize=45056", sys.executable, "-m", "ematwin", "compare", *SMALL]
-    done = subprocess.run(
-        [*limit, "--store", str(where), "--workers", "2"],
-        capture_output=True, text=True, timeout=200, check=False,
-    )  # fmt: skip
-    assert done.returncode == 2, done.stderr
-    assert done.stderr.count("Error: ") == 1
-    assert "Traceback" not in done.stderr
-    study("--store", where, "--workers", 2)
-    assert numbers(where) == undisturbed
-
-
 def test_runs_that_misbehave(tmp_path: Path, saboteurs: dict[str, str]) -> None:
     where, alone = tmp_path / "study.db", tmp_path / "alone.db"
     shape = ("--runs", 1, "--population", 8, "--iterations", 4, "--seed", 7)
@@ -189,13 +173,3 @@ def test_runs_that_misbehave(tmp_path: Path, saboteurs: dict[str, str]) -> None:
     )
     assert repaired["finished"] == 5
     assert repaired["counts"] == {"done": 6}
-
-
-@pytest.mark.parametrize("workers", [2])
-def test_numbers_do_not_depend_on_the_workers(
-    tmp_path: Path, undisturbed: Numbers, workers: int
-) -> None:
-    where = tmp_path / "study.db"
-    answer = study("--store", where, "--workers", workers)
-    assert answer["counts"] == {"done": RUNS}
-    assert numbers(where) == undisturbed
