@@ -20,6 +20,7 @@ import numpy as np
 
 import ematwin
 from ematwin.models.ball_screw.motions import simulate_motion
+from ematwin.models.reading import read_motions
 from ematwin.monitoring import CalibrationReport, Detection, Diagnosis, Scores
 from ematwin.report.detection import detection_page
 
@@ -55,7 +56,7 @@ def main() -> None:
             "bring them into one table."
         )
         return
-    motions = ematwin.read_motions(given.recordings)
+    motions = read_motions(given.recordings)
     if given.rotate:
         rotate(motions)
         return
@@ -68,7 +69,7 @@ def main() -> None:
         folds = [(tuple(run for run in RUNS if run != out), (out,)) for out in RUNS]
     else:
         print("learnt from healthy and faulty runs 1 to 5, judged on others\n")
-        judged = ematwin.read_motions(given.judge)
+        judged = read_motions(given.judge)
         folds = [(RUNS, tuple(dict.fromkeys(motion.run for motion in judged)))]
     found, scores, ways = [], [], {"model only": [], "statistics": []}
     order: Motions = []

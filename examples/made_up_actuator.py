@@ -10,6 +10,7 @@ through what to do with them.
 import numpy as np
 
 import ematwin
+from ematwin.models.ball_screw.parameters import BallScrew
 
 # The actuator as it really is; the template that calibration starts from does not know.
 TRUTH = {
@@ -45,7 +46,7 @@ def command() -> ematwin.Scenario:
 
 
 def run(
-    actuator: ematwin.BallScrew, number: int, faults: dict[str, float], random: np.random.Generator
+    actuator: BallScrew, number: int, faults: dict[str, float], random: np.random.Generator
 ) -> list[ematwin.Recording]:
     """Four motions of a day, each under another load."""
     day = {"friction": random.normal(1.0, 0.015), "gain": random.normal(1.0, 0.005)}
@@ -63,7 +64,7 @@ def run(
 
 def main() -> None:
     """Write the two files."""
-    actuator = ematwin.BallScrew.load().changed(TRUTH)
+    actuator = BallScrew.load().changed(TRUTH)
     random = np.random.default_rng(1)
     healthy = [motion for n in range(1, 11) for motion in run(actuator, n, {}, random)]
     later = [m for n, faults in enumerate(LATER, 11) for m in run(actuator, n, faults, random)]

@@ -11,10 +11,11 @@ import numpy as np
 
 import ematwin
 from ematwin.models.bldc.envelope import shown_current
-from ematwin.models.bldc.faults import PAPER_CASES
+from ematwin.models.bldc.faults import PAPER_CASES, Faults
+from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.report.comparison import comparison_page
 
-ACTUATOR = ematwin.BldcActuator.load()
+ACTUATOR = BldcActuator.load()
 
 
 def current(model: str, faults: dict[str, float]) -> np.ndarray:
@@ -47,7 +48,7 @@ def main() -> None:
         if pages is not None:
             pages.mkdir(parents=True, exist_ok=True)
             record, reference = ematwin.simulate(faults=faults), ematwin.simulate()
-            page = comparison_page(record, reference, ematwin.Faults.of(faults).as_dict(), ACTUATOR)
+            page = comparison_page(record, reference, Faults.of(faults).as_dict(), ACTUATOR)
             (pages / f"{case.replace(' ', '-').lower()}.html").write_text(page, encoding="utf-8")
 
 

@@ -1,7 +1,6 @@
 """What an impatient user may type: one sentence, exit code 2, no answer, no half-written file."""
 
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -12,24 +11,9 @@ import numpy as np
 import pytest
 
 import ematwin as library
+from refusals import contents, refused
 
 OUT = ("--out", "rec.parquet")
-
-
-def contents(folder: Path) -> dict[str, bytes | None]:
-    """Every file of a folder, hidden ones included."""
-    return {
-        str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None
-        for path in folder.rglob("*")
-    }
-
-
-def refused(answer, said: str) -> None:
-    assert answer.code == 2, answer.err
-    assert answer.out == ""
-    assert re.fullmatch(r"Error: [^\n]*\.\n", answer.err), answer.err
-    assert "Traceback" not in answer.err
-    assert said in answer.err, answer.err
 
 
 @pytest.fixture

@@ -4,12 +4,9 @@ The real recording is not part of ematwin. Where the environment variable EMPS_D
 what docs/real-recordings.md says of it is tested as well.
 """
 
-import importlib.util
 import json
 import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +14,7 @@ import pytest
 
 import ematwin as library
 import made_up_emps as made_up
+from commands import script
 from ematwin.models.registry import load_actuator
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "emps.py"
@@ -27,44 +25,15 @@ real = pytest.mark.skipif(
 )
 
 
-def example(*arguments: object) -> subprocess.CompletedProcess[str]:
-    """The example as a process of its own."""
-    return subprocess.run(
-        [sys.executable, str(EXAMPLE), *map(str, arguments)],
-        stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=300, check=False,
-    )  # fmt: skip
-
-
-@pytest.fixture
-def inside(monkeypatch, capsys):
-    """The example in this process: exit code or message, and what it printed."""
-    spec = importlib.util.spec_from_file_location("emps_example", EXAMPLE)
-    module = importlib.util.module_from_spec(spec)
-    monkeypatch.setitem(sys.modules, "emps_example", module)
-    spec.loader.exec_module(module)
-
-    def run(*arguments: object) -> tuple[object, str]:
-        monkeypatch.setattr(sys, "argv", ["emps.py", *map(str, arguments)])
-        code: object = 0
-        try:
-            module.main()
-        except SystemExit as leaving:
-            code = leaving.code
-        return code, capsys.readouterr().out
-
-    return run
-
-
 @pytest.fixture(scope="module")
 def answer(tmp_path_factory) -> dict:
     """What is found of the made-up axis from one recording, and of another with pulses."""
     folder = tmp_path_factory.mktemp("emps")
     estimation = made_up.write(folder / "estimation.mat")
     judge = made_up.write(folder / "judge.mat", pulses=True)
-    done = example(estimation, "--judge", judge, "--json")
-    assert done.returncode == 0, done.stderr
-    assert done.stderr == ""
-    found: dict = json.loads(done.stdout)
+    done = script(EXAMPLE, estimation, "--judge", judge, "--json")
+    assert (done.code, done.err) == (0, "")
+    found: dict = json.loads(done.out)
     return found
 
 
@@ -106,12 +75,12 @@ def test_pulses_are_predicted(answer):
         assert answer[title]["open_loop_interval"]["inside_percent"] > 80.0
 
 
-def test_tables_say_the_same_to_people(tmp_path, inside):
-    code, out = inside(made_up.write(tmp_path / "one.mat"))
-    assert code == 0
-    assert "mass" in out
-    assert "open loop" in out
-    assert "judge" not in out
+def test_tables_say_the_same_to_people(tmp_path):
+    done = script(EXAMPLE, made_up.write(tmp_path / "one.mat"))
+    assert done.code == 0
+    assert "mass" in done.out
+    assert "open loop" in done.out
+    assert "judge" not in done.out
 
 
 @pytest.mark.parametrize(
@@ -127,38 +96,33 @@ def test_tables_say_the_same_to_people(tmp_path, inside):
         ({"qg": np.array(["text"])}, "qg must be one column of numbers"),
     ],
 )
-def test_a_wrong_file_is_refused_in_one_sentence(tmp_path, inside, changed, said):
-    code, out = inside(made_up.write(tmp_path / "wrong.mat", **changed), "--json")
-    assert out == ""
-    assert isinstance(code, str)  # which python prints, and leaves with 1
-    assert "\n" not in code
-    assert re.search(said, code), code
+def test_a_wrong_file_is_refused_in_one_sentence(tmp_path, changed, said):
+    done = script(EXAMPLE, made_up.write(tmp_path / "wrong.mat", **changed), "--json")
+    assert (done.code, done.out, done.err.count("\n")) == (1, "", 1)
+    assert re.search(said, done.err), done.err
 
 
-def test_a_missing_or_foreign_file_is_refused(tmp_path, inside):
+def test_a_missing_or_foreign_file_is_refused(tmp_path):
     foreign = tmp_path / "notes.mat"
     foreign.write_text("no MATLAB file")
     for path in (foreign, tmp_path / "nowhere.mat", tmp_path):
-        code, out = inside(path)
-        assert out == ""
-        assert isinstance(code, str)
-        assert "\n" not in code
-        assert str(path) in code
+        done = script(EXAMPLE, path)
+        assert (done.code, done.out, done.err.count("\n")) == (1, "", 1)
+        assert str(path) in done.err
 
 
 def test_a_wrong_judge_leaves_nothing_half_written(tmp_path):
     good = made_up.write(tmp_path / "good.mat")
-    done = example(good, "--judge", made_up.write(tmp_path / "bad.mat", vir=None), "--json")
-    assert done.returncode == 1
-    assert done.stdout == ""
-    assert "vir (voltage)" in done.stderr
-    assert done.stderr.count("\n") == 1
+    bad = made_up.write(tmp_path / "bad.mat", vir=None)
+    done = script(EXAMPLE, good, "--judge", bad, "--json")
+    assert (done.code, done.out, done.err.count("\n")) == (1, "", 1)
+    assert "vir (voltage)" in done.err
 
 
-def test_a_recording_that_is_too_short_to_hold_a_half_back_says_so(tmp_path, inside):
+def test_a_recording_that_is_too_short_to_hold_a_half_back_says_so(tmp_path):
     content = {n: made_up.recorded()[n][:3000] for n in ("t", "qg", "qm", "vir")}
-    code, _ = inside(made_up.write(tmp_path / "short.mat", **content), "--held-back")
-    assert "lasts 3 s; a held-back half ends at 4.4 s" in str(code)
+    done = script(EXAMPLE, made_up.write(tmp_path / "short.mat", **content), "--held-back")
+    assert "lasts 3 s; a held-back half ends at 4.4 s" in done.err
 
 
 @pytest.fixture(scope="module")
@@ -208,9 +172,9 @@ def test_commands_know_the_kind(ematwin, tmp_path):
 
 @pytest.fixture(scope="module")
 def published(tmp_path_factory) -> dict:
-    done = example(REAL, "--json")
-    assert done.returncode == 0, done.stderr
-    found: dict = json.loads(done.stdout)
+    done = script(EXAMPLE, REAL, "--json")
+    assert done.code == 0, done.err
+    found: dict = json.loads(done.out)
     return found
 
 

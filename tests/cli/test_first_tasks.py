@@ -2,7 +2,6 @@
 
 import re
 import shlex
-import sys
 import tomllib
 from collections.abc import Callable
 from datetime import UTC, datetime
@@ -16,24 +15,21 @@ import pytest
 from asammdf import MDF, Signal
 
 import ematwin
+from commands import inside
 from ematwin.cli import main
 
 NOISE = ematwin.Noise(white=0.02, bits=12)
 
 
 @pytest.fixture
-def run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> Callable[[str], str]:
+def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], str]:
     """Run a command in this process, in an empty folder; gives its answer."""
     monkeypatch.chdir(tmp_path)
 
     def run(command: str) -> str:
-        monkeypatch.setattr(sys, "argv", ["ematwin", *shlex.split(command)])
-        with pytest.raises(SystemExit) as left:
-            main()
-        assert left.value.code in (0, None)
-        return capsys.readouterr().out
+        answer = inside(main, "ematwin", *shlex.split(command))
+        assert answer.code == 0, answer.err
+        return answer.out
 
     return run
 

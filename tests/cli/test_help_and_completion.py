@@ -10,7 +10,10 @@ import typing
 import pytest
 import typer
 
+from commands import inside
+from ematwin.cli import main
 from ematwin.cli.app import app
+from ematwin.models.registry import models
 
 COMMANDS = [info.name for info in app.registered_commands]
 GROUPS = [info.name for info in app.registered_groups]
@@ -52,18 +55,14 @@ def test_the_list_of_commands_has_their_whole_sentences(ematwin):
 
 def completed(*line: str) -> list[str]:
     """What bash is offered for the last word of a command line."""
-    done = subprocess.run(
-        [sys.executable, "-m", "ematwin"],
-        env={
-            **os.environ,
-            "_EMATWIN_COMPLETE": "complete_bash",
-            "COMP_WORDS": " ".join(("ematwin", *line)),
-            "COMP_CWORD": str(len(line)),
-        },
-        capture_output=True, text=True, timeout=60, check=True,
-    )  # fmt: skip
-    assert done.stderr == ""
-    return done.stdout.split()
+    asked = {
+        "_EMATWIN_COMPLETE": "complete_bash",
+        "COMP_WORDS": " ".join(("ematwin", *line)),
+        "COMP_CWORD": str(len(line)),
+    }
+    done = inside(main, "ematwin", **asked)
+    assert (done.code, done.err) == (0, "")
+    return done.out.split()
 
 
 def test_bash_completes_the_names_of_commands():
@@ -111,8 +110,10 @@ def test_a_broken_package_does_not_disturb_the_prompt(tmp_path, monkeypatch):
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: broken\nVersion: 1\n")
     (info / "entry_points.txt").write_text("[ematwin.models]\nbroken = no_such_module:MODEL\n")
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.syspath_prepend(tmp_path)
+    models.cache_clear()
     assert "servo48" in completed("simulate", "--actuator", "")
+    models.cache_clear()
 
 
 def test_completion_can_be_switched_on_and_bash_accepts_the_script(tmp_path):

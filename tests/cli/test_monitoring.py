@@ -4,10 +4,7 @@ import csv
 import json
 import re
 import shutil
-import subprocess
-import sys
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pyarrow as pa
@@ -16,10 +13,12 @@ import pytest
 
 import ematwin as ematwin_module
 from browser import browse
+from commands import inside, script
 from ematwin.cli import main
 from ematwin.models.ball_screw.parameters import BallScrew
 from ematwin.models.registry import load_actuator, shipped_actuators
 from made_up_rig import healthy_runs, run
+from refusals import contents, refused
 
 HEALTHY = (
     "calibrate", "bench.csv", "--where", "condition=normal", "--hold-back", "3",
@@ -36,13 +35,9 @@ def bench(tmp_path_factory) -> Path:
     ematwin_module.write([*healthy_runs(7), *dry, *loose], folder / "bench.csv")
     ematwin_module.write([*run(63, 1, "dry", friction=1.35), *run(8, 1)], folder / "later.parquet")
     ematwin_module.write(run(63, 1, "dry", friction=1.35)[0], folder / "one.parquet")
-    done = subprocess.run(
-        [sys.executable, "-m", "ematwin", *HEALTHY, "--json"],
-        cwd=folder, capture_output=True, text=True, timeout=300, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    assert done.stderr == ""
-    (folder / "told.json").write_text(done.stdout, encoding="utf-8")
+    done = inside(main, "ematwin", *HEALTHY, "--json", folder=folder)
+    assert (done.code, done.err) == (0, "")
+    (folder / "told.json").write_text(done.out, encoding="utf-8")
     return folder
 
 
@@ -52,21 +47,6 @@ def files(bench: Path, tmp_path: Path) -> Path:
     for path in bench.iterdir():
         shutil.copy(path, tmp_path)
     return tmp_path
-
-
-def contents(folder: Path) -> dict[str, bytes | None]:
-    """Every file of a folder, hidden ones included."""
-    return {
-        str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None
-        for path in folder.rglob("*")
-    }
-
-
-def refused(answer, said: str) -> None:
-    assert answer.code == 2, answer.out + answer.err
-    assert answer.out == ""
-    assert re.fullmatch(r"Error: [^\n]*[.?]\n", answer.err), answer.err
-    assert said in answer.err, answer.err
 
 
 # calibrate
@@ -476,30 +456,23 @@ def bad(bench: Path, tmp_path_factory) -> Path:
 
 
 @pytest.mark.parametrize(("arguments", "said"), CASES, ids=[" ".join(case[0]) for case in CASES])
-def test_what_cannot_be_used_is_refused_in_one_sentence(bad, arguments, said, monkeypatch, capfd):
+def test_what_cannot_be_used_is_refused_in_one_sentence(bad, arguments, said):
     """And nothing is written, not even half."""
     before = contents(bad)
-    monkeypatch.chdir(bad)
-    monkeypatch.setattr(sys, "argv", ["ematwin", *arguments])
-    with pytest.raises(SystemExit) as stop:
-        main()
-    seen = capfd.readouterr()
-    refused(SimpleNamespace(code=stop.value.code, out=seen.out, err=seen.err), said)
+    refused(inside(main, "ematwin", *arguments, folder=bad), said)
     assert contents(bad) == before
 
 
 # The page that goes through it
 
 
-def test_the_page_on_your_own_actuator_says_what_its_commands_give(ematwin, tmp_path):
+def test_the_page_on_your_own_actuator_says_what_its_commands_give(ematwin, tmp_path, monkeypatch):
     project = Path(__file__).parents[2]
     page = (project / "docs" / "your-actuator.md").read_text(encoding="utf-8")
     sheet = project / "examples" / "axis7.toml"
-    made = subprocess.run(
-        [sys.executable, project / "examples" / "made_up_actuator.py"],
-        cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False,
-    )  # fmt: skip
-    assert made.stdout in page
+    monkeypatch.chdir(tmp_path)
+    made = script(project / "examples" / "made_up_actuator.py")
+    assert made.out in page
     calibrated = ematwin(
         "calibrate", "healthy.csv", "--actuator", sheet, "--out", "axis7-calibrated.toml"
     )

@@ -1,63 +1,52 @@
 """The example package, found by its entry point: every command works for another kind."""
 
 import json
-import os
-import shutil
-import subprocess
-import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as parquet
 import pytest
 
+import ematwin as library
+from ematwin.models.registry import models
 from own_model import laid_out
 
 SENSOR = "white=0.02,bits=12,full_scale=5"
 
 
-@pytest.fixture(scope="module")
-def site(tmp_path_factory) -> Path:
-    """A folder with the package, as an installer leaves it."""
-    return laid_out(tmp_path_factory.mktemp("site-packages"))
+@pytest.fixture(scope="module", autouse=True)
+def site(tmp_path_factory) -> Iterator[Path]:
+    """A folder with the package, as an installer leaves it, where Python looks for packages."""
+    folder = laid_out(tmp_path_factory.mktemp("site-packages"))
+    with pytest.MonkeyPatch.context() as here:
+        here.syspath_prepend(folder)
+        models.cache_clear()
+        yield folder
+    models.cache_clear()
 
 
-HEALTHY_DAYS = """
-import numpy as np
-import ematwin
-random = np.random.default_rng(1)
-sensor = ematwin.Noise(white=0.02, bits=12, full_scale=5)
-for n in range(1, 9):
-    spread = {"brushes": 0.015, "magnets": 0.005, "friction": 0.02, "backlash": 0.02}
-    day = {name: random.normal(1.0, sigma) for name, sigma in spread.items()}
-    day["load"] = random.normal(0.0, 0.01)
-    recording = ematwin.simulate(actuator="dcg25", faults=day, noise=sensor, seed=n)
-    ematwin.write(recording, f"healthy{n}.parquet")
-"""
-
-
-@pytest.fixture(scope="module")
-def days(site, tmp_path_factory) -> Path:
+@pytest.fixture
+def healthy(tmp_path: Path) -> list[str]:
     """Healthy recordings of eight days, no two of them quite alike."""
-    folder = tmp_path_factory.mktemp("days")
-    environment = {**os.environ, "PYTHONPATH": str(site)}
-    subprocess.run([sys.executable, "-c", HEALTHY_DAYS], cwd=folder, env=environment, check=True)
-    return folder
+    random = np.random.default_rng(1)
+    sensor = library.Noise(white=0.02, bits=12, full_scale=5)
+    spread = {"brushes": 0.015, "magnets": 0.005, "friction": 0.02, "backlash": 0.02}
+    names = [f"healthy{n}.parquet" for n in range(1, 9)]
+    for n, file in enumerate(names, 1):
+        day = {name: random.normal(1.0, sigma) for name, sigma in spread.items()}
+        day["load"] = random.normal(0.0, 0.01)
+        recording = library.simulate(actuator="dcg25", faults=day, noise=sensor, seed=n)
+        library.write(recording, tmp_path / file)
+    return names
 
 
 @pytest.fixture
-def healthy(days: Path, tmp_path: Path) -> list[str]:
-    """Names of copies of them in the folder of the test."""
-    return [Path(shutil.copy(path, tmp_path)).name for path in sorted(days.iterdir())]
+def shell(ematwin) -> Callable:
+    """`ematwin`; gives its output."""
 
-
-@pytest.fixture
-def shell(ematwin_process, site: Path) -> Callable:
-    """`ematwin` in a process that finds the package; gives its output."""
-
-    def run(*arguments: object, code: int = 0, **environment: str) -> str:
-        answer = ematwin_process(*arguments, **{"PYTHONPATH": str(site), **environment})
+    def run(*arguments: object, code: int = 0) -> str:
+        answer = ematwin(*arguments)
         assert answer.code == code, answer.out + answer.err
         return answer.err if code else answer.out
 
@@ -203,15 +192,19 @@ def test_a_load_that_the_kind_does_not_take_is_refused(shell, tmp_path):
     assert "leave the load out" in said
 
 
-def test_a_broken_kind_beside_it_is_refused_alone(shell, site: Path, tmp_path: Path) -> None:
+def test_a_broken_kind_beside_it_is_refused_alone(
+    shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     broken = tmp_path / "broken-1.dist-info"
     broken.mkdir()
     (broken / "METADATA").write_text("Metadata-Version: 2.1\nName: broken\nVersion: 1\n")
     points = "[ematwin.models]\ncrank = no_such_module:MODEL\n"
     (broken / "entry_points.txt").write_text(points)
-    both = f"{site}{os.pathsep}{tmp_path}"
-    assert "dcg25" in shell("simulate", "--actuator", "dcg25", PYTHONPATH=both)
-    assert "Warning: The kind of actuator 'crank' cannot be" in shell("actuators", PYTHONPATH=both)
+    monkeypatch.syspath_prepend(tmp_path)
+    models.cache_clear()
+    assert "dcg25" in shell("simulate", "--actuator", "dcg25")
+    assert "Warning: The kind of actuator 'crank' cannot be" in shell("actuators")
     (tmp_path / "crank.toml").write_text('kind = "crank"\nname = "c"\ndescription = "d"\n')
-    refused = shell("simulate", "--actuator", "crank.toml", code=2, PYTHONPATH=both)
+    refused = shell("simulate", "--actuator", "crank.toml", code=2)
+    models.cache_clear()
     assert "'crank' cannot be loaded from no_such_module:MODEL" in refused

@@ -1,8 +1,6 @@
 """``examples/position_servo.py`` and the commands on a servo that is made up, logged like a bus."""
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -10,20 +8,13 @@ import pytest
 
 import ematwin
 import made_up_servo as made_up
+from commands import script
 from ematwin.errors import InputError, RecordError
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "position_servo.py"
 FAULTS = (
     {}, {}, {}, {"gain": 0.5}, {"gain": 0.75}, {"gain": 1.5}, {"payload": 1.6}, {"friction": 2.5},
 )  # fmt: skip
-
-
-def example(*arguments: object) -> subprocess.CompletedProcess[str]:
-    """The example as a process of its own."""
-    return subprocess.run(
-        [sys.executable, str(EXAMPLE), *map(str, arguments)],
-        stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=300, check=False,
-    )  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -38,9 +29,9 @@ def tables(tmp_path_factory) -> tuple[Path, Path]:
 
 @pytest.fixture(scope="module")
 def answer(tables) -> list[dict]:
-    done = example(tables[0], "--judge", tables[1], "--json")
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)["runs"]
+    done = script(EXAMPLE, tables[0], "--judge", tables[1], "--json")
+    assert done.code == 0, done.err
+    return json.loads(done.out)["runs"]
 
 
 @pytest.fixture(scope="module")
@@ -113,25 +104,27 @@ def test_a_wrong_fault_or_kind_is_refused(twin, tables):
 
 
 def test_the_example_refuses_what_it_cannot_use(tables, tmp_path):
-    assert "docs/position-servo.md" in example().stdout
-    gone = example(tmp_path / "none.parquet")
-    assert gone.returncode == 1
-    assert "none.parquet" in gone.stderr
+    assert "docs/position-servo.md" in script(EXAMPLE).out
+    gone = script(EXAMPLE, tmp_path / "none.parquet")
+    assert gone.code == 1
+    assert "none.parquet" in gone.err
     runs = [made_up.run(n) | {"position_gain": np.full(made_up.SAMPLES, 8)} for n in range(2)]
-    other = example(made_up.write(tmp_path / "other.parquet", runs))
-    assert other.returncode == 1
-    assert "no healthy run" in other.stderr
+    other = script(EXAMPLE, made_up.write(tmp_path / "other.parquet", runs))
+    assert other.code == 1
+    assert "no healthy run" in other.err
     del runs[0]["position"], runs[1]["position"]
-    lacking = example(made_up.write(tmp_path / "lacking.parquet", runs))
-    assert lacking.returncode == 1
-    assert "position" in lacking.stderr
+    lacking = script(EXAMPLE, made_up.write(tmp_path / "lacking.parquet", runs))
+    assert lacking.code == 1
+    assert "position" in lacking.err
 
 
 def test_one_run_that_cannot_be_read_leaves_the_others(tables, tmp_path):
     runs = [made_up.run(n) for n in (18, 28)]
     runs[1] = {name: values[:10] for name, values in runs[1].items()}
-    done = example(tables[0], "--judge", made_up.write(tmp_path / "two.parquet", runs), "--json")
-    first, second = json.loads(done.stdout)["runs"]
+    done = script(
+        EXAMPLE, tables[0], "--judge", made_up.write(tmp_path / "two.parquet", runs), "--json"
+    )
+    first, second = json.loads(done.out)["runs"]
     assert first["grade"] == "healthy"
     assert second["run"] == 28
     assert second["grade"] == "none"

@@ -74,23 +74,42 @@ def test_options_of_the_running_command_are_found(monkeypatch, capsys):
     assert for_shell('gaps="mask"') == 'gaps="mask"'
 
 
-STEP = library.simulate("monitor", "step", {"friction": 0.3}, sample_rate=5000)
-ROWS = list(zip(STEP.time, STEP.command, STEP.current, strict=True))
+@pytest.fixture(scope="module")
+def rows():
+    step = library.simulate("monitor", "step", {"friction": 0.3}, sample_rate=5000)
+    return list(zip(step.time, step.command, step.current, strict=True))
 
 
 @pytest.mark.parametrize(
-    ("header", "rows", "arguments", "said"),
+    ("header", "change", "arguments", "said"),
     [
-        ("time,command,current", ROWS[:500] + ROWS[900:], [], "with --gaps longest, or fill"),
-        ("command,current", [row[1:] for row in ROWS], [], 'give --column sample_rate="20 kHz".'),
-        ("time,command,current", [(*row[:2], 1e3 * row[2]) for row in ROWS], [], "file of --map."),
-        ("time,command,current", ROWS, ["--resample-to", "-5"], "--resample-to must be"),
-        ("time,command,current", ROWS, ["--gaps", "x"], "--gaps must be"),
+        (
+            "time,command,current",
+            lambda rows: rows[:500] + rows[900:],
+            [],
+            "with --gaps longest, or fill",
+        ),
+        (
+            "command,current",
+            lambda rows: [row[1:] for row in rows],
+            [],
+            'give --column sample_rate="20 kHz".',
+        ),
+        (
+            "time,command,current",
+            lambda rows: [(*row[:2], 1e3 * row[2]) for row in rows],
+            [],
+            "--map.",
+        ),
+        ("time,command,current", list, ["--resample-to", "-5"], "--resample-to must be"),
+        ("time,command,current", list, ["--gaps", "x"], "--gaps must be"),
     ],
     ids=["gaps", "no time", "unit", "rate", "choice"],
 )
-def test_errors_of_a_command_name_its_options(ematwin, tmp_path, header, rows, arguments, said):
-    lines = [header, *(",".join(f"{value:.9g}" for value in row) for row in rows)]
+def test_errors_of_a_command_name_its_options(
+    ematwin, tmp_path, rows, header, change, arguments, said
+):
+    lines = [header, *(",".join(f"{value:.9g}" for value in row) for row in change(rows))]
     (tmp_path / "rec.csv").write_text("\n".join(lines))
     answer = ematwin("identify", "rec.csv", *arguments)
     assert answer.code == 2

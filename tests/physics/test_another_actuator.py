@@ -13,7 +13,6 @@ from ematwin.models.scenario import Scenario
 from ematwin.models.simulating import simulate as simulate_twin
 from ematwin.numerics.signals import LowPass
 from naive.another_actuator import (
-    FULL_SCALE,
     TERMS,
     Structure,
     emf_shape,
@@ -94,22 +93,6 @@ def test_realistic_structure_is_seen_but_is_still_this_actuator(faults):
     gap = misfit(answer(REALISTIC, faults, parameters), twin("monitor", faults, parameters))
     print(f"{faults}: misfit of the twin {100.0 * gap:.2f} %")
     assert 0.03 < gap < 0.4
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_random_structures_follow_the_command_without_swinging(seed):
-    structure = Structure.random(np.random.default_rng(seed))
-    parameters = tuned(SERVO48, structure)
-    record = simulate(parameters, TIME, COMMAND, LOAD, structure=structure, noise=0.0, bits=None)
-    # the lag of the position loop at 25 Hz is that of the twin's drive with the same gains
-    actuator = BldcActuator.load().changed(
-        {"controller.speed_gain": parameters["controller.speed_gain"]}
-    )
-    like = simulate_twin("monitor", actuator=actuator)
-    gap = misfit(record.output_position, like.output_position)
-    print(f"seed {seed}: output positions differ by {100.0 * gap:.2f} %")
-    assert gap < 0.05
-    assert np.abs(phase_currents(record)).max() < 5.0
 
 
 def test_a_speed_gain_for_a_comparator_swings_behind_a_delayed_loop():
@@ -210,26 +193,3 @@ def test_rounding_the_emf_keeps_the_mean_torque_of_a_driven_pair(rounding):
     pair = [emf_shape(x, rounding) - emf_shape(x - 2.0 * math.pi / 3.0, rounding) for x in angles]
     assert np.mean(pair) == pytest.approx(2.0, rel=1e-5)
     assert np.ptp(pair) == pytest.approx(rounding * 0.2806, abs=1e-3)
-
-
-def test_noise_converter_and_seed_are_those_asked_for():
-    def run(**more):
-        return simulate(SERVO48, TIME, COMMAND, LOAD, **more).current_a
-
-    clean = run(noise=0.0, bits=None)
-    noisy = run(noise=0.02, bits=None, seed=3)
-    assert rms(noisy - clean) == pytest.approx(0.02 * rms(clean), rel=0.05)
-    assert np.array_equal(noisy, run(noise=0.02, bits=None, seed=3))
-    assert not np.array_equal(noisy, run(noise=0.02, bits=None, seed=4))
-    codes = run(noise=0.02, bits=10) / (FULL_SCALE / 512)
-    assert codes == pytest.approx(np.round(codes), abs=1e-9)
-
-
-def test_a_recording_has_the_layout_of_the_package():
-    record = simulate(SERVO48, TIME, COMMAND, LOAD)
-    like = simulate_twin("reference")
-    assert np.allclose(record.time, like.time)
-    for name in ("command", "load", "output_position"):
-        assert np.allclose(getattr(record, name), getattr(like, name), atol=1e-6)
-    with pytest.raises(ValueError, match="no fault 'wear'"):
-        simulate(SERVO48, TIME, COMMAND, LOAD, {"wear": 0.1})

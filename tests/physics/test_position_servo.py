@@ -122,14 +122,3 @@ def test_arm_falls_through_the_play_where_its_load_changes_side():
     assert np.abs(loose - tight).max() > 0.2 * servo.gear.backlash * 10.0
     # the encoder sits on the output: where the load keeps to one side the loop hides the play
     assert abs(loose[-1] - tight[-1]) < 2e-3
-
-
-def test_batch_is_the_same_as_one_by_one_and_nan_stays_nan():
-    time = np.arange(200) * 0.01
-    inputs = Recording(time, {"goal_position": swing(200)})
-    gains = np.array([0.5, math.nan, 1.5])
-    batch = MODEL.respond(SERVO, inputs, {"gain": gains}, 3)["position"]
-    assert np.isnan(batch[1]).all()
-    for n in (0, 2):
-        alone = MODEL.respond(SERVO, inputs, {"gain": gains[n : n + 1]}, 1)["position"][0]
-        assert np.array_equal(batch[n], alone)

@@ -36,6 +36,17 @@ def postgres_url(postgres: Postgres, request: pytest.FixtureRequest) -> str:
     return postgres.database(f"test_{abs(hash(request.node.nodeid))}")
 
 
+@pytest.fixture
+def short_leases(tmp_path: Path) -> dict[str, str]:
+    """Environment in which a claim lapses after five seconds, not half a minute."""
+    folder = tmp_path / "leases"
+    folder.mkdir()
+    (folder / "sitecustomize.py").write_text(
+        "import ematwin.benchmarking.store\nematwin.benchmarking.store.LEASE = 5.0\n"
+    )
+    return {"PYTHONPATH": os.pathsep.join([str(folder), os.environ.get("PYTHONPATH", "")])}
+
+
 SABOTEURS = """
 import os, signal, time
 import numpy as np

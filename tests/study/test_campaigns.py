@@ -24,10 +24,8 @@ def bench(tmp_path: Path, undisturbed: Numbers) -> Iterator[faults.Bench]:
     made.close()
 
 
-# killed processes, two commands at once and servers that stop are tests of their own
-@pytest.mark.parametrize(
-    "trial", [faults.full_disk, faults.stopped_beyond_lease, faults.clock_set_back]
-)
+# killed processes, full disks and servers that stop are tests of their own
+@pytest.mark.parametrize("trial", [faults.stopped_beyond_lease, faults.clock_set_back])
 def test_a_disturbed_study_ends_as_one_left_alone(trial: Any, bench: faults.Bench) -> None:
     assert trial(bench).startswith("after ")
 

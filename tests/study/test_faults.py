@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import psutil
-import pytest
 from processes import RUNS, SMALL, finish, numbers, start, study, wait_for
 
 Numbers = dict[str, tuple[Any, ...]]
@@ -30,9 +29,11 @@ def loky_workers(main: "subprocess.Popen[str]") -> list[psutil.Process]:
     return found
 
 
-def test_killed_main_process(tmp_path: Path, undisturbed: Numbers) -> None:
+def test_killed_main_process(
+    tmp_path: Path, undisturbed: Numbers, short_leases: dict[str, str]
+) -> None:
     where = tmp_path / "study.db"
-    main = start("--store", where, "--workers", 2)
+    main = start("--store", where, "--workers", 2, **short_leases)
     wait_for(where, 5, main)
     workers = loky_workers(main)
     main.kill()
@@ -41,7 +42,7 @@ def test_killed_main_process(tmp_path: Path, undisturbed: Numbers) -> None:
     assert not alive, "workers outlived their main process"
     done = len(numbers(where))
     assert 5 <= done < RUNS
-    answer = study("--store", where, "--workers", 2)
+    answer = study("--store", where, "--workers", 2, **short_leases)
     assert answer["found"] == done
     assert numbers(where) == undisturbed
 
@@ -82,9 +83,9 @@ def test_two_commands_share_a_store(tmp_path: Path, undisturbed: Numbers) -> Non
 
 
 def test_two_commands_share_postgres_and_one_is_killed(
-    postgres_url: str, undisturbed: Numbers
+    postgres_url: str, undisturbed: Numbers, short_leases: dict[str, str]
 ) -> None:
-    both = [start("--store", postgres_url, "--workers", 1) for _ in range(2)]
+    both = [start("--store", postgres_url, "--workers", 1, **short_leases) for _ in range(2)]
     wait_for(postgres_url, 5, both[0])
     both[0].kill()
     both[0].wait()
@@ -148,21 +149,6 @@ def test_full_disk(tmp_path: Path, undisturbed: Numbers) -> None:
     assert numbers(kept) == undisturbed
 
 
-def test_file_that_may_not_grow(tmp_path: Path, undisturbed: Numbers) -> None:
-    """The other way in which writing fails: the limit on the size of a file."""
-    where = tmp_path / "study.db"
-    limit = ["prlimit", "--fsize=45056", sys.executable, "-m", "ematwin", "compare", *SMALL]
-    done = subprocess.run(
-        [*limit, "--store", str(where), "--workers", "2"],
-        capture_output=True, text=True, timeout=200, check=False,
-    )  # fmt: skip
-    assert done.returncode == 2, done.stderr
-    assert done.stderr.count("Error: ") == 1
-    assert "Traceback" not in done.stderr
-    study("--store", where, "--workers", 2)
-    assert numbers(where) == undisturbed
-
-
 def test_runs_that_misbehave(tmp_path: Path, saboteurs: dict[str, str]) -> None:
     where, alone = tmp_path / "study.db", tmp_path / "alone.db"
     shape = ("--runs", 1, "--population", 8, "--iterations", 4, "--seed", 7)
@@ -187,13 +173,3 @@ def test_runs_that_misbehave(tmp_path: Path, saboteurs: dict[str, str]) -> None:
     )
     assert repaired["finished"] == 5
     assert repaired["counts"] == {"done": 6}
-
-
-@pytest.mark.parametrize("workers", [2])
-def test_numbers_do_not_depend_on_the_workers(
-    tmp_path: Path, undisturbed: Numbers, workers: int
-) -> None:
-    where = tmp_path / "study.db"
-    answer = study("--store", where, "--workers", workers)
-    assert answer["counts"] == {"done": RUNS}
-    assert numbers(where) == undisturbed

@@ -62,10 +62,11 @@ def test_one_fault_may_be_searched_alone(record: ematwin.Recording) -> None:
 def test_the_recording_decides_which_actuator_is_meant(tmp_path: Path) -> None:
     for name in ("servo48", "rm1605", "emps", "servo400"):
         record = ematwin.simulate(actuator=name)
-        report = ematwin.calibrate([record])
-        assert report.actuator.kind == ematwin.load_actuator(name).kind
         record.save(tmp_path / f"{name}.csv")
-        assert ematwin.models.reading.actuator_for(tmp_path / f"{name}.csv").name == name
+        for given in (record, tmp_path / f"{name}.csv"):
+            assert ematwin.models.reading.actuator_for(given).name == name
+    screw = ematwin.read(tmp_path / "rm1605.csv")
+    assert ematwin.calibrate([screw]).actuator.kind == "ball-screw"
 
 
 def test_recordings_of_an_iterator_are_all_judged(record: ematwin.Recording) -> None:

@@ -1,7 +1,5 @@
 """The benchmark of intervals and probabilities counts what it says it counts."""
 
-import json
-
 import numpy as np
 import pytest
 from benchmarks import certainty
@@ -31,33 +29,6 @@ def row(**changed):
         "seconds": 1.0,
     }
     return made | changed
-
-
-def test_a_stored_row_is_not_worked_out_again(tmp_path, monkeypatch):
-    calls = []
-
-    def judged(*task):
-        calls.append(task)
-        return {"value": len(calls)}
-
-    monkeypatch.setattr(certainty.answers, "judged", judged)
-    store = certainty.Store(tmp_path)
-    first = certainty.run([TASK], store, workers=1)
-    second = certainty.run([TASK, TASK._replace(seed=2)], store, workers=1)
-    assert [task[3] for task in calls] == [1, 2]
-    assert second[0] == first[0]
-
-
-def test_a_row_cut_off_by_the_end_of_the_power_is_worked_out_again(tmp_path, monkeypatch):
-    monkeypatch.setattr(certainty.answers, "judged", lambda *task: {"value": task[3]})
-    store = certainty.Store(tmp_path)
-    certainty.run([TASK, TASK._replace(seed=2)], store, workers=1)
-    path = tmp_path / "rows.jsonl"
-    path.write_text(path.read_text()[:-10])
-    assert [one["seed"] for one in store.rows()] == [1]
-    found = certainty.run([TASK, TASK._replace(seed=2)], store, workers=1)
-    assert [one["seed"] for one in found] == [1, 2]
-    assert all(json.loads(one) for one in path.read_text().splitlines()[-1:])
 
 
 def test_the_same_seed_draws_the_same_truth_whatever_is_simulated():

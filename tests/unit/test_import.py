@@ -66,9 +66,12 @@ assert before[1:] == after[1:], (before, after)
 def test_every_public_name_can_be_had_and_is_listed():
     import ematwin
 
-    assert len(ematwin.__all__) >= 11
     for name in ematwin.__all__:
-        assert getattr(ematwin, name).__name__ == name
+        member = getattr(ematwin, name)
+        assert member.__name__ == name
+        assert member.__doc__, name
+    assert ematwin.Faults.__module__ == "ematwin.models.bldc.faults"  # of version 0.2
+    assert ematwin.Record is ematwin.Recording  # of version 0.1
     assert set(ematwin.__all__) <= set(dir(ematwin))
     with pytest.raises(AttributeError, match="no attribute 'simulat'"):
         _ = ematwin.simulat

@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 from benchmarks.peers import numba_single, numpy_batch, simulators, uncertainty
-from benchmarks.peers.measure import Line, Part, number
-from benchmarks.peers.page import markdown
 from benchmarks.peers.task import Task
 
 
@@ -37,26 +35,6 @@ def test_a_peer_with_other_physics_is_seen_to_disagree(task, candidates):
     wrong = Task(**{**vars(task), "plant": lighter})
     off = simulators.disagreement(lambda _, k: numba_single.costs(wrong, k), task, candidates)
     assert off.max() > simulators.SAME_STEP
-
-
-def test_a_figure_is_a_median_with_its_spread_and_a_failure_stays_in_the_table():
-    lines = (
-        Line("ours", (2.0, 1.0, 4.0), (1.0, 1.0, 1.0), own=True),
-        Line("slow", (20.0, 30.0, float("inf")), (10.0, 30.0, float("inf"))),
-        Line("wrong", (), ()),
-    )
-    part = Part("Part", "What is asked.", "s", "times ours", (), lines, ("None is missing.",))
-    text = markdown(part)
-    assert "| ours | 2.00 | 1.00 to 4.00 | 1.00 |" in text
-    assert "| slow | 30.0 | 20.0 to not reached | 30.0 |" in text
-    assert "| wrong | not timed |  |  |" in text
-    assert text.endswith("- None is missing.")
-
-
-def test_numbers_have_three_digits():
-    assert [number(x) for x in (0.0123456, 1.2345, 123.456, 12345.6)] == [
-        "0.0123", "1.23", "123", "12346",
-    ]  # fmt: skip
 
 
 def test_the_ends_of_a_profile_are_where_a_parabola_falls_through_the_limit():

@@ -82,13 +82,6 @@ def test_a_record_of_version_0_1_is_read(suffix: str) -> None:
     assert lowered.provenance["seed"] == 3
 
 
-def test_records_of_version_0_1_are_equal_in_both_formats() -> None:
-    one, other = read(OLD / "record.csv"), read(OLD / "record.parquet")
-    for name, values in one.columns():
-        assert getattr(other, name).tobytes() == values.tobytes()
-    assert one.provenance == other.provenance
-
-
 def test_a_table_of_motions_of_version_0_1_is_read() -> None:
     found = read_motions(OLD / "motions.csv")
     assert [one.labels for one in found] == [
@@ -97,18 +90,6 @@ def test_a_table_of_motions_of_version_0_1_is_read() -> None:
     assert {len(one) for one in found} == {325}
     assert found[0].interval == pytest.approx(0.04)
     assert max(float(one.set_point.max()) for one in found) == pytest.approx(0.12, abs=1e-3)
-
-
-def test_a_table_of_motions_is_written_as_in_version_0_1(tmp_path: Path) -> None:
-    write(read_motions(OLD / "motions.csv"), tmp_path / "motions.csv")
-    head, *rows = (tmp_path / "motions.csv").read_text().splitlines()
-    old_head, *old_rows = (OLD / "motions.csv").read_text().splitlines()
-    assert head == old_head
-    assert len(rows) == len(old_rows)
-    for row, old in zip(rows[::50], old_rows[::50], strict=True):
-        assert row.split(",")[:2] == old.split(",")[:2]
-        new, past = (np.array(text.split(",")[2:], dtype=float) for text in (row, old))
-        np.testing.assert_allclose(new, past, rtol=1e-12)
 
 
 # Which kind

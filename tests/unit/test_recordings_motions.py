@@ -1,7 +1,7 @@
 """Motions in files: where one ends and the next begins, which channel is what, in which unit."""
 
 import re
-from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,9 @@ from ematwin.errors import EmatwinError, InputError, RecordError
 from ematwin.models.ball_screw.plausibility import check_spans
 from ematwin.models.reading import read, read_motions, write
 from ematwin.recordings.recording import Recording
+from refusals import refusal_of
+
+refusal = partial(refusal_of, kind=RecordError)
 
 SAMPLES, INTERVAL = 60, 0.04
 TIME = np.arange(SAMPLES) * INTERVAL
@@ -63,15 +66,6 @@ def same(found: Recording, wanted: Recording) -> None:
     np.testing.assert_allclose(found.time, wanted.time, atol=1e-9)
     for name in ("set_point", "position_error", "current"):
         np.testing.assert_allclose(getattr(found, name), getattr(wanted, name), atol=1e-12)
-
-
-def refusal(call: Callable[[], object], kind: type[EmatwinError] = RecordError) -> str:
-    with pytest.raises(kind) as caught:
-        call()
-    text = str(caught.value)
-    assert "\n" not in text
-    assert text.endswith(".")
-    return text
 
 
 def refused(path: Path, **options: Any) -> str:
@@ -173,12 +167,6 @@ def test_labels_are_texts_and_numbers_of_any_type(tmp_path, values, text):
     assert {motion.labels["day"] for motion in read_motions(path)} == {text}
 
 
-def test_days_written_as_large_numbers_stay_apart(tmp_path):
-    days = np.repeat([20261120.0, 20261121.0], SAMPLES)
-    found = read_motions(saved(tmp_path / "bench.parquet", table(day=days)))
-    assert [motion.labels["day"] for motion in found] == ["20261120", "20261121"]
-
-
 def test_labels_of_a_csv_are_taken_as_they_are_written(tmp_path):
     path = tmp_path / "bench.csv"
     rows = [
@@ -208,16 +196,6 @@ def test_where_keeps_motions_with_these_labels(tmp_path):
     found = read_motions(path, where={"condition": ["normal"], "run": ["2", "3"]})
     assert [motion.labels for motion in found] == [MOTIONS[2].labels]
     assert len(read_motions(path, where={"condition": ["dry", "normal"]})) == 4
-
-
-def test_a_choice_that_nothing_fits_names_what_there_is(tmp_path):
-    path = tmp_path / "bench.csv"
-    write(MOTIONS, path)
-    text = refusal(lambda: read_motions(path, where={"condition": ["wet"]}))
-    assert "None of the 4 motions has condition = wet" in text
-    assert "condition normal, dry" in text
-    text = refusal(lambda: read_motions(path, where={"state": ["dry"]}), InputError)
-    assert "no label 'state'; it has condition, run, motion" in text
 
 
 # Channels and units
@@ -263,18 +241,6 @@ def test_the_error_goes_before_the_position(tmp_path):
     same(read_motions(path)[0], MOTIONS[0])
 
 
-def test_channels_of_other_names_are_mapped(tmp_path):
-    columns = table(set_point=None, current=None)
-    columns["Soll [mm]"] = 1e3 * table()["set_point"]
-    columns["Strom [mA]"] = 1e3 * table()["current"]
-    path = saved(tmp_path / "bench.csv", columns)
-    assert "no channel for set_point (commanded position of the nut); it has run, time" in (
-        refused(path)
-    )
-    found = read_motions(path, {"set_point": "soll", "current": "Strom [mA]"})
-    same(found[0], MOTIONS[0])
-
-
 @pytest.mark.parametrize("name", ["time", "set_point", "position_error", "current"])
 def test_a_missing_channel_is_named(tmp_path, name):
     text = refused(saved(tmp_path / "bench.parquet", table(**{name: None})))
@@ -294,7 +260,7 @@ def test_several_candidates_ask_which_one(tmp_path):
 
 def test_an_unknown_column_or_channel_is_refused(tmp_path):
     path = saved(tmp_path / "bench.parquet", table())
-    text = refusal(lambda: read_motions(path, {"torque": "current"}), InputError)
+    text = refusal(lambda: read_motions(path, {"torque": "current"}), kind=InputError)
     assert "no column 'torque'; there are time, set_point" in text
     assert "no channel 'amps'" in refused(path, columns={"current": "amps"})
 
@@ -356,19 +322,10 @@ def test_a_table_without_rows_is_refused(tmp_path):
     for suffix in (".csv", ".parquet"):
         columns = {name: np.asarray(values)[:0] for name, values in table().items()}
         path = saved(tmp_path / f"bench{suffix}", columns)
-        assert path.name in refusal(lambda path=path: read_motions(path), EmatwinError)
+        assert path.name in refusal(lambda path=path: read_motions(path), kind=EmatwinError)
 
 
 # The motion itself
-
-
-def test_columns_of_a_motion_are_equally_long_and_finite():
-    motion = made()
-    parts = {name: getattr(motion, name) for name in ("time", "set_point", "position_error")}
-    text = refusal(lambda: Recording(**parts, current=motion.current[:-1]))
-    assert "current has shape (59,) but time has (60,)" in text
-    bad = np.where(np.arange(SAMPLES) == 7, np.inf, motion.current)
-    assert "the first at sample 7 (0.28 s)" in refusal(lambda: Recording(**parts, current=bad))
 
 
 def test_a_motion_says_what_it_is():

@@ -9,10 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ematwin.errors import EmatwinError, FileError, ParameterError, RecordError
+from ematwin.errors import ParameterError
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.scenario import Chirp, Profile, Ramp, Scenario, Sine, Step, shipped_scenarios
 from ematwin.models.servo import check_travel
+from refusals import refusal_of
 
 T = np.linspace(0.0, 2.0, 2001)
 number = st.floats(-1e3, 1e3, allow_subnormal=False)
@@ -25,13 +26,7 @@ def toml(tmp_path, body, name="s.toml"):
 
 
 def refusal(path):
-    with pytest.raises(EmatwinError) as caught:
-        Scenario.load_file(path).histories(np.linspace(0.0, 0.1, 11))
-    text = str(caught.value)
-    assert "\n" not in text
-    assert text.endswith(".")
-    assert not text.endswith("..")
-    return text
+    return refusal_of(lambda: Scenario.load_file(path).histories(np.linspace(0.0, 0.1, 11)))
 
 
 @given(value=number, start=st.floats(0, 2))
@@ -275,32 +270,6 @@ HEAD = 'duration = 0.5\n[[command]]\ntype = "step"\nvalue = 0.01\n'
 )
 def test_an_impossible_scenario_file_is_refused_in_one_sentence(tmp_path, body, said):
     assert said in refusal(toml(tmp_path, body))
-
-
-def test_a_profile_whose_file_or_column_is_missing_is_refused(tmp_path):
-    body = 'duration = 1\n[[command]]\ntype = "profile"\nfile = "run.csv"\ncolumn = "position"\n'
-    path = toml(tmp_path, body)
-    assert "There is no file" in refusal(path)
-    _write(tmp_path / "run.csv", {"time": [0.0, 1.0], "positon": [0.0, 1.0]})
-    assert "has no column 'position'; it has time, positon" in refusal(path)
-
-
-def test_an_unknown_scenario_names_the_shipped_ones():
-    with pytest.raises(ParameterError, match=r"There is no scenario 'defualt'\. Shipped: default"):
-        Scenario.load_file("defualt")
-
-
-def test_unreadable_files_are_refused(tmp_path):
-    with pytest.raises(FileError, match="Cannot read the scenario file"):
-        Scenario.load_file(tmp_path / "none.toml")
-    (tmp_path / "folder.toml").mkdir()
-    with pytest.raises(FileError, match="Cannot read the scenario file"):
-        Scenario.load_file(tmp_path / "folder.toml")
-    with pytest.raises(FileError, match="There is no file"):
-        Scenario.load_file(tmp_path / "none.csv")
-    (tmp_path / "text.csv").write_text("time,command\n0,a\n1,b\n")
-    with pytest.raises(RecordError, match="must hold numbers"):
-        Scenario.load_file(tmp_path / "text.csv")
 
 
 def test_a_command_in_degrees_is_recognised():

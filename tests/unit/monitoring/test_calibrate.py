@@ -16,17 +16,13 @@ from ematwin.monitoring.calibration import Calibration
 from ematwin.monitoring.identify import detect
 from ematwin.monitoring.index import single_reach
 from made_up_rig import TRUTH, command, healthy_runs, motion, rig, run, template
+from refusals import refusal_of
 
 SET_POINT, INTERVAL = command()
 
 
 def refusal(motions, kind=RecordError, **options) -> str:
-    with pytest.raises(kind) as caught:
-        calibrate(motions, **options)
-    text = str(caught.value)
-    assert "\n" not in text
-    assert text.endswith(".")
-    return text
+    return refusal_of(lambda: calibrate(motions, **options), kind)
 
 
 # Nominal parameters
@@ -318,48 +314,30 @@ def test_fewer_than_three_runs_make_a_twin_but_no_population(tmp_path):
         detect(healthy_runs(1, motions=1), report)
 
 
-@pytest.mark.parametrize("count", [0, 2, 5])
-def test_a_number_of_held_back_runs_that_leaves_too_few_is_refused(count):
-    text = refusal(healthy_runs(3, motions=1), InputError, held_back=count)
-    assert f"Of 3 runs between 1 and 1 can be held back, received {count}" in text
-
-
-@pytest.mark.parametrize("rate", [0.0, 0.5, -0.1, float("nan")])
-def test_a_false_alarm_rate_that_makes_no_sense_is_refused(rate):
-    text = refusal(healthy_runs(3, motions=1), InputError, false_alarm_rate=rate)
-    assert "between 0 and 0.5" in text
-
-
-@pytest.mark.parametrize(
-    "fault", [{"friction": 3.0}, {"backlash": 2e-3}, {"friction": 1.5}], ids=str
-)
-def test_one_faulty_motion_a_load_is_enough_to_name_its_run(fault):
-    motions = [*healthy_runs(5, motions=1), *run(66, motions=1, **fault)]
+def test_one_faulty_motion_a_load_is_enough_to_name_its_run():
+    motions = [*healthy_runs(5, motions=1), *run(66, motions=1, friction=1.5)]
     assert refusal(motions).startswith("Run 66 is unlike the other 5 healthy runs")
 
 
-@pytest.mark.parametrize("draw", [0, 100, 200])
-def test_runs_too_few_to_see_a_fault_are_said_to_be(draw):
+def test_runs_too_few_to_see_a_fault_are_said_to_be():
     """Three runs under one load: the features of the third lie far from what two have taught."""
-    one_load = [m for m in healthy_runs(3, 1 + draw) if m.labels["weight"] == "light"]
+    one_load = [m for m in healthy_runs(3) if m.labels["weight"] == "light"]
     report = calibrate(one_load)
     assert report.calibration.thresholds.motion > single_reach()
     assert "Record more healthy runs" in report.notes[0]
 
 
-@pytest.mark.parametrize("draw", [0, 100])
-def test_eight_runs_set_a_threshold_that_a_third_more_friction_passes(draw):
-    one_load = [m for m in healthy_runs(8, 1 + draw) if m.labels["weight"] == "light"]
+def test_eight_runs_set_a_threshold_that_a_third_more_friction_passes():
+    one_load = [m for m in healthy_runs(8) if m.labels["weight"] == "light"]
     report = calibrate(one_load)
-    faulty = [m for m in run(77 + draw, friction=1.35) if m.labels["weight"] == "light"]
+    faulty = [m for m in run(77, friction=1.35) if m.labels["weight"] == "light"]
     (found,) = detect(faulty, report.calibration).runs
     assert found.alarm
     assert report.notes == ()
 
 
-@pytest.mark.parametrize("fault", [{"friction": 1.5}, {"roughness": 0.4}], ids=str)
-def test_a_faulty_run_among_the_healthy_is_named(fault):
-    motions = [*healthy_runs(4), *run(66, **fault), *healthy_runs(1, 5)]
+def test_a_faulty_run_among_the_healthy_is_named():
+    motions = [*healthy_runs(4), *run(66, roughness=0.4), *healthy_runs(1, 5)]
     text = refusal(motions)
     assert text.startswith("Run 66 is unlike the other 5 healthy runs")
     assert "leave it out" in text

@@ -51,8 +51,9 @@ def found(report, recordings) -> Detection:
 
 
 def test_identify_and_detect_say_the_same_of_each_recording(report, recordings, found):
-    together = ematwin.identify(recordings, report)
-    for recording, row, other in zip(recordings, found.motions, together.motions, strict=True):
+    some = recordings[::2]
+    together = ematwin.identify(some, report)
+    for recording, row, other in zip(some, found.motions[::2], together.motions, strict=True):
         alone = ematwin.identify(recording, report)
         assert row.verdict == other.verdict == alone.verdict
         assert row.magnitudes == other.magnitudes
@@ -250,7 +251,9 @@ def test_one_recording_is_enough_and_no_population_is_learnt(report):
 
 
 @pytest.mark.parametrize(
-    "option", [{"held_back": 1}, {"known": {"dry": [run(60)]}}, {"false_alarm_rate": 0.1}], ids=str
+    "option",
+    [{"held_back": 1}, {"known": {"dry": ["run60.csv"]}}, {"false_alarm_rate": 0.1}],
+    ids=str,
 )
 def test_what_is_of_a_population_is_refused(option):
     with pytest.raises(InputError, match=f"judged by the values.*; leave {next(iter(option))} out"):

@@ -73,31 +73,9 @@ def test_a_loop_slower_or_faster_than_the_recording_is_the_naive_version():
         np.testing.assert_allclose(error, slow[1], rtol=1e-9, atol=1e-12)
 
 
-def test_candidates_of_a_batch_do_not_see_each_other():
-    together = batch(list(CASES.values()))
-    for n, changed in enumerate(CASES.values()):
-        alone = traces(**changed)
-        np.testing.assert_array_equal(together[0][n], alone[0])
-        np.testing.assert_array_equal(together[1][n], alone[1])
-
-
 # Parameters that differ from candidate to candidate
 
 INPUTS = Recording(np.arange(SET_POINT.size) * INTERVAL, {"set_point": SET_POINT})
-PLACES = [place for place, *_ in ACTUATOR.parameters() if place not in FIXED]
-
-
-@pytest.mark.parametrize("place", PLACES)
-def test_any_parameter_of_a_candidate_is_that_of_an_actuator_of_its_own(place):
-    values = ACTUATOR.value(place) * np.array([0.8, 1.0, 1.1])
-    together = MODEL.respond(
-        ACTUATOR, INPUTS, {place: values, "load": np.array([0.0, 200.0, -300.0])}, 3
-    )
-    for n, load in enumerate((0.0, 200.0, -300.0)):
-        own = ACTUATOR.changed({place: float(values[n])})
-        alone = MODEL.respond(own, INPUTS, {"load": np.array([load])}, 1)
-        for channel, trace in alone.items():
-            np.testing.assert_array_equal(together[channel][n], trace[0])
 
 
 def test_several_parameters_may_differ_together_with_faults():
@@ -118,15 +96,6 @@ def test_several_parameters_may_differ_together_with_faults():
 def test_what_sets_the_grid_of_steps_cannot_differ(place):
     with pytest.raises(InputError, match=f"{place} cannot be searched"):
         MODEL.respond(ACTUATOR, INPUTS, {place: np.array([0.01, 0.02])}, 2)
-
-
-def test_a_constant_that_is_no_number_gives_nan_and_spoils_no_other_candidate():
-    values = np.array([0.35, np.nan, 0.35])
-    found = MODEL.respond(ACTUATOR, INPUTS, {"drive.idle_current": values}, 3)
-    healthy = traces()
-    for channel, alone in zip(("current", "position_error"), healthy, strict=True):
-        assert np.isnan(found[channel][1]).all()
-        np.testing.assert_array_equal(found[channel][[0, 2]], [alone, alone])
 
 
 def test_halving_the_step_moves_the_answer_at_first_order():
@@ -233,18 +202,6 @@ def test_friction_falls_with_speed_but_keeps_its_floor(w):
     assert LEAST_FRICTION * C.friction <= seen <= C.friction
     assert seen == falling_friction(-w, C)
     assert falling_friction(w + 1.0, C) <= seen
-
-
-@pytest.mark.parametrize("name", HEALTHY)
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_a_magnitude_that_is_no_number_gives_nan_and_spoils_no_other_candidate(name, bad):
-    current, error = batch([{}, {name: bad}, {}])
-    assert np.isnan(current[1]).all()
-    assert np.isnan(error[1]).all()
-    healthy = traces()
-    for n in (0, 2):
-        np.testing.assert_array_equal(current[n], healthy[0])
-        np.testing.assert_array_equal(error[n], healthy[1])
 
 
 def test_a_loop_that_runs_away_ends_in_nan_and_not_in_a_crash():

@@ -16,7 +16,6 @@ from ematwin.optimizers import (
     DifferentialEvolution,
     GreyWolf,
     Progress,
-    algorithms,
     minimize,
 )
 
@@ -38,8 +37,8 @@ def same(one, two):
     )
 
 
-@pytest.mark.parametrize("name", ["gwo", "ga-binary", "pymoo-ga", "scipy-de", "pygmo-pso"])
-@pytest.mark.parametrize("budget", [1, 49, 50, 51, 333])
+@pytest.mark.parametrize("name", ["gwo", "scipy-de", "pygmo-pso"])
+@pytest.mark.parametrize("budget", [1, 50, 333])
 def test_the_budget_is_spent_exactly(name, budget):
     asked = []
 
@@ -75,12 +74,11 @@ def rugged(points):
     return np.where(points[:, 0] > 0.9, np.nan, costs)
 
 
-@pytest.mark.parametrize("costs", [sphere, rugged])
-@pytest.mark.parametrize("name", [*SIX, "random", "de-rand", "pso-ring", "pymoo-de"])
-def test_limits_change_nothing_of_a_result(name, costs):
-    stopping = Stopping(costs)
+@pytest.mark.parametrize("name", [*SIX, "pymoo-de"])
+def test_limits_change_nothing_of_a_result(name):
+    stopping = Stopping(rugged)
     settings = {"population": 20, "budget": 1_007, "stagnation": 400, "seed": 4}
-    plain = minimize(costs, LOWER, UPPER, name, **settings)
+    plain = minimize(rugged, LOWER, UPPER, name, **settings)
     limited = minimize(stopping, LOWER, UPPER, name, **settings)
     assert same(plain, limited)
     assert plain.stopped == limited.stopped
@@ -170,19 +168,11 @@ def half_bad(value):
     return lambda points: np.where(points[:, 0] < 0.5, sphere(points), value)
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-@pytest.mark.parametrize("name", [*SIX, "ga-binary", "pso-ring", "de-rand", "de-best"])
-def test_an_optimum_in_the_sound_half_is_found(name, value):
-    result = minimize(half_bad(value), LOWER, UPPER, name)
+@pytest.mark.parametrize("name", [*SIX, "ga-binary"])
+def test_an_optimum_in_the_sound_half_is_found(name):
+    result = minimize(half_bad(np.nan), LOWER, UPPER, name)
     assert result.cost < 0.01
     assert result.x[0] < 0.5
-
-
-@pytest.mark.parametrize("name", [a.name for a in algorithms() if a.origin != "ematwin"])
-def test_other_libraries_survive_costs_that_are_not_finite(name):
-    result = minimize(half_bad(np.nan), LOWER, UPPER, name, iterations=20)
-    assert np.isfinite(result.cost)
-    assert result.evaluations == 1000
 
 
 def test_the_objective_may_write_into_its_points():
@@ -358,7 +348,7 @@ def test_an_objective_of_one_point_receives_each_point_once_and_may_write_into_i
     np.testing.assert_allclose(np.array(seen), np.concatenate(batches), rtol=1e-9)
 
 
-@pytest.mark.parametrize("population", [3, 4, 5, 50])
+@pytest.mark.parametrize("population", [4, 50])
 @pytest.mark.parametrize(
     "mistaken",
     [
@@ -375,7 +365,7 @@ def test_an_objective_of_one_point_that_is_given_a_batch_is_recognised(mistaken,
         minimize(mistaken, LOWER, UPPER, population=population, vectorized=True)
 
 
-@pytest.mark.parametrize("d", [1, 2, 4, 8])
+@pytest.mark.parametrize("d", [1, 4])
 def test_telling_the_mistake_costs_no_evaluation_and_changes_no_order(d):
     batches = []
 

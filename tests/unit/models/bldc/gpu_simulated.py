@@ -82,10 +82,11 @@ def test_scores_are_those_of_the_lanes(vary: bool, starts: Sequence[int], rectif
     if vary:
         own = np.array(C) * np.random.default_rng(3).uniform(0.9, 1.1, (len(k), len(C)))
         own[:, C._fields.index("pole_pairs")] = C.pole_pairs
-        own[:, C._fields.index("load_delay")] = np.linspace(-1e-3, 1e-3, len(k))
-    work = gpu.Work(one, k, C if own is None else own, STEP, SUBSTEPS, rectify, KEPT)
+        own[:, C._fields.index("load_delay")] = np.resize([-1e-3, 0.0, 7e-4], len(k))
+    few = 6  # the simulator runs in Python
+    work = gpu.Work(one, k[:few], C if own is None else own[:few], STEP, SUBSTEPS, rectify, KEPT)
     for ours, theirs in zip(gpu.scores(work), of_lanes(k, one, own, rectify), strict=True):
-        np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(ours, theirs[:few], rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.filterwarnings("ignore:.*invalid value:RuntimeWarning")  # the simulator is numpy

@@ -217,16 +217,3 @@ def test_constants_of_candidates_move_with_them():
     costs = scoring(k, by_candidate=constants)[0]
     moved = scoring(k[order], by_candidate=constants[order])[0]
     np.testing.assert_array_equal(moved, costs[order])
-
-
-@pytest.mark.parametrize("field", C._fields)
-def test_a_constant_that_is_no_number_costs_infinity_and_spoils_no_other(field):
-    """Whichever it is: some have no effect on the monitor model, and would not show."""
-    k = random_faults(LANES)
-    constants = varied(len(k))
-    clean = scoring(k, by_candidate=constants)[0]
-    constants[7, C._fields.index(field)] = np.nan
-    costs, _, _ = scoring(k, by_candidate=constants)
-    others = np.arange(len(k)) != 7
-    assert costs[7] == np.inf
-    np.testing.assert_array_equal(costs[others], clean[others])

@@ -1,5 +1,4 @@
 import math
-import pickle
 
 import numpy as np
 import pytest
@@ -150,13 +149,6 @@ def test_masked_stretches_count_for_nothing(twin_record: Recording) -> None:
     assert misfit < 0.2 * blind.relative_misfit(blind(FAULTY.vector[None])[0])
 
 
-def test_objective_travels_to_other_processes(twin_record: Recording) -> None:
-    objective = Misfit(twin_record, ACTUATOR)
-    k = np.random.default_rng(7).random((40, 8))
-    costs = objective(k)
-    assert (pickle.loads(pickle.dumps(objective))(k) == costs).all()
-
-
 def test_short_constant_and_slow_records_are_refused(twin_record: Recording) -> None:
     with pytest.raises(RecordError, match="at least 100"):
         Misfit(twin_record.between(0.0, 0.002), ACTUATOR)
@@ -223,23 +215,6 @@ def test_what_differs_by_its_sensors_alone_is_simulated_once(
     for n, alone in enumerate(together):
         one = {name: values[n : n + 1] for name, values in candidates.items()}
         assert (objective.residuals(one, 1)[0] == alone).all()
-
-
-def test_any_parameter_may_differ_from_candidate_to_candidate(twin_record: Recording) -> None:
-    resistances = np.array([2.0, 2.13, 2.4])
-    gaps = np.array([0.004, 0.005, 0.007])
-    together = BldcComparison(twin_record, ACTUATOR).costs(
-        {
-            "friction": np.full(3, 0.2),
-            "motor.resistance": resistances,
-            "transmission.backlash": gaps,
-        },
-        3,
-    )
-    for cost, resistance, gap in zip(together, resistances, gaps, strict=True):
-        own = ACTUATOR.changed({"motor.resistance": resistance, "transmission.backlash": gap})
-        alone = BldcComparison(twin_record, own).costs({"friction": np.array([0.2])}, 1)
-        assert cost == pytest.approx(alone[0], rel=1e-9)
 
 
 def test_every_parameter_that_the_twin_uses_moves_the_answer_or_cannot_be_searched(

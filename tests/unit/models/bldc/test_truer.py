@@ -1,16 +1,12 @@
 """The truer forms step by step against plain Python, and what a batch makes of them."""
 
-import re
-
 import numpy as np
 import pytest
-from numba.core.caching import NullCache
 
 import ematwin
 from bldc_inputs import SEVERE, history
 from ematwin.errors import InputError, ParameterError
 from ematwin.models.bldc import batch
-from ematwin.models.bldc.channels import VOLTAGES
 from ematwin.models.bldc.constants import kernel_constants, truer_constants
 from ematwin.models.bldc.faults import Faults
 from ematwin.models.bldc.parameters import BldcActuator
@@ -21,7 +17,6 @@ from ematwin.models.bldc.truer.reference_step import advance_shorted_bridge
 from ematwin.models.bldc.truer.state import NEUTRAL, REST
 from ematwin.models.registry import model_of
 from ematwin.models.simulating import simulate
-from ematwin.numerics.lanes import lane_loop
 from naive import monitor as naive_monitor
 from naive import reference as naive_reference
 from naive import truer as naive
@@ -224,21 +219,6 @@ def test_a_form_of_the_reference_alone_changes_its_answer_and_not_that_of_the_la
     )]  # fmt: skip
     for n, other in ((0, 1), (1, 2)):
         assert np.abs(exact[n] - exact[other]).max() > 1e-3 * np.abs(exact[n]).max()
-
-
-def test_lanes_of_loops_with_power_are_computed_in_vectors(monkeypatch):
-    """LLVM gives up where a loop has too many arrays: 8 times slower, and nobody would see it."""
-    actuator = PLAIN.changed(FORMS["shorted_turns"])
-    fresh = lane_loop(batch.monitor_scores.py_func)
-    fresh._cache = NullCache()  # compiled anew: only then numba knows its code
-    monkeypatch.setattr(batch, "monitor_scores", fresh)
-    record = simulate("reference", "step", actuator=actuator, sample_rate=5e3, also=VOLTAGES)
-    comparison = MODEL.compare(record, actuator, threads=1).with_evidence()
-    comparison.residuals({"motor.resistance": np.array([1.0, 1.1])}, 2)
-    (code,) = fresh.inspect_llvm().values()
-    products = re.findall(r"fmul .*?<(\d+) x double>", code)
-    assert len(products) > 100
-    assert min(map(int, products)) >= 2
 
 
 def test_a_gpu_refuses_what_it_does_not_know(comparison):
