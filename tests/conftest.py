@@ -6,6 +6,7 @@ import logging
 import os
 import subprocess
 import sys
+import tempfile
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,6 +17,8 @@ from hypothesis import settings
 
 from ematwin.cli import main
 
+# The units of a developer's own settings do not reach the tests.
+os.environ["XDG_CONFIG_HOME"] = str(Path(tempfile.gettempdir(), "ematwin-tests-settings"))
 # The same examples in each run, on machines of any speed.
 settings.register_profile("repeatable", deadline=None, derandomize=True, max_examples=50)
 settings.load_profile("repeatable")

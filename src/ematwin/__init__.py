@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from ematwin.monitoring.identify import detect, identify
     from ematwin.optimizers.loop import minimize
     from ematwin.optimizers.registry import register
+    from ematwin.quantities import use_units
     from ematwin.recordings.channel import Channel
     from ematwin.recordings.noise import Noise
     from ematwin.recordings.recording import Recording
@@ -86,6 +87,7 @@ _HOMES = {
     "register_model": "ematwin.models.registry",
     "sensitivity": "ematwin.experiments.sensitivity",
     "simulate": "ematwin.models.simulating",
+    "use_units": "ematwin.quantities",
     "write": "ematwin.models.reading",
 }
 # Names of version 0.1 and what they are called now.
@@ -131,6 +133,7 @@ __all__ = [
     "register_model",
     "sensitivity",
     "simulate",
+    "use_units",
     "write",
 ]
 

@@ -13,6 +13,7 @@ from ematwin.cli.options import (
     MapOption,
     ReportOption,
     TableOption,
+    UnitsOption,
     grades,
     print_json,
     print_notes,
@@ -72,6 +73,7 @@ def detect(
     report: ReportOption = None,
     table: TableOption = None,
     fail_on: FailOption = None,
+    units: UnitsOption = None,
     json: JsonOption = False,
 ) -> None:
     """Judge recordings against the healthy actuator: what identify says of each, as a table.

@@ -18,6 +18,7 @@ from ematwin.cli.options import (
     RecordedActuatorOption,
     ReportOption,
     TableOption,
+    UnitsOption,
     grades,
     numbers,
     pairs,
@@ -114,6 +115,7 @@ def identify(
     report: ReportOption = None,
     table: TableOption = None,
     fail_on: FailOption = None,
+    units: UnitsOption = None,
     json: JsonOption = False,
 ) -> None:
     """Find the faults with which the digital twin behaves like the recorded actuator."""

@@ -24,6 +24,7 @@ from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.proposing import in_other_units
 from ematwin.models.registry import model_of
 from ematwin.models.unknown import Unknown
+from ematwin.quantities import preferred
 from ematwin.recordings.recording import Recording
 from ematwin.showing.numbers import in_unit, plain, with_interval
 from ematwin.showing.words import listed
@@ -134,7 +135,8 @@ def size_of(one: Unknown, actuator: ParameterSet, value: float, ends: Interval) 
     interval are physical.
     """
     row = one.physical_value(actuator, one.healthy)
-    number, between = with_interval(value, ends.low, ends.high)
+    unit, factor = preferred(row.unit)
+    number, between = with_interval(*(factor * x for x in (value, ends.low, ends.high)))
     name, between = one.name.replace("_", " "), f"{INTERVAL} {between}"
     if row.healthy > 0.0:
         low, now, high = (x / row.healthy for x in (ends.low, value, ends.high))
@@ -143,18 +145,19 @@ def size_of(one: Unknown, actuator: ParameterSet, value: float, ends: Interval) 
             size = f"{percent} %" if percent.startswith("-") else f"+{percent} %"
         else:
             size = f"x{with_interval(now, low, high)[0]}"
-        return f"{name} {size} ({in_unit(number, row.unit)}, {between})"
+        return f"{name} {size} ({in_unit(number, unit)}, {between})"
     if row.unit and row.unit in one.meaning.split():
         return f"{number} {one.meaning} ({between})"
-    return f"{name} {in_unit(number, row.unit)} ({between})"
+    return f"{name} {in_unit(number, unit)} ({between})"
 
 
 def range_of(one: Unknown, actuator: ParameterSet, value: float, ends: Interval) -> str:
     """Where a fault lies: "short a, 0 to 2.2 turns"; with the healthy value where it has one."""
     row = one.physical_value(actuator, one.healthy)
-    _, between = with_interval(value, ends.low, ends.high)
-    healthy = f", healthy {plain(row.healthy)}" if row.healthy else ""
-    return f"{one.name.replace('_', ' ')}, {in_unit(between, row.unit)}{healthy}"
+    unit, factor = preferred(row.unit)
+    _, between = with_interval(*(factor * x for x in (value, ends.low, ends.high)))
+    healthy = f", healthy {plain(factor * row.healthy)}" if row.healthy else ""
+    return f"{one.name.replace('_', ' ')}, {in_unit(between, unit)}{healthy}"
 
 
 def remarks_on(model: Model, actuator: ParameterSet, assessed: Assessment) -> list[str]:
@@ -162,9 +165,10 @@ def remarks_on(model: Model, actuator: ParameterSet, assessed: Assessment) -> li
     found = []
     for name, (value, ends) in assessed.nuisances.items():
         one = model.unknown(actuator, name)
-        number, between = with_interval(value, ends.low, ends.high)
+        unit, factor = preferred(one.unit)
+        number, between = with_interval(*(factor * x for x in (value, ends.low, ends.high)))
         found.append(
-            f"{one.meaning[:1].upper()}{one.meaning[1:]} is {in_unit(number, one.unit)} "
+            f"{one.meaning[:1].upper()}{one.meaning[1:]} is {in_unit(number, unit)} "
             f"({between}); that was taken into account."
         )
     if assessed.unsettled:
@@ -261,12 +265,13 @@ def fault_cells(found: "Identification") -> list[FaultCells]:
     """Values of an identification for people, with the digits that their intervals deserve."""
     rows = []
     for row in found.physical:
-        number, between = plain(row.value, 4), "held"
+        unit, factor = preferred(row.unit)
+        number, between = plain(factor * row.value, 4), "held"
         if row.name in found.physical_values:
-            number, between = with_interval(*found.physical_values[row.name])
+            number, between = with_interval(*(factor * x for x in found.physical_values[row.name]))
         k, ends = plain(row.normalised, 4), "held"
         if row.name in found.intervals:
             k, ends = with_interval(row.normalised, *found.intervals[row.name])
-        value, healthy = in_unit(number, row.unit), plain(row.healthy, 4)
+        value, healthy = in_unit(number, unit), plain(factor * row.healthy, 4)
         rows.append(FaultCells(row.name, value, between, healthy, k, ends, row.meaning))
     return rows

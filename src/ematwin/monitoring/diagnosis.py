@@ -13,6 +13,7 @@ from ematwin.estimation.estimate import Estimate
 from ematwin.estimation.identify import Identification
 from ematwin.estimation.verdict import Grade, Verdict
 from ematwin.monitoring.calibration import Calibration
+from ematwin.quantities import preferred
 from ematwin.recordings.recording import Recording, label_text
 from ematwin.showing import markup
 from ematwin.showing.drawing import drawn, page_written
@@ -42,8 +43,15 @@ class Magnitude:
     score: float
 
     def __str__(self) -> str:
-        number, between = with_interval(self.value, self.low, self.high)
-        return f"{in_unit(number, self.unit)} ({between})"
+        unit, factor = preferred(self.unit)
+        number, between = with_interval(*(factor * x for x in (self.value, self.low, self.high)))
+        return f"{in_unit(number, unit)} ({between})"
+
+    @property
+    def healthy_text(self) -> str:
+        """The band of `healthy` for people, in the unit of the value."""
+        low, high = (plain(preferred(self.unit)[1] * x) for x in self.healthy)
+        return f"{low} to {high}"
 
 
 @dataclass(frozen=True)
@@ -192,10 +200,7 @@ class Diagnosis:
 
     def _repr_html_(self) -> str:
         """The verdict, then the magnitudes, in a notebook."""
-        rows = [
-            (m.name, str(m), f"{plain(m.healthy[0])} to {plain(m.healthy[1])}")
-            for m in self.magnitudes
-        ]
+        rows = [(m.name, str(m), m.healthy_text) for m in self.magnitudes]
         return "".join(
             [
                 markup.verdict(f"{self.name}: {self.verdict.sentence}", self.grade),
