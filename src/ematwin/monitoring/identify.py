@@ -27,6 +27,7 @@ from ematwin.estimation.identify import (
 )
 from ematwin.estimation.interrupt import noting_interrupts
 from ematwin.estimation.search import Progress, Search
+from ematwin.estimation.verdict import Verdict
 from ematwin.models.reading import read
 from ematwin.monitoring.by_population import by_population
 from ematwin.monitoring.calibration import Calibration, PopulationCalibration
@@ -182,7 +183,13 @@ def identify(
     )  # fmt: skip
     if alone.stopped == "interrupted":
         return alone
-    return replace(alone, verdict=judge(known, [record.recording], [alone]).motions[0].verdict)
+    try:
+        verdict = judge(known, [record.recording], [alone]).motions[0].verdict
+    except KeyboardInterrupt:
+        why = "The healthy population was interrupted; these values are those of the recording."
+        verdict = Verdict("none", (), why, f"No verdict: {why}")
+        return replace(alone, stopped="interrupted", verdict=verdict)
+    return replace(alone, verdict=verdict)
 
 
 @overload
