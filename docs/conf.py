@@ -16,6 +16,7 @@ os.environ["PYTHONPATH"] = os.pathsep.join(
 )
 
 project = "ematwin"
+language = "en"
 author = "The ematwin founders"
 copyright = author  # the name is Sphinx's
 version = release = __version__
