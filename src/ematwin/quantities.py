@@ -178,7 +178,7 @@ def parse_units(units: str | Mapping[str, str], what: str = "units") -> dict[str
     for name, unit in found.items():
         if name not in QUANTITIES:
             raise InputError(
-                f"{what} names the quantity {name!r}; choose from {', '.join(QUANTITIES)}."
+                f"{what} must name quantities of {', '.join(QUANTITIES)}; received {name!r}."
             )
         try:
             to_si(1.0, unit, QUANTITIES[name][0], name)

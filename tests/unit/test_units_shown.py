@@ -49,7 +49,7 @@ def test_a_quantity_is_shown_in_its_unit(units, unit, shown, factor):
     ("units", "said"),
     [
         ("mrad", "must be quantity=unit"),
-        ("angel=mrad", "names the quantity 'angel'; choose from angle"),
+        ("angel=mrad", "must name quantities of angle, "),
         ("angle=mN m", "unit of the kind rad; received 1 'mN m'"),
         ("angular speed=Hz", "received 1 'Hz'"),
     ],
