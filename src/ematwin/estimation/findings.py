@@ -33,6 +33,8 @@ if TYPE_CHECKING:
     from ematwin.estimation.identify import Identification
 
 _DISTRUSTED = 0.33  # share of its weight with which evidence counts
+_LATEST = 0.02  # s: later than the filter of any sensor and the cycle of any field bus
+_FITS_EARLIER = 0.5  # of what is left of a channel, RMS, once a delay is taken off it
 _FITS = 0.3  # times the misfit in SI: other units are what was meant
 _SATURATED = 0.01  # share of the samples of a current
 _VAGUE = 0.05  # standard error, as a share of the range, above which a fault is not determined
@@ -112,6 +114,7 @@ def obstacles_to(
             f"The twin leaves {left} % of this recording unexplained, where {usual}: "
             "it does something that the twin cannot. Check channels, units and the actuator."
         )
+        told += late_channel(problem, assessed.values)
     if assessed.strained:
         worst = max(assessed.strained, key=lambda name: assessed.strained[name])
         told.append(
@@ -126,6 +129,35 @@ def obstacles_to(
         )
         told.append(f"Another answer explains the recording nearly as well: {rivals}.")
     return told
+
+
+def late_channel(problem: Problem, values: Mapping[str, float]) -> list[str]:
+    """A sentence on the channel that fits much better once it is taken earlier, if there is one.
+
+    Laws of a kind tell a late sensor before the fit (`ematwin.models.channels_agree`); this serves
+    kinds without laws.
+    """
+    one = problem.comparisons[0]
+    answers = one.responses({name: np.array([value]) for name, value in values.items()}, 1)
+    interval = one.recording.interval
+    tried = []
+    for name, target in one.measured().items():
+        fitted = answers[name][0]
+        most = min(round(_LATEST / interval), len(target) // 20)
+        left = [
+            float(np.sqrt(np.mean((target[lag:] - fitted[: len(fitted) - lag]) ** 2)))
+            for lag in range(most + 1)
+        ]
+        lag = int(np.argmin(left))
+        if 0 < lag < most and left[lag] < _FITS_EARLIER * left[0]:
+            tried.append((left[lag] / left[0], name, lag))
+    if not tried:
+        return []
+    share, name, lag = min(tried)
+    return [
+        f"Taken {1e3 * lag * interval:.2g} ms earlier, {name} fits {1.0 / share:.2g} times as "
+        "well: check whether its sensor or bus delays it."
+    ]
 
 
 def size_of(one: Unknown, actuator: ParameterSet, value: float, ends: Interval) -> str:
