@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from ematwin.monitoring.identify import detect, identify
     from ematwin.optimizers.loop import minimize
     from ematwin.optimizers.registry import register
+    from ematwin.quantities import use_units
     from ematwin.recordings.noise import Noise
     from ematwin.recordings.recording import Recording
 
@@ -57,6 +58,7 @@ _HOMES = {
     "register": "ematwin.optimizers.registry",
     "register_model": "ematwin.models.registry",
     "simulate": "ematwin.models.simulating",
+    "use_units": "ematwin.quantities",
     "write": "ematwin.models.reading",
 }
 # Names that a user seldom needs; their modules are their place, and these go on working.
@@ -105,6 +107,7 @@ __all__ = [
     "register",
     "register_model",
     "simulate",
+    "use_units",
     "write",
 ]
 

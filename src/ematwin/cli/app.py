@@ -27,6 +27,7 @@ from ematwin.cli import (
     identify,
     report,
     simulate,
+    units,
 )
 
 
@@ -67,6 +68,7 @@ app.command("channels")(channels.channels)
 app.command("actuators")(actuators.actuators)
 app.command("scenarios")(actuators.scenarios)
 app.command("algorithms")(algorithms.algorithms)
+app.command("units")(units.units)
 app.command("bench")(bench.bench)
 app.command("report")(report.report)
 app.add_typer(report.store, name="store")
