@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from ematwin.experiments.identifiability import Identifiability, identifiability
     from ematwin.experiments.sensitivity import Sensitivity, sensitivity
     from ematwin.exploring.explore import explore
+    from ematwin.fleet.fleet import Fleet
     from ematwin.models.ball_screw.parameters import BallScrew
     from ematwin.models.base import Model
     from ematwin.models.bldc.faults import Faults, error_percent, error_percent_wrapped
@@ -56,6 +57,7 @@ _HOMES = {
     "EmatwinError": "ematwin.errors",
     "Estimate": "ematwin.estimation.estimate",
     "Faults": "ematwin.models.bldc.faults",
+    "Fleet": "ematwin.fleet.fleet",
     "Identifiability": "ematwin.experiments.identifiability",
     "Identification": "ematwin.estimation.identify",
     "Model": "ematwin.models.base",
@@ -101,6 +103,7 @@ __all__ = [
     "EmatwinError",
     "Estimate",
     "Faults",
+    "Fleet",
     "Identifiability",
     "Identification",
     "Model",

@@ -1,0 +1,298 @@
+"""Trend of a magnitude: level and slope over time, given estimates with their errors.
+
+Local linear trend in continuous time (Harvey 1989, Forecasting, Structural Time Series Models and
+the Kalman Filter, sec. 2.3; Durbin and Koopman 2012, Time Series Analysis by State Space Methods):
+
+    d level = slope dt + dW,  var dW = q_level dt      d slope = dV,  var dV = q_slope dt
+    y = level + effects . covariates + e,              var e = occasion^2 + scale^2 s^2
+
+``s`` is the standard error of an estimate, ``occasion`` the scatter between occasions that no
+recording shows. ``scale`` below one says that a part of ``s`` is the same in each recording. Start
+and slope of each actuator come from normal distributions of the fleet, learnt with all variances
+by expectation and maximisation: a new actuator begins with the fleet's (partial pooling).
+
+Jumps and outliers are found by the auxiliary residuals of the smoother (de Jong and Penzer 1998,
+J. Am. Stat. Assoc. 93, 796-806), here as Bayes factors of one normal shock.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ematwin.fleet.kalman import filtered, smoothed
+
+_EM = 25  # iterations
+_MOST = 30  # shocks in one series
+_TAUGHT = 200  # estimates of an actuator that teach the fleet: all of them teach no more
+_LEVEL, _SLOPE, _EFFECTS = 0, 1, 2
+
+
+@dataclass(frozen=True)
+class Series:
+    """Estimates of one magnitude of one actuator, ordered by time.
+
+    Attributes
+    ----------
+    time : (n,) array, years
+    value, error : (n,) arrays, estimate and its standard error
+    covariates : (n, 2) array, standardised temperature and load; 0 where not recorded
+    overhauls : times, years, from which on the actuator is as another one of the fleet
+    """
+
+    time: np.ndarray
+    value: np.ndarray
+    error: np.ndarray
+    covariates: np.ndarray
+    overhauls: tuple[float, ...] = ()
+
+    def until(self, moment: float) -> "Series":
+        """What was known at a moment, years."""
+        n = int(np.searchsorted(self.time, moment, side="right"))
+        return Series(
+            self.time[:n], self.value[:n], self.error[:n], self.covariates[:n],
+            tuple(at for at in self.overhauls if at <= moment),
+        )  # fmt: skip
+
+    def thinned(self) -> "Series":
+        """At most `_TAUGHT` of its estimates, evenly."""
+        every = -(-self.time.size // _TAUGHT) or 1
+        return Series(
+            self.time[::every], self.value[::every], self.error[::every],
+            self.covariates[::every], self.overhauls,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Wear:
+    """What is known of a magnitude from the whole fleet.
+
+    Attributes
+    ----------
+    mean, spread : (4,) arrays, of level, slope and two effects of covariates at the start
+    q_level, q_slope : variances per year
+    occasion, scale : of the errors of estimates, see above
+    size : standard deviation of jumps and of outliers, the range of the unknown
+    jump_rate : jumps per actuator and year beforehand
+    outlier_share : of estimates beforehand
+    """
+
+    mean: np.ndarray
+    spread: np.ndarray
+    q_level: float
+    q_slope: float
+    occasion: float
+    scale: float
+    size: float
+    jump_rate: float = 0.1
+    outlier_share: float = 0.01
+
+    def variance(self, error: np.ndarray) -> np.ndarray:
+        """Of the part of an estimate's error that differs between recordings."""
+        return self.occasion**2 + (self.scale * error) ** 2
+
+    def constant_variance(self, error: np.ndarray) -> float:
+        """Of the part that is the same in all recordings of an actuator."""
+        if not error.size:
+            return 0.0
+        return max(0.0, 1.0 - self.scale**2) * float(np.median(error)) ** 2
+
+
+@dataclass(frozen=True)
+class Trend:
+    """Posterior of level and slope of a magnitude.
+
+    Attributes
+    ----------
+    series : what it rests on
+    wear : the fleet's prior
+    mean, covariance : (2,) and (2, 2) arrays, level and slope after the last estimate
+    level, level_error : (n,) arrays, smoothed, and its standard error
+    slope : (n,) array, smoothed, per year
+    corrected : (n,) array, estimates less the effects of covariates
+    outliers, jumps : indices of estimates that are outliers, and before which the level jumped
+    evidence : logarithm of the probability density of the estimates
+    """
+
+    series: Series
+    wear: Wear
+    mean: np.ndarray
+    covariance: np.ndarray
+    level: np.ndarray
+    level_error: np.ndarray
+    slope: np.ndarray
+    corrected: np.ndarray
+    outliers: tuple[int, ...]
+    jumps: tuple[int, ...]
+    evidence: float
+    _pass: "_Pass" = field(repr=False)
+
+    @property
+    def time(self) -> float:
+        """Of the last estimate, years."""
+        return float(self.series.time[-1])
+
+    @property
+    def constant_variance(self) -> float:
+        """Of the error that all estimates have in common."""
+        return self.wear.constant_variance(self.series.error)
+
+    def at(self, moment: float) -> tuple[float, float, float]:
+        """Level, its standard error and the slope at a later moment, years."""
+        ahead = max(0.0, moment - self.time)
+        move = np.array([[1.0, ahead], [0.0, 1.0]])
+        mean, cov = move @ self.mean, move @ self.covariance @ move.T
+        variance = cov[0, 0] + self.wear.q_level * ahead + self.constant_variance
+        return float(mean[0]), math.sqrt(variance), float(mean[1])
+
+
+class _Pass:
+    """One filter and smoother over a series, with shocks at given places."""
+
+    def __init__(self, series: Series, wear: Wear, outliers: Sequence[int], jumps: Sequence[int]):
+        n = series.time.size
+        self.variance = wear.variance(series.error)
+        used = self.variance.copy()
+        used[list(outliers)] = np.inf
+        self.jump = np.zeros(n)
+        self.jump[list(jumps)] = wear.size**2
+        self.reset = np.zeros(n, dtype=bool)
+        starts = np.searchsorted(series.time, np.array(series.overhauls, dtype=float))
+        self.reset[[i for i in starts if 0 < i < n]] = True
+        self.mean, self.cov, gain = np.empty((n + 1, 4)), np.empty((n + 1, 4, 4)), np.empty((n, 4))
+        innovation, power = np.empty(n), np.empty(n)
+        self.told = filtered(
+            series.time, series.value, used, series.covariates, wear.mean, wear.spread,
+            wear.q_level, wear.q_slope, self.jump, self.reset,
+            self.mean, self.cov, gain, innovation, power,
+        )  # fmt: skip
+        self.score, self.weight = np.empty((n, 4)), np.empty((n, 4, 4))
+        self.residual, self.precision = np.empty(n), np.empty(n)
+        self.smooth, self.error = np.empty((n, 4)), np.empty((n, 4))
+        smoothed(
+            series.time, series.covariates, self.jump, self.reset, self.mean, self.cov, gain,
+            innovation, power, self.score, self.weight, self.residual, self.precision,
+            self.smooth, self.error,
+        )  # fmt: skip
+
+    def odds(self, series: Series, wear: Wear) -> tuple[np.ndarray, np.ndarray]:
+        """Log odds, (n,) each, of an outlier at, and of a jump before, each estimate."""
+        gap = np.diff(series.time, prepend=series.time[0])
+        with np.errstate(divide="ignore"):
+            apart = np.log(wear.outlier_share) + _factor(self.residual, self.precision, wear.size)
+            jump = np.log(wear.jump_rate * gap)
+        jump += _factor(self.score[:, _LEVEL], self.weight[:, _LEVEL, _LEVEL], wear.size)
+        apart[self.precision == 0.0] = -np.inf
+        jump[self.jump > 0.0] = -np.inf
+        jump[self.reset] = -np.inf
+        return apart, jump
+
+
+def _factor(score: np.ndarray, weight: np.ndarray, size: float) -> np.ndarray:
+    """Log Bayes factor of a normal shock with standard deviation ``size`` over none."""
+    ratio = 1.0 + weight * size**2
+    return np.asarray(0.5 * (score**2 * size**2 / ratio - np.log(ratio)))
+
+
+def trend(series: Series, wear: Wear) -> Trend:
+    """Posterior of a series, with the jumps and outliers that are more likely than not.
+
+    Parameters
+    ----------
+    series : of at least one estimate
+    wear : of the fleet, as `learn` gives
+    """
+    outliers: list[int] = []
+    jumps: list[int] = []
+    done = _Pass(series, wear, outliers, jumps)
+    for _ in range(_MOST):
+        apart, jump = done.odds(series, wear)
+        i, k = int(np.argmax(apart)), int(np.argmax(jump))
+        if max(apart[i], jump[k]) <= 0.0:
+            break
+        if jump[k] >= apart[i]:
+            jumps.append(k)
+            # an outlier that the jump explains is none
+            outliers = [one for one in outliers if one < k]
+        else:
+            outliers.append(i)
+        done = _Pass(series, wear, outliers, jumps)
+    effect = (done.smooth[:, _EFFECTS:] * series.covariates).sum(axis=1)
+    return Trend(
+        series, wear, done.mean[-1, :2], done.cov[-1, :2, :2],
+        done.smooth[:, _LEVEL], np.sqrt(np.maximum(done.error[:, _LEVEL], 0.0)),
+        done.smooth[:, _SLOPE], series.value - effect,
+        tuple(sorted(outliers)), tuple(sorted(jumps)), done.told, done,
+    )  # fmt: skip
+
+
+def learn(fleet: Sequence[Series], healthy: float, size: float) -> Wear:
+    """Priors and variances of a magnitude from all actuators (empirical Bayes by EM).
+
+    Parameters
+    ----------
+    fleet : one series for each actuator
+    healthy : value of a healthy one
+    size : range of the unknown
+    """
+    wear = _first(fleet, healthy, size)
+    known = [one.thinned() for one in fleet if one.time.size]
+    if not known:
+        return wear
+    shocks = [trend(one, wear) for one in known]
+    for step in range(_EM):
+        if step in (_EM // 3, 2 * _EM // 3):
+            shocks = [trend(one, wear) for one in known]
+        passes = [_Pass(s, wear, t.outliers, t.jumps) for s, t in zip(known, shocks, strict=True)]
+        wear = _maximised(known, passes, wear)
+    return wear
+
+
+def _first(fleet: Sequence[Series], healthy: float, size: float) -> Wear:
+    """A start of the iteration: scatter from differences of neighbours, rates of a whole range."""
+    steps = [np.diff(one.value) for one in fleet if one.time.size > 1]
+    every = np.concatenate([*steps, np.zeros(0)])
+    scatter = 1.4826 * float(np.median(np.abs(every))) / math.sqrt(2.0) if every.size else 0.0
+    scatter = max(scatter, 1e-6 * size)
+    return Wear(
+        np.array([healthy, 0.0, 0.0, 0.0]), size * np.array([0.02, 0.1, 0.02, 0.02]),
+        scatter**2, (0.05 * size) ** 2, scatter, 0.5, size,
+    )  # fmt: skip
+
+
+def _maximised(fleet: Sequence[Series], passes: Sequence[_Pass], wear: Wear) -> Wear:
+    """One step of expectation and maximisation (Shumway and Stoffer 1982; Koopman 1993)."""
+    starts, spreads = [], []
+    level: list[np.ndarray] = []
+    slope: list[np.ndarray] = []
+    occasion: list[np.ndarray] = []
+    scale: list[np.ndarray] = []
+    for one, done in zip(fleet, passes, strict=True):
+        starts.append(done.smooth[0])
+        spreads.append(done.error[0])
+        dt = np.diff(one.time)
+        moves = ~(done.reset[1:] | (done.jump[1:] > 0.0)) & (dt > 0.0)
+        score, weight = done.score[1:][moves], done.weight[1:][moves]
+        for place, q, kept in ((0, wear.q_level, level), (1, wear.q_slope, slope)):
+            surprise = score[:, place] ** 2 - weight[:, place, place]
+            kept.append(q + q**2 * dt[moves] * surprise)
+        seen = done.precision > 0.0
+        surprise = done.residual[seen] ** 2 - done.precision[seen]
+        occasion.append(wear.occasion**2 + wear.occasion**4 * surprise)
+        scale.append(wear.scale**2 + wear.scale**4 * one.error[seen] ** 2 * surprise)
+    mean = np.mean(starts, axis=0)
+    spread = np.sqrt(np.mean(np.array(spreads) + (np.array(starts) - mean) ** 2, axis=0))
+    least = 1e-6 * wear.size
+
+    def average(parts: list[np.ndarray], before: float) -> float:
+        whole = np.concatenate(parts)
+        return max(float(whole.mean()), 0.0) if whole.size else before
+
+    return replace(
+        wear, mean=mean, spread=np.maximum(spread, least),
+        q_level=max(average(level, wear.q_level), least**2),
+        q_slope=max(average(slope, wear.q_slope), least**2),
+        occasion=max(math.sqrt(average(occasion, wear.occasion**2)), least),
+        scale=math.sqrt(average(scale, wear.scale**2)),
+    )  # fmt: skip
