@@ -15,12 +15,13 @@ from ematwin.numerics.compile import loop
 
 
 @loop
-def filtered(time, value, variance, covariates, start, spread, q_level, q_slope, jump, reset,
-            mean, cov, gain, innovation, power):  # fmt: skip
+def filtered(time, value, variance, covariates, start, spread, after, acceleration, q_level,
+             q_slope, jump, reset, mean, cov, gain, innovation, power):  # fmt: skip
     """Kalman filter; fills predicted states (n, 4), covariances (n, 4, 4), gains, innovations.
 
     ``jump`` (n,) is variance added to the level before an estimate; where it is positive the
-    slope starts anew. ``reset`` (n,) starts level and slope anew. Gives the log likelihood. After
+    slope starts anew, with the mean and spread ``after``. ``reset`` (n,) starts level and slope
+    anew. ``acceleration`` is the drift of the slope. Gives the log likelihood. After
     the last estimate the filtered state stands in row n.
     """
     n = time.size
@@ -32,7 +33,8 @@ def filtered(time, value, variance, covariates, start, spread, q_level, q_slope,
     for i in range(n):
         if i > 0:
             dt = time[i] - time[i - 1]
-            a[0] += dt * a[1]
+            a[0] += dt * (a[1] + 0.5 * dt * acceleration)
+            a[1] += dt * acceleration
             for j in range(4):  # P <- T P T', rows and then columns
                 p[0, j] += dt * p[1, j]
             for j in range(4):
@@ -48,11 +50,11 @@ def filtered(time, value, variance, covariates, start, spread, q_level, q_slope,
                 p[j, j] = spread[j] ** 2
         if jump[i] > 0.0:
             p[0, 0] += jump[i]
-            a[1] = start[1]
+            a[1] = after[0]
             for k in range(4):
                 p[1, k] = 0.0
                 p[k, 1] = 0.0
-            p[1, 1] = spread[1] ** 2
+            p[1, 1] = after[1] ** 2
         mean[i] = a
         cov[i] = p
         x1, x2 = covariates[i, 0], covariates[i, 1]

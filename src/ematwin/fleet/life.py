@@ -104,16 +104,14 @@ def paths(
     """
     generator = np.random.default_rng(seed)
     gap = max(0.0, moment - one.time)
-    move = np.array([[1.0, gap], [0.0, 1.0]])
-    mean, cov = move @ one.mean, move @ one.covariance @ move.T
-    cov[0, 0] += one.wear.q_level * gap + one.constant_variance
-    cov[1, 1] += one.wear.q_slope * gap
+    mean, cov = one.later(gap)
     root = np.linalg.cholesky(cov + 1e-15 * np.trace(cov) * np.eye(2))
     start = mean[:, None] + root @ generator.standard_normal((2, draws))
     ahead = np.concatenate([[0.0], np.geomspace(1.0 / 365.25, horizon, _STEPS)])
     dt = np.diff(ahead)
     wander = math.sqrt(one.wear.q_slope) * generator.standard_normal((draws, dt.size))
     drift = start[1][:, None] + np.cumsum(wander * np.sqrt(dt), axis=1)
+    drift += one.wear.acceleration * 0.5 * (ahead[:-1] + ahead[1:])
     direction = 1.0 if mean[1] >= 0.0 else -1.0
     speed = np.maximum(direction * drift, 0.0)  # what is worn does not heal
     variance = one.wear.q_level * dt

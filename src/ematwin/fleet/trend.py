@@ -3,13 +3,15 @@
 Local linear trend in continuous time (Harvey 1989, Forecasting, Structural Time Series Models and
 the Kalman Filter, sec. 2.3; Durbin and Koopman 2012, Time Series Analysis by State Space Methods):
 
-    d level = slope dt + dW,  var dW = q_level dt      d slope = dV,  var dV = q_slope dt
+    d level = slope dt + dW,  var dW = q_level dt
+    d slope = acceleration dt + dV,  var dV = q_slope dt
     y = level + effects . covariates + e,              var e = occasion^2 + scale^2 s^2
 
 ``s`` is the standard error of an estimate, ``occasion`` the scatter between occasions that no
 recording shows. ``scale`` below one says that a part of ``s`` is the same in each recording. Start
 and slope of each actuator come from normal distributions of the fleet, learnt with all variances
-by expectation and maximisation: a new actuator begins with the fleet's (partial pooling).
+by maximum likelihood (empirical Bayes): a new actuator begins with the fleet's (partial pooling).
+After a jump the slope starts anew, from what slopes after jumps are.
 
 Jumps and outliers are found by the auxiliary residuals of the smoother (de Jong and Penzer 1998,
 J. Am. Stat. Assoc. 93, 796-806), here as Bayes factors of one normal shock.
@@ -20,10 +22,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.optimize import minimize
 
 from ematwin.fleet.kalman import filtered, smoothed
 
-_EM = 25  # iterations
+_ROUNDS, _CLIMB, _EM = 3, 12, 3  # iterations: variances by slopes, then means by EM
+_FEW = 3  # jumps that say what slopes are after them; with fewer the start of the iteration does
 _MOST = 30  # shocks in one series
 _TAUGHT = 200  # estimates of an actuator that teach the fleet: all of them teach no more
 _LEVEL, _SLOPE, _EFFECTS = 0, 1, 2
@@ -71,6 +75,8 @@ class Wear:
     Attributes
     ----------
     mean, spread : (4,) arrays, of level, slope and two effects of covariates at the start
+    after : (2,) array, mean and spread of the slope after a jump
+    acceleration : drift of the slope per year
     q_level, q_slope : variances per year
     occasion, scale : of the errors of estimates, see above
     size : standard deviation of jumps and of outliers, the range of the unknown
@@ -80,6 +86,8 @@ class Wear:
 
     mean: np.ndarray
     spread: np.ndarray
+    after: np.ndarray
+    acceleration: float
     q_level: float
     q_slope: float
     occasion: float
@@ -141,10 +149,21 @@ class Trend:
     def at(self, moment: float) -> tuple[float, float, float]:
         """Level, its standard error and the slope at a later moment, years."""
         ahead = max(0.0, moment - self.time)
+        mean, cov = self.later(ahead)
+        return float(mean[0]), math.sqrt(cov[0, 0]), float(mean[1])
+
+    def later(self, ahead: float) -> tuple[np.ndarray, np.ndarray]:
+        """Mean and covariance of level and slope some years after the last estimate."""
+        wear = self.wear
         move = np.array([[1.0, ahead], [0.0, 1.0]])
-        mean, cov = move @ self.mean, move @ self.covariance @ move.T
-        variance = cov[0, 0] + self.wear.q_level * ahead + self.constant_variance
-        return float(mean[0]), math.sqrt(variance), float(mean[1])
+        mean = move @ self.mean + wear.acceleration * np.array([0.5 * ahead**2, ahead])
+        cov = move @ self.covariance @ move.T
+        cov[0, 0] += wear.q_level * ahead + self.constant_variance
+        cov[0, 0] += wear.q_slope * ahead**3 / 3.0
+        cov[0, 1] += wear.q_slope * ahead**2 / 2.0
+        cov[1, 0] = cov[0, 1]
+        cov[1, 1] += wear.q_slope * ahead
+        return mean, cov
 
 
 class _Pass:
@@ -164,7 +183,7 @@ class _Pass:
         innovation, power = np.empty(n), np.empty(n)
         self.told = filtered(
             series.time, series.value, used, series.covariates, wear.mean, wear.spread,
-            wear.q_level, wear.q_slope, self.jump, self.reset,
+            wear.after, wear.acceleration, wear.q_level, wear.q_slope, self.jump, self.reset,
             self.mean, self.cov, gain, innovation, power,
         )  # fmt: skip
         self.score, self.weight = np.empty((n, 4)), np.empty((n, 4, 4))
@@ -228,7 +247,7 @@ def trend(series: Series, wear: Wear) -> Trend:
 
 
 def learn(fleet: Sequence[Series], healthy: float, size: float) -> Wear:
-    """Priors and variances of a magnitude from all actuators (empirical Bayes by EM).
+    """Priors and variances of a magnitude from all actuators, by maximum likelihood.
 
     Parameters
     ----------
@@ -240,13 +259,17 @@ def learn(fleet: Sequence[Series], healthy: float, size: float) -> Wear:
     known = [one.thinned() for one in fleet if one.time.size]
     if not known:
         return wear
-    shocks = [trend(one, wear) for one in known]
-    for step in range(_EM):
-        if step in (_EM // 3, 2 * _EM // 3):
-            shocks = [trend(one, wear) for one in known]
-        passes = [_Pass(s, wear, t.outliers, t.jumps) for s, t in zip(known, shocks, strict=True)]
-        wear = _maximised(known, passes, wear)
+    for _ in range(_ROUNDS):
+        shocks = [trend(one, wear) for one in known]
+        wear = _climbed(known, shocks, wear)
+        for _ in range(_EM):
+            passes = [_again(s, t, wear) for s, t in zip(known, shocks, strict=True)]
+            wear = _maximised(known, passes, wear)
     return wear
+
+
+def _again(series: Series, shocks: Trend, wear: Wear) -> _Pass:
+    return _Pass(series, wear, shocks.outliers, shocks.jumps)
 
 
 def _first(fleet: Sequence[Series], healthy: float, size: float) -> Wear:
@@ -257,42 +280,79 @@ def _first(fleet: Sequence[Series], healthy: float, size: float) -> Wear:
     scatter = max(scatter, 1e-6 * size)
     return Wear(
         np.array([healthy, 0.0, 0.0, 0.0]), size * np.array([0.02, 0.1, 0.02, 0.02]),
-        scatter**2, (0.05 * size) ** 2, scatter, 0.5, size,
+        size * np.array([0.0, 0.1]), 0.0, (0.02 * size) ** 2, (0.05 * size) ** 2, scatter, 0.5,
+        size,
     )  # fmt: skip
+
+
+def _climbed(fleet: Sequence[Series], shocks: Sequence[Trend], wear: Wear) -> Wear:
+    """The four variances at the maximum of the likelihood.
+
+    Its slopes are those of the scores of the smoother (Koopman and Shephard 1992, Biometrika 79,
+    823-826).
+    """
+    least = (1e-6 * wear.size) ** 2
+
+    def with_logs(x: np.ndarray) -> Wear:
+        q_level, q_slope, occasion, scale = np.exp(x).tolist()
+        return replace(
+            wear, q_level=q_level, q_slope=q_slope, occasion=occasion**0.5, scale=scale**0.5
+        )
+
+    def told(x: np.ndarray) -> tuple[float, np.ndarray]:
+        tried, total, slopes = with_logs(x), 0.0, np.zeros(4)
+        for one, found in zip(fleet, shocks, strict=True):
+            done = _again(one, found, tried)
+            total += done.told
+            dt = np.diff(one.time)
+            for place, free in ((0, ~done.reset[1:]), (1, ~done.reset[1:] & (done.jump[1:] == 0))):
+                surprise = done.score[1:, place] ** 2 - done.weight[1:, place, place]
+                slopes[place] += 0.5 * (dt * surprise)[free].sum()
+            seen = done.precision > 0.0
+            surprise = done.residual[seen] ** 2 - done.precision[seen]
+            slopes[2] += 0.5 * surprise.sum()
+            slopes[3] += 0.5 * (one.error[seen] ** 2 * surprise).sum()
+        return -total, -slopes * np.exp(x)
+
+    begin = np.log(np.maximum([wear.q_level, wear.q_slope, wear.occasion**2, wear.scale**2], least))
+    bounds = [(math.log(least), math.log(10.0 * wear.size**2))] * 3 + [(-20.0, 5.0)]
+    end = minimize(
+        told, np.clip(begin, *np.transpose(bounds)), jac=True, method="L-BFGS-B", bounds=bounds,
+        options={"maxiter": _CLIMB},
+    )  # fmt: skip
+    return with_logs(end.x)
 
 
 def _maximised(fleet: Sequence[Series], passes: Sequence[_Pass], wear: Wear) -> Wear:
-    """One step of expectation and maximisation (Shumway and Stoffer 1982; Koopman 1993)."""
-    starts, spreads = [], []
-    level: list[np.ndarray] = []
-    slope: list[np.ndarray] = []
-    occasion: list[np.ndarray] = []
-    scale: list[np.ndarray] = []
-    for one, done in zip(fleet, passes, strict=True):
-        starts.append(done.smooth[0])
-        spreads.append(done.error[0])
-        dt = np.diff(one.time)
-        moves = ~(done.reset[1:] | (done.jump[1:] > 0.0)) & (dt > 0.0)
-        score, weight = done.score[1:][moves], done.weight[1:][moves]
-        for place, q, kept in ((0, wear.q_level, level), (1, wear.q_slope, slope)):
-            surprise = score[:, place] ** 2 - weight[:, place, place]
-            kept.append(q + q**2 * dt[moves] * surprise)
-        seen = done.precision > 0.0
-        surprise = done.residual[seen] ** 2 - done.precision[seen]
-        occasion.append(wear.occasion**2 + wear.occasion**4 * surprise)
-        scale.append(wear.scale**2 + wear.scale**4 * one.error[seen] ** 2 * surprise)
-    mean = np.mean(starts, axis=0)
-    spread = np.sqrt(np.mean(np.array(spreads) + (np.array(starts) - mean) ** 2, axis=0))
-    least = 1e-6 * wear.size
-
-    def average(parts: list[np.ndarray], before: float) -> float:
-        whole = np.concatenate(parts)
-        return max(float(whole.mean()), 0.0) if whole.size else before
-
-    return replace(
-        wear, mean=mean, spread=np.maximum(spread, least),
-        q_level=max(average(level, wear.q_level), least**2),
-        q_slope=max(average(slope, wear.q_slope), least**2),
-        occasion=max(math.sqrt(average(occasion, wear.occasion**2)), least),
-        scale=math.sqrt(average(scale, wear.scale**2)),
+    """Means and spreads after a step of expectation and maximisation (Shumway and Stoffer 1982)."""
+    mean, spread = _moments(
+        [done.smooth[0] for done in passes], [done.error[0] for done in passes]
     )  # fmt: skip
+    pushed, lasted = 0.0, 1.0  # a year of one actuator speaks against an acceleration
+    after: list[np.ndarray] = []
+    unsure: list[np.ndarray] = []
+    for one, done in zip(fleet, passes, strict=True):
+        jumps = np.flatnonzero(done.jump > 0.0)
+        after += list(done.smooth[jumps, 1:2])
+        unsure += list(done.error[jumps, 1:2])
+        dt = np.diff(one.time)
+        free = ~done.reset[1:] & (done.jump[1:] == 0.0)
+        moved = wear.acceleration + wear.q_slope * done.score[1:, _SLOPE]
+        pushed += float((dt * moved)[free].sum())
+        lasted += float(dt[free].sum())
+    least = 1e-6 * wear.size
+    following = wear.after
+    if len(after) >= _FEW:
+        following = np.concatenate(_moments(after, unsure))
+    return replace(
+        wear, mean=mean, spread=np.maximum(spread, least), after=following,
+        acceleration=pushed / lasted,
+    )  # fmt: skip
+
+
+def _moments(
+    means: Sequence[np.ndarray], variances: Sequence[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and spread of what is known with some variance."""
+    mean = np.mean(means, axis=0)
+    return mean, np.sqrt(np.mean(np.array(variances) + (np.array(means) - mean) ** 2, axis=0))
