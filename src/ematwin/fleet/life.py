@@ -233,13 +233,12 @@ def _gamma_over_wiener(
         return 0.0
     wiener = norm.logpdf(sign * steps, mean, np.sqrt(q * dt + noise)).sum()
     shape, scale = mean**2 / (q * dt), q * dt / mean
-    # the mixture over the gamma quantiles: smooth where the density itself has a pole
-    share = norm.cdf(_NODES)
-    at = gamma.ppf(share[:, None], shape, scale=scale)
-    density = norm.pdf(sign * steps, at, math.sqrt(noise))
-    weights = _WEIGHTS / _WEIGHTS.sum()
+    # gamma and noise convolved; over half a deviation, as the density may have a pole
+    spread = math.sqrt(noise)
+    at, half = sign * steps - spread * _NODES[:, None], 0.25 * spread
+    inside = gamma.cdf(at + half, shape, scale=scale) - gamma.cdf(at - half, shape, scale=scale)
     with np.errstate(divide="ignore"):
-        told = np.log(weights @ density).sum()
+        told = np.log((_WEIGHTS / _WEIGHTS.sum()) @ inside / (2.0 * half)).sum()
     return float(np.clip(told - wiener, -1e3, 1e3))
 
 
