@@ -2,6 +2,8 @@
 
     python benchmarks/fleet.py alarms --seeds 101 102 103
     python benchmarks/fleet.py screw ../shared/data/xjtu_ball_screw/friction_torque.csv
+    python benchmarks/fleet.py predictions --seeds 104 --actuators 15 > predictions.json
+    python benchmarks/fleet.py kill
     python benchmarks/fleet.py size
     python benchmarks/fleet.py errors
 
@@ -12,6 +14,8 @@ import argparse
 import csv
 import json
 import resource
+import subprocess
+import sys
 import tempfile
 import time
 from datetime import UTC, datetime, timedelta
@@ -24,9 +28,11 @@ from ematwin.fleet.fleet import Fleet
 from ematwin.fleet.metrics import (
     Prediction,
     cumulative_relative_accuracy,
+    is_accurate,
     prognostic_horizon,
 )
 from ematwin.fleet.simulated import LIMITS, SimulatedFleet
+from ematwin.fleet.store import years
 from ematwin.fleet.trend import Series, learn, trend
 
 END = datetime(2026, 1, 1, tzinfo=UTC)
@@ -144,6 +150,77 @@ def judged(seed, actuators, per_year, every):
     }  # fmt: skip
 
 
+def exported(seed, actuators, per_year, every):
+    """Estimates and predictions of each failure, for other programs."""
+    made, truths, _, predictions = watched(seed, actuators, per_year, every)
+    told = []
+    with tempfile.TemporaryDirectory() as folder:
+        fleet = Fleet(folder, now=END)
+        made.fill(fleet.store)
+        fleet.refresh()
+        epoch = years(made.start)
+        for (serial, name, end), several in predictions.items():
+            ends = end / 365.25
+            begin = max((r for r, _ in truths[serial].repairs if r <= end), default=0) / 365.25
+            series = fleet[serial].series(name)
+            time = series.time - epoch
+            inside = (time >= begin) & (time <= ends)
+            kept = [one for one, _ in several if one.moment > time[inside][0]]
+            if len(kept) < 3:
+                continue
+            shares = np.linspace(0.005, 0.995, 100)
+            middle = time[inside][0] + 0.5 * (ends - time[inside][0])
+            after = next((one for one in kept if one.moment >= middle), kept[-1])
+            told.append(
+                {
+                    "end": ends, "limit": LIMITS[name], "time": time[inside].tolist(),
+                    "value": series.value[inside].tolist(),
+                    "moments": [one.moment for one in kept],
+                    "draws": [
+                        [x if np.isfinite(x) else None for x in q.tolist()]
+                        for q in (
+                            np.quantile(one.draws, shares, method="inverted_cdf") for one in kept
+                        )
+                    ],
+                    "alpha_lambda": is_accurate(after, ends),
+                }
+            )  # fmt: skip
+    return told
+
+
+def killed(times=20):
+    """Kill ``ematwin watch`` again and again: rows lost, and rows that are there twice."""
+    import ematwin
+
+    with tempfile.TemporaryDirectory() as folder:
+        inside = Path(folder) / "recordings" / "S-1"
+        inside.mkdir(parents=True)
+        for n in range(3 * times):
+            made = ematwin.simulate(actuator="sts3215", noise=0.01, seed=n)
+            day = datetime(2025, 1, 1, tzinfo=UTC) + timedelta(days=n)
+            ematwin.write(made, inside / f"{day:%Y-%m-%d}.parquet")
+        command = [
+            sys.executable, "-m", "ematwin", "watch", "recordings", "--fleet", "fleet",
+            "--actuator", "sts3215",
+        ]  # fmt: skip
+        rows = Path(folder) / "fleet" / "rows"
+        lost, seen = 0, set()
+        for _ in range(times):
+            before = len(list(rows.glob("*/[!.]*.parquet")))
+            watcher = subprocess.Popen(command, cwd=folder, stdout=subprocess.DEVNULL)
+            while len(list(rows.glob("*/[!.]*.parquet"))) == before and watcher.poll() is None:
+                time.sleep(0.005)
+            watcher.kill()
+            watcher.wait()
+            now = {row["id"] for row in Fleet(rows.parent).store.rows().to_pylist()}
+            lost += len(seen - now)
+            seen = now
+        subprocess.run(command, cwd=folder, check=True, stdout=subprocess.DEVNULL)
+        table = Fleet(rows.parent).store.rows()
+        return {"kills": times, "recordings": 3 * times, "rows": table.num_rows, "lost": lost,
+                "twice": table.num_rows - len(set(table["content"].to_pylist()))}  # fmt: skip
+
+
 def screw(path, upto=(1 / 3, 1 / 2, 2 / 3)):
     """Forecasts of a real wear path, the friction torque of a ball screw, from parts of it."""
     with open(path, encoding="utf-8") as file:
@@ -206,7 +283,9 @@ def errors():
 def main():
     """Read the command, and print its answer as JSON."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("what", choices=("alarms", "screw", "size", "errors"))
+    parser.add_argument(
+        "what", choices=("alarms", "predictions", "screw", "size", "kill", "errors")
+    )
     parser.add_argument("path", nargs="?")
     parser.add_argument("--seeds", type=int, nargs="+", default=[101])
     parser.add_argument("--actuators", type=int, default=60)
@@ -218,10 +297,13 @@ def main():
             print(
                 json.dumps(judged(seed, given.actuators, given.per_year, given.every)), flush=True
             )
+    elif given.what == "predictions":
+        settings = given.actuators, given.per_year, given.every
+        print(json.dumps([one for seed in given.seeds for one in exported(seed, *settings)]))
     elif given.what == "screw":
         print(json.dumps(screw(given.path)))
     else:
-        print(json.dumps(size() if given.what == "size" else errors()))
+        print(json.dumps({"size": size, "kill": killed, "errors": errors}[given.what]()))
 
 
 if __name__ == "__main__":
