@@ -141,11 +141,17 @@ class FleetStore:
                 if path != kept:
                     path.unlink(missing_ok=True)
 
-    def _write(self, serial: str, table: pa.Table) -> Path:
+    def has(self, serial_number: str, ids: Iterable[str]) -> bool:
+        """Whether somebody has kept these rows as one part meanwhile."""
+        return self._part(serial_number, ids).exists()
+
+    def _part(self, serial: str, ids: Iterable[str]) -> Path:
         folder = self.folder / "rows" / (quote(serial, safe="-_ ") or "unknown")
-        folder.mkdir(exist_ok=True)
-        ids = sorted(table["id"].to_pylist())
-        path = folder / f"{digest(json.dumps(ids))}.parquet"
+        return folder / f"{digest(json.dumps(sorted(ids)))}.parquet"
+
+    def _write(self, serial: str, table: pa.Table) -> Path:
+        path = self._part(serial, table["id"].to_pylist())
+        path.parent.mkdir(exist_ok=True)
         with written_whole(path, durable=True) as draft:
             pq.write_table(table, draft)
         return path
@@ -213,14 +219,15 @@ class FleetStore:
         return sorted(found, key=lambda one: (one["time"], one["serial_number"], one["what"]))
 
     def version(self) -> tuple[str, ...]:
-        """Names of all files: changes when anything does."""
-        return tuple(
-            sorted(
-                str(path.relative_to(self.folder))
-                for name in ("rows", "events")
-                for path in (self.folder / name).rglob("[!.]*.*")
-            )
+        """Names of all files, and the age of the settings: changes when anything does."""
+        settings = self.folder / "fleet.toml"
+        age = str(settings.stat().st_mtime_ns) if settings.exists() else ""
+        names = (
+            str(path.relative_to(self.folder))
+            for name in ("rows", "events")
+            for path in (self.folder / name).rglob("[!.]*.*")
         )
+        return (age, *sorted(names))
 
 
 def row_of(
@@ -236,10 +243,15 @@ def row_of(
 ) -> dict[str, Any]:
     """A row of the store, whose id follows from recording and twin."""
     return {
-        "id": digest(f"{content} {motion} {twin}"), "serial_number": serial_number, "time": time,
+        "id": id_of(content, motion, twin), "serial_number": serial_number, "time": time,
         "judged": datetime.now(UTC), "content": content, "motion": motion, "twin": twin,
         "kind": kind, "grade": grade, **more,
     }  # fmt: skip
+
+
+def id_of(content: str, motion: int, twin: str) -> str:
+    """What a row is known by."""
+    return digest(f"{content} {motion} {twin}")
 
 
 def digest(content: str | bytes) -> str:

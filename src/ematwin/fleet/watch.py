@@ -20,7 +20,7 @@ import numpy as np
 
 from ematwin.errors import EmatwinError, InputError, RecordError
 from ematwin.files import written_whole
-from ematwin.fleet.store import SET_ASIDE, FleetStore, content_of, digest, moment_of, row_of
+from ematwin.fleet.store import SET_ASIDE, FleetStore, content_of, digest, id_of, moment_of, row_of
 from ematwin.models.reading import read
 from ematwin.models.registry import model_of
 from ematwin.monitoring.calibration import Calibration
@@ -170,7 +170,9 @@ def watch(
             tasks[work] = path
         try:
             for done, task in enumerate(as_completed(tasks), 1):
-                for row in task.result():
+                rows = task.result()
+                found.known += not rows
+                for row in rows:
                     if row["grade"] == SET_ASIDE:
                         found.set_aside.append((row["source"], row["reason"]))
                     else:
@@ -287,22 +289,28 @@ def _judged(
         when = paths.time(path)
         mark = twins.select(serial, when)
         rows.append(_aside(path, content, 0, serial, when, _sentence(error), mark))
-    for motion, one in enumerate(several):
+    found = []
+    for one in several:
         who = one.labels.get("serial_number", serial)
         when = paths.time(path) if one.start is None else moment_of(one.start)
+        found.append((who, when, twins.select(who, when)))
+    by: dict[str, list[str]] = {}
+    for motion, (who, _, mark) in enumerate(found):
+        by.setdefault(who, []).append(id_of(content, motion, mark))
+    if by and all(store.has(who, ids) for who, ids in by.items()):
+        return []  # another watcher was faster
+    for motion, (one, (who, when, mark)) in enumerate(zip(several, found, strict=True)):
         try:
-            rows.append(_row(path, content, motion, one, who, when, twins, latest))
+            rows.append(_row(path, content, motion, one, who, when, mark, twins, latest))
         except Exception as error:  # the rest goes on
-            rows.append(
-                _aside(path, content, motion, who, when, _sentence(error), twins.select(who, when))
-            )
+            rows.append(_aside(path, content, motion, who, when, _sentence(error), mark))
     store.add(rows)
     return rows
 
 
 def _row(
     path: Path, content: str, motion: int, one: Recording, serial: str, when: datetime | None,
-    twins: Twins, latest: dict[str, datetime],
+    mark: str, twins: Twins, latest: dict[str, datetime],
 ) -> dict[str, Any]:  # fmt: skip
     if not serial:
         raise RecordError(
@@ -319,7 +327,6 @@ def _row(
             f"It was recorded on {when:%Y-%m-%d} by its own clock, which cannot be. Correct the "
             "time of the recorder."
         )
-    mark = twins.select(serial, when)
     if not mark:
         raise RecordError(
             f"There is no twin of {serial} at {when:%Y-%m-%d}. Put its calibration into the "
