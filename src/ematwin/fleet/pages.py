@@ -164,7 +164,7 @@ def _order(alarms: dict[str, Alarm]) -> list[str]:
 def panel(unit: FleetActuator, name: str, alarm: Alarm, wide: bool = False) -> str:
     """A magnitude over time with its forecast, as an SVG of physical values."""
     one, limit, unknown = unit.trend(name), unit.limit(name), unit.unknown(name)
-    width, height = (680, 220) if wide else (340, 170)
+    width, height = (460, 200) if wide else (340, 170)
     actuator = unit.twin.actuator
     unit_said = unknown.physical_value(actuator, unknown.healthy).unit
 
@@ -173,7 +173,8 @@ def panel(unit: FleetActuator, name: str, alarm: Alarm, wide: bool = False) -> s
         return unknown.physical_value(actuator, clipped).value
 
     forecast = _forecast(unit, one, name)
-    past = _thinned(one.series.time, one.level, 60), _thinned(one.series.time, one.level_error, 60)
+    unsure = np.hypot(one.level_error, one.constant_variance**0.5)
+    past = _thinned(one.series.time, one.level, 60), _thinned(one.series.time, unsure, 60)
     begin = float(one.series.time[0])
     end = years(unit.fleet.now) + _AHEAD
     known = np.setdiff1d(np.arange(one.series.time.size), one.outliers)
