@@ -103,7 +103,7 @@ def test_rates_of_the_fleet_are_learnt_with_the_effect_of_temperature():
     assert np.hypot(wear.occasion, 0.01 * wear.scale) == pytest.approx(0.01, rel=0.1)
 
 
-def test_the_gradient_of_the_likelihood_ends_at_a_maximum():
+def test_variances_are_those_of_the_largest_likelihood_but_for_weak_priors():
     several = fleet_of([0.05, 0.1, 0.15, 0.2], 50, 3)
     wear = learn(several, 0.0, 1.0)
 
@@ -113,7 +113,7 @@ def test_the_gradient_of_the_likelihood_ends_at_a_maximum():
     best = told(wear)
     for name in ("q_level", "q_slope", "occasion"):
         for factor in (0.3, 3.0):
-            assert told(replace(wear, **{name: factor * getattr(wear, name)})) < best + 0.5
+            assert told(replace(wear, **{name: factor * getattr(wear, name)})) < best + 1.0
 
 
 def test_a_new_actuator_begins_with_the_rate_of_its_kind():

@@ -9,9 +9,9 @@ the Kalman Filter, sec. 2.3; Durbin and Koopman 2012, Time Series Analysis by St
 
 ``s`` is the standard error of an estimate, ``occasion`` the scatter between occasions that no
 recording shows. ``scale`` below one says that a part of ``s`` is the same in each recording. Start
-and slope of each actuator come from normal distributions of the fleet, learnt with all variances
-by maximum likelihood (empirical Bayes): a new actuator begins with the fleet's (partial pooling).
-After a jump the slope starts anew, from what slopes after jumps are.
+and slope of each actuator come from normal distributions of the fleet, learnt with all variances at
+the maximum of likelihood and weak priors (empirical Bayes): a new actuator begins with the fleet's
+(partial pooling). After a jump the slope starts anew, from what slopes after jumps are.
 
 Jumps and outliers are found by the auxiliary residuals of the smoother (de Jong and Penzer 1998,
 J. Am. Stat. Assoc. 93, 796-806), here as Bayes factors of one normal shock.
@@ -27,6 +27,8 @@ from scipy.optimize import minimize
 from ematwin.fleet.kalman import filtered, smoothed
 
 _ROUNDS, _CLIMB, _EM = 3, 12, 3  # iterations: variances by slopes, then means by EM
+_FACTOR = 2.0  # standard deviation of the logarithm of a variance beforehand: of few estimates
+# the likelihood alone makes variances nothing, and life left too certain
 _FEW = 3  # jumps that say what slopes are after them; with fewer the start of the iteration does
 _MOST = 30  # shocks in one series
 _TAUGHT = 200  # estimates of an actuator that teach the fleet: all of them teach no more
@@ -255,13 +257,13 @@ def learn(fleet: Sequence[Series], healthy: float, size: float) -> Wear:
     healthy : value of a healthy one
     size : range of the unknown
     """
-    wear = _first(fleet, healthy, size)
+    wear = before = _first(fleet, healthy, size)
     known = [one.thinned() for one in fleet if one.time.size]
     if not known:
         return wear
     for _ in range(_ROUNDS):
         shocks = [trend(one, wear) for one in known]
-        wear = _climbed(known, shocks, wear)
+        wear = _climbed(known, shocks, wear, before)
         for _ in range(_EM):
             passes = [_again(s, t, wear) for s, t in zip(known, shocks, strict=True)]
             wear = _maximised(known, passes, wear)
@@ -285,8 +287,8 @@ def _first(fleet: Sequence[Series], healthy: float, size: float) -> Wear:
     )  # fmt: skip
 
 
-def _climbed(fleet: Sequence[Series], shocks: Sequence[Trend], wear: Wear) -> Wear:
-    """The four variances at the maximum of the likelihood.
+def _climbed(fleet: Sequence[Series], shocks: Sequence[Trend], wear: Wear, before: Wear) -> Wear:
+    """The four variances at the maximum of likelihood and prior.
 
     Its slopes are those of the scores of the smoother (Koopman and Shephard 1992, Biometrika 79,
     823-826).
@@ -312,9 +314,13 @@ def _climbed(fleet: Sequence[Series], shocks: Sequence[Trend], wear: Wear) -> We
             surprise = done.residual[seen] ** 2 - done.precision[seen]
             slopes[2] += 0.5 * surprise.sum()
             slopes[3] += 0.5 * (one.error[seen] ** 2 * surprise).sum()
-        return -total, -slopes * np.exp(x)
+        away = (x - usual) / _FACTOR
+        return 0.5 * away @ away - total, away / _FACTOR - slopes * np.exp(x)
 
-    begin = np.log(np.maximum([wear.q_level, wear.q_slope, wear.occasion**2, wear.scale**2], least))
+    def logs(of: Wear) -> np.ndarray:
+        return np.log(np.maximum([of.q_level, of.q_slope, of.occasion**2, of.scale**2], least))
+
+    usual, begin = logs(before), logs(wear)
     bounds = [(math.log(least), math.log(10.0 * wear.size**2))] * 3 + [(-20.0, 5.0)]
     end = minimize(
         told, np.clip(begin, *np.transpose(bounds)), jac=True, method="L-BFGS-B", bounds=bounds,
@@ -328,7 +334,7 @@ def _maximised(fleet: Sequence[Series], passes: Sequence[_Pass], wear: Wear) -> 
     mean, spread = _moments(
         [done.smooth[0] for done in passes], [done.error[0] for done in passes]
     )  # fmt: skip
-    pushed, lasted = 0.0, 1.0  # a year of one actuator speaks against an acceleration
+    pushed, lasted = 0.0, 1.0  # a year speaks against an acceleration
     after: list[np.ndarray] = []
     unsure: list[np.ndarray] = []
     for one, done in zip(fleet, passes, strict=True):
@@ -346,7 +352,8 @@ def _maximised(fleet: Sequence[Series], passes: Sequence[_Pass], wear: Wear) -> 
         following = np.concatenate(_moments(after, unsure))
     return replace(
         wear, mean=mean, spread=np.maximum(spread, least), after=following,
-        acceleration=pushed / lasted,
+        # one actuator cannot tell what its kind does from how its own slope wanders
+        acceleration=pushed / lasted * (1.0 - 1.0 / len(fleet)),
     )  # fmt: skip
 
 
