@@ -29,6 +29,7 @@ class Wear(PrognosticsModel):
     states = ["level", "rate"]  # noqa: RUF012
     outputs = ["level"]  # noqa: RUF012
     events = ["worn"]  # noqa: RUF012
+    is_vectorized = True
     default_parameters = {  # noqa: RUF012
         "x0": {"level": 0.0, "rate": 0.0}, "limit": 1.0,
         "process_noise": {"level": 1e-4, "rate": 1e-6},
@@ -60,7 +61,10 @@ def filtered(one):
     particles = UnweightedSamples(
         [{"level": a, "rate": b} for a, b in zip(start["level"], start["rate"], strict=True)]
     )
-    tracked = ParticleFilter(model, particles, num_particles=PARTICLES, t0=-1.0)
+    tracked = ParticleFilter(
+        model, particles, num_particles=PARTICLES, t0=-1.0,
+        measurement_noise=model.parameters["measurement_noise"],
+    )  # fmt: skip
     told, n = [], 0
     days = [365.25 * (t - begin) for t in one["time"]]
     for moment in one["moments"]:
