@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from ematwin.experiments.discriminate import discriminate
     from ematwin.experiments.identifiability import identifiability
     from ematwin.exploring.explore import explore
+    from ematwin.fleet.fleet import Fleet
     from ematwin.models.base import Model
     from ematwin.models.proposing import propose_map
     from ematwin.models.reading import read, write
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "Calibration": "ematwin.monitoring.calibration",
     "EmatwinError": "ematwin.errors",
+    "Fleet": "ematwin.fleet.fleet",
     "Model": "ematwin.models.base",
     "Noise": "ematwin.recordings.noise",
     "Recording": "ematwin.recordings.recording",
@@ -88,6 +90,7 @@ _RENAMED = {"Actuator": "BldcActuator", "Motion": "Recording", "Record": "Record
 __all__ = [
     "Calibration",
     "EmatwinError",
+    "Fleet",
     "Model",
     "Noise",
     "Recording",

@@ -26,8 +26,10 @@ from ematwin.cli import (
     identifiability,
     identify,
     report,
+    serve,
     simulate,
     units,
+    watch,
 )
 
 
@@ -60,6 +62,8 @@ app.command("demo")(demo.demo)
 app.command("identify")(identify.identify)
 app.command("calibrate")(calibrate.calibrate)
 app.command("detect")(detect.detect)
+app.command("watch")(watch.watch)
+app.command("serve")(serve.serve)
 app.command("explore")(explore.explore)
 app.command("identifiability")(identifiability.identifiability)
 app.command("design")(design.design)
