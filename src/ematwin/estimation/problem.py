@@ -533,10 +533,10 @@ class Problem:
         scatter : what of it impacts and ripple of the reference leave
         """
         scale = sum(one.scale for one in self.comparisons)
-        explained = min(1.0, self.recorded_misfit**2 * scale / cost + scatter / cost)
-        factor = self.comparisons[0].model_error
+        left = max(0.0, cost - self.recorded_misfit**2 * scale - scatter)
+        share = left / cost if left else 0.0
         other = self.with_noise(self.noise)
-        other.model_error = math.sqrt(explained + (1.0 - explained) * factor**2)
+        other.model_error = math.sqrt(1.0 - share + share * self.comparisons[0].model_error ** 2)
         return other
 
     def weighed(self, residuals: np.ndarray, least_noise: float = 0.0) -> "Problem":

@@ -5,7 +5,7 @@ import copy
 import numpy as np
 import pytest
 
-from ematwin.estimation.correction import corrected
+from ematwin.estimation.correction import corrected, with_model_error
 from ematwin.estimation.descent import Descent
 from ematwin.estimation.laplace import laplace
 from ematwin.estimation.problem import Problem
@@ -115,3 +115,54 @@ def test_what_only_the_reference_depends_on_is_learnt_through_it():
     assert comparison.asked == end.rounds + 1
     errors = np.sqrt(np.diag(end.peak.covariance)) * end.peak.problem.chart.widths
     assert errors[2] < 0.1 * 0.4
+
+
+class Rough(TwoModels):
+    """A reference that answers each candidate with a ripple of its own, as impacts do."""
+
+    ripple = 0.5 * NOISE
+
+    def exact(self, values):
+        phase = 1e4 * (values["wear"] + values["gap"])
+        wave = self.ripple * np.sqrt(2.0) * np.sin(phase + 2.0 * np.arange(SAMPLES))
+        return {"y": super().exact(values)["y"] + wave}
+
+
+def test_the_error_of_the_model_is_how_far_minima_move_where_they_are_corrected_elsewhere():
+    twice = TwoModels(slope=2.0)
+    _, end = ended(twice)
+    error = np.sqrt(np.diag(with_model_error(end).model_error))
+    # a slope twice as steep: half of where the truth may be is missed
+    assert error[0] == pytest.approx(0.5 * np.sqrt(end.peak.covariance[0, 0]), rel=0.6)
+    _, right = ended(TwoModels(slope=1.0))
+    small = np.sqrt(np.diag(with_model_error(right).model_error))
+    assert small[0] < 0.2 * error[0]
+
+
+def test_a_twin_without_reference_has_no_error_that_could_be_measured():
+    _, end = ended(OneModel())
+    assert with_model_error(end) is end
+
+
+class Other(TwoModels):
+    """Both models lack a part of the recording that is ten times its noise."""
+
+    model_error, has_reference = 3.0, True
+
+    def __init__(self):
+        super().__init__()
+        lacked = 10.0 * NOISE * BASES[3]
+        self.recording = self.recording.changed(y=self.recording.y + lacked)
+        self.target = self.recording.y
+        self.expected_misfit = NOISE * np.sqrt(SAMPLES / self.scale)
+
+
+def test_a_discrepancy_counts_by_the_model_error_and_noise_and_ripple_do_not():
+    _, lacking = ended(Other())
+    assert with_model_error(lacking).peak.problem.model_error == pytest.approx(3.0, rel=0.03)
+    for one in (TwoModels, Rough):
+        comparison = one()
+        comparison.model_error = 3.0
+        comparison.expected_misfit = NOISE * np.sqrt(SAMPLES / comparison.scale)
+        _, end = ended(comparison)
+        assert with_model_error(end).peak.problem.model_error < 1.3
