@@ -24,7 +24,12 @@ from ematwin.estimation.constants import (
     SIGMAS,
     WORTH,
 )
-from ematwin.estimation.correction import Corrected, corrected, reweighed
+from ematwin.estimation.correction import (
+    Corrected,
+    corrected,
+    reweighed,
+    with_model_error,
+)
 from ematwin.estimation.descent import Descent
 from ematwin.estimation.held_healthy import held_healthy
 from ematwin.estimation.intervals import (
@@ -167,12 +172,16 @@ def assess(
         near_it = descent.afresh(settled=math.inf, least_noise=noise)
         others = [corrected(full, point, near_it) for point in near]
         spent += sum(one.peak.evaluations for one in (best, *others))
+    best = with_model_error(best, threads)
     for left in reversed(range(_ANEW)):
         values = full.values(best.peak.point)
         drawn = _drawn(best, own, baseline)
         covariance = _covariance_of(drawn, problem, values)
-        named = _named(problem, values, covariance)
-        tried = held_healthy(best.peak, named, threads)
+        named = _named(problem, values, np.sqrt(np.diag(covariance)))
+        sharp = sharp_errors(best.peak, own, best.peak.problem.model_error)
+        excused = [name for name in _named(problem, values, sharp) if name not in named]
+        groups = [[name] for name in named] + ([excused] if excused else [])
+        tried = held_healthy(best.peak, groups, threads)
         spent += tried.evaluations
         if not left or tried.rises.min(initial=0.0) > -WORTH:
             break
@@ -182,11 +191,10 @@ def assess(
         spent += nearer.peak.evaluations
         if not height(nearer.peak, noise) < height(best.peak, noise):
             break
-        best = nearer
+        best = with_model_error(nearer, threads)
     peak, rivals = best.peak, [one.peak for one in others]
     wider = peak.problem.model_error
-    sharp = sharp_errors(peak, own, wider).tolist()
-    errors = dict(zip(problem.names, sharp, strict=True))
+    errors = dict(zip(problem.names, sharp.tolist(), strict=True))
     free = {one.name: one for one in full.unknowns}
     intervals = {
         name: Interval(*drawn.interval(name, one.lower, one.upper)) for name, one in free.items()
@@ -194,7 +202,7 @@ def assess(
     for name, error in errors.items():
         ends = with_corner((intervals[name].low, intervals[name].high), error, free[name])
         intervals[name] = Interval(*ends)
-    for name, rise in zip(named, tried.rises.tolist(), strict=True):
+    for name, rise in zip(named, tried.rises.tolist(), strict=False):
         apart = math.sqrt(max(1.0, rise))  # standard errors from healthy
         error = abs(values[name] - free[name].healthy) / apart
         error = math.hypot(error, scatter(baseline).get(name, 0.0))
@@ -353,11 +361,8 @@ def _covariance_of(drawn: Draws, problem: Problem, values: Mapping[str, float]) 
     return found
 
 
-def _named(
-    problem: Problem, values: Mapping[str, float], covariance: np.ndarray
-) -> tuple[str, ...]:
-    """Faults that lie further from healthy than their errors make likely."""
-    errors = np.sqrt(np.diag(covariance))
+def _named(problem: Problem, values: Mapping[str, float], errors: np.ndarray) -> tuple[str, ...]:
+    """Faults that lie further from healthy than their standard errors (d,) make likely."""
     return tuple(
         one.name
         for one, error in zip(problem.unknowns, errors, strict=True)

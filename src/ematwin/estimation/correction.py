@@ -13,6 +13,16 @@ until it stays where it is: defect correction (Boehmer, Hemker and Stetter 1984,
 Where R - f changes with x the rounds converge slowly, or not at all. Then the last ones are
 combined to the point from which a round would lead nowhere, if rounds were linear (Anderson 1965,
 J. ACM 12, 547-560, with steps measured in standard errors).
+
+The truth lies elsewhere within the width of the minimum, and what the fast model misses is another
+there: impacts and ripple differ, and slopes do. With J the slopes of the residuals r, noise s and
+covariance C, a correction at a point v in place of the minimum x moves the minimum by
+
+    C J^T ([R(v) - f(v)] - [R(x) - f(x)]) / s^2
+
+in the first order. `with_model_error` measures that at points drawn from the width: the error of
+the model in this answer. What is left of the recording beyond its noise and this scatter is a
+discrepancy, and counts by the kind's `Problem.model_error`.
 """
 
 from dataclasses import dataclass, replace
@@ -22,12 +32,14 @@ import numpy as np
 from ematwin.estimation.descent import Descent
 from ematwin.estimation.laplace import Laplace, laplace, step_lengths
 from ematwin.estimation.problem import Problem
+from ematwin.numerics.side_by_side import side_by_side
 
 ROUNDS = 10  # at most
 _STAYS = 0.25  # standard errors: adds 3 % to an error that it widens
 _NEAR = 1.0  # standard errors, within which scatter of the reference may be all that moves a peak
 _SHRINKS = 0.5  # of the step before: less is progress
 _DEPTH = 3  # rounds that are combined
+_ELSEWHERE = 6  # points within the width at which the error of the model is measured
 
 
 @dataclass(frozen=True)
@@ -40,16 +52,19 @@ class Corrected:
     rounds : int, answers of the reference model for each recording; 0 where the kind has none
     left : (m, d) array, how far the last round moved the peak, in coordinates of the chart; the
         last few, where rounds came to no end
+    model_error : (d, d) array, covariance of what is missed elsewhere within the width
     """
 
     peak: Laplace
     rounds: int
     left: np.ndarray
+    model_error: np.ndarray | float = 0.0
 
     @property
     def covariance(self) -> np.ndarray:
-        """(d, d), with what the twin misses: by the fast model, or what the last round left."""
-        return self.peak.widened(self.peak.problem.model_error) + self.left.T @ self.left
+        """(d, d), with what the twin misses."""
+        sharp = self.peak.widened(self.peak.problem.model_error)
+        return sharp + self.left.T @ self.left + self.model_error
 
     @property
     def unsettled(self) -> tuple[str, ...]:
@@ -121,6 +136,33 @@ def reweighed(found: Corrected, descent: Descent) -> Corrected:
     end = corrected(problem, peak.point, near, steps=step_lengths(peak.covariance))
     spent = peak.evaluations + end.peak.evaluations
     return replace(end, peak=replace(end.peak, evaluations=spent), rounds=found.rounds + end.rounds)
+
+
+def with_model_error(found: Corrected, threads: int | None = None) -> Corrected:
+    """The same minimum, with the error that the model has within its width.
+
+    The answers of the reference are made side by side, on one thread for each core if not given.
+    """
+    if not found.rounds:
+        return found
+    peak = found.peak
+    problem, chart = peak.problem, peak.problem.chart
+    root = np.linalg.cholesky(peak.covariance)
+    draws = np.random.default_rng(0).standard_normal((_ELSEWHERE, len(peak.z)))
+    points = chart.to_values(chart.project(peak.z + draws @ root.T))
+    there = side_by_side(lambda point: problem.corrected(point, problem), points, threads)
+    changes = np.array([
+        one.with_noise(problem.noise).residuals(peak.point[None])[0] - peak.residuals
+        for one in there
+        if one is not None
+    ])  # fmt: skip
+    if not len(changes):
+        return found
+    moved = changes @ peak.jacobian.T @ peak.covariance / problem.noise**2
+    error = moved.T @ moved / len(moved)
+    scatter = float(np.mean([problem.data_cost(change) for change in changes]))
+    nearer = replace(peak, problem=problem.with_discrepancy(peak.cost, scatter))
+    return replace(found, peak=nearer, model_error=error, rounds=found.rounds + len(moved))
 
 
 def _combined(known: list[tuple[np.ndarray, np.ndarray]], errors: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ can hide that from a calibration and not from a verdict: so healthy recordings a
 `identify` would. What it finds then beyond its standard errors, it may find in any recording.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,82 +21,99 @@ from ematwin.models.base import Model
 from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
+from ematwin.numerics.side_by_side import side_by_side
+from ematwin.recordings.recording import Recording
 
 _LEAST_ODD = 0.05  # share of a range by which a healthy recording may differ from the others
-_ODD = 6.0  # robust standard deviations
-_JUDGED = 5  # recordings, evenly chosen, which take a second or more each
+_ODD = 6.0  # standard deviations
 
 
 def healthy_bias(
-    model: Model, actuator: ParameterSet, baseline: Baseline, comparisons: Sequence[Comparison]
+    model: Model,
+    actuator: ParameterSet,
+    baseline: Baseline,
+    comparisons: Sequence[Comparison],
+    beside: Sequence[Mapping[str, float]],
 ) -> dict[str, float]:
     """Standard deviation by which a healthy recording may be found off healthy, by fault.
+
+    It is the larger of two. One is the root mean square of what `identify` finds, less the standard
+    errors that explain it: the moment estimate of a variance between recordings (DerSimonian and
+    Laird 1986, Control. Clin. Trials 7, 177-188). The other is what the faults alone find, all else
+    as learnt: there they have to take what the twin lacks upon themselves.
 
     Parameters
     ----------
     model, actuator : as learnt
     baseline : what is known of it, without this
     comparisons : the healthy recordings
+    beside : load and sensors of each, by name, as learnt
 
     Raises
     ------
     RecordError
         If one of them is unlike the others.
     """
-    beside = [model.compare(one.recording, actuator) for one in comparisons]
     faults = [one for one in model.faults(actuator) if one.direction_of is None]
+    # recordings of one occasion: nothing has drifted since
+    now = replace(baseline, recordings=0)
+    found = side_by_side(lambda one: _judged(model, actuator, now, one.recording), comparisons)
+    values = np.array([[seen[one.name][0] for one in faults] for seen in found])
+    errors = np.array([[seen[one.name][1] for one in faults] for seen in found])
+    if len(values) > 2:
+        _refuse_odd(comparisons, faults, values, errors)
     healthy = np.array([one.healthy for one in faults])
-    near = _descended_to(beside, faults)
-    if len(near) > 2:
-        _refuse_odd(comparisons, faults, near)
-    off = np.abs(near.mean(axis=0) - healthy)
-    scatter = near.std(axis=0, ddof=1) if len(near) > 1 else np.zeros(len(faults))
-    chosen = [beside[n] for n in np.unique(np.linspace(0, len(beside) - 1, _JUDGED).astype(int))]
-    judged, errors = _judged(model, actuator, baseline, chosen, faults)
-    beyond = np.mean((judged - healthy) ** 2 - errors**2, axis=0)
-    found = np.hypot(np.maximum(off, np.sqrt(np.maximum(beyond, 0.0))), scatter)
-    return {one.name: float(x) for one, x in zip(faults, found, strict=True)}
+    beyond = np.mean((values - healthy) ** 2 - errors**2, axis=0)
+    alone = [
+        _descended_to(model.compare(one.recording, actuator), faults, held)
+        for one, held in zip(comparisons, beside, strict=True)
+    ]
+    off = np.mean((np.array(alone) - healthy) ** 2, axis=0)
+    spread = np.sqrt(np.maximum(beyond, off))
+    return {one.name: float(x) for one, x in zip(faults, spread, strict=True)}
 
 
-def _descended_to(beside: Sequence[Comparison], faults: Sequence[Unknown]) -> np.ndarray:
-    """(R, d) faults at the end of descents from healthy, which may end below it."""
-    free = [replace(one, lower=one.lower - one.slack) if one.slack else one for one in faults]
-    ends = []
-    for one in beside:
-        problem = Problem([one], free)
-        problem = problem.corrected(problem.healthy) or problem
-        ends.append(LocalDescent().run(problem, budget=None, seed=1, report=lambda *_: None).point)
-    return np.array(ends)
+def _descended_to(
+    one: Comparison, faults: Sequence[Unknown], held: Mapping[str, float]
+) -> np.ndarray:
+    """(d,) faults at the end of a descent from healthy, which may end below it."""
+    problem = Problem([one], _lowered(faults), held=held)
+    problem = problem.corrected(problem.healthy) or problem
+    return LocalDescent().run(problem, budget=None, seed=1, report=lambda *_: None).point
+
+
+def _lowered(faults: Sequence[Unknown]) -> list[Unknown]:
+    """Faults that may lie as far below healthy as a kind lets monitoring look.
+
+    A twin that is worn itself finds healthy recordings there.
+    """
+    return [replace(one, lower=one.lower - one.slack) if one.slack else one for one in faults]
 
 
 def _judged(
-    model: Model,
-    actuator: ParameterSet,
-    baseline: Baseline,
-    beside: Sequence[Comparison],
-    faults: Sequence[Unknown],
-) -> tuple[np.ndarray, np.ndarray]:
-    """(R, d) faults, and their standard errors, with parameters, load and sensors free."""
-    values, errors = [], []
-    for one in beside:
-        problem = Problem([one], model.faults(actuator)).searched()
-        found = find(problem, named(model.default_search))
-        seen = assess(model, actuator, problem, found, baseline)
-        spread = dict(zip(problem.names, np.sqrt(np.diag(seen.covariance)), strict=True))
-        values.append([seen.values[fault.name] for fault in faults])
-        errors.append([spread[fault.name] for fault in faults])
-    return np.array(values), np.array(errors)
+    model: Model, actuator: ParameterSet, baseline: Baseline, recording: Recording
+) -> dict[str, tuple[float, float]]:
+    """Each fault of a recording and its standard error, all else free as it is known."""
+    free = _lowered(model.faults(actuator))
+    problem = Problem([model.compare(recording, actuator)], free).searched()
+    seen = assess(model, actuator, problem, find(problem, named(model.default_search)), baseline)
+    errors = np.sqrt(np.diag(seen.covariance)).tolist()
+    return {name: (seen.values[name], x) for name, x in zip(problem.names, errors, strict=True)}
 
 
 def _refuse_odd(
-    comparisons: Sequence[Comparison], faults: Sequence[Unknown], values: np.ndarray
+    comparisons: Sequence[Comparison],
+    faults: Sequence[Unknown],
+    values: np.ndarray,
+    errors: np.ndarray,
 ) -> None:
-    """Refuse a recording that is unlike the others."""
+    """Refuse a recording whose faults (R, d) are unlike those of the others."""
     width = np.array([one.width + one.slack for one in faults])
     away = np.abs(values - np.median(values, axis=0)) / width
-    usual = np.maximum(1.4826 * np.median(away, axis=0), _LEAST_ODD / _ODD)
+    scatter = np.hypot(1.4826 * np.median(away, axis=0), errors / width)
+    usual = np.maximum(scatter, _LEAST_ODD / _ODD)
     n, k = (int(x) for x in np.unravel_index(np.argmax(away / usual), away.shape))
-    if away[n, k] <= _ODD * usual[k]:
+    if away[n, k] <= _ODD * usual[n, k]:
         return
     raise RecordError(
         f"{name_of(comparisons, n)} is unlike the other healthy recordings: its {faults[k].name} "

@@ -8,6 +8,9 @@ parameters within their tolerances included. What data and priors rise by then, 
 deviations, is the likelihood ratio of the two explanations (Wilks 1938, Ann. Math. Stat. 9, 60-62;
 profile likelihood: Venzon and Moolgavkar 1988, Appl. Stat. 37, 87-94); the standard error is at
 least that by which the fault is so far from healthy.
+
+Faults that a drift accounts for as well are held together: along that way a search may have ended
+with too little drift, and turns missing from all phases in its place.
 """
 
 from collections.abc import Sequence
@@ -23,11 +26,11 @@ from ematwin.numerics.side_by_side import side_by_side
 
 @dataclass(frozen=True)
 class HeldHealthy:
-    """The best explanations of a recording without some faults.
+    """The best explanations of a recording without some groups of faults.
 
     Attributes
     ----------
-    rises : (F,) array, by how many squared standard deviations each is worse than with the fault;
+    rises : (G,) array, by how many squared standard deviations each is worse than with the fault;
         below zero where the search had not found the best point
     point : (d,) array, the best point next to the best of them, its fault free again
     evaluations : int
@@ -38,16 +41,18 @@ class HeldHealthy:
     evaluations: int
 
 
-def held_healthy(peak: Laplace, names: Sequence[str], threads: int | None = 1) -> HeldHealthy:
-    """The best explanations in which one of some faults is healthy.
+def held_healthy(
+    peak: Laplace, groups: Sequence[Sequence[str]], threads: int | None = 1
+) -> HeldHealthy:
+    """The best explanations in which the faults of one group are healthy.
 
     Parameters
     ----------
     peak : the best point of all
-    names : of the faults
+    groups : names of the faults that are held together
     threads : for descents side by side; None takes one for each core
     """
-    if not names:
+    if not groups:
         return HeldHealthy(np.zeros(0), peak.point, 0)
     # what the fast model misses counts as noise here too, and the noise is that of the best point
     noise = peak.problem.noise * peak.problem.model_error
@@ -55,22 +60,22 @@ def held_healthy(peak: Laplace, names: Sequence[str], threads: int | None = 1) -
     # nothing is held, pivots of aliases included: parameters leave the means of their priors here
     free = Descent(least_noise=noise, settled=np.inf)
 
-    def end(name: str) -> tuple[np.ndarray, int]:
-        healthy = problem.unknowns[problem.names.index(name)].healthy
-        if len(problem.names) == 1:  # nothing else is free
-            return np.array([healthy]), 0
-        start = chart.to_values(chart.project((peak.z + _step(peak, name))[None]))[0]
-        small = problem.holding({name: healthy})
+    def end(names: Sequence[str]) -> tuple[np.ndarray, int]:
+        healthy = {one.name: one.healthy for one in problem.unknowns if one.name in names}
+        if len(problem.names) == len(names):  # nothing else is free
+            return np.array(list(healthy.values())), 0
+        start = chart.to_values(chart.project((peak.z + _step(peak, names))[None]))[0]
+        small = problem.holding(healthy)
         kept = [problem.names.index(one) for one in small.names]
         point, spent = free.end(small, start[kept])
         values = small.values(point)
         return np.array([values[one] for one in problem.names]), spent
 
-    base, spent = peak.point, 1 + len(names)
+    base, spent = peak.point, 1 + len(groups)
     if noise > peak.problem.noise:  # where data count less, priors have the peak elsewhere
         base, more = free.end(problem, base)
         spent += more
-    ends = side_by_side(end, names, threads)
+    ends = side_by_side(end, groups, threads)
     points = np.array([point for point, _ in ends])
     rises = (problem.costs(points) - problem.costs(base[None])) / noise**2
     spent += sum(more for _, more in ends)
@@ -81,15 +86,16 @@ def held_healthy(peak: Laplace, names: Sequence[str], threads: int | None = 1) -
     return HeldHealthy(rises, best, spent)
 
 
-def _step(peak: Laplace, name: str) -> np.ndarray:
-    """The step (d,) to a healthy fault on which the others follow by the linearised residuals."""
-    n = peak.problem.names.index(name)
-    direction = dict(peak.problem.chart.pairs).get(n)
-    places = [n] if direction is None else [n, direction]
+def _step(peak: Laplace, names: Sequence[str]) -> np.ndarray:
+    """The step (d,) to healthy faults on which the others follow by the linearised residuals."""
+    problem, chart = peak.problem, peak.problem.chart
+    chosen = [problem.names.index(name) for name in names]
+    directions = dict(chart.pairs)
+    places = [*chosen, *(directions[n] for n in chosen if n in directions)]
     point = peak.point
-    point[n] = peak.problem.unknowns[n].healthy
-    gap = peak.problem.chart.from_values(point[None])[0] - peak.z
-    covariance = peak.widened(peak.problem.model_error)
-    return np.asarray(
-        covariance[:, places] @ np.linalg.solve(covariance[np.ix_(places, places)], gap[places])
-    )
+    for n in chosen:
+        point[n] = problem.unknowns[n].healthy
+    gap = chart.from_values(point[None])[0] - peak.z
+    covariance = peak.widened(problem.model_error)
+    across = covariance[np.ix_(places, places)]
+    return np.asarray(covariance[:, places] @ np.linalg.solve(across, gap[places]))

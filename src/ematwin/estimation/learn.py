@@ -32,7 +32,12 @@ from ematwin.estimation.constants import (
     SAME_COMMAND,
     WORSE,
 )
-from ematwin.estimation.correction import Corrected, corrected, reweighed
+from ematwin.estimation.correction import (
+    Corrected,
+    corrected,
+    reweighed,
+    with_model_error,
+)
 from ematwin.estimation.descent import Descent
 from ematwin.estimation.healthy_bias import healthy_bias, name_of
 from ematwin.estimation.laplace import Laplace, laplace, profiled
@@ -141,13 +146,22 @@ def learn(
         recordings=len(comparisons),
         has_load=model.load is None or all(model.load in c.recording.channels for c in comparisons),
     )
-    scatter = healthy_bias(model, actuator, baseline, comparisons)
+    beside = [
+        {name.partition("@")[0]: x for name, x in values.items() if _is_of(n, name, places)}
+        for n in range(len(comparisons))
+    ]
+    scatter = healthy_bias(model, actuator, baseline, comparisons, beside)
     progress(1.0)
     return Learnt(
         actuator, replace(baseline, scatter=scatter), _parameters(template, nominals, prior),
         _tied(prior),
         [*map(_as_finding, beyond), *_notes(misfit, floor)],
     )  # fmt: skip
+
+
+def _is_of(n: int, name: str, places: Sequence[str]) -> bool:
+    """Whether an unknown is load or sensor of the nth recording."""
+    return name not in places and name.partition("@")[2] in ("", str(n))
 
 
 def expected_misfit(comparisons: Sequence[Comparison], command: str) -> float:
@@ -236,7 +250,9 @@ class _Fit:
         fine, near = problem.refined(), Descent(aliases, settled=np.inf)
         end = corrected(fine, best.point, near)
         left = end.peak.problem.relative_misfit(end.peak.cost)
-        return _Fitted(reweighed(end, near), left, searched.relative_misfit(ends[0][0]))
+        return _Fitted(
+            with_model_error(reweighed(end, near)), left, searched.relative_misfit(ends[0][0])
+        )
 
     def _ends(
         self, comparisons: Sequence[Comparison], clocks: Sequence[Unknown], tell: Progress

@@ -134,7 +134,7 @@ class Problem:
     trust : float, how far evidence counts: one over its noise in the unit of that expected, 1 at
         most
     model_error : float, factor on standard errors for what the fast model gets wrong in the same
-        way throughout a recording; of a corrected problem for its slopes alone
+        way throughout a recording; where the reference corrects it, for its discrepancy alone
     """
 
     def __init__(
@@ -418,7 +418,7 @@ class Problem:
 
     def of_fast_model(self) -> "Problem":
         """The same problem where the recordings are of the fast model: a correction is nothing."""
-        if self.comparisons[0].slope_error is None:
+        if not self.comparisons[0].has_reference:
             return self
         every = [one.measured() for one in self.comparisons]
         return self._without([{n: np.zeros_like(x) for n, x in one.items()} for one in every])
@@ -446,7 +446,7 @@ class Problem:
         """The same problem with that taken off each recording, and the noise that is left then."""
         pairs = zip(self.comparisons, missed, strict=True)
         other = self._with([one.with_missed(by_channel) for one, by_channel in pairs])
-        other.model_error = self.comparisons[0].slope_error or self.model_error
+        other.model_error = 1.0  # until a discrepancy shows (`with_discrepancy`)
         return other.with_noise(other.comparisons[0].noise)
 
     def _changes(self, other: "Problem", point: np.ndarray, far: float) -> list[np.ndarray]:
@@ -519,6 +519,24 @@ class Problem:
         """The same problem with another level of noise."""
         other = copy.copy(self)
         other.noise = noise
+        return other
+
+    def with_discrepancy(self, cost: float, scatter: float) -> "Problem":
+        """The same problem, where noise and scatter explain but a part of the cost at a minimum.
+
+        The rest, the discrepancy, is alike throughout a recording: standard errors that take it for
+        noise are too small by the factor that the kind states (`Comparison.model_error`).
+
+        Parameters
+        ----------
+        cost : of the data at the minimum
+        scatter : what of it impacts and ripple of the reference leave
+        """
+        scale = sum(one.scale for one in self.comparisons)
+        explained = min(1.0, self.recorded_misfit**2 * scale / cost + scatter / cost)
+        factor = self.comparisons[0].model_error
+        other = self.with_noise(self.noise)
+        other.model_error = math.sqrt(explained + (1.0 - explained) * factor**2)
         return other
 
     def weighed(self, residuals: np.ndarray, least_noise: float = 0.0) -> "Problem":

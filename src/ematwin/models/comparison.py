@@ -61,8 +61,7 @@ class Comparison(ABC):
     ignores : names of nuisances of the kind that have no effect on what is compared
     model_error : float, factor on standard errors for what the twin gets wrong
         (`Model.model_error`)
-    slope_error : float, the same factor where the reference corrects the answers, but slopes are
-        those of a fast model that lacks forms of the actuator; None where the kind has no reference
+    has_reference : whether the kind has a reference to correct the answers by (`missed`)
     unseen : names of parameters on which only the reference depends, and not the fast model
     unplaced : whether only an answer can show from where the recording counts (`placed`)
     """
@@ -81,7 +80,7 @@ class Comparison(ABC):
     tells: frozenset[str] = frozenset()
     ignores: frozenset[str] = frozenset()
     model_error: float = 1.0
-    slope_error: float | None = None
+    has_reference: bool = False
     unseen: frozenset[str] = frozenset()
     unplaced: bool = False
 

@@ -87,9 +87,15 @@ def spread_sentences(report: CalibrationReport) -> list[str]:
     calibration = report.calibration
     if not isinstance(calibration, PopulationCalibration):
         scatter = report.baseline.scatter
-        said = ", ".join(f"{name} {plain(value, 2)}" for name, value in scatter.items())
-        text = f"Healthy recordings are found off healthy by (one standard deviation): {said}."
-        return [text] if scatter else []
+        if not scatter:
+            return []
+        off = [f"{name} {plain(value, 2)}" for name, value in scatter.items() if value > 0.0]
+        if not off:
+            return ["What is found of healthy recordings lies within its standard errors."]
+        return [
+            "Healthy recordings are found off healthy by more than their standard errors explain: "
+            f"{', '.join(off)} (one standard deviation)."
+        ]
     told = []
     for one in calibration.model.reported(calibration.actuator):
         unit, scale = ("%", 100.0) if one.logarithmic else (one.unit, one.scale)

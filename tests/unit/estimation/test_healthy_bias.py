@@ -72,7 +72,7 @@ class Actuator:
 
 def off(*runs: Beside) -> dict[str, float]:
     known = Baseline(Prior.independent([]), recordings=len(runs))
-    return healthy_bias(Kind(), Actuator(), known, runs)  # type: ignore[arg-type]
+    return healthy_bias(Kind(), Actuator(), known, runs, [{}] * len(runs))  # type: ignore[arg-type]
 
 
 def test_of_a_twin_that_lacks_nothing_only_noise_is_left() -> None:

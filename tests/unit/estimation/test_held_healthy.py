@@ -30,7 +30,7 @@ def peak_at(problem: Problem, *point: float):
 
 def test_the_rise_is_that_of_the_best_fit_in_which_the_prior_takes_the_faults_place() -> None:
     problem = problem_of(0.3)
-    found = held_healthy(peak_at(problem, 0.3, 0.2, 0.0), ["wear", "gap"])
+    found = held_healthy(peak_at(problem, 0.3, 0.2, 0.0), [["wear"], ["gap"]])
     error = NOISE / np.sqrt(SAMPLES)
     assert found.rises[0] == pytest.approx(0.3**2 / (SPREAD**2 + error**2), rel=0.02)
     assert found.rises[1] == pytest.approx((0.2 / error) ** 2, rel=0.02)
@@ -39,7 +39,7 @@ def test_the_rise_is_that_of_the_best_fit_in_which_the_prior_takes_the_faults_pl
 
 def test_a_fault_that_a_tolerance_explains_as_well_hardly_rises() -> None:
     problem = problem_of(0.0, nominal=0.04)
-    found = held_healthy(peak_at(problem, 0.04, 0.2, 0.0), ["wear"])
+    found = held_healthy(peak_at(problem, 0.04, 0.2, 0.0), [["wear"]])
     assert 0.0 <= found.rises[0] < 1.0
 
 
@@ -47,3 +47,9 @@ def test_nothing_named_takes_nothing() -> None:
     problem = problem_of(0.0)
     found = held_healthy(peak_at(problem, 0.0, 0.2, 0.0), [])
     assert len(found.rises) == found.evaluations == 0
+
+
+def test_faults_that_are_held_together_rise_together() -> None:
+    problem = problem_of(0.3)
+    found = held_healthy(peak_at(problem, 0.3, 0.2, 0.0), [["wear", "gap"], ["wear"], ["gap"]])
+    assert found.rises[0] == pytest.approx(found.rises[1] + found.rises[2], rel=0.02)

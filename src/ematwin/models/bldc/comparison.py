@@ -41,9 +41,6 @@ from ematwin.recordings.recording import Recording
 SMOOTH_CUTOFF = 100.0  # Hz: misfits of currents low-passed there are smooth over wide valleys
 _TWIN_ERROR = 0.003  # relative misfit of the twin to healthy records of the reference model
 _REFERENCE_ERROR = 0.002  # of the reference model to simulators of other make: 0.0 to 0.18 %
-# Of a fast model without a gear that gives, or sampled loops: errors over standard errors were 1.4
-# to 3.2 (root mean square) with slopes taken for right, 0.8 to 1.1 without these forms.
-_SLOPE_ERROR = 2.0
 # sections of forms that the reference model alone has (docs/models.md, "Truer forms")
 _REFERENCE_ALONE = ("emf.", "cogging.", "speed_loop.", "current_loop.", "compliance.")
 KEPT = 5_000  # samples of a response: more are thinned, as far as the low-pass allows
@@ -87,7 +84,7 @@ class BldcComparison(Comparison):
 
     kept: int
     _stands_for = 1  # samples as recorded, each sample
-    model_error = MODEL_ERROR
+    model_error, has_reference = MODEL_ERROR, True
     power: Power | None = None
     _filtered_power: PowerStretches | None = None
     _missed: Mapping[str, np.ndarray] | None = None
@@ -125,7 +122,6 @@ class BldcComparison(Comparison):
         self.unseen = frozenset(
             place for place, *_ in actuator.parameters() if place.startswith(_REFERENCE_ALONE)
         )
-        self.slope_error = _SLOPE_ERROR if self.unseen else 1.0
         if backend == "cuda" and actuator.shorted_turns is not None:
             raise InputError(
                 f"A GPU knows shorted turns that are missing, but those of {actuator.name} are a "

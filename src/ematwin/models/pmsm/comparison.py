@@ -68,7 +68,7 @@ class PmsmComparison(Comparison):
     """
 
     whitened = True
-    model_error, slope_error = Model.model_error, 1.0
+    model_error, has_reference = Model.model_error, True
 
     def __init__(
         self, recording: Recording, actuator: PmsmActuator, *, threads: int | None = None
