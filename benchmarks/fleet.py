@@ -1,192 +1,309 @@
-"""What a fleet needs: recordings of many calibrated actuators through `identify` on a Dask cluster.
+"""How well a fleet is watched: alarms and life left on simulated fleets, and on a real wear path.
 
-    python benchmarks/fleet.py FOLDER --actuators 20 --recordings 2000 --workers 2
+    python benchmarks/fleet.py alarms --seeds 101 102 103
+    python benchmarks/fleet.py screw ../shared/data/xjtu_ball_screw/friction_torque.csv
+    python benchmarks/fleet.py predictions --seeds 104 --actuators 15 > predictions.json
+    python benchmarks/fleet.py kill
+    python benchmarks/fleet.py size
+    python benchmarks/fleet.py errors
 
-FOLDER receives the calibrated actuators, the recordings (Parquet, 0.5 s at 20 kHz with 2 % white
-noise and 12 bits, none to three faults) and the estimates (SQLite). What is there is not made
-again: an interrupted run goes on where it was. docs/speed.md, "A fleet".
-
-Printed are processor seconds of a recording by phase, the share of the workers' time that the
-cluster itself takes, memory of a worker, bytes on disk, and how many tasks that do nothing the
-scheduler passes on in a second; then what so many actuators with so many recordings a day need
-(``--fleet``, ``--daily``). The steps of a worker run on one thread.
+Nothing in the package was tuned on these seeds.
 """
 
 import argparse
+import csv
 import json
 import resource
-import sqlite3
+import subprocess
 import sys
+import tempfile
 import time
-from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
-from distributed import Client, LocalCluster, as_completed
-from joblib import Parallel, delayed
-from rich.progress import Progress, track
 
-import ematwin
-
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-
-NO_OPS = 2000
-DAY = 86_400.0
-TABLE = (
-    "CREATE TABLE IF NOT EXISTS estimate (recording TEXT PRIMARY KEY, actuator TEXT NOT NULL,"
-    " grade TEXT NOT NULL, estimate TEXT NOT NULL)"
+from ematwin.estimation.constants import SMALLEST
+from ematwin.fleet.fleet import Fleet
+from ematwin.fleet.metrics import (
+    Prediction,
+    cumulative_relative_accuracy,
+    is_accurate,
+    prognostic_horizon,
 )
+from ematwin.fleet.simulated import LIMITS, SimulatedFleet
+from ematwin.fleet.store import years
+from ematwin.fleet.trend import Series, learn, trend
+
+END = datetime(2026, 1, 1, tzinfo=UTC)
 
 
-class Judged(NamedTuple):
-    """One recording and its price: processor seconds, seconds, and memory of the worker (MB)."""
+def exponential_fit(series, limit, moment):
+    """Life left by a least-squares fit of value = a exp(b t) + c, as often done; years."""
+    from scipy.optimize import curve_fit
 
-    recording: str
-    actuator: str
-    grade: str
-    estimate: str
-    reading: float
-    identifying: float
-    seconds: float
-    memory: float
+    n = series.time.size
+    t = series.time - series.time[0]
+    if n < 5:
+        return np.inf
 
+    def curve(t, a, b, c):
+        return a * np.expm1(b * t) + c
 
-def made(folder: Path, actuators: int, recordings: int) -> list[tuple[Path, Path]]:
-    """Recordings and calibrated actuators, as files; only what is missing is made."""
-    of = [n % actuators for n in range(recordings)]
-    twins = [folder / f"actuator{n:04d}.toml" for n in range(actuators)]
-    files = [folder / f"{n:06d}.parquet" for n in range(recordings)]
-    missing = [n for n, path in enumerate(twins) if not path.exists()]
-    steps = Parallel(2, return_as="generator")(delayed(_calibrate)(n, twins[n]) for n in missing)
-    for _ in track(steps, "calibrating", len(missing)):
-        pass
-    absent = [n for n, path in enumerate(files) if not path.exists()]
-    steps = Parallel(2, return_as="generator")(delayed(_record)(of[n], n, files[n]) for n in absent)
-    for _ in track(steps, "recording", len(absent)):
-        pass
-    return [(file, twins[n]) for n, file in zip(of, files, strict=True)]
+    try:
+        (a, b, c), _ = curve_fit(curve, t, series.value, p0=(0.05, 0.5, 0.0), maxfev=2000)
+    except RuntimeError:
+        return np.inf
+    inside = (limit - c) / a + 1.0
+    if inside <= 0.0 or b == 0.0:
+        return np.inf
+    end = np.log(inside) / b
+    left = end - (moment - series.time[0])
+    return max(left, 0.0) if np.isfinite(left) else np.inf
 
 
-def _calibrate(seed: int, path: Path) -> None:
-    import unknown_actuator as bench
-
-    true = bench.actuator_off(seed)
-    healthy = [bench.recorded(true, {}, 10 + n, {}) for n in range(bench.HEALTHY_RECORDINGS)]
-    ematwin.calibrate(healthy, bench.SHEET, name=path.stem).save(path)
-
-
-def _record(seed: int, number: int, path: Path) -> None:
-    import unknown_actuator as bench
-
-    faults = bench.injected_faults(np.random.default_rng([7, number]))
-    ematwin.write(bench.recorded(bench.actuator_off(seed), faults, 1000 + number, {}), path)
-
-
-def judge(recording: str, twin: str) -> Judged:
-    """Identify one recording, on one thread."""
-    start, began = time.perf_counter(), time.process_time()
-    found = ematwin.read(recording)
-    read = time.process_time()
-    answer = ematwin.identify(found, twin, threads=1)
-    done = time.process_time()
-    return Judged(
-        Path(recording).name, Path(twin).stem, answer.verdict.grade,
-        json.dumps(answer.estimate.as_dict()), read - began, done - read,
-        time.perf_counter() - start, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0,
-    )  # fmt: skip
-
-
-def nothing(number: int) -> int:
-    """A task that costs nothing but its way."""
-    return number
+def watched(seed, actuators, per_year, every):
+    """One fleet looked at every so many days: alarms, and predictions of what fails."""
+    made = SimulatedFleet(actuators, 3.0, per_year, seed, END)
+    truths = {serial: made.truth(serial) for serial in made.serial_numbers()}
+    raised, predictions = [], {}
+    with tempfile.TemporaryDirectory() as folder:
+        store = Fleet(folder).store
+        made.fill(store)
+        for day in range(180, made.days, every):
+            now = made.start + timedelta(days=day)
+            fleet = Fleet(folder, now=now)
+            for event in fleet.update():
+                if event["step"] != "none":
+                    raised.append((day, event["serial_number"], event["magnitude"], event["step"]))
+            moment = day / 365.25
+            for unit in fleet:
+                truth = truths[unit.serial_number]
+                for name in unit.magnitudes:
+                    end = truth.passes(name, day)
+                    nearest = min((r for r, _ in truth.repairs if r > day), default=made.days)
+                    if end is None or end > nearest or end == day:
+                        continue
+                    life = unit.life_left(name)
+                    by_curve = exponential_fit(unit.series(name), LIMITS[name], life.moment)
+                    key = (unit.serial_number, name, end)
+                    predictions.setdefault(key, []).append(
+                        (Prediction(moment, life.draws), by_curve)
+                    )
+    return made, truths, raised, predictions
 
 
-def run(
-    client: Client, pairs: list[tuple[Path, Path]], store: sqlite3.Connection
-) -> Iterator[Judged]:
-    """Judge what the store does not hold yet; each estimate is kept as it comes."""
-    done = {name for (name,) in store.execute("SELECT recording FROM estimate")}
-    left = [(str(file), str(twin)) for file, twin in pairs if file.name not in done]
-    if not left:
-        return
-    futures = client.map(judge, *zip(*left, strict=True), pure=False)
-    for _, one in as_completed(futures, with_results=True):
-        judged = Judged(*one)
-        with store:
-            store.execute("INSERT INTO estimate VALUES (?, ?, ?, ?)", judged[:4])
-        yield judged
-
-
-def no_op_rate(client: Client) -> float:
-    """Tasks a second that the scheduler passes on where they do nothing."""
-    client.gather(client.map(nothing, range(100), pure=False))
-    start = time.perf_counter()
-    client.gather(client.map(nothing, range(NO_OPS), pure=False))
-    return NO_OPS / (time.perf_counter() - start)
-
-
-def main() -> None:
-    """Make what is missing, judge it, print what it took and what a fleet needs."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--actuators", type=int, default=20)
-    parser.add_argument("--recordings", type=int, default=2000)
-    parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--fleet", type=int, default=10_000, help="actuators of the fleet")
-    parser.add_argument("--daily", type=int, default=50, help="recordings of each a day")
-    given = parser.parse_args()
-    given.folder.mkdir(parents=True, exist_ok=True)
-    pairs = made(given.folder, given.actuators, given.recordings)
-    store = sqlite3.connect(given.folder / "estimates.db")
-    store.execute(TABLE)
-    with (
-        LocalCluster(n_workers=given.workers, threads_per_worker=1, dashboard_address=None) as own,
-        Client(own) as client,
-        Progress() as progress,
-    ):
-        client.gather([client.submit(judge, *map(str, pairs[0]), workers=[one], pure=False)
-                       for one in client.scheduler_info()["workers"]])  # fmt: skip
-        rate = no_op_rate(client)
-        task = progress.add_task("identifying", total=len(pairs))
-        start, found = time.perf_counter(), []
-        for one in run(client, pairs, store):
-            found.append(one)
-            progress.update(task, completed=len(found))
-        seconds = time.perf_counter() - start
-    if not found:
-        print(f"All {len(pairs)} are in {given.folder / 'estimates.db'}; nothing to measure.")
-        return
-    reading, identifying, busy = (
-        np.array([getattr(one, name) for one in found])
-        for name in ("reading", "identifying", "seconds")
-    )
-    cpu = float((reading + identifying).mean())
-    recording = float(np.mean([file.stat().st_size for file, _ in pairs]))
-    estimate = (given.folder / "estimates.db").stat().st_size / len(pairs)
-    memory = max(one.memory for one in found)
-    idle = 1.0 - float(busy.sum()) / (given.workers * seconds)
-    daily = given.fleet * given.daily
-    print(f"{len(found)} recordings on {given.workers} workers in {seconds:.0f} s")
-    print(f"processor seconds of each, median / P90: reading {_two(reading)}, identifying "
-          f"{_two(identifying)}")  # fmt: skip
-    print(f"workers without work {100 * idle:.1f} % of the time; {rate:.0f} empty tasks a second")
-    print(f"memory of a worker {memory:.0f} MB; recording {recording / 1e3:.0f} kB, estimate "
-          f"{estimate / 1e3:.1f} kB on disk")  # fmt: skip
-    grades = {
-        g: sum(one.grade == g for one in found) for g in ("fault", "changed", "healthy", "none")
+def judged(seed, actuators, per_year, every):
+    """Counts of one fleet."""
+    made, truths, raised, predictions = watched(seed, actuators, per_year, every)
+    false = [
+        one
+        for one in raised
+        if one[3] == "watch" and truths[one[1]].level[one[2]][one[0]] < SMALLEST
+    ]
+    held, every_one, ours, curves, horizons = 0, 0, [], [], []
+    fails = {
+        (serial, name, end)
+        for serial, truth in truths.items()
+        for name in LIMITS
+        for begin in (180, *(r for r, _ in truth.repairs if r > 180))
+        if (end := truth.passes(name, begin)) is not None
+        and end > begin
+        and not any(begin < r <= end for r, _ in truth.repairs)
     }
-    print(f"verdicts: {grades}")
-    print(f"\n{given.fleet} actuators, {given.daily} recordings a day: {daily} a day, "
-          f"{daily / DAY:.1f} a second")  # fmt: skip
-    print(f"  {daily * cpu / DAY:.1f} cores, {daily * cpu / DAY * memory / 1e3:.0f} GB of memory")
-    print(f"  a day: {daily * recording / 1e9:.0f} GB of recordings, "
-          f"{daily * estimate / 1e9:.1f} GB of estimates")  # fmt: skip
-    print(f"  one scheduler of {rate:.0f} tasks a second is enough for {rate * cpu:.0f} workers")
+    before = {step: 0 for step in ("watch", "plan", "act")}
+    for serial, name, end in fails:
+        begin = max((r for r, _ in truths[serial].repairs if r <= end), default=0)
+        steps = {
+            s for d, who, what, s in raised if (who, what) == (serial, name) and begin <= d <= end
+        }
+        order = ["watch", "plan", "act"]
+        for n, step in enumerate(order):
+            before[step] += bool(steps & set(order[n:]))
+    for (_, _, end), several in predictions.items():
+        ends = end / 365.25
+        made_ones = [one for one, _ in several]
+        horizon = prognostic_horizon(made_ones, ends)
+        horizons.append(horizon)
+        for one in made_ones:
+            if ends - one.moment <= horizon:
+                every_one += 1
+                held += one.holds(ends - one.moment)
+        if len(made_ones) >= 3:
+            ours.append(cumulative_relative_accuracy(made_ones, ends))
+            flat = [Prediction(one.moment, np.array([curve])) for one, curve in several]
+            curves.append(cumulative_relative_accuracy(flat, ends))
+    whole = [
+        one.holds(end / 365.25 - one.moment)
+        for (_, _, end), several in predictions.items()
+        for one, _ in several
+    ]
+    return {
+        "seed": seed, "actuator_years": actuators * (made.days - 180) / 365.25,
+        "false_alarms": len(false), "failures": len(fails),
+        **{f"{step}_before": count for step, count in before.items()},
+        "predictions": len(whole), "held_of_all": sum(whole),
+        "from_horizon": every_one, "held_from_horizon": held,
+        "median_horizon_years": float(np.median(horizons)) if horizons else 0.0,
+        "cra": float(np.mean(ours)), "cra_exponential": float(np.mean(curves)),
+        "false": false,
+    }  # fmt: skip
 
 
-def _two(values: np.ndarray) -> str:
-    return f"{np.median(values):.3f} / {np.quantile(values, 0.9):.3f}"
+def exported(seed, actuators, per_year, every):
+    """Estimates and predictions of each failure, for other programs."""
+    made, truths, _, predictions = watched(seed, actuators, per_year, every)
+    told = []
+    with tempfile.TemporaryDirectory() as folder:
+        fleet = Fleet(folder, now=END)
+        made.fill(fleet.store)
+        fleet.refresh()
+        epoch = years(made.start)
+        for (serial, name, end), several in predictions.items():
+            ends = end / 365.25
+            begin = max((r for r, _ in truths[serial].repairs if r <= end), default=0) / 365.25
+            series = fleet[serial].series(name)
+            time = series.time - epoch
+            inside = (time >= begin) & (time <= ends)
+            kept = [one for one, _ in several if one.moment > time[inside][0]]
+            if len(kept) < 3:
+                continue
+            shares = np.linspace(0.005, 0.995, 100)
+            middle = time[inside][0] + 0.5 * (ends - time[inside][0])
+            after = next((one for one in kept if one.moment >= middle), kept[-1])
+            told.append(
+                {
+                    "end": ends, "limit": LIMITS[name], "time": time[inside].tolist(),
+                    "value": series.value[inside].tolist(),
+                    "moments": [one.moment for one in kept],
+                    "draws": [
+                        [x if np.isfinite(x) else None for x in q.tolist()]
+                        for q in (
+                            np.quantile(one.draws, shares, method="inverted_cdf") for one in kept
+                        )
+                    ],
+                    "alpha_lambda": is_accurate(after, ends),
+                }
+            )  # fmt: skip
+    return told
+
+
+def killed(times=20):
+    """Kill ``ematwin watch`` again and again: rows lost, and rows that are there twice."""
+    import ematwin
+
+    with tempfile.TemporaryDirectory() as folder:
+        inside = Path(folder) / "recordings" / "S-1"
+        inside.mkdir(parents=True)
+        for n in range(3 * times):
+            made = ematwin.simulate(actuator="sts3215", noise=0.01, seed=n)
+            day = datetime(2025, 1, 1, tzinfo=UTC) + timedelta(days=n)
+            ematwin.write(made, inside / f"{day:%Y-%m-%d}.parquet")
+        command = [
+            sys.executable, "-m", "ematwin", "watch", "recordings", "--fleet", "fleet",
+            "--actuator", "sts3215",
+        ]  # fmt: skip
+        rows = Path(folder) / "fleet" / "rows"
+        lost, seen = 0, set()
+        for _ in range(times):
+            before = len(list(rows.glob("*/[!.]*.parquet")))
+            watcher = subprocess.Popen(command, cwd=folder, stdout=subprocess.DEVNULL)
+            while len(list(rows.glob("*/[!.]*.parquet"))) == before and watcher.poll() is None:
+                time.sleep(0.005)
+            watcher.kill()
+            watcher.wait()
+            now = {row["id"] for row in Fleet(rows.parent).store.rows().to_pylist()}
+            lost += len(seen - now)
+            seen = now
+        subprocess.run(command, cwd=folder, check=True, stdout=subprocess.DEVNULL)
+        table = Fleet(rows.parent).store.rows()
+        return {"kills": times, "recordings": 3 * times, "rows": table.num_rows, "lost": lost,
+                "twice": table.num_rows - len(set(table["content"].to_pylist()))}  # fmt: skip
+
+
+def screw(path, upto=(1 / 3, 1 / 2, 2 / 3)):
+    """Forecasts of a real wear path, the friction torque of a ball screw, from parts of it."""
+    with open(path, encoding="utf-8") as file:
+        rows = [(float(r["test"]), float(r["friction_torque"])) for r in csv.DictReader(file)]
+    test, value = np.array(rows).T
+    from ematwin.fleet.life import paths
+
+    told = []
+    for share in upto:
+        n = round(share * len(test))
+        # no standard errors are stated: the scatter is learnt; a year stands for 100 tests
+        one = Series(test / 100.0, value, np.zeros(len(test)), np.zeros((len(test), 2)))
+        known = one.until(one.time[n - 1])
+        wear = learn([known], float(value[0]), float(value[0]))
+        posterior = trend(known, wear)
+        ahead, level = paths(posterior, known.time[-1], "wiener", horizon=2.0, draws=2000)
+        noise = np.sqrt(wear.variance(np.zeros(1))[0])
+        level = level + noise * np.random.default_rng(1).standard_normal(level.shape)
+        low, high = (
+            np.interp(one.time[n:] - known.time[-1], ahead, np.quantile(level, q, axis=0))
+            for q in (0.1, 0.9)
+        )
+        inside = (value[n:] >= low) & (value[n:] <= high)
+        told.append({"share": share, "held": int(inside.sum()), "of": int(inside.size)})
+    return told
+
+
+def size(actuators=60, per_year=1000 / 3):
+    """Seconds and memory of a fleet of 60 actuators with 1,000 estimates each."""
+    with tempfile.TemporaryDirectory() as folder:
+        store = Fleet(folder).store
+        SimulatedFleet(actuators, 3.0, per_year, 1, END).fill(store)
+        begin = time.perf_counter()
+        fleet = Fleet(folder, now=END)
+        page = Path(folder) / "fleet.html"
+        fleet.report(page)
+        return {
+            "recordings": sum(len(one.rows) for one in fleet),
+            "seconds": time.perf_counter() - begin,
+            "peak_GB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6,
+            "page_MB": page.stat().st_size / 1e6,
+        }
+
+
+def errors():
+    """Standard errors of `identify` on a calibrated servo400, by fault."""
+    import ematwin
+
+    noise = ematwin.Noise(white=0.02, bits=12)
+    healthy = [ematwin.simulate(None, actuator="servo400", noise=noise, seed=s) for s in range(3)]
+    twin = ematwin.calibrate(healthy, "servo400")
+    found = {}
+    for faults in ({"friction": 0.2, "backlash": 0.1, "demagnetisation": 0.1}, {"short_a": 0.1}):
+        record = ematwin.simulate(None, actuator="servo400", faults=faults, noise=noise, seed=9)
+        standard = ematwin.identify(record, twin).estimate.standard_errors
+        found |= {name: standard[name] for name in faults}
+    return found
+
+
+def main():
+    """Read the command, and print its answer as JSON."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument(
+        "what", choices=("alarms", "predictions", "screw", "size", "kill", "errors")
+    )
+    parser.add_argument("path", nargs="?")
+    parser.add_argument("--seeds", type=int, nargs="+", default=[101])
+    parser.add_argument("--actuators", type=int, default=60)
+    parser.add_argument("--per-year", type=float, default=50.0)
+    parser.add_argument("--every", type=int, default=30)
+    given = parser.parse_args()
+    if given.what == "alarms":
+        for seed in given.seeds:
+            print(
+                json.dumps(judged(seed, given.actuators, given.per_year, given.every)), flush=True
+            )
+    elif given.what == "predictions":
+        settings = given.actuators, given.per_year, given.every
+        print(json.dumps([one for seed in given.seeds for one in exported(seed, *settings)]))
+    elif given.what == "screw":
+        print(json.dumps(screw(given.path)))
+    else:
+        print(json.dumps({"size": size, "kill": killed, "errors": errors}[given.what]()))
 
 
 if __name__ == "__main__":

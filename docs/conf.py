@@ -16,6 +16,7 @@ os.environ["PYTHONPATH"] = os.pathsep.join(
 )
 
 project = "ematwin"
+language = "en"
 author = "The ematwin founders"
 copyright = author  # the name is Sphinx's
 version = release = __version__
@@ -52,6 +53,12 @@ html_css_files = ["style.css"]
 html_theme = "furo"
 html_title = f"ematwin {release}"
 html_show_sourcelink = False
+if repository := os.environ.get("DOCS_REPOSITORY"):  # where the pages may be edited, if anywhere
+    html_theme_options = {
+        "source_repository": repository,
+        "source_branch": "main",
+        "source_directory": "docs/",
+    }
 
 
 def one_line_fields(app, what, name, obj, options, lines):  # type: ignore[no-untyped-def]
@@ -70,6 +77,8 @@ def one_line_fields(app, what, name, obj, options, lines):  # type: ignore[no-un
 
 def with_plotly(app, pagename, templatename, context, doctree):  # type: ignore[no-untyped-def]
     """Load the script of figures where there are some."""
+    if pagename == "gallery":
+        app.add_js_file("gallery.js")
     if pagename in ("gallery", "your-own-model") or pagename.startswith("notebooks/"):
         app.add_js_file(_PLOTLY.name)
 

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,6 +13,8 @@ from hypothesis import settings
 from commands import Answer, inside
 from ematwin.cli import main
 
+# The units of a developer's own settings do not reach the tests.
+os.environ["XDG_CONFIG_HOME"] = str(Path(tempfile.gettempdir(), "ematwin-tests-settings"))
 # The same examples in each run, on machines of any speed.
 settings.register_profile("repeatable", deadline=None, derandomize=True, max_examples=50)
 settings.load_profile("repeatable")

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from ematwin.experiments.discriminate import discriminate
     from ematwin.experiments.identifiability import identifiability
     from ematwin.exploring.explore import explore
+    from ematwin.fleet.fleet import Fleet
     from ematwin.models.base import Model
     from ematwin.models.proposing import propose_map
     from ematwin.models.reading import read, write
@@ -32,12 +33,14 @@ if TYPE_CHECKING:
     from ematwin.monitoring.identify import detect, identify
     from ematwin.optimizers.loop import minimize
     from ematwin.optimizers.registry import register
+    from ematwin.quantities import use_units
     from ematwin.recordings.noise import Noise
     from ematwin.recordings.recording import Recording
 
 _HOMES = {
     "Calibration": "ematwin.monitoring.calibration",
     "EmatwinError": "ematwin.errors",
+    "Fleet": "ematwin.fleet.fleet",
     "Model": "ematwin.models.base",
     "Noise": "ematwin.recordings.noise",
     "Recording": "ematwin.recordings.recording",
@@ -57,6 +60,7 @@ _HOMES = {
     "register": "ematwin.optimizers.registry",
     "register_model": "ematwin.models.registry",
     "simulate": "ematwin.models.simulating",
+    "use_units": "ematwin.quantities",
     "write": "ematwin.models.reading",
 }
 # Names that a user seldom needs; their modules are their place, and these go on working.
@@ -86,6 +90,7 @@ _RENAMED = {"Actuator": "BldcActuator", "Motion": "Recording", "Record": "Record
 __all__ = [
     "Calibration",
     "EmatwinError",
+    "Fleet",
     "Model",
     "Noise",
     "Recording",
@@ -105,6 +110,7 @@ __all__ = [
     "register",
     "register_model",
     "simulate",
+    "use_units",
     "write",
 ]
 

@@ -1,11 +1,18 @@
-"""Numbers with units in files: read once, converted to SI, checked for the right dimension."""
+"""Numbers with units: those in files become SI, checked for the right dimension.
+
+Sentences, tables and figures show SI, or the units that a user prefers (`use_units`); files, JSON
+and DataFrames are SI always.
+"""
 
 import math
 import re
+import tomllib
+from collections.abc import Mapping
 from functools import cache
+from pathlib import Path
 from typing import Any
 
-from ematwin.errors import ParameterError
+from ematwin.errors import FileError, InputError, ParameterError
 
 # pint holds that a radian is nothing, so that Hz passes for rad/s and a bare number for rad.
 ANGULAR = re.compile(r"rad|deg|°|turn|rpm|rev|arcmin|arcsec|gon|cycle", re.IGNORECASE)
@@ -26,6 +33,14 @@ _USUAL = {
     ("deg", "rad"): math.pi / 180.0, ("mrad", "rad"): 1e-3, ("deg/s", "rad/s"): math.pi / 180.0,
     ("rpm", "rad/s"): math.pi / 30.0, ("kHz", "Hz"): 1e3,
     ("g*cm^2", "kg*m^2"): 1.0000000000000001e-07, ("kg*cm^2", "kg*m^2"): 1e-4,
+}  # fmt: skip
+# Quantities that are shown, with the units in which kinds give them, SI first. The turns of a
+# winding are no angle.
+QUANTITIES = {
+    "angle": ("rad", "deg"), "angular speed": ("rad/s",), "torque": ("N*m",),
+    "length": ("m", "mm"), "speed": ("m/s",), "force": ("N",), "current": ("A",),
+    "voltage": ("V",), "resistance": ("ohm",), "inductance": ("H",), "mass": ("kg",),
+    "inertia": ("kg*m^2",), "time": ("s", "ms"),
 }  # fmt: skip
 LARGEST_SHARE = 2.0  # of a tolerance: up to three times too small or too large
 
@@ -126,3 +141,89 @@ def as_percent(share: float) -> str | float:
     """A share as people write it, ``"5 %"``; the bare number where that would round it."""
     text = f"{100.0 * share:.12g} %"
     return text if parse_share(text, "it") == share else share
+
+
+_preferred: dict[str, str] | None = None  # unit by quantity; None: not asked for yet
+
+
+def use_units(units: str | Mapping[str, str] | None = None) -> None:
+    """Show values in these units from now on, in this process.
+
+    Parameters
+    ----------
+    units : such as ``"angle=mrad, torque=mN m"``, or a mapping; "" for SI; None for those of the
+        user's settings
+
+    Raises
+    ------
+    InputError
+        If a quantity or unit is unknown.
+    """
+    global _preferred
+    _preferred = None if units is None else parse_units(units)
+    preferred.cache_clear()
+
+
+def parse_units(units: str | Mapping[str, str], what: str = "units") -> dict[str, str]:
+    """Units by quantity, checked; raises as `use_units` does."""
+    if isinstance(units, str):
+        parts = [part.partition("=") for part in units.split(",") if part.strip()]
+        if not all(sign for _, sign, _ in parts):
+            raise InputError(
+                f'{what} must be quantity=unit, such as "angle=mrad, torque=mN m", received '
+                f"{units!r}."
+            )
+        units = {name: unit for name, _, unit in parts}
+    found = {str(name).strip(): str(unit).strip() for name, unit in units.items()}
+    for name, unit in found.items():
+        if name not in QUANTITIES:
+            raise InputError(
+                f"{what} must name quantities of {', '.join(QUANTITIES)}; received {name!r}."
+            )
+        try:
+            to_si(1.0, unit, QUANTITIES[name][0], name)
+        except ParameterError as error:
+            raise InputError(f"{what}: {error}") from None
+    return found
+
+
+def settings_file() -> Path:
+    """Where a user's settings are kept; the file need not exist."""
+    import typer  # knows the folder for settings on each system
+
+    return Path(typer.get_app_dir("ematwin")) / "settings.toml"
+
+
+def units_in_settings() -> dict[str, str]:
+    """The units of the user's settings; empty without a file.
+
+    Raises
+    ------
+    FileError, InputError
+        If the file cannot be used.
+    """
+    path = settings_file()
+    if not path.is_file():
+        return {}
+    try:
+        table = tomllib.loads(path.read_text("utf-8")).get("units", {})
+    except (OSError, ValueError) as error:
+        reason = str(error).splitlines()[0].rstrip(".")
+        raise FileError(f"Cannot read the settings {path}: {reason}. Correct it.") from None
+    if not isinstance(table, dict):
+        raise InputError(f'{path} must hold a table [units]; write angle = "mrad" below it.')
+    return parse_units(table, f"{path}, units")
+
+
+@cache
+def preferred(unit: str) -> tuple[str, float]:
+    """The unit in which values in ``unit`` are shown, and by what they are multiplied for it."""
+    global _preferred
+    if _preferred is None:
+        _preferred = units_in_settings()
+    for name, shown in _preferred.items():
+        own = unit.replace(" ", "*")
+        if own in QUANTITIES[name]:
+            si = QUANTITIES[name][0]
+            return shown, to_si(1.0, own, si, name) / to_si(1.0, shown, si, name)
+    return unit, 1.0

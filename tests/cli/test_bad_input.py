@@ -150,6 +150,44 @@ def test_other_commands_refuse_in_one_sentence(ematwin, files, arguments, said):
     assert contents(files) == before
 
 
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [
+        ("identify none.csv", "There is no file none.csv"),
+        ("identify good.csv", "good.csv has no channel for current_a"),
+        ("identify header.csv", "holds a header and no rows"),
+        ("identify empty.csv", "empty.csv is empty"),
+        ("identify sheet.xlsx", "Cannot read sheet.xlsx as xlsx"),
+        ("identify binary.parquet", "Cannot read binary.parquet as parquet"),
+        ("identify folder.parquet", "folder.parquet holds no recording"),
+        ("identify *.mf4", "*.mf4 holds no recording"),
+        ("identify runs.csv", "There is no file lost.parquet"),
+        (
+            "identify runs.csv good.csv",
+            "runs.csv is a table of runs (a column path); give it alone",
+        ),
+        ("detect good.csv", "detect needs a calibrated actuator"),
+        ("detect good.csv --actuator slow.toml", "slow.toml holds an actuator but no calibration"),
+        ("identify good.csv --units angel=mrad", "--units must name quantities of angle"),
+        ("identify good.csv --fail-on broken", "--fail-on takes fault, changed and none"),
+        ("identify good.csv --actuator servo48 --column i_a", "received 'i_a'"),
+        ("identify good.csv --report page.pdf", "end its name in .html"),
+        ("identify good.csv --table t.xlsx", "end its name in .csv or .parquet"),
+        ("identify good.csv --gaps maybe", "--gaps must be refuse, longest, mask"),
+        ("identify good.csv --resample-to fast", "--resample-to must be a number"),
+        ("calibrate good.csv --out none/x.toml", "the folder none is missing"),
+        ("calibrate good.csv --actuator slow.toml --out slow.toml", "replace it with --force"),
+        ("channels none.csv", "There is no file none.csv"),
+        ("units mrad", 'Give units such as "angle=mrad'),
+    ],
+)
+def test_commands_on_recordings_refuse_in_one_sentence(ematwin, files, command, said):
+    (files / "runs.csv").write_text("path,actuator\nlost.parquet,servo48\n", encoding="utf-8")
+    before = contents(files)
+    refused(ematwin(*command.split()), said)
+    assert contents(files) == before
+
+
 def test_the_installed_script_refuses_alike(tmp_path):
     script = Path(sys.executable).parent / "ematwin"
     done = subprocess.run(

@@ -177,9 +177,13 @@ def test_what_is_missing_is_one_sentence(shell, recorded, tmp_path):
     recorded("one.parquet", 1)
     assert "Faults of dcg25" in shell("identify", "one.parquet")  # of the only kind that fits
     (tmp_path / "one.csv").write_text("time,speed\n0,1\n0.1,2\n")
-    said = shell("identify", "one.csv", code=2)
-    assert said.startswith("Error: ")
-    assert said.count("\n") == 1
+    rows = "".join(f"{n},0,{n % 3},0,{n % 5}\n" for n in range(50))  # a row each ms
+    (tmp_path / "ms.csv").write_text(f"time,command,voltage,current,position\n{rows}")
+    for name, wanted in (("one.csv", ""), ("ms.csv", "it looks like ms. State it")):
+        said = shell("identify", name, "--actuator", "dcg25", code=2)
+        assert said.startswith("Error: ")
+        assert said.count("\n") == 1
+        assert wanted in said
 
 
 def test_a_load_that_the_kind_does_not_take_is_refused(shell, tmp_path):

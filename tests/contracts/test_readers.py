@@ -2,6 +2,7 @@
 
 import gzip
 import struct
+import tempfile
 import zipfile
 from pathlib import Path
 
@@ -16,8 +17,9 @@ from asammdf import MDF, Signal
 from mcap_ros2.writer import Writer as McapWriter
 from nptdms import ChannelObject, TdmsWriter
 
-from ematwin.errors import FileError, InputError
+from ematwin.errors import EmatwinError, FileError, InputError
 from ematwin.models.reading import read
+from ematwin.recordings.read import assumptions
 from ematwin.testing.reader_contract import ReaderContract, bench_channels
 
 
@@ -38,6 +40,53 @@ class TestGermanCsv(ReaderContract):
         for row in zip(*(values.tolist() for values in channels.values()), strict=True):
             lines.append(";".join(repr(value).replace(".", ",") for value in row))
         path.write_bytes("\r\n".join([*lines, ""]).encode("cp1252"))
+
+
+class TestTwinCat(ReaderContract):
+    """As Scope 3.4 writes it: German signs, a time base for channels of one rate, EOF."""
+
+    suffix = ".csv"
+    states_units = True
+    end, sign = "\nEOF\n", "\t"
+
+    def write(self, path: Path, channels: dict[str, np.ndarray], units: dict[str, str]) -> None:
+        names = [name for name in channels if name != "time"]
+        ticks = 132_959_733_843_760_000
+        last = ticks + round(1e7 * channels["time"][-1])
+        lines = [
+            ["Name", "scope"], ["File", "scope.csv"],
+            ["Starttime of export", str(ticks), "Montag, 2. Mai 2022", "15:56:24.376"],
+            ["Endtime of export", str(last), "Montag, 2. Mai 2022", "15:56:25.375"],
+            [], [], ["Name", *names], ["SymbolComment", *["" for _ in names][1:]],
+            ["SampleTime[ms]", *["0,05" for _ in names]],
+            ["Unit", *[f"{units[name]} (Quantity)" for name in names]], [],
+        ]  # fmt: skip
+        columns = [1e3 * channels["time"], *(channels[name] for name in names)]
+        for row in zip(*(values.tolist() for values in columns), strict=True):
+            lines.append([repr(value).replace(".", ",") for value in row])
+        text = "\n".join(self.sign.join(line) for line in lines)
+        path.write_text(text + self.end, encoding="utf-8")
+
+
+class TestTwinCatFullTimestamps(TestTwinCat):
+    """A time column for each channel, in ticks; a delimiter of its own; no EOF."""
+
+    end, sign = "\n", ";"
+
+    def write(self, path: Path, channels: dict[str, np.ndarray], units: dict[str, str]) -> None:
+        super().write(path, channels, units)
+        head, _, rows = path.read_text().rpartition("\n\n")
+        lines = []
+        for line in rows.splitlines():
+            time, *cells = line.split(";")
+            ticks = 132_959_733_843_760_000 + round(1e4 * float(time.replace(",", ".")))
+            lines.append(";".join(f"{ticks};{cell}" for cell in cells))
+        blocks = []
+        for line in head.splitlines():
+            key, *cells = line.split(";")
+            own = len(cells) == len(channels) - 1
+            blocks.append(";".join(f"{key};{cell}" for cell in cells) if own else line)
+        path.write_text("\n".join([*blocks, "", *lines]) + self.end)
 
 
 class TestParquet(ReaderContract):
@@ -253,3 +302,31 @@ def test_a_zip_of_several_files_is_refused_by_their_names(tmp_path: Path) -> Non
             archive.writestr(f"day{day}.csv", "time,command\n0,0\n")
     with pytest.raises(FileError, match=r"holds day1\.csv, day2\.csv\. Unpack it"):
         read(tmp_path / "days.zip")
+
+
+def test_a_log_that_power_loss_cut_off_is_read_up_to_there(tmp_path: Path) -> None:
+    path, channels = tmp_path / "flight.ulg", bench_channels()
+    TestULog().write(path, channels, {})
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) // 2 + 11])
+    record = read(path)
+    assert 0.4 < len(record) / len(channels["time"]) < 0.6
+    np.testing.assert_array_equal(record.command, channels["command"][: len(record)])
+    assert any("log flight.ulg ends within a message" in said for said in assumptions(record))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "time,command\n0,0\n1,abc\n",
+        "time,speed\n" + "".join(f"{n},0\n" for n in range(50)),
+        "time,command,current\n" + "".join(f"{n % 30},0,1\n" for n in range(60)),
+    ],
+)
+def test_an_error_names_the_packed_file_that_was_given(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "bench.csv.gz"
+    path.write_bytes(gzip.compress(text.encode()))
+    with pytest.raises(EmatwinError) as caught:
+        read(path)
+    assert str(path) in str(caught.value)
+    assert str(Path(tempfile.gettempdir(), "ematwin-")) not in str(caught.value)

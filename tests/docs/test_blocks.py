@@ -24,6 +24,7 @@ import typer
 
 from ematwin.benchmarking.cases import cases_from_file
 from ematwin.cli.app import app, run
+from ematwin.fleet.fleet import settings_of
 from ematwin.models import registry
 from ematwin.models.registry import actuator_in, load_actuator, model_of, shipped_actuators
 from ematwin.optimizers import registry as methods
@@ -237,6 +238,8 @@ def _toml(block: Block, names: dict[str, Any], shell: Shell) -> None:
         model_of(load_actuator()).load_scenario(file).histories(load_scenario_times())
     elif "cases" in table:
         assert cases_from_file(file)
+    elif "limits" in table:
+        assert settings_of(table, file)
     elif "columns" in table:
         assert ChannelMap.of(file, model_of(load_actuator()).channels).columns
     else:

@@ -26,7 +26,10 @@ from ematwin.cli import (
     identifiability,
     identify,
     report,
+    serve,
     simulate,
+    units,
+    watch,
 )
 
 
@@ -59,6 +62,8 @@ app.command("demo")(demo.demo)
 app.command("identify")(identify.identify)
 app.command("calibrate")(calibrate.calibrate)
 app.command("detect")(detect.detect)
+app.command("watch")(watch.watch)
+app.command("serve")(serve.serve)
 app.command("explore")(explore.explore)
 app.command("identifiability")(identifiability.identifiability)
 app.command("design")(design.design)
@@ -67,6 +72,7 @@ app.command("channels")(channels.channels)
 app.command("actuators")(actuators.actuators)
 app.command("scenarios")(actuators.scenarios)
 app.command("algorithms")(algorithms.algorithms)
+app.command("units")(units.units)
 app.command("bench")(bench.bench)
 app.command("report")(report.report)
 app.add_typer(report.store, name="store")

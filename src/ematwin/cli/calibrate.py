@@ -11,6 +11,7 @@ from ematwin.cli.options import (
     MapOption,
     RecordedActuatorOption,
     ReportOption,
+    UnitsOption,
     print_json,
     print_notes,
     print_table,
@@ -73,6 +74,7 @@ def calibrate(
     map_file: MapOption = None,
     report: ReportOption = None,
     force: ForceOption = False,
+    units: UnitsOption = None,
     json: JsonOption = False,
 ) -> None:
     """Learn from healthy recordings how an actuator behaves and how far healthy runs differ."""

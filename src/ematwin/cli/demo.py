@@ -29,9 +29,16 @@ def demo(
         "ematwin-demo"
     ),
     seed: Annotated[int, typer.Option(help="Seed of the sensor noise and of the search.")] = 1,
+    fleet: Annotated[
+        bool,
+        typer.Option("--fleet", help="Instead simulate a fleet, 60 actuators over three years."),
+    ] = False,
     json: JsonOption = False,
 ) -> None:
     """Calibrate an unknown actuator on healthy records, and find the faults of a later one."""
+    if fleet:
+        _fleet(folder, seed, json)
+        return
     from ematwin import BldcActuator, Faults, Noise, simulate
     from ematwin.errors import FileError
     from ematwin.files import write_text
@@ -103,3 +110,33 @@ def demo(
         f"wrote {twin_file}, {folder / 'report.html'}, {folder / 'uncalibrated.html'} and "
         f"{folder / 'simulated.html'}"
     )
+
+
+def _fleet(folder: Path, seed: int, json: bool) -> None:
+    """Fill a fleet with simulated estimates, and write its page."""
+    from ematwin.cli.watch import print_fleet
+    from ematwin.errors import InputError
+    from ematwin.fleet.fleet import Fleet
+    from ematwin.fleet.simulated import SimulatedFleet
+
+    if (folder / "rows").exists():
+        raise InputError(f"{folder} holds a fleet already. Choose another with --folder.")
+    fleet = Fleet(folder)
+    with progress_bar("Simulating the fleet", not json) as progress:
+        SimulatedFleet(seed=seed).fill(fleet.store)
+        progress(0.3)
+        fleet.refresh()
+        fleet.update()
+        progress(0.7)
+        fleet.report(folder / "fleet.html")
+    if json:
+        print_json(
+            {
+                "fleet": str(folder),
+                "report": str(folder / "fleet.html"),
+                "advisories": {r["serial_number"]: r["advisory"] for r in fleet.table()},
+            }
+        )
+        return
+    print_fleet(fleet)
+    typer.echo(f"wrote {folder / 'fleet.html'}. See it live: ematwin serve {folder}")

@@ -1,7 +1,8 @@
 """``ematwin detect``: recordings in, a verdict on each out."""
 
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -12,18 +13,22 @@ from ematwin.cli.options import (
     MapOption,
     ReportOption,
     TableOption,
+    UnitsOption,
     grades,
     print_json,
     print_notes,
     print_table,
     progress_bar,
 )
-from ematwin.cli.recordings import choice, constant_load, remarks
+from ematwin.cli.recordings import choice, constant_load, remarks, runs, runs_in
 from ematwin.cli.recordings import load as loaded
 from ematwin.errors import InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from ematwin.monitoring.diagnosis import Detection, Diagnosis
+    from ematwin.monitoring.runs import Detections, Runs
     from ematwin.recordings.recording import Recording
 
 _EACH = ("motion", "run")
@@ -35,11 +40,19 @@ _ALWAYS = dict.fromkeys(
 
 def detect(
     records: Annotated[
-        list[Path], typer.Argument(help="Files with recordings to judge, or folders of them.")
+        list[Path],
+        typer.Argument(
+            help="Files with recordings to judge, folders of them, or a table of runs "
+            "(docs/recordings.md)."
+        ),
     ],
     actuator: Annotated[
-        Path, typer.Option(help="Actuator calibrated by `ematwin calibrate` (.toml).")
-    ],
+        Path | None,
+        typer.Option(
+            help="Actuator calibrated by `ematwin calibrate` (.toml); a table of runs may name one "
+            "in each row."
+        ),
+    ] = None,
     each: Annotated[
         str,
         typer.Option(
@@ -60,6 +73,7 @@ def detect(
     report: ReportOption = None,
     table: TableOption = None,
     fail_on: FailOption = None,
+    units: UnitsOption = None,
     json: JsonOption = False,
 ) -> None:
     """Judge recordings against the healthy actuator: what identify says of each, as a table.
@@ -74,17 +88,36 @@ def detect(
         raise InputError(f"--each must be motion or run, received {each!r}.")
     check_targets(table, report)
     failing = grades(fail_on)
-    calibration = Calibration.load(actuator)
     wanted = choice(where or [], "--where")
-    recordings = loaded(
-        records, column, map_file, calibration.actuator, *([wanted] if wanted else [])
-    )
-    given = constant_load(load, calibration.actuator)
+    recordings: Any
+    calibration = None
+    if runs_in(records):
+        recordings = runs(
+            records[0], actuator, column, map_file,
+            lambda given, first: Calibration.load(_needed(given)),
+            where=[wanted] if wanted else None,
+        )  # fmt: skip
+        given = None if load is None else constant_load(load, recordings.groups[0].known.actuator)
+    else:
+        calibration = Calibration.load(_needed(actuator))
+        recordings = loaded(
+            records, column, map_file, calibration.actuator, *([wanted] if wanted else [])
+        )
+        given = constant_load(load, calibration.actuator)
     with progress_bar("Judging", not json) as progress:
         found = run(recordings, calibration, load=given, progress=progress)
     answer(found, recordings, each, table, report, json)
     if any(one.grade in failing for one in found.each(each)):
         raise typer.Exit(1)
+
+
+def _needed(actuator: Path | None) -> Path:
+    if actuator is None:
+        raise InputError(
+            "detect needs a calibrated actuator; give the file of ematwin calibrate with "
+            "--actuator, or a table of runs that names one in each row."
+        )
+    return actuator
 
 
 def check_targets(table: Path | None, report: Path | None) -> None:
@@ -98,28 +131,38 @@ def check_targets(table: Path | None, report: Path | None) -> None:
 
 
 def answer(
-    found: "Detection",
-    recordings: "list[Recording]",
+    found: "Detection | Detections",
+    recordings: "list[Recording] | Runs",
     each: str,
     table: Path | None,
     report: Path | None,
     json: bool,
 ) -> None:
     """Write table and page if they are wanted, and print the verdicts with what was assumed."""
-    actuator = found.calibration.actuator
-    assumed, doubtful = remarks(recordings)
-    shown = found.each(each)
+    from ematwin.monitoring.runs import Detections, Runs
+
+    several = isinstance(found, Detections)
+    parts = found.actuators if isinstance(found, Detections) else {"": found}
+    read = recordings.recordings if isinstance(recordings, Runs) else recordings
+    assumed, doubtful = remarks(read)
     if table is not None:
-        _write_table(table, shown)
+        _write_table(table, found.rows(each))
     if report is not None:
         found.report(report)
     if json:
+        told = [
+            {
+                **({"name": name} if several else {}),
+                "actuator": part.calibration.actuator.name,
+                "kind": part.calibration.actuator.kind,
+                "verdicts": [{**_ALWAYS, **one.as_dict()} for one in part.each(each)],
+            }
+            for name, part in parts.items()
+        ]
         print_json(
             {
-                "actuator": actuator.name,
-                "kind": actuator.kind,
+                **({"actuators": told} if several else told[0]),
                 "each": each,
-                "verdicts": [{**_ALWAYS, **one.as_dict()} for one in shown],
                 "not_judged": found.missing,
                 "report": None if report is None else str(report),
                 "assumed": assumed,
@@ -127,7 +170,7 @@ def answer(
             }
         )
         return
-    print_verdicts(found, each)
+    print_verdicts(parts, found.sentence, each)
     print_notes("Assumed", assumed)
     print_notes("Warning", doubtful)
     for path in (table, report):
@@ -135,35 +178,45 @@ def answer(
             typer.echo(f"wrote {path}")
 
 
-def print_verdicts(found: "Detection", each: str) -> None:
-    """The table for people, with the faults that some verdict names, and what is to be said."""
+def print_verdicts(parts: "Mapping[str, Detection]", sentence: str, each: str) -> None:
+    """The table for people, with the faults that some verdict names, and what is to be said.
+
+    ``parts`` holds what was found of each actuator; a single one may have the name "".
+    """
     from rich.table import Table
 
     from ematwin.monitoring.diagnosis import counted, gathered_notes, gathered_reasons
 
-    shown = found.each(each)
-    telling = {name for one in shown if one.alarm for name in _telling(one)}
-    columns = [m.name for m in shown[0].magnitudes if m.name in telling]
-    at = shown[0].standing
-    covariate = None if at is None else at.covariate
+    rows = [(name, one) for name, part in parts.items() for one in part.each(each)]
+    shown = [replace(one, name=f"{name} {one.name}".strip()) for name, one in rows]
+    columns = list(dict.fromkeys(name for one in shown if one.alarm for name in _telling(one)))
+    standing = [one.standing for one in shown if one.standing is not None]
+    covariates = [one.covariate.name for one in standing if one.covariate is not None]
+    named = any(parts)
+    by_run = any(part.by_run for part in parts.values())
     table = Table()
-    table.add_column(each if found.by_run else "recording")
-    table.add_column("verdict")
-    beside = [] if covariate is None else [covariate.name]
-    for heading in (*columns, *beside, *(() if at is None else ("index / limit",))):
+    for heading in (*(("actuator",) if named else ()), each if by_run else "recording", "verdict"):
+        table.add_column(heading)
+    beside = list(dict.fromkeys(covariates))
+    for heading in (*columns, *beside, *(("index / limit",) if standing else ())):
         table.add_column(heading, justify="right")
-    for one in shown:
-        cells = [str(m) for m in one.magnitudes if m.name in columns]
-        if one.standing is not None:
-            cells += [str(one.standing.covariate)] if covariate else []
-            cells.append(f"{one.standing.index:.2f} / {one.standing.threshold:.2f}")
-        table.add_row(one.name, one.said, *cells, style="bold" if one.alarm else None)
+    for name, one in rows:
+        magnitudes = {m.name: str(m) for m in one.magnitudes}
+        cells = [magnitudes.get(column, "") for column in columns]
+        at = one.standing
+        if standing:
+            covariate = None if at is None else at.covariate
+            cells += [str(covariate) if covariate else "" for _ in beside]
+            cells.append("" if at is None else f"{at.index:.2f} / {at.threshold:.2f}")
+        first = [name] if named else []
+        table.add_row(*first, one.name, one.said, *cells, style="bold" if one.alarm else None)
     print_table(table, 200)
-    if found.by_run:
-        for kind, rows in (("runs", found.runs), ("motions", found.motions)):
-            typer.echo(counted(rows, kind))
+    if by_run and not named:
+        (found,) = parts.values()
+        for kind, verdicts in (("runs", found.runs), ("motions", found.motions)):
+            typer.echo(counted(verdicts, kind))
     else:
-        typer.echo(found.sentence)
+        typer.echo(sentence)
     print_notes("Why", gathered_reasons(shown))
     print_notes("Note", gathered_notes(shown))
 
@@ -174,9 +227,8 @@ def _telling(one: "Diagnosis") -> list[str]:
     return named or [max(one.magnitudes, key=lambda m: abs(m.score)).name]
 
 
-def _write_table(path: Path, shown: "tuple[Diagnosis, ...]") -> None:
+def _write_table(path: Path, rows: "list[dict[str, object]]") -> None:
     from ematwin.recordings.tables import write_table
 
-    rows = [one.row for one in shown]
     names = list(dict.fromkeys(name for row in rows for name in row))
     write_table(path, {name: [row.get(name) for row in rows] for name in names})

@@ -18,6 +18,7 @@ from ematwin.cli.options import (
     RecordedActuatorOption,
     ReportOption,
     TableOption,
+    UnitsOption,
     grades,
     numbers,
     pairs,
@@ -27,7 +28,7 @@ from ematwin.cli.options import (
     progress_bar,
     terminal_width,
 )
-from ematwin.cli.recordings import constant_load, meant
+from ematwin.cli.recordings import constant_load, meant, runs, runs_in
 from ematwin.errors import InputError
 
 if TYPE_CHECKING:
@@ -42,8 +43,8 @@ def identify(
     records: Annotated[
         list[Path],
         typer.Argument(
-            help="A recording: Parquet, CSV, MAT, MDF4, TDMS or HDF5. Of several, or of a folder, "
-            "a table of verdicts."
+            help="A recording (docs/formats.md). Of several, of a folder, or of a table of runs "
+            "(docs/recordings.md), a table of verdicts."
         ),
     ],
     actuator: RecordedActuatorOption = None,
@@ -114,6 +115,7 @@ def identify(
     report: ReportOption = None,
     table: TableOption = None,
     fail_on: FailOption = None,
+    units: UnitsOption = None,
     json: JsonOption = False,
 ) -> None:
     """Find the faults with which the digital twin behaves like the recorded actuator."""
@@ -126,14 +128,24 @@ def identify(
 
     check_targets(table, report)
     failing = grades(fail_on)
-    files = [file for path in records for file in files_of(path)]
-    known = Calibration.of(actuator or meant(files, column, map_file))
-    columns = map_of(column, map_file, known.actuator)
+    several = runs_in(records)
+    recordings: Any
     with progress_bar(f"Reading {records[0].name}", not json) as progress:
-        recordings = read(
-            files, columns, actuator=known.actuator, resample_to=resample_to,
-            gaps=cast("Policy", gaps), split=True, progress=progress,
-        )  # fmt: skip
+        reading: dict[str, Any] = {
+            "resample_to": resample_to, "gaps": cast("Policy", gaps), "progress": progress,
+        }  # fmt: skip
+        if several:
+            recordings = runs(
+                records[0], actuator, column, map_file,
+                lambda given, first: Calibration.of(given or meant([first], column, map_file)),
+                **reading,
+            )  # fmt: skip
+            known = recordings.groups[0].known
+        else:
+            files = [file for path in records for file in files_of(path)]
+            known = Calibration.of(actuator or meant(files, column, map_file))
+            columns = map_of(column, map_file, known.actuator)
+            recordings = read(files, columns, actuator=known.actuator, split=True, **reading)
     settings: dict[str, Any] = {
         "budget": budget,
         "population": population,
@@ -148,7 +160,7 @@ def identify(
         "uncertainty": uncertainty,
         "thresholds": pairs(threshold or [], "--threshold"),
     }
-    if len(records) > 1 or len(recordings) > 1 or not is_one(records[0]):
+    if several or len(records) > 1 or len(recordings) > 1 or not is_one(records[0]):
         with progress_bar("Judging", not json) as show:
             judged = run(
                 recordings, known, algorithm, **settings,

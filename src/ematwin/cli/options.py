@@ -62,6 +62,24 @@ FailOption = Annotated[
         "several with commas."
     ),
 ]
+
+
+def _use_units(text: str | None) -> str | None:
+    from ematwin.quantities import use_units
+
+    use_units(text)  # without the option those of the user's settings
+    return text
+
+
+UnitsOption = Annotated[
+    str | None,
+    typer.Option(
+        "--units",
+        callback=_use_units,
+        help='Show values in these units, e.g. "angle=mrad, torque=mN m"; ematwin units keeps '
+        "them. Tables and JSON stay SI.",
+    ),
+]
 JsonOption = Annotated[bool, typer.Option("--json", help="Answer as JSON.")]
 
 _FILE = 200  # columns where the answer goes to a file

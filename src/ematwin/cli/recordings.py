@@ -1,6 +1,7 @@
 """Options of the commands that take recordings: which files, channels and labels."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,6 +10,8 @@ from ematwin.errors import InputError
 
 if TYPE_CHECKING:
     from ematwin.models.parameter_set import ParameterSet
+    from ematwin.monitoring.calibration import Calibration
+    from ematwin.monitoring.runs import Runs
     from ematwin.recordings.recording import Recording
 
 Choices = dict[str, list[str]]
@@ -41,6 +44,39 @@ def load(
     columns = map_of(column, map_file, actuator)
     files = [file for path in files for file in files_of(path)]
     return read(files, columns, actuator=actuator, split=True, where=choices or None)
+
+
+def runs_in(files: list[Path]) -> bool:
+    """Whether a table of runs is given in place of recordings.
+
+    Raises
+    ------
+    InputError
+        If it is one of several files.
+    """
+    from ematwin.monitoring.runs import is_table_of_runs
+
+    tables = [file for file in files if is_table_of_runs(file)]
+    if tables and len(files) > 1:
+        raise InputError(f"{tables[0]} is a table of runs (a column path); give it alone.")
+    return bool(tables)
+
+
+def runs(
+    table: Path,
+    actuator: Any,
+    column: list[str] | None,
+    map_file: Path | None,
+    known_of: "Callable[[Any, Path], Calibration]",
+    **options: Any,
+) -> "Runs":
+    """The recordings of a table of runs, with the channels that the options name."""
+    from ematwin.cli.channels import map_of
+    from ematwin.monitoring.runs import read_runs
+
+    return read_runs(
+        table, actuator, partial(map_of, column, map_file), known_of=known_of, **options
+    )
 
 
 def constant_load(text: str | None, actuator: "ParameterSet") -> float | None:

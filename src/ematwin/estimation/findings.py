@@ -24,6 +24,7 @@ from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.proposing import in_other_units
 from ematwin.models.registry import model_of
 from ematwin.models.unknown import Unknown
+from ematwin.quantities import preferred
 from ematwin.recordings.recording import Recording
 from ematwin.showing.numbers import in_unit, plain, with_interval
 from ematwin.showing.words import listed
@@ -32,6 +33,8 @@ if TYPE_CHECKING:
     from ematwin.estimation.identify import Identification
 
 _DISTRUSTED = 0.33  # share of its weight with which evidence counts
+_LATEST = 0.02  # s: later than the filter of any sensor and the cycle of any field bus
+_FITS_EARLIER = 0.5  # of what is left of a channel, RMS, once a delay is taken off it
 _FITS = 0.3  # times the misfit in SI: other units are what was meant
 _SATURATED = 0.01  # share of the samples of a current
 _VAGUE = 0.05  # standard error, as a share of the range, above which a fault is not determined
@@ -111,6 +114,7 @@ def obstacles_to(
             f"The twin leaves {left} % of this recording unexplained, where {usual}: "
             "it does something that the twin cannot. Check channels, units and the actuator."
         )
+        told += late_channel(problem, assessed.values)
     if assessed.strained:
         worst = max(assessed.strained, key=lambda name: assessed.strained[name])
         told.append(
@@ -127,6 +131,35 @@ def obstacles_to(
     return told
 
 
+def late_channel(problem: Problem, values: Mapping[str, float]) -> list[str]:
+    """A sentence on the channel that fits much better once it is taken earlier, if there is one.
+
+    Laws of a kind tell a late sensor before the fit (`ematwin.models.channels_agree`); this serves
+    kinds without laws.
+    """
+    one = problem.comparisons[0]
+    answers = one.responses({name: np.array([value]) for name, value in values.items()}, 1)
+    interval = one.recording.interval
+    tried = []
+    for name, target in one.measured().items():
+        fitted = answers[name][0]
+        most = min(round(_LATEST / interval), len(target) // 20)
+        left = [
+            float(np.sqrt(np.mean((target[lag:] - fitted[: len(fitted) - lag]) ** 2)))
+            for lag in range(most + 1)
+        ]
+        lag = int(np.argmin(left))
+        if 0 < lag < most and left[lag] < _FITS_EARLIER * left[0]:
+            tried.append((left[lag] / left[0], name, lag))
+    if not tried:
+        return []
+    share, name, lag = min(tried)
+    return [
+        f"Taken {1e3 * lag * interval:.2g} ms earlier, {name} fits {1.0 / share:.2g} times as "
+        "well: check whether its sensor or bus delays it."
+    ]
+
+
 def size_of(one: Unknown, actuator: ParameterSet, value: float, ends: Interval) -> str:
     """The size of a fault: "friction +50 % (0.045 N m, 95 % interval 0.044 to 0.047)".
 
@@ -134,7 +167,8 @@ def size_of(one: Unknown, actuator: ParameterSet, value: float, ends: Interval) 
     interval are physical.
     """
     row = one.physical_value(actuator, one.healthy)
-    number, between = with_interval(value, ends.low, ends.high)
+    unit, factor = preferred(row.unit)
+    number, between = with_interval(*(factor * x for x in (value, ends.low, ends.high)))
     name, between = one.name.replace("_", " "), f"{INTERVAL} {between}"
     if row.healthy > 0.0:
         low, now, high = (x / row.healthy for x in (ends.low, value, ends.high))
@@ -143,18 +177,19 @@ def size_of(one: Unknown, actuator: ParameterSet, value: float, ends: Interval) 
             size = f"{percent} %" if percent.startswith("-") else f"+{percent} %"
         else:
             size = f"x{with_interval(now, low, high)[0]}"
-        return f"{name} {size} ({in_unit(number, row.unit)}, {between})"
+        return f"{name} {size} ({in_unit(number, unit)}, {between})"
     if row.unit and row.unit in one.meaning.split():
         return f"{number} {one.meaning} ({between})"
-    return f"{name} {in_unit(number, row.unit)} ({between})"
+    return f"{name} {in_unit(number, unit)} ({between})"
 
 
 def range_of(one: Unknown, actuator: ParameterSet, value: float, ends: Interval) -> str:
     """Where a fault lies: "short a, 0 to 2.2 turns"; with the healthy value where it has one."""
     row = one.physical_value(actuator, one.healthy)
-    _, between = with_interval(value, ends.low, ends.high)
-    healthy = f", healthy {plain(row.healthy)}" if row.healthy else ""
-    return f"{one.name.replace('_', ' ')}, {in_unit(between, row.unit)}{healthy}"
+    unit, factor = preferred(row.unit)
+    _, between = with_interval(*(factor * x for x in (value, ends.low, ends.high)))
+    healthy = f", healthy {plain(factor * row.healthy)}" if row.healthy else ""
+    return f"{one.name.replace('_', ' ')}, {in_unit(between, unit)}{healthy}"
 
 
 def remarks_on(model: Model, actuator: ParameterSet, assessed: Assessment) -> list[str]:
@@ -162,9 +197,10 @@ def remarks_on(model: Model, actuator: ParameterSet, assessed: Assessment) -> li
     found = []
     for name, (value, ends) in assessed.nuisances.items():
         one = model.unknown(actuator, name)
-        number, between = with_interval(value, ends.low, ends.high)
+        unit, factor = preferred(one.unit)
+        number, between = with_interval(*(factor * x for x in (value, ends.low, ends.high)))
         found.append(
-            f"{one.meaning[:1].upper()}{one.meaning[1:]} is {in_unit(number, one.unit)} "
+            f"{one.meaning[:1].upper()}{one.meaning[1:]} is {in_unit(number, unit)} "
             f"({between}); that was taken into account."
         )
     if assessed.unsettled:
@@ -261,12 +297,13 @@ def fault_cells(found: "Identification") -> list[FaultCells]:
     """Values of an identification for people, with the digits that their intervals deserve."""
     rows = []
     for row in found.physical:
-        number, between = plain(row.value, 4), "held"
+        unit, factor = preferred(row.unit)
+        number, between = plain(factor * row.value, 4), "held"
         if row.name in found.physical_values:
-            number, between = with_interval(*found.physical_values[row.name])
+            number, between = with_interval(*(factor * x for x in found.physical_values[row.name]))
         k, ends = plain(row.normalised, 4), "held"
         if row.name in found.intervals:
             k, ends = with_interval(row.normalised, *found.intervals[row.name])
-        value, healthy = in_unit(number, row.unit), plain(row.healthy, 4)
+        value, healthy = in_unit(number, unit), plain(factor * row.healthy, 4)
         rows.append(FaultCells(row.name, value, between, healthy, k, ends, row.meaning))
     return rows

@@ -51,7 +51,7 @@ class DesignSpace:
     ----------
     model : of the kind
     scenario : from which the design begins
-    limits : largest demands by name, SI; "travel", "speed" and "load" bound sizes
+    limits : largest demands by name, SI; those of the command, "speed" and "load" bound sizes
 
     Attributes
     ----------
@@ -66,6 +66,9 @@ class DesignSpace:
 
     def __init__(self, model: Model, scenario: Scenario, limits: Mapping[str, float]) -> None:
         self.limits = dict(limits)
+        self._size = next(
+            (o.name for o in model.limited if model.command in o.channels and not o.is_rate), ""
+        )
         added = {
             history: parts
             for history, parts in model.designable.items()
@@ -106,7 +109,7 @@ class DesignSpace:
                 table[one.name][one.point] = value
         time = np.linspace(0.0, self._base.duration, _GRID)
         parts = {}
-        for history, bound in (("command", "travel"), ("load", "load")):
+        for history, bound in (("command", self._size), ("load", "load")):
             made = [
                 _sorted(type(part), table)
                 for part, table in zip(self._parts[history], tables[history], strict=True)
@@ -122,7 +125,7 @@ class DesignSpace:
         return Scenario(name=name, duration=self._base.duration, **parts)
 
     def _numbers_of(self, history: str, n: int, part: Component) -> list[Number]:
-        size = self.limits.get("travel" if history == "command" else "load", math.inf)
+        size = self.limits.get(self._size if history == "command" else "load", math.inf)
         duration = self._base.duration
         found = []
         for name, what in part.designed.items():

@@ -1,4 +1,4 @@
-"""A local page: one explorer behind a small server of the standard library.
+"""Local pages: one explorer, or what others show, behind a small server of the standard library.
 
 Who may ask. The server listens on the loopback address only, and every address begins with a
 random token, which no other page knows. The Host must be the loopback one, so that no foreign name
@@ -13,6 +13,7 @@ import json
 import os
 import secrets
 import threading
+from collections.abc import Mapping
 from contextlib import nullcontext
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -25,7 +26,7 @@ from ematwin.exploring.explorer import Explorer, StoppedError
 _HOST = "127.0.0.1"
 _LONGEST = 65_536  # bytes of a question
 _PATIENCE = 30.0  # s, for the rest of a request
-_HEADERS = {
+HEADERS = {
     "Cache-Control": "no-store",
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
     "connect-src 'self'; img-src data:; base-uri 'none'; form-action 'none'; "
@@ -36,12 +37,12 @@ _HEADERS = {
 }
 
 
-class Server(ThreadingHTTPServer):
-    """Serves an explorer until it is closed.
+class LocalServer(ThreadingHTTPServer):
+    """A server on the loopback address, whose pages only those find who know its token.
 
     Parameters
     ----------
-    explorer : Explorer
+    handler : `LocalHandler`
     port : 0 takes a free one
 
     Raises
@@ -54,18 +55,10 @@ class Server(ThreadingHTTPServer):
     block_on_close = False
     allow_reuse_address = os.name != "nt"  # there it would share a port that is in use
 
-    def __init__(self, explorer: Explorer, port: int = 0) -> None:
-        self.explorer = explorer
+    def __init__(self, handler: "type[LocalHandler]", port: int = 0) -> None:
         self.token = secrets.token_urlsafe(24)
-        self.turn = threading.Lock()
-        self.files = {
-            "": (assets.page(), "text/html"),
-            "page.js": (assets.start(), "text/javascript"),
-            "explore.js": (assets.script(), "text/javascript"),
-            "explore.css": (assets.style(), "text/css"),
-        }
         try:
-            super().__init__((_HOST, port), _Handler)
+            super().__init__((_HOST, port), handler)
         except (OSError, OverflowError) as refusal:
             raise InputError(
                 f"Port {port} "
@@ -87,54 +80,15 @@ class Server(ThreadingHTTPServer):
         """Of the page."""
         return f"http://{self.hosts[0]}/{self.token}/"
 
-    def server_close(self) -> None:
-        """Stop listening, and end a search that is under way."""
-        self.explorer.stopped.set()
-        super().server_close()
 
+class LocalHandler(BaseHTTPRequestHandler):
+    """Answers in the name of a `LocalServer`; it refuses whom the token or the Host gives away."""
 
-class _Handler(BaseHTTPRequestHandler):
-    server: Server
+    server: LocalServer
     protocol_version = "HTTP/1.1"
     timeout = _PATIENCE
 
-    def do_GET(self) -> None:
-        """A file of the page."""
-        name = self._name()
-        if name is None or name not in self.server.files:
-            self._refuse(HTTPStatus.NOT_FOUND)
-            return
-        text, kind = self.server.files[name]
-        self._send(HTTPStatus.OK, text, kind)
-
-    def do_POST(self) -> None:
-        """A question of the page."""
-        if self._name() != "ask":
-            self._refuse(HTTPStatus.NOT_FOUND)
-        elif self.headers.get("Origin") not in [f"http://{host}" for host in self.server.hosts]:
-            self._refuse(HTTPStatus.FORBIDDEN)
-        elif self.headers.get_content_type() != "application/json":
-            self._refuse(HTTPStatus.UNSUPPORTED_MEDIA_TYPE)
-        elif (length := self._length()) is None:
-            self._refuse(HTTPStatus.REQUEST_ENTITY_TOO_LARGE)
-        else:
-            self._answer(self.rfile.read(length))
-
-    def _answer(self, body: bytes) -> None:
-        try:
-            question = json.loads(body)
-        except (ValueError, RecursionError):
-            self._refuse(HTTPStatus.BAD_REQUEST)
-            return
-        try:
-            with self.server.turn if waits(question) else nullcontext():
-                answer = answered(self.server.explorer, question)
-        except StoppedError:
-            self.close_connection = True
-            return
-        self._send(HTTPStatus.OK, json.dumps(answer, allow_nan=False), "application/json")
-
-    def _name(self) -> str | None:
+    def name(self) -> str | None:
         """What follows the token in the address; None where Host or token are not ours."""
         if self.headers.get("Host") not in self.server.hosts:
             return None
@@ -142,19 +96,18 @@ class _Handler(BaseHTTPRequestHandler):
         known = hmac.compare_digest(token.encode(), self.server.token.encode())
         return "/".join(rest[:-1]) if known and len(rest) > 1 else None
 
-    def _length(self) -> int | None:
-        text = self.headers.get("Content-Length", "")
-        known = text.isascii() and text.isdigit() and len(text) < 9
-        return int(text) if known and int(text) <= _LONGEST else None
-
-    def _refuse(self, status: HTTPStatus) -> None:
+    def refuse(self, status: HTTPStatus) -> None:
+        """Answer with a status alone."""
         self.close_connection = True  # a body may be left unread
-        self._send(status, f"{status.phrase}\n", "text/plain")
+        self.send(status, f"{status.phrase}\n", "text/plain")
 
-    def _send(self, status: HTTPStatus, text: str, kind: str) -> None:
+    def send(
+        self, status: HTTPStatus, text: str, kind: str, headers: Mapping[str, str] = HEADERS
+    ) -> None:
+        """Answer with a text."""
         body = text.encode()
         self.send_response(status)
-        for name, value in _HEADERS.items():
+        for name, value in headers.items():
             self.send_header(name, value)
         self.send_header("Content-Type", f"{kind}; charset=utf-8")
         self.send_header("Content-Length", str(len(body)))
@@ -165,3 +118,74 @@ class _Handler(BaseHTTPRequestHandler):
 
     def log_message(self, format: str, *arguments: object) -> None:
         """The terminal stays quiet."""
+
+
+class Server(LocalServer):
+    """Serves an explorer until it is closed.
+
+    Parameters
+    ----------
+    explorer : Explorer
+    port : 0 takes a free one
+    """
+
+    def __init__(self, explorer: Explorer, port: int = 0) -> None:
+        self.explorer = explorer
+        self.turn = threading.Lock()
+        self.files = {
+            "": (assets.page(), "text/html"),
+            "page.js": (assets.start(), "text/javascript"),
+            "explore.js": (assets.script(), "text/javascript"),
+            "explore.css": (assets.style(), "text/css"),
+        }
+        super().__init__(_Handler, port)
+
+    def server_close(self) -> None:
+        """Stop listening, and end a search that is under way."""
+        self.explorer.stopped.set()
+        super().server_close()
+
+
+class _Handler(LocalHandler):
+    server: Server
+
+    def do_GET(self) -> None:
+        """A file of the page."""
+        name = self.name()
+        if name is None or name not in self.server.files:
+            self.refuse(HTTPStatus.NOT_FOUND)
+            return
+        text, kind = self.server.files[name]
+        self.send(HTTPStatus.OK, text, kind)
+
+    def do_POST(self) -> None:
+        """A question of the page."""
+        if self.name() != "ask":
+            self.refuse(HTTPStatus.NOT_FOUND)
+        elif self.headers.get("Origin") not in [f"http://{host}" for host in self.server.hosts]:
+            self.refuse(HTTPStatus.FORBIDDEN)
+        elif self.headers.get_content_type() != "application/json":
+            self.refuse(HTTPStatus.UNSUPPORTED_MEDIA_TYPE)
+        elif (length := self._length()) is None:
+            self.refuse(HTTPStatus.REQUEST_ENTITY_TOO_LARGE)
+        else:
+            self._answer(self.rfile.read(length))
+
+    def _answer(self, body: bytes) -> None:
+        try:
+            question = json.loads(body)
+        except (ValueError, RecursionError):
+            self.refuse(HTTPStatus.BAD_REQUEST)
+            return
+        try:
+            with self.server.turn if waits(question) else nullcontext():
+                answer = answered(self.server.explorer, question)
+        except StoppedError:
+            self.close_connection = True
+            return
+        self.send(HTTPStatus.OK, json.dumps(answer, allow_nan=False), "application/json")
+
+    def _length(self) -> int | None:
+        text = self.headers.get("Content-Length", "")
+        known = text.isascii() and text.isdigit() and len(text) < 9
+        return int(text) if known and int(text) <= _LONGEST else None

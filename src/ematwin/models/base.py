@@ -150,9 +150,13 @@ class Model(ABC):
 
     @property
     def limited(self) -> tuple[Demand, ...]:
-        """What a designed test may limit: `demands`, or else the travel of the command."""
-        travel = Demand("travel", self.channel(self.command).unit, (self.command,))
-        return self.demands or (travel,)
+        """What a designed test may limit: `demands`, or else the size of the command.
+
+        That is the travel where the command is a position; else it has the name of its channel.
+        """
+        unit = self.channel(self.command).unit
+        name = "travel" if unit in ("m", "rad") else self.command
+        return self.demands or (Demand(name, unit, (self.command,)),)
 
     @property
     def required(self) -> tuple[tuple[tuple[str, ...], ...], ...]:

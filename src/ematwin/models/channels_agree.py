@@ -33,6 +33,7 @@ _LOOKED_AT = 2000  # samples of a law
 _LATEST = 0.02  # s: later than the filter of any sensor and the cycle of any field bus
 _OF_RECORD = 0.05  # of the recording: the longest lateness looked for
 _FALSE = 0.02  # of the samples do not count: false reads, ends, corners of a command
+_IN_MS = 300.0  # times the interval of a kind's simulations: less may be a slow logger
 _TRIED = 40  # delays, each longer than the one before by the same share
 _EXPLAINS = 0.5  # a delay leaves at most so much of what is left without it, RMS: 1/4 of its power
 _APART = 0.1  # and standing still no more than this, where a channel that moves is sound
@@ -81,6 +82,7 @@ def checked(model: "Model", recording: Recording, actuator: Any) -> tuple[list[s
         If it cannot be what it says; the channel is named where one is the cause.
     """
     model.check_channels(recording)
+    _check_unit_of_time(model, recording)
     found = contradictions(model, recording, actuator)
     try:
         doubts = model.check(recording, actuator)
@@ -90,6 +92,19 @@ def checked(model: "Model", recording: Recording, actuator: Any) -> tuple[list[s
             raise RecordError(f"{recording.name}: {' '.join(named)}") from error
         raise
     return doubts, list(found.values())
+
+
+def _check_unit_of_time(model: "Model", recording: Recording) -> None:
+    """Refuse times in ms that were read as seconds: a simulation of them hardly ends."""
+    ratio = recording.interval * model.sample_rate
+    time = recording.provenance.get("columns", {}).get("time")
+    stated = not isinstance(time, dict) or time.get("unit_from") != "assumed"
+    if ratio > _IN_MS and not stated:
+        raise RecordError(
+            f"{recording.name} has a sample every {recording.interval:.4g} s, {ratio:.0f} times "
+            f"the {1e3 / model.sample_rate:.3g} ms of the kind {model.kind}, and nobody stated the "
+            'unit of time: it looks like ms. State it in the map or in the name, as in "time [ms]".'
+        )
 
 
 def contradictions(

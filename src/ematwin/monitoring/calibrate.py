@@ -106,6 +106,13 @@ class CalibrationReport:
 
     to_dataframe = to_frame
 
+    def __str__(self) -> str:
+        lines = [f"{self.actuator.name}, calibrated on {len(self.learnt)} runs"]
+        for p in self.parameters:
+            error = f"standard error {p.standard_error:.2g}" if p.determined else "not determined"
+            lines.append(f"{p.place:<34} {p.value:>10.4g}  {error}")
+        return "\n".join([*lines, *self.notes])
+
     def _repr_html_(self) -> str:
         """From how many runs, then the fitted parameters, in a notebook."""
         rows = [

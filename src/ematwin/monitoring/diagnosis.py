@@ -13,6 +13,7 @@ from ematwin.estimation.estimate import Estimate
 from ematwin.estimation.identify import Identification
 from ematwin.estimation.verdict import Grade, Verdict
 from ematwin.monitoring.calibration import Calibration
+from ematwin.quantities import preferred
 from ematwin.recordings.recording import Recording, label_text
 from ematwin.showing import markup
 from ematwin.showing.drawing import drawn, page_written
@@ -42,8 +43,15 @@ class Magnitude:
     score: float
 
     def __str__(self) -> str:
-        number, between = with_interval(self.value, self.low, self.high)
-        return f"{in_unit(number, self.unit)} ({between})"
+        unit, factor = preferred(self.unit)
+        number, between = with_interval(*(factor * x for x in (self.value, self.low, self.high)))
+        return f"{in_unit(number, unit)} ({between})"
+
+    @property
+    def healthy_text(self) -> str:
+        """The band of `healthy` for people, in the unit of the value."""
+        low, high = (plain(preferred(self.unit)[1] * x) for x in self.healthy)
+        return f"{low} to {high}"
 
 
 @dataclass(frozen=True)
@@ -192,10 +200,7 @@ class Diagnosis:
 
     def _repr_html_(self) -> str:
         """The verdict, then the magnitudes, in a notebook."""
-        rows = [
-            (m.name, str(m), f"{plain(m.healthy[0])} to {plain(m.healthy[1])}")
-            for m in self.magnitudes
-        ]
+        rows = [(m.name, str(m), m.healthy_text) for m in self.magnitudes]
         return "".join(
             [
                 markup.verdict(f"{self.name}: {self.verdict.sentence}", self.grade),
@@ -264,18 +269,16 @@ class Detection:
     @property
     def sentence(self) -> str:
         """How many runs raise an alarm, and of which faults."""
-        names: dict[str, int] = {}
-        for one in self.runs:
-            for name in one.faults or ((one.fault,) if one.alarm else ()):
-                names[name] = names.get(name, 0) + 1
-        said = "; ".join(f"{fault} in {count}" for fault, count in names.items())
         kind = "runs" if self.by_run else "recordings"
-        left = f" Interrupted: {self.missing} more were not judged." if self.missing else ""
-        return f"{counted(self.runs, kind)}{': ' + said if said else ''}.{left}"
+        return f"{said_of(self.runs, kind)}.{interrupted(self.missing)}"
+
+    def rows(self, each: str = "run") -> list[dict[str, object]]:
+        """A row of a table for each verdict."""
+        return [one.row for one in self.each(each)]
 
     def to_frame(self, each: str = "run") -> Any:
         """A pandas DataFrame with a row for each "run" or "motion", by name; needs pandas."""
-        return frame_of_rows((one.row for one in self.each(each)), "name")
+        return frame_of_rows(self.rows(each), "name")
 
     to_dataframe = to_frame
 
@@ -313,6 +316,21 @@ def name_of(recording: Recording, labels: dict[str, str], one_source: bool) -> s
     """Labels for tables, with the file where there are several or no labels."""
     said = label_text(labels)
     return said if said and one_source else f"{recording.source} {said}".strip()
+
+
+def said_of(rows: Sequence[Diagnosis], kind: str) -> str:
+    """How many raise an alarm, and how many of each fault."""
+    names: dict[str, int] = {}
+    for one in rows:
+        for name in one.faults or ((one.fault,) if one.alarm else ()):
+            names[name] = names.get(name, 0) + 1
+    said = "; ".join(f"{fault} in {count}" for fault, count in names.items())
+    return f"{counted(rows, kind)}{': ' + said if said else ''}"
+
+
+def interrupted(missing: int) -> str:
+    """A sentence on recordings that are left after an interruption; "" where none are."""
+    return f" Interrupted: {missing} more were not judged." if missing else ""
 
 
 def counted(rows: Sequence[Diagnosis], kind: str) -> str:

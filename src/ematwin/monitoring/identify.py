@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import replace
+from functools import partial
 from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
@@ -26,11 +27,13 @@ from ematwin.estimation.identify import (
 )
 from ematwin.estimation.interrupt import noting_interrupts
 from ematwin.estimation.search import Progress, Search
+from ematwin.estimation.verdict import Verdict
 from ematwin.models.reading import read
 from ematwin.monitoring.by_population import by_population
 from ematwin.monitoring.calibration import Calibration, PopulationCalibration
 from ematwin.monitoring.diagnosis import Detection, Diagnosis, Magnitude, name_of
 from ematwin.monitoring.gather import Given, actuator_of, is_one, recordings_of
+from ematwin.monitoring.runs import Detections, Runs, is_table_of_runs, over_groups, read_runs
 from ematwin.numerics.side_by_side import cores
 from ematwin.optimizers.base import ITERATIONS, POPULATION, Optimizer
 from ematwin.recordings.channel_map import Columns
@@ -70,13 +73,14 @@ def identify(
     uncertainty: "str | Method | None" = None,
     thresholds: Mapping[str, float | str] | None = None,
     together: bool = False,
-) -> Identification | Detection:
+) -> Identification | Detection | Detections:
     """Find the values with which the twin answers as the recorded actuator did.
 
     Parameters
     ----------
     record : a `Recording`, a file that `ematwin.read` knows, or a DataFrame of pandas; or several
-        of them in a list, a folder or a glob, which are judged side by side
+        of them in a list, a folder or a glob, which are judged side by side; or a table of runs,
+        which names recordings and actuators (`ematwin.monitoring.runs`)
     actuator : parameters of any kind, a calibration, the name of a shipped set, or a TOML file;
         if not given the default one of the kind that has such channels
     algorithm : a name of ``ematwin algorithms``, a `Search`, or an optimiser; the default method
@@ -110,6 +114,7 @@ def identify(
     -------
     Identification of one recording, also after an interruption (Ctrl-C), with the best found so far
     Detection of several, as of `ematwin.detect`; after an interruption of those that were done
+    Detections of a table of runs
 
     Raises
     ------
@@ -118,7 +123,14 @@ def identify(
     InputError
         If an argument cannot be used.
     """
-    known = Calibration.of(actuator_of(record, columns) if actuator is None else actuator)
+
+    def known_of(given: Any, first: Any) -> Calibration:
+        return Calibration.of(actuator_of(first, columns) if given is None else given)
+
+    if is_table_of_runs(record):
+        record = read_runs(record, actuator, columns, known_of=known_of)
+    runs = record if isinstance(record, Runs) else None
+    known = known_of(actuator, record) if runs is None else runs.groups[0].known
     if exact:
         known = Calibration(known.actuator, Baseline.of_simulation())
     names = [only] if isinstance(only, str) else None if only is None else list(only)
@@ -128,6 +140,8 @@ def identify(
         "backend": backend, "uncertainty": uncertainty, "thresholds": thresholds,
     }  # fmt: skip
     if together:
+        if runs is not None:
+            raise InputError("A table of runs is judged run by run; leave together out.")
         if not compares_sets(known.model, algorithm, budget, uncertainty, thresholds):
             raise InputError(
                 f"The kind {known.model.kind} is judged recording by recording, and so is any with "
@@ -135,21 +149,28 @@ def identify(
             )
         from ematwin.estimation.fault_sets import identified_by_sets
 
-        ready = _ready(record, known, columns, load)
+        ready = _ready(record, known, load, columns)
         return identified_by_sets(ready, known.actuator, known.baseline, only=names, held=held)
-    if not is_one(record):
+    if runs is not None or not is_one(record):
         if checkpoint is not None:
             raise InputError("A checkpoint is of one search; leave it out for several recordings.")
-        ready = _ready(record, known, columns, load)
 
-        def work(one: Prepared, share: int) -> Identification:
-            return identified(
-                one, known.actuator, known.baseline, algorithm, threads=share, **settings
-            )
+        def judged(known: Calibration, ready: list[Prepared], tell: Progress | None) -> Detection:
+            if exact:
+                known = Calibration(known.actuator, Baseline.of_simulation())
+
+            def work(one: Prepared, share: int) -> Identification:
+                return identified(
+                    one, known.actuator, known.baseline, algorithm, threads=share, **settings
+                )
+
+            found = _side_by_side(work, ready, tell, threads)
+            return judge(known, [one.recording for one in ready], found)
 
         with told(progress, "judging", _shown) as tell:
-            found = _side_by_side(work, ready, tell, threads)
-        return judge(known, [one.recording for one in ready], found)
+            if runs is not None:
+                return over_groups(runs, partial(_ready, load=load), judged, tell)
+            return judged(known, _ready(record, known, load, columns), tell)
     if isinstance(record, Recording) and columns is not None:
         raise InputError("A Recording has its channels already; leave columns out.")
     if not isinstance(record, Recording):
@@ -162,23 +183,35 @@ def identify(
     )  # fmt: skip
     if alone.stopped == "interrupted":
         return alone
-    return replace(alone, verdict=judge(known, [record.recording], [alone]).motions[0].verdict)
+    try:
+        verdict = judge(known, [record.recording], [alone]).motions[0].verdict
+    except KeyboardInterrupt:
+        why = "The healthy population was interrupted; these values are those of the recording."
+        verdict = Verdict("none", (), why, f"No verdict: {why}")
+        return replace(alone, stopped="interrupted", verdict=verdict)
+    return replace(alone, verdict=verdict)
 
 
+@overload
 def detect(
-    recordings: Given,
-    calibration: Any,
+    recordings: Recording | Sequence[Recording | str | Path], *settings: Any, **more: Any
+) -> Detection: ...
+@overload
+def detect(recordings: Any, *settings: Any, **more: Any) -> Any: ...
+def detect(
+    recordings: Any,
+    calibration: Any = None,
     *,
     load: float | None = None,
     progress: Callable[[float], None] | bool | None = None,
     threads: int | None = None,
-) -> Detection:
+) -> Detection | Detections:
     """Judge recordings against the healthy actuator: what `identify` says of each, as a table.
 
     Parameters
     ----------
-    recordings : or the files, folders or globs that hold them
-    calibration : what `calibrate` gave, or its file
+    recordings : or the files, folders or globs that hold them, or a table of runs
+    calibration : what `calibrate` gave, or its file; a table of runs may name that of each row
     load : the constant load, SI, of recordings that do not hold it; 0 for none
     progress : True shows a bar, in a terminal or a notebook; else called with the share done
     threads : threads that share the recordings; None takes one for each core
@@ -186,6 +219,7 @@ def detect(
     Returns
     -------
     Detection; after an interruption (Ctrl-C) of the recordings that were done
+    Detections of a table of runs
 
     Raises
     ------
@@ -195,32 +229,46 @@ def detect(
     InputError
         If a healthy population is needed, and the calibration has none.
     """
-    if calibration is None:
-        raise InputError(
-            "detect needs a calibration: what ematwin.calibrate gives, or the file it was saved to."
-        )
-    held = getattr(calibration, "calibration", calibration)
-    known = held if isinstance(held, Calibration) else Calibration.load(held)
-    ready = _ready(recordings, known, None, load)
-    given = [one.recording for one in ready]
-    if isinstance(known, PopulationCalibration):
-        return judge(known, given, ())
-    if not frees_parameters(known.model):
-        raise InputError(
-            f"The calibration of {known.actuator.name} has no healthy population to judge by. "
-            "Calibrate with three healthy runs or more, or ask ematwin identify."
-        )
 
-    def work(one: Prepared, share: int) -> Identification:
-        return identified(one, known.actuator, known.baseline, threads=share)
+    def known_of(given: Any, first: Any = None) -> Calibration:
+        if given is None:
+            raise InputError(
+                "detect needs a calibration: what ematwin.calibrate gives, or the file it was "
+                "saved to."
+            )
+        held = getattr(given, "calibration", given)
+        return held if isinstance(held, Calibration) else Calibration.load(held)
 
+    def judged(known: Calibration, ready: list[Prepared], tell: Progress | None) -> Detection:
+        given = [one.recording for one in ready]
+        if isinstance(known, PopulationCalibration):
+            return judge(known, given, ())
+
+        def work(one: Prepared, share: int) -> Identification:
+            return identified(one, known.actuator, known.baseline, threads=share)
+
+        return judge(known, given, _side_by_side(work, ready, tell, threads))
+
+    def ready(given: Any, known: Calibration) -> list[Prepared]:
+        if not (isinstance(known, PopulationCalibration) or frees_parameters(known.model)):
+            raise InputError(
+                f"The calibration of {known.actuator.name} has no healthy population to judge by. "
+                "Calibrate with three healthy runs or more, or ask ematwin identify."
+            )
+        return _ready(given, known, load)
+
+    if is_table_of_runs(recordings):
+        recordings = read_runs(recordings, calibration, known_of=known_of)
     with told(progress, "judging") as show:
 
         def tell(done: int, cost: float, count: int) -> None:
             if show is not None:
                 show(done / count)
 
-        return judge(known, given, _side_by_side(work, ready, tell, threads))
+        if isinstance(recordings, Runs):
+            return over_groups(recordings, ready, judged, tell)
+        known = known_of(calibration)
+        return judged(known, ready(recordings, known), tell)
 
 
 def judge(
@@ -280,7 +328,7 @@ def _row(known: Calibration, found: Identification, recording: Recording, name: 
 
 
 def _ready(
-    given: Given, known: Calibration, columns: Columns, load: float | None
+    given: Given, known: Calibration, load: float | None, columns: Columns = None
 ) -> list[Prepared]:
     """Recordings as they are compared; what cannot be used is refused before any work begins."""
     found = recordings_of(given, known.actuator, columns, averaged=False)

@@ -3,6 +3,7 @@
 from typing import Any
 
 from ematwin.plots.style import BLUE, ORANGE, compact, line, stacked, styled
+from ematwin.quantities import preferred
 from ematwin.recordings.recording import Recording
 from ematwin.recordings.survey import Survey
 
@@ -18,11 +19,12 @@ def plot_recording(recording: Recording) -> Any:
     plotly.graph_objects.Figure
     """
     names = list(recording.channels)
-    units = [recording.units.get(name, "") for name in names]
+    shown = [preferred(recording.units.get(name, "")) for name in names]
     titles = [name.replace("_", " ") for name in names]
+    units = [unit for unit, _ in shown]
     figure = stacked(titles, units, "time, s", 110 + _PANEL * len(names))
     for n, (name, title) in enumerate(zip(names, titles, strict=True)):
-        line(figure, n + 1, recording.time, recording.channels[name], title, BLUE)
+        line(figure, n + 1, recording.time, shown[n][1] * recording.channels[name], title, BLUE)
     figure.update_layout(showlegend=False)
     return figure
 

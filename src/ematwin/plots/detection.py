@@ -12,6 +12,7 @@ from ematwin.plots.style import (
     stacked,
     tick_labels,
 )
+from ematwin.quantities import preferred
 
 _SYMBOLS = ("diamond", "square", "triangle-up", "cross", "x", "star", "pentagon", "hourglass")
 _PLAIN = {
@@ -42,7 +43,7 @@ def plot_trend(found: Detection, each: str = "run") -> Any:
     at = [one.standing for one in rows if one.standing is not None]
     titles = ["Health index"] * bool(at) + [_title(m) for m in first.magnitudes]
     units = [""] * bool(at)
-    units += ["times healthy" if m.unit == "x" else m.unit for m in first.magnitudes]
+    units += ["times healthy" if m.unit == "x" else preferred(m.unit)[0] for m in first.magnitudes]
     figure = stacked(titles, units, "", 150 + 180 * len(titles))
     texts = [_hover(one) for one in rows]
     looks = _looks(found)
@@ -52,13 +53,15 @@ def plot_trend(found: Detection, each: str = "run") -> Any:
         figure.update_yaxes(rangemode="tozero", row=1, col=1)
     for row, one in enumerate(first.magnitudes, start=1 + bool(at)):
         values = [next(m for m in v.magnitudes if m.name == one.name) for v in rows]
-        _band(figure, row, x, [m.healthy for m in values], row == 1 + bool(at))
+        factor = preferred(one.unit)[1]
+        bands = [(factor * m.healthy[0], factor * m.healthy[1]) for m in values]
+        _band(figure, row, x, bands, row == 1 + bool(at))
         bars = {
             "type": "data", "symmetric": False, "color": GREY, "thickness": 1,
-            "array": [m.high - m.value for m in values],
-            "arrayminus": [m.value - m.low for m in values],
+            "array": [factor * (m.high - m.value) for m in values],
+            "arrayminus": [factor * (m.value - m.low) for m in values],
         }  # fmt: skip
-        _marks(figure, row, x, [m.value for m in values], rows, texts, looks, bars)
+        _marks(figure, row, x, [factor * m.value for m in values], rows, texts, looks, bars)
     figure.update_layout(hovermode="closest")
     figure.update_xaxes(row=len(titles), col=1, **axis)
     return figure

@@ -17,6 +17,7 @@ from ematwin.plots.style import (
     stacked,
     styled,
 )
+from ematwin.quantities import preferred
 from ematwin.recordings.recording import Recording
 
 _ROW = 34  # px of a bar
@@ -119,10 +120,12 @@ def true_faults(found: Identification) -> dict[str, float]:
 
 def _hover(found: Identification, name: str) -> str:
     row = next(row for row in found.physical if row.name == name)
-    unit = f" {row.unit}".rstrip()
-    ends = found.physical_values.get(name)
-    between = "" if ends is None else f"<br>95 %: {ends[1]:.3g} to {ends[2]:.3g}{unit}"
-    return f"{row.meaning}<br>{row.value:.4g}{unit}, healthy {row.healthy:.4g}{unit}{between}"
+    shown, factor = preferred(row.unit)
+    unit = f" {shown}".rstrip()
+    value, healthy = factor * row.value, factor * row.healthy
+    ends = [factor * x for x in found.physical_values.get(name, ())]
+    between = f"<br>95 %: {ends[1]:.3g} to {ends[2]:.3g}{unit}" if ends else ""
+    return f"{row.meaning}<br>{value:.4g}{unit}, healthy {healthy:.4g}{unit}{between}"
 
 
 def plot_fit(found: Identification, recording: Recording | None = None) -> Any:
@@ -155,11 +158,13 @@ def plot_fit(found: Identification, recording: Recording | None = None) -> Any:
     measured = comparison.measured()
     captions = comparison.captions()
     titles = [text for name in measured for text in (captions[name][0], "Residual")]
-    units = [captions[name][1] for name in measured for _ in range(2)]
+    units = [preferred(captions[name][1])[0] for name in measured for _ in range(2)]
     figure = stacked(titles, units, "time, s", height=110 + 240 * len(titles))
     time = recording.time
     for n, (name, target) in enumerate(measured.items()):
-        fitted, healthy = answers[name]
+        factor = preferred(captions[name][1])[1]
+        fitted, healthy = factor * answers[name]
+        target = factor * target
         # the measured line is wide and pale, so that it shows under the fitted one
         line(figure, 2 * n + 1, time, target, "measured", PALE, width=5)
         line(figure, 2 * n + 1, time, healthy, "healthy twin", BLUE, dash="dot")

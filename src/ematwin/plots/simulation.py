@@ -1,9 +1,12 @@
 """Figures of a simulated recording beside the healthy one."""
 
+from dataclasses import replace
 from typing import Any
 
+from ematwin.models.optional import Signal
 from ematwin.models.registry import model_of
 from ematwin.plots.style import BLUE, GREY, ORANGE, PALE, line, stacked
+from ematwin.quantities import preferred
 from ematwin.recordings.recording import Recording
 
 
@@ -15,8 +18,8 @@ def plot_response(recording: Recording, healthy: Recording, actuator: Any) -> An
     plotly.graph_objects.Figure
     """
     model = model_of(actuator)
-    faulty_signals = model.signals(recording, actuator)
-    healthy_signals = model.signals(healthy, actuator)
+    faulty_signals = [_shown(one) for one in model.signals(recording, actuator)]
+    healthy_signals = [_shown(one) for one in model.signals(healthy, actuator)]
     first, base = faulty_signals[0], healthy_signals[0]
     titles = [first.title, f"Difference of the {first.title[0].lower()}{first.title[1:]}"]
     units = [first.unit, first.unit]
@@ -35,3 +38,10 @@ def plot_response(recording: Recording, healthy: Recording, actuator: Any) -> An
             line(figure, row, time, one.reference, "command", BLUE, dash="dot")
         line(figure, row, time, one.values, "faulty", ORANGE)
     return figure
+
+
+def _shown(one: Signal) -> Signal:
+    """A signal in the unit in which it is shown."""
+    unit, factor = preferred(one.unit)
+    reference = None if one.reference is None else factor * one.reference
+    return replace(one, unit=unit, values=factor * one.values, reference=reference)

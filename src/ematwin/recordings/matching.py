@@ -156,7 +156,7 @@ def _add_optional(
             continue
         stated = file.stated_unit(names[0])
         if len(names) > 1:
-            why = f"{file.path.name} has several channels for it, {listed(names)}"
+            why = f"{file.given.name} has several channels for it, {listed(names)}"
         elif stated and not fits(stated, channel.unit):
             why = f"{names[0]} is in {stated}"
         else:

@@ -63,7 +63,7 @@ class Piece:
 def pieces(found: Collected, file: RecordedFile) -> list[Piece]:
     """The motions of a file; one, where its channels have several time bases."""
     if len(found.times) > 1:
-        return [Piece(found, {}, file.path)]
+        return [Piece(found, {}, file.given)]
     key, time = next(iter(found.times.items()))
     labels = _labels(file, found, key, time.size)
     measured = {name for name in labels if _has_unit(file, name)}
@@ -77,7 +77,7 @@ def pieces(found: Collected, file: RecordedFile) -> list[Piece]:
         Piece(
             found.part(slice(int(first), int(end))),
             {name: str(text[first]) for name, text in labels.items()},
-            file.path,
+            file.given,
         )
         for first, end in pairwise(np.r_[np.flatnonzero(starts), time.size])
     ]

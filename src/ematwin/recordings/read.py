@@ -132,7 +132,7 @@ def _cleaned(
     labels: Mapping[str, str],
 ) -> Recording:
     """Collected columns of a file, or of one motion in it, as a recording."""
-    what = f"{file.path} {label_text(labels)}".strip()
+    what = f"{file.given} {label_text(labels)}".strip()
     start = found.start
     for key, raw in found.times.items():
         found.times[key], changed = tidy_time(raw, what)
@@ -150,7 +150,7 @@ def _cleaned(
     time, columns, changed = to_constant_rate(sound.time, sound.columns, rate, what, means)
     provenance: dict[str, Any] = {
         "source": "file",
-        "file": file.path.name,
+        "file": file.given.name,
         "format": file.kind,
         "columns": found.channels,
         "assumed": found.assumed,
@@ -170,7 +170,7 @@ def _cleaned(
         units={one.name: one.unit for one in in_order},
         labels=labels,
         start=start,
-        source=file.path.name,
+        source=file.given.name,
         provenance=provenance,
     )
 
@@ -236,7 +236,9 @@ def _as_written(
             )
     values = file.read(file.names, progress)
     time = values.pop("time")
-    provenance = dict(file.metadata.get("provenance") or {"source": "file", "file": file.path.name})
+    provenance = dict(
+        file.metadata.get("provenance") or {"source": "file", "file": file.given.name}
+    )
     if rate is not None:
         means = file.metadata.get("means", [one.name for one in channels if one.is_mean])
         time, values, changed = to_constant_rate(time, values, rate, file.path, means)
@@ -248,7 +250,7 @@ def _as_written(
         units=units,
         labels=file.metadata.get("labels"),
         start=None if start is None else datetime.fromisoformat(start),
-        source=file.path.name,
+        source=file.given.name,
         provenance=provenance,
     )
 

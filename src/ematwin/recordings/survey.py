@@ -119,7 +119,7 @@ def survey(path: Any, *, progress: Progress | None = None, **options: Any) -> Su
             found += [_surveyed(file, name, values.get(name), rates) for name in some]
             if progress is not None:
                 progress(min(1.0, (start + len(some)) / len(names)))
-        return Survey(file.path, file.kind, tuple(found), tuple(file.assumed))
+        return Survey(file.given, file.kind, tuple(found), tuple(file.assumed))
 
 
 def _numbers(file: RecordedFile, names: Sequence[str]) -> dict[str, np.ndarray]:

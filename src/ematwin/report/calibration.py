@@ -6,6 +6,7 @@ from typing import Any
 from ematwin.monitoring.calibrate import CalibrationReport
 from ematwin.monitoring.calibration import PopulationCalibration
 from ematwin.plots.style import BLUE, GREY, PALE, styled
+from ematwin.quantities import preferred
 from ematwin.report.page import Row, Section, Table, render
 from ematwin.showing.numbers import in_unit, plain, with_interval
 
@@ -43,8 +44,10 @@ def parameter_table(report: CalibrationReport) -> Table:
     rows = []
     for p in report.parameters:
         reach = _SIDES * p.standard_error
-        number, between = with_interval(p.value, p.value - reach, p.value + reach)
-        cells = [p.place, in_unit(number, units[p.place]), between, plain(p.template, 4)]
+        unit, factor = preferred(units[p.place])
+        ends = (p.value, p.value - reach, p.value + reach)
+        number, between = with_interval(*(factor * x for x in ends))
+        cells = [p.place, in_unit(number, unit), between, plain(factor * p.template, 4)]
         rows.append(Row([*cells, "" if p.determined else "not determined"]))
     return Table(["parameter", "value", "95 % interval", "template", ""], rows, last_is_text=True)
 

@@ -4,8 +4,9 @@ from ematwin.estimation.constants import CERTAIN, SMALLEST
 from ematwin.monitoring.calibration import PopulationCalibration
 from ematwin.monitoring.diagnosis import Detection, Diagnosis, counted, gathered_notes
 from ematwin.monitoring.index import DRIFT
+from ematwin.monitoring.runs import Detections
 from ematwin.plots.detection import plot_trend
-from ematwin.report.page import Row, Section, Table, render
+from ematwin.report.page import Row, Section, Table, listed, render
 
 _MOST_ROWS = 400  # of the table; the figures show all
 
@@ -34,6 +35,24 @@ def detection_page(found: Detection) -> str:
     notes = gathered_notes(found.runs)
     title = f"{found.calibration.actuator.name}: condition"
     return render(title, found.sentence, sections, notes, grade=found.grade)
+
+
+def detections_page(found: Detections) -> str:
+    """HTML page on several actuators: a table of all verdicts, then the trend of each."""
+    every = [(name, row) for name, one in found.actuators.items() for row in one.runs]
+    rows = [
+        Row([name, row.name, row.said, row.verdict.sentence], marked=row.alarm)
+        for name, row in every[:_MOST_ROWS]
+    ]
+    header = ["actuator", "recording", "verdict", "in words"]
+    sections = [Section("Verdicts", table=Table(header, rows, last_is_text=True, texts=(2,)))]
+    for name, one in found.actuators.items():
+        text = f"{one.sentence} In the bands lie 95 % of healthy recordings."
+        sections.append(Section(name, text=text, figure=plot_trend(one)))
+    learnt = {name: listed(_facts(one)) for name, one in found.actuators.items()}
+    sections.append(Section("How healthy was learnt", facts=learnt))
+    notes = gathered_notes(found.runs)
+    return render("Condition of actuators", found.sentence, sections, notes, grade=found.grade)
 
 
 def verdict_table(rows: tuple[Diagnosis, ...]) -> Table:

@@ -3,7 +3,9 @@
 from ematwin.errors import InputError
 from ematwin.estimation.findings import fault_cells
 from ematwin.estimation.identify import Identification
+from ematwin.models.unknown import PhysicalValue
 from ematwin.plots.identification import plot_convergence, plot_faults, plot_fit, true_faults
+from ematwin.quantities import preferred
 from ematwin.recordings.recording import Recording
 from ematwin.report.page import Row, Section, Table, columns_in_words, listed, render
 from ematwin.report.uncertainty import uncertainty_sections
@@ -61,7 +63,7 @@ def fault_table(found: Identification) -> Table:
             row.value,
             row.interval,
             row.healthy,
-            *(["" if true is None else plain(true.value, 4)] if truth else []),
+            *([_true_text(true)] if truth else []),
             row.k,
             row.k_interval,
             row.meaning,
@@ -74,6 +76,10 @@ def fault_table(found: Identification) -> Table:
     return Table(header, rows, last_is_text=True)
 
 
+def _true_text(true: PhysicalValue | None) -> str:
+    return "" if true is None else plain(preferred(true.unit)[1] * true.value, 4)
+
+
 def parts_table(found: Identification) -> Table:
     """Combinations of faults, and what of load and sensors is not as recorded."""
     rows = [
@@ -84,8 +90,9 @@ def parts_table(found: Identification) -> Table:
     ]
     for name, (value, (low, high)) in found.nuisances.items():
         one = found.model.unknown(found.actuator, name)
-        number, between = with_interval(value, low, high)
-        cells = [one.meaning, in_unit(number, one.unit), between, "not as recorded"]
+        unit, factor = preferred(one.unit)
+        number, between = with_interval(*(factor * x for x in (value, low, high)))
+        cells = [one.meaning, in_unit(number, unit), between, "not as recorded"]
         rows.append(Row(cells, marked=True))
     return Table(["part", "value", "95 %", ""], rows, last_is_text=True)
 

@@ -84,3 +84,15 @@ def test_a_saved_scenario_loads_as_it_was(tmp_path) -> None:
     assert Scenario.load_file(tmp_path / "mine.toml") == given
     with pytest.raises(InputError, match=r"\.toml"):
         given.save(tmp_path / "mine.yaml")
+
+
+def test_a_command_that_is_no_position_is_bounded_by_its_own_name() -> None:
+    class Driven(type(model_of("linear-axis"))):  # type: ignore[misc]
+        command, demands, designable = "voltage", (), {}
+
+    (limit,) = Driven().limited
+    assert (limit.name, limit.unit) == ("voltage", "V")
+    scenario = Scenario(duration=1.0, command=[Chirp(amplitude=5.0, f_start=1.0, f_end=9.0)])
+    space = DesignSpace(Driven(), scenario, {"voltage": 2.0})
+    command, _ = space.scenario(np.ones(len(space.numbers))).histories(np.linspace(0.0, 1.0, 501))
+    assert 1.0 < np.abs(command).max() <= 2.0 + 1e-9

@@ -1,9 +1,12 @@
 """Channels that stand still, are late or contradict the others are named, and nothing else is."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from ematwin.errors import RecordError
+from ematwin.estimation.findings import late_channel
 from ematwin.models.channels_agree import checked, contradictions
 from ematwin.models.pmsm.channels import PHASES, to_phases
 from ematwin.models.registry import load_actuator, model_of
@@ -174,3 +177,19 @@ def test_a_refusal_names_the_channel_and_not_what_follows_from_it():
     recording = pmsm(motor_position=np.zeros(TIME.size))
     with pytest.raises(RecordError, match="motor_position stands still at 0 rad while"):
         checked(model_of(SERVO), recording, SERVO)
+
+
+@pytest.mark.parametrize(("lag", "said"), [(0, []), (5, ["Taken 5 ms earlier, position fits"])])
+def test_without_laws_a_late_channel_is_named_where_the_twin_does_not_explain_it(lag, said):
+    """A kind of one's own need not state laws: the answer of its twin shows the delay."""
+    time = np.arange(2000) * 1e-3
+    answers = {"current": np.sin(40.0 * time), "position": np.sin(23.0 * time + time**2)}
+    noise = np.random.default_rng(1).normal(0.0, 0.02, (2, time.size))
+    late = answers["position"][np.maximum(np.arange(time.size) - lag, 0)]
+    comparison = SimpleNamespace(
+        recording=SimpleNamespace(interval=1e-3),
+        measured=lambda: {"current": answers["current"] + noise[0], "position": late + noise[1]},
+        responses=lambda candidates, count: {n: v[None] for n, v in answers.items()},
+    )
+    found = late_channel(SimpleNamespace(comparisons=[comparison]), {"friction": 1.0})
+    assert [text[: len(part)] for text, part in zip(found, said, strict=True)] == said

@@ -15,6 +15,7 @@ from ematwin.errors import InputError, ParameterError, RecordError
 from ematwin.estimation.baseline import Baseline
 from ematwin.models.registry import model_of
 from ematwin.monitoring import CalibrationReport, Detection, Diagnosis
+from ematwin.monitoring import identify as identifying
 from ematwin.monitoring.calibration import PopulationCalibration
 from ematwin.monitoring.gather import files_of
 from ematwin.report.detection import detection_page
@@ -97,6 +98,20 @@ def test_a_healthy_population_judges_for_both_commands():
         assert other.identification is not None
     # on request the parameters are exact, and no healthy recordings count
     assert ematwin.identify(motions[0], calibration, exact=True).verdict.faults == ("friction",)
+
+
+def test_an_interrupt_of_the_healthy_population_keeps_what_was_found(monkeypatch):
+    calibration = ematwin.calibrate(healthy_runs(3)).calibration
+
+    def pressed(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(identifying, "by_population", pressed)
+    found = ematwin.identify(rig_run(60, friction=1.3)[0], calibration)
+    assert found.stopped == "interrupted"
+    assert found.verdict.grade == "none"
+    assert "interrupted" in found.verdict.sentence
+    assert found.values["friction"] == pytest.approx(1.3, abs=0.1)
 
 
 # Rows and pages

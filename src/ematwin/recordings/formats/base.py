@@ -57,6 +57,7 @@ class RecordedFile(ABC):
     Attributes
     ----------
     path : Path
+    given : Path, what the user gave: ``path``, or the packed file that holds it
     metadata : dict, what ematwin itself wrote into the file; empty for files of others
     assumed : list of str, sentences on what was taken for granted, for the provenance
     start : datetime or None, the moment from which the times of `base_time` are counted
@@ -66,7 +67,7 @@ class RecordedFile(ABC):
     kind: ClassVar[str] = "file"  # for messages: "Cannot read run.mf4 as MDF"
 
     def __init__(self, path: Path) -> None:
-        self.path = path
+        self.path = self.given = path
         self.metadata: dict[str, Any] = {}
         self.assumed: list[str] = []
         self.start: datetime | None = None
@@ -149,8 +150,10 @@ class RecordedFile(ABC):
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         self.close()
+        if isinstance(error, EmatwinError):
+            name_given(error, self.path, self.given)
 
 
 def open_file(path: Any, **options: Any) -> RecordedFile:
@@ -198,6 +201,10 @@ def open_file(path: Any, **options: Any) -> RecordedFile:
         raise InputError(
             f"{named} can be given only for CSV files; {path} is not one. Leave it out."
         )
+    if suffix in _TEXT and not options:
+        from ematwin.recordings.formats.twincat_file import TwinCatFile, is_export
+
+        maker = TwinCatFile if is_export(path) else maker
     with refusing(path, getattr(maker, "kind", suffix[1:])):
         opened: RecordedFile = maker(path, **options)
     return opened
@@ -263,6 +270,12 @@ def refusing(path: Path, kind: str) -> Iterator[None]:
         raise FileError(
             f"Cannot read {path} as {kind}: {reason}. It may be truncated or of another kind."
         ) from None
+
+
+def name_given(error: EmatwinError, path: Path, given: Path) -> None:
+    """Let an error name the file that the user gave in place of what was unpacked from it."""
+    if path != given:
+        error.args = (str(error).replace(str(path), str(given)),)
 
 
 def as_float(values: Any, name: str, path: Path) -> np.ndarray:

@@ -12,8 +12,14 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from ematwin.errors import FileError, RecordError
-from ematwin.recordings.formats.base import RecordedFile, load_library, open_file, refusing
+from ematwin.errors import EmatwinError, FileError
+from ematwin.recordings.formats.base import (
+    RecordedFile,
+    load_library,
+    name_given,
+    open_file,
+    refusing,
+)
 
 
 def open_packed(path: Path, **options: Any) -> RecordedFile:
@@ -37,9 +43,10 @@ def open_packed(path: Path, **options: Any) -> RecordedFile:
             inside, assumed = _sheet(path, Path(folder.name))
     try:
         opened = open_file(inside, **options)
-    except (FileError, RecordError) as error:
-        raise type(error)(str(error).replace(str(inside), str(path))) from None
-    opened.unpacked = folder  # goes with the file
+    except EmatwinError as error:
+        name_given(error, inside, path)
+        raise
+    opened.given, opened.unpacked = path, folder  # the folder goes with the file
     if assumed:
         opened.assumed.append(assumed)
     return opened

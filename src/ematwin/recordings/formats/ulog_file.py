@@ -32,13 +32,14 @@ class ULogFile(RecordedFile):
             for field in data
             if field != _STAMP
         }
-        whole = _ends_with_a_message(path)
-        if log.file_corruption or not (whole and self._channels):
-            why = "it holds no messages" if whole else "it ends within a message"
-            raise FileError(
-                f"Cannot read {path} as ULog: {'it is damaged' if log.file_corruption else why}. "
-                "Copy it from the vehicle again; of a log that power loss cut off, ulog2csv makes "
-                "tables."
+        if log.file_corruption or not self._channels:
+            why = "it is damaged" if log.file_corruption else "it holds no messages"
+            raise FileError(f"Cannot read {path} as ULog: {why}. Copy it from the vehicle again.")
+        if not _ends_with_a_message(path):
+            last = max(float(data[_STAMP][-1]) for data in self._topics.values())
+            self.assumed.append(
+                f"the log {path.name} ends within a message, as after a loss of power: it was "
+                f"read up to {1e-6 * last:.6g} s of the system's clock"
             )
 
     @property

@@ -1,0 +1,151 @@
+"""``ematwin watch``: recordings of a fleet in, who needs what when out."""
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ematwin.cli.options import (
+    ColumnOption,
+    JsonOption,
+    MapOption,
+    ReportOption,
+    TableOption,
+    print_json,
+    print_notes,
+    print_table,
+    progress_bar,
+)
+from ematwin.errors import InputError
+
+if TYPE_CHECKING:
+    from ematwin.fleet.fleet import Fleet
+    from ematwin.fleet.watch import Watched
+
+_MOST = 20  # actuators in the terminal; the page has all
+
+
+def watch(
+    recordings: Annotated[
+        list[Path],
+        typer.Argument(
+            help="Folders or files with recordings: recordings/EMA-17/2026-05-01T08-30.csv, or a "
+            "table with a column serial_number."
+        ),
+    ],
+    fleet: Annotated[Path, typer.Option(help="Folder of the fleet; made where it is missing.")],
+    actuator: Annotated[
+        str | None,
+        typer.Option(
+            help="Twin of actuators without a file calibrations/<serial number>.toml in the fleet."
+        ),
+    ] = None,
+    serial_number: Annotated[
+        str | None,
+        typer.Option(
+            help=r"Regular expression for paths, e.g. '(?P<serial>EMA-\d+)'; a group time is "
+            "the date."
+        ),
+    ] = None,
+    column: ColumnOption = None,
+    map_file: MapOption = None,
+    every: Annotated[
+        float | None,
+        typer.Option(help="Look again every so many seconds, until Ctrl-C; else once."),
+    ] = None,
+    report: ReportOption = None,
+    table: TableOption = None,
+    fail_on: Annotated[
+        str | None,
+        typer.Option(
+            help="End with exit code 1 if an actuator has reached this step: watch, plan or act."
+        ),
+    ] = None,
+    json: JsonOption = False,
+) -> None:
+    """Judge new recordings of a fleet, and say which actuator needs what, and when.
+
+    Each recording is judged once, and kept in the folder of the fleet with what it said. Ctrl-C
+    or a crash loses nothing: the same command goes on.
+    """
+    from ematwin.cli.channels import map_of
+    from ematwin.cli.detect import check_targets
+    from ematwin.fleet.alarms import STEPS
+    from ematwin.fleet.fleet import Fleet
+    from ematwin.fleet.watch import watch as run
+    from ematwin.models.registry import load_actuator
+
+    if fail_on is not None and fail_on not in STEPS[1:]:
+        raise InputError(f"--fail-on takes watch, plan or act, received {fail_on!r}.")
+    if every is not None and not every > 0.0:
+        raise InputError(f"--every needs seconds above 0, received {every:g}.")
+    check_targets(table, report)
+    columns = None
+    if column or map_file:
+        columns = map_of(column, map_file, load_actuator(actuator))
+    known = Fleet(fleet)
+    while True:
+        with progress_bar("Judging", not json) as progress:
+            found = run(
+                known.store, recordings, actuator, columns=columns, progress=progress,
+                pattern=serial_number or known.pattern,
+            )  # fmt: skip
+        known.refresh()
+        known.update()
+        if table is not None and len(known):
+            known.export(table, "advisory")
+        if report is not None:
+            known.report(report)
+        _answer(known, found, json)
+        for path in (table, report):
+            if path is not None and not json:
+                typer.echo(f"wrote {path}")
+        if every is None:
+            break
+        time.sleep(every)
+    if fail_on is not None and any(
+        row["advisory_level"] >= STEPS.index(fail_on) for row in known.table()
+    ):
+        raise typer.Exit(1)
+
+
+def _answer(fleet: "Fleet", found: "Watched", json: bool) -> None:
+    import math
+
+    rows = fleet.table()
+    if json:
+        plain = [
+            {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in r.items()}
+            for r in rows
+        ]
+        print_json(
+            {
+                "judged": found.judged, "known": found.known, "duplicates": found.duplicates,
+                "set_aside": [{"source": a, "reason": b} for a, b in found.set_aside],
+                "actuators": plain,
+            }
+        )  # fmt: skip
+        return
+    typer.echo(str(found))
+    print_notes("Set aside", [f"{path}: {reason}" for path, reason in found.set_aside])
+    print_fleet(fleet, rows)
+
+
+def print_fleet(fleet: "Fleet", rows: list[dict[str, object]] | None = None) -> None:
+    """The actuators for people, the most urgent first."""
+    from rich.table import Table
+
+    rows = fleet.table() if rows is None else rows
+    shown = Table()
+    for heading in ("actuator", "what to do", "life left", "why"):
+        shown.add_column(heading)
+    for row in rows[:_MOST]:
+        life = fleet[str(row["serial_number"])].life_left()
+        shown.add_row(
+            str(row["serial_number"]), str(row["advisory"]), "" if life is None else str(life),
+            str(row["advisory_reason"]), style="bold" if row["advisory_level"] == 3 else None,
+        )  # fmt: skip
+    print_table(shown, 200)
+    if len(rows) > _MOST:
+        typer.echo(f"and {len(rows) - _MOST} more actuators; --report shows all")

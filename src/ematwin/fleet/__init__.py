@@ -1,0 +1,1 @@
+"""A fleet over time: every judged recording kept, trends, alarms, life left, and pages of it."""

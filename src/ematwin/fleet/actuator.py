@@ -1,0 +1,279 @@
+"""One actuator of a fleet: its history, trends, life left and alarms."""
+
+import math
+from datetime import datetime
+from functools import cached_property
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.optimize import brentq
+
+from ematwin.errors import InputError
+from ematwin.estimation.probabilities import thresholds_of
+from ematwin.files import check_target, write_text
+from ematwin.fleet.alarms import STEPS, Alarm, Before, judge, worst
+from ematwin.fleet.life import Life, Requirement, job_left, life_left, sooner
+from ematwin.fleet.store import moment_of, series_columns, years
+from ematwin.fleet.trend import Series, Trend, trend
+from ematwin.models.unknown import Unknown
+from ematwin.monitoring.calibration import Calibration
+
+if TYPE_CHECKING:
+    from ematwin.fleet.fleet import Fleet
+
+
+class FleetActuator:
+    """One actuator of a fleet. `Fleet` makes it.
+
+    Attributes
+    ----------
+    serial_number : str
+    rows : its judged recordings, by time
+    events : what happened to it, by time
+    """
+
+    def __init__(
+        self, fleet: "Fleet", serial_number: str, rows: list[dict[str, Any]],
+        events: list[dict[str, Any]],
+    ) -> None:  # fmt: skip
+        self.fleet, self.serial_number, self.rows, self.events = fleet, serial_number, rows, events
+        self._trends: dict[str, Trend] = {}
+        self._lives: dict[str, Life] = {}
+
+    @property
+    def kind(self) -> str:
+        """Kind of its latest twin."""
+        return str(self.rows[-1]["kind"])
+
+    @cached_property
+    def twin(self) -> Calibration:
+        """The twin that judged its latest recording."""
+        return self.fleet.twin(self.rows[-1]["twin"])
+
+    @cached_property
+    def _unknowns(self) -> dict[str, Unknown]:
+        faults = self.twin.model.faults(self.twin.actuator)
+        return {one.name: one for one in faults if one.direction_of is None}
+
+    @cached_property
+    def magnitudes(self) -> tuple[str, ...]:
+        """Names of the faults of which it has estimates."""
+        return tuple(n for n in self._unknowns if series_columns(self.rows, n))
+
+    def unknown(self, name: str) -> Unknown:
+        """A magnitude as the table of its kind has it.
+
+        Raises
+        ------
+        InputError
+            If there is no estimate of it.
+        """
+        if name not in self.magnitudes:
+            raise InputError(
+                f"There is no estimate of {name!r} of {self.serial_number}; there are some of "
+                f"{', '.join(self.magnitudes)}."
+            )
+        return self._unknowns[name]
+
+    def series(self, name: str) -> Series:
+        """Estimates of a magnitude with their standard errors, by time."""
+        self.unknown(name)
+        columns = np.array(series_columns(self.rows, name), dtype=float)
+        covariates = np.nan_to_num((columns[:, 3:] - self._usual[0]) / self._usual[1])
+        renewed = [one["time"] for one in self.events if one["what"] == "overhaul"]
+        # a calibration takes the actuator for healthy: the same as an overhaul
+        renewed += [b["time"] for a, b in pairwise(self.rows) if a["twin"] != b["twin"]]
+        overhauls = tuple(sorted(map(years, renewed)))
+        time, value, error = np.ascontiguousarray(columns[:, :3].T)
+        return Series(time, value, error, np.ascontiguousarray(covariates), overhauls)
+
+    @cached_property
+    def _usual(self) -> tuple[np.ndarray, np.ndarray]:
+        """Mean and deviation of temperature and load over the fleet's actuators of this kind."""
+        table = np.array(
+            [[r["temperature"], r["load"]] for r in self.rows], dtype=float
+        )  # the fleet shares twins, but loads differ: each actuator is compared with itself
+        known = np.isfinite(table)
+        count = np.maximum(known.sum(axis=0), 1)
+        mean = np.where(known, table, 0.0).sum(axis=0) / count
+        spread = np.sqrt(np.where(known, (table - mean) ** 2, 0.0).sum(axis=0) / count)
+        return mean, np.where(spread > 0.0, spread, 1.0)
+
+    def trend(self, name: str) -> Trend:
+        """Posterior of level and slope of a magnitude."""
+        if name not in self._trends:
+            self._trends[name] = trend(self.series(name), self.fleet.wear(self.kind, name))
+        return self._trends[name]
+
+    def limit(self, name: str) -> float | None:
+        """The limit of a magnitude in the unit in which it is searched; None where none is stated.
+
+        Raises
+        ------
+        InputError
+            If ``fleet.toml`` states one outside its range.
+        """
+        given = self.fleet.limits_given.get(name)
+        if given is None:
+            return None
+        one = self.unknown(name)
+        stated = thresholds_of({name: given}, [one], self.twin.actuator)[name]
+        if not stated.physical or one.physical is None:
+            return stated.value
+        ends = (one.healthy, one.upper) if stated.above else (one.lower, one.healthy)
+
+        def over(value: float) -> float:
+            return float(one.physical_value(self.twin.actuator, value).value - stated.value)
+
+        if over(ends[0]) * over(ends[1]) > 0.0:  # a physical value that falls as the fault grows
+            ends = (one.lower, one.healthy) if stated.above else (one.healthy, one.upper)
+        return float(brentq(over, *ends))
+
+    def life_left(
+        self, name: str | None = None, requirement: Requirement | None = None
+    ) -> Life | None:
+        """Life until a magnitude passes its limit; of all of them where none is named.
+
+        With a requirement: until the twin at the states to come no longer fulfils it.
+
+        Returns
+        -------
+        Life; None where no limit is stated
+        """
+        moment = years(self.fleet.now)
+        if requirement is not None:
+            chosen = [name] if name is not None else list(self.magnitudes)
+            return job_left(
+                {one: self.trend(one) for one in chosen}, moment, self.twin.actuator, requirement,
+                process={one: self.fleet.process(self.kind, one) for one in chosen},
+                bounds=lambda one: (self.unknown(one).lower, self.unknown(one).upper),
+            )  # fmt: skip
+        if name is None:
+            found = [self.life_left(one) for one in self.magnitudes]
+            return sooner([one for one in found if one is not None])
+        limit = self.limit(name)
+        if limit is None:
+            return None
+        if name not in self._lives:
+            self._lives[name] = life_left(
+                name, self.trend(name), limit, moment, self.fleet.process(self.kind, name),
+                upwards=limit >= self.unknown(name).healthy,
+                seed=1 + self.magnitudes.index(name),
+            )  # fmt: skip
+        return self._lives[name]
+
+    # --- alarms ----------------------------------------------------------------------------------
+
+    def before(self, name: str) -> Before | None:
+        """The step that the alarm of a magnitude had when it was last looked at."""
+        held: Before | None = None
+        for one in self.events:
+            if one["what"] == "overhaul":
+                held = None
+            elif one["what"] == "alarm" and one["magnitude"] == name:
+                at = years(one["time"])
+                cleared = -math.inf if held is None else held.cleared
+                cleared = at if one["step"] == "none" else cleared
+                held = Before(one["step"], at, cleared)
+        return held
+
+    def alarms(self) -> dict[str, Alarm]:
+        """The alarm of each magnitude, also those that are none."""
+        moment, found = years(self.fleet.now), {}
+        for name in self.magnitudes:
+            alarm = judge(
+                self.trend(name), self.life_left(name), moment, self.fleet.policy,
+                unknown=self.unknown(name), count=len(self.magnitudes), before=self.before(name),
+            )  # fmt: skip
+            seen = [one for one in self.events if one.get("magnitude") == name]
+            fresh = [e for e in seen if years(e["time"]) >= alarm.since - 1e-9]
+            found[name] = Alarm(
+                **{
+                    **vars(alarm),
+                    "acknowledged": any(e["what"] == "acknowledged" for e in fresh),
+                    "silenced": any(
+                        e["what"] == "silenced" and moment_of(e["until"]) > self.fleet.now
+                        for e in seen
+                    ),
+                }
+            )
+        return found
+
+    def overhaul(self, when: str | datetime, note: str = "") -> None:
+        """State that it was repaired or exchanged: from then on it begins as the fleet does."""
+        self._note("overhaul", moment_of(when), note=note)
+
+    def acknowledge(self, magnitude: str, note: str = "") -> None:
+        """State that an alarm was seen; it is shown as such until its step changes."""
+        self._note("acknowledged", self.fleet.now, magnitude=magnitude, note=note)
+
+    def silence(self, magnitude: str, until: str | datetime, note: str = "") -> None:
+        """Hear no more of an alarm until a moment."""
+        end = moment_of(until).isoformat()
+        self._note("silenced", self.fleet.now, magnitude=magnitude, until=end, note=note)
+
+    def _note(self, what: str, when: datetime, **more: Any) -> None:
+        if "magnitude" in more:
+            self.unknown(more["magnitude"])
+        self.fleet.store.note(self.serial_number, what, when, **more)
+        self.fleet.refresh()
+
+    # --- tables and pages ------------------------------------------------------------------------
+
+    def row(self) -> dict[str, Any]:
+        """What is known of it, as a row of `Fleet.table`."""
+        alarms, last = self.alarms(), self.rows[-1]
+        first, life = worst(alarms), self.life_left()
+        low, high = (math.inf, math.inf) if life is None else life.interval
+        advice = "none" if first is None or first.silenced else first.step
+        return {
+            "serial_number": self.serial_number,
+            "kind": self.kind,
+            "recordings": len(self.rows),
+            "last_recording": last["time"].isoformat(),
+            "state": last["grade"],
+            "faults": ", ".join(last["faults"] or ()),
+            "health_magnitude": "" if first is None else first.magnitude,
+            "health_probability": 0.0 if first is None else first.probability,
+            "life_left_days": 365.25 * (math.inf if life is None else life.median),
+            "life_left_low_days": 365.25 * low,
+            "life_left_high_days": 365.25 * high,
+            "life_left_of": "" if life is None or math.isinf(low) else life.name,
+            "advisory": advice,
+            "advisory_level": STEPS.index(advice),
+            "advisory_reason": "" if first is None or advice == "none" else first.why,
+            "acknowledged": bool(first is not None and first.acknowledged),
+        }
+
+    def flat(self) -> list[dict[str, Any]]:
+        """Its recordings as rows with a column for each magnitude and its standard error."""
+        found = []
+        for row in self.rows:
+            values: dict[str, Any] = {
+                name: row[name]
+                for name in ("serial_number", "source", "grade", "sentence", "reason",
+                             "temperature", "load", "note")
+            }  # fmt: skip
+            values |= {"time": row["time"].isoformat(), "faults": ", ".join(row["faults"] or ())}
+            d = len(row["names"] or ())
+            for n, name in enumerate(row["names"] or ()):
+                values[name] = row["values"][n]
+                values[f"{name}_error"] = max(row["covariance"][n * d + n], 0.0) ** 0.5
+            found.append(values)
+        return found
+
+    def report(self, path: str | Path) -> None:
+        """Write its page (.html), which holds all that it shows."""
+        from ematwin.fleet.pages import actuator_page
+
+        check_target(Path(path), (".html",))
+        write_text(path, actuator_page(self))
+
+    def __repr__(self) -> str:
+        since, last = self.rows[0]["time"], self.rows[-1]["time"]
+        return (
+            f"FleetActuator({self.serial_number}: {len(self.rows)} recordings, {since:%Y-%m-%d} to "
+            f"{last:%Y-%m-%d})"
+        )

@@ -1,0 +1,179 @@
+"""Alarms: watch, plan, act, from the posteriors of trend and life, with the reason.
+
+- watch: a magnitude is larger than matters (`SMALLEST` of its range) with a probability of
+  1 - rate/M, for M magnitudes. Of alarms raised at that moment a share rate/M is false whenever one
+  looks: a posterior does not depend on when one stops. An alarm that has cleared is not raised
+  again within a year, so that there are at most ``rate`` false ones per actuator and year.
+- plan, act: besides, its limit is passed within a planning or a lead time with a probability of
+  10 %: the lower end of the 80 % interval of life left lies within it.
+
+An alarm falls back a step where its own probability is below half of what raised it, and clears
+where the magnitude is more likely too small to matter (hysteresis).
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from scipy.stats import norm
+
+from ematwin.errors import InputError
+from ematwin.estimation.constants import SMALLEST
+from ematwin.fleet.life import LEVEL, Life, spoken
+from ematwin.fleet.trend import Trend
+
+Step = Literal["none", "watch", "plan", "act"]
+STEPS: tuple[Step, ...] = ("none", "watch", "plan", "act")
+_SOON = 0.5 - LEVEL / 2.0  # probability of passing the limit that asks for action
+_AGAIN = 1.0  # years after an alarm has cleared in which it is not raised again
+
+
+@dataclass(frozen=True)
+class Policy:
+    """When alarms are raised.
+
+    Attributes
+    ----------
+    false_alarms : per actuator and year, at most
+    plan, act : years before its limit by which a magnitude asks for a plan, or for action
+    """
+
+    false_alarms: float = 0.1
+    plan: float = 0.5
+    act: float = 1.0 / 12.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.false_alarms < 1.0:
+            raise InputError(
+                "false_alarms must lie between 0 and 1 per actuator and year, received "
+                f"{self.false_alarms:g}."
+            )
+        if not 0.0 < self.act <= self.plan:
+            raise InputError(
+                f"act and plan must be times with 0 < act <= plan, received {self.act:g} and "
+                f"{self.plan:g} years."
+            )
+
+
+@dataclass(frozen=True)
+class Alarm:
+    """An alarm on one magnitude of an actuator.
+
+    Attributes
+    ----------
+    magnitude : its name
+    step : "none", "watch", "plan" or "act"
+    probability : that the magnitude is larger than matters
+    soon : probability that its limit is passed within the time that made this step
+    why : a sentence
+    check : what to look at
+    since : years, when this step was reached
+    acknowledged, silenced : whether somebody has seen it, or wants to hear no more of it for now
+    """
+
+    magnitude: str
+    step: Step
+    probability: float
+    soon: float
+    why: str
+    check: str = ""
+    since: float = math.nan
+    acknowledged: bool = False
+    silenced: bool = False
+
+    @property
+    def urgency(self) -> int:
+        """0 for none to 3 for act; silenced ones are none."""
+        return 0 if self.silenced else STEPS.index(self.step)
+
+
+def exceeding(one: Trend, moment: float, healthy: float, width: float, sides: bool) -> float:
+    """Probability that a magnitude is further from healthy than matters.
+
+    ``sides``: it may be off to both sides, such as a gain.
+    """
+    level, error, _ = one.at(moment)
+    beyond = float(norm.sf(healthy + SMALLEST * width, level, error))
+    if sides:
+        beyond += float(norm.cdf(healthy - SMALLEST * width, level, error))
+    return beyond
+
+
+def judge(
+    one: Trend, life: Life | None, moment: float, policy: Policy, *, unknown: Any, count: int,
+    before: "Before | None" = None,
+) -> Alarm:  # fmt: skip
+    """The alarm of one magnitude at a moment.
+
+    Parameters
+    ----------
+    one, life : its trend, and the life until its limit; None where no limit is stated
+    moment : years
+    policy : Policy
+    unknown : the magnitude's entry in the table of its kind
+    count : magnitudes that are watched on the actuator
+    before : the step it had
+    """
+    width, healthy = unknown.width, unknown.healthy
+    sides = unknown.lower < healthy
+    probability = exceeding(one, moment, healthy, width, sides)
+    held = before or Before("none", moment, -math.inf)
+    certain = 1.0 - policy.false_alarms / count
+    present = probability >= certain or (held.step != "none" and probability >= 0.5)
+    if held.step == "none" and moment - held.cleared < _AGAIN and (
+        life is None or life.within(policy.act) < 0.5
+    ):  # fmt: skip
+        present = False
+    step: Step = "watch" if present else "none"
+    soon = 0.0
+    if present and life is not None:
+        for name, time in (("act", policy.act), ("plan", policy.plan)):
+            soon = life.within(time)
+            kept = STEPS.index(held.step) >= STEPS.index(name)
+            if soon >= (0.5 * _SOON if kept else _SOON):
+                step = name  # type: ignore[assignment]
+                break
+    since = held.since if step == held.step else moment
+    why = _why(one, life, moment, unknown, step)
+    check = unknown.meaning if step != "none" else ""
+    return Alarm(unknown.name, step, probability, soon, why, check, since)
+
+
+@dataclass(frozen=True)
+class Before:
+    """The step of an alarm when it was last looked at, since when, and when it last cleared."""
+
+    step: Step
+    since: float
+    cleared: float
+
+    @classmethod
+    def after(cls, alarm: Alarm, before: "Before | None", moment: float) -> "Before":
+        """What an alarm leaves for the next look."""
+        cleared = -math.inf if before is None else before.cleared
+        if alarm.step == "none" and before is not None and before.step != "none":
+            cleared = moment
+        return cls(alarm.step, alarm.since, cleared)
+
+
+def _why(one: Trend, life: Life | None, moment: float, unknown: Any, step: Step) -> str:
+    """One sentence on the magnitude, its slope and its limit."""
+    level, error, slope = one.at(moment)
+    share, spread = (level - unknown.healthy) / unknown.width, error / unknown.width
+    sudden = one.jumps and one.series.time[-1] - one.series.time[one.jumps[-1]] < _AGAIN
+    said = f"{unknown.name.replace('_', ' ')} is {100 * share:+.1f} % of its range from healthy"
+    said += f" (standard error {100 * spread:.1g} %)"
+    if sudden:
+        said += f" after a jump {spoken(moment - float(one.series.time[one.jumps[-1]]))} ago"
+    elif step != "none":
+        said += f" and changes by {100 * slope / unknown.width:+.1f} % a year"
+    if life is not None and step in ("plan", "act"):
+        said += f"; life left {life}"
+    return f"{said}."
+
+
+def worst(alarms: Mapping[str, Alarm]) -> Alarm | None:
+    """The most urgent alarm of an actuator; None without magnitudes."""
+    found = list(alarms.values())
+    return max(found, key=lambda one: (one.urgency, one.soon, one.probability), default=None)

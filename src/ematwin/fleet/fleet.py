@@ -1,0 +1,227 @@
+"""A fleet: every actuator with its history, trends, alarms and life left.
+
+    fleet = ematwin.Fleet("fleet/")
+    fleet.watch("recordings/")
+    fleet["EMA-17"].trend("friction")
+    fleet["EMA-17"].life_left()
+    fleet.report("fleet.html")
+
+`fleet.toml` in its folder states limits and when alarms are raised (docs/fleet.md); all else
+follows from the rows of the store.
+"""
+
+from collections.abc import Iterator, Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from ematwin.errors import EmatwinError, InputError
+from ematwin.files import check_target, write_text
+from ematwin.fleet.actuator import FleetActuator
+from ematwin.fleet.alarms import Policy
+from ematwin.fleet.life import Requirement, process_of
+from ematwin.fleet.store import (
+    SET_ASIDE,
+    FleetStore,
+    moment_of,
+)
+from ematwin.fleet.trend import Wear, learn
+from ematwin.monitoring.calibration import Calibration
+from ematwin.quantities import parse_quantity
+from ematwin.validation import load_toml
+
+_SETTINGS = ("limits", "alarms", "requirement", "serial_number")
+
+
+class Fleet:
+    """The actuators of a store, as they are known at a moment.
+
+    Parameters
+    ----------
+    folder : of the store; made where it is missing
+    now : moment, ISO 8601 or datetime, from which life is counted, and after which nothing is
+        known; None takes the present
+    create : False refuses a folder that holds no fleet
+
+    Raises
+    ------
+    FileError
+        If the folder cannot be used.
+    InputError
+        If its ``fleet.toml`` holds something else than settings.
+    """
+
+    def __init__(
+        self, folder: str | Path, *, now: str | datetime | None = None, create: bool = True
+    ) -> None:
+        self.store = FleetStore(folder, create=create)
+        self._now = None if now is None else moment_of(now)
+        self._version: tuple[str, ...] = ()
+        self._read()
+
+    @property
+    def now(self) -> datetime:
+        """The moment at which the fleet is looked at."""
+        return self._now or datetime.now(UTC)
+
+    def watch(self, recordings: Any, **settings: Any) -> Any:
+        """Judge the recordings that are new; see `ematwin.fleet.watch.watch`."""
+        from ematwin.fleet.watch import watch
+
+        found = watch(self.store, recordings, pattern=self.pattern, **settings)
+        self.refresh()
+        self.update()
+        return found
+
+    def refresh(self) -> None:
+        """Read the store again, where it has changed."""
+        if self.store.version() != self._version:
+            self._read()
+
+    def _read(self) -> None:
+        self._version = self.store.version()
+        path = self.store.folder / "fleet.toml"
+        table = load_toml(path, "settings") if path.exists() else {}
+        self.limits_given, self.policy, self.requirement, self.pattern = settings_of(table, path)
+        self._rows: dict[str, list[dict[str, Any]]] = {}
+        self.set_aside: list[dict[str, Any]] = []
+        last = self.now
+        for row in self.store.rows().to_pylist():
+            if row["grade"] == SET_ASIDE:
+                self.set_aside.append(row)
+            elif row["time"] <= last:
+                self._rows.setdefault(row["serial_number"], []).append(row)
+        self._events = [one for one in self.store.events() if one["time"] <= last]
+        self._twins: dict[str, Calibration] = {}
+        self._wear: dict[tuple[str, str], Wear] = {}
+        self._process: dict[tuple[str, str], str] = {}
+        self._units: dict[str, FleetActuator] = {}
+
+    # --- actuators -----------------------------------------------------------------------------
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def __contains__(self, serial_number: object) -> bool:
+        return serial_number in self._rows
+
+    def __iter__(self) -> Iterator["FleetActuator"]:
+        return (self[name] for name in self._rows)
+
+    def __getitem__(self, serial_number: str) -> "FleetActuator":
+        if serial_number not in self._rows:
+            known = ", ".join(list(self._rows)[:8]) or "none"
+            raise InputError(
+                f"There is no judged recording of {serial_number!r} in {self.store.folder}; there "
+                f"are some of {known}."
+            )
+        if serial_number not in self._units:
+            self._units[serial_number] = FleetActuator(
+                self, serial_number, self._rows[serial_number],
+                [one for one in self._events if one["serial_number"] == serial_number],
+            )  # fmt: skip
+        return self._units[serial_number]
+
+    def twin(self, fingerprint: str) -> Calibration:
+        """The twin that judged a row."""
+        if fingerprint not in self._twins:
+            path = self.store.folder / "twins" / f"{fingerprint}.toml"
+            self._twins[fingerprint] = Calibration.of(path)
+        return self._twins[fingerprint]
+
+    # --- what the whole fleet says ---------------------------------------------------------------
+
+    def wear(self, kind: str, name: str) -> Wear:
+        """What the actuators of a kind say of a magnitude together."""
+        if (kind, name) not in self._wear:
+            alike = [one for one in self if one.kind == kind and name in one.magnitudes]
+            unknown = alike[0].unknown(name)
+            several = [one.series(name) for one in alike]
+            self._wear[kind, name] = learn(several, unknown.healthy, unknown.width)
+        return self._wear[kind, name]
+
+    def process(self, kind: str, name: str) -> str:
+        """The process, wiener or gamma, that explains the increments of the fleet better."""
+        if (kind, name) not in self._process:
+            alike = [one for one in self if one.kind == kind and name in one.magnitudes]
+            self._process[kind, name] = process_of([one.trend(name) for one in alike])[0]
+        return self._process[kind, name]
+
+    def update(self) -> list[dict[str, Any]]:
+        """Look at all alarms, and keep in the store those that have changed; gives these."""
+        changed = []
+        for unit in self:
+            for name, alarm in unit.alarms().items():
+                before = unit.before(name)
+                if alarm.step != ("none" if before is None else before.step):
+                    told = {"magnitude": name, "step": alarm.step, "why": alarm.why}
+                    self.store.note(unit.serial_number, "alarm", self.now, **told)
+                    changed.append({"serial_number": unit.serial_number, **told})
+        if changed:
+            self.refresh()
+        return changed
+
+    def table(self) -> list[dict[str, Any]]:
+        """A row for each actuator, the most urgent first; names of fields as in ISO 13374.
+
+        State detection (grade, faults), health assessment (what is furthest from healthy),
+        prognostic assessment (life left, days), advisory (what to do, and why).
+        """
+        rows = [one.row() for one in self]
+        return sorted(rows, key=lambda row: (-row["advisory_level"], row["life_left_low_days"]))
+
+    def query(self, sql: str) -> Any:
+        """Ask DuckDB of the table ``fleet``, a row for each recording; see `FleetStore.query`."""
+        return self.store.query(sql)
+
+    def export(self, path: str | Path, what: str = "recordings") -> None:
+        """Write a table (.csv or .parquet): "recordings", or the "advisory" of each actuator."""
+        from ematwin.recordings.tables import write_table
+
+        check_target(Path(path), (".csv", ".parquet"))
+        if what == "advisory":
+            rows = self.table()
+        elif what == "recordings":
+            rows = [one for unit in self for one in unit.flat()]
+        else:
+            raise InputError(f"what must be recordings or advisory, received {what!r}.")
+        if not rows:
+            raise InputError(f"The fleet {self.store.folder} holds no judged recording yet.")
+        names = list(dict.fromkeys(name for row in rows for name in row))
+        write_table(Path(path), {name: [row.get(name) for row in rows] for name in names})
+
+    def report(self, path: str | Path) -> None:
+        """Write the page of the fleet (.html), which holds all that it shows."""
+        from ematwin.fleet.pages import fleet_page
+
+        check_target(Path(path), (".html",))
+        write_text(path, fleet_page(self))
+
+
+def settings_of(
+    table: Mapping[str, Any], path: Path
+) -> tuple[dict[str, Any], Policy, Requirement | None, str | None]:
+    """Limits, alarms, requirement and pattern of serial numbers of a ``fleet.toml``.
+
+    Raises
+    ------
+    InputError
+        If it holds something else.
+    """
+    unknown = [name for name in table if name not in _SETTINGS]
+    if unknown:
+        raise InputError(f"{path} has {unknown[0]!r}; it may have {', '.join(_SETTINGS)}.")
+    try:
+        given = dict(table.get("alarms", {}))
+        for name in ("plan", "act"):
+            if isinstance(given.get(name), str):
+                seconds = parse_quantity(given[name], "s", name)
+                given[name] = seconds / (365.25 * 86_400.0)
+        policy = Policy(**given)
+        required = table.get("requirement")
+        requirement = None if required is None else Requirement(**required)
+    except (TypeError, ValueError) as error:
+        if isinstance(error, EmatwinError):
+            raise InputError(f"{path}: {error}") from None
+        raise InputError(f"{path} cannot be used: {error}.") from None
+    return dict(table.get("limits", {})), policy, requirement, table.get("serial_number")

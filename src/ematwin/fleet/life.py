@@ -1,0 +1,341 @@
+"""Life left: the time until a magnitude passes its limit, or the actuator no longer does its job.
+
+From the posterior of level and slope (`ematwin.fleet.trend`) the wear goes on as one of two
+processes with that slope and that variance per year: a Wiener process, whose first passage has an
+inverse Gaussian distribution where slope and level are known (Folks and Chhikara 1978, J. R. Stat.
+Soc. B 40, 263-289), or a gamma process, which never goes back (van Noortwijk 2009, Reliab. Eng.
+Syst. Saf. 94, 2-21). The evidence of the fleet's increments decides which.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.stats import gamma, norm
+
+from ematwin.errors import InputError
+from ematwin.fleet.trend import Trend
+from ematwin.models.registry import model_of
+from ematwin.models.simulating import simulate
+
+HORIZON = 10.0  # years; what lives longer is said to live longer than this
+DRAWS = 1000
+LEVEL = 0.8  # probability of the interval of life left, as prognostics states it
+_STEPS = 60  # moments of a path, closer at its start
+_BLOCKS = 12  # blocks of a series whose increments choose the process
+_NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(15)
+
+
+@dataclass(frozen=True)
+class Life:
+    """A distribution of the life that is left.
+
+    Attributes
+    ----------
+    name : the magnitude, or the requirement, that ends it
+    draws : (N,) array, years from ``moment``; infinite where it lasts longer than ``horizon``
+    moment : years, when it is asked
+    process : "wiener" or "gamma"
+    horizon : years
+    """
+
+    name: str
+    draws: np.ndarray
+    moment: float
+    process: str
+    horizon: float = HORIZON
+
+    def within(self, years: float) -> float:
+        """Probability that it ends within a time."""
+        return float(np.mean(self.draws <= years))
+
+    def quantile(self, share: float) -> float:
+        """Years within which it ends with a probability; infinite beyond the horizon."""
+        return float(np.quantile(self.draws, share, method="inverted_cdf"))
+
+    @property
+    def median(self) -> float:
+        """Years."""
+        return self.quantile(0.5)
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Years, between which it ends with a probability of 80 %."""
+        return self.quantile(0.5 - LEVEL / 2.0), self.quantile(0.5 + LEVEL / 2.0)
+
+    def __str__(self) -> str:
+        low, high = self.interval
+        if math.isinf(self.median):
+            least = "" if math.isinf(low) else f", {spoken(low)} at the least (90 %)"
+            return f"more than {self.horizon:g} years{least}"
+        upper = f"more than {self.horizon:g} years" if math.isinf(high) else spoken(high)
+        return f"{spoken(self.median)} (80 %: {spoken(low)} to {upper})"
+
+
+def spoken(years: float) -> str:
+    """A time in the unit that people would use."""
+    if math.isinf(years):
+        return f"more than {HORIZON:g} years"
+    days = 365.25 * years
+    if days < 1.0:
+        return "0 days" if days <= 0.0 else "less than a day"
+    if days < 60.0:
+        return f"{days:.0f} days"
+    return f"{12.0 * years:.0f} months" if years < 2.0 else f"{years:.1f} years"
+
+
+def paths(
+    one: Trend,
+    moment: float,
+    process: str,
+    *,
+    horizon: float = HORIZON,
+    draws: int = DRAWS,
+    seed: int = 1,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Levels to come.
+
+    Returns
+    -------
+    ahead : (K,) array, years after ``moment``, the first 0
+    level : (draws, K) array
+    """
+    generator = np.random.default_rng(seed)
+    gap = max(0.0, moment - one.time)
+    mean, cov = one.later(gap)
+    root = np.linalg.cholesky(cov + 1e-15 * np.trace(cov) * np.eye(2))
+    start = mean[:, None] + root @ generator.standard_normal((2, draws))
+    ahead = np.concatenate([[0.0], np.geomspace(1.0 / 365.25, horizon, _STEPS)])
+    dt = np.diff(ahead)
+    wander = math.sqrt(one.wear.q_slope) * generator.standard_normal((draws, dt.size))
+    drift = start[1][:, None] + np.cumsum(wander * np.sqrt(dt), axis=1)
+    drift += one.wear.acceleration * 0.5 * (ahead[:-1] + ahead[1:])
+    direction = 1.0 if mean[1] >= 0.0 else -1.0
+    speed = np.maximum(direction * drift, 0.0)  # what is worn does not heal
+    variance = one.wear.q_level * dt
+    if process == "gamma":
+        shape = (speed * dt) ** 2 / variance
+        with np.errstate(divide="ignore", invalid="ignore"):
+            scale = np.where(speed > 0.0, variance / (speed * dt), 0.0)
+        steps = generator.standard_gamma(np.maximum(shape, 1e-12)) * scale
+    elif process == "wiener":
+        noise = generator.standard_normal((draws, dt.size))
+        steps = speed * dt + np.sqrt(variance) * noise
+    else:
+        raise InputError(f"A process is wiener or gamma, received {process!r}.")
+    steps = np.concatenate([np.zeros((draws, 1)), direction * np.cumsum(steps, axis=1)], axis=1)
+    return ahead, start[0][:, None] + steps
+
+
+def life_left(
+    name: str,
+    one: Trend,
+    limit: float,
+    moment: float,
+    process: str = "wiener",
+    *,
+    upwards: bool = True,
+    horizon: float = HORIZON,
+    draws: int = DRAWS,
+    seed: int = 1,
+) -> Life:
+    """Time until a magnitude passes its limit, in the unit of the magnitude.
+
+    Parameters
+    ----------
+    name : of the magnitude
+    one : its trend
+    limit : value that must not be passed
+    moment : years, from when on life is counted
+    process : "wiener" or "gamma"
+    upwards : whether values above the limit are beyond it
+    horizon, draws, seed : of the simulated paths
+    """
+    ahead, level = paths(one, moment, process, horizon=horizon, draws=draws, seed=seed)
+    sign = 1.0 if upwards else -1.0
+    room = sign * (limit - level)
+    generator = np.random.default_rng([seed, 1])
+    beyond = room <= 0.0
+    if process == "wiener":
+        # between two moments a Wiener path may pass the limit and come back (Brownian bridge)
+        variance = max(one.wear.q_level, 1e-300) * np.diff(ahead)
+        with np.errstate(over="ignore", under="ignore"):
+            chance = np.exp(-2.0 * np.clip(room[:, :-1] * room[:, 1:], 0.0, None) / variance)
+        beyond[:, 1:] |= generator.random(chance.shape) < chance
+    return Life(name, _first(ahead, room, beyond), moment, process, horizon)
+
+
+def _first(ahead: np.ndarray, room: np.ndarray, beyond: np.ndarray) -> np.ndarray:
+    """Times (N,) at which paths first are beyond, linear between moments; infinite if never."""
+    at = np.argmax(beyond, axis=1)
+    rows = np.arange(len(room))
+    before = np.maximum(at - 1, 0)
+    left, right = room[rows, before], room[rows, at]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.where(right < 0.0, left / (left - right), 0.5)
+    times = ahead[before] + np.nan_to_num(share) * (ahead[at] - ahead[before])
+    return np.where(~beyond.any(axis=1), np.inf, np.where(at == 0, 0.0, times))
+
+
+def sooner(lives: Sequence[Life]) -> Life | None:
+    """The life that ends first: draw by draw, as magnitudes wear on their own; None of none.
+
+    It has the name of the magnitude that most often ends it.
+    """
+    if not lives:
+        return None
+    table = np.stack([one.draws for one in lives])
+    first = np.bincount(np.argmin(table, axis=0), minlength=len(lives))
+    first = np.where([np.isfinite(one.draws).any() for one in lives], first, -1)
+    ends = lives[int(np.argmax(first))]
+    return Life(ends.name, table.min(axis=0), ends.moment, ends.process, ends.horizon)
+
+
+def process_of(fleet: Sequence[Trend]) -> tuple[str, float]:
+    """The process that explains the fleet's increments better, and by how much.
+
+    The series between jumps are cut into blocks; each increment between neighbouring blocks has the
+    slope of its actuator and the fleet's variance, and the noise of both means.
+
+    Returns
+    -------
+    process : "wiener" or "gamma"
+    evidence : logarithm of the Bayes factor of gamma over Wiener
+    """
+    told = 0.0
+    for one in fleet:
+        size = max(2, one.series.time.size // _BLOCKS)
+        kept = np.setdiff1d(np.arange(one.series.time.size), one.outliers)
+        edges = [*one.jumps, *np.searchsorted(one.series.time, one.series.overhauls)]
+        for part in np.split(kept, np.searchsorted(kept, sorted(edges))):
+            blocks = [part[n : n + size] for n in range(0, len(part) - size + 1, size)]
+            if len(blocks) < 2:
+                continue
+            time = np.array([one.series.time[b].mean() for b in blocks])
+            level = np.array([one.corrected[b].mean() for b in blocks])
+            variance = np.array([one.wear.variance(one.series.error[b]).mean() for b in blocks])
+            told += _gamma_over_wiener(
+                np.diff(level), np.diff(time), (level[-1] - level[0]) / (time[-1] - time[0]),
+                one.wear.q_level, 2.0 * variance.mean() / size,
+            )  # fmt: skip
+    return ("gamma" if told > 0.0 else "wiener"), told
+
+
+def _gamma_over_wiener(
+    steps: np.ndarray, dt: np.ndarray, slope: float, q: float, noise: float
+) -> float:
+    """Log ratio of the densities of increments (n,) with normal noise of a variance."""
+    sign = 1.0 if slope >= 0.0 else -1.0
+    mean = abs(slope) * dt
+    if not (mean > 0.0).all():
+        return 0.0
+    wiener = norm.logpdf(sign * steps, mean, np.sqrt(q * dt + noise)).sum()
+    shape, scale = mean**2 / (q * dt), q * dt / mean
+    # gamma and noise convolved; over half a deviation, as the density may have a pole
+    spread = math.sqrt(noise)
+    at, half = sign * steps - spread * _NODES[:, None], 0.25 * spread
+    inside = gamma.cdf(at + half, shape, scale=scale) - gamma.cdf(at - half, shape, scale=scale)
+    with np.errstate(divide="ignore"):
+        told = np.log((_WEIGHTS / _WEIGHTS.sum()) @ inside / (2.0 * half)).sum()
+    return float(np.clip(told - wiener, -1e3, 1e3))
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """What an actuator has to do: a measure of its motion in a scenario, and the worst value.
+
+    Attributes
+    ----------
+    measure : "following_error_peak", "following_error_rms", "settling_time", or a number of the
+        kind's summary, such as "current_peak"
+    limit : SI, the largest value with which it does its job
+    scenario : name or file; None takes the kind's default
+    """
+
+    measure: str
+    limit: float
+    scenario: str | None = None
+
+    def value(self, actuator: Any, faults: dict[str, float]) -> float:
+        """The measure, as the twin of an actuator with some faults shows it."""
+        recording = simulate(None, self.scenario, faults, actuator)
+        model = model_of(actuator)
+        found = model.summary(recording, actuator)
+        output = recording.channels.get("output_position", recording.channels.get("position"))
+        command = recording.channels.get(model.command)
+        if output is not None and command is not None:
+            error = command - output
+            found["following_error_peak"] = float(np.abs(error).max())
+            found["following_error_rms"] = float(np.sqrt(np.mean(error**2)))
+            found["settling_time"] = _settling(recording.time, command, output)
+        if self.measure not in found:
+            raise InputError(
+                f"A requirement on the kind {model.kind} measures one of {', '.join(found)}; "
+                f"received {self.measure!r}."
+            )
+        return found[self.measure]
+
+
+def _settling(time: np.ndarray, command: np.ndarray, output: np.ndarray) -> float:
+    """Seconds after the last change of the command until the output stays within 5 % of it."""
+    moved = np.flatnonzero(np.diff(command))
+    begin = int(moved[-1]) + 1 if moved.size else 0
+    outside = np.flatnonzero(np.abs(output - command[-1]) > 0.05 * np.ptp(command))
+    end = int(outside[-1]) if outside.size else begin
+    return float(time[max(end, begin)] - time[begin])
+
+
+def job_left(
+    trends: dict[str, Trend],
+    moment: float,
+    actuator: Any,
+    requirement: Requirement,
+    *,
+    process: dict[str, str],
+    bounds: Callable[[str], tuple[float, float]],
+    draws: int = 15,
+    horizon: float = HORIZON,
+    seed: int = 1,
+) -> Life:
+    """Time until the actuator no longer does its job, by its twin at the states to come.
+
+    Each draw is one path of all magnitudes together; where it first fails the requirement is found
+    by bisection over its moments.
+
+    Parameters
+    ----------
+    trends : by magnitude
+    moment : years
+    actuator : parameters of the twin
+    requirement : Requirement
+    process : by magnitude
+    bounds : lower and upper bound of a magnitude, within which the twin answers
+    draws : paths; each costs about eight simulations
+    """
+    drawn = {
+        name: paths(one, moment, process[name], horizon=horizon, draws=draws, seed=seed + n)
+        for n, (name, one) in enumerate(trends.items())
+    }
+    ahead = next(iter(drawn.values()))[0]
+
+    def fails(draw: int, step: int) -> bool:
+        faults = {
+            name: float(np.clip(level[draw, step], *bounds(name)))
+            for name, (_, level) in drawn.items()
+        }
+        return requirement.value(actuator, faults) > requirement.limit
+
+    ends = np.full(draws, np.inf)
+    for draw in range(draws):
+        low, high = 0, len(ahead) - 1
+        if fails(draw, low):
+            ends[draw] = 0.0
+        elif fails(draw, high):
+            while high - low > 1:
+                middle = (low + high) // 2
+                low, high = (low, middle) if fails(draw, middle) else (middle, high)
+            ends[draw] = 0.5 * (ahead[low] + ahead[high])
+    named = "/".join(sorted(set(process[name] for name in trends)))
+    return Life(requirement.measure, ends, moment, named, horizon)

@@ -1,0 +1,274 @@
+"""Pages of a fleet: all actuators by urgency, and the history of one. Each is one file."""
+
+import math
+from html import escape
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+
+from ematwin.fleet.actuator import FleetActuator
+from ematwin.fleet.alarms import Alarm, worst
+from ematwin.fleet.fleet import Fleet
+from ematwin.fleet.life import LEVEL, paths, spoken
+from ematwin.fleet.store import moment_at, years
+from ematwin.fleet.trend import Trend
+from ematwin.plots.style import AMBER, BLUE, GREEN, GREY, ORANGE
+from ematwin.report.page import Row, Section, Table, render
+
+_COLORS = {"act": ORANGE, "plan": AMBER, "watch": BLUE, "none": GREEN}
+_ADVICE = {
+    "act": "act now", "plan": "plan maintenance", "watch": "watch", "none": "nothing to do",
+}  # fmt: skip
+_POINTS = 150  # of a panel, and of a line in it
+_AHEAD = 1.0  # years of forecast that are drawn
+_RECORDINGS = 200  # in the table of an actuator; the export has all
+
+
+def fleet_page(fleet: Fleet, link: str = "#{serial}") -> str:
+    """HTML page: a row for each actuator, the most urgent first, and its history below.
+
+    ``link`` is the address of an actuator's page; by default its place on this one.
+    """
+    table, count = fleet.table(), {"act": 0, "plan": 0, "watch": 0, "none": 0}
+    for row in table:
+        count[row["advisory"]] += 1
+    asks = [f"{count[step]} {_ADVICE[step]}" for step in ("act", "plan", "watch") if count[step]]
+    lead = (
+        f"{len(table)} actuators: {', '.join(asks) or 'nothing to do'}. As of "
+        f"{fleet.now:%Y-%m-%d}; life left is counted from then."
+    )
+    header = ["actuator", "what to do", "life left", "trend", "why", "last recording"]
+    rows = [_row(fleet[row["serial_number"]], row, link) for row in table]
+    sections = [Section("Actuators", table=Table(header, rows, texts=(1, 2, 4, 5)))]
+    if link.startswith("#"):
+        sections += [
+            _history(fleet[row["serial_number"]], row["advisory"]) for row in table
+        ]  # fmt: skip
+    if fleet.set_aside:
+        aside = [Row([str(r["source"]), str(r["reason"])]) for r in fleet.set_aside[-_RECORDINGS:]]
+        sections.append(
+            Section("Set aside", table=Table(["recording", "why"], aside, texts=(0, 1)))
+        )
+    sections.append(Section("How it is judged", facts=_rules(fleet)))
+    grade = "fault" if count["act"] else "changed" if count["plan"] else "healthy"
+    return render("Fleet", lead, sections, grade=grade)
+
+
+def actuator_page(unit: FleetActuator) -> str:
+    """HTML page: every magnitude over time, what happened, and the recordings."""
+    row, first = unit.row(), worst(unit.alarms())
+    life = unit.life_left()
+    why = row["advisory_reason"] or "No magnitude is larger than matters."
+    left = "no limit is stated" if life is None else str(life)
+    lead = f"{unit.serial_number}: {_ADVICE[row['advisory']]}. {_upper(why)} Life left: {left}."
+    events = [
+        Row([f"{one['time']:%Y-%m-%d}", _told(one)])
+        for one in reversed(unit.events)
+    ]  # fmt: skip
+    known = [
+        Row([f"{one['time']:%Y-%m-%d %H:%M}", one["grade"], one["sentence"] or one["reason"],
+             one["source"]], marked=one["grade"] == "fault")
+        for one in reversed(unit.rows[-_RECORDINGS:])
+    ]  # fmt: skip
+    alarms = unit.alarms()
+    drawn = [panel(unit, name, alarms[name], wide=True) for name in _order(alarms)]
+    sections = [Section("History", text=_LEGEND, svg="".join(drawn))]
+    if requirement := unit.fleet.requirement:
+        text = str(unit.life_left(requirement=requirement))
+        sections.append(
+            Section("Until it no longer does its job", facts={requirement.measure: text})
+        )
+    if events:
+        sections.append(Section("Events", table=Table(["day", "what"], events, texts=(1,))))
+    header = ["recorded", "verdict", "because", "file"]
+    sections.append(Section("Recordings", table=Table(header, known, texts=(1, 2, 3))))
+    step = "none" if first is None else row["advisory"]
+    grade = {"act": "fault", "plan": "changed", "watch": "changed"}.get(step, "healthy")
+    return render(unit.serial_number, lead, sections, grade=grade)
+
+
+_LEGEND = (
+    "Points: estimates; crosses: outliers. Line and band: level with 95 % interval; from the last "
+    "recording on the forecast with its 80 % interval. Dashed: limit. Vertical: overhaul (solid), "
+    "jump (dotted)."
+)
+
+
+def _row(unit: FleetActuator, row: dict[str, Any], link: str) -> Row:
+    from markupsafe import Markup
+
+    name = escape(unit.serial_number)
+    address = escape(link.format(serial=quote(unit.serial_number, safe="")))
+    seen = " (acknowledged)" if row["acknowledged"] else ""
+    level = row["advisory_level"]
+    advice = (
+        f'<span><span style="color:{_COLORS[row["advisory"]]}">●</span> '
+        f"{_ADVICE[row['advisory']]}{seen}</span>"
+    )
+    spark = _spark(unit, row["health_magnitude"], _COLORS[row["advisory"]])
+    low, median = row["life_left_low_days"] / 365.25, row["life_left_days"] / 365.25
+    high = row["life_left_high_days"] / 365.25
+    left = "" if unit.life_left() is None else f"{spoken(median)} ({spoken(low)} to {spoken(high)})"
+    if math.isinf(low):
+        left = spoken(low)
+    return Row(
+        [Markup(f'<a href="{address}">{name}</a>'), Markup(advice), left, Markup(spark),
+         _upper(row["advisory_reason"]), row["last_recording"][:10]],
+        marked=level == 3,
+    )  # fmt: skip
+
+
+def _upper(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def _spark(unit: FleetActuator, name: str, color: str) -> str:
+    """The smoothed level of the magnitude that matters most, as wide as a word or two."""
+    if not name:
+        return ""
+    one, limit = unit.trend(name), unit.limit(name)
+    x, y = _thinned(one.series.time, one.level, 40)
+    healthy = unit.unknown(name).healthy
+    ends = [healthy, *y, *([] if limit is None else [limit])]
+    low, high = min(ends), max(ends)
+    points = " ".join(
+        f"{100 * (a - x[0]) / max(x[-1] - x[0], 1e-9):.0f},"
+        f"{22 - 20 * (b - low) / max(high - low, 1e-12):.1f}"
+        for a, b in zip(x, y, strict=True)
+    )
+    top = 22 - 20 * ((limit if limit is not None else high) - low) / max(high - low, 1e-12)
+    return (
+        f'<svg width="100" height="24" role="img" aria-label="{escape(name)} over time">'
+        f'<path d="M0,{top:.1f}h100" stroke="{GREY}" stroke-dasharray="2 3"/>'
+        f'<polyline points="{points}" fill="none" stroke="{color}" stroke-width="1.6"/></svg>'
+    )
+
+
+def _history(unit: FleetActuator, advice: str) -> Section:
+    """The magnitudes of an actuator that are alarmed, or the one furthest from healthy."""
+    alarms = unit.alarms()
+    order = _order(alarms)
+    shown = [name for name in order if alarms[name].step != "none"][:3] or order[:1]
+    panels = "".join(panel(unit, name, alarms[name]) for name in shown)
+    mark = f'<a id="{escape(unit.serial_number)}" style="scroll-margin-top:5rem"></a>'
+    return Section(f"{unit.serial_number}: {_ADVICE[advice]}", svg=f"{mark}{panels}")
+
+
+def _order(alarms: dict[str, Alarm]) -> list[str]:
+    return sorted(
+        alarms, key=lambda n: (-alarms[n].urgency, -alarms[n].soon, -alarms[n].probability)
+    )
+
+
+def panel(unit: FleetActuator, name: str, alarm: Alarm, wide: bool = False) -> str:
+    """A magnitude over time with its forecast, as an SVG of physical values."""
+    one, limit, unknown = unit.trend(name), unit.limit(name), unit.unknown(name)
+    width, height = (460, 200) if wide else (340, 170)
+    actuator = unit.twin.actuator
+    unit_said = unknown.physical_value(actuator, unknown.healthy).unit
+
+    def physical(value: float) -> float:
+        clipped = float(np.clip(value, unknown.lower, unknown.upper))
+        return unknown.physical_value(actuator, clipped).value
+
+    forecast = _forecast(unit, one, name)
+    unsure = np.hypot(one.level_error, one.constant_variance**0.5)
+    past = _thinned(one.series.time, one.level, 60), _thinned(one.series.time, unsure, 60)
+    begin = float(one.series.time[0])
+    end = years(unit.fleet.now) + _AHEAD
+    known = np.setdiff1d(np.arange(one.series.time.size), one.outliers)
+    values = [unknown.healthy, *one.series.value[known], *forecast[1].ravel()]
+    values += [] if limit is None else [limit]
+    least, most = min(values), max(values)
+    low, high = (physical(float(v)) for v in (least, most))
+    low, high = min(low, high), max(low, high)
+    left, right, top, bottom = 8, width - 8, 26, height - 20
+
+    def x(time: float) -> str:
+        return f"{left + (right - left) * (time - begin) / max(end - begin, 1e-9):.0f}"
+
+    def y(value: float) -> str:
+        return f"{bottom - (bottom - top) * (physical(value) - low) / max(high - low, 1e-12):.0f}"
+
+    def area(times: Any, lower: Any, upper: Any, color: str) -> str:
+        there = " ".join(f"{x(t)},{y(v)}" for t, v in zip(times, upper, strict=True))
+        back = " ".join(f"{x(t)},{y(v)}" for t, v in zip(times[::-1], lower[::-1], strict=True))
+        return f'<polygon points="{there} {back}" fill="{color}" opacity=".2"/>'
+
+    def line(times: Any, levels: Any, color: str) -> str:
+        points = " ".join(f"{x(t)},{y(v)}" for t, v in zip(times, levels, strict=True))
+        return f'<polyline points="{points}" fill="none" stroke="{color}" stroke-width="2"/>'
+
+    color = _COLORS[alarm.step]
+    (times, levels), (_, errors) = past
+    px, py = _thinned(one.series.time[known], one.series.value[known], _POINTS)
+    dots = "".join(f"M{x(t)},{y(v)}h0" for t, v in zip(px, py, strict=True))
+    crosses = "".join(
+        f"M{x(one.series.time[n])},{y(np.clip(one.series.value[n], least, most))}"
+        "m-3,-3l6,6m0,-6l-6,6"
+        for n in one.outliers[-_RECORDINGS:]
+    )
+    marks = "".join(f"M{x(t)},{top}V{bottom}" for t in one.series.overhauls if t >= begin)
+    jumps = "".join(f"M{x(one.series.time[n])},{top}V{bottom}" for n in one.jumps)
+    bound = "" if limit is None else f"M{left},{y(limit)}H{right}"
+    ahead, quantiles = forecast
+    said = f"{name.replace('_', ' ')}, {low:.3g} to {high:.3g} {unit_said}".rstrip()
+    return (
+        f'<svg viewBox="0 0 {width} {height}" width="{width}" height="{height}" role="img" '
+        f'font-family="system-ui,sans-serif" font-size="12" fill="none">'
+        f"<title>{escape(alarm.why)}</title>"
+        f'<text x="{left}" y="16" fill="#1b1f24" font-weight="600">{escape(said)}</text>'
+        f'<path d="M{left},{bottom}H{right}" stroke="{GREY}"/>'
+        f'<path d="{dots}" stroke="{GREY}" stroke-width="3" stroke-linecap="round"/>'
+        f'<path d="{crosses}" stroke="{GREY}"/>'
+        f"{area(times, levels - 1.96 * errors, levels + 1.96 * errors, color)}"
+        f"{line(times, levels, color)}"
+        f"{area(ahead, quantiles[0], quantiles[2], color)}{line(ahead, quantiles[1], color)}"
+        f'<path d="{bound}" stroke="{ORANGE}" stroke-dasharray="6 4"/>'
+        f'<path d="{marks}" stroke="{GREEN}"/>'
+        f'<path d="{jumps}" stroke="{BLUE}" stroke-dasharray="2 3"/>'
+        f'<text x="{left}" y="{height - 5}" fill="#57606a">{moment_at(begin):%Y-%m}</text>'
+        f'<text x="{right}" y="{height - 5}" fill="#57606a" text-anchor="end">'
+        f"{moment_at(end):%Y-%m}</text></svg>"
+    )
+
+
+def _forecast(unit: FleetActuator, one: Trend, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Times and quantiles (3, K) of the level to come: lower end, median, upper end."""
+    now = years(unit.fleet.now)
+    ahead, level = paths(
+        one, now, unit.fleet.process(unit.kind, name), horizon=_AHEAD, draws=200
+    )  # fmt: skip
+    every = slice(None, None, 8)
+    share = 0.5 - LEVEL / 2.0
+    return now + ahead[every], np.quantile(level[:, every], [share, 0.5, 1.0 - share], axis=0)
+
+
+def _thinned(time: np.ndarray, value: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
+    kept = np.unique(np.linspace(0, time.size - 1, min(most, time.size)).astype(int))
+    return time[kept], value[kept]
+
+
+def _told(event: dict[str, Any]) -> str:
+    """An event in words."""
+    magnitude = event.get("magnitude", "")
+    what = event["what"]
+    if what == "alarm":
+        return f"{magnitude}: {_ADVICE[event['step']]}. {_upper(event.get('why', ''))}"
+    note = f" ({event['note']})" if event.get("note") else ""
+    until = f" until {event['until'][:10]}" if what == "silenced" else ""
+    return f"{what} {magnitude}{until}".rstrip() + note
+
+
+def _rules(fleet: Fleet) -> dict[str, str]:
+    policy = fleet.policy
+    limits = ", ".join(f"{name} {value}" for name, value in fleet.limits_given.items())
+    return {
+        "watch": "a magnitude is larger than matters; at most "
+        f"{policy.false_alarms:g} false alarms per actuator and year",
+        "plan": f"its limit may be passed within {spoken(policy.plan)} (10 %)",
+        "act": f"its limit may be passed within {spoken(policy.act)} (10 %)",
+        "limits": limits or "none stated: there is no life left (fleet.toml)",
+        "since": min((f"{one.rows[0]['time']:%Y-%m-%d}" for one in fleet), default=""),
+    }

@@ -1,0 +1,88 @@
+"""The pages of a fleet on this machine, as the store has them at each request; nothing is written.
+
+Who may ask is decided as for the explorer (`ematwin.exploring.server`): loopback, a token in the
+address, the Host. A request names an actuator of the store or nothing; no path of it reaches the
+disk. Scripts run only if their hash is that of the page's own.
+"""
+
+import base64
+import hashlib
+import re
+import threading
+from http import HTTPStatus
+from urllib.parse import unquote
+
+from ematwin.errors import EmatwinError
+from ematwin.exploring.server import HEADERS, LocalHandler, LocalServer
+from ematwin.fleet.fleet import Fleet
+from ematwin.fleet.pages import actuator_page, fleet_page
+
+_AGAIN = "300"  # s, after which a screen on the wall asks anew
+_SCRIPT = re.compile(r"<script>(.*?)</script>", re.DOTALL)
+
+
+class FleetServer(LocalServer):
+    """Serves a fleet until it is closed.
+
+    Parameters
+    ----------
+    fleet : Fleet
+    port : 0 takes a free one
+    """
+
+    def __init__(self, fleet: Fleet, port: int = 0) -> None:
+        self.fleet = fleet
+        self.turn = threading.Lock()
+        self._pages: dict[tuple[str, object, str], str] = {}
+        super().__init__(_Handler, port)
+
+    def page(self, serial_number: str) -> str | None:
+        """A page; of the fleet for "", None for an actuator that there is not."""
+        with self.turn:
+            version = self.fleet.store.version()
+            hour = f"{self.fleet.now:%Y-%m-%d %H}"  # life left is counted from now
+            if any(key[:2] != (hour, version) for key in self._pages):
+                self._pages.clear()
+                self.fleet = Fleet(self.fleet.store.folder, create=False)
+            key = (hour, version, serial_number)
+            if key not in self._pages:
+                if serial_number == "":
+                    self._pages[key] = fleet_page(self.fleet, link="{serial}")
+                elif serial_number in self.fleet:
+                    self._pages[key] = actuator_page(self.fleet[serial_number])
+                else:
+                    return None
+            return self._pages[key]
+
+
+class _Handler(LocalHandler):
+    server: FleetServer
+
+    def do_GET(self) -> None:  # noqa: N802 (the name of the standard library)
+        """A page."""
+        name = self.name()
+        if name is None:
+            self.refuse(HTTPStatus.NOT_FOUND)
+            return
+        try:
+            page = self.server.page(unquote(name))
+        except EmatwinError as error:
+            self.send(HTTPStatus.INTERNAL_SERVER_ERROR, f"{error}\n", "text/plain")
+            return
+        if page is None:
+            self.refuse(HTTPStatus.NOT_FOUND)
+            return
+        self.send(HTTPStatus.OK, page, "text/html", headers_of(page))
+
+
+def headers_of(page: str) -> dict[str, str]:
+    """Headers that let the scripts of this page run, and no others."""
+    hashes = " ".join(
+        f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"
+        for script in _SCRIPT.findall(page)
+    )
+    policy = (
+        f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; base-uri 'none'; "
+        "form-action 'none'; frame-ancestors 'none'"
+    )
+    return HEADERS | {"Content-Security-Policy": policy, "Refresh": _AGAIN}

@@ -1,0 +1,318 @@
+"""The store of a fleet: one row for each judged recording, in Parquet files by serial number.
+
+    fleet/rows/<serial number>/<part>.parquet    what recordings said
+    fleet/events/<event>.json                    overhauls, alarms, and what was said of them
+    fleet/calibrations/<serial number>[@from].toml   which twin judges whom, and from when on
+    fleet/twins/<fingerprint>.toml               each twin that has judged
+
+A row is known by the hash of its recording and of the twin that judged it. A part is written whole,
+under the hash of its rows, and is on the disk before its name appears: a process that is killed
+leaves a row or none, and two that judge the same recording leave it once. So several may write to
+one store without a lock. Fields follow the blocks of ISO 13374: data manipulation (time,
+covariates), state detection (grade, faults), health assessment (values with their covariance).
+"""
+
+import hashlib
+import json
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+from ematwin.errors import FileError, InputError, MissingExtraError
+from ematwin.files import written_whole
+
+YEAR = 365.25 * 86_400.0  # s
+SET_ASIDE = "set aside"  # grade of what could not be judged
+_PARTS = 64  # files of an actuator beyond which they are merged into one
+
+SCHEMA = pa.schema(
+    [
+        ("id", pa.string()),
+        ("serial_number", pa.string()),
+        ("time", pa.timestamp("us", "UTC")),  # when the recording began
+        ("judged", pa.timestamp("us", "UTC")),
+        ("source", pa.string()),
+        ("content", pa.string()),  # hash of the file
+        ("motion", pa.int32()),  # within the file
+        ("twin", pa.string()),  # fingerprint of the calibration
+        ("kind", pa.string()),
+        ("grade", pa.string()),  # healthy, changed, fault, none, or set aside
+        ("faults", pa.list_(pa.string())),
+        ("sentence", pa.string()),
+        ("reason", pa.string()),  # why there is no verdict, or why it was set aside
+        ("names", pa.list_(pa.string())),  # of the magnitudes
+        ("values", pa.list_(pa.float64())),
+        ("covariance", pa.list_(pa.float64())),  # row by row
+        ("temperature", pa.float64()),  # deg C
+        ("load", pa.float64()),  # SI, mean of its size
+        ("note", pa.string()),  # "late", where later recordings were known already
+    ]
+)
+
+
+class FleetStore:
+    """The folder of a fleet.
+
+    Parameters
+    ----------
+    folder : made where it is missing
+    create : False refuses a folder that is no store
+
+    Raises
+    ------
+    FileError
+        If the folder cannot be made, or is none.
+    """
+
+    def __init__(self, folder: str | Path, *, create: bool = True) -> None:
+        self.folder = Path(folder)
+        if not create and not (self.folder / "rows").is_dir():
+            raise FileError(
+                f"There is no fleet in {self.folder}. Make one with: ematwin watch RECORDINGS "
+                f"--fleet {self.folder}"
+            )
+        try:
+            for name in ("rows", "events", "calibrations", "twins"):
+                (self.folder / name).mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise FileError(
+                f"Cannot make the fleet {self.folder}: {error.strerror}. Choose a folder that is "
+                "yours."
+            ) from None
+
+    # --- rows ----------------------------------------------------------------------------------
+
+    def add(self, rows: Iterable[Mapping[str, Any]]) -> None:
+        """Keep rows, of each actuator in one file; those that are there already stay once."""
+        by: dict[str, list[Mapping[str, Any]]] = {}
+        for row in rows:
+            by.setdefault(row["serial_number"], []).append(row)
+        for serial, several in by.items():
+            self._write(serial, pa.Table.from_pylist([dict(r) for r in several], schema=SCHEMA))
+
+    def rows(self, serial_number: str | None = None) -> pa.Table:
+        """The rows of all actuators or of one, by serial number and time; each recording once.
+
+        A recording that several twins have judged has the latest judgement.
+
+        Raises
+        ------
+        FileError
+            If a file of the store is damaged; the message names it.
+        """
+        parts = [self._read(path) for path in self._files(serial_number)]
+        whole = pa.concat_tables([SCHEMA.empty_table(), *(p for p in parts if p is not None)])
+        order = [("content", "ascending"), ("motion", "ascending"), ("judged", "descending")]
+        whole = whole.sort_by(order)
+        if whole.num_rows > 1:
+            keys = [whole[name].combine_chunks() for name in ("content", "motion")]
+            alike = [pc.equal(k.slice(1), k.slice(0, len(k) - 1)) for k in keys]
+            again = pc.and_(*alike)
+            first = pa.concat_arrays([pa.array([True]), pc.invert(again)])
+            whole = whole.filter(first)
+        return whole.sort_by([("serial_number", "ascending"), ("time", "ascending")])
+
+    def known(self) -> dict[str, list[dict[str, Any]]]:
+        """What each file gave, by its hash: serial numbers, times and twins."""
+        wanted = ["content", "serial_number", "time", "twin", "grade", "source"]
+        found: dict[str, list[dict[str, Any]]] = {}
+        for row in self.rows().select(wanted).to_pylist():
+            found.setdefault(row["content"], []).append(row)
+        return found
+
+    def merge(self) -> None:
+        """Merge the files of actuators that have many; what another process moves is left."""
+        for folder in (self.folder / "rows").iterdir():
+            files = sorted(folder.glob("*.parquet"))
+            if len(files) <= _PARTS:
+                continue
+            parts = [self._read(path) for path in files]
+            table = pa.concat_tables(p for p in parts if p is not None)
+            kept = self._write(table["serial_number"][0].as_py(), table)
+            for path in files:
+                if path != kept:
+                    path.unlink(missing_ok=True)
+
+    def has(self, serial_number: str, ids: Iterable[str]) -> bool:
+        """Whether somebody has kept these rows as one part meanwhile."""
+        return self._part(serial_number, ids).exists()
+
+    def _part(self, serial: str, ids: Iterable[str]) -> Path:
+        folder = self.folder / "rows" / (quote(serial, safe="-_ ") or "unknown")
+        return folder / f"{digest(json.dumps(sorted(ids)))}.parquet"
+
+    def _write(self, serial: str, table: pa.Table) -> Path:
+        path = self._part(serial, table["id"].to_pylist())
+        path.parent.mkdir(exist_ok=True)
+        with written_whole(path, durable=True) as draft:
+            pq.write_table(table, draft)
+        return path
+
+    def _files(self, serial: str | None) -> list[Path]:
+        inside = "*" if serial is None else (quote(serial, safe="-_ ") or "unknown")
+        found = (self.folder / "rows").glob(f"{inside}/*.parquet")
+        return sorted(p for p in found if not p.name.startswith("."))
+
+    def _read(self, path: Path) -> pa.Table | None:
+        """A part; None where it was merged into another meanwhile."""
+        try:
+            return pq.ParquetFile(path).read().cast(SCHEMA)
+        except FileNotFoundError:
+            return None
+        except (pa.ArrowInvalid, OSError, ValueError) as error:
+            raise FileError(
+                f"{path} is damaged ({str(error).splitlines()[0][:80]}). Remove it, and watch its "
+                "recordings again."
+            ) from None
+
+    def query(self, sql: str) -> Any:
+        """Ask DuckDB: the table is ``fleet``; gives a relation, of which ``.df()`` is a DataFrame.
+
+            store.query("select serial_number, count(*) from fleet group by all")
+
+        Raises
+        ------
+        MissingExtraError
+            If duckdb is not installed.
+        InputError
+            If the question cannot be answered.
+        """
+        try:
+            import duckdb
+        except ImportError:
+            raise MissingExtraError("duckdb", "fleet", "A query of a fleet") from None
+        connection = duckdb.connect()
+        connection.register("fleet", self.rows())
+        try:
+            return connection.sql(sql)
+        except duckdb.Error as error:
+            raise InputError(f"DuckDB cannot answer: {str(error).splitlines()[0]}") from None
+
+    # --- events --------------------------------------------------------------------------------
+
+    def note(self, serial_number: str, what: str, when: datetime, **more: Any) -> None:
+        """Keep an event; the same one again is kept once."""
+        event = {"serial_number": serial_number, "what": what, "time": when.isoformat(), **more}
+        text = json.dumps(event, sort_keys=True, default=str)
+        with written_whole(self.folder / "events" / f"{digest(text)}.json", durable=True) as draft:
+            draft.write_text(text, encoding="utf-8")
+
+    def events(self) -> list[dict[str, Any]]:
+        """All events by time, each with ``time`` as a datetime."""
+        found = []
+        for path in (self.folder / "events").glob("[!.]*.json"):
+            with suppress(FileNotFoundError):
+                try:
+                    event = json.loads(path.read_text("utf-8"))
+                    event["time"] = moment_of(event["time"])
+                except (ValueError, KeyError, TypeError):
+                    raise FileError(f"{path} is damaged. Remove it.") from None
+                found.append(event)
+        return sorted(found, key=lambda one: (one["time"], one["serial_number"], one["what"]))
+
+    def version(self) -> tuple[str, ...]:
+        """Names of all files, and the age of the settings: changes when anything does."""
+        settings = self.folder / "fleet.toml"
+        age = str(settings.stat().st_mtime_ns) if settings.exists() else ""
+        names = (
+            str(path.relative_to(self.folder))
+            for name in ("rows", "events")
+            for path in (self.folder / name).rglob("[!.]*.*")
+        )
+        return (age, *sorted(names))
+
+
+def row_of(
+    serial_number: str,
+    time: datetime | None,
+    *,
+    content: str,
+    motion: int,
+    twin: str,
+    kind: str,
+    grade: str,
+    **more: Any,
+) -> dict[str, Any]:
+    """A row of the store, whose id follows from recording and twin."""
+    return {
+        "id": id_of(content, motion, twin), "serial_number": serial_number, "time": time,
+        "judged": datetime.now(UTC), "content": content, "motion": motion, "twin": twin,
+        "kind": kind, "grade": grade, **more,
+    }  # fmt: skip
+
+
+def id_of(content: str, motion: int, twin: str) -> str:
+    """What a row is known by."""
+    return digest(f"{content} {motion} {twin}")
+
+
+def digest(content: str | bytes) -> str:
+    """A short hash."""
+    data = content.encode() if isinstance(content, str) else content
+    return hashlib.sha256(data).hexdigest()[:20]
+
+
+def content_of(path: Path) -> str:
+    """The hash of a file.
+
+    Raises
+    ------
+    FileError
+        If it cannot be read.
+    """
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()[:20]
+    except OSError as error:
+        raise FileError(f"Cannot read {path}: {os.strerror(error.errno or 5)}.") from None
+
+
+def moment_of(text: str | datetime) -> datetime:
+    """A moment with its zone, UTC where it has none.
+
+    Raises
+    ------
+    InputError
+        If it is not ISO 8601.
+    """
+    try:
+        found = text if isinstance(text, datetime) else datetime.fromisoformat(text)
+    except (ValueError, TypeError):
+        raise InputError(
+            f"A time is written as 2026-05-01 or 2026-05-01T08:30:00, received {text!r}."
+        ) from None
+    return found if found.tzinfo is not None else found.replace(tzinfo=UTC)
+
+
+def years(moment: datetime) -> float:
+    """Years since 1970, the time axis of trends."""
+    return moment.timestamp() / YEAR
+
+
+def moment_at(time: float) -> datetime:
+    """The moment of a number of years since 1970."""
+    return datetime.fromtimestamp(time * YEAR, UTC)
+
+
+def series_columns(rows: Sequence[Mapping[str, Any]], name: str) -> list[tuple[Any, ...]]:
+    """Time, value, standard error, temperature and load of a magnitude, of rows with a verdict."""
+    found = []
+    for row in rows:
+        if row["grade"] in (SET_ASIDE, "none") or name not in (row["names"] or ()):
+            continue
+        d, at = len(row["names"]), row["names"].index(name)
+        variance = row["covariance"][at * d + at]
+        if variance is None or not 0.0 <= variance < float("inf"):
+            continue
+        found.append(
+            (years(row["time"]), row["values"][at], variance**0.5, row["temperature"], row["load"])
+        )
+    return found

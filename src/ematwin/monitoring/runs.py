@@ -1,0 +1,349 @@
+"""Tables of runs: recordings of several actuators, each judged by its own.
+
+A table of runs is a CSV or Parquet file, or a DataFrame, with a column ``path``: a recording, a
+folder or a glob in each row. Further columns are optional: ``actuator`` (what judges it),
+``serial`` (which one it is) and ``time`` (when it was recorded); all others become labels.
+"""
+
+import csv
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from ematwin.errors import FileError, InputError, RecordError
+from ematwin.estimation.interrupt import noting_interrupts
+from ematwin.estimation.search import Progress
+from ematwin.estimation.verdict import Grade
+from ematwin.models.parameter_set import ParameterSet
+from ematwin.models.reading import read
+from ematwin.monitoring.calibration import Calibration
+from ematwin.monitoring.diagnosis import Detection, Diagnosis, interrupted, said_of
+from ematwin.monitoring.gather import files_of
+from ematwin.recordings.channel_map import Columns
+from ematwin.recordings.formats.clock import Clock
+from ematwin.recordings.recording import Recording
+from ematwin.showing import markup
+from ematwin.showing.drawing import page_written
+from ematwin.showing.frames import frame_of_rows, is_frame
+from ematwin.showing.words import listed
+
+PATH = "path"
+_OWN = (PATH, "actuator", "serial", "time")
+_ENCODINGS = ("utf-8-sig", "cp1252")
+
+
+@dataclass(frozen=True)
+class Group:
+    """The recordings of one actuator.
+
+    Attributes
+    ----------
+    name : its serial number, else the name of the actuator
+    known : what is known of it
+    recordings : in the order of the table
+    """
+
+    name: str
+    known: Calibration
+    recordings: list[Recording]
+
+
+@dataclass(frozen=True)
+class Runs:
+    """What a table of runs holds, as `ematwin.identify` and `ematwin.detect` take it."""
+
+    groups: tuple[Group, ...]
+
+    @property
+    def recordings(self) -> list[Recording]:
+        """Those of all actuators."""
+        return [one for group in self.groups for one in group.recordings]
+
+
+def is_table_of_runs(given: Any) -> bool:
+    """Whether something is a table with a column ``path``."""
+    if is_frame(given):
+        return any(str(name).strip().casefold() == PATH for name in given.columns)
+    if not isinstance(given, str | Path) or not Path(given).is_file():
+        return False
+    return PATH in _names_in(Path(given))
+
+
+def read_runs(
+    table: Any,
+    actuator: Any = None,
+    columns: Columns | Callable[[ParameterSet], Columns] = None,
+    *,
+    known_of: Callable[[Any, Path], Calibration],
+    progress: Callable[[float], None] | None = None,
+    **options: Any,
+) -> Runs:
+    """Read the recordings that a table of runs names.
+
+    Parameters
+    ----------
+    table : a CSV or Parquet file, relative to which its paths are, or a DataFrame
+    actuator : of rows that name none
+    columns : as of `ematwin.read`, or a function that gives it for an actuator
+    known_of : makes a calibration of what a row names, or of None, and the first file of the row
+    options : further ones of `ematwin.read`
+
+    Raises
+    ------
+    InputError
+        If the table cannot be used.
+    FileError, RecordError, ParameterError
+        If a recording or an actuator cannot be read.
+    """
+    what = table if isinstance(table, str | Path) else "The table of runs"
+    folder = Path(table).parent if isinstance(table, str | Path) else Path()
+    rows = list(_rows(table))
+    if not rows:
+        raise InputError(f"{what} names no recording; give a row for each.")
+    clock = Clock.of([row.get("time", "") for row in rows])
+    named: dict[str, Calibration] = {}
+    groups: dict[tuple[str, str], Group] = {}
+    for n, row in enumerate(rows, 1):
+        if not row[PATH]:
+            raise InputError(f"{what} has no path in row {n}; name a recording, folder or glob.")
+        files = files_of(folder / row[PATH])
+        judge, serial = row.get("actuator", ""), row.get("serial", "")
+        if judge not in named:
+            own = folder / judge if judge.endswith(".toml") else judge
+            named[judge] = known_of(own or actuator, files[0])
+        known = named[judge]
+        group = groups.setdefault((serial, judge), Group(serial, known, []))
+        found = read(
+            files, columns(known.actuator) if callable(columns) else columns,
+            actuator=known.actuator, split=True, **options,
+        )  # fmt: skip
+        start = _moment(row.get("time", ""), clock, f"{what}, row {n}")
+        labels = {name: text for name, text in row.items() if name not in _OWN and text}
+        group.recordings.extend(
+            one.changed(start=one.start or start, labels={**labels, **one.labels}) for one in found
+        )
+        if progress is not None:
+            progress(n / len(rows))
+    return Runs(tuple(_called_apart(list(groups.values()))))
+
+
+@dataclass(frozen=True)
+class Detections:
+    """Diagnoses of recordings of several actuators.
+
+    Attributes
+    ----------
+    actuators : the `Detection` of each, by its serial number or name
+    not_begun : how many recordings of further actuators are left after an interruption
+    """
+
+    actuators: Mapping[str, Detection]
+    not_begun: int = 0
+
+    def __getitem__(self, name: str) -> Detection:
+        return self.actuators[name]
+
+    @property
+    def missing(self) -> int:
+        """How many recordings are left after an interruption."""
+        return self.not_begun + sum(one.missing for one in self.actuators.values())
+
+    @property
+    def motions(self) -> tuple[Diagnosis, ...]:
+        """Of each recording."""
+        return self.each("motion")
+
+    @property
+    def runs(self) -> tuple[Diagnosis, ...]:
+        """Of the recordings of each run together, as of `Detection`."""
+        return self.each("run")
+
+    @property
+    def grade(self) -> Grade:
+        """The grade of the run that somebody has to look at first."""
+        grades = [one.grade for one in self.actuators.values()]
+        order: tuple[Grade, ...] = ("fault", "changed", "none")
+        return next((grade for grade in order if grade in grades), "healthy")
+
+    @property
+    def sentence(self) -> str:
+        """How many raise an alarm, and which actuators have which faults."""
+        faulty = {
+            name: ", ".join(dict.fromkeys(run.fault for run in one.runs if run.alarm))
+            for name, one in self.actuators.items()
+        }
+        told = [f"{name} ({faults})" for name, faults in faulty.items() if faults]
+        said = f"{len(told)} of {len(faulty)} actuators raise an alarm" + (
+            f": {listed(told)}." if told else "."
+        )
+        return f"{said} {said_of(self.runs, 'recordings')}.{interrupted(self.missing)}"
+
+    def each(self, each: str) -> tuple[Diagnosis, ...]:
+        """Those of each "run" or of each "motion"; their names begin with the actuator."""
+        return tuple(
+            replace(row, name=f"{name} {row.name}")
+            for name, one in self.actuators.items()
+            for row in one.each(each)
+        )
+
+    def rows(self, each: str = "run") -> list[dict[str, object]]:
+        """A row of a table for each verdict, which begins with its actuator."""
+        return [
+            {"actuator": name, **row.row}
+            for name, one in self.actuators.items()
+            for row in one.each(each)
+        ]
+
+    def to_frame(self, each: str = "run") -> Any:
+        """A pandas DataFrame with a row for each "run" or "motion"; needs pandas."""
+        return frame_of_rows(self.rows(each), "actuator")
+
+    to_dataframe = to_frame
+
+    def report(self, path: str | Path) -> None:
+        """Write one page (.html) of all actuators."""
+        page_written(self, path, "detection:detections_page")
+
+    def __str__(self) -> str:
+        return "\n\n".join([self.sentence, *(f"{k}. {one}" for k, one in self.actuators.items())])
+
+    def _repr_html_(self) -> str:
+        """How many raise an alarm, then each run, in a notebook."""
+        every = [(name, row) for name, one in self.actuators.items() for row in one.runs]
+        rows = [(name, row.name, row.said, row.reason) for name, row in every]
+        marked = [n for n, (_, row) in enumerate(every) if row.alarm]
+        head = ("actuator", "recording", "verdict", "because")
+        return markup.verdict(self.sentence, self.grade) + markup.table(head, rows, marked)
+
+
+def over_groups(
+    runs: Runs,
+    ready: Callable[[list[Recording], Calibration], Any],
+    judged: Callable[[Calibration, Any, Progress | None], Detection],
+    tell: Progress | None,
+) -> Detections:
+    """Judge the recordings of each actuator; what cannot be used is refused before any work.
+
+    Parameters
+    ----------
+    ready : prepares recordings
+    judged : judges what `ready` gave
+    tell : takes the number of recordings that are done, the last cost, and their number
+
+    Raises
+    ------
+    KeyboardInterrupt
+        If there was an interruption before any was done.
+    """
+    prepared = [ready(group.recordings, group.known) for group in runs.groups]
+    total, done = sum(len(one) for one in prepared), 0
+    found: dict[str, Detection] = {}
+    with noting_interrupts() as interrupts:
+        for group, one in zip(runs.groups, prepared, strict=True):
+
+            def told(now: int, cost: float, count: int, begun: int = done) -> None:
+                if tell is not None:
+                    tell(begun + now, cost, total)
+
+            try:
+                found[group.name] = judged(group.known, one, told)
+                done += len(one)
+                interrupts.check()
+            except KeyboardInterrupt:
+                if not found:
+                    raise
+                break
+    return Detections(found, total - done)
+
+
+def _names_in(path: Path) -> list[str]:
+    """Names of the columns of a CSV or Parquet file, in small letters; none of other files."""
+    if path.suffix.lower() == ".parquet":
+        import pyarrow.parquet as pq
+
+        try:
+            return [name.strip().casefold() for name in pq.read_schema(path).names]
+        except (OSError, ValueError):
+            return []  # what is wrong with it is said where it is read as a recording
+    if path.suffix.lower() not in (".csv", ".tsv", ".txt"):
+        return []
+    with path.open("rb") as file:
+        line = file.readline(1 << 16)
+    text = line.decode(_ENCODINGS[0], "replace")
+    return [name.strip().casefold() for name in next(csv.reader([text], delimiter=_sign(text)), [])]
+
+
+def _sign(header: str) -> str:
+    """The delimiter of a header."""
+    return max(",;\t", key=header.count)
+
+
+def _rows(table: Any) -> Iterator[dict[str, str]]:
+    """The rows of a table of runs, as texts by the name of the column in small letters."""
+    if is_frame(table):
+        columns = {str(name): table[name].tolist() for name in table.columns}
+    elif Path(table).suffix.lower() == ".parquet":
+        import pyarrow.parquet as pq
+
+        columns = pq.read_table(table).to_pydict()
+    else:
+        columns = _columns_of_csv(Path(table))
+    names = [name.strip().casefold() for name in columns]
+    for cells in zip(*columns.values(), strict=True):
+        # what is missing is None, or a NaN or NaT of pandas, none of which equals itself
+        texts = ["" if cell is None or cell != cell else str(cell).strip() for cell in cells]
+        if any(texts):
+            yield dict(zip(names, texts, strict=True))
+
+
+def _columns_of_csv(path: Path) -> dict[str, list[str | None]]:
+    content = path.read_bytes()
+    for encoding in _ENCODINGS:
+        try:
+            text = content.decode(encoding)
+            break
+        except UnicodeDecodeError:
+            continue
+    else:
+        raise FileError(f"Cannot read {path} as text; save it as UTF-8.")
+    lines = text.splitlines()
+    head, *body = csv.reader(lines, delimiter=_sign(lines[0]))
+    for n, row in enumerate(body, 1):
+        if len(row) > len(head):
+            raise InputError(
+                f"{path} has {len(row)} cells in row {n} and {len(head)} in its header; put what "
+                f"holds a {_sign(lines[0])!r} in quotes."
+            )
+    filled = [row + [""] * (len(head) - len(row)) for row in body]
+    return {name: [row[n] for row in filled] for n, name in enumerate(head)}
+
+
+def _moment(text: str, clock: Clock | None, where: str) -> datetime | None:
+    """A date, with or without a clock time, as a datetime."""
+    if not text:
+        return None
+    try:
+        return datetime.fromisoformat(text)
+    except ValueError:
+        pass
+    try:
+        if clock is None or not clock.is_dated:
+            raise RecordError(text)
+        ns = int(clock.nanoseconds([text])[0])
+    except RecordError:
+        raise InputError(
+            f"{where} has the time {text!r}; write a date such as 2026-03-01 or 03.03.2026 "
+            "09:14:02."
+        ) from None
+    moment = datetime.fromtimestamp(ns // 10**9, UTC).replace(microsecond=ns // 1000 % 10**6)
+    return moment if clock.is_utc else moment.replace(tzinfo=None)
+
+
+def _called_apart(groups: list[Group]) -> Iterator[Group]:
+    """Groups by serial number, else by the actuator's name; numbered where these are alike."""
+    names = [group.name or group.known.actuator.name for group in groups]
+    for n, (group, name) in enumerate(zip(groups, names, strict=True)):
+        alike = names[:n].count(name)
+        yield Group(f"{name} ({alike + 1})" if alike else name, group.known, group.recordings)

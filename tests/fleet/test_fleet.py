@@ -1,0 +1,282 @@
+"""The store, its actuators, alarms and pages, on a small simulated fleet."""
+
+import json
+import math
+import urllib.error
+import urllib.request
+from datetime import UTC, datetime, timedelta
+from functools import partial
+from threading import Thread
+
+import pyarrow.parquet as pq
+import pytest
+
+from ematwin import Fleet
+from ematwin.errors import EmatwinError, FileError, InputError
+from ematwin.fleet.alarms import Before, Policy, judge
+from ematwin.fleet.life import Life
+from ematwin.fleet.serve import FleetServer
+from ematwin.fleet.simulated import LIMITS, SimulatedFleet
+from ematwin.fleet.store import SET_ASIDE, FleetStore, row_of, years
+
+END = datetime(2026, 1, 1, tzinfo=UTC)
+MADE = SimulatedFleet(4, 2.0, 40.0, seed=7, end=END)
+
+
+@pytest.fixture(scope="module")
+def filled(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("fleet")
+    MADE.fill(FleetStore(folder))
+    return folder
+
+
+@pytest.fixture
+def fleet(filled):
+    return Fleet(filled, now=END)
+
+
+def test_every_estimate_of_the_simulated_fleet_is_there(fleet):
+    assert [one.serial_number for one in fleet] == MADE.serial_numbers()
+    assert fleet["EMA-01"].magnitudes == tuple(
+        name for name in fleet["EMA-01"].twin.model.healthy(fleet["EMA-01"].twin.actuator)
+        if name in LIMITS
+    )  # fmt: skip
+
+
+def test_the_truth_lies_within_the_intervals_of_trends(fleet):
+    held = []
+    for unit in fleet:
+        truth = MADE.truth(unit.serial_number)
+        for name in unit.magnitudes:
+            one = unit.trend(name)
+            level, error, _ = one.at(one.time)
+            day = round((one.time - years(MADE.start)) * 365.25)
+            held.append(abs(level - truth.level[name][min(day, MADE.days - 1)]) < 2.0 * error)
+    assert sum(held) >= 0.85 * len(held)
+
+
+def test_rows_without_a_verdict_are_kept_and_are_no_state(fleet):
+    unit = fleet["EMA-01"]
+    without = [row for row in unit.rows if row["grade"] == "none"]
+    unit_series = unit.series("friction")
+    assert all(row["reason"] for row in without)
+    assert unit_series.time.size == len(unit.rows) - len(without)
+
+
+def test_a_query_counts_what_the_store_holds(fleet):
+    pytest.importorskip("duckdb")
+    counted = fleet.query("select serial_number, count(*) from fleet group by all order by all")
+    assert counted.fetchall() == [(one.serial_number, len(one.rows)) for one in fleet]
+    with pytest.raises(InputError, match="DuckDB cannot answer"):
+        fleet.query("select nothing")
+
+
+def test_tables_are_exported(fleet, tmp_path):
+    fleet.export(tmp_path / "all.parquet")
+    table = pq.read_table(tmp_path / "all.parquet")
+    assert table.num_rows == sum(len(one.rows) for one in fleet)
+    assert {"friction", "friction_error", "serial_number", "time"} <= set(table.column_names)
+    fleet.export(tmp_path / "advisory.csv", "advisory")
+    assert len((tmp_path / "advisory.csv").read_text().splitlines()) == 1 + len(fleet)
+
+
+def test_limits_are_read_in_physical_units_too(filled, tmp_path, fleet):
+    unit = fleet["EMA-01"]
+    fault = unit.unknown("friction")
+    physical = fault.physical_value(unit.twin.actuator, 0.25)
+    fleet.limits_given["friction"] = f"{physical.value} {physical.unit.replace(' ', '*')}"
+    assert unit.limit("friction") == pytest.approx(0.25)
+    lost = unit.unknown("demagnetisation").physical_value(unit.twin.actuator, 0.3)
+    fleet.limits_given["demagnetisation"] = f"{lost.value} {lost.unit}"
+    assert unit.limit("demagnetisation") == pytest.approx(0.3)
+    fleet.limits_given["friction"] = "9 N*m"
+    with pytest.raises(InputError, match="must lie in its range"):
+        unit.limit("friction")
+
+
+def test_an_overhaul_starts_the_actuator_anew(tmp_path):
+    store = FleetStore(tmp_path)
+    SimulatedFleet(2, 2.0, 40.0, seed=8, end=END).fill(store)
+    unit = Fleet(tmp_path, now=END)["EMA-01"]
+    unit.overhaul(END - timedelta(days=200), "new screw")
+    again = Fleet(tmp_path, now=END)["EMA-01"]
+    assert years(END - timedelta(days=200)) in again.series("friction").overhauls
+    again.overhaul(END - timedelta(days=200), "new screw")  # the same one again
+    assert len(again.events) == len(Fleet(tmp_path, now=END)["EMA-01"].events)
+
+
+def state(fleet, level, slope=0.0, error=0.003):
+    """A trend of friction at a level."""
+    from dataclasses import replace
+
+    import numpy as np
+
+    one = fleet["EMA-01"].trend("friction")
+    return replace(
+        one, mean=np.array([level, slope]), covariance=np.diag([error**2, 1e-6]),
+        series=replace(one.series, error=np.zeros_like(one.series.error)),
+    )  # fmt: skip
+
+
+def lives(*draws):
+    import numpy as np
+
+    return Life("friction", np.array(draws, dtype=float), 0.0, "wiener")
+
+
+def test_alarms_rise_with_the_life_that_is_left(fleet):
+    unknown = fleet["EMA-01"].unknown("friction")
+
+    def step(level, life, before=None):
+        one = state(fleet, level)
+        found = judge(one, life, one.time, Policy(), unknown=unknown, count=6, before=before)
+        return found.step
+
+    long, soon, now = lives(*[5.0] * 10), lives(*[0.3] * 10), lives(*[0.01] * 10)
+    assert step(0.0, long) == "none"
+    assert step(0.1, long) == "watch"
+    assert step(0.1, soon) == "plan"
+    assert step(0.1, now) == "act"
+    assert step(0.0, now) == "none"  # too small to matter
+
+
+def test_alarms_neither_chatter_nor_come_back_within_a_year(fleet):
+    unknown, one = fleet["EMA-01"].unknown("friction"), state(fleet, 0.0215)
+
+    def step(before):
+        found = judge(one, None, one.time, Policy(), unknown=unknown, count=6, before=before)
+        return found.step
+
+    assert step(None) == "none"  # not certain enough to raise
+    assert step(Before("watch", one.time - 1.0, -math.inf)) == "watch"  # but to hold
+    clear = state(fleet, 0.1)
+    cleared = Before("none", one.time, clear.time - 0.5)
+    told = judge(clear, None, clear.time, Policy(), unknown=unknown, count=6, before=cleared)
+    assert told.step == "none"
+
+
+def test_an_alarm_is_seen_and_silenced(tmp_path):
+    SimulatedFleet(2, 3.0, 40.0, seed=3, end=END).fill(FleetStore(tmp_path))
+    fleet = Fleet(tmp_path, now=END)
+    changed = fleet.update()
+    assert changed
+    assert fleet.update() == []  # nothing has changed since
+    serial, name = changed[0]["serial_number"], changed[0]["magnitude"]
+    fleet[serial].acknowledge(name, "seen by Kim")
+    assert fleet[serial].alarms()[name].acknowledged
+    fleet[serial].silence(name, END + timedelta(days=30))
+    assert fleet[serial].alarms()[name].silenced
+    assert not Fleet(tmp_path, now=END + timedelta(days=31))[serial].alarms()[name].silenced
+    with pytest.raises(InputError, match="There is no estimate of 'rust'"):
+        fleet[serial].acknowledge("rust")
+
+
+def test_parts_are_merged_and_read_the_same(tmp_path):
+    store = FleetStore(tmp_path)
+    for n in range(70):
+        row = row_of("A/1", END, content=f"{n}", motion=0, twin="t", kind="k", grade="healthy")
+        store.add([row])
+        store.add([row])  # twice is once
+    before = store.rows()["id"].to_pylist()
+    store.merge()
+    assert store.rows()["id"].to_pylist() == before
+    assert len(before) == 70
+    assert len(list((tmp_path / "rows").rglob("*.parquet"))) == 1
+
+
+def test_the_latest_judgement_of_a_recording_counts(tmp_path):
+    store = FleetStore(tmp_path)
+    for twin in ("old", "new"):
+        row = row_of("A", END, content="c", motion=0, twin=twin, kind="k", grade="healthy")
+        store.add([row])
+    assert store.rows()["twin"].to_pylist() == ["new"]
+
+
+def test_a_damaged_part_is_named(tmp_path):
+    store = FleetStore(tmp_path)
+    store.add([row_of("A", END, content="c", motion=0, twin="t", kind="k", grade=SET_ASIDE)])
+    part = next((tmp_path / "rows").rglob("*.parquet"))
+    part.write_bytes(part.read_bytes()[:50])
+    with pytest.raises(FileError, match=f"{part.name} is damaged"):
+        store.rows()
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("limit = 1", "has 'limit'; it may have limits"),
+        ("[alarms]\nfalse_alarms = 2", "between 0 and 1 per actuator and year"),
+        ('[alarms]\nplan = "3 days"\nact = "9 days"', "0 < act <= plan"),
+        ("[requirement]\nlimit = 1", "cannot be used"),
+    ],
+)
+def test_settings_that_cannot_be_used_are_refused(tmp_path, text, said):
+    (tmp_path / "fleet.toml").write_text(text)
+    with pytest.raises(InputError, match=said):
+        Fleet(tmp_path)
+
+
+def test_a_folder_without_a_fleet_and_an_unknown_actuator_are_refused(tmp_path, fleet):
+    with pytest.raises(FileError, match="There is no fleet in"):
+        Fleet(tmp_path / "none", create=False)
+    with pytest.raises(InputError, match="no judged recording of 'X'"):
+        fleet["X"]
+    with pytest.raises(EmatwinError, match=r"end its name in \.html"):
+        fleet.report(tmp_path / "page.pdf")
+
+
+def test_pages_hold_every_actuator_and_load_nothing(fleet, tmp_path):
+    fleet.report(tmp_path / "fleet.html")
+    page = (tmp_path / "fleet.html").read_text()
+    for unit in fleet:
+        assert f'href="#{unit.serial_number}"' in page
+        assert f'id="{unit.serial_number}"' in page
+    assert not any(word in page for word in ("http://", "https://", "src=", "nan,"))
+    fleet["EMA-02"].report(tmp_path / "one.html")
+    assert "EMA-02" in (tmp_path / "one.html").read_text()
+
+
+def test_what_a_file_says_of_itself_cannot_run_on_a_page(tmp_path):
+    SimulatedFleet(1, 1.0, 40.0, seed=1, end=END).fill(store := FleetStore(tmp_path))
+    rows = store.rows().to_pylist()
+    evil = "<script>alert(1)</script>"
+    store.add([{**rows[-1], "id": "x", "content": "x", "serial_number": evil, "source": evil}])
+    fleet = Fleet(tmp_path, now=END)
+    fleet.report(tmp_path / "fleet.html")
+    fleet[evil].report(tmp_path / "one.html")
+    for name in ("fleet", "one"):
+        assert evil not in (tmp_path / f"{name}.html").read_text()
+
+
+def test_the_server_shows_pages_to_those_who_know_its_token_only(filled):
+    with FleetServer(Fleet(filled)) as server:
+        Thread(target=server.serve_forever, daemon=True).start()
+
+        def asked(address):
+            with urllib.request.urlopen(address) as answer:
+                return answer.read().decode(), answer.headers
+
+        page, headers = asked(server.address)
+        assert 'href="EMA-01"' in page
+        assert "sha256-" in headers["Content-Security-Policy"]
+        assert "EMA-03" in asked(f"{server.address}EMA-03")[0]
+        for wrong in (f"http://{server.hosts[0]}/", f"{server.address}EMA-99",
+                      f"{server.address}..%2Ffleet.toml"):  # fmt: skip
+            with pytest.raises(urllib.error.HTTPError, match="404"):
+                asked(wrong)
+        with pytest.raises(urllib.error.HTTPError, match="501"):
+            urllib.request.urlopen(urllib.request.Request(server.address, data=b"{}"))
+        server.shutdown()
+
+
+def test_the_demo_of_a_fleet_writes_its_page(ematwin, tmp_path, monkeypatch):
+    small = partial(SimulatedFleet, 2, 2.0, 30.0)
+    monkeypatch.setattr("ematwin.fleet.simulated.SimulatedFleet", small)
+    answer = ematwin("demo", "--fleet", "--folder", "f", "--json")
+    assert answer.code == 0, answer.err
+    said = json.loads(answer.out)
+    assert set(said["advisories"]) == {"EMA-01", "EMA-02"}
+    assert (tmp_path / "f" / "fleet.html").exists()
+    again = ematwin("demo", "--fleet", "--folder", "f")
+    assert again.code == 2
+    assert "holds a fleet already" in again.err

@@ -1,0 +1,133 @@
+"""Trends: filter and smoother beside a dense solution, jumps beside ruptures, pooling."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import ruptures
+
+from ematwin.fleet.trend import Series, Wear, learn, trend
+from naive.trend import dense
+
+WEAR = Wear(
+    np.array([0.0, 0.1, 0.0, 0.0]), np.array([0.02, 0.1, 0.01, 0.02]), np.array([0.05, 0.2]), 0.3,
+    1e-4, 1e-3, 0.005, 0.7, 1.0,
+)  # fmt: skip
+STEADY = replace(WEAR, acceleration=0.0)
+
+
+def made(seed, n=30, slope=0.1, noise=0.01, overhauls=()):
+    random = np.random.default_rng(seed)
+    time = np.sort(random.uniform(0.0, 3.0, n))
+    value = slope * time + random.normal(0.0, noise, n)
+    return Series(time, value, np.full(n, noise), random.normal(size=(n, 2)), overhauls)
+
+
+@pytest.mark.parametrize("overhauls", [(), (1.5,)])
+def test_level_and_slope_are_those_of_a_dense_solution(overhauls):
+    series = made(1, overhauls=overhauls)
+    found = trend(series, WEAR)
+    variance = WEAR.variance(series.error)
+    variance[list(found.outliers)] = np.inf
+    resets = [int(np.searchsorted(series.time, at)) for at in overhauls]
+    mean, cov, told = dense(
+        series.time, series.value, variance, series.covariates, WEAR, found.jumps, resets
+    )
+    np.testing.assert_allclose(found.level, mean[:, 0], atol=1e-7)
+    np.testing.assert_allclose(found.slope, mean[:, 1], atol=1e-7)
+    np.testing.assert_allclose(found.level_error, np.sqrt(cov[:, 0, 0]), atol=1e-7)
+    np.testing.assert_allclose(found.mean, mean[-1, :2], atol=1e-7)
+    np.testing.assert_allclose(found.covariance, cov[-1, :2, :2], atol=1e-7)
+    assert found.evidence == pytest.approx(told, abs=1e-9)
+
+
+def test_a_jump_and_an_outlier_keep_the_dense_solution():
+    series = made(2)
+    value = series.value.copy()
+    value[12:] += 0.4
+    value[20] += 0.5
+    series = replace(series, value=value)
+    found = trend(series, STEADY)
+    assert found.jumps == (12,)
+    assert found.outliers == (20,)
+    variance = STEADY.variance(series.error)
+    variance[20] = np.inf
+    mean, _, told = dense(series.time, value, variance, series.covariates, STEADY, (12,))
+    np.testing.assert_allclose(found.level, mean[:, 0], atol=1e-9)
+    assert found.evidence == pytest.approx(told, abs=1e-8)
+
+
+def test_one_odd_estimate_at_the_end_is_an_outlier_until_the_next_confirms_it():
+    series = made(3, 200)
+    value = series.value.copy()
+    value[-2:] += 0.4
+    series = replace(series, value=value)
+    assert trend(series.until(series.time[-2]), STEADY).outliers == (len(value) - 2,)
+    assert trend(series, STEADY).jumps == (len(value) - 2,)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_jumps_are_where_ruptures_finds_them(seed):
+    random = np.random.default_rng(seed)
+    n, at = 60, int(random.integers(15, 45))
+    value = random.normal(0.0, 0.01, n)
+    value[at:] += 0.2
+    series = Series(np.linspace(0.0, 2.0, n), value, np.full(n, 0.01), np.zeros((n, 2)))
+    quiet = replace(STEADY, mean=np.zeros(4), q_level=1e-6, q_slope=1e-6)
+    peer = ruptures.Binseg(model="l2", jump=1).fit(value).predict(n_bkps=1)
+    assert trend(series, quiet).jumps == (peer[0],)
+
+
+def test_no_jump_is_found_in_noise():
+    found = [trend(made(seed, 100), STEADY).jumps for seed in range(20)]
+    assert sum(map(len, found)) <= 1
+
+
+def fleet_of(slopes, n, seed, temperature=0.0):
+    random = np.random.default_rng(seed)
+    every = []
+    for slope in slopes:
+        time = np.sort(random.uniform(0.0, 3.0, n))
+        warm = np.sin(2.0 * np.pi * time)
+        value = slope * time + temperature * warm + random.normal(0.0, 0.01, n)
+        every.append(Series(time, value, np.full(n, 0.01), np.stack([warm, np.zeros(n)], axis=1)))
+    return every
+
+
+def test_rates_of_the_fleet_are_learnt_with_the_effect_of_temperature():
+    slopes = np.random.default_rng(1).normal(0.1, 0.03, 20)
+    wear = learn(fleet_of(slopes, 60, 2, temperature=0.02), 0.0, 1.0)
+    assert wear.mean[1] == pytest.approx(0.1, abs=0.02)
+    assert wear.spread[1] == pytest.approx(np.std(slopes), rel=0.3)
+    assert wear.mean[2] == pytest.approx(0.02, abs=0.003)
+    assert np.hypot(wear.occasion, 0.01 * wear.scale) == pytest.approx(0.01, rel=0.1)
+
+
+def test_variances_are_those_of_the_largest_likelihood_but_for_weak_priors():
+    several = fleet_of([0.05, 0.1, 0.15, 0.2], 50, 3)
+    wear = learn(several, 0.0, 1.0)
+
+    def told(one):
+        return sum(trend(series, one).evidence for series in several)
+
+    best = told(wear)
+    for name in ("q_level", "q_slope", "occasion"):
+        for factor in (0.3, 3.0):
+            assert told(replace(wear, **{name: factor * getattr(wear, name)})) < best + 1.0
+
+
+def test_a_new_actuator_begins_with_the_rate_of_its_kind():
+    wear = learn(fleet_of([0.09, 0.1, 0.11, 0.1, 0.1], 60, 4), 0.0, 1.0)
+    few = fleet_of([0.1], 2, 5)[0]
+    assert trend(few, wear).mean[1] == pytest.approx(0.1, abs=0.02)
+
+
+def test_what_all_recordings_have_in_common_does_not_average_out():
+    random = np.random.default_rng(6)
+    several = [
+        Series(t := np.sort(random.uniform(0, 3, 80)), 0.1 * t + random.normal(0, 0.002, 80),
+               np.full(80, 0.02), np.zeros((80, 2)))
+        for _ in range(6)
+    ]  # fmt: skip
+    found = trend(several[0], learn(several, 0.0, 1.0))
+    assert 0.015 < found.at(found.time)[1] < 0.025

@@ -1,0 +1,169 @@
+"""Watching: each recording once, whatever is between; what cannot be judged is set aside."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from datetime import UTC, datetime
+from pathlib import Path
+
+import pytest
+
+import ematwin
+from ematwin import Fleet
+from ematwin.errors import InputError
+from ematwin.fleet.watch import watch
+from ematwin.models.reading import write
+
+SERVO = "sts3215"  # the kind that is judged fastest
+
+
+def recorded(folder, serial, day, seed, **faults):
+    """A simulated recording in a folder by serial number."""
+    made = ematwin.simulate(actuator=SERVO, faults=faults, noise=0.01, seed=seed)
+    inside = Path(folder) / serial
+    inside.mkdir(parents=True, exist_ok=True)
+    path = inside / f"{day}.parquet"
+    write(made, path)
+    return path
+
+
+@pytest.fixture
+def recordings(tmp_path):
+    folder = tmp_path / "recordings"
+    for n, serial in enumerate(("S-1", "S-2")):
+        for day in range(3):
+            recorded(folder, serial, f"2026-03-0{day + 1}T08-30", 10 * n + day)
+    return folder
+
+
+def times(fleet, serial):
+    return [f"{row['time']:%Y-%m-%d %H:%M}" for row in fleet[serial].rows]
+
+
+def test_recordings_are_judged_once_by_folder_and_date(recordings, tmp_path):
+    fleet = Fleet(tmp_path / "fleet")
+    assert str(fleet.watch(recordings, actuator=SERVO)) == "6 recordings judged, 0 known before."
+    assert times(fleet, "S-1") == [f"2026-03-0{day} 08:30" for day in (1, 2, 3)]
+    assert str(fleet.watch(recordings, actuator=SERVO)) == "0 recordings judged, 6 known before."
+
+
+def test_late_and_duplicate_recordings_are_in_order_and_once(recordings, tmp_path):
+    fleet = Fleet(tmp_path / "fleet")
+    fleet.watch(recordings, actuator=SERVO)
+    late = recorded(recordings, "S-1", "2026-02-20", 99)
+    (recordings / "S-1" / "copy.parquet").write_bytes(late.read_bytes())
+    found = fleet.watch(recordings, actuator=SERVO)
+    assert found.judged == 1
+    assert len(found.duplicates) == 1
+    assert times(fleet, "S-1")[0] == "2026-02-20 00:00"
+    assert fleet["S-1"].rows[0]["note"] == "late"
+
+
+def test_what_cannot_be_judged_is_set_aside_and_the_rest_goes_on(recordings, tmp_path):
+    good = (recordings / "S-1" / "2026-03-01T08-30.parquet").read_bytes()
+    (recordings / "S-1" / "2026-03-05.parquet").write_bytes(good[: len(good) // 2])
+    (recordings / "S-1" / "2026-03-06.csv").write_text("height,colour\n1,2\n3,4\n")
+    recorded(recordings, "S-1", "someday", 50)
+    recorded(recordings, "S-1", "1971-01-01", 51)
+    recorded(recordings, "S-1", "2140-01-01", 52)
+    recorded(recordings, "", "2026-03-07", 53)
+    fleet = Fleet(tmp_path / "fleet")
+    found = fleet.watch(recordings, actuator=SERVO)
+    assert found.judged == 6
+    said = {Path(path).name: reason for path, reason in found.set_aside}
+    assert "cannot" in said["2026-03-05.parquet"] or "damaged" in said["2026-03-05.parquet"]
+    assert "2026-03-06.csv" in said
+    assert said["someday.parquet"].startswith("Nothing says when it was recorded.")
+    for clock in ("1971-01-01", "2140-01-01"):
+        assert "by its own clock, which cannot be" in said[f"{clock}.parquet"]
+    assert said["2026-03-07.parquet"].startswith("Nothing says which actuator was recorded.")
+    again = fleet.watch(recordings, actuator=SERVO)
+    assert (again.judged, again.set_aside) == (0, [])
+    assert len(fleet.set_aside) == 6
+
+
+def test_an_actuator_waits_for_its_twin_and_is_judged_again_by_another(recordings, tmp_path):
+    fleet = Fleet(tmp_path / "fleet")
+    first = fleet.watch(recordings)
+    assert first.judged == 0
+    assert "There is no twin of S-" in first.set_aside[0][1]
+    twins = tmp_path / "fleet" / "calibrations"
+    ematwin.load_actuator(SERVO).save(twins / "S-1.toml")
+    assert fleet.watch(recordings).judged == 3
+    assert fleet.watch(recordings).judged == 0
+    sheet = ematwin.load_actuator("sts3250")
+    sheet.save(twins / "S-1@2026-03-02.toml")
+    assert fleet.watch(recordings).judged == 2  # those from that day on
+    marks = [row["twin"] for row in fleet["S-1"].rows]
+    assert marks[0] != marks[1] == marks[2]
+    assert len(fleet["S-1"].series("friction").overhauls) == 1
+
+
+def test_a_pattern_says_serial_number_and_time(tmp_path):
+    folder = tmp_path / "flat"
+    made = recorded(folder, "", "x", 1)
+    made.rename(folder / "run_20260301_S7.parquet")
+    fleet = Fleet(tmp_path / "fleet")
+    with pytest.raises(InputError, match="has no group serial"):
+        watch(fleet.store, folder, SERVO, pattern=r"S\d")
+    (tmp_path / "fleet" / "fleet.toml").write_text(r"serial_number = '_(?P<serial>S\d)'")
+    found = Fleet(tmp_path / "fleet").watch(folder, actuator=SERVO)
+    assert found.set_aside[0][1].startswith("Nothing says when")
+    (tmp_path / "fleet" / "fleet.toml").write_text(
+        r"serial_number = 'run_(?P<time>\d{8})_(?P<serial>S\d)'"
+    )
+    fleet = Fleet(tmp_path / "fleet")
+    assert fleet.watch(folder, actuator=SERVO).judged == 1
+    assert times(fleet, "S7") == ["2026-03-01 00:00"]
+
+
+def test_a_missing_folder_is_refused(tmp_path, ematwin):
+    answer = ematwin("watch", "nowhere", "--fleet", "fleet")
+    assert answer.code == 2
+    assert answer.err == "Error: There is no file or folder nowhere. Give one with recordings.\n"
+
+
+def test_the_command_says_what_each_needs_and_ends_with_a_code(recordings, tmp_path, ematwin):
+    recorded(recordings, "S-2", "2026-03-04", 60, friction=3.0)
+    arguments = ("watch", "recordings", "--fleet", "fleet", "--actuator", SERVO)
+    answer = ematwin(*arguments, "--report", "fleet.html", "--table", "advisory.csv")
+    assert answer.code == 0, answer.err
+    assert "7 recordings judged" in answer.out
+    assert (tmp_path / "fleet.html").exists()
+    assert "S-1" in (tmp_path / "advisory.csv").read_text()
+    assert ematwin(*arguments, "--fail-on", "act").code == 0
+    wrong = ematwin(*arguments, "--fail-on", "panic")
+    assert wrong.code == 2
+    assert "--fail-on takes watch, plan or act, received 'panic'" in wrong.err
+
+
+def started(folder):
+    return subprocess.Popen(
+        [sys.executable, "-m", "ematwin", "watch", "recordings", "--fleet", "fleet",
+         "--actuator", SERVO], cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+
+
+def parts(folder):
+    return len(list((folder / "fleet" / "rows").glob("*/[!.]*.parquet")))
+
+
+def test_a_killed_watch_loses_nothing_and_two_do_nothing_twice(tmp_path):
+    for day in range(1, 13):
+        recorded(tmp_path / "recordings", "S-1", f"2026-03-{day:02d}", day)
+    watcher = started(tmp_path)
+    patience = time.monotonic() + 120.0
+    while parts(tmp_path) < 2 and watcher.poll() is None and time.monotonic() < patience:
+        time.sleep(0.02)
+    os.kill(watcher.pid, signal.SIGKILL)
+    watcher.wait()
+    before = {row["id"] for row in Fleet(tmp_path / "fleet")["S-1"].rows}
+    assert before
+    both = [started(tmp_path), started(tmp_path)]
+    assert [one.wait(timeout=240) for one in both] == [0, 0]
+    rows = Fleet(tmp_path / "fleet", now=datetime(2026, 6, 1, tzinfo=UTC))["S-1"].rows
+    assert before <= {row["id"] for row in rows}
+    assert sorted({row["time"].day for row in rows}) == list(range(1, 13))
+    assert len(rows) == 12

@@ -1,0 +1,98 @@
+"""Units that a user prefers: what is shown follows them, and what programs read stays SI."""
+
+import json
+import math
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import ematwin
+from ematwin.errors import EmatwinError
+from ematwin.monitoring.diagnosis import Magnitude
+from ematwin.plots import plot_recording
+from ematwin.quantities import preferred, use_units
+
+
+@pytest.fixture(autouse=True)
+def settings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A settings folder of the test's own; afterwards nothing is preferred."""
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    monkeypatch.setenv("HOME", str(tmp_path))
+    use_units(None)
+    yield tmp_path / "ematwin" / "settings.toml"
+    use_units("")
+
+
+@pytest.mark.parametrize(
+    ("units", "unit", "shown", "factor"),
+    [
+        ("angle=mrad, torque=mN m", "rad", "mrad", 1e3),
+        ("angle=mrad, torque=mN m", "N*m", "mN m", 1e3),
+        ("angle=mrad", "deg", "mrad", 1e3 * math.pi / 180.0),
+        ({"angle": "deg"}, "rad", "deg", 180.0 / math.pi),
+        ("angular speed=rpm", "rad/s", "rpm", 30.0 / math.pi),
+        ("length=um", "mm", "um", 1e3),
+        ("angle=mrad", "turns", "turns", 1.0),  # of a winding
+        ("angle=mrad", "A", "A", 1.0),
+        ("", "rad", "rad", 1.0),
+    ],
+)
+def test_a_quantity_is_shown_in_its_unit(units, unit, shown, factor):
+    use_units(units)
+    assert preferred(unit) == (shown, pytest.approx(factor, rel=1e-12))
+
+
+@pytest.mark.parametrize(
+    ("units", "said"),
+    [
+        ("mrad", "must be quantity=unit"),
+        ("angel=mrad", "must name quantities of angle, "),
+        ("angle=mN m", "unit of the kind rad; received 1 'mN m'"),
+        ("angular speed=Hz", "received 1 'Hz'"),
+    ],
+)
+def test_units_that_cannot_be_shown_are_refused(units, said):
+    with pytest.raises(EmatwinError, match=re.escape(said)):
+        use_units(units)
+
+
+def test_sentences_tables_and_figures_follow_and_programs_get_si(tmp_path):
+    record = ematwin.simulate("monitor", faults={"friction": 0.25}, seed=1)
+    use_units("torque=mN m, angle=mrad")
+    found = ematwin.identify(record, exact=True, only=["friction", "backlash"])
+    low, high = found.physical_values["friction"][1:]
+    assert re.search(r"friction \+50.*? % \((?:45\.0|44\.9)\d* mN m, ", found.verdict.sentence)
+    assert re.search(r"backlash +(?:5\.0|4\.9)\d* mrad", str(found))
+    assert 0.04 < low < high < 0.05
+    assert found.to_frame().loc["friction"]["value"] == pytest.approx(0.045, rel=1e-2)
+    titles = {axis.title.text for axis in plot_recording(record).select_yaxes()}
+    assert {"mrad", "mN m"} <= titles
+    assert not {"rad", "N*m"} & titles
+    found.report(tmp_path / "page.html")
+    assert "mN m" in (tmp_path / "page.html").read_text()
+    row = Magnitude("friction", "N*m", 0.045, 0.044, 0.046, (0.03, 0.031), 9.0)
+    assert (str(row), row.healthy_text) == ("45.0 mN m (44.0 to 46.0)", "30 to 31")
+
+
+def test_the_shell_keeps_units_and_an_option_goes_before_them(ematwin: Any, settings: Path):
+    kept = ematwin("units", "torque=mN m")
+    assert kept.code == 0, kept.err
+    assert "torque          mN m" in kept.out
+    assert json.loads(ematwin("units", "--json").out)["units"] == {"torque": "mN m"}
+    assert preferred("N*m") == ("mN m", 1000.0)
+    ematwin("units", "angle=mrad")  # adds to them
+    assert settings.read_text() == '[units]\ntorque = "mN m"\nangle = "mrad"\n'
+    ematwin("detect", "none.csv", "--units", "torque=uN m")
+    assert preferred("N*m") == ("uN m", pytest.approx(1e6))
+    ematwin("detect", "none.csv")
+    assert preferred("N*m") == ("mN m", 1000.0)
+    ematwin("units", "SI")
+    assert "SI" in ematwin("units").out
+    for text, said in (("[units]\nangle = 3", "received 1 '3'"), ("units", "Cannot read the")):
+        settings.write_text(text)
+        refused = ematwin("units")
+        assert (refused.code, refused.out) == (2, "")
+        assert said in refused.err
