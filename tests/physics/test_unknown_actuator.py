@@ -1,7 +1,6 @@
 """The small size of benchmarks/unknown_actuator.py: right, or no verdict (docs/trust.md)."""
 
 import sys
-from functools import cache
 from pathlib import Path
 
 import pytest
@@ -18,11 +17,13 @@ def known() -> object:
     return bench.learnt([bench.recorded(true, {}, 10 + n, {}) for n in range(3)], bench.SHEET)
 
 
-@cache
-def known_with(evidence: str) -> object:
-    """What two healthy recordings with further channels say of another such actuator."""
-    true, also = bench.actuator_off(4), bench.EVIDENCE[evidence]
-    return bench.learnt([bench.recorded(true, {}, 10 + n, {}, also) for n in range(2)], bench.SHEET)
+@pytest.fixture(scope="module")
+def known_by_voltages() -> object:
+    """What two healthy recordings with phase voltages say of another such actuator."""
+    healthy = [
+        bench.recorded(bench.actuator_off(4), {}, 10 + n, {}, bench.VOLTAGES) for n in range(2)
+    ]
+    return bench.learnt(healthy, bench.SHEET)
 
 
 @pytest.mark.parametrize("case", range(len(bench.CASES)))
@@ -79,9 +80,11 @@ def test_what_cannot_be_told_from_gets_no_verdict(
     assert set(judged["ten bits"].faults) == {"friction", "short_b"}
 
 
-def test_phase_voltages_tell_the_scale_of_torques_and_the_gain_of_a_current_sensor() -> None:
+def test_phase_voltages_tell_the_scale_of_torques_and_the_gain_of_a_current_sensor(
+    known_by_voltages,
+) -> None:
     """What currents alone leave open: the scale that all torques share, and 2 % of a sensor."""
-    true, known = bench.actuator_off(4), known_with("phase voltages")
+    true, known = bench.actuator_off(4), known_by_voltages
     inertia = known.actuator.value("motor.inertia") / true.value("motor.inertia")
     assert abs(inertia - 1.0) < 0.015  # 2 % off without voltages
     faults, drift = bench.CASES[1], {"amperes": 1.02}
@@ -91,17 +94,10 @@ def test_phase_voltages_tell_the_scale_of_torques_and_the_gain_of_a_current_sens
     assert not bench.silently_wrong(one)
 
 
-@pytest.mark.parametrize(
-    ("evidence", "drift"),
-    [
-        ("supply's current", {"amperes": 0.98}),
-        ("phase voltages", {"motor.emf_constant": 1.03}),
-    ],
-)
-def test_what_looks_like_added_turns_makes_no_short_an_eccentricity(evidence, drift) -> None:
-    """Turns are never added: sensors that show too little, stronger magnets have to say so."""
-    true, faults, also = bench.actuator_off(4), bench.CASES[1], bench.EVIDENCE[evidence]
-    record = bench.recorded(true, faults, 101, drift, also)
-    one = bench.judged("", record, known_with(evidence), true, faults)
+def test_what_looks_like_added_turns_makes_no_short_an_eccentricity(known_by_voltages) -> None:
+    """Turns are never added: stronger magnets have to say so."""
+    true, faults, drift = bench.actuator_off(4), bench.CASES[1], {"motor.emf_constant": 1.03}
+    record = bench.recorded(true, faults, 101, drift, bench.VOLTAGES)
+    one = bench.judged("", record, known_by_voltages, true, faults)
     assert set(one.faults) == {"friction", "short_b"}
     assert not bench.silently_wrong(one)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from benchmarks.peers import numba_single, numpy_batch, simulators, uncertainty
+from benchmarks.peers import numba_single, numpy_batch, simulators
 from benchmarks.peers.task import Task
 
 
@@ -35,17 +35,3 @@ def test_a_peer_with_other_physics_is_seen_to_disagree(task, candidates):
     wrong = Task(**{**vars(task), "plant": lighter})
     off = simulators.disagreement(lambda _, k: numba_single.costs(wrong, k), task, candidates)
     assert off.max() > simulators.SAME_STEP
-
-
-def test_the_ends_of_a_profile_are_where_a_parabola_falls_through_the_limit():
-    values = np.linspace(-4.0, 4.0, 9)
-    ratios = np.exp(-0.5 * values**2)
-    # a normal distribution: 1.96 standard deviations, whatever the steps
-    assert uncertainty._ends(values[::-1], ratios[::-1]) == pytest.approx((-1.96, 1.96), abs=1e-2)
-
-
-def test_a_profile_that_ends_at_a_bound_ends_there():
-    values = np.linspace(0.0, 4.0, 9)
-    low, high = uncertainty._ends(values, np.exp(-0.5 * values**2))
-    assert low == 0.0
-    assert high == pytest.approx(1.96, abs=1e-2)
