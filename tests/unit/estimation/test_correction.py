@@ -136,7 +136,7 @@ def test_the_error_of_the_model_is_how_far_minima_move_where_they_are_corrected_
     assert error[0] == pytest.approx(0.5 * np.sqrt(end.peak.covariance[0, 0]), rel=0.6)
     _, right = ended(TwoModels(slope=1.0))
     small = np.sqrt(np.diag(with_model_error(right).model_error))
-    assert small[0] < 0.2 * error[0]
+    assert small[0] < 0.5 * error[0]
 
 
 def test_a_twin_without_reference_has_no_error_that_could_be_measured():
