@@ -73,13 +73,15 @@ def find_forms(
     progress: Callable[[float], None] = lambda share: None,
 ) -> FoundForms:
     """Forms that the file leaves out and that healthy recordings show, equation by equation."""
-    sets = [model.equations(one.recording, template) for one in comparisons]
-    by_equation = zip(*(one for one in sets if one), strict=True)
+    by_name: dict[str, list[Equation]] = {}
+    for one in comparisons:
+        for equation in model.equations(one.recording, template):
+            if equation.size > 0.0:
+                by_name.setdefault(equation.name, []).append(equation)
     result = FoundForms(template)
-    for n, every in enumerate(by_equation):
-        equations = [one for one in every if one.size > 0.0]
-        result = _Selection(result, equations).run() if equations else result
-        progress((n + 1) / len(every))
+    for n, equations in enumerate(by_name.values()):
+        result = _Selection(result, equations).run()
+        progress((n + 1) / len(by_name))
     return result
 
 

@@ -18,7 +18,7 @@ BUILT = SHEET.changed({
 })  # fmt: skip
 
 
-def compared(structure, keep=None):
+def compared(structure, without=()):
     """Two healthy recordings with 2 % noise beside the sheet."""
     time = np.arange(0.0, 0.4, 5e-5)
     load = np.where(time > 0.2, 10.0, 0.0)
@@ -28,9 +28,8 @@ def compared(structure, keep=None):
             other.parameters_of(BUILT), time, 0.005 * np.sin(2.0 * np.pi * f * time), load, {},
             structure, seed=n,
         )  # fmt: skip
-        if keep is not None:
-            some = {name: x for name, x in record.channels.items() if name not in keep}
-            record = type(record)(record.time, some, units=record.units)
+        some = {name: x for name, x in record.channels.items() if name not in without}
+        record = type(record)(record.time, some, units=record.units)
         found.append(MODEL.compare(record, SHEET))
     return found
 
@@ -71,5 +70,10 @@ def test_an_actuator_of_the_simple_structure_has_no_form():
 
 
 def test_without_positions_nothing_is_looked_for():
-    beside = compared(other.Structure(cogging=0.002), keep={"motor_position"})
+    beside = compared(other.Structure(cogging=0.002), without={"motor_position"})
     assert find_forms(MODEL, SHEET, beside) == FoundForms(SHEET)
+
+
+def test_without_the_load_no_torques_are_balanced():
+    record = compared(other.Structure(), without={"load"})[0].recording
+    assert [one.name for one in MODEL.equations(record, SHEET)] == ["controller"]

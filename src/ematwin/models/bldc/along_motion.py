@@ -102,6 +102,7 @@ class Motion:
     motor, output : splines of the angles
     command, load : (S,) arrays, rad and N m
     currents : (S, 3) array, A
+    angles : (S, 3) array, electrical angle of each phase in the middle of its mean
     shapes : (S, 3) array, EMF shapes of a healthy motor
     """
 
@@ -117,8 +118,8 @@ class Motion:
         assert currents is not None
         self.currents = currents
         # a mean belongs to the middle of its interval
-        self.electrical = actuator.motor.pole_pairs * self.motor(self.time - 0.5 / self.rate)
-        self.angles = self.electrical[:, None] - _THIRD * np.arange(3)
+        electrical = actuator.motor.pole_pairs * self.motor(self.time - 0.5 / self.rate)
+        self.angles = electrical[:, None] - _THIRD * np.arange(3)
         self.shapes = trapezoid_shape(self.angles)
 
 

@@ -136,23 +136,31 @@ ROUNDED = Form(
 
 
 def equations(recording: Recording, actuator: Any) -> tuple[Equation, ...]:
-    """Controller and torque balance of a recording with both positions; of others none."""
+    """Controller of a recording with both positions; its torque balance where the load is known."""
     if not has_motion(recording):
         return ()
     motion = Motion(recording, actuator)
-    controller, balance = Controller(motion, LowPass()), TorqueBalance(motion)
-    return (
-        Equation(
-            "controller", controller.left, controller.size, controller.least,
-            # a drive's torque is told by its current: gains come with the torque constant
-            ("controller.position_gain", "controller.speed_gain", "motor.emf_constant",
-             "motor.resistance"),
-            (INTEGRAL, SAMPLED, CURRENT_LOOP),
-        ),
-        Equation(
-            "mechanics", balance.left, balance.size, balance.least,
-            ("motor.emf_constant", "motor.inertia", "transmission.output_inertia",
-             "motor.viscous_damping", "motor.friction_torque", "transmission.friction_torque"),
-            (COGGING, ROUNDED),
-        ),
+    controller = Controller(motion, LowPass())
+    of_controller = Equation(
+        "controller",
+        controller.left,
+        controller.size,
+        controller.least,
+        # torques are told by currents: gains come with the torque constant
+        ("controller.position_gain", "controller.speed_gain", "motor.emf_constant",
+         "motor.resistance"),
+        (INTEGRAL, SAMPLED, CURRENT_LOOP),
     )  # fmt: skip
+    if "load" not in recording.channels:
+        return (of_controller,)
+    balance = TorqueBalance(motion)
+    of_mechanics = Equation(
+        "mechanics",
+        balance.left,
+        balance.size,
+        balance.least,
+        ("motor.emf_constant", "motor.inertia", "transmission.output_inertia",
+         "motor.viscous_damping", "motor.friction_torque", "transmission.friction_torque"),
+        (COGGING, ROUNDED),
+    )  # fmt: skip
+    return of_controller, of_mechanics
