@@ -2,6 +2,7 @@
 
     python benchmarks/correction.py --mixtures 20
     python benchmarks/correction.py --calibrated 2 --mixtures 4
+    python benchmarks/correction.py --unstated 2 --mixtures 3
 
 The actuator is servo48 at a position gain of 60 1/s and a speed gain of 0.004 N m s/rad, its
 parameters known exactly, each row with a form that the fast model does not have. With
@@ -12,21 +13,34 @@ three to seven faults; recordings are those of the reference model with 2 % whit
 converter of 12 bits. Seeds are of this benchmark alone. Prints a Markdown table: Err% (the paper's
 measure), how many have a verdict, answers of the reference, and of all magnitudes errors over
 standard errors (root mean square) and the share that intervals hold.
+
+With ``--unstated`` recordings are of a simulator that shares no code with the twin
+(tests/naive/another_actuator.py), the file states no form, and calibration has to find them:
+position gains of 40 to 80 1/s, stated to 1 %, loops of 50 to 125 us, all drawn at random, the same
+eight parameters off. Prints how many forms were found, missed and not there, how many calibrations
+were refused, verdicts, verdicts that are silently wrong (a fault off by 0.01, and outside its
+interval by half of its half width), and Err%. With ``--mixtures 0`` forms alone are looked for.
 """
 
 import argparse
 import math
 import sys
+import time
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from joblib import Parallel, delayed
 
 from ematwin import Calibration, Noise, Scenario, calibrate, identify, simulate
 from ematwin.errors import EmatwinError
+from ematwin.estimation.forms import find_forms
 from ematwin.models.bldc.model import MODEL
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.unknowns import UNKNOWNS
 from ematwin.models.registry import load_actuator
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
 
 GAINS = {"controller.position_gain": 60.0, "controller.speed_gain": 0.004}
 SPEED = {
@@ -45,6 +59,14 @@ ROWS = {
     "PI speed loop, 100 us": SPEED,
     "PI speed and current loops": {**SPEED, **CURRENT},
 }
+UNSTATED: dict[str, tuple[str, ...]] = {
+    "ideal current control": (),
+    "PI speed loop": ("speed loop",),
+    "PI current loop": ("current loop",),
+    "both loops": ("speed loop", "current loop"),
+    "both, cogging, rounded EMF": ("speed loop", "current loop", "cogging", "rounded EMF"),
+}
+INTERVALS = (50e-6, 62e-6, 75e-6, 100e-6, 125e-6)  # s; that of 75 us is in no list of the package
 NOISE = Noise(white=0.02, bits=12)
 REVERSALS = Scenario(
     name="reversals", duration=0.6, command=[{"type": "sine", "amplitude": 0.004, "frequency": 4.0}]
@@ -111,6 +133,115 @@ def off_sheet(
     return [judged(truth, seed, twin) for seed in range(first, first + mixtures)]
 
 
+def as_built(name: str, sheet: BldcActuator, rng: np.random.Generator) -> Any:
+    """An actuator off its sheet, and what of a drive the simulator of other make gives it."""
+    from naive import another_actuator as other
+
+    truth = sheet.changed({
+        "controller.position_gain": float(rng.uniform(40.0, 80.0)),
+        **{place: sheet.value(place) * math.exp(rng.normal(0.0, x)) for place, x in OFF.items()},
+    })  # fmt: skip
+    interval = float(rng.choice(INTERVALS))
+    drawn: dict[str, dict[str, float]] = {
+        "speed loop": {
+            "speed_integral": 0.004 / float(rng.uniform(0.02, 0.06)),
+            "control_interval": float(rng.choice([x for x in INTERVALS if x >= interval])),
+        },
+        "current loop": {
+            "current_interval": interval, "lost_voltage": float(rng.uniform(0.0, 1.5)),
+            "current_bandwidth": float(rng.uniform(0.25, 0.4)) / interval,
+        },
+        "cogging": {
+            "cogging": float(rng.uniform(5e-4, 2e-3)),
+            "cogging_cycles": float(rng.choice((6, 12, 24))),
+            "cogging_phase": float(rng.uniform(0.0, 2.0 * math.pi)),
+        },
+        "rounded EMF": {"emf_rounding": float(rng.uniform(0.05, 0.3))},
+    }  # fmt: skip
+    terms = {key: x for term in UNSTATED[name] for key, x in drawn[term].items()}
+    return truth, other.Structure(**terms)
+
+
+def forms_of(actuator: BldcActuator) -> set[str]:
+    """Terms of `UNSTATED` that an actuator has."""
+    has = {
+        "speed loop": actuator.speed_loop, "current loop": actuator.current_loop,
+        "cogging": actuator.cogging, "rounded EMF": actuator.emf,
+    }  # fmt: skip
+    return {name for name, section in has.items() if section is not None}
+
+
+def of_unstated(name: str, seed: int, mixtures: int) -> dict[str, Any]:
+    """What calibration finds of a drive whose file states no form, and what follows."""
+    from naive import another_actuator as other
+
+    rng = np.random.default_rng([seed, 42])
+    truth, structure = as_built(name, load_actuator("servo48").changed(GAINS), rng)
+    gain = truth.value("controller.position_gain") * math.exp(rng.normal(0.0, 0.005))
+    sheet = load_actuator("servo48").changed({**GAINS, "controller.position_gain": gain})
+    sheet = sheet.with_tolerances(dict.fromkeys(GAINS, 0.01))
+
+    def record(command: Any, faults: dict[str, float], number: int) -> Any:
+        scenario = MODEL.load_scenario(command)
+        grid = np.arange(0.0, scenario.duration + 1e-9, 5e-5)
+        parameters = other.parameters_of(truth)
+        return other.simulate(
+            parameters, grid, *scenario.histories(grid), faults, structure, seed=seed + number
+        )
+
+    found: dict[str, Any] = {"name": name, "seed": seed, "judged": []}
+    healthy = [record(one, {}, n) for n, one in enumerate(("default", REVERSALS, "ramp"))]
+    begun = time.process_time()
+    if mixtures == 0:
+        beside = [MODEL.compare(one, sheet) for one in healthy]
+        forms = find_forms(MODEL, sheet, beside)
+        seconds = time.process_time() - begun
+        has = sorted(forms_of(forms.actuator))
+        return {**found, "seconds": seconds, "said": forms.said, "has": has}
+    try:
+        report = calibrate(healthy, sheet)
+    except EmatwinError as error:
+        return {**found, "refused": str(error), "seconds": time.process_time() - begun}
+    found |= {
+        "seconds": time.process_time() - begun, "misfit": report.baseline.misfit,
+        "said": report.baseline.forms, "has": sorted(forms_of(report.actuator)),
+    }  # fmt: skip
+    for n in range(mixtures):
+        values = mixture(seed + n)
+        seen = identify(record("default", values, 100 + n), report.calibration, threads=1)
+        err = MODEL.study.error_percent(MODEL.faults(truth), seen.values, values, wrapped=True)
+        outside = {
+            one: max(
+                seen.intervals[one][0] - values[one], values[one] - seen.intervals[one][1], 0.0
+            )
+            / max(0.5 * (seen.intervals[one][1] - seen.intervals[one][0]), 1e-12)
+            for one in MAGNITUDES
+        }
+        wrong = seen.verdict.grade != "none" and any(
+            abs(seen.values[one] - values[one]) > 0.01 and outside[one] > 0.5 for one in MAGNITUDES
+        )
+        held = float(np.mean([x <= 1e-9 for x in outside.values()]))
+        found["judged"].append([err, seen.verdict.grade, wrong, held])
+    return found
+
+
+def row_of_unstated(name: str, results: list[dict[str, Any]]) -> str:
+    known = [one for one in results if "has" in one]
+    there = set(UNSTATED[name])
+    right = sum(len(there & set(one["has"])) for one in known)
+    false = sum(len(set(one["has"]) - there) for one in known)
+    judged = [one for each in known for one in each["judged"]]
+    errs = [one[0] for one in judged] or [math.nan]
+    return (
+        f"| {name} | {right} of {len(there) * len(known)} | {false} | "
+        f"{len(results) - len(known)} of {len(results)} | "
+        f"{sum(one[1] != 'none' for one in judged)} of {len(judged)} | "
+        f"{sum(one[2] for one in judged)} | {np.median(errs):.2f} / {np.quantile(errs, 0.9):.2f} | "
+        f"{100.0 * np.mean([one[3] for one in judged]) if judged else math.nan:.0f} | "
+        f"{np.median([one['seconds'] for one in results]):.0f} |"
+    )
+
+
 def row(name: str, results: list[tuple[float, bool, int, list[float], list[bool]]]) -> str:
     errs, verdicts, runs, away, held = (np.array(column) for column in zip(*results, strict=True))
     size = np.sqrt(np.mean(np.square(away)))
@@ -126,8 +257,26 @@ def main() -> None:
     parser.add_argument("--mixtures", type=int, default=20)
     parser.add_argument("--first", type=int, default=0, help="seed of the first mixture")
     parser.add_argument("--calibrated", type=int, default=0, help="actuators off their sheet")
+    parser.add_argument("--unstated", type=int, default=0, help="drives whose file has no form")
+    parser.add_argument("--only", help="the row of this name alone")
     parser.add_argument("--workers", type=int, default=2)
     asked = parser.parse_args()
+    if asked.unstated:
+        print(
+            "| the drive has | forms found | not there | calibration refused | verdicts | silently "
+            "wrong | Err%, median / P90 | intervals that hold, % | calibration, CPU s |"
+        )
+        print(f"|---|{'--:|' * 8}")
+        for name in UNSTATED:
+            if asked.only in (None, name):
+                seeds = [asked.first + 1000 * (1 + n) for n in range(asked.unstated)]
+                found = Parallel(asked.workers)(
+                    delayed(of_unstated)(name, seed, asked.mixtures) for seed in seeds
+                )
+                for one in found:
+                    print(one, file=sys.stderr)
+                print(row_of_unstated(name, found), flush=True)
+        return
     drive = load_actuator("servo48").changed(GAINS)
     print(
         "| the actuator has | Err%, median / P90 | verdict | answers of the reference, median / "

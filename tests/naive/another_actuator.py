@@ -60,6 +60,7 @@ class Structure:
     gear_stiffness : N m/rad, of the gear beyond its backlash; 0 is that of the parameter file
     gear_damping : N m s/rad, taken with ``gear_stiffness``
     control_interval : s, of a sampled position and speed loop; 0 is continuous
+    speed_integral : N m/rad, torque for each radian of integrated speed error
     current_interval : s, of a PI current loop with pulse-width modulation, averaged over a period;
         0 is the hysteresis comparator
     current_delay : intervals from a sample of the current to the voltage that answers it, 0 or 1
@@ -77,6 +78,7 @@ class Structure:
     gear_stiffness: float = 0.0
     gear_damping: float = 0.005
     control_interval: float = 0.0
+    speed_integral: float = 0.0
     current_interval: float = 0.0
     current_delay: int = 1
     current_bandwidth: float = 4000.0
@@ -170,6 +172,7 @@ class Plant(NamedTuple):
     bristle_damping: float
     stribeck: float
     control_every: int  # steps; 0 is each
+    speed_integral: float
     current_every: int  # steps; 0 is hysteresis
     delayed: bool  # the voltage answers the current one interval late
     k_proportional: float  # V/A
@@ -323,6 +326,7 @@ def _plant(
         bristle_damping=structure.bristle_damping,
         stribeck=structure.stribeck_speed,
         control_every=round(structure.control_interval / dt),
+        speed_integral=structure.speed_integral,
         current_every=round(structure.current_interval / dt),
         delayed=bool(structure.current_delay),
         # the zero of the PI cancels the winding, so its bandwidth is what it is asked to be
@@ -430,7 +434,7 @@ def _run(plant, command, load, start, samples, substeps, dt):
     slope, charge = np.zeros(3), np.zeros(3)
     on, driven = np.zeros(3, dtype=np.bool_), np.zeros(3, dtype=np.bool_)
     theta_m, theta_o, w_m, w_o, z_m, z_o = start, start, 0.0, 0.0, 0.0, 0.0
-    i_ref, u, u_next, integral = 0.0, plant.v_supply, 0.0, 0.0
+    i_ref, u, u_next, integral, wound = 0.0, plant.v_supply, 0.0, 0.0, 0.0
     if plant.current_every > 0:
         u = 0.0
     for n in range(samples - 1):
@@ -439,8 +443,12 @@ def _run(plant, command, load, start, samples, substeps, dt):
             if plant.control_every == 0 or now % plant.control_every == 0:
                 w_ref = plant.k_position * (command[now] - theta_o)
                 w_ref = min(max(w_ref, -plant.w_max), plant.w_max)
-                i_ref = plant.k_speed * (w_ref - w_m) / (2.0 * plant.k_e)
-                i_ref = min(max(i_ref, -plant.i_max), plant.i_max)
+                late = w_ref - w_m
+                more = wound + plant.speed_integral * max(plant.control_every, 1) * dt * late
+                asked = (plant.k_speed * late + more) / (2.0 * plant.k_e)
+                i_ref = min(max(asked, -plant.i_max), plant.i_max)
+                if i_ref == asked or asked * late < 0.0:  # no wind-up
+                    wound = more
 
             # commutation and current loop
             theta_e = plant.pole_pairs * theta_m

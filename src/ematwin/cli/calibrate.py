@@ -132,6 +132,7 @@ def print_calibration(report: "CalibrationReport") -> None:
     from rich.table import Table
 
     from ematwin.report.calibration import (
+        forms_sentences,
         misfit_sentence,
         open_sentences,
         parameter_table,
@@ -150,7 +151,8 @@ def print_calibration(report: "CalibrationReport") -> None:
     if shown.rows:
         print_table(table, 110)
     for sentence in (
-        *open_sentences(report), misfit_sentence(report), *spread_sentences(report)
+        *forms_sentences(report), *open_sentences(report), misfit_sentence(report),
+        *spread_sentences(report)
     ):  # fmt: skip
         if sentence:
             typer.echo(sentence)

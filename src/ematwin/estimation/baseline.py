@@ -43,6 +43,9 @@ class Baseline:
     has_load : whether they held the load
     exact : whether parameters, load and sensors are exactly as given, as those of a simulation are
     known : what counts as known as good as exactly, and does not drift
+    forms : a sentence on the forms that healthy recordings show and the file had left out; "" if
+        there are none
+    absent_forms : names of those that were looked for and explain nothing
     """
 
     prior: Prior
@@ -53,6 +56,8 @@ class Baseline:
     has_load: bool = True
     exact: bool = False
     known: frozenset[str] = frozenset()
+    forms: str = ""
+    absent_forms: tuple[str, ...] = ()
 
     @property
     def calibrated(self) -> bool:
@@ -104,6 +109,8 @@ class Baseline:
             "scatter": dict(self.scatter),
             "recordings": self.recordings,
             "has_load": self.has_load,
+            "forms": self.forms,
+            "absent_forms": list(self.absent_forms),
             **{name: value for name, value in numbers.items() if math.isfinite(value)},
         }
 
@@ -142,6 +149,8 @@ class Baseline:
                 {str(name): float(value) for name, value in table["scatter"].items()},
                 int(table["recordings"]),
                 bool(table["has_load"]),
+                forms=str(table.get("forms", "")),
+                absent_forms=tuple(map(str, table.get("absent_forms", ()))),
             )
         except (KeyError, TypeError, ValueError, AttributeError, np.linalg.LinAlgError) as error:
             if isinstance(error, ParameterError):

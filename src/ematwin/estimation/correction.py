@@ -87,7 +87,8 @@ def corrected(
     ----------
     problem : not corrected
     start : (d,) array, values, from which the first round descends
-    descent : how it does; later rounds begin in the valley that it found
+    descent : how it does; later rounds begin in the valley that it found. Its least noise counts
+        where it is more than that of the corrected problem
     steps : (d,) array, as of `laplace`, of the first round
     rounds : at most
 
@@ -100,7 +101,7 @@ def corrected(
     z = chart.project(chart.from_values(start[None]))[0]
     known: list[tuple[np.ndarray, np.ndarray]] = []  # where rounds began, and how far they led
     nearer: Problem | None = None
-    spent, moved, many = 0, np.inf, _DEPTH
+    spent, moved, many, least = 0, np.inf, _DEPTH, descent.least_noise
     for _ in range(rounds):
         point = chart.to_values(z[None])[0]
         nearer = problem.corrected(point, nearer)
@@ -108,7 +109,9 @@ def corrected(
             return Corrected(
                 laplace(problem, start, descent, steps=steps), 0, np.zeros((1, len(z)))
             )
-        peak = laplace(nearer, point, replace(descent, least_noise=nearer.noise), steps=steps)
+        peak = laplace(
+            nearer, point, replace(descent, least_noise=max(nearer.noise, least)), steps=steps
+        )
         descent, steps = descent.afresh(settled=np.inf), step_lengths(peak.covariance)
         spent += peak.evaluations
         known.append((z, peak.z - z))

@@ -39,6 +39,7 @@ from ematwin.estimation.correction import (
     with_model_error,
 )
 from ematwin.estimation.descent import Descent
+from ematwin.estimation.forms import find_forms
 from ematwin.estimation.healthy_bias import healthy_bias, name_of
 from ematwin.estimation.laplace import Laplace, laplace, profiled
 from ematwin.estimation.multistart import MultistartDescent
@@ -118,17 +119,20 @@ def learn(
     if not nominals:
         baseline = Baseline.of_template(model, template)
         return Learnt(template, replace(baseline, recordings=len(comparisons)), [], [], [])
+    forms = find_forms(model, template, comparisons, lambda share: progress(0.2 * share))
+    if forms.found:
+        comparisons = [model.compare(one.recording, forms.actuator) for one in comparisons]
+        nominals = uncertain(model, forms.actuator)
     floor = expected_misfit(comparisons, model.command)
-    fit = _Fit(model, template, nominals, floor)
-    end, misfit, alone = fit.run(comparisons, progress)
+    fit = _Fit(model, forms.actuator, nominals, floor)
+    end, misfit, alone, jitter = fit.run(comparisons, lambda share: progress(0.2 + 0.75 * share))
     peak, problem = end.peak, end.peak.problem
     if misfit > max(_TOGETHER * alone, EXPLAINED) and len(comparisons) > 1:
         _refuse_odd(fit, comparisons, misfit)
     progress(0.8)
     places = [one.name for one in nominals]
-    if problem.lacks_forms:
-        floor = float(np.hypot(floor, problem.scatter(peak.point)))
-    beyond = _beyond_tolerance(problem, peak, nominals)
+    floor = float(np.hypot(floor, jitter))
+    beyond = _beyond_tolerance(problem, peak, nominals, template)
     if beyond and misfit > WORSE * floor:
         raise RecordError(
             f"{beyond[0]} Even so the twin leaves {100.0 * misfit:.1f} % of the recordings "
@@ -137,7 +141,7 @@ def learn(
             "something that this actuator has, such as its loops."
         )
     values = dict(zip(problem.names, peak.point.tolist(), strict=True))
-    actuator = template.changed({place: values[place] for place in places})
+    actuator = forms.actuator.changed({place: values[place] for place in places})
     prior = _prior(end, places)
     baseline = Baseline(
         prior=prior,
@@ -145,6 +149,8 @@ def learn(
         expected_misfit=floor,
         recordings=len(comparisons),
         has_load=model.load is None or all(model.load in c.recording.channels for c in comparisons),
+        forms=forms.said,
+        absent_forms=forms.absent,
     )
     beside = [
         {name.partition("@")[0]: x for name, x in values.items() if _is_of(n, name, places)}
@@ -153,7 +159,8 @@ def learn(
     scatter = healthy_bias(model, actuator, baseline, comparisons, beside)
     progress(1.0)
     return Learnt(
-        actuator, replace(baseline, scatter=scatter), _parameters(template, nominals, prior),
+        actuator, replace(baseline, scatter=scatter),
+        _parameters(forms.actuator, nominals, prior),
         _tied(prior),
         [*map(_as_finding, beyond), *_notes(misfit, floor)],
     )  # fmt: skip
@@ -197,11 +204,13 @@ class _Fitted(NamedTuple):
     end : Corrected
     misfit : float, relative, of all recordings
     alone : float, that of those that were searched
+    scatter : float, of the reference from one candidate to the next (`Problem.scatter`)
     """
 
     end: Corrected
     misfit: float
     alone: float
+    scatter: float
 
 
 @dataclass(frozen=True)
@@ -247,12 +256,13 @@ class _Fit:
                 break
         assert best is not None
         # coarse to fine: what is learnt here is what faults are multiples of
-        fine, near = problem.refined(), Descent(aliases, settled=np.inf)
+        scatter = problem.scatter(best.point) if problem.lacks_forms else 0.0
+        near = Descent(aliases, settled=np.inf, least_noise=problem.noise_at(scatter))
+        fine = problem.refined()
         end = corrected(fine, best.point, near)
         left = end.peak.problem.relative_misfit(end.peak.cost)
-        return _Fitted(
-            with_model_error(reweighed(end, near)), left, searched.relative_misfit(ends[0][0])
-        )
+        alone = searched.relative_misfit(ends[0][0])
+        return _Fitted(with_model_error(reweighed(end, near)), left, alone, scatter)
 
     def _ends(
         self, comparisons: Sequence[Comparison], clocks: Sequence[Unknown], tell: Progress
@@ -315,10 +325,14 @@ def _prior(end: Corrected, places: Sequence[str]) -> Prior:
     return Prior(tuple(places), np.log(peak.point[chosen]), covariance * np.outer(widths, widths))
 
 
-def _beyond_tolerance(problem: Problem, peak: Laplace, nominals: Sequence[Unknown]) -> list[str]:
+def _beyond_tolerance(
+    problem: Problem, peak: Laplace, nominals: Sequence[Unknown], template: ParameterSet
+) -> list[str]:
     """Sentences on parameters that the tolerances of a template exclude, the furthest first."""
     found = []
     for n, one in enumerate(nominals):
+        if template.parameter(one.name) is None:  # of a form that was found
+            continue
         assert one.spread is not None
         away = abs(np.log(peak.point[n] / one.healthy)) / one.spread
         if away > IMPLAUSIBLE:

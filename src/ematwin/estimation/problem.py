@@ -319,6 +319,11 @@ class Problem:
         """Root of the cost over that of a twin that does not answer: 0 is a perfect fit."""
         return float(np.sqrt(cost / sum(one.scale for one in self.comparisons)))
 
+    def noise_at(self, misfit: float) -> float:
+        """Standard deviation of an independent residual that leaves a relative misfit."""
+        scale = sum(one.scale for one in self.comparisons)
+        return misfit * math.sqrt(scale / sum(one.independent for one in self.comparisons))
+
     @property
     def expected_misfit(self) -> float:
         """The relative misfit that the noise of the recordings alone leaves."""

@@ -21,7 +21,16 @@ import numpy as np
 from ematwin.errors import InputError, RecordError
 from ematwin.models.channels_agree import Law
 from ematwin.models.comparison import Candidates, Comparison, TraceComparison
-from ematwin.models.optional import Demand, OtherForm, Reported, Signal, Statistic, Study
+from ematwin.models.optional import (
+    Demand,
+    Equation,
+    Form,
+    OtherForm,
+    Reported,
+    Signal,
+    Statistic,
+    Study,
+)
 from ematwin.models.parameter_set import ParameterSet, not_searchable
 from ematwin.models.scenario import Component, Scenario, shipped_scenarios
 from ematwin.models.unknown import Alias, Contrast, PhysicalValue, Unknown, no_unknown, of_parameter
@@ -31,8 +40,8 @@ from ematwin.recordings.recording import Recording
 
 # authors have all of these from here
 __all__ = (
-    "Candidates", "Demand", "Law", "Model", "OtherForm", "Progress", "Reported", "Signal",
-    "Statistic", "Study", "Values",
+    "Candidates", "Demand", "Equation", "Form", "Law", "Model", "OtherForm", "Progress", "Reported",
+    "Signal", "Statistic", "Study", "Values",
 )  # fmt: skip
 
 Values = Mapping[str, float]
@@ -275,6 +284,10 @@ class Model(ABC):
 
         ``found`` holds the values, by name, with which the twin explains it.
         """
+        return ()
+
+    def equations(self, recording: Recording, actuator: Any) -> tuple[Equation, ...]:
+        """What holds along a recorded motion, by which forms that the file leaves out are found."""
         return ()
 
     def excitation(self, recording: Recording, actuator: Any) -> list[str]:

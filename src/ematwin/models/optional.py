@@ -4,9 +4,9 @@ Each is a small object that a `Model` holds or gives; without it the kind is tre
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -167,3 +167,48 @@ class Study:
                 gap = (gap - round(gap)) * math.sqrt(share)
             total += gap * gap
         return 100.0 * math.sqrt(total)
+
+
+class Form(NamedTuple):
+    """A form that a file may leave out and that healthy recordings may show.
+
+    Parameters
+    ----------
+    name : str, such as "cogging"
+    is_stated : tells whether the file of an actuator has it
+    places : of its parameters
+    starts : gives values by place, each a whole section, from which a fit may set out; an actuator
+        is given as it is known so far
+    alternatives : gives values by place that are chosen from a list, such as sample times
+    fitted : places that are fitted
+    said : says what was found, such as "cogging of 1.1 mN m, 12 a turn"
+    """
+
+    name: str
+    is_stated: Callable[[Any], bool]
+    places: tuple[str, ...]
+    starts: Callable[[Any], Sequence[Values]]
+    alternatives: Callable[[Any], Sequence[Values]]
+    fitted: tuple[str, ...]
+    said: Callable[[Any], str]
+
+
+class Equation(NamedTuple):
+    """What a part of an actuator has to satisfy along a recorded motion, and its forms.
+
+    Parameters
+    ----------
+    name : str, such as "controller"
+    left : gives what an actuator leaves of the recording, (K,) array
+    size : float, norm of what is to be explained, in the same unit
+    least : gives the share of it that noise and the error of the model leave of an actuator
+    fitted : places that are fitted whatever the forms
+    forms : that are looked for
+    """
+
+    name: str
+    left: Callable[[ParameterSet], np.ndarray]
+    size: float
+    least: Callable[[ParameterSet], float]
+    fitted: tuple[str, ...]
+    forms: tuple[Form, ...]

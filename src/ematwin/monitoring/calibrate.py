@@ -124,7 +124,7 @@ class CalibrationReport:
             [
                 markup.heading(f"{self.actuator.name}, calibrated on {len(self.learnt)} runs"),
                 markup.table(("parameter", "value", "standard error", "template"), rows),
-                *(markup.note(text) for text in self.notes),
+                *(markup.note(text) for text in (self.baseline.forms, *self.notes) if text),
             ]
         )
 
@@ -148,6 +148,8 @@ class CalibrationReport:
             "actuator": self.actuator.name,
             "kind": self.actuator.kind,
             "misfit": self.baseline.misfit if math.isfinite(self.baseline.misfit) else None,
+            "forms": self.baseline.forms,
+            "absent_forms": list(self.baseline.absent_forms),
             "tied": [list(group) for group in self.tied],
             "parameters": {p.place: vars(p).copy() for p in self.parameters},
             "spread": {k: {"within": a, "between": b} for k, (a, b) in self.run_spread.items()},

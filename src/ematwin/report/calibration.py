@@ -29,6 +29,7 @@ def calibration_page(report: CalibrationReport) -> str:
             if told
             else []
         ),
+        Section("How it is built", points=forms_sentences(report)),
         *([Section("Parameters", table=parameter_table(report))] if report.parameters else []),
         Section("What they leave open", points=open_sentences(report)),
         Section("How healthy runs differ", points=spread_sentences(report)),
@@ -63,6 +64,13 @@ def misfit_sentence(report: CalibrationReport) -> str:
         else ""
     )
     return f"The twin leaves {100.0 * known.misfit:.2f} % of healthy recordings unexplained{floor}."
+
+
+def forms_sentences(report: CalibrationReport) -> list[str]:
+    """Which forms healthy recordings show that the template had left out, and which they do not."""
+    known = report.baseline
+    absent = f"Looked for and not found: {', '.join(known.absent_forms)}."
+    return [*([known.forms] if known.forms else []), *([absent] if known.absent_forms else [])]
 
 
 def open_sentences(report: CalibrationReport) -> list[str]:

@@ -35,6 +35,8 @@ KNOWN = Baseline(
     scatter={"friction": 0.002, "gain": 1e-3},
     recordings=3,
     has_load=False,
+    forms="Current loop of 50 us.",
+    absent_forms=("cogging",),
 )
 
 
@@ -52,6 +54,7 @@ def same(one: Baseline, other: Baseline) -> bool:
         and all(a == b or (math.isnan(a) and math.isnan(b)) for a, b in numbers)
         and dict(one.scatter) == dict(other.scatter)
         and (one.recordings, one.has_load) == (other.recordings, other.has_load)
+        and (one.forms, one.absent_forms) == (other.forms, other.absent_forms)
     )
 
 

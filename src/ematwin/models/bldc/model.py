@@ -4,7 +4,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ematwin.models.base import Demand, Law, Model, OtherForm, Signal, Study, Values
+from ematwin.models.base import Demand, Equation, Law, Model, OtherForm, Signal, Study, Values
 from ematwin.models.bldc.channels import CHANNELS, CURRENTS, ON_REQUEST, PHASES
 from ematwin.models.bldc.faults import Faults, PaperStudy
 from ematwin.models.bldc.parameters import BldcActuator
@@ -93,6 +93,12 @@ class BldcModel(Model):
         from ematwin.models.bldc.truer.rivals import other_forms
 
         return other_forms(actuator, found)
+
+    def equations(self, recording: Recording, actuator: Any) -> tuple[Equation, ...]:
+        """Controller and torque balance, where positions of motor and output were recorded."""
+        from ematwin.models.bldc.truer.forms import equations
+
+        return equations(recording, actuator)
 
     def laws(self, recording: Recording, actuator: Any) -> list[Law]:
         """Phases of a star, sides of the gear, and speeds beside positions."""

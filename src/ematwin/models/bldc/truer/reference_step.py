@@ -9,7 +9,12 @@ from typing import NamedTuple
 
 from ematwin.models.bldc.inverter import gate_signals, hysteresis, pair_current
 from ematwin.models.bldc.motor import hall_sector, phase_inductance
-from ematwin.models.bldc.reference_step import ReferenceState, advance_bridge, move_masses
+from ematwin.models.bldc.reference_step import (
+    ReferenceState,
+    Supply,
+    advance_bridge,
+    move_masses,
+)
 from ematwin.models.bldc.truer.loops import (
     advance_current_loop,
     advance_speed_loop,
@@ -85,33 +90,43 @@ def advance_shorted_bridge(i_a, i_b, i_c, loop_a, loop_b, loop_c, e_a, e_b, e_c,
     return currents, (m_a, m_b, m_c, mean_a, mean_b, mean_c), taken, lost, supply
 
 
-@part
-def truer_reference_step(state, more, command, load, fault, c, truer, dt):
-    """Advance the reference model by ``dt``; arguments as in `reference_step`.
+class Driven(NamedTuple):
+    """What controller, bridge and windings do over a step."""
 
-    Gives the state, what the truer forms add to it, the mean current of each phase within the step,
-    and the `Supply`.
-    """
+    currents: tuple[float, float, float, float, float, float]  # A, of phases and loops, at its end
+    means: tuple[float, float, float]  # A, of the phases
+    torque: float  # N m, of the air gap
+    taken: float  # J
+    lost: float  # J
+    pair_sign: float
+    asked: tuple[float, float, float, float, float]  # of `advance_speed_loop`
+    voltage: tuple[float, float, float, float, float]  # of `advance_current_loop`
+    supply: Supply
+
+
+@part
+def drive(state, more, command, fault, c, truer, dt):
+    """Controller, bridge and windings over ``dt``; the rotor moves as ``state`` says."""
     h_a, mu_a = split_short(fault.h_a, truer.loops)
     h_b, mu_b = split_short(fault.h_b, truer.loops)
     h_c, mu_c = split_short(fault.h_c, truer.loops)
     kappa_a, kappa_b, kappa_c = truer_emf_constants(state.theta_m, h_a, h_b, h_c, fault, c, truer)
     sector = hall_sector(c.pole_pairs * state.theta_m)
 
-    asked, pending, integral, wait, late = advance_speed_loop(
+    asked = advance_speed_loop(
         more.asked, more.pending, more.integral, more.wait, more.late,
         command, state.theta_o, state.w_m, c.k_position * fault.gain, c, truer, dt,
     )  # fmt: skip
-    i_ref = clip(asked, -c.i_max, c.i_max)
+    i_ref = clip(asked[0], -c.i_max, c.i_max)
     i_seen = pair_current(sector, state.i_a, state.i_b, state.i_c)
     pair_sign = hysteresis(i_seen, i_ref, c.half_band, state.pair_sign)
     g_a, g_b, g_c = gate_signals(sector, 1.0)
     i_pair = 0.5 * (g_a * state.i_a + g_b * state.i_b + g_c * state.i_c)
-    voltage, voltage_pending, voltage_integral, voltage_wait, voltage_late = advance_current_loop(
+    voltage = advance_current_loop(
         more.voltage, more.voltage_pending, more.voltage_integral, more.voltage_wait,
         more.voltage_late, i_ref, i_pair, c.v_supply, truer, dt,
     )  # fmt: skip
-    modulated = left_of_voltage(voltage, i_pair, truer) / c.v_supply
+    modulated = left_of_voltage(voltage[0], i_pair, truer) / c.v_supply
     share = modulated if truer.current_gain > 0.0 else pair_sign
     share = _HALF if share == 0.0 else share
     g_a, g_b, g_c = g_a * share, g_b * share, g_c * share
@@ -121,24 +136,44 @@ def truer_reference_step(state, more, command, load, fault, c, truer, dt):
         kappa_a * state.w_m, kappa_b * state.w_m, kappa_c * state.w_m,
         g_a, g_b, g_c, (h_a, h_b, h_c, mu_a, mu_b, mu_c), c, dt,
     )  # fmt: skip
-    i_a, i_b, i_c, loop_a, loop_b, loop_c = currents
     m_a, m_b, m_c, mean_a, mean_b, mean_c = means
     torque = (
         kappa_a * (m_a - mu_a * mean_a)
         + kappa_b * (m_b - mu_b * mean_b)
         + kappa_c * (m_c - mu_c * mean_c)
     )
+    return Driven(currents, (m_a, m_b, m_c), torque, taken, lost, pair_sign, asked, voltage, supply)
+
+
+@part
+def truer_reference_step(state, more, command, load, fault, c, truer, dt):
+    """Advance the reference model by ``dt``; arguments as in `reference_step`.
+
+    Gives the state, what the truer forms add to it, the mean current of each phase within the step,
+    and the `Supply`.
+    """
+    driven = drive(state, more, command, fault, c, truer, dt)
     w_m, theta_m, w_o, theta_o = move_masses(
-        state, torque + cogging_torque(state.theta_m, truer), load, fault, c, dt
+        state, driven.torque + cogging_torque(state.theta_m, truer), load, fault, c, dt
     )
+    i_a, i_b, i_c, _, _, _ = driven.currents
     after = ReferenceState(
-        i_a, i_b, i_c, w_m, theta_m, w_o, theta_o, pair_sign,
-        state.e_electrical + taken,
-        state.e_copper + lost,
-        state.e_mechanical + dt * torque * state.w_m,
+        i_a, i_b, i_c, w_m, theta_m, w_o, theta_o, driven.pair_sign,
+        state.e_electrical + driven.taken,
+        state.e_copper + driven.lost,
+        state.e_mechanical + dt * driven.torque * state.w_m,
     )  # fmt: skip
-    more_after = TruerState(
+    m_a, m_b, m_c = driven.means
+    return after, more_after(driven), m_a, m_b, m_c, driven.supply
+
+
+@part
+def more_after(driven):
+    """What the truer forms add to the state at the end of a step."""
+    _, _, _, loop_a, loop_b, loop_c = driven.currents
+    asked, pending, integral, wait, late = driven.asked
+    voltage, voltage_pending, voltage_integral, voltage_wait, voltage_late = driven.voltage
+    return TruerState(
         loop_a, loop_b, loop_c, asked, pending, integral, wait, late,
         voltage, voltage_pending, voltage_integral, voltage_wait, voltage_late,
     )  # fmt: skip
-    return after, more_after, m_a, m_b, m_c, supply

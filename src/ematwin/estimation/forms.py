@@ -1,0 +1,329 @@
+"""Which forms an actuator has that its parameter file leaves out, from healthy recordings.
+
+A kind gives equations that hold along a recorded motion (`Model.equations`), and of each the forms
+that may be in it. A form is added where recordings that it was not fitted to are explained better,
+the one that explains most first (forward selection; Miller 2002, Subset Selection in Regression,
+section 3.2), judged by cross-validation (Stone 1974, J. R. Statist. Soc. B 36, 111-147): recordings
+in turn, or stretches of a single one, are left out of the fit by its linearisation, and what is
+left of them has to fall by more than its scatter.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ematwin.errors import EmatwinError
+from ematwin.estimation.constants import AS_GOOD, TWO_SIGMA
+from ematwin.models.base import Model
+from ematwin.models.comparison import Comparison, correlation_time
+from ematwin.models.optional import Equation, Form, Values
+from ematwin.models.parameter_set import ParameterSet
+from ematwin.numerics.side_by_side import side_by_side
+
+_STRETCHES = 6  # of a recording, each counted once
+_ROUNDS = 8  # of a fit, at most
+_ENDS = 0.05  # relative fall of the cost at which a fit ends
+_MATTERS = 0.1  # share of what is left that a form has to explain
+_STEP = 0.01  # of a logarithm, or of a radian, that is differenced
+_FRACTIONS = (1.0, 0.4, 0.1)  # of a step that are tried
+_LONGEST = 2.0  # of a step, in logarithms
+_SURE = 0.02  # least standard error of a form's parameter, for what the equations idealise
+_MOST = 2.0  # largest tolerance that a file may state
+_WIDE = 3.0  # standard deviation of the logarithm of what no file states
+
+
+@dataclass(frozen=True)
+class FoundForms:
+    """Forms that recordings show.
+
+    Attributes
+    ----------
+    actuator : template with their sections, and how well their values are known
+    found : what was found, a phrase each
+    absent : names of those that were tried and explain nothing
+    before, after : share of the recordings' energy that the equations leave without and with them
+    """
+
+    actuator: ParameterSet
+    found: tuple[str, ...] = ()
+    absent: tuple[str, ...] = ()
+    before: float = 0.0
+    after: float = 0.0
+
+    @property
+    def said(self) -> str:
+        """A sentence on what was found; "" if that is nothing."""
+        if not self.found:
+            return ""
+        listed = "; ".join(self.found)
+        share = min(100.0 * (1.0 - self.after / self.before), 99.9)
+        does = "Together these explain" if len(self.found) > 1 else "This explains"
+        return (
+            f"{listed[:1].upper()}{listed[1:]}. {does} {share:.3g} % of what the file leaves "
+            "of the current along the recorded motion."
+        )
+
+
+def find_forms(
+    model: Model,
+    template: ParameterSet,
+    comparisons: Sequence[Comparison],
+    progress: Callable[[float], None] = lambda share: None,
+) -> FoundForms:
+    """Forms that the file leaves out and that healthy recordings show, equation by equation."""
+    by_name: dict[str, list[Equation]] = {}
+    for one in comparisons:
+        for equation in model.equations(one.recording, template):
+            if equation.size > 0.0:
+                by_name.setdefault(equation.name, []).append(equation)
+    result = FoundForms(template)
+    for n, equations in enumerate(by_name.values()):
+        result = _Selection(result, equations).run()
+        progress((n + 1) / len(by_name))
+    return result
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """A fit of one equation to all recordings.
+
+    Attributes
+    ----------
+    actuator : ParameterSet, with the values found
+    places : of the d fitted parameters
+    left : of each recording (K,), as shares of the norm of all that is to be explained
+    slopes : of each recording (d, K), by the coordinates of the fit
+    pull, prior : (d,) and (d, d), gradient and curvature of the prior, in the unit of the cost
+    weight : float, the cost of an independent residual
+    """
+
+    actuator: ParameterSet
+    places: tuple[str, ...]
+    left: list[np.ndarray]
+    slopes: list[np.ndarray]
+    pull: np.ndarray
+    prior: np.ndarray
+    weight: float
+
+    @property
+    def cost(self) -> float:
+        """Share of the energy that is left."""
+        return _energy(self.left)
+
+    @property
+    def step(self) -> np.ndarray:
+        """(d,) step to the least squares of the linearised residuals."""
+        return _step(self.left, self.slopes, self.prior, self.pull)
+
+    @property
+    def errors(self) -> dict[str, float]:
+        """Standard errors of the coordinates, by place."""
+        curvature = self.prior + sum(one @ one.T for one in self.slopes)
+        variances = self.weight * np.diag(np.linalg.pinv(curvature))
+        return dict(zip(self.places, np.sqrt(variances).tolist(), strict=True))
+
+    def projected(self, left: Sequence[np.ndarray], scaled: bool) -> float:
+        """What would be left of other residuals if all that is fitted were fitted anew.
+
+        With ``scaled`` the change from this fit's residuals to them may be of any size, as that by
+        a parameter of a form is.
+        """
+        slopes, prior, pull = self.slopes, self.prior, self.pull
+        if scaled:
+            slopes = [
+                np.vstack([one, r - before])
+                for one, r, before in zip(slopes, left, self.left, strict=True)
+            ]
+            prior, pull = np.pad(prior, (0, 1)), np.pad(pull, (0, 1))
+        step = _step(left, slopes, prior, pull)
+        return _energy([r + step @ one for r, one in zip(left, slopes, strict=True)])
+
+    def held_back(self) -> np.ndarray:
+        """Energy left in each stretch by a fit that has not seen its recording, or its stretch."""
+        pieces: list[tuple[int, np.ndarray, np.ndarray]] = []
+        for n, (r, slopes) in enumerate(zip(self.left, self.slopes, strict=True)):
+            for some in np.array_split(np.arange(r.size), _STRETCHES):
+                pieces.append((n if len(self.left) > 1 else len(pieces), r[some], slopes[:, some]))
+        found = []
+        for group, r, slopes in pieces:
+            others = [one for one in pieces if one[0] != group]
+            seen, moved = [one[1] for one in others], [one[2] for one in others]
+            found.append(_energy([r + _step(seen, moved, self.prior, self.pull) @ slopes]))
+        return np.array(found)
+
+    def beats(self, other: "_Fit") -> bool:
+        """Whether what it has not seen is explained better, by more than that scatters."""
+        gain = np.log(other.held_back() / self.held_back())
+        return bool(gain.mean() > TWO_SIGMA * gain.std(ddof=1) / math.sqrt(gain.size))
+
+
+class _Selection:
+    """Forward selection of the forms of one equation, given for each recording."""
+
+    def __init__(self, known: FoundForms, equations: Sequence[Equation]) -> None:
+        self._known, self._equations = known, equations
+        self._size = math.sqrt(sum(one.size**2 for one in equations))
+        stated = {place: value for place, value, *_ in known.actuator.parameters() if value > 0.0}
+        tolerances = {place: known.actuator.tolerance(place) for place in stated}
+        self._stated = {
+            place: (stated[place], math.log1p(tolerance) / TWO_SIGMA)
+            for place, tolerance in tolerances.items()
+            if tolerance is not None
+        }
+
+    def run(self) -> FoundForms:
+        """What is known with the forms of this equation."""
+        known, first = self._known, self._equations[0]
+        stated = [form for form in first.forms if form.is_stated(known.actuator)]
+        places = (*first.fitted, *(place for form in stated for place in form.fitted))
+        fit = plain = self._fitted(known.actuator, places)
+        rest = [form for form in first.forms if form not in stated]
+        found: list[Form] = []
+        absent: list[Form] = []
+        while rest and fit.cost > AS_GOOD**2 * self._least(fit.actuator):
+            starts = [(form, one) for form in rest for one in form.starts(fit.actuator)]
+            best = self._best(fit, starts, new=True)
+            if best is None:
+                break
+            form, start = best
+            rest.remove(form)
+            more = self._chosen(self._fitted(start, (*fit.places, *form.fitted)), [*found, form])
+            if more.cost < (1.0 - _MATTERS) * fit.cost and more.beats(fit):
+                fit = more
+                found.append(form)
+                rest, absent = [*rest, *absent], []
+            else:
+                absent.append(form)
+        return self._told(plain, fit, found, absent)
+
+    def _chosen(self, fit: _Fit, forms: Sequence[Form]) -> _Fit:
+        """The fit with what is chosen from lists, form by form."""
+        for form in forms:
+            others = [(form, one) for one in form.alternatives(fit.actuator)]
+            other = self._best(fit, others, new=False)
+            if other is not None:
+                fit = min(fit, self._fitted(other[1], fit.places), key=lambda one: one.cost)
+        return fit
+
+    def _told(
+        self, plain: _Fit, fit: _Fit, found: Sequence[Form], absent: Sequence[Form]
+    ) -> FoundForms:
+        """The result, with the sections of the forms found in the actuator."""
+        known = self._known
+        every = (*known.absent, *(form.name for form in absent))
+        if not found:
+            return FoundForms(known.actuator, known.found, every, known.before, known.after)
+        own = [place for form in found for place in form.fitted]
+        sections = {place.partition(".")[0] for form in found for place in form.places}
+        values = {
+            place: value
+            for place, value, *_ in fit.actuator.parameters()
+            if place.partition(".")[0] in sections
+        }
+        errors = fit.errors
+        tolerances = {
+            place: min(math.expm1(TWO_SIGMA * max(errors[place], _SURE)), _MOST)
+            for place in own
+            if known.actuator.tolerance(place) is not None
+        }
+        return FoundForms(
+            known.actuator.changed(values).with_tolerances(tolerances),
+            (*known.found, *(form.said(fit.actuator) for form in found)),
+            every,
+            known.before + plain.cost,
+            known.after + fit.cost,
+        )
+
+    def _left(self, actuator: ParameterSet) -> list[np.ndarray]:
+        return [one.left(actuator) / self._size for one in self._equations]
+
+    def _least(self, actuator: ParameterSet) -> float:
+        """Energy that noise and the errors of the equation leave."""
+        return sum((one.least(actuator) * one.size / self._size) ** 2 for one in self._equations)
+
+    def _best(
+        self, fit: _Fit, starts: Sequence[tuple[Form, Values]], *, new: bool
+    ) -> tuple[Form, ParameterSet] | None:
+        """The form and values that would leave least if all else were fitted; None if none."""
+
+        def tried(one: tuple[Form, Values]) -> float:
+            try:
+                left = self._left(fit.actuator.changed(dict(one[1])))
+            except EmatwinError:  # a loop that would be unstable
+                return math.inf
+            cost = fit.projected(left, scaled=new and bool(one[0].fitted))
+            return cost if math.isfinite(cost) else math.inf
+
+        costs = side_by_side(tried, starts)
+        if not costs or math.isinf(min(costs)):
+            return None
+        form, values = starts[int(np.argmin(costs))]
+        return form, fit.actuator.changed(dict(values))
+
+    def _fitted(self, actuator: ParameterSet, places: Sequence[str]) -> _Fit:
+        """Some parameters by Gauss-Newton steps, each held by its tolerance in the template."""
+        here = self._linearised(actuator, places, self._left(actuator))
+        for _ in range(_ROUNDS):
+            for fraction in _FRACTIONS:
+                try:
+                    tried = _moved(here.actuator, places, fraction * here.step)
+                except EmatwinError:
+                    continue
+                there = self._left(tried)
+                if _energy(there) < here.cost:
+                    break
+            else:
+                return here
+            before, here = here.cost, self._linearised(tried, places, there)
+            if here.cost > (1.0 - _ENDS) * before:
+                break
+        return here
+
+    def _linearised(
+        self, actuator: ParameterSet, places: Sequence[str], here: list[np.ndarray]
+    ) -> _Fit:
+        """Residuals ``here``, their slopes and the prior at an actuator."""
+
+        def beside(n: int) -> list[np.ndarray]:
+            for step in (_STEP, -_STEP):
+                try:
+                    moved = self._left(_moved(actuator, places, step * np.eye(len(places))[n]))
+                except EmatwinError:  # at the border of stability, or of what a file may hold
+                    continue
+                return [(there - r) / step for there, r in zip(moved, here, strict=True)]
+            return [np.zeros_like(r) for r in here]
+
+        columns = side_by_side(beside, range(len(places)))
+        slopes = [np.array([column[n] for column in columns]) for n in range(len(here))]
+        weight = _energy(here) / sum(r.size / correlation_time(r) for r in here)
+        away, spread = np.zeros(len(places)), np.full(len(places), _WIDE)
+        for n, place in enumerate(places):
+            if place in self._stated:
+                value, spread[n] = self._stated[place]
+                away[n] = math.log(actuator.value(place) / value)
+        prior = weight * np.diag(1.0 / spread**2)
+        return _Fit(actuator, tuple(places), here, slopes, prior @ away, prior, weight)
+
+
+def _moved(actuator: ParameterSet, places: Sequence[str], step: np.ndarray) -> ParameterSet:
+    """The actuator with parameters moved by steps (d,), of logarithms where they have a sign."""
+    values = {}
+    for place, one in zip(places, np.clip(step, -_LONGEST, _LONGEST).tolist(), strict=True):
+        value, has_sign = actuator.value(place), actuator.limits(place)[0] >= 0.0
+        values[place] = value * math.exp(one) if has_sign else value + one
+    return actuator.changed(values)
+
+
+def _step(
+    left: Sequence[np.ndarray], slopes: Sequence[np.ndarray], prior: np.ndarray, pull: np.ndarray
+) -> np.ndarray:
+    """(d,) step to the least squares of linearised residuals and the prior."""
+    curvature = prior + sum(one @ one.T for one in slopes)
+    gradient = pull + sum(one @ r for one, r in zip(slopes, left, strict=True))
+    return np.asarray(-np.linalg.lstsq(curvature, gradient, rcond=1e-12)[0])
+
+
+def _energy(left: Sequence[np.ndarray]) -> float:
+    return float(sum(r @ r for r in left))

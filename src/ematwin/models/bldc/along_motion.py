@@ -1,0 +1,231 @@
+"""What a drive has to satisfy along a motion that was recorded.
+
+The controller answers the recorded command and motion with a current (`Controller`); the mechanics
+need a torque for the recorded motion (`TorqueBalance`). Neither is simulated in a closed loop: no
+error of the one gets into the other, none moves an impact, and what is left of the recorded
+current belongs to one of them (direct identification; Ljung 1999, System Identification, section
+13.4; inverse dynamics, Gautier and Khalil 1990, IEEE Trans. Robotics and Automation 6(3), 368-373).
+The equations are those of the reference model (docs/models.md).
+
+Positions lie on cubic splines through their samples, whose slopes are the speeds.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from ematwin.models.bldc.channels import phase_currents
+from ematwin.models.bldc.constants import kernel_constants, truer_constants
+from ematwin.models.bldc.envelope import trapezoid_shape
+from ematwin.models.bldc.parameters import BldcActuator
+from ematwin.models.bldc.phase_sensors import balanced
+from ematwin.models.bldc.reference_step import ReferenceState
+from ematwin.models.bldc.simulate import INPUT_INTERVAL, TimeGrid
+from ematwin.models.bldc.state import fault_state
+from ematwin.models.bldc.truer.reference_step import drive, more_after
+from ematwin.models.bldc.truer.state import NEUTRAL, REST, truer_state
+from ematwin.models.bldc.unknowns import UNKNOWNS
+from ematwin.models.bldc.zeros import counted
+from ematwin.numerics.compile import loop
+from ematwin.numerics.signals import LowPass, white_noise
+from ematwin.recordings.recording import Recording
+
+_STEP = 2.5e-6  # s, of a modulated voltage; sample times of 50 and 62.5 us are whole ones
+_LONGEST = 0.4  # s of a recording, of which a controller is simulated
+_FASTER = 1.3  # than the step of the reference: the ripple is another then
+_LEAST = 0.001  # of the recorded current: what simulators of other make differ by
+_SLOW = 200.0  # Hz: below it the acceleration of an encoder's position is known
+_STANDS = 0.02  # of the largest speed: nearer to rest friction is not known
+_SETTLES = 0.01  # s after that, for the low-pass
+_THIRD = 2.0 * math.pi / 3.0
+_SINE = 2.0 * math.pi / (3.0 * math.sqrt(3.0))  # as of `truer.motor`
+
+
+@loop
+def currents_along(k, command, motion, c, dt, substeps, decimation, truer, more):  # type: ignore[no-untyped-def]
+    """Mean phase currents (S, 3), A, between samples.
+
+    Parameters
+    ----------
+    k : (8,) array, fault vector
+    command : (G,) array, rad on the motor shaft, on a uniform grid; straight lines between points
+    motion : (3, G) array, angle and speed of the motor, and angle of the output, on its shaft
+    c, dt, substeps, decimation, truer, more : as of `batch.reference_trace`
+    """
+    fault = fault_state(k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7], c.half_gap)
+    now_more = truer_state(more)
+    i_a, i_b, i_c, pair_sign = 0.0, 0.0, 0.0, 1.0
+    samples = (command.size - 1) // decimation
+    found = np.empty((samples, 3))
+    share, part = 1.0 / (substeps * decimation), 1.0 / substeps
+    for sample in range(samples):
+        sum_a, sum_b, sum_c = 0.0, 0.0, 0.0
+        for g in range(sample * decimation, (sample + 1) * decimation):
+            for j in range(substeps):
+                s = j * part
+                now = ReferenceState(
+                    i_a, i_b, i_c,
+                    motion[1, g] + s * (motion[1, g + 1] - motion[1, g]),
+                    motion[0, g] + s * (motion[0, g + 1] - motion[0, g]),
+                    0.0,
+                    motion[2, g] + s * (motion[2, g + 1] - motion[2, g]),
+                    pair_sign, 0.0, 0.0, 0.0,
+                )  # fmt: skip
+                command_now = command[g] + s * (command[g + 1] - command[g])
+                done = drive(now, now_more, command_now, fault, c, truer, dt)
+                i_a, i_b, i_c = done.currents[0], done.currents[1], done.currents[2]
+                pair_sign, now_more = done.pair_sign, more_after(done)
+                sum_a += done.means[0]
+                sum_b += done.means[1]
+                sum_c += done.means[2]
+        found[sample, 0] = sum_a * share
+        found[sample, 1] = sum_b * share
+        found[sample, 2] = sum_c * share
+    return found
+
+
+def has_motion(recording: Recording) -> bool:
+    """Whether phase currents and both positions were recorded."""
+    wanted = {"motor_position", "output_position"}
+    return phase_currents(recording) is not None and wanted <= recording.channels.keys()
+
+
+class Motion:
+    """The motion of a recording, all on the motor shaft.
+
+    Attributes
+    ----------
+    rate : Hz
+    time : (S,) array, s from its first sample on
+    motor, output : splines of the angles
+    command, load : (S,) arrays, rad and N m
+    currents : (S, 3) array, A
+    angles : (S, 3) array, electrical angle of each phase in the middle of its mean
+    shapes : (S, 3) array, EMF shapes of a healthy motor
+    """
+
+    def __init__(self, recording: Recording, actuator: BldcActuator) -> None:
+        recording = counted(balanced(recording), actuator)
+        self.rate, ratio = recording.sample_rate, actuator.transmission.ratio
+        self.time = np.arange(len(recording)) / self.rate
+        self.command = recording.channels["command"] * ratio
+        self.load = recording.channels.get("load", np.zeros(len(recording))) / ratio
+        self.motor = CubicSpline(self.time, recording.channels["motor_position"])
+        self.output = CubicSpline(self.time, recording.channels["output_position"] * ratio)
+        currents = phase_currents(recording)
+        assert currents is not None
+        self.currents = currents
+        # a mean belongs to the middle of its interval
+        electrical = actuator.motor.pole_pairs * self.motor(self.time - 0.5 / self.rate)
+        self.angles = electrical[:, None] - _THIRD * np.arange(3)
+        self.shapes = trapezoid_shape(self.angles)
+
+
+class Controller:
+    """The current that controller and windings make along a motion, beside the recorded one."""
+
+    def __init__(self, motion: Motion, low_pass: LowPass) -> None:
+        self._motion, self._low_pass = motion, low_pass
+        rate = motion.rate
+        count = min(len(motion.time), int(_LONGEST * rate) + 1)
+        self._grid = grid = TimeGrid(_STEP, INPUT_INTERVAL, (count - 0.5) / rate, rate)
+        self._command = np.interp(grid.time, motion.time, motion.command)
+        self._states = np.array([
+            motion.motor(grid.time), motion.motor(grid.time, 1), motion.output(grid.time),
+        ])  # fmt: skip
+        self._signed = 0.5 * np.einsum("sk,sk->s", motion.currents, motion.shapes)[1:count]
+        self._seen = self._equivalent(motion.currents[1:count])
+        self.size = float(np.linalg.norm(self._seen))
+
+    def _equivalent(self, currents: np.ndarray) -> np.ndarray:
+        """The filtered equivalent current (S - 1,), A."""
+        signed = 0.5 * np.einsum("sk,sk->s", currents, self._motion.shapes[1 : len(currents) + 1])
+        return self._low_pass.apply(signed, self._motion.rate)
+
+    def left(self, actuator: Any, faster: float = 1.0) -> np.ndarray:
+        """Simulated less recorded current (S - 1,), A; ``faster`` divides the step."""
+        grid = self._grid
+        # a comparator overshoots by what the current moves in a step
+        step = actuator.steps.reference if actuator.current_loop is None else grid.step
+        substeps = max(1, round(faster * grid.substeps * grid.step / step))
+        healthy = np.array([one.healthy for one in UNKNOWNS])
+        currents = currents_along(
+            healthy, self._command, self._states, kernel_constants(actuator),
+            grid.substeps * grid.step / substeps, substeps, grid.decimation,
+            truer_constants(actuator) or NEUTRAL, np.array(REST),
+        )  # fmt: skip
+        return self._equivalent(currents) - self._seen
+
+    def least(self, actuator: Any) -> float:
+        """Share of the recorded current that noise and the ripple of a comparator leave.
+
+        The ripple of two simulations differs as that of a simulation and a recording does.
+        """
+        noise = _noise(self._signed, self._low_pass, self._motion.rate, self._seen.size)
+        ripple = 0.0
+        if actuator.current_loop is None:
+            ripple = float(np.linalg.norm(self.left(actuator) - self.left(actuator, _FASTER)))
+        return math.hypot(_LEAST, noise / self.size, ripple / self.size)
+
+
+class TorqueBalance:
+    """The torque that a motion needs, beside that of the recorded currents; while both slide.
+
+    Added up over motor and output, where the torque of the contact is none of it:
+
+        J_m dw_m/dt + J_o dw_o/dt + b w_m + T_m sgn w_m + T_o sgn w_o + T_load - T_cog
+            = sum kappa_k i_k.
+    """
+
+    def __init__(self, motion: Motion) -> None:
+        self._motion, self._low_pass = motion, LowPass(_SLOW)
+        middle = motion.time - 0.5 / motion.rate
+        self._angle = motion.motor(middle)
+        self._w_m, self._dw_m = motion.motor(middle, 1), motion.motor(middle, 2)
+        self._w_o, self._dw_o = motion.output(middle, 1), motion.output(middle, 2)
+        self._sines = _SINE * np.sin(motion.angles)
+        # impacts and reversals are left out until the low-pass has forgotten them
+        stands = np.abs(self._w_m) < _STANDS * np.abs(self._w_m).max()
+        stands |= np.abs(self._w_o) < _STANDS * np.abs(self._w_o).max()
+        stands |= self._w_m * self._w_o < 0.0
+        stands[:2] = True
+        settles = np.ones(int(_SETTLES * motion.rate))
+        self._slides = np.convolve(stands, settles)[: len(stands)] == 0
+        self._signed = 0.5 * np.einsum("sk,sk->s", motion.currents, motion.shapes)
+        self.size = float(np.linalg.norm(self._filtered(self._signed)))
+
+    def _filtered(self, trace: np.ndarray) -> np.ndarray:
+        return self._low_pass.apply(trace, self._motion.rate)[self._slides]
+
+    def least(self, actuator: Any) -> float:
+        """Share of the recorded current that noise leaves."""
+        seen = int(self._slides.sum())
+        noise = _noise(self._signed, self._low_pass, self._motion.rate, seen)
+        return math.hypot(_LEAST, noise / self.size)
+
+    def left(self, actuator: Any) -> np.ndarray:
+        """Needed less made torque, over the torque constant, (K,), A, where both slide."""
+        motor, gear = actuator.motor, actuator.transmission
+        rounding = 0.0 if actuator.emf is None else actuator.emf.rounding
+        shapes = (1.0 - rounding) * self._motion.shapes + rounding * self._sines
+        made = 0.5 * motor.emf_constant * np.einsum("sk,sk->s", self._motion.currents, shapes)
+        if actuator.cogging is not None:
+            own = actuator.cogging
+            made -= own.torque * np.sin(own.cycles * self._angle + own.phase)
+        way_m, way_o, load = np.sign(self._w_m), np.sign(self._w_o), self._motion.load
+        share = np.where(
+            way_o * load > 0.0, 1.0 / gear.efficiency_opposing - 1.0, 1.0 - gear.efficiency_aiding
+        )
+        needed = (
+            motor.inertia * self._dw_m + gear.output_inertia * self._dw_o
+            + motor.viscous_damping * self._w_m + motor.friction_torque * way_m
+            + (gear.friction_torque + share * np.abs(load)) * way_o + load
+        )  # fmt: skip
+        return self._filtered((needed - made) / motor.emf_constant)
+
+
+def _noise(current: np.ndarray, low_pass: LowPass, rate: float, samples: int) -> float:
+    """Norm of the white noise of a current in so many of its filtered samples, A."""
+    return white_noise(current) * math.sqrt(low_pass.noise_gain(rate) * samples)

@@ -1,0 +1,166 @@
+"""Forms that healthy recordings of a drive may show though its file leaves them out.
+
+Of the controller an integral term and a sampled speed loop, and a sampled current loop; of the
+mechanics cogging and a rounded back-EMF. Sample times are chosen from those that drives have, and
+start values from what they are commonly set to: an integral time of 10 to 100 ms, a current loop of
+2000 to 8000 rad/s that cancels the winding (technical optimum), voltage losses of a volt, cogging
+of a few per cent of the rated torque. Magnets are drawn to teeth as many times in a turn as both
+have in common; magnets that differ add the number of slots, and teeth that differ that of poles
+(Zhu and Howe 2000, IEEE Trans. Energy Conversion 15(4), 407-412).
+"""
+
+import math
+from collections.abc import Sequence
+from itertools import product
+from typing import Any
+
+from ematwin.models.bldc.along_motion import Controller, Motion, TorqueBalance, has_motion
+from ematwin.models.optional import Equation, Form, Values
+from ematwin.numerics.signals import LowPass
+from ematwin.recordings.recording import Recording
+
+_SAMPLED = (50e-6, 62.5e-6, 80e-6, 100e-6, 125e-6)  # s, of current loops: 20 to 8 kHz
+_SLOWER = (*_SAMPLED, 200e-6, 250e-6)  # of speed loops
+_INTEGRAL = (0.01, 0.03, 0.1)  # s
+_BANDWIDTH = (2000.0, 4000.0, 8000.0)  # rad/s
+_SLOTS = (3, 6, 9, 12, 15, 18, 24)
+_PHASES = tuple(0.5 * math.pi * n for n in range(4))
+
+
+def _speed(actuator: Any) -> dict[str, float]:
+    own = actuator.speed_loop
+    return {
+        "speed_loop.integral_gain": 0.0 if own is None else own.integral_gain,
+        "speed_loop.sample_time": 0.0 if own is None else own.sample_time,
+        "speed_loop.delay": 0.0 if own is None else own.delay,
+    }
+
+
+def _sampled(section: str, times: Sequence[float]) -> list[Values]:
+    """Sample times, each answered at once or with the next sample."""
+    return [
+        {f"{section}.sample_time": time, f"{section}.delay": late * time}
+        for time, late in product(times, (0.0, 1.0))
+    ]
+
+
+def _integrals(actuator: Any) -> list[Values]:
+    gain = actuator.controller.speed_gain
+    return [
+        {**_speed(actuator), "speed_loop.integral_gain": gain / time} for time in _INTEGRAL
+    ]  # fmt: skip
+
+
+def _said_of_integral(actuator: Any) -> str:
+    time = actuator.controller.speed_gain / actuator.speed_loop.integral_gain
+    return f"integral term in the speed loop ({1e3 * time:.3g} ms)"
+
+
+def _current_loops(actuator: Any) -> list[Values]:
+    return [
+        {
+            "current_loop.proportional_gain": bandwidth * actuator.motor.inductance,
+            "current_loop.integral_gain": bandwidth * actuator.motor.resistance,
+            "current_loop.lost_voltage": 1.0,
+            **sampled,
+        }
+        for bandwidth, sampled in product(_BANDWIDTH, _sampled("current_loop", (50e-6, 100e-6)))
+    ]
+
+
+def _said_of_current_loop(actuator: Any) -> str:
+    own = actuator.current_loop
+    bandwidth = own.proportional_gain / actuator.motor.inductance / (2.0 * math.pi)
+    return f"current loop of {1e6 * own.sample_time:.3g} us, about {1e-3 * bandwidth:.2g} kHz"
+
+
+def _coggings(actuator: Any) -> list[Values]:
+    poles = 2 * actuator.motor.pole_pairs
+    cycles = {poles, *_SLOTS, *(math.lcm(slots, poles) for slots in _SLOTS)}
+    torque = 0.1 * actuator.motor.friction_torque or 1e-4 * actuator.motor.emf_constant
+    return [
+        {"cogging.torque": torque, "cogging.cycles": each, "cogging.phase": phase}
+        for each, phase in product(sorted(cycles), _PHASES)
+    ]
+
+
+def _nothing(actuator: Any) -> list[Values]:
+    return []
+
+
+INTEGRAL = Form(
+    "integral term in the speed loop",
+    lambda a: a.speed_loop is not None and a.speed_loop.integral_gain > 0.0,
+    ("speed_loop.integral_gain",),
+    _integrals,
+    _nothing,
+    ("speed_loop.integral_gain",),
+    _said_of_integral,
+)
+SAMPLED = Form(
+    "sampled speed loop",
+    lambda a: a.speed_loop is not None and a.speed_loop.sample_time > 0.0,
+    ("speed_loop.sample_time", "speed_loop.delay"),
+    lambda a: [{**_speed(a), **one} for one in _sampled("speed_loop", _SLOWER)],
+    lambda a: _sampled("speed_loop", _SLOWER),
+    (),
+    lambda a: f"speed loop sampled each {1e6 * a.speed_loop.sample_time:.3g} us",
+)
+CURRENT_LOOP = Form(
+    "current loop",
+    lambda a: a.current_loop is not None,
+    ("current_loop.sample_time", "current_loop.delay"),
+    _current_loops,
+    lambda a: _sampled("current_loop", _SAMPLED),
+    ("current_loop.proportional_gain", "current_loop.integral_gain", "current_loop.lost_voltage"),
+    _said_of_current_loop,
+)
+COGGING = Form(
+    "cogging",
+    lambda a: a.cogging is not None,
+    ("cogging.cycles",),
+    _coggings,
+    _nothing,
+    ("cogging.torque", "cogging.phase"),
+    lambda a: f"cogging of {1e3 * a.cogging.torque:.2g} mN m, {a.cogging.cycles} a turn",
+)
+ROUNDED = Form(
+    "rounded back-EMF",
+    lambda a: a.emf is not None,
+    ("emf.rounding",),
+    lambda a: [{"emf.rounding": 0.2}],
+    _nothing,
+    ("emf.rounding",),
+    lambda a: f"back-EMF rounded by {100.0 * a.emf.rounding:.0f} %",
+)
+
+
+def equations(recording: Recording, actuator: Any) -> tuple[Equation, ...]:
+    """Controller of a recording with both positions; its torque balance where the load is known."""
+    if not has_motion(recording):
+        return ()
+    motion = Motion(recording, actuator)
+    controller = Controller(motion, LowPass())
+    of_controller = Equation(
+        "controller",
+        controller.left,
+        controller.size,
+        controller.least,
+        # torques are told by currents: gains come with the torque constant
+        ("controller.position_gain", "controller.speed_gain", "motor.emf_constant",
+         "motor.resistance"),
+        (INTEGRAL, SAMPLED, CURRENT_LOOP),
+    )  # fmt: skip
+    if "load" not in recording.channels:
+        return (of_controller,)
+    balance = TorqueBalance(motion)
+    of_mechanics = Equation(
+        "mechanics",
+        balance.left,
+        balance.size,
+        balance.least,
+        ("motor.emf_constant", "motor.inertia", "transmission.output_inertia",
+         "motor.viscous_damping", "motor.friction_torque", "transmission.friction_torque"),
+        (COGGING, ROUNDED),
+    )  # fmt: skip
+    return of_controller, of_mechanics

@@ -1,0 +1,79 @@
+"""Forms that a file leaves out, found along recorded motions of a simulator of other make."""
+
+import numpy as np
+import pytest
+
+from ematwin.estimation.forms import FoundForms, find_forms
+from ematwin.models.bldc.model import MODEL
+from ematwin.models.bldc.parameters import BldcActuator
+from naive import another_actuator as other
+
+SHEET = BldcActuator.load().changed(
+    {"controller.position_gain": 60.0, "controller.speed_gain": 0.004}
+)
+# a few per cent off the sheet
+BUILT = SHEET.changed({
+    "controller.position_gain": 62.0, "motor.resistance": 2.2, "motor.inertia": 2.6e-6,
+    "motor.emf_constant": 0.0741, "motor.friction_torque": 0.016,
+})  # fmt: skip
+
+
+def compared(structure, without=()):
+    """Two healthy recordings with 2 % noise beside the sheet."""
+    time = np.arange(0.0, 0.4, 5e-5)
+    load = np.where(time > 0.2, 10.0, 0.0)
+    found = []
+    for n, f in enumerate((5.0 + 12.0 * time, 4.0 + 0.0 * time)):
+        record = other.simulate(
+            other.parameters_of(BUILT), time, 0.005 * np.sin(2.0 * np.pi * f * time), load, {},
+            structure, seed=n,
+        )  # fmt: skip
+        some = {name: x for name, x in record.channels.items() if name not in without}
+        record = type(record)(record.time, some, units=record.units)
+        found.append(MODEL.compare(record, SHEET))
+    return found
+
+
+@pytest.fixture(scope="module")
+def drive():
+    """Forms of a drive with both loops and cogging, none of which its file states."""
+    structure = other.Structure(
+        control_interval=1e-4, speed_integral=0.1, current_interval=5e-5,
+        current_bandwidth=6000.0, lost_voltage=0.5, cogging=0.0015, cogging_phase=0.4,
+    )  # fmt: skip
+    return find_forms(MODEL, SHEET, compared(structure))
+
+
+def test_loops_and_cogging_are_found_with_their_values(drive):
+    found = drive.actuator
+    assert found.speed_loop.integral_gain == pytest.approx(0.1, rel=0.1)
+    assert found.current_loop.sample_time == 5e-5
+    bandwidth = found.current_loop.proportional_gain / SHEET.motor.inductance
+    assert bandwidth == pytest.approx(6000.0, rel=0.15)
+    assert (found.cogging.cycles, found.emf) == (12, None)
+    assert found.cogging.torque == pytest.approx(0.0015, rel=0.05)
+
+
+def test_what_was_found_is_said_as_an_engineer_would(drive):
+    assert "urrent loop of 50 us, about" in drive.said
+    assert "ntegral term in the speed loop (40" in drive.said
+    assert "ogging of 1.5 mN m, 12 a turn" in drive.said
+    assert "Together these explain 9" in drive.said
+
+
+def test_found_values_are_known_within_a_tolerance(drive):
+    assert 0.0 < drive.actuator.tolerance("speed_loop.integral_gain") < 0.4
+
+
+def test_an_actuator_of_the_simple_structure_has_no_form():
+    assert find_forms(MODEL, SHEET, compared(other.Structure())).found == ()
+
+
+def test_without_positions_nothing_is_looked_for():
+    beside = compared(other.Structure(cogging=0.002), without={"motor_position"})
+    assert find_forms(MODEL, SHEET, beside) == FoundForms(SHEET)
+
+
+def test_without_the_load_no_torques_are_balanced():
+    record = compared(other.Structure(), without={"load"})[0].recording
+    assert [one.name for one in MODEL.equations(record, SHEET)] == ["controller"]

@@ -1,0 +1,85 @@
+"""Equations along a recorded motion: against plain Python, and a simulator of other make."""
+
+import numpy as np
+import pytest
+
+from ematwin.models.bldc import along_motion
+from ematwin.models.bldc.constants import kernel_constants, truer_constants
+from ematwin.models.bldc.faults import Faults
+from ematwin.models.bldc.parameters import BldcActuator
+from ematwin.models.bldc.truer.state import NEUTRAL, REST
+from ematwin.numerics.signals import LowPass
+from naive import along_motion as naive
+from naive import another_actuator
+
+PLAIN = BldcActuator.load().changed(
+    {"controller.position_gain": 60.0, "controller.speed_gain": 0.004}
+)
+SAMPLED = {
+    "speed_loop.integral_gain": 0.1, "speed_loop.sample_time": 1e-4, "speed_loop.delay": 1e-4,
+}  # fmt: skip
+MODULATED = {
+    "current_loop.proportional_gain": 7.0, "current_loop.integral_gain": 12_000.0,
+    "current_loop.sample_time": 5e-5, "current_loop.delay": 5e-5, "current_loop.lost_voltage": 1.0,
+}  # fmt: skip
+BOTH = PLAIN.changed({**SAMPLED, **MODULATED})
+
+
+@pytest.mark.parametrize(
+    "actuator",
+    [PLAIN, PLAIN.changed(SAMPLED), BOTH, BOTH.changed({"emf.rounding": 0.3})],
+    ids=["paper", "speed loop", "both loops", "rounded"],
+)
+def test_currents_along_a_motion_are_those_of_the_naive_loop(actuator):
+    dt, count = 2e-6, 3000
+    time = dt * np.arange(count + 1)
+    angle, speed = 0.6 * np.sin(150.0 * time), 90.0 * np.cos(150.0 * time)
+    command, output = 1.3 * np.sin(150.0 * time), 0.6 * np.sin(150.0 * time - 0.02)
+    faults = Faults.of({})
+    fast = along_motion.currents_along(
+        faults.vector, command, np.array([angle, speed, output]), kernel_constants(actuator),
+        dt, 1, 1, truer_constants(actuator) or NEUTRAL, np.array(REST),
+    )  # fmt: skip
+    motion = np.array([angle, speed, output])[:, :-1]
+    slow = naive.currents(actuator, faults, command[:-1], motion, dt)
+    np.testing.assert_allclose(fast, slow, atol=1e-8)
+
+
+def recorded(structure, actuator, duration=0.4):
+    """A healthy recording of the simulator of other make, without noise."""
+    time = np.arange(0.0, duration, 5e-5)
+    command = 0.005 * np.sin(2.0 * np.pi * (5.0 + 12.0 * time) * time)
+    load = np.where(time > 0.25, 10.0, 0.0)
+    parameters = another_actuator.parameters_of(actuator)
+    return another_actuator.simulate(
+        parameters, time, command, load, {}, structure, noise=0.0, bits=None
+    )
+
+
+def test_both_equations_hold_along_the_motion_of_a_simulator_of_other_make():
+    loops = BOTH.current_loop
+    structure = another_actuator.Structure(
+        control_interval=1e-4, speed_integral=0.1, current_interval=5e-5,
+        current_bandwidth=loops.proportional_gain / BOTH.motor.inductance, lost_voltage=0.5,
+        cogging=0.0015, cogging_cycles=12, cogging_phase=0.4, emf_rounding=0.2,
+    )  # fmt: skip
+    actuator = BOTH.changed({
+        "current_loop.integral_gain": structure.current_bandwidth * BOTH.motor.resistance,
+        "speed_loop.delay": 0.0, "emf.rounding": 0.2, "cogging.torque": 0.0015,
+        "cogging.cycles": 12, "cogging.phase": 0.4,
+    })  # fmt: skip
+    motion = along_motion.Motion(recorded(structure, actuator), actuator)
+    controller = along_motion.Controller(motion, LowPass())
+    balance = along_motion.TorqueBalance(motion)
+    for one in (controller, balance):
+        share = np.linalg.norm(one.left(actuator)) / one.size
+        without = np.linalg.norm(one.left(PLAIN)) / one.size
+        print(f"{type(one).__name__}: {100 * share:.2f} %, without its forms {100 * without:.1f} %")
+        assert share < 0.006 < 0.02 < without
+
+
+def test_a_motion_needs_both_positions():
+    record = recorded(another_actuator.Structure(), PLAIN, 0.05)
+    assert along_motion.has_motion(record)
+    left = {name: x for name, x in record.channels.items() if name != "output_position"}
+    assert not along_motion.has_motion(type(record)(record.time, left, units=record.units))
