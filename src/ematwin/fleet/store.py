@@ -131,7 +131,7 @@ class FleetStore:
     def merge(self) -> None:
         """Merge the files of actuators that have many; what another process moves is left."""
         for folder in (self.folder / "rows").iterdir():
-            files = sorted(folder.glob("*.parquet"))
+            files = sorted(folder.glob("[!.]*.parquet"))  # not what a killed process left
             if len(files) <= _PARTS:
                 continue
             parts = [self._read(path) for path in files]
@@ -158,8 +158,7 @@ class FleetStore:
 
     def _files(self, serial: str | None) -> list[Path]:
         inside = "*" if serial is None else (quote(serial, safe="-_ ") or "unknown")
-        found = (self.folder / "rows").glob(f"{inside}/*.parquet")
-        return sorted(p for p in found if not p.name.startswith("."))
+        return sorted((self.folder / "rows").glob(f"{inside}/[!.]*.parquet"))
 
     def _read(self, path: Path) -> pa.Table | None:
         """A part; None where it was merged into another meanwhile."""
