@@ -187,6 +187,16 @@ def test_parts_are_merged_and_read_the_same(tmp_path):
     assert len(list((tmp_path / "rows").rglob("*.parquet"))) == 1
 
 
+def test_a_serial_number_leads_nowhere_else(tmp_path):
+    store = FleetStore(tmp_path / "fleet")
+    for serial in ("..", "../x", "a.b", "[a]*", "/"):
+        row = row_of(serial, END, content=serial, motion=0, twin="t", kind="k", grade="healthy")
+        store.add([row])
+        assert store.rows(serial)["serial_number"].to_pylist() == [serial]
+    assert all(path.parent.parent == tmp_path / "fleet" / "rows"
+               for path in tmp_path.rglob("*.parquet"))  # fmt: skip
+
+
 def test_the_latest_judgement_of_a_recording_counts(tmp_path):
     store = FleetStore(tmp_path)
     for twin in ("old", "new"):
