@@ -195,7 +195,7 @@ def killed(times=20):
     with tempfile.TemporaryDirectory() as folder:
         inside = Path(folder) / "recordings" / "S-1"
         inside.mkdir(parents=True)
-        for n in range(3 * times):
+        for n in range(2 * times):
             made = ematwin.simulate(actuator="sts3215", noise=0.01, seed=n)
             day = datetime(2025, 1, 1, tzinfo=UTC) + timedelta(days=n)
             ematwin.write(made, inside / f"{day:%Y-%m-%d}.parquet")
@@ -217,7 +217,7 @@ def killed(times=20):
             seen = now
         subprocess.run(command, cwd=folder, check=True, stdout=subprocess.DEVNULL)
         table = Fleet(rows.parent).store.rows()
-        return {"kills": times, "recordings": 3 * times, "rows": table.num_rows, "lost": lost,
+        return {"kills": times, "recordings": 2 * times, "rows": table.num_rows, "lost": lost,
                 "twice": table.num_rows - len(set(table["content"].to_pylist()))}  # fmt: skip
 
 

@@ -178,10 +178,23 @@ def test_parts_are_merged_and_read_the_same(tmp_path):
         store.add([row])
         store.add([row])  # twice is once
     before = store.rows()["id"].to_pylist()
+    draft = next((tmp_path / "rows").rglob("*.parquet")).with_name(".half.parquet")
+    draft.write_bytes(b"what a killed process left")
     store.merge()
     assert store.rows()["id"].to_pylist() == before
     assert len(before) == 70
+    draft.unlink()
     assert len(list((tmp_path / "rows").rglob("*.parquet"))) == 1
+
+
+def test_a_serial_number_leads_nowhere_else(tmp_path):
+    store = FleetStore(tmp_path / "fleet")
+    for serial in ("..", "../x", "a.b", "[a]*", "/"):
+        row = row_of(serial, END, content=serial, motion=0, twin="t", kind="k", grade="healthy")
+        store.add([row])
+        assert store.rows(serial)["serial_number"].to_pylist() == [serial]
+    assert all(path.parent.parent == tmp_path / "fleet" / "rows"
+               for path in tmp_path.rglob("*.parquet"))  # fmt: skip
 
 
 def test_the_latest_judgement_of_a_recording_counts(tmp_path):

@@ -131,7 +131,7 @@ class FleetStore:
     def merge(self) -> None:
         """Merge the files of actuators that have many; what another process moves is left."""
         for folder in (self.folder / "rows").iterdir():
-            files = sorted(folder.glob("*.parquet"))
+            files = sorted(folder.glob("[!.]*.parquet"))  # not what a killed process left
             if len(files) <= _PARTS:
                 continue
             parts = [self._read(path) for path in files]
@@ -146,7 +146,7 @@ class FleetStore:
         return self._part(serial_number, ids).exists()
 
     def _part(self, serial: str, ids: Iterable[str]) -> Path:
-        folder = self.folder / "rows" / (quote(serial, safe="-_ ") or "unknown")
+        folder = self.folder / "rows" / _folder_name(serial)
         return folder / f"{digest(json.dumps(sorted(ids)))}.parquet"
 
     def _write(self, serial: str, table: pa.Table) -> Path:
@@ -157,9 +157,8 @@ class FleetStore:
         return path
 
     def _files(self, serial: str | None) -> list[Path]:
-        inside = "*" if serial is None else (quote(serial, safe="-_ ") or "unknown")
-        found = (self.folder / "rows").glob(f"{inside}/*.parquet")
-        return sorted(p for p in found if not p.name.startswith("."))
+        inside = "*" if serial is None else _folder_name(serial)
+        return sorted((self.folder / "rows").glob(f"{inside}/[!.]*.parquet"))
 
     def _read(self, path: Path) -> pa.Table | None:
         """A part; None where it was merged into another meanwhile."""
@@ -247,6 +246,11 @@ def row_of(
         "judged": datetime.now(UTC), "content": content, "motion": motion, "twin": twin,
         "kind": kind, "grade": grade, **more,
     }  # fmt: skip
+
+
+def _folder_name(serial_number: str) -> str:
+    """A serial number as the name of a folder: ``..`` and ``/`` are none."""
+    return quote(serial_number, safe="-_ ").replace(".", "%2E") or "unknown"
 
 
 def id_of(content: str, motion: int, twin: str) -> str:
