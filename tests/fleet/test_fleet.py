@@ -63,6 +63,20 @@ def test_rows_without_a_verdict_are_kept_and_are_no_state(fleet):
     assert unit_series.time.size == len(unit.rows) - len(without)
 
 
+def test_an_actuator_whose_last_recording_has_no_verdict_says_why(tmp_path):
+    store = FleetStore(tmp_path)
+    SimulatedFleet(1, 0.5, 40.0, seed=9, end=END).fill(store)
+    before = Fleet(tmp_path, now=END)["EMA-01"]
+    assert "no verdict" not in before.row()["advisory_reason"]
+    last = before.rows[-1]
+    reason = "The motion is too small."
+    store.add([
+        row_of("EMA-01", END, content="x", motion=0, twin=last["twin"], kind=last["kind"],
+               grade="none", reason=reason)
+    ])  # fmt: skip
+    assert Fleet(tmp_path, now=END)["EMA-01"].row()["advisory_reason"].endswith(reason)
+
+
 def test_a_query_counts_what_the_store_holds(fleet):
     pytest.importorskip("duckdb")
     counted = fleet.query("select serial_number, count(*) from fleet group by all order by all")

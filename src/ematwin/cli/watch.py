@@ -137,6 +137,8 @@ def print_fleet(fleet: "Fleet", rows: list[dict[str, object]] | None = None) -> 
     from rich.table import Table
 
     rows = fleet.table() if rows is None else rows
+    if not rows:
+        return
     shown = Table()
     for heading in ("actuator", "what to do", "life left", "why"):
         shown.add_column(heading)

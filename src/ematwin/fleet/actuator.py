@@ -228,6 +228,9 @@ class FleetActuator:
         first, life = worst(alarms), self.life_left()
         low, high = (math.inf, math.inf) if life is None else life.interval
         advice = "none" if first is None or first.silenced else first.step
+        why = "" if first is None or advice == "none" else first.why
+        if not why and last["grade"] == "none":
+            why = f"The last recording has no verdict. {last['reason']}"
         return {
             "serial_number": self.serial_number,
             "kind": self.kind,
@@ -243,7 +246,7 @@ class FleetActuator:
             "life_left_of": "" if life is None or math.isinf(low) else life.name,
             "advisory": advice,
             "advisory_level": STEPS.index(advice),
-            "advisory_reason": "" if first is None or advice == "none" else first.why,
+            "advisory_reason": why,
             "acknowledged": bool(first is not None and first.acknowledged),
         }
 
