@@ -65,7 +65,7 @@ def test_rows_without_a_verdict_are_kept_and_are_no_state(fleet):
 
 def test_an_actuator_whose_last_recording_has_no_verdict_says_why(tmp_path):
     store = FleetStore(tmp_path)
-    SimulatedFleet(1, 0.5, 40.0, seed=9, end=END).fill(store)
+    SimulatedFleet(1, 0.2, 20.0, seed=9, end=END).fill(store)
     before = Fleet(tmp_path, now=END)["EMA-01"]
     assert "no verdict" not in before.row()["advisory_reason"]
     last = before.rows[-1]
