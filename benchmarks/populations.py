@@ -20,7 +20,7 @@ import numpy as np
 from ematwin import Noise, simulate
 from ematwin.errors import ParameterError
 from ematwin.estimation.baseline import Baseline, uncertain, with_nuisances
-from ematwin.estimation.problem import Prior
+from ematwin.estimation.prior import Prior
 from ematwin.models.bldc.channels import PHASES
 from ematwin.models.bldc.envelope import signed_current
 from ematwin.models.bldc.faults import FAULTS, HEALTHY

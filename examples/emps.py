@@ -20,7 +20,7 @@ import numpy as np
 
 import ematwin
 from ematwin.errors import EmatwinError, RecordError
-from ematwin.estimation.problem import Prior
+from ematwin.estimation.prior import Prior
 from ematwin.models.linear_axis.parameters import LinearAxis
 from ematwin.models.linear_axis.twin import FIRST, closed_loop, open_loop
 from ematwin.models.registry import load_actuator, model_of

@@ -22,7 +22,7 @@ import numpy as np
 
 import ematwin
 from ematwin.errors import EmatwinError, InputError, RecordError
-from ematwin.estimation.identify import Identification
+from ematwin.estimation.identification import Identification
 from ematwin.models.position_servo.recorded import stretch
 from ematwin.models.registry import load_actuator, model_of
 from ematwin.monitoring.calibration import Calibration

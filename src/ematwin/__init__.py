@@ -73,7 +73,7 @@ _FORMER = {
     "Estimate": "ematwin.estimation.estimate",
     "Faults": "ematwin.models.bldc.faults",
     "Identifiability": "ematwin.experiments.identifiability",
-    "Identification": "ematwin.estimation.identify",
+    "Identification": "ematwin.estimation.identification",
     "PmsmActuator": "ematwin.models.pmsm.parameters",
     "Problem": "ematwin.estimation.problem",
     "Sensitivity": "ematwin.experiments.sensitivity",

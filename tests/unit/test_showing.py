@@ -13,7 +13,7 @@ import pytest
 import ematwin
 from ematwin import plots
 from ematwin.errors import InputError, MissingExtraError, RecordError
-from ematwin.estimation.identify import Identification
+from ematwin.estimation.identification import Identification
 from ematwin.monitoring.diagnosis import Detection
 from ematwin.recordings.survey import survey
 from ematwin.showing import bars, markup

@@ -32,7 +32,7 @@ from ematwin.cli.recordings import constant_load, meant, runs, runs_in
 from ematwin.errors import InputError
 
 if TYPE_CHECKING:
-    from ematwin.estimation.identify import Identification
+    from ematwin.estimation.identification import Identification
     from ematwin.estimation.uncertainty import Uncertainty
     from ematwin.recordings.cleaning import Policy
 

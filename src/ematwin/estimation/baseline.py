@@ -16,7 +16,8 @@ import numpy as np
 from ematwin.errors import ParameterError
 from ematwin.estimation.constants import SEARCHED, TWO_SIGMA
 from ematwin.estimation.local import LocalDescent
-from ematwin.estimation.problem import Prior, Problem
+from ematwin.estimation.prior import Prior
+from ematwin.estimation.problem import Problem
 from ematwin.models.base import Model
 from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet

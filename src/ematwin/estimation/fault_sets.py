@@ -31,9 +31,11 @@ from ematwin.estimation.constants import (
     WORSE,
 )
 from ematwin.estimation.findings import range_of, size_of
-from ematwin.estimation.identify import Identification, Prepared, estimate_of
+from ematwin.estimation.identification import Identification
+from ematwin.estimation.identify import Prepared, estimate_of
 from ematwin.estimation.intervals import Interval, mean_slope
-from ematwin.estimation.problem import Problem, coordinate, unknowns_of
+from ematwin.estimation.prior import coordinate
+from ematwin.estimation.problem import Problem, unknowns_of
 from ematwin.estimation.random_effects import Normals, Peak, effects_of, fit
 from ematwin.estimation.verdict import Verdict, faults_said, least_certain
 from ematwin.models.base import Model

@@ -30,7 +30,7 @@ from ematwin.showing.numbers import in_unit, plain, with_interval
 from ematwin.showing.words import listed
 
 if TYPE_CHECKING:
-    from ematwin.estimation.identify import Identification
+    from ematwin.estimation.identification import Identification
 
 _DISTRUSTED = 0.33  # share of its weight with which evidence counts
 _LATEST = 0.02  # s: later than the filter of any sensor and the cycle of any field bus

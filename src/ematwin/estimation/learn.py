@@ -44,7 +44,8 @@ from ematwin.estimation.healthy_bias import healthy_bias, name_of
 from ematwin.estimation.laplace import Laplace, laplace, profiled
 from ematwin.estimation.multistart import MultistartDescent
 from ematwin.estimation.nominal import NominalParameter, fit_nominal
-from ematwin.estimation.problem import Prior, Problem
+from ematwin.estimation.prior import Prior
+from ematwin.estimation.problem import Problem
 from ematwin.estimation.random_effects import learn_effects
 from ematwin.models.base import Model
 from ematwin.models.comparison import Comparison

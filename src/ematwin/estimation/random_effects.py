@@ -20,7 +20,7 @@ import numpy as np
 from ematwin.estimation.baseline import Baseline, uncertain
 from ematwin.estimation.constants import DETERMINED, TWO_SIGMA
 from ematwin.estimation.nominal import NominalParameter
-from ematwin.estimation.problem import Prior, coordinate
+from ematwin.estimation.prior import Prior, coordinate
 from ematwin.models.base import Model
 from ematwin.models.comparison import Comparison, correlation_time
 from ematwin.models.parameter_set import ParameterSet

@@ -26,7 +26,8 @@ from ematwin.errors import DivergedError, InputError, ParameterError, RecordErro
 from ematwin.estimation.baseline import effective, with_nuisances
 from ematwin.estimation.constants import SIGMAS
 from ematwin.estimation.levenberg_marquardt import LevenbergMarquardt
-from ematwin.estimation.problem import Prior, Problem
+from ematwin.estimation.prior import Prior
+from ematwin.estimation.problem import Problem
 from ematwin.experiments.expected import Experiment
 from ematwin.experiments.search import CommandSearch, Cost, Progress
 from ematwin.experiments.space import DesignSpace

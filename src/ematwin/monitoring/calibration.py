@@ -18,7 +18,7 @@ import tomli_w
 from ematwin import __version__
 from ematwin.errors import EmatwinError, ParameterError
 from ematwin.estimation.baseline import Baseline, baseline_of, frees_parameters, uncertain
-from ematwin.estimation.problem import Prior
+from ematwin.estimation.prior import Prior
 from ematwin.files import written_whole
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet

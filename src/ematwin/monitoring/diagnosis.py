@@ -10,7 +10,7 @@ from typing import Any
 
 from ematwin.errors import InputError
 from ematwin.estimation.estimate import Estimate
-from ematwin.estimation.identify import Identification
+from ematwin.estimation.identification import Identification
 from ematwin.estimation.verdict import Grade, Verdict
 from ematwin.monitoring.calibration import Calibration
 from ematwin.quantities import preferred

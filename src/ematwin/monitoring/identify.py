@@ -18,13 +18,8 @@ from ematwin.errors import InputError
 from ematwin.estimation.assess import scatter
 from ematwin.estimation.baseline import Baseline, frees_parameters
 from ematwin.estimation.constants import COVERAGE
-from ematwin.estimation.identify import (
-    Identification,
-    Prepared,
-    compares_sets,
-    identified,
-    prepared,
-)
+from ematwin.estimation.identification import Identification
+from ematwin.estimation.identify import Prepared, compares_sets, identified, prepared
 from ematwin.estimation.interrupt import noting_interrupts
 from ematwin.estimation.search import Progress, Search
 from ematwin.estimation.verdict import Verdict

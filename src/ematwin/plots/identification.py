@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from ematwin.errors import InputError
-from ematwin.estimation.identify import Identification
+from ematwin.estimation.identification import Identification
 from ematwin.plots.style import (
     AMBER,
     BLUE,

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from ematwin.errors import InputError
-from ematwin.estimation.identify import Identification
+from ematwin.estimation.identification import Identification
 from ematwin.estimation.intervals import Draws
 from ematwin.estimation.profile import LIMIT, Profile, ProfileUncertainty
 from ematwin.plots.style import BLUE, GREEN, GREY, ORANGE, line, stacked, styled

@@ -2,7 +2,7 @@
 
 from ematwin.errors import InputError
 from ematwin.estimation.findings import fault_cells
-from ematwin.estimation.identify import Identification
+from ematwin.estimation.identification import Identification
 from ematwin.models.unknown import PhysicalValue
 from ematwin.plots.identification import plot_convergence, plot_faults, plot_fit, true_faults
 from ematwin.quantities import preferred

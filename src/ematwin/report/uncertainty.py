@@ -1,6 +1,6 @@
 """Sections of a page: uncertainty of an identification."""
 
-from ematwin.estimation.identify import Identification
+from ematwin.estimation.identification import Identification
 from ematwin.estimation.profile import ProfileUncertainty
 from ematwin.estimation.uncertainty import predicted
 from ematwin.plots.uncertainty import band_figure, corner_figure, profile_figure

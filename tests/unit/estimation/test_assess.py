@@ -13,7 +13,8 @@ import pytest
 
 from ematwin.estimation.assess import Assessment, assess
 from ematwin.estimation.baseline import Baseline
-from ematwin.estimation.problem import Prior, Problem
+from ematwin.estimation.prior import Prior
+from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found
 from ematwin.models.unknown import Alias, Contrast, Unknown
 from naive.toy import OneChannel

@@ -18,7 +18,7 @@ from ematwin.estimation.baseline import (
     uncertain,
     with_nuisances,
 )
-from ematwin.estimation.problem import Prior
+from ematwin.estimation.prior import Prior
 from ematwin.models.registry import model_of
 
 ACTUATOR = BldcActuator.load()

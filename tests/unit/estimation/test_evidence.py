@@ -6,7 +6,8 @@ import pytest
 from ematwin import Recording
 from ematwin.estimation.descent import Descent
 from ematwin.estimation.laplace import laplace
-from ematwin.estimation.problem import Prior, Problem
+from ematwin.estimation.prior import Prior
+from ematwin.estimation.problem import Problem
 from ematwin.models.comparison import Comparison
 from ematwin.models.unknown import Alias, Unknown
 

@@ -9,7 +9,7 @@ import pytest
 from ematwin.errors import RecordError
 from ematwin.estimation.baseline import Baseline
 from ematwin.estimation.healthy_bias import healthy_bias
-from ematwin.estimation.problem import Prior
+from ematwin.estimation.prior import Prior
 from ematwin.models.unknown import Unknown
 from naive.toy import OneChannel
 

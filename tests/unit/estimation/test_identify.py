@@ -11,7 +11,7 @@ import pytest
 import ematwin
 from ematwin import Faults, Noise, identify, simulate
 from ematwin.errors import RecordError
-from ematwin.estimation.identify import Identification
+from ematwin.estimation.identification import Identification
 from ematwin.models.bldc.comparison import BldcComparison
 from ematwin.models.bldc.faults import PAPER_CASES, error_percent_wrapped
 

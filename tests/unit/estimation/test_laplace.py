@@ -7,7 +7,8 @@ from scipy.optimize import lsq_linear
 from ematwin import Recording
 from ematwin.estimation.descent import Descent
 from ematwin.estimation.laplace import Laplace, inverse, laplace, profiled
-from ematwin.estimation.problem import Prior, Problem
+from ematwin.estimation.prior import Prior
+from ematwin.estimation.problem import Problem
 from ematwin.models.comparison import Comparison
 from ematwin.models.unknown import Alias, Unknown
 

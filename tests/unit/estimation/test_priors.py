@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from ematwin import Recording
-from ematwin.estimation.problem import Prior, Problem
+from ematwin.estimation.prior import Prior
+from ematwin.estimation.problem import Problem
 from ematwin.models.comparison import Comparison
 from ematwin.models.unknown import Unknown
 

@@ -1,0 +1,69 @@
+"""Priors: what is known of some unknowns together, a normal distribution of their coordinates."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ematwin.models.unknown import Unknown
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is known of some unknowns together: a normal distribution.
+
+    Parameters
+    ----------
+    names : of P unknowns
+    mean : (P,) array; of logarithms where an unknown is logarithmic
+    covariance : (P, P) array
+    """
+
+    names: tuple[str, ...]
+    mean: np.ndarray
+    covariance: np.ndarray
+
+    def of(self, names: Iterable[str]) -> "Prior":
+        """The marginal distribution of some of them."""
+        wanted = set(names)
+        kept = [n for n, name in enumerate(self.names) if name in wanted]
+        return Prior(
+            tuple(self.names[n] for n in kept), self.mean[kept], self.covariance[np.ix_(kept, kept)]
+        )
+
+    @classmethod
+    def independent(cls, unknowns: Iterable[Unknown]) -> "Prior":
+        """From the spreads of unknowns; those without one are left out."""
+        known = [one for one in unknowns if one.spread is not None]
+        mean = [np.log(one.healthy) if one.logarithmic else one.healthy for one in known]
+        return cls(
+            tuple(one.name for one in known),
+            np.array(mean, dtype=float),
+            np.diag([one.spread**2 for one in known if one.spread is not None]),
+        )
+
+    def given(self, values: Mapping[str, float]) -> "Prior":
+        """The distribution of the others where some are known (as values, or their logarithms)."""
+        known = [n for n, name in enumerate(self.names) if name in values]
+        rest = [n for n in range(len(self.names)) if n not in known]
+        across = self.covariance[np.ix_(rest, known)]
+        gain = across @ np.linalg.inv(self.covariance[np.ix_(known, known)])
+        off = np.array([values[self.names[n]] for n in known]) - self.mean[known]
+        return Prior(
+            tuple(self.names[n] for n in rest),
+            self.mean[rest] + gain @ off,
+            self.covariance[np.ix_(rest, rest)] - gain @ across.T,
+        )
+
+    def and_(self, other: "Prior") -> "Prior":
+        """Both, independent of one another."""
+        size = len(self.names)
+        total = np.zeros((size + len(other.names),) * 2)
+        total[:size, :size], total[size:, size:] = self.covariance, other.covariance
+        return Prior((*self.names, *other.names), np.concatenate([self.mean, other.mean]), total)
+
+
+def coordinate(one: Unknown, value: Any) -> Any:
+    """A value, or an array, of an unknown as its prior counts it: it, or its logarithm."""
+    return np.log(value) if one.logarithmic else value
