@@ -34,7 +34,7 @@ typedef struct {
 static Status failed(Instance *instance, const Reason *why) {
     if (instance->callbacks.logger)
         instance->callbacks.logger(instance->callbacks.environment, instance->name, ERROR,
-                                   "logStatusError", "%s", why->text);
+                                   "logStatusError", why->text); /* no % in any reason */
     return ERROR;
 }
 

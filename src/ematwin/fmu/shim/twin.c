@@ -80,9 +80,11 @@ int twin_set(Twin *twin, unsigned reference, double value, Reason *why) {
         return -1;
     }
     if (!(value >= one->lower && value <= one->upper)) { /* NaN fails this as well */
+        int above = one->lower > 0.0 && one->lower < 1e-300; /* more than zero, as XML has it */
         snprintf(why->text, sizeof why->text,
-                 "%s must lie in [%g, %g] %s, received %g; it stays as it was.", one->name,
-                 one->lower, one->upper, one->unit, value);
+                 "%s must lie in %s%g, %g]%s%s, received %g; it stays as it was.", one->name,
+                 above ? "(" : "[", above ? 0.0 : one->lower, one->upper, *one->unit ? " " : "",
+                 one->unit, value);
         return -1;
     }
     if (one->role == 'i') {
