@@ -9,9 +9,22 @@ from ematwin.fmu.variables import table_of
 from ematwin.models.registry import load_actuator, model_of
 
 
+def with_all_forms(actuator):
+    """The actuator with each section that may be left out."""
+    left_out = {
+        f"{key}.{name}": value
+        for key in type(actuator).model_fields
+        if (section := type(actuator).section(key)) and getattr(actuator, key) is None
+        for name, value in section.example.items()
+    }
+    return actuator.changed(left_out)
+
+
+@pytest.mark.parametrize("forms", [False, True])
 @pytest.mark.parametrize("name", ["emps", "rm1605", "sts3215", "servo48", "servo400"])
-def test_constants_of_a_kind_are_followed_exactly(name):
+def test_constants_of_a_kind_are_followed_exactly(name, forms):
     actuator, random = load_actuator(name), np.random.default_rng(1)
+    actuator = with_all_forms(actuator) if forms else actuator
     model = model_of(actuator)
     for fidelity in model.fidelities:
         stepped = model.stepped(actuator, fidelity)
