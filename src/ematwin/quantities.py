@@ -111,6 +111,21 @@ def parse_quantity(text: str, si_unit: str, what: str) -> float:
     return to_si(value, unit.strip() or si_unit, si_unit, what)
 
 
+_BASE = {
+    "kilogram": "kg", "meter": "m", "second": "s", "ampere": "A", "kelvin": "K", "mole": "mol",
+    "candela": "cd",
+}  # fmt: skip
+
+
+def base_units(unit: str) -> dict[str, int]:
+    """Powers of the SI base units, and of the radian, that make an SI unit such as ``N*m/rad``."""
+    given = _registry().Quantity(1.0, unit)
+    powers = given.to_base_units().unit_items()
+    found = {_BASE[name]: int(power) for name, power in powers if name in _BASE}
+    angle = dict(given.unit_items()).get("radian", 0)
+    return found | ({"rad": int(angle)} if angle else {})
+
+
 def parse_share(given: object, what: str) -> float:
     """A tolerance such as ``"5 %"`` or ``0.05``, as a share above 0 and at most `LARGEST_SHARE`.
 

@@ -334,6 +334,10 @@ class Model(ABC):
 
         return of_twin(self, actuator, scenario, values, **options)
 
+    def stepped(self, actuator: Any, fidelity: str) -> Any:
+        """The actuator sample by sample, an `ematwin.models.stepped.Stepped`: to be exported."""
+        raise InputError(f"The kind {self.kind} cannot be exported: its model has no `stepped`.")
+
     def rate_of(self, actuator: Any) -> float:
         """Hz, of what `simulate` gives where nothing else is said."""
         return self.sample_rate

@@ -39,24 +39,24 @@ from numba.core.caching import FunctionCache
 from ematwin.numerics import notice
 from ematwin.numerics.content import content_of, signature_of
 
-_RELAXED = {"contract", "nsz", "arcp"}
+RELAXED = {"contract", "nsz", "arcp"}
 _POSIX = os.name == "posix"
 _STALE = 30 * 86_400.0  # s, after which machine code of other sources is dropped
 
 
 def step(function: Callable[..., Any]) -> Any:
     """Mark a scalar step, which numba inlines."""
-    return numba.njit(inline="always", error_model="numpy", fastmath=_RELAXED)(function)
+    return numba.njit(inline="always", error_model="numpy", fastmath=RELAXED)(function)
 
 
 def part(function: Callable[..., Any]) -> Any:
     """Mark a step that LLVM alone inlines."""
-    return numba.njit(forceinline=True, error_model="numpy", fastmath=_RELAXED)(function)
+    return numba.njit(forceinline=True, error_model="numpy", fastmath=RELAXED)(function)
 
 
 def loop(function: Callable[..., Any]) -> Any:
     """Compile ``function`` on its first call; keep the result on disk for the next process."""
-    made: Any = numba.njit(nogil=True, error_model="numpy", fastmath=_RELAXED)(function)
+    made: Any = numba.njit(nogil=True, error_model="numpy", fastmath=RELAXED)(function)
     if hasattr(made, "py_func"):  # else NUMBA_DISABLE_JIT is set
         made._cache = Kept(made)
     return made

@@ -108,6 +108,8 @@ class Traces:
         self, constants: Any, state: Any, answers: Any, sampled: Any, advanced: Any, *,
         at: float = 0.0,
     ) -> None:  # fmt: skip
+        self.constants, self.state, self.answers = constants, state, answers
+        self.sampled, self.advanced, self.at = sampled, advanced, at
         self._names: tuple[str, ...] = answers._fields
         self.loop = _loop_over(constants, state, answers, sampled, advanced, at)
 

@@ -93,6 +93,12 @@ class BallScrewModel(Model):
 
         return candidate_traces(actuator, inputs.set_point, inputs.interval, candidates, count)
 
+    def stepped(self, actuator: Any, fidelity: str) -> Any:
+        """The actuator sample by sample."""
+        from ematwin.models.ball_screw.twin import stepped
+
+        return stepped(actuator)
+
     def noise(self, actuator: Any, recording: Recording) -> dict[str, float]:
         """Standard deviations of current (A) and position error (m), those of a usual rig."""
         return {"current": 0.05, "position_error": 2e-4}

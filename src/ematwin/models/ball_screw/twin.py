@@ -8,7 +8,14 @@ import numpy as np
 
 from ematwin.errors import RecordError
 from ematwin.models.ball_screw.parameters import FIXED, BallScrew
-from ematwin.models.ball_screw.step import BallScrewConstants, BallScrewState, ball_screw_traces
+from ematwin.models.ball_screw.step import (
+    BallScrewAnswer,
+    BallScrewConstants,
+    BallScrewState,
+    ball_screw_traces,
+)
+from ematwin.models.stepped import Stepped, sample_and_advance
+from ematwin.numerics.compile import part
 
 
 def candidate_traces(
@@ -36,6 +43,40 @@ def candidate_traces(
     start = (set_point[0] - candidates.get("initial_error", 0.0)) / c.per_radian
     state = BallScrewState(0.0, start, start, 0.0, 0.0, 0.0, c.i_idle)
     return ball_screw_traces(set_point, None, c, state, interval, substeps, count=count)
+
+
+def stepped(actuator: BallScrew) -> Stepped:
+    """The actuator sample by sample, from rest, the nut in the middle of its play."""
+    interval = actuator.controller.sample_time
+    update, substeps = steps_of(actuator, interval)
+    sample, advance = sample_and_advance(ball_screw_traces, interval, substeps)
+    per_radian, i_idle = map(BallScrewConstants._fields.index, ("per_radian", "i_idle"))
+    count = len(BallScrewConstants._fields)
+
+    def constants(candidates: Mapping[str, Any]) -> list[Any]:
+        c = ball_screw_constants(actuator, candidates)
+        c = c._replace(update=float(update), share=1.0 / substeps)
+        return [*c, candidates["initial_error"]]
+
+    @part
+    def begin(c, u, x):  # type: ignore[no-untyped-def]
+        x[:, 0] = 0.0
+        x[1, 0] = x[2, 0] = (u[0, 0] - c[count, 0]) / c[per_radian, 0]
+        x[6, 0] = c[i_idle, 0]
+
+    return Stepped(
+        inputs=("set_point",),
+        outputs=BallScrewAnswer._fields,
+        constants=constants,
+        begin=begin,
+        sample=sample,
+        advance=advance,
+        interval=interval,
+        substeps=substeps,
+        at=(ball_screw_traces.at,),
+        constant_count=count + 1,
+        state_count=len(BallScrewState._fields),
+    )
 
 
 def ball_screw_constants(

@@ -77,7 +77,7 @@ def truer_constants(actuator: BldcActuator) -> Truer | None:
         found |= {"rounding": emf.rounding}
     if cogging is not None:
         found |= {
-            "cogging": cogging.torque, "cogging_cycles": float(cogging.cycles),
+            "cogging": cogging.torque, "cogging_cycles": 1.0 * cogging.cycles,
             "cogging_phase": cogging.phase,
         }  # fmt: skip
     if speed is not None:

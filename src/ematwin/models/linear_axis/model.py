@@ -86,6 +86,12 @@ class LinearAxisModel(Model):
         error = inputs.channels["reference"] - position
         return {"voltage": voltage, "position": position, "position_error": error}
 
+    def stepped(self, actuator: Any, fidelity: str) -> Any:
+        """The axis in closed loop, sample by sample."""
+        from ematwin.models.linear_axis.twin import stepped
+
+        return stepped(actuator)
+
     def noise(self, actuator: Any, recording: Recording) -> dict[str, float]:
         """What the twin leaves of voltage (V) and position error (m): 2 % of their spread."""
         return {

@@ -8,7 +8,9 @@ import numpy as np
 
 from ematwin.errors import RecordError
 from ematwin.models.linear_axis.parameters import FIXED, LinearAxis
-from ematwin.models.linear_axis.step import AxisConstants, AxisState, axis_traces
+from ematwin.models.linear_axis.step import AxisAnswer, AxisConstants, AxisState, axis_traces
+from ematwin.models.stepped import Stepped, sample_and_advance
+from ematwin.numerics.compile import part
 from ematwin.recordings.recording import Recording
 
 FIRST = 20  # samples from which the first state is taken; the published scores leave them out
@@ -105,6 +107,31 @@ def axis_constants(
 def substeps_of(actuator: LinearAxis) -> int:
     """Steps from one sample to the next."""
     return max(1, math.ceil(actuator.controller.sample_time / actuator.steps.twin - 1e-9))
+
+
+def stepped(actuator: LinearAxis) -> Stepped:
+    """The axis in closed loop, sample by sample, from rest at the first reference."""
+    interval, substeps = actuator.controller.sample_time, substeps_of(actuator)
+    sample, advance = sample_and_advance(axis_traces, interval, substeps)
+
+    @part
+    def begin(c, u, x):  # type: ignore[no-untyped-def]
+        x[:, 0] = 0.0
+        x[0, 0] = x[3, 0] = x[4, 0] = u[0, 0]
+
+    return Stepped(
+        inputs=("reference", "pulses"),
+        outputs=AxisAnswer._fields,
+        constants=lambda candidates: axis_constants(actuator, candidates),
+        begin=begin,
+        sample=sample,
+        advance=advance,
+        interval=interval,
+        substeps=substeps,
+        at=(axis_traces.at, axis_traces.at),
+        constant_count=len(AxisConstants._fields),
+        state_count=len(AxisState._fields),
+    )
 
 
 def first_state(

@@ -1,5 +1,7 @@
 """Channels of a recording of a PMSM servo, and what follows from them."""
 
+from typing import Any
+
 import numpy as np
 
 from ematwin.models.servo import COMMAND_AND_LOAD, star_channels
@@ -63,8 +65,15 @@ def to_rotor(a: np.ndarray, b: np.ndarray, c: np.ndarray, angle: np.ndarray) -> 
 
 def to_phases(d: np.ndarray, q: np.ndarray, angle: np.ndarray) -> np.ndarray:
     """d and q (S,) as phases (3, S); the reverse of `to_rotor`."""
-    vector = (d + 1j * q) * np.exp(1j * angle)
-    return np.stack([(vector * np.exp(-2j * np.pi * n / 3.0)).real for n in range(3)])
+    return np.stack(phase_values(d, q, angle))
+
+
+def phase_values(d: Any, q: Any, angle: Any) -> tuple[Any, Any, Any]:
+    """d and q as the phases a, b, c, numbers or arrays (inverse Park and Clarke transforms)."""
+    s, co = np.sin(angle), np.cos(angle)
+    alpha, beta = co * d - s * q, s * d + co * q
+    far = 0.5 * np.sqrt(3.0) * beta
+    return alpha, far - 0.5 * alpha, -0.5 * alpha - far
 
 
 def in_rotor_frame(

@@ -32,23 +32,28 @@ def constants_of(
     ``candidates`` are values (B,) of unknowns and, by place, of parameters; what is not named is
     healthy. ``step`` is that over which the currents of shorted loops decay, s.
     """
+    fields = fields_of(actuator, candidates, step)
+    return np.column_stack([np.broadcast_to(np.asarray(f, dtype=float), count) for f in fields])
+
+
+def fields_of(actuator: PmsmActuator, candidates: Mapping[str, Any], step: float) -> Constants:
+    """The same as numbers, or (B,) arrays where candidates differ."""
     own = actuator.varied(candidates, FIXED)
     k = {one.name: one.healthy for one in unknowns(actuator)}
     if "short_resistance" not in candidates:  # its healthy value is a parameter
         k["short_resistance"] = own.motor.short_resistance
     k.update({name: candidates[name] for name in k if name in candidates})
-    fields = _constants(own, k, step)
-    return np.column_stack([np.broadcast_to(np.asarray(f, dtype=float), count) for f in fields])
+    return _constants(own, k, step)
 
 
 def _constants(actuator: PmsmActuator, k: Mapping[str, Any], step: float) -> Constants:
     motor, drive, control = actuator.motor, actuator.drive, actuator.controller
     gear = actuator.transmission
     loops = [_loop(motor, k[f"short_{x}"], k["short_resistance"], step) for x in "abc"]
-    static = motor.gap_share * np.asarray(k["static_eccentricity"])
-    dynamic = motor.gap_share * np.asarray(k["dynamic_eccentricity"])
-    static_at = direction(np.asarray(k["static_direction"]))
-    dynamic_at = direction(np.asarray(k["dynamic_direction"]))
+    static = motor.gap_share * k["static_eccentricity"]
+    dynamic = motor.gap_share * k["dynamic_eccentricity"]
+    static_at = direction(k["static_direction"])
+    dynamic_at = direction(k["dynamic_direction"])
     friction = friction_factor(k["friction"])
     return Constants(
         pole_pairs=float(motor.pole_pairs),
@@ -118,7 +123,6 @@ def _loop(motor: Any, k: Any, contact: Any, step: float) -> tuple[Any, Any, Any]
 
     Of ``mu`` shorted turns over a contact ``R_f``; docs/pmsm.md, "Shorted turns".
     """
-    k = np.asarray(k, dtype=float)
     mu = shorted_share(np.abs(k))  # monitoring looks a little below zero
     some = np.maximum(mu, _LEAST)
     inside = mu * (1.0 - 2.0 * mu / 3.0)

@@ -139,6 +139,12 @@ class PmsmModel(Model):
 
         return simulate(self, fidelity or self.fidelities[0], actuator, scenario, values, **options)
 
+    def stepped(self, actuator: Any, fidelity: str) -> Any:
+        """The reference or the monitor model, sample by sample."""
+        from ematwin.models.pmsm.stepped import stepped
+
+        return stepped(actuator, fidelity)
+
     def sensed(
         self, recording: Recording, actuator: Any, values: Values, noise: Noise | None, seed: int
     ) -> Recording:

@@ -20,7 +20,7 @@ from ematwin.recordings.recording import Recording
 _MOST_TICKS = 20_000_000
 _SLICE = 20_000  # ticks between two reports of progress
 _WHOLE = 1e-6
-_SETTLED = 0.2  # s that the first position is held before the scenario begins
+SETTLED = 0.2  # s that the first position is held before the scenario begins
 
 
 def simulate(
@@ -51,7 +51,7 @@ def simulate(
     tick = actuator.controller.current_time
     every = _every(sample_rate, tick)
     longest = checked_step(actuator, fidelity, step)
-    substeps = max(1, math.ceil(tick / longest - 1e-9))
+    substeps = substeps_of(actuator, longest)
     count = math.floor(scenario.duration / tick + 1e-9) // every * every + 1
     if count < every + 1:
         raise InputError(
@@ -65,7 +65,7 @@ def simulate(
         )
     time = np.arange(count) * tick
     asked, carried = scenario.histories(time)
-    held = whole_ticks(actuator, _SETTLED, every)
+    held = whole_ticks(actuator, SETTLED, every)
     command = np.concatenate([np.full(held, initial_position), asked])
     load = np.concatenate([np.full(held, carried[0]), carried])
     run = reference_columns if fidelity == "reference" else _monitor
@@ -82,6 +82,11 @@ def simulate(
         model, actuator, scenario, values, time[::every], kept, noise=noise, seed=seed,
         fidelity=fidelity, step_s=tick / substeps,
     )  # fmt: skip
+
+
+def substeps_of(actuator: PmsmActuator, longest: float) -> int:
+    """Steps of at most ``longest`` (s) in a tick of the current loops."""
+    return max(1, math.ceil(actuator.controller.current_time / longest - 1e-9))
 
 
 def _every(sample_rate: float | None, tick: float) -> int:

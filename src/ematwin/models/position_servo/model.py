@@ -67,37 +67,17 @@ class PositionServoModel(Model):
         self, actuator: Any, inputs: Recording, candidates: Candidates, count: int
     ) -> dict[str, np.ndarray]:
         """Position (rad) of each candidate, (B, S) array."""
-        from ematwin.models.position_servo.step import GRAVITY, Constants, traces
+        from ematwin.models.position_servo.step import Constants, traces
+        from ematwin.models.position_servo.twin import servo_constants
 
-        values: dict[str, Any] = {**self.healthy(actuator), **candidates}
-        varied = actuator.varied(values, self.fixed)
-        controller, motor, friction = varied.controller, varied.motor, varied.friction
-        arm, given = varied.arm, inputs.channels
-
-        def stated(name: str) -> Any:
-            return float(np.mean(given[name])) if name in given else getattr(arm, name)
-
-        mass, length, arm_mass = stated("mass"), stated("length"), stated("arm_mass")
-        payload, rubs, weak = values["payload"], values["friction"], values["torque"]
-        torque = motor.stall_torque * weak
-        each = Constants(
-            gain=controller.gain * values["gain"],
-            startup=controller.startup,
-            delay=controller.delay * values["delay"],
-            speed_limit=controller.speed_limit,
-            offset=values["offset"],
-            stall_torque=torque,
-            back_emf=torque / motor.no_load_speed * weak,
-            inertia=varied.gear.inertia,
-            half_gap=0.5 * varied.gear.backlash * values["backlash"],
-            coulomb=friction.coulomb * rubs,
-            stribeck=friction.stribeck * rubs,
-            stribeck_speed=friction.stribeck_speed,
-            load_share=friction.load_share * rubs,
-            gravity=payload * (mass + 0.5 * arm_mass) * GRAVITY * length,
-            load_inertia=payload * ((mass + arm_mass / 3.0) * length**2 + arm.inertia),
-            load_torque=payload * arm.torque,
-        )
+        given, motor = inputs.channels, actuator.motor
+        stated: dict[str, float] = {
+            name: float(np.mean(given[name]))
+            for name in ("mass", "length", "arm_mass")
+            if name in given
+        }
+        values = {**self.healthy(actuator), **candidates}
+        each = servo_constants(actuator.varied(values, self.fixed), values, stated)
         constants = Constants._make(np.full(count, one, dtype=float) for one in each)
         supply = np.ones(len(inputs))
         if "supply_voltage" in given:
@@ -110,6 +90,12 @@ class PositionServoModel(Model):
             constants, given["goal_position"], supply, start, speed, inputs.interval, substeps
         )
         return {"position": position}
+
+    def stepped(self, actuator: Any, fidelity: str) -> Any:
+        """The servo sample by sample."""
+        from ematwin.models.position_servo.twin import stepped
+
+        return stepped(actuator, self.unknown(actuator, "delay").upper, 1.0 / self.sample_rate)
 
     def _start(self, inputs: Recording) -> tuple[float, float]:
         """First position and speed: a line through the first samples, or at rest at the goal."""

@@ -1,0 +1,185 @@
+"""Export an actuator as an FMU that needs no Python where it runs."""
+
+import os
+import platform
+import re
+import shutil
+import subprocess
+import tempfile
+import uuid
+import zipfile
+from pathlib import Path
+from typing import Any
+
+from ematwin.errors import EmatwinError, InputError
+from ematwin.files import check_target, written_whole
+from ematwin.models.parameter_set import ParameterSet
+from ematwin.models.registry import load_actuator, model_of
+
+_SHIM = Path(__file__).parent / "shim"
+_COMPILERS = ("cc", "gcc", "clang")
+_HOW = """An FMU of {title}, exported by ematwin {version}.
+
+binaries/ holds the model for {here}. For another platform, this folder holds its physics as
+machine code and the rest as C. On that platform, in this folder:
+
+    cc -O2 -shared -fPIC twin.c fmi{fmi}.c PLATFORM.o -lm -o {identifier}.so
+
+with PLATFORM one of {platforms}; the library ends in .dll on Windows and
+in .dylib on macOS. Put it into binaries/FOLDER/ of the archive, FOLDER being {folders}.
+"""
+
+
+def export_fmu(
+    actuator: ParameterSet | str | Path | Any,
+    out: str | Path,
+    *,
+    fidelity: str | None = None,
+    fmi: int = 3,
+) -> Path:
+    """Write an actuator as a co-simulation FMU; it holds the kernels that simulate it here.
+
+    Inputs are the command and the load, outputs the channels that `ematwin.simulate` gives. Faults
+    are tunable parameters, parameters of the actuator are fixed ones. One sample after another it
+    answers as `ematwin.simulate` does.
+
+    Parameters
+    ----------
+    actuator : of any kind, a calibration, the name of a shipped one, or a TOML file
+    out : path of the archive, ``.fmu``
+    fidelity : "monitor" or "reference" where a kind has both; None takes the first of the kind
+    fmi : 3 or 2, the version of the standard
+
+    Returns
+    -------
+    Path of the archive
+
+    Raises
+    ------
+    InputError
+        If an argument cannot be used, or the kind has no steps to export.
+    EmatwinError
+        If there is no C compiler, or not this platform.
+    """
+    target = Path(out)
+    if fmi not in (2, 3):
+        raise InputError(f"fmi must be 3 or 2, the version of the standard, received {fmi!r}.")
+    check_target(target, (".fmu",))
+    chosen = load_actuator(actuator)
+    model = model_of(chosen)
+    form = fidelity or model.fidelities[0]
+    if form not in model.fidelities:
+        raise InputError(
+            f"There is no model {form!r} of the kind {model.kind}; choose "
+            f"{' or '.join(model.fidelities)}."
+        )
+    compiler = _compiler()
+    with tempfile.TemporaryDirectory() as folder:
+        root = Path(folder)
+        _fill(root, model, chosen, form, fmi, compiler)
+        with written_whole(target) as draft, zipfile.ZipFile(
+            draft, "w", zipfile.ZIP_DEFLATED
+        ) as archive:  # fmt: skip
+            for path in sorted(root.rglob("*")):
+                if path.is_file():
+                    archive.write(path, path.relative_to(root))
+    return target
+
+
+def _fill(root: Path, model: Any, actuator: Any, fidelity: str, fmi: int, compiler: str) -> None:
+    """Write all files of an archive into a folder."""
+    from ematwin import __version__
+    from ematwin.fmu.description import Identity, header, model_description
+    from ematwin.fmu.machine_code import PLATFORMS, compiled, object_file
+    from ematwin.fmu.variables import table_of
+
+    here = next((one for one in PLATFORMS if one.name == _platform()), None)
+    if here is None:
+        raise EmatwinError(
+            f"FMUs cannot be exported on {_platform()}: export on "
+            f"{' or '.join(one.name for one in PLATFORMS)}."
+        )
+    stepped = model.stepped(actuator, fidelity)
+    table = table_of(model, actuator, stepped)
+    parameters = table.of("tunable", "fixed")
+    origin = {
+        "kind": model.kind, "actuator": actuator.name, "fidelity": fidelity,
+        "fingerprint": actuator.fingerprint,
+    }  # fmt: skip
+    named = " ".join([__version__, *origin.values(), *(one.name for one in table.variables)])
+    identity = Identity(
+        identifier=re.sub(r"\W", "_", f"ematwin_{actuator.name}_{fidelity}", flags=re.ASCII),
+        token=f"{{{uuid.uuid5(uuid.NAMESPACE_URL, named)}}}",
+        title=f"{actuator.description} ({model.title}, {fidelity} model)",
+        version=__version__,
+        origin=origin,
+        interval=stepped.interval,
+        step=stepped.interval / stepped.substeps,
+    )
+    sizes = {
+        "PARAMETERS": len(parameters), "CONSTANTS": stepped.constant_count,
+        "STATES": stepped.state_count, "OUTPUTS": len(stepped.outputs),
+        "SUBSTEPS": stepped.substeps, "HELD": stepped.held, "STEP": repr(identity.step),
+        "AT_COMMAND": stepped.at[0], "AT_LOAD": stepped.at[-1],
+    }  # fmt: skip
+    extra = root / "extra" / "ematwin"
+    extra.mkdir(parents=True)
+    for name in ("twin.h", "twin.c", f"fmi{fmi}.c"):
+        shutil.copy(_SHIM / name, extra)
+    (extra / "model.h").write_text(header(identity, table, sizes), encoding="utf-8")
+    module = compiled(stepped, table.constants_from, len(parameters))
+    for one in PLATFORMS:
+        (extra / f"{one.name}.o").write_bytes(object_file(module, one))
+    folders = [one.name if fmi == 3 else one.name_2 for one in PLATFORMS]
+    (extra / "README.txt").write_text(
+        _HOW.format(
+            title=actuator.name, version=__version__, fmi=fmi, identifier=identity.identifier,
+            here=here.name, platforms=", ".join(one.name for one in PLATFORMS),
+            folders=", ".join(folders),
+        ),
+        encoding="utf-8",
+    )  # fmt: skip
+    binaries = root / "binaries" / folders[PLATFORMS.index(here)]
+    binaries.mkdir(parents=True)
+    _link(compiler, extra, fmi, here, binaries / f"{identity.identifier}{here.library}")
+    resources = root / "resources"
+    resources.mkdir()
+    actuator.save(resources / "actuator.toml")
+    (root / "modelDescription.xml").write_bytes(model_description(identity, table, fmi))
+
+
+def _link(compiler: str, folder: Path, fmi: int, here: Any, library: Path) -> None:
+    """Compile the C files and link them with the machine code; nothing may stay undefined."""
+    closed = ["-Wl,-z,defs", "-Wl,-s"] if here.library == ".so" else []
+    done = subprocess.run(
+        [compiler, "-O2", "-shared", "-fPIC", "-fvisibility=hidden", "twin.c", f"fmi{fmi}.c",
+         f"{here.name}.o", "-o", str(library), *closed, "-lm"],
+        cwd=folder, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    if done.returncode != 0:
+        last = (done.stderr.strip().splitlines() or ["it gave no reason"])[-1]
+        raise EmatwinError(
+            f"The C compiler {compiler} failed: {last}. Name another one in the environment "
+            "variable CC."
+        )
+
+
+def _compiler() -> str:
+    """A C compiler: what CC names, or one of the usual names."""
+    given = os.environ.get("CC")
+    for name in (given,) if given else _COMPILERS:
+        found = shutil.which(name)
+        if found:
+            return found
+    raise EmatwinError(
+        f"An FMU needs a C compiler, and there is no {given or ' or '.join(_COMPILERS)}: install "
+        "one, such as gcc, or name yours in the environment variable CC."
+    )
+
+
+def _platform() -> str:
+    """This platform as FMI 3 names it."""
+    machine = {"amd64": "x86_64", "arm64": "aarch64"}.get(
+        platform.machine().lower(), platform.machine().lower()
+    )
+    return f"{machine}-{platform.system().lower()}"

@@ -1,0 +1,128 @@
+"""The compiled steps of a kind as object files that need no Python.
+
+numba compiles a step to LLVM's intermediate language. Scalars in and out of plain arrays leave
+nothing in it that calls Python: only the wrapper by which Python would call it does, and that is
+dropped. LLVM then writes object files for any processor, here for the oldest of each family, so
+that no newer instruction is needed where the model runs.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import llvmlite.binding as llvm
+from numba import carray, cfunc, njit, types  # type: ignore[attr-defined]
+
+from ematwin.models.stepped import Stepped
+from ematwin.numerics.compile import RELAXED
+
+
+class Platform(NamedTuple):
+    """A platform by the names that FMI 3 and FMI 2 give it, and LLVM's."""
+
+    name: str
+    name_2: str
+    triple: str
+    processor: str
+    library: str  # ending of a shared library
+
+
+PLATFORMS = (
+    Platform("x86_64-linux", "linux64", "x86_64-pc-linux-gnu", "x86-64", ".so"),
+    Platform("aarch64-linux", "aarch64-linux", "aarch64-linux-gnu", "generic", ".so"),
+    Platform("x86_64-windows", "win64", "x86_64-pc-windows-msvc", "x86-64", ".dll"),
+    Platform("x86_64-darwin", "darwin64", "x86_64-apple-darwin", "x86-64", ".dylib"),
+    Platform("aarch64-darwin", "aarch64-darwin", "arm64-apple-darwin", "apple-m1", ".dylib"),
+)
+_VALUES = types.CPointer(types.float64)
+INPUTS = 2  # places of ``u``, whether a kind takes a load or not
+
+
+def compiled(stepped: Stepped, constants_from: Any, parameters: int) -> Any:
+    """An LLVM module with the steps of a kind as functions of pointers.
+
+    ``ematwin_constants(p, c)``, ``ematwin_begin(c, u, x)``, ``ematwin_sample(c, x, u, n, y)`` and
+    ``ematwin_advance(c, x, u)``, each with two pointers before: where numba puts a result and an
+    exception. There is none of either.
+
+    Parameters
+    ----------
+    stepped : the steps
+    constants_from : ``(p, c)``, as of `ematwin.fmu.tracing.followed`
+    parameters : number of values in ``p``
+    """
+    constants, states = stepped.constant_count, stepped.state_count
+    outputs = len(stepped.outputs)
+    begin, sample, advance, derive = (
+        stepped.begin, stepped.sample, stepped.advance, stepped.derive
+    )  # fmt: skip
+    followed = _inlined(constants_from)
+
+    if derive is None:
+
+        def ematwin_constants(p, c):  # type: ignore[no-untyped-def]
+            followed(carray(p, (parameters, 1)), carray(c, (constants, 1)))
+    else:
+
+        def ematwin_constants(p, c):  # type: ignore[no-untyped-def]
+            followed(carray(p, (parameters, 1)), carray(c, (constants, 1)))
+            derive(carray(c, (constants, 1)))
+
+    def ematwin_begin(c, u, x):  # type: ignore[no-untyped-def]
+        begin(carray(c, (constants, 1)), carray(u, (INPUTS, 1)), carray(x, (states, 1)))
+
+    def ematwin_sample(c, x, u, n, y):  # type: ignore[no-untyped-def]
+        sample(
+            carray(c, (constants, 1)), carray(x, (states, 1)), carray(u, (INPUTS, 1)), n,
+            carray(y, (outputs, 1)),
+        )  # fmt: skip
+
+    def ematwin_advance(c, x, u):  # type: ignore[no-untyped-def]
+        advance(carray(c, (constants, 1)), carray(x, (states, 1)), carray(u, (INPUTS, 1)))
+
+    module = _module(ematwin_constants, 2)
+    for function, pointers in ((ematwin_begin, 3), (ematwin_advance, 3)):
+        module.link_in(_module(function, pointers))
+    module.link_in(_module(ematwin_sample, 4, counted=True))
+    return module
+
+
+def object_file(module: Any, platform: Platform) -> bytes:
+    """Machine code of a module, position-independent."""
+    llvm.initialize_all_targets()
+    llvm.initialize_all_asmprinters()
+    text = "\n".join(
+        line for line in str(module).splitlines()
+        if not line.startswith(("target triple", "target datalayout"))
+    )  # fmt: skip
+    own = llvm.parse_assembly(text)
+    own.triple = platform.triple
+    machine = llvm.Target.from_triple(platform.triple).create_target_machine(
+        cpu=platform.processor, opt=3, reloc="pic", codemodel="small"
+    )
+    own.data_layout = str(machine.target_data)
+    return bytes(machine.emit_object(own))
+
+
+def _inlined(function: Callable[..., Any]) -> Any:
+    return njit(inline="always", error_model="numpy")(function)
+
+
+def _module(function: Callable[..., Any], pointers: int, counted: bool = False) -> Any:
+    """The module of one function; its Python wrapper is gone, and what that alone needed."""
+    arguments: list[Any] = [_VALUES] * pointers
+    if counted:
+        arguments.insert(3, types.int64)
+    made = cfunc(types.void(*arguments), error_model="numpy", fastmath=RELAXED)(function)
+    module = llvm.parse_assembly(made.inspect_llvm())
+    wrapper = made.native_name
+    module.get_function(wrapper).linkage = "internal"
+    module.get_function(wrapper.removeprefix("cfunc.")).name = function.__name__
+    builder = llvm.create_pass_builder(
+        llvm.Target.from_default_triple().create_target_machine(),
+        llvm.PipelineTuningOptions(speed_level=0),
+    )
+    passes = llvm.create_new_module_pass_manager()
+    passes.add_global_dead_code_eliminate_pass()
+    passes.add_strip_dead_prototype_pass()
+    passes.run(module, builder)
+    return module

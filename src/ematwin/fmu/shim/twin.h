@@ -1,0 +1,46 @@
+/* An actuator sample by sample: what both versions of FMI are a layer on. */
+#ifndef TWIN_H
+#define TWIN_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "model.h" /* written by the export: sizes, steps and variables of this actuator */
+
+enum Mode { INSTANTIATED, INITIALIZING, RUNNING, ENDED };
+
+/* All that an instance remembers, without a pointer in it: a copy is a saved state. */
+typedef struct {
+    char token[40]; /* of the model that it belongs to */
+    enum Mode mode;
+    int changed;    /* parameters differ from those of the constants */
+    int64_t steps;  /* done since the start */
+    int64_t since;  /* done in this communication step */
+    double start;   /* s */
+    double p[PARAMETERS], c[CONSTANTS], x[STATES];
+    double u[2], rate[2]; /* inputs at the communication point, and their change a second */
+    double y[OUTPUTS];    /* of the last sample that is over */
+} Twin;
+
+/* What went wrong in a call, for the log. */
+typedef struct {
+    char text[400];
+} Reason;
+
+void twin_reset(Twin *twin);
+void twin_begin(Twin *twin);
+double twin_time(const Twin *twin);
+
+/* These give 0, or -1 and a reason. */
+int twin_set(Twin *twin, unsigned reference, double value, Reason *why);
+int twin_set_rate(Twin *twin, unsigned reference, double value, Reason *why);
+int twin_get(Twin *twin, const unsigned references[], size_t count, double values[], Reason *why);
+int twin_restore(Twin *twin, const Twin *saved, Reason *why);
+
+/* Steps of a communication step; -1 and a reason if there is no such step. */
+int64_t twin_steps(const Twin *twin, double point, double size, Reason *why);
+void twin_advance(Twin *twin);
+/* The communication step is over: inputs stay where their rates led. */
+int twin_finish(Twin *twin, Reason *why);
+
+#endif

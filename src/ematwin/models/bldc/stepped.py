@@ -1,0 +1,174 @@
+"""The brushless actuator sample by sample: the reference and the monitor model.
+
+As in `ematwin.models.bldc.batch`: constants are those of the kernels, then the fault vector, the
+first position of the output, the truer forms; what follows from these comes last. The currents of a
+sample are means since the one before.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+from ematwin.models.bldc import batch
+from ematwin.models.bldc.constants import kernel_constants, truer_constants
+from ematwin.models.bldc.monitor_step import MonitorState, monitor_step
+from ematwin.models.bldc.pairs import Pairs, pairs_of
+from ematwin.models.bldc.parameters import BldcActuator
+from ematwin.models.bldc.reference_step import ReferenceState, phase_constants, reference_step
+from ematwin.models.bldc.simulate import INPUT_INTERVAL, TimeGrid
+from ematwin.models.bldc.state import Constants, FaultState, fault_state
+from ematwin.models.bldc.truer.monitor_step import looped_monitor_step
+from ematwin.models.bldc.truer.reference_step import truer_reference_step
+from ematwin.models.bldc.truer.state import NEUTRAL, Truer, TruerState
+from ematwin.models.bldc.unknowns import FAULTS, FIXED
+from ematwin.models.stepped import Stepped, initial_position
+from ematwin.numerics.compile import part
+from ematwin.numerics.lanes import columns
+
+_K = len(Constants._fields)  # where the fault vector begins in the constants
+_START = _K + len(FAULTS)
+_TRUER = _START + 1
+_FAULT = _TRUER + len(Truer._fields)
+_PHASES = _FAULT + len(FaultState._fields)
+
+
+def stepped(actuator: BldcActuator, fidelity: str, rate: float) -> Stepped:
+    """The actuator at rest, then sample by sample at a rate (Hz)."""
+    truer = truer_constants(actuator)
+    longest = getattr(actuator.steps, fidelity)
+    grid = TimeGrid(longest, max(INPUT_INTERVAL, longest), 2.0 / rate, rate)
+    substeps = grid.substeps * grid.decimation
+
+    def constants(candidates: Mapping[str, Any]) -> list[Any]:
+        own = actuator.varied(candidates, FIXED)
+        faults = [candidates[name] for name in FAULTS]
+        forms = truer_constants(own) or NEUTRAL
+        return [*kernel_constants(own), *faults, candidates["initial_position"], *forms]
+
+    make = _reference if fidelity == "reference" else _monitor
+    return Stepped(
+        inputs=("command", "load"),
+        constants=constants,
+        interval=1.0 / rate,
+        substeps=substeps,
+        starts=(initial_position(actuator),),
+        **make(actuator, grid.step, substeps, truer is not None),
+    )
+
+
+@part
+def _fault(c):
+    """The fault vector as the equations use it."""
+    k = _K
+    return fault_state(
+        c[k, 0], c[k + 1, 0], c[k + 2, 0], c[k + 3, 0], c[k + 4, 0], c[k + 5, 0], c[k + 6, 0],
+        c[k + 7, 0], batch.read_constants(c, 0).half_gap,
+    )  # fmt: skip
+
+
+def _monitor(actuator: BldcActuator, dt: float, substeps: int, truer: bool) -> dict[str, Any]:
+    ratio, share = actuator.transmission.ratio, 1.0 / substeps
+    looped = actuator.shorted_turns is not None
+    loops = len(MonitorState._fields)
+    total = loops + 4
+
+    @part
+    def derive(c):
+        fault = _fault(c)
+        batch.write_fault(c[_FAULT:], 0, fault)
+        batch.write_pairs(c[_PHASES:], 0, pairs_of(fault, batch.read_constants(c, 0)))
+
+    @part
+    def begin(c, u, x):
+        x[:, 0] = 0.0
+        x[2, 0] = x[4, 0] = c[_START, 0] * ratio
+
+    @part
+    def sample(c, x, u, n, y):
+        now = batch.read_state(x, 0)
+        y[0, 0] = x[total, 0]
+        y[1, 0], y[2, 0] = now.theta_m, now.w_m
+        y[3, 0], y[4, 0] = now.theta_o / ratio, now.w_o / ratio
+        x[total, 0] = 0.0
+
+    @part
+    def advance(c, x, u):
+        own, fault = batch.read_constants(c, 0), batch.read_fault(c[_FAULT:], 0)
+        now, command = batch.read_state(x, 0), u[0, 0] * ratio
+        load = own.load_gain * (u[1, 0] / ratio) + own.load_offset
+        if looped:
+            now, after, _ = looped_monitor_step(
+                now, batch.read_loops(x[loops:], 0), command, load, fault, own, dt
+            )
+            batch.write_loops(x[loops:], 0, after)
+        else:
+            pairs = batch.read_pairs(c[_PHASES:], 0)
+            now, _ = monitor_step(now, command, load, fault, pairs, own, dt)
+        batch.write_state(x, 0, now)
+        x[total, 0] += share * now.i
+
+    return {
+        "derive": derive, "begin": begin, "sample": sample, "advance": advance, "at": (0.5, 0.5),
+        "outputs": batch.MONITOR_COLUMNS[:5], "state_count": total + 1,
+        "constant_count": _PHASES + len(Pairs._fields),
+    }  # fmt: skip
+
+
+_, read_reference, write_reference = columns(ReferenceState)
+_, read_truer, _ = columns(Truer)
+_, read_more, write_more = columns(TruerState)
+
+
+def _reference(actuator: BldcActuator, dt: float, substeps: int, truer: bool) -> dict[str, Any]:
+    ratio, share = actuator.transmission.ratio, 1.0 / substeps
+    more = len(ReferenceState._fields)
+    total = more + len(TruerState._fields)
+
+    @part
+    def derive(c):
+        fault = _fault(c)
+        batch.write_fault(c[_FAULT:], 0, fault)
+        phases = phase_constants(fault, batch.read_constants(c, 0))
+        for n in range(6):
+            c[_PHASES + n, 0] = phases[n]
+
+    @part
+    def begin(c, u, x):
+        x[:, 0] = 0.0
+        x[4, 0] = x[6, 0] = c[_START, 0] * ratio
+        x[7, 0] = 1.0
+
+    @part
+    def sample(c, x, u, n, y):
+        now = read_reference(x, 0)
+        for m in range(3):
+            y[m, 0] = x[total + m, 0]
+            x[total + m, 0] = 0.0
+        y[3, 0], y[4, 0] = now.theta_m, now.w_m
+        y[5, 0], y[6, 0] = now.theta_o / ratio, now.w_o / ratio
+
+    @part
+    def advance(c, x, u):
+        own, fault = batch.read_constants(c, 0), batch.read_fault(c[_FAULT:], 0)
+        now, command, load = read_reference(x, 0), u[0, 0] * ratio, u[1, 0] / ratio
+        if truer:
+            now, after, i_a, i_b, i_c, _ = truer_reference_step(
+                now, read_more(x[more:], 0), command, load, fault, own,
+                read_truer(c[_TRUER:], 0), dt,
+            )  # fmt: skip
+            write_more(x[more:], 0, after)
+        else:
+            p = _PHASES
+            phases = (
+                c[p, 0], c[p + 1, 0], c[p + 2, 0], c[p + 3, 0], c[p + 4, 0], c[p + 5, 0]
+            )  # fmt: skip
+            now, i_a, i_b, i_c, _ = reference_step(now, command, load, fault, phases, own, dt)
+        write_reference(x, 0, now)
+        x[total, 0] += share * i_a
+        x[total + 1, 0] += share * i_b
+        x[total + 2, 0] += share * i_c
+
+    return {
+        "derive": derive, "begin": begin, "sample": sample, "advance": advance, "at": (0.0, 0.0),
+        "outputs": batch.REFERENCE_COLUMNS[:7], "state_count": total + 3,
+        "constant_count": _PHASES + 6,
+    }  # fmt: skip

@@ -1,0 +1,171 @@
+"""The PMSM servo sample by sample, each a tick of its current loops: reference and monitor model.
+
+As in `ematwin.models.pmsm.batch`; the drive has held its first position under the first load before
+the first sample, as in `ematwin.models.pmsm.simulate`.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+from ematwin.models.pmsm.batch import (
+    lane,
+    loops_of,
+    plant_of,
+    rounded,
+    write_loops,
+    write_plant,
+)
+from ematwin.models.pmsm.channels import phase_values
+from ematwin.models.pmsm.comparison import ticks_of, whole_ticks
+from ematwin.models.pmsm.constants import fields_of
+from ematwin.models.pmsm.controller import ControlState, control_step
+from ematwin.models.pmsm.monitor_step import MonitorState, monitor_step, terminal_currents
+from ematwin.models.pmsm.parameters import PmsmActuator
+from ematwin.models.pmsm.reference_step import (
+    ReferenceState,
+    currents_of,
+    leg_voltages,
+    reference_step,
+)
+from ematwin.models.pmsm.simulate import SETTLED, quanta_of, substeps_of
+from ematwin.models.pmsm.state import Constants
+from ematwin.models.stepped import Stepped, initial_position
+from ematwin.numerics.compile import part
+from ematwin.numerics.lanes import columns
+from ematwin.numerics.scalar import sincos
+
+_OUTPUTS = (
+    "current_a", "current_b", "current_c", "voltage_a", "voltage_b", "voltage_c",
+    "motor_position", "output_position",
+)  # fmt: skip
+_START = len(Constants._fields)
+_PHASES = part(phase_values)
+_, read_reference, write_reference = columns(ReferenceState)
+
+
+def stepped(actuator: PmsmActuator, fidelity: str) -> Stepped:
+    """The servo, its drive holding a position, then tick by tick."""
+    tick = actuator.controller.current_time
+    substeps = substeps_of(actuator, getattr(actuator.steps, fidelity))
+
+    def constants(candidates: Mapping[str, Any]) -> list[Any]:
+        own = fields_of(actuator, candidates, tick / substeps)
+        return [*own, candidates["initial_position"]]
+
+    make = _reference if fidelity == "reference" else _monitor
+    return Stepped(
+        inputs=("command", "load"),
+        outputs=_OUTPUTS,
+        constants=constants,
+        interval=tick,
+        substeps=substeps,
+        at=(0.0, 0.5),
+        constant_count=_START + 1,
+        starts=(initial_position(actuator),),
+        held=whole_ticks(actuator, SETTLED),
+        **make(actuator, tick, substeps),
+    )
+
+
+@part
+def _show(y, seen, pole_pairs, theta_m, theta_o, ratio):
+    """Fill the outputs with what the drive logs."""
+    angle = pole_pairs * theta_m
+    y[0, 0], y[1, 0], y[2, 0] = _PHASES(seen.i_d, seen.i_q, angle)
+    y[3, 0], y[4, 0], y[5, 0] = _PHASES(seen.v_d, seen.v_q, angle)
+    y[6, 0] = theta_m
+    y[7, 0] = theta_o / ratio
+
+
+def _monitor(actuator: PmsmActuator, tick: float, substeps: int) -> dict[str, Any]:
+    ratio, dt = actuator.transmission.ratio, tick / substeps
+    speed_ticks, position_ticks = (int(n) for n in ticks_of(actuator))
+    loops = len(MonitorState._fields)
+    applied = loops + len(ControlState._fields)
+
+    @part
+    def begin(c, u, x):
+        own = lane(c, 0)
+        theta = c[_START, 0] * ratio
+        x[:, 0] = 0.0
+        x[6, 0] = x[8, 0] = theta
+        x[loops + 3, 0] = theta + own.resolver / own.pole_pairs
+        u[0, 0] = c[_START, 0]
+
+    @part
+    def sample(c, x, u, n, y):
+        own, now, drive = lane(c, 0), plant_of(x, 0), loops_of(x[loops:], 0)
+        s, co = sincos(own.pole_pairs * now.theta_m)
+        i_a, i_b, _ = terminal_currents(s, co, now)
+        x[applied, 0], x[applied + 1, 0] = drive.v_alpha, drive.v_beta
+        reading = now.theta_m + own.resolver / own.pole_pairs
+        after, seen = control_step(
+            drive, u[0, 0] * ratio, reading, now.theta_o,
+            own.gain_a * i_a + own.offset_a, own.gain_b * i_b + own.offset_b,
+            n % position_ticks == 0, n % speed_ticks == 0, speed_ticks, tick, own,
+        )  # fmt: skip
+        write_loops(x[loops:], 0, after)
+        _show(y, seen, own.pole_pairs, reading, now.theta_o, ratio)
+
+    @part
+    def advance(c, x, u):
+        own = lane(c, 0)
+        load = own.load_gain * (u[1, 0] / ratio) + own.load_offset
+        after = monitor_step(plant_of(x, 0), x[applied, 0], x[applied + 1, 0], load, own, dt)
+        write_plant(x, 0, after)
+
+    return {
+        "begin": begin, "sample": sample, "advance": advance, "state_count": applied + 2,
+    }  # fmt: skip
+
+
+def _reference(actuator: PmsmActuator, tick: float, substeps: int) -> dict[str, Any]:
+    ratio, dt = actuator.transmission.ratio, tick / substeps
+    speed_ticks, position_ticks = (int(n) for n in ticks_of(actuator))
+    of_current, of_motor, of_output = quanta_of(actuator).tolist()
+    loops = len(ReferenceState._fields)
+    applied = loops + len(ControlState._fields)
+
+    @part
+    def begin(c, u, x):
+        own = lane(c, 0)
+        theta = c[_START, 0] * ratio
+        x[:, 0] = 0.0
+        x[6, 0] = x[8, 0] = theta
+        x[loops + 3, 0] = theta + own.resolver / own.pole_pairs
+        u[0, 0] = c[_START, 0]
+
+    @part
+    def sample(c, x, u, n, y):
+        own, now, drive = lane(c, 0), read_reference(x, 0), loops_of(x[loops:], 0)
+        x_alpha, x_beta, _, _ = currents_of(
+            now.psi_alpha, now.psi_beta, own.pole_pairs * now.theta_m, own
+        )
+        drawn = (now.j_a + now.j_b + now.j_c) / 3.0
+        i_a = x_alpha - drawn + now.j_a
+        i_b = -0.5 * x_alpha + 0.8660254037844386 * x_beta - drawn + now.j_b
+        theta_m = rounded(now.theta_m + own.resolver / own.pole_pairs, of_motor)
+        theta_o = rounded(now.theta_o, of_output)
+        v_a, v_b, v_c = leg_voltages(drive.v_alpha, drive.v_beta, own.v_supply)
+        x[applied, 0], x[applied + 1, 0], x[applied + 2, 0] = v_a, v_b, v_c
+        after, seen = control_step(
+            drive, u[0, 0] * ratio, theta_m, theta_o,
+            rounded(own.gain_a * i_a + own.offset_a, of_current),
+            rounded(own.gain_b * i_b + own.offset_b, of_current),
+            n % position_ticks == 0, n % speed_ticks == 0, speed_ticks, tick, own,
+        )  # fmt: skip
+        write_loops(x[loops:], 0, after)
+        _show(y, seen, own.pole_pairs, theta_m, theta_o, ratio)
+
+    @part
+    def advance(c, x, u):
+        own = lane(c, 0)
+        load = own.load_gain * (u[1, 0] / ratio) + own.load_offset
+        after = reference_step(
+            read_reference(x, 0), x[applied, 0], x[applied + 1, 0], x[applied + 2, 0], load, own, dt
+        )
+        write_reference(x, 0, after)
+
+    return {
+        "begin": begin, "sample": sample, "advance": advance, "state_count": applied + 3,
+    }  # fmt: skip

@@ -1,0 +1,111 @@
+"""The twin of a position servo: its constants, and the servo sample by sample."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from ematwin.models.position_servo.parameters import PositionServo
+from ematwin.models.position_servo.step import GRAVITY, Constants, State, servo_step
+from ematwin.models.position_servo.unknowns import unknowns
+from ematwin.models.stepped import Stepped
+from ematwin.numerics.compile import part
+from ematwin.numerics.lanes import columns
+
+
+def servo_constants(
+    actuator: Any, values: Mapping[str, Any], stated: Mapping[str, float] | None = None
+) -> Constants:
+    """Constants of the equations in `ematwin.models.position_servo.step`, numbers or (B,) arrays.
+
+    Parameters
+    ----------
+    actuator : its parameters, numbers or (B,) arrays
+    values : of all unknowns by name
+    stated : parameters of the arm that a recording states, by name
+    """
+    controller, motor, friction = actuator.controller, actuator.motor, actuator.friction
+    arm = actuator.arm
+    given = {"mass": arm.mass, "length": arm.length, "arm_mass": arm.arm_mass, **(stated or {})}
+    mass, length, arm_mass = given["mass"], given["length"], given["arm_mass"]
+    payload, rubs, weak = values["payload"], values["friction"], values["torque"]
+    torque = motor.stall_torque * weak
+    return Constants(
+        gain=controller.gain * values["gain"],
+        startup=controller.startup,
+        delay=controller.delay * values["delay"],
+        speed_limit=controller.speed_limit,
+        offset=values["offset"],
+        stall_torque=torque,
+        back_emf=torque / motor.no_load_speed * weak,
+        inertia=actuator.gear.inertia,
+        half_gap=0.5 * actuator.gear.backlash * values["backlash"],
+        coulomb=friction.coulomb * rubs,
+        stribeck=friction.stribeck * rubs,
+        stribeck_speed=friction.stribeck_speed,
+        load_share=friction.load_share * rubs,
+        gravity=payload * (mass + 0.5 * arm_mass) * GRAVITY * length,
+        load_inertia=payload * ((mass + arm_mass / 3.0) * length**2 + arm.inertia),
+        load_torque=payload * arm.torque,
+    )
+
+
+def stepped(actuator: PositionServo, most_delay: float, interval: float) -> Stepped:
+    """The servo sample by sample, from rest at its first goal, at the rated supply.
+
+    Behind the fields of `State` stand the steps done and the goals of the last ones, as far back
+    as ``most_delay`` times the healthy delay reaches.
+    """
+    substeps = math.ceil(interval / actuator.steps.twin - 1e-9)
+    dt = interval / substeps
+    kept = math.ceil(most_delay * actuator.controller.delay / dt) + 2
+    _, constants_of, _ = columns(Constants)
+    _, state_of, write_state = columns(State)
+    done = len(State._fields)
+    goals = done + 1
+    healthy = {one.name: one.healthy for one in unknowns(actuator)}
+    fixed = ("controller.delay",)  # the goals that are kept reach so far back
+
+    def constants(candidates: Mapping[str, Any]) -> Constants:
+        return servo_constants(actuator.varied(candidates, fixed), {**healthy, **candidates})
+
+    @part
+    def begin(c, u, x):  # type: ignore[no-untyped-def]
+        own = constants_of(c, 0)
+        start = u[0, 0]
+        # the output rests on the face that its load pushes it to
+        side = math.copysign(1.0, own.gravity * math.sin(start) + own.load_torque)
+        write_state(x, 0, State(start, start + side * own.half_gap, 0.0, start, 0.0, side))
+        x[done, 0] = 0.0
+        for n in range(kept):
+            x[goals + n, 0] = start
+
+    @part
+    def sample(c, x, u, n, y):  # type: ignore[no-untyped-def]
+        y[0, 0] = x[3, 0]
+
+    @part
+    def advance(c, x, u):  # type: ignore[no-untyped-def]
+        own = constants_of(c, 0)
+        end = x[done, 0] + 1.0
+        x[done, 0] = end
+        x[goals + int(end) % kept, 0] = u[0, 0]
+        at = max(end - own.delay / dt, 0.0)
+        n = min(int(at), int(end) - 1)
+        before, after = x[goals + n % kept, 0], x[goals + (n + 1) % kept, 0]
+        goal = before + (at - n) * (after - before)
+        write_state(x, 0, servo_step(state_of(x, 0), goal, 1.0, own, dt))
+
+    return Stepped(
+        inputs=("goal_position",),
+        outputs=("position",),
+        constants=constants,
+        begin=begin,
+        sample=sample,
+        advance=advance,
+        interval=interval,
+        substeps=substeps,
+        at=(1.0,),
+        constant_count=len(Constants._fields),
+        state_count=goals + kept,
+        fixed=fixed,
+    )

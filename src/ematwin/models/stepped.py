@@ -1,0 +1,94 @@
+"""A kind one sample at a time: what its loops over time do, for a simulator that steps itself.
+
+`ematwin.models.simulating.simulate` knows the command beforehand; a co-simulation does not. Here a
+kind gives the same compiled steps as functions of plain arrays, so that they can leave Python as
+machine code (`ematwin.fmu`). Every array is (N, 1): one lane of `ematwin.numerics.lanes.columns`.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from ematwin.numerics.compile import part
+from ematwin.numerics.lanes import columns
+
+
+class Start(NamedTuple):
+    """A value that only the start depends on, SI."""
+
+    name: str
+    unit: str
+    meaning: str
+    value: float
+    lower: float
+    upper: float
+
+
+class Stepped(NamedTuple):
+    """What an actuator is, sample by sample.
+
+    ``begin``, ``sample`` and ``advance`` are compiled steps (`ematwin.numerics.compile.step`) on
+    constants ``c``, state ``x``, inputs ``u`` and outputs ``y``, (N, 1) arrays of floats.
+
+    Attributes
+    ----------
+    inputs, outputs : names of channels, in the order of ``u`` and ``y``; the command comes first
+    constants : ``candidates -> numbers``, the first entries of ``c``. ``candidates`` hold values of
+        unknowns and starts by name and of parameters by place. It computes with them by operators
+        and functions of numpy alone: an export follows it with values that are not known yet
+    begin : ``(c, u, x)`` fills the state at rest; what it writes to ``u`` is held while ``held``
+        samples settle
+    sample : ``(c, x, u, n, y)`` at sample ``n``: the state after it, and what it shows
+    advance : ``(c, x, u)`` over a step
+    interval, substeps : s, from one sample to the next, and steps in it
+    at : of each input, at which share of a step it is taken
+    constant_count, state_count : N of ``c`` and ``x``
+    derive : None, or ``(c)``, which fills the later entries of ``c`` from the first ones
+    starts : what only the start depends on
+    fixed : places of parameters that are not followed: the grid of steps depends on them
+    held : samples for which the start is held before the first one
+    """
+
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    constants: Callable[[Mapping[str, Any]], Sequence[Any]]
+    begin: Any
+    sample: Any
+    advance: Any
+    interval: float
+    substeps: int
+    at: tuple[float, ...]
+    constant_count: int
+    state_count: int
+    derive: Any = None
+    starts: tuple[Start, ...] = ()
+    fixed: tuple[str, ...] = ()
+    held: int = 0
+
+
+def initial_position(actuator: Any) -> Start:
+    """The position at which an actuator rests at first, rad on the output."""
+    gear = actuator.transmission
+    return Start(
+        "initial_position", "rad", "position of the output at rest before the first command", 0.0,
+        gear.travel_low, gear.travel_high,
+    )  # fmt: skip
+
+
+def sample_and_advance(traces: Any, interval: float, substeps: int) -> tuple[Any, Any]:
+    """``sample`` and ``advance`` of the two steps of an `ematwin.numerics.lanes.Traces`."""
+    _, constants_of, _ = columns(traces.constants)
+    _, state_of, write_state = columns(traces.state)
+    _, _, write_answers = columns(traces.answers)
+    sampled, advanced, dt = traces.sampled, traces.advanced, interval / substeps
+
+    @part
+    def sample(c, x, u, n, y):
+        after, shown = sampled(state_of(x, 0), u[0, 0], u[1, 0], n, constants_of(c, 0), interval)
+        write_state(x, 0, after)
+        write_answers(y, 0, shown)
+
+    @part
+    def advance(c, x, u):
+        write_state(x, 0, advanced(state_of(x, 0), u[0, 0], u[1, 0], constants_of(c, 0), dt))
+
+    return sample, advance
