@@ -133,7 +133,7 @@ class Recordings:
                 if writer is ReaderContract:
                     continue
                 path = folder / f"theirs{writer.suffix}"
-                writer.write(None, path, channels, units)
+                writer().write(path, channels, units)
                 self._content(path)  # whole, it is read
                 self._sources.append((writer.suffix, path.read_bytes(), None))
         self._folder = folder
