@@ -242,9 +242,9 @@ def _rival(
     """What the other form says at its best, ``end``; errors are those of the first answer.
 
     Where both forms are free, one stands for the other, and those of the other form are too wide.
+    What the first answer leaves, the other form explains: it is no discrepancy here.
     """
-    covariance = first.widened(first.problem.model_error)
-    errors = standard_errors(first.problem.chart, first.z, covariance)
+    errors = standard_errors(first.problem.chart, first.z, first.covariance)
     error_of = dict(zip(first.problem.names, errors.tolist(), strict=True))
     values = end.problem.values(end.point)
     faults = [model.unknown(form.actuator, name) for name in _own_names(problem, form)]
