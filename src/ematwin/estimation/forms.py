@@ -228,8 +228,13 @@ class _Selection:
             for place in own
             if known.actuator.tolerance(place) is not None
         }
+        try:
+            actuator = known.actuator.changed(values)
+        except EmatwinError:  # unstable with the file's gains, and not with those fitted beside
+            fitted = {place: fit.actuator.value(place) for place in fit.places}
+            actuator = known.actuator.changed({**values, **fitted})
         return FoundForms(
-            known.actuator.changed(values).with_tolerances(tolerances),
+            actuator.with_tolerances(tolerances),
             (*known.found, *(form.said(fit.actuator) for form in found)),
             every,
             known.before + plain.cost,

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ematwin.errors import RecordError
+from ematwin.errors import ParameterError, RecordError
 from ematwin.estimation.baseline import (
     Baseline,
     effective,
@@ -39,7 +39,7 @@ from ematwin.estimation.correction import (
     with_model_error,
 )
 from ematwin.estimation.descent import Descent
-from ematwin.estimation.forms import find_forms
+from ematwin.estimation.forms import FoundForms, find_forms
 from ematwin.estimation.healthy_bias import healthy_bias, name_of
 from ematwin.estimation.laplace import Laplace, laplace, profiled
 from ematwin.estimation.multistart import MultistartDescent
@@ -116,14 +116,28 @@ def learn(
     if not frees_parameters(model):
         actuator, parameters = fit_nominal(model, template, means or comparisons)
         return Learnt(actuator, _local_baseline(model, actuator, parameters), parameters, [], [])
-    nominals = uncertain(model, template)
-    if not nominals:
+    if not uncertain(model, template):
         baseline = Baseline.of_template(model, template)
         return Learnt(template, replace(baseline, recordings=len(comparisons)), [], [], [])
     forms = find_forms(model, template, comparisons, lambda share: progress(0.2 * share))
-    if forms.found:
-        comparisons = [model.compare(one.recording, forms.actuator) for one in comparisons]
-        nominals = uncertain(model, forms.actuator)
+    if not forms.found:
+        return _learnt(model, template, comparisons, forms, progress)
+    beside = [model.compare(one.recording, forms.actuator) for one in comparisons]
+    try:
+        return _learnt(model, template, beside, forms, progress)
+    except ParameterError:  # with these forms the fit ends in a loop that is unstable
+        return _learnt(model, template, comparisons, FoundForms(template), progress)
+
+
+def _learnt(
+    model: Model,
+    template: ParameterSet,
+    comparisons: Sequence[Comparison],
+    forms: FoundForms,
+    progress: Progress,
+) -> Learnt:
+    """Fit an actuator with some forms to healthy recordings, which are compared with these."""
+    nominals = uncertain(model, forms.actuator)
     floor = expected_misfit(comparisons, model.command)
     fit = _Fit(model, forms.actuator, nominals, floor)
     end, misfit, alone, jitter = fit.run(comparisons, lambda share: progress(0.2 + 0.75 * share))
