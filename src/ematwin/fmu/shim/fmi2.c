@@ -147,10 +147,8 @@ EXPORT Status fmi2DoStep(Instance *instance, double point, double size, int no_s
 }
 
 EXPORT Status fmi2GetFMUstate(Instance *instance, void **state) {
-    if (!*state) *state = malloc(sizeof(Twin));
-    if (!*state) return refused(instance, "Not enough memory.");
-    memcpy(*state, &instance->twin, sizeof(Twin));
-    return OK;
+    Reason why;
+    return twin_save(&instance->twin, state, &why) ? failed(instance, &why) : OK;
 }
 
 EXPORT Status fmi2SetFMUstate(Instance *instance, void *state) {
@@ -170,18 +168,14 @@ EXPORT Status fmi2SerializedFMUstateSize(Instance *instance, void *state, size_t
 }
 
 EXPORT Status fmi2SerializeFMUstate(Instance *instance, void *state, char bytes[], size_t size) {
-    if (size < sizeof(Twin)) return refused(instance, "There is no room for the state.");
-    memcpy(bytes, state, sizeof(Twin));
-    return OK;
+    Reason why;
+    return twin_pack(state, bytes, size, &why) ? failed(instance, &why) : OK;
 }
 
 EXPORT Status fmi2DeSerializeFMUstate(Instance *instance, const char bytes[], size_t size,
                                       void **state) {
-    if (size != sizeof(Twin)) return refused(instance, "The state belongs to another model.");
-    if (!*state) *state = malloc(sizeof(Twin));
-    if (!*state) return refused(instance, "Not enough memory.");
-    memcpy(*state, bytes, sizeof(Twin));
-    return OK;
+    Reason why;
+    return twin_unpack(bytes, size, state, &why) ? failed(instance, &why) : OK;
 }
 
 EXPORT Status fmi2GetRealStatus(Instance *instance, StatusKind kind, double *value) {

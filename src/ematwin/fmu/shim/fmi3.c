@@ -137,10 +137,8 @@ EXPORT Status fmi3DoStep(Instance *instance, double point, double size, bool no_
 }
 
 EXPORT Status fmi3GetFMUState(Instance *instance, void **state) {
-    if (!*state) *state = malloc(sizeof(Twin));
-    if (!*state) return refused(instance, "Not enough memory.");
-    memcpy(*state, &instance->twin, sizeof(Twin));
-    return OK;
+    Reason why;
+    return twin_save(&instance->twin, state, &why) ? refused(instance, why.text) : OK;
 }
 
 EXPORT Status fmi3SetFMUState(Instance *instance, void *state) {
@@ -160,18 +158,14 @@ EXPORT Status fmi3SerializedFMUStateSize(Instance *instance, void *state, size_t
 }
 
 EXPORT Status fmi3SerializeFMUState(Instance *instance, void *state, uint8_t bytes[], size_t size) {
-    if (size < sizeof(Twin)) return refused(instance, "There is no room for the state.");
-    memcpy(bytes, state, sizeof(Twin));
-    return OK;
+    Reason why;
+    return twin_pack(state, bytes, size, &why) ? refused(instance, why.text) : OK;
 }
 
 EXPORT Status fmi3DeserializeFMUState(Instance *instance, const uint8_t bytes[], size_t size,
                                       void **state) {
-    if (size != sizeof(Twin)) return refused(instance, "The state belongs to another model.");
-    if (!*state) *state = malloc(sizeof(Twin));
-    if (!*state) return refused(instance, "Not enough memory.");
-    memcpy(*state, bytes, sizeof(Twin));
-    return OK;
+    Reason why;
+    return twin_unpack(bytes, size, state, &why) ? refused(instance, why.text) : OK;
 }
 
 /* What FMI 3 has beyond: an importer that loads all functions has to find them. */

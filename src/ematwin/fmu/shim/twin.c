@@ -11,6 +11,7 @@ next step begins. Between samples the last one stands. */
 
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 int ematwin_constants(void **result, void **raised, const double *p, double *c);
@@ -135,6 +136,24 @@ int twin_restore(Twin *twin, const Twin *saved, Reason *why) {
         return refuse(why, "The state belongs to another model.");
     *twin = *saved;
     return 0;
+}
+
+int twin_save(const void *from, void **state, Reason *why) {
+    if (!*state) *state = malloc(sizeof(Twin));
+    if (!*state) return refuse(why, "Not enough memory.");
+    memcpy(*state, from, sizeof(Twin));
+    return 0;
+}
+
+int twin_pack(const void *state, void *bytes, size_t size, Reason *why) {
+    if (size < sizeof(Twin)) return refuse(why, "There is no room for the state.");
+    memcpy(bytes, state, sizeof(Twin));
+    return 0;
+}
+
+int twin_unpack(const void *bytes, size_t size, void **state, Reason *why) {
+    if (size != sizeof(Twin)) return refuse(why, "The state belongs to another model.");
+    return twin_save(bytes, state, why);
 }
 
 int64_t twin_steps(const Twin *twin, double point, double size, Reason *why) {

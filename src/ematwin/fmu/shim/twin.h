@@ -36,6 +36,10 @@ int twin_set(Twin *twin, unsigned reference, double value, Reason *why);
 int twin_set_rate(Twin *twin, unsigned reference, double value, Reason *why);
 int twin_get(Twin *twin, const unsigned references[], size_t count, double values[], Reason *why);
 int twin_restore(Twin *twin, const Twin *saved, Reason *why);
+/* Copies of a state: to memory that is found where it is needed, to bytes, and from bytes. */
+int twin_save(const void *from, void **state, Reason *why);
+int twin_pack(const void *state, void *bytes, size_t size, Reason *why);
+int twin_unpack(const void *bytes, size_t size, void **state, Reason *why);
 
 /* Steps of a communication step; -1 and a reason if there is no such step. */
 int64_t twin_steps(const Twin *twin, double point, double size, Reason *why);

@@ -77,11 +77,8 @@ def _show(y, seen, pole_pairs, theta_m, theta_o, ratio):
     y[7, 0] = theta_o / ratio
 
 
-def _monitor(actuator: PmsmActuator, tick: float, substeps: int) -> dict[str, Any]:
-    ratio, dt = actuator.transmission.ratio, tick / substeps
-    speed_ticks, position_ticks = (int(n) for n in ticks_of(actuator))
-    loops = len(MonitorState._fields)
-    applied = loops + len(ControlState._fields)
+def _resting(ratio: float, loops: int) -> Any:
+    """What fills the state at rest, with the states of the loops behind those of the plant."""
 
     @part
     def begin(c, u, x):
@@ -91,6 +88,15 @@ def _monitor(actuator: PmsmActuator, tick: float, substeps: int) -> dict[str, An
         x[6, 0] = x[8, 0] = theta
         x[loops + 3, 0] = theta + own.resolver / own.pole_pairs
         u[0, 0] = c[_START, 0]
+
+    return begin
+
+
+def _monitor(actuator: PmsmActuator, tick: float, substeps: int) -> dict[str, Any]:
+    ratio, dt = actuator.transmission.ratio, tick / substeps
+    speed_ticks, position_ticks = (int(n) for n in ticks_of(actuator))
+    loops = len(MonitorState._fields)
+    applied = loops + len(ControlState._fields)
 
     @part
     def sample(c, x, u, n, y):
@@ -115,7 +121,8 @@ def _monitor(actuator: PmsmActuator, tick: float, substeps: int) -> dict[str, An
         write_plant(x, 0, after)
 
     return {
-        "begin": begin, "sample": sample, "advance": advance, "state_count": applied + 2,
+        "begin": _resting(ratio, loops), "sample": sample, "advance": advance,
+        "state_count": applied + 2,
     }  # fmt: skip
 
 
@@ -125,15 +132,6 @@ def _reference(actuator: PmsmActuator, tick: float, substeps: int) -> dict[str, 
     of_current, of_motor, of_output = quanta_of(actuator).tolist()
     loops = len(ReferenceState._fields)
     applied = loops + len(ControlState._fields)
-
-    @part
-    def begin(c, u, x):
-        own = lane(c, 0)
-        theta = c[_START, 0] * ratio
-        x[:, 0] = 0.0
-        x[6, 0] = x[8, 0] = theta
-        x[loops + 3, 0] = theta + own.resolver / own.pole_pairs
-        u[0, 0] = c[_START, 0]
 
     @part
     def sample(c, x, u, n, y):
@@ -167,5 +165,6 @@ def _reference(actuator: PmsmActuator, tick: float, substeps: int) -> dict[str, 
         write_reference(x, 0, after)
 
     return {
-        "begin": begin, "sample": sample, "advance": advance, "state_count": applied + 3,
+        "begin": _resting(ratio, loops), "sample": sample, "advance": advance,
+        "state_count": applied + 3,
     }  # fmt: skip
