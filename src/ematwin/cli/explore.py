@@ -6,7 +6,14 @@ from typing import Annotated
 import typer
 
 from ematwin.cli import complete
-from ematwin.cli.options import ColumnOption, MapOption, RecordedActuatorOption
+from ematwin.cli.options import (
+    ColumnOption,
+    MapOption,
+    NoBrowserOption,
+    PortOption,
+    RecordedActuatorOption,
+    serve_page,
+)
 
 
 def explore(
@@ -27,16 +34,10 @@ def explore(
     ] = None,
     column: ColumnOption = None,
     map_file: MapOption = None,
-    port: Annotated[
-        int, typer.Option(help="Port of the page on this machine; 0 takes a free one.")
-    ] = 0,
-    no_browser: Annotated[
-        bool, typer.Option("--no-browser", help="Print the address and open nothing.")
-    ] = False,
+    port: PortOption = 0,
+    no_browser: NoBrowserOption = False,
 ) -> None:
     """Drag the faults of the twin, and see its answer beside a recording's, in the browser."""
-    import webbrowser
-
     from ematwin.cli.channels import map_of
     from ematwin.cli.recordings import meant
     from ematwin.exploring.explorer import Explorer
@@ -49,11 +50,4 @@ def explore(
         known = Calibration.of(actuator or meant([record], column, map_file))
         columns = map_of(column, map_file, known.actuator)
         recording = read(record, columns, actuator=known.actuator)
-    with Server(Explorer(recording, known, scenario), port) as server:
-        typer.echo(f"{server.address}\nThe twin is on this page. Ctrl-C ends it.")
-        if not no_browser:
-            webbrowser.open(server.address)
-        try:
-            server.serve_forever()
-        except KeyboardInterrupt:
-            typer.echo("Ended.")
+    serve_page(Server(Explorer(recording, known, scenario), port), "The twin", no_browser)

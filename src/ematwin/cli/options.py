@@ -81,6 +81,12 @@ UnitsOption = Annotated[
     ),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Answer as JSON.")]
+PortOption = Annotated[
+    int, typer.Option(help="Port of the page on this machine; 0 takes a free one.")
+]
+NoBrowserOption = Annotated[
+    bool, typer.Option("--no-browser", help="Print the address and open nothing.")
+]
 
 _FILE = 200  # columns where the answer goes to a file
 
@@ -166,3 +172,17 @@ def progress_bar(title: str, shown: bool = True) -> Iterator[Callable[[float], N
     with Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(escape(title), total=1.0)  # the name of a file is no markup
         yield lambda share: bar.update(task, completed=share)
+
+
+def serve_page(server: Any, what: str, no_browser: bool) -> None:
+    """Show the page of a `LocalServer` until Ctrl-C; ``what`` is on it."""
+    import webbrowser
+
+    with server:
+        typer.echo(f"{server.address}\n{what} is on this page. Ctrl-C ends it.")
+        if not no_browser:
+            webbrowser.open(server.address)
+        try:
+            server.serve_forever()
+        except KeyboardInterrupt:
+            typer.echo("Ended.")
