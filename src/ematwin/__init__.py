@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from ematwin.experiments.identifiability import identifiability
     from ematwin.exploring.explore import explore
     from ematwin.fleet.fleet import Fleet
+    from ematwin.fmu.export import export_fmu
     from ematwin.models.base import Model
     from ematwin.models.proposing import propose_map
     from ematwin.models.reading import read, write

@@ -24,12 +24,7 @@ from ematwin.estimation.constants import (
     SIGMAS,
     WORTH,
 )
-from ematwin.estimation.correction import (
-    Corrected,
-    corrected,
-    reweighed,
-    with_model_error,
-)
+from ematwin.estimation.correction import Corrected, corrected, reweighed, with_model_error
 from ematwin.estimation.descent import Descent
 from ematwin.estimation.held_healthy import held_healthy
 from ematwin.estimation.intervals import (
@@ -202,7 +197,7 @@ def assess(
     for name, error in errors.items():
         ends = with_corner((intervals[name].low, intervals[name].high), error, free[name])
         intervals[name] = Interval(*ends)
-    for name, rise in zip(named, tried.rises.tolist(), strict=False):
+    for name, rise in zip(named, tried.rises[: len(named)].tolist(), strict=True):
         apart = math.sqrt(max(1.0, rise))  # standard errors from healthy
         error = abs(values[name] - free[name].healthy) / apart
         error = math.hypot(error, scatter(baseline).get(name, 0.0))

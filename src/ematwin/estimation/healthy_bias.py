@@ -22,7 +22,6 @@ from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
 from ematwin.numerics.side_by_side import side_by_side
-from ematwin.recordings.recording import Recording
 
 _LEAST_ODD = 0.05  # share of a range by which a healthy recording may differ from the others
 _ODD = 6.0  # standard deviations
@@ -57,17 +56,15 @@ def healthy_bias(
     faults = [one for one in model.faults(actuator) if one.direction_of is None]
     # recordings of one occasion: nothing has drifted since
     now = replace(baseline, recordings=0)
-    found = side_by_side(lambda one: _judged(model, actuator, now, one.recording), comparisons)
+    compared = [model.compare(one.recording, actuator) for one in comparisons]
+    found = side_by_side(lambda one: _judged(model, actuator, now, one), compared)
     values = np.array([[seen[one.name][0] for one in faults] for seen in found])
     errors = np.array([[seen[one.name][1] for one in faults] for seen in found])
     if len(values) > 2:
         _refuse_odd(comparisons, faults, values, errors)
     healthy = np.array([one.healthy for one in faults])
     beyond = np.mean((values - healthy) ** 2 - errors**2, axis=0)
-    alone = [
-        _descended_to(model.compare(one.recording, actuator), faults, held)
-        for one, held in zip(comparisons, beside, strict=True)
-    ]
+    alone = [_descended_to(one, faults, held) for one, held in zip(compared, beside, strict=True)]
     off = np.mean((np.array(alone) - healthy) ** 2, axis=0)
     spread = np.sqrt(np.maximum(beyond, off))
     return {one.name: float(x) for one, x in zip(faults, spread, strict=True)}
@@ -91,11 +88,11 @@ def _lowered(faults: Sequence[Unknown]) -> list[Unknown]:
 
 
 def _judged(
-    model: Model, actuator: ParameterSet, baseline: Baseline, recording: Recording
+    model: Model, actuator: ParameterSet, baseline: Baseline, compared: Comparison
 ) -> dict[str, tuple[float, float]]:
     """Each fault of a recording and its standard error, all else free as it is known."""
     free = _lowered(model.faults(actuator))
-    problem = Problem([model.compare(recording, actuator)], free).searched()
+    problem = Problem([compared], free).searched()
     seen = assess(model, actuator, problem, find(problem, named(model.default_search)), baseline)
     errors = np.sqrt(np.diag(seen.covariance)).tolist()
     return {name: (seen.values[name], x) for name, x in zip(problem.names, errors, strict=True)}

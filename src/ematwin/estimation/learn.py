@@ -32,12 +32,7 @@ from ematwin.estimation.constants import (
     SAME_COMMAND,
     WORSE,
 )
-from ematwin.estimation.correction import (
-    Corrected,
-    corrected,
-    reweighed,
-    with_model_error,
-)
+from ematwin.estimation.correction import Corrected, corrected, reweighed, with_model_error
 from ematwin.estimation.descent import Descent
 from ematwin.estimation.forms import FoundForms, find_forms
 from ematwin.estimation.healthy_bias import healthy_bias, name_of

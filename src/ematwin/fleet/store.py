@@ -28,6 +28,7 @@ import pyarrow.parquet as pq
 
 from ematwin.errors import FileError, InputError, MissingExtraError
 from ematwin.files import written_whole
+from ematwin.numerics.content import digest
 
 YEAR = 365.25 * 86_400.0  # s
 SET_ASIDE = "set aside"  # grade of what could not be judged
@@ -256,12 +257,6 @@ def _folder_name(serial_number: str) -> str:
 def id_of(content: str, motion: int, twin: str) -> str:
     """What a row is known by."""
     return digest(f"{content} {motion} {twin}")
-
-
-def digest(content: str | bytes) -> str:
-    """A short hash."""
-    data = content.encode() if isinstance(content, str) else content
-    return hashlib.sha256(data).hexdigest()[:20]
 
 
 def content_of(path: Path) -> str:

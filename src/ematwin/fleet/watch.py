@@ -20,11 +20,12 @@ import numpy as np
 
 from ematwin.errors import EmatwinError, InputError, RecordError
 from ematwin.files import written_whole
-from ematwin.fleet.store import SET_ASIDE, FleetStore, content_of, digest, id_of, moment_of, row_of
+from ematwin.fleet.store import SET_ASIDE, FleetStore, content_of, id_of, moment_of, row_of
 from ematwin.models.reading import read
 from ematwin.models.registry import model_of
 from ematwin.monitoring.calibration import Calibration
 from ematwin.monitoring.identify import identify
+from ematwin.numerics.content import digest
 from ematwin.numerics.side_by_side import cores
 from ematwin.recordings.formats.base import known_suffixes
 from ematwin.recordings.recording import Recording

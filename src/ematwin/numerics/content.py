@@ -26,12 +26,12 @@ _BY_VERSION = {"numba", "llvmlite", "numpy", *sys.stdlib_module_names}
 
 def content_of(compiled: Any) -> str:
     """A name for the sources, versions and processor that a compiled function depends on."""
-    return _digest(f"{_surroundings()} {_Walk().text(compiled)}")
+    return digest(f"{_surroundings()} {_Walk().text(compiled)}")
 
 
 def signature_of(arguments: Any) -> str:
     """A name for numba's types of arguments, with the fields of those that are named tuples."""
-    return _digest(" ".join(map(_type_text, arguments)))
+    return digest(" ".join(map(_type_text, arguments)))
 
 
 @cache
@@ -69,7 +69,7 @@ class _Walk:
             parts = value.co_consts, value.co_names, value.co_varnames, value.co_freevars
             return f"{value.co_code!r} {self.text(parts)}"
         if isinstance(value, np.ndarray):
-            return f"{value.dtype} {value.shape} {_digest(value.tobytes())}"
+            return f"{value.dtype} {value.shape} {digest(value.tobytes())}"
         if isinstance(value, (ModuleType, FunctionType, type)) or hasattr(value, "py_func"):
             return self._named(value, names)
         return repr(value)
@@ -105,5 +105,6 @@ def _nested(code: CodeType) -> Iterator[CodeType]:
             yield from _nested(constant)
 
 
-def _digest(text: str | bytes) -> str:
+def digest(text: str | bytes) -> str:
+    """A short hash."""
     return hashlib.sha256(text.encode() if isinstance(text, str) else text).hexdigest()[:20]
