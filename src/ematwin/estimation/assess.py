@@ -7,8 +7,8 @@ valleys that the search found are compared, and the misfit is looked at along ea
 """
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,12 +17,13 @@ from ematwin.estimation.baseline import Baseline, frees_parameters, with_all_fre
 from ematwin.estimation.constants import (
     ANYTHING,
     AS_GOOD,
+    CERTAIN,
     COVERAGE,
     DECIDES,
     HOPELESS,
     IMPLAUSIBLE,
     SIGMAS,
-    WORTH,
+    SMALLEST,
 )
 from ematwin.estimation.correction import Corrected, corrected, reweighed, with_model_error
 from ematwin.estimation.descent import Descent
@@ -31,17 +32,15 @@ from ematwin.estimation.intervals import (
     Draws,
     Interval,
     contrasts_of,
-    draws,
     in_physical_units,
     mean_slope,
-    with_corner,
 )
 from ematwin.estimation.joint import Joint
 from ematwin.estimation.laplace import Laplace, profiled, sharp_errors
 from ematwin.estimation.other_minima import other_minima
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found
-from ematwin.estimation.significance import is_present
+from ematwin.estimation.spike_and_slab import FaultSets, fault_sets
 from ematwin.estimation.verdict import worst_misfit
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
@@ -54,6 +53,7 @@ _WORTH_A_LOOK = 4.0  # ratio of costs up to which another valley is gone into
 _KNOWN, _BY_SHEET = 5, 10  # iterations from there: parameters have yet to leave the sheet's
 _RIVALS = 2  # other valleys that are gone into
 _ANEW = 3  # rounds in which a best point is looked for without the faults that it names
+_NOWHERE = 0.3  # length of the mean of unit vectors: directions all round
 _FAR = 100.0  # squared standard deviations by which a minimum is no rival any more
 
 
@@ -79,7 +79,7 @@ class Assessment:
     reference_runs : int, answers of the reference model that the best one took
     unsettled : names of what the last of them still moved by more than a standard error
     joint : the joint density of which these are the peak and its width; None after an interruption
-    drawn : draws from that width within the bounds; None after an interruption
+    sets : the posterior of sets of faults; None after an interruption
     """
 
     values: dict[str, float]
@@ -97,7 +97,7 @@ class Assessment:
     reference_runs: int = 0
     unsettled: tuple[str, ...] = ()
     joint: Joint | None = None
-    drawn: Draws | None = None
+    sets: FaultSets | None = None
 
 
 def assess(
@@ -168,49 +168,38 @@ def assess(
         others = [corrected(full, point, near_it) for point in near]
         spent += sum(one.peak.evaluations for one in (best, *others))
     best = with_model_error(best, threads)
+    errors, held = np.ones(len(full.names)), set[str]()
     for left in reversed(range(_ANEW)):
-        values = full.values(best.peak.point)
-        drawn = _drawn(best, own, baseline)
-        covariance = _covariance_of(drawn, problem, values)
-        named = _named(problem, values, np.sqrt(np.diag(covariance)))
-        sharp = sharp_errors(best.peak, own, best.peak.problem.model_error)
-        excused = [name for name in _named(problem, values, sharp) if name not in named]
-        groups = [[name] for name in named] + ([excused] if excused else [])
-        tried = held_healthy(best.peak, groups, threads)
-        spent += tried.evaluations
-        if not left or tried.rises.min(initial=0.0) > -WORTH:
+        sets = _sets(best, own, baseline, errors, held)
+        improbable = _improbable(sets, best.peak)
+        if not left or not improbable:
             break
-        # better without one of them: the search had ended beside the best point
+        # values are those of the best explanation in which improbable faults are healthy
+        held |= set(improbable)
+        without = held_healthy(best.peak, [sorted(held)], threads)
         again = descent.afresh(settled=math.inf, least_noise=full.comparisons[0].noise)
-        nearer = corrected(full, tried.point, again)
-        spent += nearer.peak.evaluations
-        if not height(nearer.peak, noise) < height(best.peak, noise):
-            break
+        nearer = corrected(full, without.point, replace(again, held={*descent.held, *held}))
+        spent += without.evaluations + nearer.peak.evaluations
         best = with_model_error(nearer, threads)
+    named = [name for name, share in sets.probabilities.items() if share > CERTAIN]
+    tried = held_healthy(best.peak, [[name] for name in named], threads)
+    spent += tried.evaluations
+    for name, rise in zip(named, tried.rises.tolist(), strict=True):
+        n = full.names.index(name)
+        errors[n] = max(1.0, sets.distances[name] / math.sqrt(max(1.0, rise)))
+    if (errors > 1.0).any():
+        sets = _sets(best, own, baseline, errors, held)
     peak, rivals = best.peak, [one.peak for one in others]
-    wider = peak.problem.model_error
-    errors = dict(zip(problem.names, sharp.tolist(), strict=True))
-    free = {one.name: one for one in full.unknowns}
-    intervals = {
-        name: Interval(*drawn.interval(name, one.lower, one.upper)) for name, one in free.items()
-    }
-    for name, error in errors.items():
-        ends = with_corner((intervals[name].low, intervals[name].high), error, free[name])
-        intervals[name] = Interval(*ends)
-    for name, rise in zip(named, tried.rises[: len(named)].tolist(), strict=True):
-        apart = math.sqrt(max(1.0, rise))  # standard errors from healthy
-        error = abs(values[name] - free[name].healthy) / apart
-        error = math.hypot(error, scatter(baseline).get(name, 0.0))
-        covariance = _widened(covariance, problem.names.index(name), error)
-        old, end = intervals[name], _towards_healthy(free[name], values[name], COVERAGE / apart)
-        intervals[name] = Interval(min(old.low, end), max(old.high, end))
+    sharp = sharp_errors(peak, own, peak.problem.model_error)
+    values, intervals, covariance = _values(full, sets, peak, own)
+    faults = [one for one in problem.unknowns if one.role == "fault"]
     return Assessment(
         values=values,
         covariance=covariance,
-        sharp_errors=errors,
+        sharp_errors=dict(zip(problem.names, sharp.tolist(), strict=True)),
         intervals=intervals,
-        physical=in_physical_units(problem, actuator, values, drawn, intervals),
-        contrasts=contrasts_of(model, actuator, values, drawn),
+        physical=in_physical_units(faults, actuator, values, sets, intervals),
+        contrasts=contrasts_of(model, actuator, values, sets.drawn),
         nuisances=_evident(full, peak, intervals, own),
         strained=_strained(peak),
         cost=cost,
@@ -220,10 +209,11 @@ def assess(
         reference_runs=best.rounds,
         unsettled=best.unsettled,
         joint=Joint(
-            (peak, *rivals), wider, own, peak.problem.comparisons[0].noise, scatter(baseline)
+            (peak, *rivals), peak.problem.model_error, own, peak.problem.comparisons[0].noise,
+            scatter(baseline),
         ),
-        drawn=drawn,
-    )
+        sets=sets,
+    )  # fmt: skip
 
 
 def unassessed(
@@ -316,72 +306,96 @@ def scatter(baseline: Baseline) -> dict[str, float]:
     return {name: more * value for name, value in baseline.scatter.items()}
 
 
-def _drawn(found: Corrected, own: int, baseline: Baseline) -> Draws:
-    """Draws of all that is free around a peak; the first ``own`` unknowns were searched."""
-    peak = found.peak
-    covariance = _with_scatter(found, baseline)
-    covariance = profiled(peak, covariance, range(own), peak.problem.model_error, _REACHES)
-    return draws(peak.problem.chart, peak.z, covariance)
+def _sets(
+    found: Corrected, own: int, baseline: Baseline, errors: np.ndarray, held: Collection[str]
+) -> FaultSets:
+    """The posterior of sets of faults around a peak; the first ``own`` unknowns were searched.
 
-
-def _covariance_of(drawn: Draws, problem: Problem, values: Mapping[str, float]) -> np.ndarray:
-    """(d, d) of the searched unknowns, in the unit of their deviations from healthy.
-
-    Of a logarithmic unknown it is that of the logarithm, scaled such that ``values`` are as many
-    standard errors from healthy as their logarithms are: halved is as far off as doubled. Infinite
-    for a direction that has no meaning, and for a value that may be anything.
+    Parameters
+    ----------
+    errors : (d,) array, factors by which standard errors are larger than the curvature says
+    held : names of faults that are held healthy at the peak
     """
-    away = drawn.values[:, : len(problem.names)].copy()
-    lost = []
-    for n, one in enumerate(problem.unknowns):
-        value = values[one.name]
-        if one.direction_of is not None:
-            turn = np.exp(2j * np.pi * away[:, n])
-            away[:, n] = np.angle(turn / np.exp(1j * np.angle(turn.mean()))) / (2.0 * np.pi)
-            if abs(turn.mean()) < 0.3:
-                lost.append(n)
-        elif one.logarithmic:
-            away[:, n] = mean_slope(value, one.healthy) * np.log(away[:, n] / value)
-    found = np.atleast_2d(np.cov(away.T))
-    for n, one in enumerate(problem.unknowns):
-        if one.name in drawn.directions.values():  # the length of a vector is found too long
-            found[n, n] = float(np.mean((away[:, n] - values[one.name]) ** 2))
-    widths = problem.upper - problem.lower
-    for n, one in enumerate(problem.unknowns):
-        if one.role == "fault" and math.sqrt(found[n, n]) > ANYTHING * widths[n]:
-            lost.append(n)
-    for n in lost:
-        found[n, :] = found[:, n] = 0.0
-        found[n, n] = np.inf
-    return found
+    peak = found.peak
+    factor = peak.problem.model_error
+    covariance = _with_scatter(found, baseline)
+    covariance = profiled(peak, covariance, range(own), factor, _REACHES)
+    mean = peak.unbounded(factor, held)
+    return fault_sets(peak.problem.chart, mean, covariance * np.outer(errors, errors))
 
 
-def _named(problem: Problem, values: Mapping[str, float], errors: np.ndarray) -> tuple[str, ...]:
-    """Faults that lie further from healthy than their standard errors (d,) make likely."""
-    return tuple(
+def _improbable(sets: FaultSets, peak: Laplace) -> list[str]:
+    """Faults that are improbable, and are not healthy at a peak."""
+    values = peak.problem.values(peak.point)
+    return [
         one.name
-        for one, error in zip(problem.unknowns, errors, strict=True)
-        if one.role == "fault" and one.direction_of is None
-        and is_present(values[one.name] - one.healthy, one.width, error)
-    )  # fmt: skip
+        for one in sets.faults
+        if sets.is_improbable(one.name)
+        and abs(values[one.name] - one.healthy) > SMALLEST * one.width
+    ]
 
 
-def _widened(covariance: np.ndarray, n: int, error: float) -> np.ndarray:
-    """The covariance (d, d) where the standard error of one unknown is at least ``error``."""
-    found = covariance.copy()
-    wider = max(1.0, error / math.sqrt(covariance[n, n]))
-    found[n, :] *= wider
-    found[:, n] *= wider
-    return found
+def _values(
+    full: Problem, sets: FaultSets, peak: Laplace, own: int
+) -> tuple[dict[str, float], dict[str, Interval], np.ndarray]:
+    """Values and intervals by name, and the covariance (own, own) of what was searched.
+
+    Of a fault they are those of the sets with it. Deviations of a logarithmic unknown are of the
+    logarithm, scaled such that a value is as many standard errors from healthy as its logarithm
+    is: halved is as far off as doubled. The covariance is infinite for a direction that has no
+    meaning, and for a value that may be anything.
+    """
+    values, intervals = full.values(peak.point), {}
+    for one in full.unknowns:
+        given = _given(one, sets)
+        is_fault = one.role == "fault" and one.direction_of is None
+        if given is None:  # bounds leave no room for it
+            intervals[one.name] = Interval(one.healthy, one.healthy)
+            continue
+        if is_fault and sets.is_improbable(one.name):
+            values[one.name] = float(given.of(one.name).mean())
+        low, high = given.interval(one.name, one.lower, one.upper)
+        if is_fault and sets.presence(one.name) < CERTAIN:
+            low, high = min(low, one.healthy), max(high, one.healthy)
+        intervals[one.name] = Interval(low, high)
+    drawn = sets.drawn
+    away = np.array([_deviations(one, drawn.of(one.name), values) for one in full.unknowns[:own]])
+    alike = np.corrcoef(away + 1e-12 * np.random.default_rng(0).standard_normal(away.shape))
+    errors = np.array([_error(one, _given(one, sets), values) for one in full.unknowns[:own]])
+    covariance = np.where(np.isfinite(errors), errors, 0.0)
+    covariance = np.outer(covariance, covariance) * np.atleast_2d(alike)
+    for n in np.flatnonzero(~np.isfinite(errors)):
+        covariance[n, n] = np.inf
+    return values, intervals, covariance
 
 
-def _towards_healthy(one: Unknown, value: float, share: float) -> float:
-    """The value a share of the way to healthy and beyond, within the bounds."""
+def _given(one: Unknown, sets: FaultSets) -> Draws | None:
+    """Draws of the sets with a fault, or of all of them for what is no fault."""
+    return sets.given(one.direction_of or one.name) if one.role == "fault" else sets.drawn
+
+
+def _deviations(one: Unknown, drawn: np.ndarray, values: Mapping[str, float]) -> np.ndarray:
+    """Deviations (N,) of draws from a value."""
+    value = values[one.name]
+    if one.direction_of is not None:
+        turn = np.exp(2j * np.pi * drawn)
+        return np.asarray(np.angle(turn / np.exp(1j * np.angle(turn.mean()))) / (2.0 * np.pi))
     if one.logarithmic:
-        end = value * (one.healthy / value) ** share
-    else:
-        end = value + share * (one.healthy - value)
-    return min(max(end, one.lower), one.upper)
+        return np.asarray(mean_slope(value, one.healthy) * np.log(drawn / value))
+    return drawn - value
+
+
+def _error(one: Unknown, drawn: Draws | None, values: Mapping[str, float]) -> float:
+    """Standard error of a value, infinite where it may be anything."""
+    if drawn is None:
+        return 0.0
+    x = drawn.of(one.name)
+    if one.direction_of is not None and abs(np.exp(2j * np.pi * x).mean()) < _NOWHERE:
+        return math.inf
+    error = math.sqrt(float(np.mean(_deviations(one, x, values) ** 2)))
+    if one.role == "fault" and error > ANYTHING * one.width:
+        return math.inf
+    return error
 
 
 def _evident(

@@ -64,7 +64,11 @@ class Descent:
         TooFarError
             If the smooth stage ends beyond ``within``.
         """
-        known = directions(problem, start, self.aliases)
+        known = [
+            one
+            for one in directions(problem, start, self.aliases)
+            if not {problem.names[n] for n in np.flatnonzero(one.same)} & set(self.held)
+        ]
         still = held_pivots(problem, known) | set(self.held)
         values = dict(zip(problem.names, start.tolist(), strict=True))
         fixed = {name: value for name, value in values.items() if name in still}

@@ -44,28 +44,33 @@ def verdict_on(
     model: Model,
     actuator: ParameterSet,
     problem: Problem,
-    estimate: Estimate,
     assessed: Assessment,
     baseline: Baseline,
     obstacles: list[str],
 ) -> Verdict:
     """The verdict on an assessed recording, or why there is none."""
     faults = [one for one in problem.unknowns if one.role == "fault" and one.direction_of is None]
-    ambiguities = {
-        name: one.ambiguity
-        for one in model.contrasts(actuator)
-        if one.ambiguity
-        for name in one.weights
-    }
+    sets, ends = assessed.sets, assessed.intervals
     return judged(
-        estimate,
+        sets.probabilities if sets is not None else dict.fromkeys((f.name for f in faults), 0.5),
+        sets.faulty if sets is not None else 1.0,
         calibrated=baseline.calibrated,
-        sharp_errors=assessed.sharp_errors,
-        intervals={name: (one.low, one.high) for name, one in assessed.intervals.items()},
-        obstacles=obstacles,
-        ambiguities=ambiguities,
+        reach={
+            one.name: max(
+                abs(end - one.healthy) for end in (ends[one.name].low, ends[one.name].high)
+            )
+            / one.width
+            for one in faults
+        },
         found={one.name: size_of(one, actuator, *assessed.physical[one.name]) for one in faults},
         ranges={one.name: range_of(one, actuator, *assessed.physical[one.name]) for one in faults},
+        obstacles=obstacles,
+        ambiguities={
+            name: one.ambiguity
+            for one in model.contrasts(actuator)
+            if one.ambiguity
+            for name in one.weights
+        },
     )
 
 

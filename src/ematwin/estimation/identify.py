@@ -135,7 +135,7 @@ def identified(
         *obstacles_to(model.load, recording, problem, found, estimate.misfit, assessed, baseline),
         *where.obstacles,
     ]
-    verdict = verdict_on(model, actuator, problem, estimate, assessed, baseline, obstacles)
+    verdict = verdict_on(model, actuator, problem, assessed, baseline, obstacles)
     if found.problem is None:
         rivals: list[Rival] = []
         try:
@@ -146,7 +146,7 @@ def identified(
             objected = ["Interrupted before other forms of the faults were tried."]
         warnings += hints(rivals, verdict)
         if objected:
-            verdict = verdict_on(model, actuator, problem, estimate, assessed, baseline, objected)
+            verdict = verdict_on(model, actuator, problem, assessed, baseline, objected)
         verdict = qualified(rivals, verdict)
     warnings += caveats_of(problem, verdict)
     seconds = time.perf_counter() - started
@@ -176,6 +176,7 @@ def identified(
         recording=recording,
         uncertainty=sure,
         reference_runs=assessed.reference_runs,
+        certain=None if assessed.sets is None else assessed.sets.probabilities,
     )
 
 

@@ -7,18 +7,21 @@ the bound belongs to it.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ematwin.estimation.constants import COVERAGE, LEVEL
 from ematwin.estimation.laplace import eigen
-from ematwin.estimation.problem import Problem
 from ematwin.models.base import Model
 from ematwin.models.chart import Chart
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
+
+if TYPE_CHECKING:
+    from ematwin.estimation.spike_and_slab import FaultSets
 
 _DRAWS, _ROUNDS, _FEWEST, _ENOUGH, _MOST = 20_000, 20, 200, 4000, 10_000
 _TRIED, _HARDLY = 4, 20  # rounds after which so few draws say that all rounds will bring too few
@@ -92,7 +95,7 @@ def draws(chart: Chart, z: np.ndarray, covariance: np.ndarray) -> Draws:
     # parameters and nuisances have bounds so wide that they cut nothing off: they follow
     hard = np.array([one.role == "fault" for one in chart.unknowns])
     bounds = Chart([one for one in chart.unknowns if one.role == "fault"])
-    root, gain, rest = _conditional(covariance, hard)
+    root, gain, rest = conditional(covariance, hard)
     found: list[np.ndarray] = []
     total = 0
     for done in range(1, _ROUNDS + 1):
@@ -133,7 +136,7 @@ def _by_magnitude(
     return np.asarray(away[rng.choice(len(away), len(away), p=weights / weights.sum())])
 
 
-def _conditional(
+def conditional(
     covariance: np.ndarray, first: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A normal distribution (d, d) as that of some coordinates and of the others given those.
@@ -183,34 +186,36 @@ def with_corner(
 
 
 def in_physical_units(
-    problem: Problem,
+    faults: Sequence[Unknown],
     actuator: ParameterSet,
     values: Mapping[str, float],
-    drawn: Draws,
+    sets: "FaultSets",
     intervals: Mapping[str, Interval],
 ) -> dict[str, tuple[float, Interval]]:
-    """Faults in physical units: of products, where a fault is a multiple of a parameter."""
-    places = {name: drawn.of(name) for name in drawn.names if "." in name}
-    best = actuator.with_arrays({name: values[name] for name in places})
-    varied = actuator.with_arrays(places)
+    """Faults in physical units: of products, where a fault is a multiple of a parameter.
+
+    ``sets`` tells what parameters are where a fault is there.
+    """
+    best = actuator.with_arrays({name: value for name, value in values.items() if "." in name})
     found = {}
-    for one in problem.unknowns:
-        if one.role != "fault":
-            continue
+    for one in faults:
         ends = intervals[one.name]
         if one.physical is None:
             found[one.name] = (values[one.name], ends)
             continue
         value = float(one.physical(best, values[one.name]))
-        if one.direction_of is not None or not _depends_on_parameters(one, varied):
-            low, high = (float(one.physical(best, end)) for end in (ends.low, ends.high))
-            if one.direction_of is None:  # what is lost may be told by what is left
-                low, high = sorted((low, high))
-        else:
-            spread = np.asarray(one.physical(varied, drawn.of(one.name)), dtype=float)
-            low, high = Draws((one.name,), spread[:, None], {}).interval(
-                one.name, float(spread.min()), float(spread.max())
-            )
+        low, high = (float(one.physical(best, end)) for end in (ends.low, ends.high))
+        if one.direction_of is None:  # what is lost may be told by what is left
+            low, high = sorted((low, high))
+        drawn = None if one.direction_of is not None else sets.given(one.name)
+        if drawn is not None:
+            varied = actuator.with_arrays({n: drawn.of(n) for n in drawn.names if "." in n})
+            if _depends_on_parameters(one, varied):
+                spread = np.asarray(one.physical(varied, drawn.of(one.name)), dtype=float)
+                least, most = float(spread.min()), float(spread.max())
+                if sets.is_improbable(one.name):
+                    value = float(spread.mean())
+                low, high = Draws((one.name,), spread[:, None], {}).interval(one.name, least, most)
         found[one.name] = (value, Interval(low, high))
     return found
 

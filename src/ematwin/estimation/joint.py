@@ -83,10 +83,8 @@ class Joint:
         return tuple(self._normal(one) for one in self.peaks)
 
     def _normal(self, peak: Laplace) -> Normal:
-        slopes, here = peak.problem.split(peak.jacobian), peak.problem.split(peak.residuals)
         noise = self.factor * self.problem.noise
-        gradient = (slopes.data @ here.data + slopes.evidence @ here.evidence) / noise**2
-        gradient += slopes.priors @ here.priors / peak.problem.noise**2
+        gradient = peak.slope(noise / peak.problem.noise)
         precision = peak.data * (peak.problem.noise / noise) ** 2 + peak.priors
         covariance = inverse(precision)
         return Normal(peak.z, peak.z - covariance @ gradient, precision, covariance)

@@ -78,6 +78,39 @@ class Laplace:
         """The covariance (d, d) where the noise of the data is so many times larger."""
         return inverse(self.data / factor**2 + self.priors)
 
+    def unbounded(self, factor: float, held: Collection[str] = ()) -> np.ndarray:
+        """The mean (d,) of the normal distribution of which this is the peak within the bounds.
+
+        Parameters
+        ----------
+        factor : times that the noise of the data is larger
+        held : faults that stay where they are at the peak
+        """
+        chart, slope = self.problem.chart, self.slope(factor)
+        precision = self.data / factor**2 + self.priors
+        size = np.sqrt(np.maximum(np.diag(precision), 1e-12))
+        values, vectors = eigen(precision / np.outer(size, size))
+        root = np.sqrt(np.maximum(values, 1e-10))
+        scaled = (vectors * root).T
+        there = -(vectors.T @ (slope / size)) / root
+        low = np.minimum(chart.lower - self.z, 0.0) * size
+        high = np.maximum(chart.upper - self.z, 0.0) * size
+        free = [
+            n for n, one in enumerate(chart.unknowns)
+            if one.name not in held and one.direction_of not in held
+        ]  # fmt: skip
+        step = np.zeros(len(slope))
+        step[free] = bounded_squares(scaled[:, free], there, low[free], high[free])
+        # slopes are rough: were they exact, this step would be none
+        return self.z + (vectors @ (there / root) - step) / size
+
+    def slope(self, factor: float) -> np.ndarray:
+        """Half the slope (d,) of minus twice the log density, with the noise of the data so."""
+        slopes, here = self.problem.split(self.jacobian), self.problem.split(self.residuals)
+        noise = self.problem.noise
+        found = (slopes.data @ here.data + slopes.evidence @ here.evidence) / (factor * noise) ** 2
+        return np.asarray(found + slopes.priors @ here.priors / noise**2)
+
 
 def laplace(
     problem: Problem,

@@ -151,18 +151,25 @@ class LaplaceIntervals:
 
     def run(self, question: Question, *, seed: int, report: Report) -> Uncertainty:
         """The answer, without a simulation."""
-        assessed = question.assessed
-        assert assessed.drawn is not None
+        assessed, limits = question.assessed, question.thresholds
+        sets = assessed.sets
+        assert sets is not None
         ends = {name: (one.low, one.high) for name, one in assessed.intervals.items()}
-        doubts = [*strained(question), *uninformed(question, assessed.drawn)]
+        doubts = [*strained(question), *uninformed(question, sets.drawn)]
         if assessed.others:
             doubts.append(
                 "Other answers explain the recording nearly as well, and these intervals leave "
                 "them out; use the posterior, which does not."
             )
         return Uncertainty(
-            self.name, ends, **probabilities(question, assessed.drawn), doubts=tuple(doubts)
-        )
+            self.name, ends, present=sets.probabilities, healthy=1.0 - sets.faulty,
+            exceeds={
+                name: float(np.mean(one.is_beyond(one.values(question.actuator, sets.drawn))))
+                for name, one in limits.items()
+            },
+            thresholds={name: one.text for name, one in limits.items()},
+            doubts=tuple(doubts), draws=sets.drawn,
+        )  # fmt: skip
 
 
 def named(method: "str | Method") -> Method:

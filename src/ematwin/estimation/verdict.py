@@ -1,10 +1,9 @@
 """Verdict: healthy, changed, a fault by name, or none, with the reason.
 
-A fault is named if it lies beyond what noise, what the twin misses, and all that nobody knows
-exactly may account for (`ematwin.estimation.significance`). A change beyond noise that a drift of
-the actuator's parameters accounts for as well is a change without a name; against a data sheet,
-whose tolerances are wider, it is no ground for any verdict. A recording that the twin does not
-explain as well as healthy ones, or that moves too little, gives none either.
+A fault is named if it is there with a probability of `CERTAIN`, and a recording is healthy if no
+fault is, with the same probability (`ematwin.estimation.spike_and_slab`). Where some fault is that
+probable, but none by itself, it is a change without a name. In between there is no verdict, nor on
+a recording that the twin does not explain as well as healthy ones, or that moves too little.
 """
 
 import math
@@ -13,16 +12,15 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from ematwin.estimation.constants import (
+    BEFOREHAND,
+    CERTAIN,
     EXPLAINED,
     LEVEL,
     SMALLEST,
-    TELLING,
     UNCALIBRATED,
     WORSE,
     WORST,
 )
-from ematwin.estimation.estimate import Estimate
-from ematwin.estimation.significance import is_present, present
 from ematwin.showing import markup
 from ematwin.showing.words import listed
 
@@ -81,84 +79,72 @@ def worst_misfit(healthy: float) -> float:
 
 
 def judged(
-    estimate: Estimate,
+    probability: Mapping[str, float],
+    faulty: float,
     *,
     calibrated: bool,
-    sharp_errors: Mapping[str, float],
-    intervals: Mapping[str, tuple[float, float]],
-    obstacles: Sequence[str],
-    ambiguities: Mapping[str, str],
+    reach: Mapping[str, float],
     found: Mapping[str, str],
     ranges: Mapping[str, str],
+    obstacles: Sequence[str] = (),
+    ambiguities: Mapping[str, str] | None = None,
 ) -> Verdict:
-    """The verdict on an estimate.
+    """The verdict on what is known of the faults.
 
     Parameters
     ----------
-    estimate : values with a covariance that includes all that is uncertain
-    calibrated : whether its twin was fitted to healthy recordings of the actuator
-    sharp_errors : standard errors by fault, as if all parameters were known exactly
-    intervals : 95 %, by fault
-    obstacles : sentences, each of which forbids a verdict
-    ambiguities : by fault, what else may be the cause where only a drift would excuse it
+    probability : by fault, that it is as far from healthy as matters
+    faulty : that any of them is
+    calibrated : whether the twin was fitted to healthy recordings of the actuator
+    reach : by fault, how far its interval reaches from healthy, as a share of its range
     found : by fault, its size for people, "friction +50 % (0.045 N m, 95 % interval ...)"
     ranges : by fault, its interval for people, "short a, 0 to 2.2 turns"
+    obstacles : sentences, each of which forbids a verdict
+    ambiguities : by fault, what else may be the cause
     """
-    magnitudes = [name for name in estimate.names if name in found]
-    named = tuple(name for name in present(estimate) if name in found)
-    moved = [
-        name
-        for name in magnitudes
-        if is_present(
-            estimate[name] - estimate.healthy[name], estimate.ranges[name], sharp_errors[name]
-        )
-    ]
-    if not magnitudes:
+    if not probability:
         obstacles = [*obstacles, "No fault was searched."]
     if obstacles:
-        reason = " ".join(obstacles)
-        return Verdict("none", (), reason, f"No verdict: {reason}")
-    unexplained = [name for name in moved if name not in named]
-    said = _together([found[name] for name in unexplained]) if unexplained else ""
-    causes = list(dict.fromkeys(ambiguities[n] for n in unexplained if n in ambiguities))
-    because = f" {' '.join(causes)}" if causes else ""
-
-    far = {
-        name: max(abs(end - estimate.healthy[name]) for end in intervals[name])
-        / estimate.ranges[name]
-        for name in magnitudes
-    }
+        return _without(" ".join(obstacles))
+    named = tuple(name for name, share in probability.items() if share > CERTAIN)
+    unsure = sorted(
+        (name for name in probability if name not in named and probability[name] > 1.0 - CERTAIN),
+        key=lambda name: -probability[name],
+    )
+    told = {n: (found if probability[n] > BEFOREHAND else ranges)[n] for n in unsure}
+    perhaps = _listed_or([f"{told[n]}, {100.0 * probability[n]:.0f} % probable" for n in unsure])
+    causes = dict.fromkeys((ambiguities or {}).get(name, "") for name in unsure)
+    because = "".join(f" {cause}" for cause in causes if cause)
+    advice = (
+        "Use a command that moves the actuator more, or judge more recordings."
+        if calibrated
+        else "Calibrate with healthy recordings of this actuator."
+    )
     if named:
         reason = rest = ""
-        if unexplained:
-            excuse = "drift" if calibrated else "the tolerances of the data sheet"
-            reason = rest = f"{said[:1].upper()}{said[1:]} may be due to {excuse}.{because}"
-        elif others := [name for name in magnitudes if name not in named]:
-            rest = least_certain("No other fault", {name: far[name] for name in others}, ranges)
+        if unsure:
+            reason = rest = f"Perhaps also {perhaps}.{because}"
+        elif others := {name: far for name, far in reach.items() if name not in named}:
+            rest = least_certain("No other fault", others, ranges)
         sentence = f"{faults_said([found[name] for name in named])} {rest}".rstrip()
         return Verdict("fault", named, reason, sentence)
-    if moved:
-        if calibrated:
-            reason = f"{said}, no more than drift since the calibration can cause.{because}"
-            return Verdict("changed", (), reason, f"Changed: {reason}")
-        reason = (
-            f"{said} would explain the recording, and so would the tolerances of the data sheet."
-            f"{because} Calibrate with healthy recordings of this actuator."
-        )
-        return Verdict("none", (), reason, f"No verdict: {reason}")
-    unseen = [name for name in magnitudes if far[name] > TELLING]
-    if unseen:
-        reason = (
-            f"Nothing has changed beyond doubt, but {listed(unseen)} could be present unseen"
-            + (". " if calibrated else " within the tolerances of the data sheet. ")
-            + (
-                "Use a command that moves the actuator more."
-                if calibrated
-                else "Calibrate with healthy recordings of this actuator."
-            )
-        )
-        return Verdict("none", (), reason, f"No verdict: {reason}")
-    return Verdict("healthy", (), "", f"Healthy: {least_certain('no fault', far, ranges)}")
+    if faulty > CERTAIN:
+        reason = f"{perhaps}; the recording does not tell which.{because}"
+        return Verdict("changed", (), reason, f"Changed: {reason}")
+    if faulty > 1.0 - CERTAIN:
+        which = perhaps or listed([name.replace("_", " ") for name in probability])
+        reason = f"A fault is {100.0 * faulty:.0f} % probable: {which}.{because} {advice}"
+        return _without(reason)
+    return Verdict("healthy", (), "", f"Healthy: {least_certain('no fault', reach, ranges)}")
+
+
+def _without(reason: str) -> Verdict:
+    return Verdict("none", (), reason, f"No verdict: {reason}")
+
+
+def _listed_or(said: Sequence[str]) -> str:
+    """Alternatives in words."""
+    return " or ".join([", ".join(said[:-1]), said[-1]]) if len(said) > 1 else "".join(said)
 
 
 def faults_said(said: Sequence[str]) -> str:

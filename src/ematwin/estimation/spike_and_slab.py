@@ -1,0 +1,251 @@
+"""Which faults a recording shows: the posterior of all sets of faults.
+
+Beforehand each fault is absent with a probability of `1 - BEFOREHAND`, else anywhere in its range:
+a spike and a slab (Mitchell and Beauchamp 1988, J. Am. Stat. Assoc. 83, 1023-1032). Near a minimum
+in which everything is free, recording and priors together are a normal distribution (Laplace's
+approximation). With the faults A that are not in a set held healthy, its integral over all else is
+the evidence of the set S,
+
+    w(S) ~ p(S) N(healthy_A; mean_A, covariance_AA) P(S within its bounds | A healthy)
+
+in coordinates in which ranges are one. A set of parallel faults that a drift explains as well has
+three slabs to pay for, and the drift only its prior: the smaller explanation is the more probable
+one (MacKay 1992, Neural Computation 4, 415-447). Sets far less probable than the best one are left
+out (Occam's window: Madigan and Raftery 1994, J. Am. Stat. Assoc. 89, 1535-1546).
+"""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ematwin.estimation.constants import BEFOREHAND, CERTAIN, SMALLEST
+from ematwin.estimation.intervals import Draws, conditional
+from ematwin.models.chart import Chart
+from ematwin.models.unknown import Unknown
+
+_WINDOW = 7.0  # logarithm of the ratio of probabilities: sets below 0.1 % of the best are left out
+_MOST = 300  # sets
+_TRIED, _DRAWS = 4000, 8000
+_SEED = 20_201
+
+
+@dataclass(frozen=True)
+class FaultSet:
+    """One explanation: some faults are there, the others are not.
+
+    Attributes
+    ----------
+    faults : names of those that are there
+    probability : float
+    values : (N, d) array, draws of all unknowns
+    """
+
+    faults: frozenset[str]
+    probability: float
+    values: np.ndarray
+
+
+@dataclass(frozen=True)
+class FaultSets:
+    """The posterior of sets of faults.
+
+    Attributes
+    ----------
+    unknowns : (d,), in the order of the draws
+    sets : the most probable one first; their probabilities sum to one
+    distances : by fault, standard errors from healthy with all faults free
+    """
+
+    unknowns: tuple[Unknown, ...]
+    sets: tuple[FaultSet, ...]
+    distances: dict[str, float]
+
+    @cached_property
+    def probabilities(self) -> dict[str, float]:
+        """By fault, the probability that it is `SMALLEST` of its range from healthy, or more."""
+        return {
+            one.name: sum(
+                s.probability * float(np.mean(self._matters(one, s.values)))
+                for s in self.sets
+                if one.name in s.faults
+            )
+            for one in self.faults
+        }
+
+    @cached_property
+    def faulty(self) -> float:
+        """The probability that any fault is as far from healthy as matters."""
+        found = 0.0
+        for s in self.sets:
+            own = [self._matters(one, s.values) for one in self.faults if one.name in s.faults]
+            if own:
+                found += s.probability * float(np.mean(np.any(own, axis=0)))
+        return found
+
+    @property
+    def faults(self) -> tuple[Unknown, ...]:
+        """Magnitudes of faults."""
+        return tuple(
+            one for one in self.unknowns if one.role == "fault" and one.direction_of is None
+        )
+
+    def presence(self, name: str) -> float:
+        """The probability of all sets with a fault."""
+        return sum(s.probability for s in self.sets if name in s.faults)
+
+    def is_improbable(self, name: str) -> bool:
+        """Whether a fault is not there, with a probability of `CERTAIN`."""
+        return self.presence(name) < 1.0 - CERTAIN
+
+    @cached_property
+    def drawn(self) -> Draws:
+        """Draws over all sets."""
+        return self._resampled(self.sets)
+
+    def given(self, name: str) -> Draws | None:
+        """Draws over the sets with a fault; None where bounds leave none."""
+        own = [s for s in self.sets if name in s.faults]
+        return self._resampled(own) if own else None
+
+    def _resampled(self, sets: Iterable[FaultSet]) -> Draws:
+        sets = list(sets)
+        total = sum(s.probability for s in sets)
+        rng = np.random.default_rng(_SEED)
+        picked = [
+            s.values[rng.choice(len(s.values), max(1, round(_DRAWS * s.probability / total)))]
+            for s in sets
+        ]
+        names = tuple(one.name for one in self.unknowns)
+        directions = {one.name: one.direction_of for one in self.unknowns if one.direction_of}
+        return Draws(names, np.concatenate(picked), directions)
+
+    def _matters(self, one: Unknown, values: np.ndarray) -> np.ndarray:
+        n = next(n for n, other in enumerate(self.unknowns) if other.name == one.name)
+        return np.asarray(np.abs(values[:, n] - one.healthy) >= SMALLEST * one.width)
+
+
+def fault_sets(chart: Chart, mean: np.ndarray, covariance: np.ndarray) -> FaultSets:
+    """The posterior of sets of the faults among the unknowns of a chart.
+
+    Parameters
+    ----------
+    chart : of d unknowns
+    mean, covariance : (d,) and (d, d) arrays, in its coordinates, as if all faults were there and
+        had no bounds
+    """
+    space = _Space(chart, mean, covariance)
+    logs = {names: space.evidence(names) for names in (frozenset[str](), frozenset(space.faults))}
+    waiting = list(logs)
+    while waiting and len(logs) < 100 * _MOST:
+        names = waiting.pop()
+        for name in space.faults:
+            other = names ^ {name}
+            if other in logs:
+                continue
+            logs[other] = space.evidence(other)
+            if logs[other] > max(logs.values()) - _WINDOW:
+                waiting.append(other)
+    best = max(logs, key=lambda names: logs[names])
+    beside = {best ^ {name} for name in space.faults}
+    kept = sorted(logs, key=lambda names: -logs[names])[:_MOST]
+    kept = [names for names in kept if logs[names] > logs[best] - _WINDOW or names in beside]
+    rng = np.random.default_rng(_SEED)
+    found = []
+    for names in kept:
+        log_share, z = space.drawn(names, rng)
+        if len(z):
+            found.append((logs[names] + log_share, names, chart.to_values(z)))
+    most = max(log for log, _, _ in found)
+    weights = np.exp([log - most for log, _, _ in found])
+    weights /= weights.sum()
+    sets = [
+        FaultSet(names, float(weight), values)
+        for weight, (_, names, values) in zip(weights, found, strict=True)
+    ]
+    sets.sort(key=lambda one: -one.probability)
+    return FaultSets(chart.unknowns, tuple(sets), space.distances)
+
+
+class _Space:
+    """A normal distribution of all unknowns, and what is left of it where faults are absent."""
+
+    def __init__(self, chart: Chart, mean: np.ndarray, covariance: np.ndarray) -> None:
+        self._chart, self._mean, self._covariance = chart, mean, covariance
+        healthy = np.array([[one.healthy for one in chart.unknowns]])
+        self._healthy = chart.from_values(healthy)[0]
+        paired = dict(chart.pairs)
+        for pair in chart.pairs:
+            self._healthy[list(pair)] = 0.0
+        self.faults = {
+            one.name: [n, paired[n]] if n in paired else [n]
+            for n, one in enumerate(chart.unknowns)
+            if one.role == "fault" and one.direction_of is None
+        }
+
+    def evidence(self, names: frozenset[str]) -> float:
+        """Logarithm of the probability of a set, but for a constant and its bounds."""
+        prior = len(names) * math.log(BEFOREHAND / (1.0 - BEFOREHAND))
+        absent = self._absent(names)
+        if not absent:
+            return prior
+        root = np.linalg.cholesky(self._covariance[np.ix_(absent, absent)])
+        away = np.linalg.solve(root, self._healthy[absent] - self._mean[absent])
+        volume = float(np.log(np.diag(root)).sum()) + 0.5 * len(absent) * math.log(2.0 * math.pi)
+        return prior - 0.5 * float(away @ away) - volume
+
+    def drawn(self, names: frozenset[str], rng: np.random.Generator) -> tuple[float, np.ndarray]:
+        """Logarithm of the share of a set within its bounds, and draws z (N, d) within them.
+
+        A magnitude with a direction is as likely anywhere in its range, its components so many
+        times less likely as the circle is long.
+        """
+        chart, covariance = self._chart, self._covariance
+        absent = self._absent(names)
+        free = [n for n in range(len(self._mean)) if n not in set(absent)]
+        mean, left = self._mean[free], covariance[np.ix_(free, free)]
+        if absent:
+            across = covariance[np.ix_(free, absent)]
+            gain = np.linalg.solve(covariance[np.ix_(absent, absent)], across.T).T
+            mean = mean + gain @ (self._healthy[absent] - self._mean[absent])
+            left = left - gain @ across.T
+        own = {n for name in names for n in self.faults[name]}
+        there = np.array([n in own for n in free], dtype=bool)
+        places = [n for n in free if n in own]
+        root, follow, rest = conditional(left, there)
+        tried = rng.standard_normal((_TRIED if places else 1, len(places))) @ root.T
+        at = tried + mean[there]
+        inside = np.ones(len(at))
+        for name in names:
+            columns = [places.index(n) for n in self.faults[name]]
+            if len(columns) == 1:
+                n, x = self.faults[name][0], at[:, columns[0]]
+                inside *= (x >= chart.lower[n]) & (x <= chart.upper[n])
+            else:
+                size = np.hypot(at[:, columns[0]], at[:, columns[1]])
+                inside *= (size <= 1.0) / np.maximum(2.0 * np.pi * size, 1e-9)
+        total = float(inside.sum())
+        if not total > 0.0:
+            return -math.inf, np.zeros((0, len(self._mean)))
+        tried = tried[rng.choice(len(tried), _TRIED // 2, p=inside / total)]
+        z = np.tile(self._healthy, (len(tried), 1))
+        drawn = np.empty((len(tried), len(free)))
+        drawn[:, there] = tried
+        drawn[:, ~there] = tried @ follow.T + rng.standard_normal((len(tried), len(rest))) @ rest.T
+        z[:, free] = drawn + mean
+        return math.log(total / len(at)), z
+
+    @property
+    def distances(self) -> dict[str, float]:
+        """By fault, standard errors from healthy with all faults free."""
+        found = {}
+        for name, places in self.faults.items():
+            away = self._mean[places] - self._healthy[places]
+            square = away @ np.linalg.solve(self._covariance[np.ix_(places, places)], away)
+            found[name] = math.sqrt(float(square))
+        return found
+
+    def _absent(self, names: frozenset[str]) -> list[int]:
+        return [n for name, places in self.faults.items() if name not in names for n in places]
