@@ -29,7 +29,6 @@ from ematwin.estimation.correction import Corrected, corrected, reweighed, with_
 from ematwin.estimation.descent import Descent
 from ematwin.estimation.held_healthy import held_healthy
 from ematwin.estimation.intervals import (
-    Draws,
     Interval,
     contrasts_of,
     in_physical_units,
@@ -347,11 +346,8 @@ def _values(
     """
     values, intervals = full.values(peak.point), {}
     for one in full.unknowns:
-        given = _given(one, sets)
+        given = sets.given(one.direction_of or one.name)
         is_fault = one.role == "fault" and one.direction_of is None
-        if given is None:  # bounds leave no room for it
-            intervals[one.name] = Interval(one.healthy, one.healthy)
-            continue
         if is_fault and sets.is_improbable(one.name):
             values[one.name] = float(given.of(one.name).mean())
         low, high = given.interval(one.name, one.lower, one.upper)
@@ -361,17 +357,17 @@ def _values(
     drawn = sets.drawn
     away = np.array([_deviations(one, drawn.of(one.name), values) for one in full.unknowns[:own]])
     alike = np.corrcoef(away + 1e-12 * np.random.default_rng(0).standard_normal(away.shape))
-    errors = np.array([_error(one, _given(one, sets), values) for one in full.unknowns[:own]])
+    errors = np.array(
+        [
+            _error(one, sets.given(one.direction_of or one.name).of(one.name), values)
+            for one in full.unknowns[:own]
+        ]
+    )
     covariance = np.where(np.isfinite(errors), errors, 0.0)
     covariance = np.outer(covariance, covariance) * np.atleast_2d(alike)
     for n in np.flatnonzero(~np.isfinite(errors)):
         covariance[n, n] = np.inf
     return values, intervals, covariance
-
-
-def _given(one: Unknown, sets: FaultSets) -> Draws | None:
-    """Draws of the sets with a fault, or of all of them for what is no fault."""
-    return sets.given(one.direction_of or one.name) if one.role == "fault" else sets.drawn
 
 
 def _deviations(one: Unknown, drawn: np.ndarray, values: Mapping[str, float]) -> np.ndarray:
@@ -385,17 +381,12 @@ def _deviations(one: Unknown, drawn: np.ndarray, values: Mapping[str, float]) ->
     return drawn - value
 
 
-def _error(one: Unknown, drawn: Draws | None, values: Mapping[str, float]) -> float:
-    """Standard error of a value, infinite where it may be anything."""
-    if drawn is None:
-        return 0.0
-    x = drawn.of(one.name)
-    if one.direction_of is not None and abs(np.exp(2j * np.pi * x).mean()) < _NOWHERE:
+def _error(one: Unknown, drawn: np.ndarray, values: Mapping[str, float]) -> float:
+    """Standard error of a value by draws (N,), infinite where it may be anything."""
+    if one.direction_of is not None and abs(np.exp(2j * np.pi * drawn).mean()) < _NOWHERE:
         return math.inf
-    error = math.sqrt(float(np.mean(_deviations(one, x, values) ** 2)))
-    if one.role == "fault" and error > ANYTHING * one.width:
-        return math.inf
-    return error
+    error = math.sqrt(float(np.mean(_deviations(one, drawn, values) ** 2)))
+    return math.inf if one.role == "fault" and error > ANYTHING * one.width else error
 
 
 def _evident(

@@ -207,8 +207,8 @@ def in_physical_units(
         low, high = (float(one.physical(best, end)) for end in (ends.low, ends.high))
         if one.direction_of is None:  # what is lost may be told by what is left
             low, high = sorted((low, high))
-        drawn = None if one.direction_of is not None else sets.given(one.name)
-        if drawn is not None:
+        if one.direction_of is None:
+            drawn = sets.given(one.name)
             varied = actuator.with_arrays({n: drawn.of(n) for n in drawn.names if "." in n})
             if _depends_on_parameters(one, varied):
                 spread = np.asarray(one.physical(varied, drawn.of(one.name)), dtype=float)

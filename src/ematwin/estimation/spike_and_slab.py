@@ -15,7 +15,7 @@ out (Occam's window: Madigan and Raftery 1994, J. Am. Stat. Assoc. 89, 1535-1546
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -23,8 +23,10 @@ import numpy as np
 
 from ematwin.estimation.constants import BEFOREHAND, CERTAIN, SMALLEST
 from ematwin.estimation.intervals import Draws, conditional
+from ematwin.estimation.laplace import eigen
 from ematwin.models.chart import Chart
 from ematwin.models.unknown import Unknown
+from ematwin.numerics.bounded_squares import bounded_squares
 
 _WINDOW = 7.0  # logarithm of the ratio of probabilities: sets below 0.1 % of the best are left out
 _MOST = 300  # sets
@@ -105,13 +107,12 @@ class FaultSets:
         """Draws over all sets."""
         return self._resampled(self.sets)
 
-    def given(self, name: str) -> Draws | None:
-        """Draws over the sets with a fault; None where bounds leave none."""
+    def given(self, name: str) -> Draws:
+        """Draws over the sets with a fault: what it is if it is there; over all if it is none."""
         own = [s for s in self.sets if name in s.faults]
-        return self._resampled(own) if own else None
+        return self._resampled(own) if own else self.drawn
 
-    def _resampled(self, sets: Iterable[FaultSet]) -> Draws:
-        sets = list(sets)
+    def _resampled(self, sets: Sequence[FaultSet]) -> Draws:
         total = sum(s.probability for s in sets)
         rng = np.random.default_rng(_SEED)
         picked = [
@@ -149,15 +150,15 @@ def fault_sets(chart: Chart, mean: np.ndarray, covariance: np.ndarray) -> FaultS
             if logs[other] > max(logs.values()) - _WINDOW:
                 waiting.append(other)
     best = max(logs, key=lambda names: logs[names])
-    beside = {best ^ {name} for name in space.faults}
-    kept = sorted(logs, key=lambda names: -logs[names])[:_MOST]
-    kept = [names for names in kept if logs[names] > logs[best] - _WINDOW or names in beside]
+    near = [names for names in logs if logs[names] > logs[best] - _WINDOW]
+    # those with a fault more or less tell how large each fault is, if it is there
+    kept = sorted(near, key=lambda names: -logs[names])[:_MOST]
+    kept += [best ^ {name} for name in space.faults if best ^ {name} not in kept]
     rng = np.random.default_rng(_SEED)
     found = []
     for names in kept:
-        log_share, z = space.drawn(names, rng)
-        if len(z):
-            found.append((logs[names] + log_share, names, chart.to_values(z)))
+        share, z = space.drawn(names, rng)
+        found.append((logs[names] + share, names, chart.to_values(z)))
     most = max(log for log, _, _ in found)
     weights = np.exp([log - most for log, _, _ in found])
     weights /= weights.sum()
@@ -174,8 +175,7 @@ class _Space:
 
     def __init__(self, chart: Chart, mean: np.ndarray, covariance: np.ndarray) -> None:
         self._chart, self._mean, self._covariance = chart, mean, covariance
-        healthy = np.array([[one.healthy for one in chart.unknowns]])
-        self._healthy = chart.from_values(healthy)[0]
+        self._healthy = chart.from_values(np.array([[one.healthy for one in chart.unknowns]]))[0]
         paired = dict(chart.pairs)
         for pair in chart.pairs:
             self._healthy[list(pair)] = 0.0
@@ -184,58 +184,9 @@ class _Space:
             for n, one in enumerate(chart.unknowns)
             if one.role == "fault" and one.direction_of is None
         }
-
-    def evidence(self, names: frozenset[str]) -> float:
-        """Logarithm of the probability of a set, but for a constant and its bounds."""
-        prior = len(names) * math.log(BEFOREHAND / (1.0 - BEFOREHAND))
-        absent = self._absent(names)
-        if not absent:
-            return prior
-        root = np.linalg.cholesky(self._covariance[np.ix_(absent, absent)])
-        away = np.linalg.solve(root, self._healthy[absent] - self._mean[absent])
-        volume = float(np.log(np.diag(root)).sum()) + 0.5 * len(absent) * math.log(2.0 * math.pi)
-        return prior - 0.5 * float(away @ away) - volume
-
-    def drawn(self, names: frozenset[str], rng: np.random.Generator) -> tuple[float, np.ndarray]:
-        """Logarithm of the share of a set within its bounds, and draws z (N, d) within them.
-
-        A magnitude with a direction is as likely anywhere in its range, its components so many
-        times less likely as the circle is long.
-        """
-        chart, covariance = self._chart, self._covariance
-        absent = self._absent(names)
-        free = [n for n in range(len(self._mean)) if n not in set(absent)]
-        mean, left = self._mean[free], covariance[np.ix_(free, free)]
-        if absent:
-            across = covariance[np.ix_(free, absent)]
-            gain = np.linalg.solve(covariance[np.ix_(absent, absent)], across.T).T
-            mean = mean + gain @ (self._healthy[absent] - self._mean[absent])
-            left = left - gain @ across.T
-        own = {n for name in names for n in self.faults[name]}
-        there = np.array([n in own for n in free], dtype=bool)
-        places = [n for n in free if n in own]
-        root, follow, rest = conditional(left, there)
-        tried = rng.standard_normal((_TRIED if places else 1, len(places))) @ root.T
-        at = tried + mean[there]
-        inside = np.ones(len(at))
-        for name in names:
-            columns = [places.index(n) for n in self.faults[name]]
-            if len(columns) == 1:
-                n, x = self.faults[name][0], at[:, columns[0]]
-                inside *= (x >= chart.lower[n]) & (x <= chart.upper[n])
-            else:
-                size = np.hypot(at[:, columns[0]], at[:, columns[1]])
-                inside *= (size <= 1.0) / np.maximum(2.0 * np.pi * size, 1e-9)
-        total = float(inside.sum())
-        if not total > 0.0:
-            return -math.inf, np.zeros((0, len(self._mean)))
-        tried = tried[rng.choice(len(tried), _TRIED // 2, p=inside / total)]
-        z = np.tile(self._healthy, (len(tried), 1))
-        drawn = np.empty((len(tried), len(free)))
-        drawn[:, there] = tried
-        drawn[:, ~there] = tried @ follow.T + rng.standard_normal((len(tried), len(rest))) @ rest.T
-        z[:, free] = drawn + mean
-        return math.log(total / len(at)), z
+        self._own = np.zeros(len(mean), dtype=bool)  # what may be absent; all else follows
+        self._own[[n for places in self.faults.values() for n in places]] = True
+        _, self._follows, self._rest = conditional(covariance, self._own)
 
     @property
     def distances(self) -> dict[str, float]:
@@ -247,5 +198,75 @@ class _Space:
             found[name] = math.sqrt(float(square))
         return found
 
-    def _absent(self, names: frozenset[str]) -> list[int]:
-        return [n for name, places in self.faults.items() if name not in names for n in places]
+    def evidence(self, names: frozenset[str]) -> float:
+        """Logarithm of the probability of a set, but for a constant, or somewhat more.
+
+        Of what lies within its bounds the best point counts, and not its share.
+        """
+        prior = len(names) * math.log(BEFOREHAND / (1.0 - BEFOREHAND))
+        *_, pull, away, volume = self._set(names)
+        return prior - 0.5 * float(pull @ pull + away @ away) - volume
+
+    def drawn(self, names: frozenset[str], rng: np.random.Generator) -> tuple[float, np.ndarray]:
+        """Logarithm of the share of a set within its bounds, and draws z (N, d) within them.
+
+        Draws are around the best point within the bounds, and count by how probable they are. Both
+        are less what `evidence` counts of them. A magnitude with a direction is as likely anywhere
+        in its range, its components so many times less likely as the circle is long.
+        """
+        chart = self._chart
+        places, mean, root, pull, *_ = self._set(names)
+        normal = rng.standard_normal((_TRIED if places else 1, len(places)))
+        at = mean + (normal + pull) @ root.T
+        logs = -normal @ pull
+        inside = ((at >= chart.lower[places]) & (at <= chart.upper[places])).all(axis=1)
+        for pair in chart.pairs:
+            if pair[0] in places:
+                size = np.hypot(*(at[:, places.index(n)] for n in pair))
+                inside &= size <= 1.0
+                logs -= np.log(np.maximum(2.0 * np.pi * size, 1e-9))
+        inside[np.argmax(logs)] |= not inside.any()  # a corner that no draw hits
+        logs[~inside] = -np.inf
+        most = float(logs.max())
+        shares = np.exp(logs - most)
+        picked = rng.choice(len(at), _TRIED // 2, p=shares / shares.sum())
+        z = np.tile(self._healthy, (len(picked), 1))
+        z[:, places] = at[picked]
+        z[:, self._own] = chart.project(z)[:, self._own]
+        away = z[:, self._own] - self._mean[self._own]
+        others = rng.standard_normal((len(z), len(self._rest))) @ self._rest.T
+        z[:, ~self._own] = self._mean[~self._own] + away @ self._follows.T + others
+        return most + math.log(float(shares.mean())), z
+
+    def _set(
+        self, names: frozenset[str]
+    ) -> tuple[list[int], np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
+        """The normal distribution of a set: the others are healthy.
+
+        Its places, mean, root of the covariance; from the mean to the best point within the bounds
+        and from healthy to the mean of the others, in standard deviations; and the logarithm of
+        the volume of the others.
+        """
+        covariance, chart = self._covariance, self._chart
+        places = [n for name, own in self.faults.items() if name in names for n in own]
+        absent = [n for name, own in self.faults.items() if name not in names for n in own]
+        mean, left = self._mean[places], covariance[np.ix_(places, places)]
+        away, volume = np.zeros(0), 0.0
+        if absent:
+            other = np.linalg.cholesky(covariance[np.ix_(absent, absent)])
+            gap = self._healthy[absent] - self._mean[absent]
+            both = np.linalg.solve(other, np.c_[gap, covariance[np.ix_(absent, places)]])
+            away, across = both[:, 0], both[:, 1:]
+            mean, left = mean + across.T @ away, left - across.T @ across
+            volume = float(np.log(np.diag(other)).sum())
+            volume += 0.5 * len(absent) * math.log(2.0 * math.pi)
+        values, vectors = eigen(left) if places else (np.zeros(0), np.zeros((0, 0)))
+        sizes = np.sqrt(np.maximum(values, 1e-18))
+        lower, upper = chart.lower[places], chart.upper[places]
+        inside = np.clip(mean, lower, upper)
+        pull = np.zeros(len(places))
+        if not np.array_equal(inside, mean):
+            scale = (vectors / sizes).T
+            target = scale @ (mean - inside)
+            pull = scale @ bounded_squares(scale, target, lower - inside, upper - inside) - target
+        return places, mean, vectors * sizes, pull, away, volume

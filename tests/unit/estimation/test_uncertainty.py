@@ -8,7 +8,6 @@ import pytest
 import ematwin
 from ematwin import Recording
 from ematwin.errors import InputError, MissingExtraError
-from ematwin.estimation.intervals import draws
 from ematwin.estimation.joint import Joint
 from ematwin.estimation.laplace import laplace, sharp_errors
 from ematwin.estimation.posterior import (
@@ -20,6 +19,7 @@ from ematwin.estimation.posterior import (
 from ematwin.estimation.probabilities import thresholds_of
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.profile import Profiles
+from ematwin.estimation.spike_and_slab import fault_sets
 from ematwin.estimation.uncertainty import LaplaceIntervals, Question, named
 from ematwin.models.unknown import Unknown
 from naive.toy import BASES, NOISE, SAMPLES, Toy, fault, stacked
@@ -37,14 +37,15 @@ def question(comparison, unknowns, *starts, thresholds=None):
     joint = Joint(tuple(peaks), FACTOR, own)
     names = problem.names[:own]
     sharp = dict(zip(names, sharp_errors(peaks[0], own, FACTOR).tolist(), strict=True))
-    drawn = draws(problem.chart, peaks[0].z, peaks[0].widened(FACTOR))
+    sets = fault_sets(problem.chart, peaks[0].unbounded(FACTOR), peaks[0].widened(FACTOR))
     ends = {
-        one.name: drawn.interval(one.name, one.lower, one.upper) for one in problem.unknowns
+        one.name: sets.given(one.direction_of or one.name).interval(one.name, one.lower, one.upper)
+        for one in problem.unknowns
     }  # fmt: skip
     intervals = {n: SimpleNamespace(low=low, high=high) for n, (low, high) in ends.items()}
     assessed = SimpleNamespace(
         values=problem.values(np.array(starts[0], dtype=float)),
-        intervals=intervals, drawn=drawn, sharp_errors=sharp, strained={}, others=(),
+        intervals=intervals, sets=sets, sharp_errors=sharp, strained={}, others=(),
     )  # fmt: skip
     limits = thresholds_of(thresholds or {}, unknowns, None)  # type: ignore[arg-type]
     return Question(problem, None, assessed, joint, limits)  # type: ignore[arg-type]

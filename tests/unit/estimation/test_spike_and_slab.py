@@ -1,0 +1,115 @@
+"""Probabilities of faults against sums over a grid, and against draws of a naive sampler."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from ematwin.estimation.spike_and_slab import fault_sets
+from ematwin.models.chart import Chart
+from ematwin.models.unknown import Unknown
+
+
+def fault(name, healthy=0.0, **more) -> Unknown:
+    return Unknown(name, "", name, healthy, 0.0, 1.0, **more)
+
+
+def on_a_grid(mean, covariance, count=400):
+    """Probabilities of the four sets of two faults in [0, 1], absent at zero, by sums."""
+    x = (np.arange(count) + 0.5) / count
+    precision = np.linalg.inv(covariance)
+
+    def density(a, b):
+        away = np.stack(np.broadcast_arrays(a - mean[0], b - mean[1]), axis=-1)
+        return np.exp(-0.5 * np.einsum("...i,ij,...j", away, precision, away))
+
+    found = np.array([
+        density(0.0, 0.0), density(x, 0.0).mean(), density(0.0, x).mean(),
+        density(x[:, None], x[None]).mean(),
+    ])  # fmt: skip
+    return found / found.sum()
+
+
+@pytest.mark.parametrize("mean", [(0.0, 0.0), (0.05, 0.1), (0.3, -0.02), (-0.3, 0.1)], ids=str)
+@pytest.mark.parametrize("alike", [0.0, -0.95, 0.8])
+def test_sets_have_the_probabilities_of_sums_over_a_grid(mean, alike):
+    errors = np.array([0.05, 0.03])
+    covariance = np.outer(errors, errors) * np.array([[1.0, alike], [alike, 1.0]])
+    found = fault_sets(Chart([fault("a"), fault("b")]), np.array(mean), covariance)
+    own = {one.faults: one.probability for one in found.sets}
+    sets = [frozenset(), frozenset("a"), frozenset("b"), frozenset("ab")]
+    expected = on_a_grid(mean, covariance)
+    for names, share in zip(sets, expected, strict=True):
+        assert own.get(names, 0.0) == pytest.approx(share, abs=0.02), names
+
+
+def test_a_drift_is_more_probable_than_three_faults_that_look_alike():
+    """Turns missing from three phases answer as weaker magnets do."""
+    faults = [fault(name) for name in ("a", "b", "c")]
+    drift = Unknown("magnets", "", "", 1.0, 0.1, 10.0, "nominal", logarithmic=True, spread=0.02)
+    chart = Chart([*faults, drift])
+    # data see each fault less the drift, to 0.001; the drift has its prior alone
+    width = float(chart.widths[3])
+    rows = np.array([[1.0, 0.0, 0.0, width], [0.0, 1.0, 0.0, width], [0.0, 0.0, 1.0, width]])
+    precision = rows.T @ rows / 0.001**2
+    precision[3, 3] += (width / 0.02) ** 2
+    z = chart.from_values(np.array([[0.0, 0.0, 0.0, 1.0]]))[0]
+    seen = rows @ z + 0.03
+    slope = rows.T @ seen / 0.001**2 + z * np.array([0.0, 0.0, 0.0, (width / 0.02) ** 2])
+    covariance = np.linalg.inv(precision)
+    found = fault_sets(chart, covariance @ slope, covariance)
+    assert found.sets[0].faults == frozenset()
+    assert found.faulty < 0.05
+    assert np.log(found.drawn.of("magnets")).mean() == pytest.approx(0.03, abs=0.002)
+
+
+def test_a_fault_is_what_it_is_if_it_is_there():
+    mean, errors = np.array([0.3, 0.01]), np.array([0.02, 0.02])
+    found = fault_sets(Chart([fault("a"), fault("b")]), mean, np.diag(errors**2))
+    assert found.probabilities["a"] == pytest.approx(1.0)
+    assert found.is_improbable("a") is False
+    assert found.given("a").of("a").std() == pytest.approx(0.02, rel=0.05)
+    b = found.given("b").of("b")  # within its bounds
+    assert b.min() >= 0.0
+    draws = np.random.default_rng(0).normal(0.01, 0.02, 100_000)
+    assert b.mean() == pytest.approx(draws[draws > 0.0].mean(), rel=0.05)
+
+
+def test_what_is_smaller_than_matters_is_no_fault():
+    found = fault_sets(Chart([fault("a")]), np.array([0.015]), np.array([[0.001**2]]))
+    assert found.presence("a") == pytest.approx(1.0)
+    assert found.probabilities["a"] < 0.01
+    assert found.faulty < 0.01
+
+
+def test_a_magnitude_with_a_direction_is_one_fault():
+    size, turn = fault("size"), fault("turn", 0.5, direction_of="size")
+    chart = Chart([size, turn])
+    error = 0.02
+    for reach in (0.0, 0.05, 0.1):
+        found = fault_sets(chart, np.array([reach, 0.0]), np.diag([error**2] * 2))
+        r = (np.arange(4000) + 0.5) / 4000
+        phi = np.linspace(-np.pi, np.pi, 400, endpoint=False)
+        away = (r[:, None] * np.cos(phi) - reach) ** 2 + (r[:, None] * np.sin(phi)) ** 2
+        there = np.exp(-0.5 * away / error**2).mean()
+        absent = np.exp(-0.5 * reach**2 / error**2)
+        assert found.presence("size") == pytest.approx(there / (there + absent), abs=0.03)
+
+
+def test_a_mean_far_outside_of_its_bounds_leaves_a_value_at_the_bound():
+    for away in (5.0, 30.0, 1000.0):  # standard errors
+        error = 0.01
+        found = fault_sets(Chart([fault("a")]), np.array([-away * error]), np.array([[error**2]]))
+        # Mills: the mass beyond is the density at the bound over the slope of its logarithm
+        assert found.presence("a") == pytest.approx(error / away / (1.0 + error / away), rel=0.5)
+        assert found.given("a").of("a").mean() == pytest.approx(error / away, rel=0.5)
+
+
+def test_many_faults_take_no_sum_over_all_sets():
+    count = 24
+    chart = Chart([fault(f"f{n}") for n in range(count)])
+    mean = np.where(np.arange(count) % 6 == 0, 0.3, 0.0)
+    found = fault_sets(chart, mean, np.eye(count) * 0.01**2)
+    named = {name for name, share in found.probabilities.items() if share > 0.95}
+    assert named == {f"f{n}" for n in range(0, count, 6)}
+    assert len(list(itertools.islice(found.sets, 1000))) <= 400
