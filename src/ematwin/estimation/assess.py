@@ -31,8 +31,8 @@ from ematwin.estimation.held_healthy import held_healthy
 from ematwin.estimation.intervals import (
     Interval,
     contrasts_of,
+    deviations,
     in_physical_units,
-    mean_slope,
 )
 from ematwin.estimation.joint import Joint
 from ematwin.estimation.laplace import Laplace, profiled, sharp_errors
@@ -344,7 +344,7 @@ def _values(
     is: halved is as far off as doubled. The covariance is infinite for a direction that has no
     meaning, and for a value that may be anything.
     """
-    values, intervals = full.values(peak.point), {}
+    values, intervals, errors = full.values(peak.point), {}, []
     for one in full.unknowns:
         given = sets.given(one.direction_of or one.name)
         is_fault = one.role == "fault" and one.direction_of is None
@@ -354,38 +354,25 @@ def _values(
         if is_fault and sets.presence(one.name) < CERTAIN:
             low, high = min(low, one.healthy), max(high, one.healthy)
         intervals[one.name] = Interval(low, high)
-    drawn = sets.drawn
-    away = np.array([_deviations(one, drawn.of(one.name), values) for one in full.unknowns[:own]])
-    alike = np.corrcoef(away + 1e-12 * np.random.default_rng(0).standard_normal(away.shape))
-    errors = np.array(
-        [
-            _error(one, sets.given(one.direction_of or one.name).of(one.name), values)
-            for one in full.unknowns[:own]
-        ]
-    )
-    covariance = np.where(np.isfinite(errors), errors, 0.0)
-    covariance = np.outer(covariance, covariance) * np.atleast_2d(alike)
-    for n in np.flatnonzero(~np.isfinite(errors)):
-        covariance[n, n] = np.inf
+        errors.append(_error(one, given.of(one.name), values[one.name]))
+    covariance = np.diag(np.square(errors[:own]))
+    there = [n for n in range(own) if 0.0 < errors[n] < math.inf]
+    drawn = [
+        deviations(full.unknowns[n], sets.drawn.values[:, n], values[full.names[n]]) for n in there
+    ]
+    varied = [n for n, x in zip(there, drawn, strict=True) if np.ptp(x) > 0.0]
+    alike = np.corrcoef([x for x in drawn if np.ptp(x) > 0.0])
+    sizes = np.array([errors[n] for n in varied])
+    if varied:
+        covariance[np.ix_(varied, varied)] = np.atleast_2d(alike) * np.outer(sizes, sizes)
     return values, intervals, covariance
 
 
-def _deviations(one: Unknown, drawn: np.ndarray, values: Mapping[str, float]) -> np.ndarray:
-    """Deviations (N,) of draws from a value."""
-    value = values[one.name]
-    if one.direction_of is not None:
-        turn = np.exp(2j * np.pi * drawn)
-        return np.asarray(np.angle(turn / np.exp(1j * np.angle(turn.mean()))) / (2.0 * np.pi))
-    if one.logarithmic:
-        return np.asarray(mean_slope(value, one.healthy) * np.log(drawn / value))
-    return drawn - value
-
-
-def _error(one: Unknown, drawn: np.ndarray, values: Mapping[str, float]) -> float:
+def _error(one: Unknown, drawn: np.ndarray, value: float) -> float:
     """Standard error of a value by draws (N,), infinite where it may be anything."""
     if one.direction_of is not None and abs(np.exp(2j * np.pi * drawn).mean()) < _NOWHERE:
         return math.inf
-    error = math.sqrt(float(np.mean(_deviations(one, drawn, values) ** 2)))
+    error = math.sqrt(float(np.mean(deviations(one, drawn, value) ** 2)))
     return math.inf if one.role == "fault" and error > ANYTHING * one.width else error
 
 

@@ -4,7 +4,7 @@
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -13,11 +13,12 @@ import numpy as np
 from ematwin.errors import EmatwinError
 from ematwin.estimation.assess import Assessment
 from ematwin.estimation.baseline import Baseline
-from ematwin.estimation.constants import HOPELESS, WORSE
+from ematwin.estimation.constants import HOPELESS, TELLING, WORSE
 from ematwin.estimation.estimate import Estimate
 from ematwin.estimation.intervals import Interval
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found
+from ematwin.estimation.spike_and_slab import FaultSets
 from ematwin.estimation.verdict import INTERVAL, Verdict, judged, most_misfit
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
@@ -43,27 +44,32 @@ _VAGUE = 0.05  # standard error, as a share of the range, above which a fault is
 def verdict_on(
     model: Model,
     actuator: ParameterSet,
-    problem: Problem,
-    assessed: Assessment,
-    baseline: Baseline,
-    obstacles: list[str],
+    faults: Sequence[Unknown],
+    sets: FaultSets | None,
+    intervals: Mapping[str, Interval],
+    physical: Mapping[str, tuple[float, Interval]],
+    *,
+    calibrated: bool,
+    obstacles: Sequence[str],
 ) -> Verdict:
-    """The verdict on an assessed recording, or why there is none."""
-    faults = [one for one in problem.unknowns if one.role == "fault" and one.direction_of is None]
-    sets, ends = assessed.sets, assessed.intervals
+    """The verdict on a recording, or why there is none.
+
+    ``sets`` is None after an interruption, which is among the obstacles.
+    """
+    faults = [one for one in faults if one.direction_of is None]
+    anything = dict.fromkeys((one.name for one in faults), 1.0)
     return judged(
-        sets.probabilities if sets is not None else dict.fromkeys((f.name for f in faults), 0.5),
-        sets.faulty if sets is not None else 1.0,
-        calibrated=baseline.calibrated,
+        anything if sets is None else sets.probabilities,
+        1.0 if sets is None else sets.faulty,
+        anything if sets is None else sets.beyond(TELLING),
+        calibrated=calibrated,
         reach={
-            one.name: max(
-                abs(end - one.healthy) for end in (ends[one.name].low, ends[one.name].high)
-            )
+            one.name: max(abs(end - one.healthy) for end in vars(intervals[one.name]).values())
             / one.width
             for one in faults
         },
-        found={one.name: size_of(one, actuator, *assessed.physical[one.name]) for one in faults},
-        ranges={one.name: range_of(one, actuator, *assessed.physical[one.name]) for one in faults},
+        found={one.name: size_of(one, actuator, *physical[one.name]) for one in faults},
+        ranges={one.name: range_of(one, actuator, *physical[one.name]) for one in faults},
         obstacles=obstacles,
         ambiguities={
             name: one.ambiguity

@@ -25,6 +25,7 @@ from ematwin.estimation.intervals import Interval
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.rivals import Rival, hints, objections, qualified, rivals_of
 from ematwin.estimation.search import Progress, Search, find, named
+from ematwin.estimation.verdict import Verdict
 from ematwin.models.base import Model
 from ematwin.models.channels_agree import checked
 from ematwin.models.parameter_set import ParameterSet
@@ -64,7 +65,7 @@ def identified(
     """
     model, recording = model_of(actuator), ready.recording
     if compares_sets(model, algorithm, budget, uncertainty, thresholds):
-        from ematwin.estimation.fault_sets import identified_by_sets
+        from ematwin.estimation.mixed_effects import identified_by_sets
 
         return identified_by_sets([ready], actuator, baseline, only=only, held=held)
     warnings = list(ready.warnings)
@@ -135,7 +136,15 @@ def identified(
         *obstacles_to(model.load, recording, problem, found, estimate.misfit, assessed, baseline),
         *where.obstacles,
     ]
-    verdict = verdict_on(model, actuator, problem, assessed, baseline, obstacles)
+    faults = [one for one in problem.unknowns if one.role == "fault"]
+
+    def judged(obstacles: list[str]) -> Verdict:
+        return verdict_on(
+            model, actuator, faults, assessed.sets, assessed.intervals, assessed.physical,
+            calibrated=baseline.calibrated, obstacles=obstacles,
+        )  # fmt: skip
+
+    verdict = judged(obstacles)
     if found.problem is None:
         rivals: list[Rival] = []
         try:
@@ -146,7 +155,7 @@ def identified(
             objected = ["Interrupted before other forms of the faults were tried."]
         warnings += hints(rivals, verdict)
         if objected:
-            verdict = verdict_on(model, actuator, problem, assessed, baseline, objected)
+            verdict = judged(objected)
         verdict = qualified(rivals, verdict)
     warnings += caveats_of(problem, verdict)
     seconds = time.perf_counter() - started

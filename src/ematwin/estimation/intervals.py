@@ -247,6 +247,20 @@ def contrasts_of(
     return found
 
 
+def deviations(one: Unknown, drawn: np.ndarray, value: float) -> np.ndarray:
+    """Deviations (N,) of draws from a value.
+
+    Of a logarithmic unknown they are those of the logarithm, scaled such that the value is as far
+    from healthy as its logarithm is: halved is as far off as doubled.
+    """
+    if one.direction_of is not None:
+        turn = np.exp(2j * np.pi * drawn)
+        return np.asarray(np.angle(turn / np.exp(1j * np.angle(turn.mean()))) / (2.0 * np.pi))
+    if one.logarithmic:
+        return np.asarray(mean_slope(value, one.healthy) * np.log(drawn / value))
+    return drawn - value
+
+
 def mean_slope(value: float, healthy: float) -> float:
     """The logarithmic mean: the difference of two values over that of their logarithms."""
     away = math.log(value / healthy)

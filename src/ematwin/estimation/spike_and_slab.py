@@ -67,10 +67,14 @@ class FaultSets:
 
     @cached_property
     def probabilities(self) -> dict[str, float]:
-        """By fault, the probability that it is `SMALLEST` of its range from healthy, or more."""
+        """By fault, the probability that it is as far from healthy as matters."""
+        return self.beyond(SMALLEST)
+
+    def beyond(self, share: float) -> dict[str, float]:
+        """By fault, the probability that it is a share of its range from healthy, or more."""
         return {
             one.name: sum(
-                s.probability * float(np.mean(self._matters(one, s.values)))
+                s.probability * float(np.mean(self._is_beyond(one, s.values, share)))
                 for s in self.sets
                 if one.name in s.faults
             )
@@ -82,7 +86,11 @@ class FaultSets:
         """The probability that any fault is as far from healthy as matters."""
         found = 0.0
         for s in self.sets:
-            own = [self._matters(one, s.values) for one in self.faults if one.name in s.faults]
+            own = [
+                self._is_beyond(one, s.values, SMALLEST)
+                for one in self.faults
+                if one.name in s.faults
+            ]
             if own:
                 found += s.probability * float(np.mean(np.any(own, axis=0)))
         return found
@@ -123,9 +131,9 @@ class FaultSets:
         directions = {one.name: one.direction_of for one in self.unknowns if one.direction_of}
         return Draws(names, np.concatenate(picked), directions)
 
-    def _matters(self, one: Unknown, values: np.ndarray) -> np.ndarray:
-        n = next(n for n, other in enumerate(self.unknowns) if other.name == one.name)
-        return np.asarray(np.abs(values[:, n] - one.healthy) >= SMALLEST * one.width)
+    def _is_beyond(self, one: Unknown, values: np.ndarray, share: float) -> np.ndarray:
+        n = self.unknowns.index(one)
+        return np.asarray(np.abs(values[:, n] - one.healthy) >= share * one.width)
 
 
 def fault_sets(chart: Chart, mean: np.ndarray, covariance: np.ndarray) -> FaultSets:

@@ -1,9 +1,10 @@
 """Verdict: healthy, changed, a fault by name, or none, with the reason.
 
 A fault is named if it is there with a probability of `CERTAIN`, and a recording is healthy if no
-fault is, with the same probability (`ematwin.estimation.spike_and_slab`). Where some fault is that
-probable, but none by itself, it is a change without a name. In between there is no verdict, nor on
-a recording that the twin does not explain as well as healthy ones, or that moves too little.
+large one is, with the same probability, and more likely none at all
+(`ematwin.estimation.spike_and_slab`). Where some fault is certain, but none by itself, it is a
+change without a name. In between there is no verdict, nor on a recording that the twin does not
+explain as well as healthy ones, or that moves too little.
 """
 
 import math
@@ -81,6 +82,7 @@ def worst_misfit(healthy: float) -> float:
 def judged(
     probability: Mapping[str, float],
     faulty: float,
+    large: Mapping[str, float],
     *,
     calibrated: bool,
     reach: Mapping[str, float],
@@ -95,6 +97,7 @@ def judged(
     ----------
     probability : by fault, that it is as far from healthy as matters
     faulty : that any of them is
+    large : by fault, that it is as large as is not overlooked (`TELLING`)
     calibrated : whether the twin was fitted to healthy recordings of the actuator
     reach : by fault, how far its interval reaches from healthy, as a share of its range
     found : by fault, its size for people, "friction +50 % (0.045 N m, 95 % interval ...)"
@@ -131,11 +134,15 @@ def judged(
     if faulty > CERTAIN:
         reason = f"{perhaps}; the recording does not tell which.{because}"
         return Verdict("changed", (), reason, f"Changed: {reason}")
-    if faulty > 1.0 - CERTAIN:
-        which = perhaps or listed([name.replace("_", " ") for name in probability])
-        reason = f"A fault is {100.0 * faulty:.0f} % probable: {which}.{because} {advice}"
-        return _without(reason)
-    return Verdict("healthy", (), "", f"Healthy: {least_certain('no fault', reach, ranges)}")
+    doubt = f"A fault is {100.0 * faulty:.0f} % probable: {perhaps}." if perhaps else ""
+    if faulty > BEFOREHAND:
+        return _without(f"{doubt}{because} {advice}")
+    unseen = [name.replace("_", " ") for name, share in large.items() if share > 1.0 - CERTAIN]
+    if unseen:
+        reason = f"A fault of {listed(unseen)} would hardly show in this recording."
+        return _without(f"{doubt} {reason} {advice}".lstrip())
+    sentence = f"Healthy: {least_certain('no fault', reach, ranges)} {doubt}".rstrip()
+    return Verdict("healthy", (), doubt, sentence)
 
 
 def _without(reason: str) -> Verdict:

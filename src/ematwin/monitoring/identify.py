@@ -142,7 +142,7 @@ def identify(
                 f"The kind {known.model.kind} is judged recording by recording, and so is any with "
                 "algorithm, budget, uncertainty or thresholds; leave together out."
             )
-        from ematwin.estimation.fault_sets import identified_by_sets
+        from ematwin.estimation.mixed_effects import identified_by_sets
 
         ready = _ready(record, known, load, columns)
         return identified_by_sets(ready, known.actuator, known.baseline, only=names, held=held)

@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from ematwin.estimation.fault_sets import assessed_sets
+from ematwin.estimation.mixed_effects import assessed_sets
 from ematwin.estimation.random_effects import Normals, effects_of, fit, learn_effects
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet, Section, quantity
@@ -132,11 +132,17 @@ def test_a_fault_is_probable_where_it_is_and_not_where_it_is_not(bend, named):
         tuple(MODEL.unknown(TEMPLATE, place) for place in ("line.height", "line.slope")),
         np.zeros(2), np.array([0.02, 0.02]),
     )  # fmt: skip
-    found = assessed_sets([recorded(rng, bend=bend)], MODEL.faults(TEMPLATE), effects, {})
-    assert (found.probability["bend"] > 0.95) == named
-    assert found.probability["other"] < 0.35  # no more than beforehand
-    low, high = found.intervals["bend"]
+    found, *_ = assessed_sets([recorded(rng, bend=bend)], MODEL.faults(TEMPLATE), effects, {})
+    assert (found.probabilities["bend"] > 0.95) == named
+    assert found.probabilities["other"] < 0.35  # no more than beforehand
+    low, high = interval(found)
     assert low < bend < high
+
+
+def interval(found):
+    """95 % of a bend, if it is there."""
+    one = MODEL.unknown(TEMPLATE, "bend")
+    return found.given("bend").interval("bend", one.lower, one.upper)
 
 
 def test_intervals_of_a_fault_hold_as_often_as_they_say():
@@ -145,7 +151,7 @@ def test_intervals_of_a_fault_hold_as_often_as_they_say():
     effects = effects_of(MODEL, known.actuator, known.baseline)
     inside = 0
     for one in healthy(rng, 60):
-        low, high = assessed_sets([one], MODEL.faults(TEMPLATE)[:1], effects, {}).intervals["bend"]
+        low, high = interval(assessed_sets([one], MODEL.faults(TEMPLATE)[:1], effects, {})[0])
         inside += low <= 1.0 <= high
     assert 53 <= inside <= 60
 
@@ -158,6 +164,8 @@ def test_more_recordings_of_one_state_narrow_the_interval():
         recorded(rng, *(1.2 * np.exp(0.1 * rng.standard_normal(2))), bend=1.1) for _ in range(6)
     ]
     bend = MODEL.faults(TEMPLATE)[:1]
-    alone = assessed_sets(some[:1], bend, effects, {}).errors["bend"]
-    together = assessed_sets(some, bend, effects, {}).errors["bend"]
+    alone, together = (
+        assessed_sets(given, bend, effects, {})[0].given("bend").of("bend").std()
+        for given in (some[:1], some)
+    )
     assert together < 0.6 * alone

@@ -20,12 +20,15 @@ BESIDE = {name: text.replace("95 % interval ", "") for name, text in SAID.items(
 WARM = "Turns missing from all phases alike cannot be told from warm magnets."
 
 
-def verdict(probable=None, *, faulty=None, calibrated=True, reach=None, obstacles=()) -> Verdict:
+def verdict(
+    probable=None, *, faulty=None, large=None, calibrated=True, reach=None, obstacles=()
+) -> Verdict:
     """Of an actuator whose faults are absent but for those that are ``probable``."""
     probability = dict.fromkeys(NAMES, 0.0) | (probable or {})
     return judged(
         probability,
         max(probability.values()) if faulty is None else faulty,
+        large or {},
         calibrated=calibrated,
         reach=dict.fromkeys(NAMES, 0.01) | (reach or {}),
         found=SAID,
@@ -85,15 +88,28 @@ def test_a_probable_fault_beside_a_certain_one_is_told_and_not_named() -> None:
     ("calibrated", "advice"),
     [(True, "Use a command that moves the actuator more"), (False, "Calibrate with healthy")],
 )
-def test_what_is_neither_certain_nor_improbable_gives_no_verdict(calibrated, advice) -> None:
-    found = verdict({"friction": 0.3}, calibrated=calibrated)
+def test_a_fault_that_is_as_likely_as_not_gives_no_verdict(calibrated, advice) -> None:
+    found = verdict({"friction": 0.6}, calibrated=calibrated)
     assert (found.grade, found.faults) == ("none", ())
     assert found.sentence == f"No verdict: {found.reason}"
-    assert found.reason.startswith("A fault is 30 % probable: friction, so much, 30 % probable.")
+    assert found.reason.startswith(f"A fault is 60 % probable: {SAID['friction']}, 60 % probable.")
     assert advice in found.reason
     # several that are improbable one by one
-    assert verdict({"friction": 0.04, "gain": 0.04}, faulty=0.08).grade == "none"
-    assert verdict({"friction": 0.04}).grade == "healthy"
+    assert verdict({"friction": 0.3, "gain": 0.3}, faulty=0.51).grade == "none"
+
+
+def test_nobody_is_healthy_who_may_have_a_large_fault_unseen() -> None:
+    found = verdict({"friction": 0.2}, large={"friction": 0.06, "gain": 0.04})
+    assert (found.grade, found.faults) == ("none", ())
+    assert "A fault of friction would hardly show in this recording." in found.reason
+
+
+def test_a_small_fault_that_is_less_likely_than_not_is_told_beside_health() -> None:
+    found = verdict({"friction": 0.3}, large={"friction": 0.04})
+    assert (found.grade, found.faults) == ("healthy", ())
+    assert found.reason == "A fault is 30 % probable: friction, so much, 30 % probable."
+    assert found.sentence.endswith(found.reason)
+    assert verdict({"friction": 0.04}).reason == ""
 
 
 def test_an_obstacle_forbids_a_verdict_on_whatever_is_found() -> None:

@@ -14,76 +14,31 @@ is each recording's own.
 import math
 import time
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ematwin.errors import InputError
 from ematwin.estimation.baseline import Baseline
-from ematwin.estimation.constants import (
-    BEFOREHAND,
-    CERTAIN,
-    COVERAGE,
-    IMPLAUSIBLE,
-    SMALLEST,
-    TELLING,
-    WORSE,
-)
-from ematwin.estimation.findings import range_of, size_of
+from ematwin.estimation.constants import BEFOREHAND, IMPLAUSIBLE, WORSE
+from ematwin.estimation.findings import verdict_on
 from ematwin.estimation.identification import Identification
 from ematwin.estimation.identify import Prepared, estimate_of
-from ematwin.estimation.intervals import Interval, mean_slope
+from ematwin.estimation.intervals import Interval, deviations
 from ematwin.estimation.prior import coordinate
 from ematwin.estimation.problem import Problem, unknowns_of
 from ematwin.estimation.random_effects import Normals, Peak, effects_of, fit
-from ematwin.estimation.verdict import Verdict, faults_said, least_certain
-from ematwin.models.base import Model
+from ematwin.estimation.spike_and_slab import FaultSet, FaultSets
 from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.registry import model_of
 from ematwin.models.unknown import Unknown
 from ematwin.recordings.read import assumptions
-from ematwin.showing.words import listed
 
 _SECOND = 0.1  # probability that a faulty actuator has a second fault
 _SLAB = 2.0  # standard deviations of the slab from healthy to the far end of a range
 _SCANNED = 9  # values of a fault at which a descent may start
-
-
-@dataclass(frozen=True)
-class _Set:
-    """A set of faults at its peak: log evidence, coordinates (f,) and covariance (f, f)."""
-
-    names: tuple[str, ...]
-    peak: Peak
-    evidence: float
-    covariance: np.ndarray
-
-
-@dataclass(frozen=True)
-class Assessed:
-    """What is known of each fault.
-
-    Attributes
-    ----------
-    faults : those that were looked for
-    probability : by name, to be as far from healthy as matters
-    healthy : float, probability that there is none
-    faulty : float, probability that one is as far from healthy as matters
-    values, errors, intervals : by name, if the fault is there; errors of coordinates
-    best : the most probable set
-    """
-
-    faults: tuple[Unknown, ...]
-    probability: dict[str, float]
-    healthy: float
-    faulty: float
-    values: dict[str, float]
-    errors: dict[str, float]
-    intervals: dict[str, tuple[float, float]]
-    best: _Set
-    evaluations: int
+_DRAWS, _SEED = 2000, 20_201
 
 
 def assessed_sets(
@@ -91,8 +46,8 @@ def assessed_sets(
     faults: Sequence[Unknown],
     effects: Normals,
     held: Mapping[str, float],
-) -> Assessed:
-    """The probability and the value of each fault."""
+) -> tuple[FaultSets, Peak, int]:
+    """The posterior of sets of faults, the peak of the best one, and the simulations it took."""
     slabs = {one.name: _slab(one) for one in faults}
     count = len(comparisons)
     rest = np.tile(effects.mean, (count, 1))
@@ -122,14 +77,33 @@ def assessed_sets(
             peaks[(*lead, other)] = peak_of((*lead, other), z, peaks[lead].each)
     # one noise for all sets, that of the best fit: else evidence would not compare
     noises = min(peaks.values(), key=_left).noises
+    logs = {names: _evidence(peak, noises, len(slabs)) for names, peak in peaks.items()}
+    most = max(logs.values())
+    weights = {names: math.exp(log - most) for names, log in logs.items()}
+    total = sum(weights.values())
     sets = [
-        _Set(names, peak, _evidence(peak, noises, len(slabs)), peak.weighed(noises)[1])
-        for names, peak in peaks.items()
+        FaultSet(frozenset(names), weight / total, _drawn(faults, names, peaks[names], noises))
+        for names, weight in weights.items()
     ]
-    sizes = np.array([one.evidence for one in sets])
-    weights = np.exp(sizes - sizes.max())
-    weights /= weights.sum()
-    return _summed(sets, weights, faults)
+    sets.sort(key=lambda one: -one.probability)
+    best = max(weights, key=lambda names: weights[names])
+    spent = sum(peak.evaluations for peak in peaks.values())
+    return FaultSets(tuple(faults), tuple(sets), {}), peaks[best], spent
+
+
+def _drawn(
+    faults: Sequence[Unknown], names: Sequence[str], peak: Peak, noises: np.ndarray
+) -> np.ndarray:
+    """Draws (N, f) of all faults around the peak of a set; those that are not in it are healthy."""
+    rng = np.random.default_rng(_SEED)
+    found = np.tile([one.healthy for one in faults], (_DRAWS, 1))
+    covariance = peak.weighed(noises)[1]
+    away = rng.standard_normal((_DRAWS, len(names))) @ np.linalg.cholesky(covariance).T
+    places = [[one.name for one in faults].index(name) for name in names]
+    values = peak.shared.candidates(peak.z + away)
+    for place, name in zip(places, names, strict=True):
+        found[:, place] = values[name]
+    return found
 
 
 def _left(peak: Peak) -> float:
@@ -170,52 +144,6 @@ def _scanned(
     return float(z[int(np.argmin(costs))])
 
 
-def _summed(sets: Sequence[_Set], weights: np.ndarray, faults: Sequence[Unknown]) -> Assessed:
-    """Probabilities, values and intervals over all sets."""
-    probability, values, errors, intervals = {}, {}, {}, {}
-    for one in faults:
-        parts = [
-            (weight, float(s.peak.z[n]), math.sqrt(float(s.covariance[n, n])))
-            for s, weight in zip(sets, weights, strict=True)
-            for n, name in enumerate(s.names)
-            if name == one.name
-        ]
-        total = sum(part[0] for part in parts)
-        share = [part[0] / total for part in parts]
-        mean = sum(w * z for w, (_, z, _) in zip(share, parts, strict=True))
-        variance = sum(
-            w * (e**2 + (z - mean) ** 2) for w, (_, z, e) in zip(share, parts, strict=True)
-        )
-        error = math.sqrt(variance)
-        ends = coordinate(one, np.array([one.lower, one.upper]))
-        low, high = np.clip([mean - COVERAGE * error, mean + COVERAGE * error], *ends)
-        back = math.exp if one.logarithmic else float
-        values[one.name] = float(back(mean))
-        errors[one.name] = error
-        intervals[one.name] = (float(back(low)), float(back(high)))
-        probability[one.name] = sum(weight * _matters(one, z, error) for weight, z, error in parts)
-    known = {one.name: one for one in faults}
-    faulty = 0.0
-    for s, weight in zip(sets, weights, strict=True):
-        errors_of = np.sqrt(np.diag(s.covariance))
-        parts_of = zip(s.names, s.peak.z.tolist(), errors_of.tolist(), strict=True)
-        faulty += weight * max((_matters(known[n], z, e) for n, z, e in parts_of), default=0.0)
-    return Assessed(
-        tuple(faults), probability, float(weights[0]), faulty, values, errors, intervals,
-        sets[int(np.argmax(weights))], sum(s.peak.evaluations for s in sets),
-    )  # fmt: skip
-
-
-def _matters(one: Unknown, z: float, error: float) -> float:
-    """Probability that a fault which is there is `SMALLEST` of its range from healthy, or more."""
-    ends = [one.healthy - SMALLEST * one.width, one.healthy + SMALLEST * one.width]
-    low, high = coordinate(one, np.clip(ends, 0.5 * one.lower, None))
-    inside = math.erf((high - z) / (error * math.sqrt(2.0))) - math.erf(
-        (low - z) / (error * math.sqrt(2.0))
-    )
-    return 1.0 - 0.5 * inside
-
-
 def identified_by_sets(
     ready: Sequence[Prepared],
     actuator: ParameterSet,
@@ -253,8 +181,14 @@ def identified_by_sets(
         tuple(effects.unknowns[n] for n in kept), effects.mean[kept], effects.spread[kept]
     )
     comparisons = [model.compare(one.recording, actuator) for one in ready]
-    found = assessed_sets(comparisons, faults, effects, fixed)
-    peak = found.best.peak
+    sets, peak, spent = assessed_sets(comparisons, faults, effects, fixed)
+    values, intervals, errors = {}, {}, []
+    for one in faults:
+        drawn = sets.given(one.name)
+        values[one.name] = float(drawn.of(one.name).mean())
+        intervals[one.name] = Interval(*drawn.interval(one.name, one.lower, one.upper))
+        errors.append(deviations(one, drawn.of(one.name), values[one.name]).std())
+    physical = {one.name: _physical(one, actuator, values, intervals) for one in faults}
     obstacles = list(
         dict.fromkeys(
             text
@@ -263,23 +197,26 @@ def identified_by_sets(
         )
     )
     obstacles += _obstacles(peak, baseline, comparisons)
-    verdict = _verdict(model, actuator, found, obstacles)
+    verdict = verdict_on(
+        model, actuator, faults, sets, intervals, physical, calibrated=baseline.calibrated,
+        obstacles=obstacles,
+    )  # fmt: skip
     cost = float(sum(one.residuals @ one.residuals for one in peak.curvatures))
     misfit = math.sqrt(cost / sum(one.scale for one in comparisons))
     first = ready[0].recording
     problem = Problem(comparisons[:1], faults, held=fixed)
-    point = np.array([found.values[name] for name in problem.names])
+    point = np.array([values[name] for name in problem.names])
     fitted = effects.candidates(peak.each.mean(axis=0)[None])
     return Identification(
         verdict=verdict,
         estimate=estimate_of(
-            model, actuator, problem, point, np.diag(_errors(found) ** 2), misfit, first
+            model, actuator, problem, point, np.diag(np.square(errors)), misfit, first
         ),
         faults=model.as_faults(problem.values(point)),
         cost=cost,
-        evaluations=found.evaluations,
+        evaluations=spent,
         seconds=time.perf_counter() - started,
-        history=np.array([[found.evaluations, cost]]),
+        history=np.array([[spent, cost]]),
         algorithm="sets of faults",
         seed=0,
         stopped="all sets compared",
@@ -288,35 +225,27 @@ def identified_by_sets(
         assumed=assumptions(first),
         actuator=actuator,
         provenance=first.provenance,
-        intervals=found.intervals,
-        physical_values={
-            one.name: _physical(one, actuator, found) for one in faults
-        },
+        intervals={name: (one.low, one.high) for name, one in intervals.items()},
+        physical_values={name: (x, one.low, one.high) for name, (x, one) in physical.items()},
         fitted={name: float(values[0]) for name, values in fitted.items()},
         calibrated=baseline.calibrated,
         recording=first,
-        certain=found.probability,
+        certain=sets.probabilities,
     )  # fmt: skip
 
 
-def _physical(one: Unknown, actuator: ParameterSet, found: Assessed) -> tuple[float, float, float]:
-    """Value, low and high end of a fault in the unit that can be measured."""
-    value, low, high = (
+def _physical(
+    one: Unknown,
+    actuator: ParameterSet,
+    values: Mapping[str, float],
+    intervals: Mapping[str, Interval],
+) -> tuple[float, Interval]:
+    """A fault, and its interval, in the unit that can be measured."""
+    value, *ends = (
         one.physical_value(actuator, x).value
-        for x in (found.values[one.name], *found.intervals[one.name])
+        for x in (values[one.name], *vars(intervals[one.name]).values())
     )
-    return value, low, high
-
-
-def _errors(found: Assessed) -> np.ndarray:
-    """(d,) standard errors of values, as many from healthy as those of their coordinates."""
-    errors = []
-    for one in found.faults:
-        error, value = found.errors[one.name], found.values[one.name]
-        if one.logarithmic:
-            error *= mean_slope(value, one.healthy)
-        errors.append(error)
-    return np.array(errors)
+    return value, Interval(min(ends), max(ends))
 
 
 def _obstacles(peak: Peak, baseline: Baseline, comparisons: Sequence[Comparison]) -> list[str]:
@@ -340,43 +269,3 @@ def _obstacles(peak: Peak, baseline: Baseline, comparisons: Sequence[Comparison]
             "is wrong with a channel."
         )
     return told
-
-
-def _verdict(
-    model: Model, actuator: ParameterSet, found: Assessed, obstacles: Sequence[str]
-) -> Verdict:
-    """The verdict: a fault is named with a probability of `CERTAIN`."""
-    likely = found.probability
-    if obstacles:
-        reason = " ".join(obstacles)
-        return Verdict("none", (), reason, f"No verdict: {reason}")
-    named = tuple(name for name, p in likely.items() if p > CERTAIN)
-    said, ranges = {}, {}
-    for one in found.faults:
-        value, *ends = _physical(one, actuator, found)
-        interval = Interval(min(ends), max(ends))
-        said[one.name] = size_of(one, actuator, value, interval)
-        ranges[one.name] = range_of(one, actuator, value, interval)
-    far = {
-        one.name: max(abs(end - one.healthy) for end in found.intervals[one.name]) / one.width
-        for one in found.faults
-    }
-    if named:
-        others = {name: x for name, x in far.items() if name not in named}
-        beside = [said[n] for n, p in likely.items() if n not in named and p > BEFOREHAND]
-        reason = f"Perhaps also {listed(beside)}." if beside else ""
-        rest = reason or (least_certain("No other fault", others, ranges) if others else "")
-        sentence = f"{faults_said([said[name] for name in named])} {rest}".rstrip()
-        return Verdict("fault", named, reason, sentence)
-    suspects = sorted((p, name) for name, p in likely.items() if p > 1.0 - CERTAIN)[::-1]
-    which = " or ".join(f"{said[name]}, {100.0 * p:.0f} % probable" for p, name in suspects)
-    if found.healthy < 1.0 - CERTAIN and found.faulty > CERTAIN:
-        reason = f"{which}; this recording does not tell which."
-        return Verdict("changed", (), reason, f"Changed: {reason}")
-    if found.faulty > BEFOREHAND:
-        reason = f"As likely healthy as not: {which}. Record more, or judge several together."
-        return Verdict("none", (), reason, f"No verdict: {reason}")
-    unseen = [name for name, x in far.items() if x > TELLING]
-    reason = f"A fault of {listed(unseen)} would hardly show in this motion." if unseen else ""
-    sentence = f"Healthy: {least_certain('no fault', far, ranges)} {reason}".rstrip()
-    return Verdict("healthy", (), reason, sentence)
