@@ -1,7 +1,7 @@
 """Diagnosis measured as diagnosis: faults missed, false alarms and faults taken for another.
 
 A fault is present from ``threshold`` of its range away from healthy, in the injected vector as in
-the one found (`ematwin.estimation.significance`). An injected deviation below the threshold, but
+the one found. An injected deviation below the threshold, but
 not zero, is neither: reporting it is no false alarm, and passing over it is no miss. The direction
 of a fault is no fault of its own; where the fault was injected and found, a direction (as an angle)
 off by ``threshold`` of a turn or more is counted apart.
@@ -14,7 +14,6 @@ import numpy as np
 
 from ematwin.benchmarking.subject import Subject
 from ematwin.benchmarking.table import RunTable
-from ematwin.estimation.significance import is_present
 
 THRESHOLD = 0.05
 _SLACK = 1e-12  # 0.55 - 0.5 is a little less than 0.05
@@ -80,8 +79,8 @@ def _diagnosis(
 ) -> Diagnosis:
     width = subject.upper - subject.lower
     deviation = (injected - subject.healthy) / width
-    faulty = is_present(deviation, 1.0, smallest=threshold - _SLACK)
-    called = is_present((found - subject.healthy) / width, 1.0, smallest=threshold - _SLACK)
+    faulty = np.abs(deviation) >= threshold - _SLACK
+    called = np.abs(found - subject.healthy) / width >= threshold - _SLACK
     judged = subject.magnitudes
     present, named = faulty[:, judged], called[:, judged]
     absent = np.abs(deviation[:, judged]) <= _SLACK

@@ -356,15 +356,16 @@ def _values(
         intervals[one.name] = Interval(low, high)
         errors.append(_error(one, given.of(one.name), values[one.name]))
     covariance = np.diag(np.square(errors[:own]))
-    there = [n for n in range(own) if 0.0 < errors[n] < math.inf]
-    drawn = [
-        deviations(full.unknowns[n], sets.drawn.values[:, n], values[full.names[n]]) for n in there
+    # what is absent in all sets is no neighbour of anything
+    away = [
+        deviations(one, sets.drawn.values[:, n], values[one.name])
+        for n, one in enumerate(full.unknowns[:own])
     ]
-    varied = [n for n, x in zip(there, drawn, strict=True) if np.ptp(x) > 0.0]
-    alike = np.corrcoef([x for x in drawn if np.ptp(x) > 0.0])
-    sizes = np.array([errors[n] for n in varied])
+    varied = [n for n in range(own) if math.isfinite(errors[n]) and np.ptp(away[n]) > 0.0]
     if varied:
-        covariance[np.ix_(varied, varied)] = np.atleast_2d(alike) * np.outer(sizes, sizes)
+        alike = np.atleast_2d(np.corrcoef([away[n] for n in varied]))
+        sizes = np.array([errors[n] for n in varied])
+        covariance[np.ix_(varied, varied)] = alike * np.outer(sizes, sizes)
     return values, intervals, covariance
 
 

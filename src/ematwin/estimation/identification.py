@@ -11,7 +11,6 @@ from ematwin.estimation.estimate import Estimate
 from ematwin.estimation.findings import (
     fault_cells,
 )
-from ematwin.estimation.significance import probability
 from ematwin.estimation.verdict import Verdict
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
@@ -59,8 +58,7 @@ class Identification:
     calibrated : whether the twin was fitted to healthy recordings of the actuator
     recording : what was identified from, for figures; None where it was not kept
     uncertainty : what is sure of it, where that was asked for; None after an interruption
-    certain : probabilities of faults where sets of faults were compared; None where they follow
-        from the estimate
+    probabilities : by searched fault, that it is as large as matters; none after an interruption
     """
 
     verdict: Verdict
@@ -88,7 +86,7 @@ class Identification:
     recording: Recording | None = field(default=None, repr=False, compare=False)
     uncertainty: "Uncertainty | None" = None
     reference_runs: int = 0
-    certain: dict[str, float] | None = None
+    probabilities: dict[str, float] = field(default_factory=dict)
 
     @property
     def model(self) -> Model:
@@ -106,20 +104,6 @@ class Identification:
     def standard_error(self) -> dict[str, float]:
         """Name to standard error of each searched unknown; see `ematwin.estimation.assess`."""
         return self.estimate.standard_errors
-
-    @property
-    def probabilities(self) -> dict[str, float]:
-        """Name of each searched fault to the probability that it is as large as matters."""
-        if self.certain is not None:
-            return self.certain
-        estimate, errors = self.estimate, self.standard_error
-        return {
-            one.name: float(
-                probability(estimate[one.name] - one.healthy, one.width, errors[one.name])
-            )
-            for one in self.model.faults(self.actuator)
-            if one.name in errors and one.direction_of is None
-        }
 
     @property
     def relative_misfit(self) -> float:

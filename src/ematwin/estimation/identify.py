@@ -185,7 +185,7 @@ def identified(
         recording=recording,
         uncertainty=sure,
         reference_runs=assessed.reference_runs,
-        certain=None if assessed.sets is None else assessed.sets.probabilities,
+        probabilities={} if assessed.sets is None else assessed.sets.probabilities,
     )
 
 

@@ -88,7 +88,7 @@ def assessed_sets(
     sets.sort(key=lambda one: -one.probability)
     best = max(weights, key=lambda names: weights[names])
     spent = sum(peak.evaluations for peak in peaks.values())
-    return FaultSets(tuple(faults), tuple(sets), {}), peaks[best], spent
+    return FaultSets(tuple(faults), tuple(sets)), peaks[best], spent
 
 
 def _drawn(
@@ -230,7 +230,7 @@ def identified_by_sets(
         fitted={name: float(values[0]) for name, values in fitted.items()},
         calibrated=baseline.calibrated,
         recording=first,
-        certain=sets.probabilities,
+        probabilities=sets.probabilities,
     )  # fmt: skip
 
 

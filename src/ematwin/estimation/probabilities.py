@@ -14,9 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ematwin.errors import InputError
-from ematwin.estimation.constants import SMALLEST
+from ematwin.estimation.constants import BEFOREHAND, SMALLEST
 from ematwin.estimation.intervals import Draws
-from ematwin.estimation.significance import weight
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
 from ematwin.quantities import parse_quantity
@@ -170,9 +169,10 @@ def weight_of(one: Unknown) -> float:
     """How many times likelier an absent fault is beforehand than its share of the range."""
     reach = SMALLEST * one.width
     ends = np.clip([one.healthy - reach, one.healthy + reach], one.lower, one.upper)
+    share = float(np.diff(ends)[0] / one.width)
     if one.logarithmic:
-        return weight(float(np.diff(np.log(ends))[0] / np.log(one.upper / one.lower)))
-    return weight(float(np.diff(ends)[0] / one.width))
+        share = float(np.diff(np.log(ends))[0] / np.log(one.upper / one.lower))
+    return (1.0 - BEFOREHAND) / BEFOREHAND * (1.0 - share) / share
 
 
 def _normalised(log: np.ndarray) -> np.ndarray:

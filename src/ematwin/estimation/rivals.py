@@ -15,13 +15,13 @@ import numpy as np
 
 from ematwin.estimation.assess import Assessment, risen
 from ematwin.estimation.baseline import Baseline, uncertain, with_all_free, with_nuisances
-from ematwin.estimation.constants import AS_GOOD, DECIDES, EXPLAINED, HOPELESS
+from ematwin.estimation.constants import AS_GOOD, CERTAIN, DECIDES, EXPLAINED, HOPELESS
 from ematwin.estimation.correction import corrected
 from ematwin.estimation.descent import Descent, TooFarError
-from ematwin.estimation.laplace import Laplace, standard_errors, step_lengths
+from ematwin.estimation.laplace import Laplace, step_lengths
 from ematwin.estimation.levenberg_marquardt import NOTHING
 from ematwin.estimation.problem import Problem
-from ematwin.estimation.significance import is_present
+from ematwin.estimation.spike_and_slab import fault_sets
 from ematwin.estimation.verdict import Verdict
 from ematwin.models.base import Model, OtherForm
 from ematwin.models.parameter_set import ParameterSet
@@ -88,9 +88,8 @@ def rivals_of(
 
     # each may use all cores: the other one often ends at once
     ends = side_by_side(compared, forms, threads)
-    first = assessed.joint.peaks[0]
     return [
-        _rival(model, form, problem, first, *one)
+        _rival(model, form, problem, *one)
         for form, one in zip(forms, ends, strict=True)
         if one is not None and one[1] < DECIDES
     ]
@@ -236,24 +235,12 @@ def _compared(
     return end, rise
 
 
-def _rival(
-    model: Model, form: OtherForm, problem: Problem, first: Laplace, end: Laplace, rise: float
-) -> Rival:
-    """What the other form says at its best, ``end``; errors are those of the first answer.
-
-    Where both forms are free, one stands for the other, and those of the other form are too wide.
-    What the first answer leaves, the other form explains: it is no discrepancy here.
-    """
-    errors = standard_errors(first.problem.chart, first.z, first.covariance)
-    error_of = dict(zip(first.problem.names, errors.tolist(), strict=True))
-    values = end.problem.values(end.point)
+def _rival(model: Model, form: OtherForm, problem: Problem, end: Laplace, rise: float) -> Rival:
+    """What the other form says at its best, ``end``."""
+    factor, values = end.problem.model_error, end.problem.values(end.point)
+    sets = fault_sets(end.problem.chart, end.unbounded(factor), end.widened(factor))
     faults = [model.unknown(form.actuator, name) for name in _own_names(problem, form)]
-    there = tuple(
-        one.name
-        for one in faults
-        if one.direction_of is None
-        and is_present(values[one.name] - one.healthy, one.width, error_of[one.name])
-    )
+    there = tuple(one.name for one in faults if sets.probabilities.get(one.name, 0.0) > CERTAIN)
     said = ", ".join(
         _said(one, form.actuator, values[one.name])
         for one in faults

@@ -16,12 +16,12 @@ out (Occam's window: Madigan and Raftery 1994, J. Am. Stat. Assoc. 89, 1535-1546
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
-from ematwin.estimation.constants import BEFOREHAND, CERTAIN, SMALLEST
+from ematwin.estimation.constants import ANYTHING, BEFOREHAND, CERTAIN, SMALLEST
 from ematwin.estimation.intervals import Draws, conditional
 from ematwin.estimation.laplace import eigen
 from ematwin.models.chart import Chart
@@ -59,11 +59,13 @@ class FaultSets:
     unknowns : (d,), in the order of the draws
     sets : the most probable one first; their probabilities sum to one
     distances : by fault, standard errors from healthy with all faults free
+    undetermined : faults that may be anything; in no set, as likely as not, and anywhere in draws
     """
 
     unknowns: tuple[Unknown, ...]
     sets: tuple[FaultSet, ...]
-    distances: dict[str, float]
+    distances: dict[str, float] = field(default_factory=dict)
+    undetermined: frozenset[str] = frozenset()
 
     @cached_property
     def probabilities(self) -> dict[str, float]:
@@ -73,11 +75,7 @@ class FaultSets:
     def beyond(self, share: float) -> dict[str, float]:
         """By fault, the probability that it is a share of its range from healthy, or more."""
         return {
-            one.name: sum(
-                s.probability * float(np.mean(self._is_beyond(one, s.values, share)))
-                for s in self.sets
-                if one.name in s.faults
-            )
+            one.name: sum(s.probability * self._share(one, s, share) for s in self.sets)
             for one in self.faults
         }
 
@@ -86,13 +84,15 @@ class FaultSets:
         """The probability that any fault is as far from healthy as matters."""
         found = 0.0
         for s in self.sets:
-            own = [
-                self._is_beyond(one, s.values, SMALLEST)
-                for one in self.faults
-                if one.name in s.faults
-            ]
+            own = [one for one in self.faults if one.name in s.faults]
+            healthy = 1.0
             if own:
-                found += s.probability * float(np.mean(np.any(own, axis=0)))
+                far = [self._is_beyond(one, s.values, SMALLEST) for one in own]
+                healthy = 1.0 - float(np.mean(np.any(far, axis=0)))
+            for one in self.faults:
+                if one.name in self.undetermined:
+                    healthy *= 1.0 - self._share(one, s, SMALLEST)
+            found += s.probability * (1.0 - healthy)
         return found
 
     @property
@@ -104,6 +104,8 @@ class FaultSets:
 
     def presence(self, name: str) -> float:
         """The probability of all sets with a fault."""
+        if name in self.undetermined:
+            return BEFOREHAND
         return sum(s.probability for s in self.sets if name in s.faults)
 
     def is_improbable(self, name: str) -> bool:
@@ -131,6 +133,13 @@ class FaultSets:
         directions = {one.name: one.direction_of for one in self.unknowns if one.direction_of}
         return Draws(names, np.concatenate(picked), directions)
 
+    def _share(self, one: Unknown, of: FaultSet, share: float) -> float:
+        """The probability in a set that a fault is a share of its range from healthy, or more."""
+        if one.name not in of.faults | self.undetermined:
+            return 0.0
+        there = BEFOREHAND if one.name in self.undetermined else 1.0
+        return there * float(np.mean(self._is_beyond(one, of.values, share)))
+
     def _is_beyond(self, one: Unknown, values: np.ndarray, share: float) -> np.ndarray:
         n = self.unknowns.index(one)
         return np.asarray(np.abs(values[:, n] - one.healthy) >= share * one.width)
@@ -143,7 +152,7 @@ def fault_sets(chart: Chart, mean: np.ndarray, covariance: np.ndarray) -> FaultS
     ----------
     chart : of d unknowns
     mean, covariance : (d,) and (d, d) arrays, in its coordinates, as if all faults were there and
-        had no bounds
+        had no bounds. A fault whose standard error there is more than `ANYTHING` may be anything
     """
     space = _Space(chart, mean, covariance)
     logs = {names: space.evidence(names) for names in (frozenset[str](), frozenset(space.faults))}
@@ -175,7 +184,7 @@ def fault_sets(chart: Chart, mean: np.ndarray, covariance: np.ndarray) -> FaultS
         for weight, (_, names, values) in zip(weights, found, strict=True)
     ]
     sets.sort(key=lambda one: -one.probability)
-    return FaultSets(chart.unknowns, tuple(sets), space.distances)
+    return FaultSets(chart.unknowns, tuple(sets), space.distances, frozenset(space.undetermined))
 
 
 class _Space:
@@ -187,14 +196,17 @@ class _Space:
         paired = dict(chart.pairs)
         for pair in chart.pairs:
             self._healthy[list(pair)] = 0.0
-        self.faults = {
+        faults = {
             one.name: [n, paired[n]] if n in paired else [n]
             for n, one in enumerate(chart.unknowns)
             if one.role == "fault" and one.direction_of is None
         }
+        errors = np.sqrt(np.diag(covariance))
+        self.faults = {name: own for name, own in faults.items() if errors[own].max() <= ANYTHING}
+        self.undetermined = {name: own for name, own in faults.items() if name not in self.faults}
         self._own = np.zeros(len(mean), dtype=bool)  # what may be absent; all else follows
         self._own[[n for places in self.faults.values() for n in places]] = True
-        _, self._follows, self._rest = conditional(covariance, self._own)
+        _, self._follows, self._rest = conditional(self._covariance, self._own)
 
     @property
     def distances(self) -> dict[str, float]:
@@ -244,7 +256,9 @@ class _Space:
         away = z[:, self._own] - self._mean[self._own]
         others = rng.standard_normal((len(z), len(self._rest))) @ self._rest.T
         z[:, ~self._own] = self._mean[~self._own] + away @ self._follows.T + others
-        return most + math.log(float(shares.mean())), z
+        for n in (n for own in self.undetermined.values() for n in own):
+            z[:, n] = rng.uniform(chart.lower[n], chart.upper[n], len(z))
+        return most + math.log(float(shares.mean())), chart.project(z)
 
     def _set(
         self, names: frozenset[str]

@@ -1,7 +1,6 @@
 """Estimates travel as JSON; one rule says which faults are present."""
 
 import json
-from dataclasses import replace
 from datetime import UTC, datetime
 
 import numpy as np
@@ -9,8 +8,6 @@ import pytest
 
 from ematwin import Estimate, identify, simulate
 from ematwin.errors import InputError
-from ematwin.estimation.constants import SMALLEST
-from ematwin.estimation.significance import is_present, present, probability
 
 
 def some(values=(0.3, 0.01, 0.4), errors=(0.01, 0.001, np.inf)) -> Estimate:  # type: ignore[no-untyped-def]
@@ -45,25 +42,6 @@ def test_an_estimate_comes_back_from_json_as_it_was() -> None:
     assert back["short_a"] == 0.2
 
 
-def test_a_fault_is_present_if_it_is_large_and_significant() -> None:
-    assert present(some()) == ("friction",)  # backlash is small, gain not determined
-    assert present(some((0.3, 0.05, 0.4), (0.2, 0.001, 0.01))) == ("backlash", "gain")
-    assert present(replace(some(), directions={"friction": "gain"})) == ()
-    assert is_present(np.array([0.02, 0.019]), 1.0).tolist() == [True, False]
-    assert not is_present(0.3, 1.0, np.inf)
-
-
-def test_a_fault_is_as_probable_as_the_share_of_its_posterior_that_matters() -> None:
-    x = np.linspace(-1.0, 1.0, 200_001)
-    for found, error in ((0.0, 0.01), (0.03, 0.01), (0.05, 0.01), (-0.1, 0.04), (0.3, 0.2)):
-        density = np.exp(-0.5 * ((x - found) / error) ** 2)
-        # half beforehand within the share that does not matter, half evenly beyond it
-        before = np.where(np.abs(x) < SMALLEST, 1.0 / SMALLEST, 1.0 / (1.0 - SMALLEST))
-        matters = density @ (before * (np.abs(x) >= SMALLEST)) / (density @ before)
-        assert probability(found, 1.0, error) == pytest.approx(matters, abs=1e-3)
-    assert 0.4 < probability(0.3, 1.0, np.inf) < 0.6
-
-
 def test_an_identification_carries_its_estimate() -> None:
     record = simulate("monitor", faults={"friction": 0.3}).changed(
         start=datetime(2026, 11, 21, tzinfo=UTC), labels={"run": "7"}
@@ -75,7 +53,7 @@ def test_an_identification_carries_its_estimate() -> None:
     assert (estimate.actuator, estimate.kind, estimate.labels) == ("servo48", "bldc", {"run": "7"})
     assert estimate.fingerprint == found.actuator.fingerprint
     assert np.allclose(estimate.covariance, estimate.covariance.T)
-    assert present(estimate) == found.present == ("friction",)
+    assert found.present == ("friction",)
 
 
 @pytest.mark.parametrize(

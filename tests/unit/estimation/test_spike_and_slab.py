@@ -105,6 +105,16 @@ def test_a_mean_far_outside_of_its_bounds_leaves_a_value_at_the_bound():
         assert found.given("a").of("a").mean() == pytest.approx(error / away, rel=0.5)
 
 
+def test_a_fault_that_nothing_is_known_of_is_as_likely_as_not_and_anywhere():
+    covariance = np.array([[0.5**2, 0.01], [0.01, 0.05**2]])
+    found = fault_sets(Chart([fault("a"), fault("b")]), np.array([3.0, 0.3]), covariance)
+    assert found.presence("a") == pytest.approx(0.5, abs=0.03)
+    np.testing.assert_allclose(
+        np.quantile(found.given("a").of("a"), [0.1, 0.9]), [0.1, 0.9], atol=0.05
+    )
+    assert found.presence("b") > 0.95
+
+
 def test_many_faults_take_no_sum_over_all_sets():
     count = 24
     chart = Chart([fault(f"f{n}") for n in range(count)])
