@@ -1,9 +1,8 @@
 """From the end of a search to values with honest intervals.
 
-A search holds all parameters at the values of the file. Here they are freed, each as far as it is
-known, with the sensors and the load, and all descend together from where the search ended; then
-the curvature, the aliases and the drifts give the intervals. Before these are believed, other
-valleys that the search found are compared, and the misfit is looked at along each fault.
+Around the best minimum (`ematwin.estimation.minima`) the curvature, the error of the model, what
+healthy recordings are off by, and the misfit along each fault give a normal distribution, and that
+the probability of each set of faults (`ematwin.estimation.spike_and_slab`).
 """
 
 import math
@@ -12,21 +11,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ematwin.estimation.aliases import aliases_of
-from ematwin.estimation.baseline import Baseline, frees_parameters, with_all_free
+from ematwin.estimation.baseline import Baseline
 from ematwin.estimation.constants import (
     ANYTHING,
-    AS_GOOD,
     CERTAIN,
     COVERAGE,
     DECIDES,
-    HOPELESS,
-    IMPLAUSIBLE,
     SIGMAS,
     SMALLEST,
+    WORTH,
 )
-from ematwin.estimation.correction import Corrected, corrected, reweighed, with_model_error
-from ematwin.estimation.descent import Descent
+from ematwin.estimation.correction import Corrected, corrected, with_model_error
 from ematwin.estimation.held_healthy import held_healthy
 from ematwin.estimation.intervals import (
     Interval,
@@ -36,24 +31,18 @@ from ematwin.estimation.intervals import (
 )
 from ematwin.estimation.joint import Joint
 from ematwin.estimation.laplace import Laplace, profiled, sharp_errors
-from ematwin.estimation.other_minima import other_minima
+from ematwin.estimation.minima import height, minima, risen, strained
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found
 from ematwin.estimation.spike_and_slab import FaultSets, fault_sets
-from ematwin.estimation.verdict import worst_misfit
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
-from ematwin.numerics.side_by_side import side_by_side
 
 _REACHES = (2.0,)  # standard errors at which the misfit along a fault is looked at
 _APART = 0.05  # share of a range by which another answer differs
-_WORTH_A_LOOK = 4.0  # ratio of costs up to which another valley is gone into
-_KNOWN, _BY_SHEET = 5, 10  # iterations from there: parameters have yet to leave the sheet's
-_RIVALS = 2  # other valleys that are gone into
 _ANEW = 3  # rounds in which a best point is looked for without the faults that it names
 _NOWHERE = 0.3  # length of the mean of unit vectors: directions all round
-_FAR = 100.0  # squared standard deviations by which a minimum is no rival any more
 
 
 @dataclass(frozen=True)
@@ -103,7 +92,7 @@ def assess(
     model: Model,
     actuator: ParameterSet,
     problem: Problem,
-    found: Found,
+    end: Found,
     baseline: Baseline,
     threads: int | None = 1,
 ) -> Assessment:
@@ -113,76 +102,34 @@ def assess(
     ----------
     model, actuator : of the twin
     problem : that was searched
-    found : the end of the search
+    end : of the search
     baseline : what is known of the actuator
-    threads : on which valleys are gone into side by side; None takes one for each core
+    threads : for descents side by side; None takes one for each core
     """
-    full = with_all_free(model, actuator, problem, baseline, found.problem)
-    still = set() if frees_parameters(model) else set(baseline.prior.names) & set(full.names)
-    measured = math.isfinite(baseline.misfit)
-    healthy = baseline.misfit if measured else full.recorded_misfit
-    settled, iterations = AS_GOOD * healthy, _KNOWN if measured else _BY_SHEET
-    if baseline.exact:
-        settled, iterations = math.inf, _KNOWN
-
-    descent = Descent(
-        aliases_of(model, actuator, full, _placed(full, problem, found.point)), still,
-        full.comparisons[0].noise, settled=settled, iterations=iterations,
-    )  # fmt: skip
-
-    def peak_from(point: np.ndarray) -> Corrected:
-        return corrected(full, _placed(full, problem, point), descent)
-
-    def beside_it(near: Corrected, anew: bool = False) -> list[Corrected]:
-        near_it = descent.afresh(settled=math.inf)
-        return [
-            corrected(full, one.point, near_it) for one in other_minima(near.peak, descent, anew)
-        ]
-
-    starts = [found.point, *_worth_a_look(full, found, problem)]
-    # each may use all cores: most of its batches are one block
-    best, *others = side_by_side(peak_from, starts, threads)
-    misfit = full.relative_misfit(min(one.peak.cost for one in (best, *others)))
-    usual = max(healthy, best.peak.problem.recorded_misfit)
-    explained = full.relative_misfit(best.peak.cost) <= AS_GOOD * usual
-    # from further off no other load has led to a verdict
-    if misfit <= worst_misfit(baseline.misfit) and (_strained(best.peak) or not explained):
-        others += beside_it(best)
-        noise = best.peak.problem.noise
-        nearest = min((best, *others), key=lambda one: height(one.peak, noise))
-        if _strained(nearest.peak):
-            others += beside_it(nearest, anew=True)
-    spent = sum(one.peak.evaluations for one in (best, *others))
-    noise = min(one.peak.problem.noise for one in (best, *others))
-    others.sort(key=lambda one: height(one.peak, noise))
-    if others and height(others[0].peak, noise) < height(best.peak, noise):
-        others.append(best)
-        best = others.pop(0)
-    own, cost = len(problem.names), best.peak.cost
-    weighed = reweighed(best, descent)
-    if weighed is not best:  # all that follows is compared by the same weights
-        near = [one.peak.point for one in others if risen(best.peak, one.peak) < _FAR]
-        best, full, noise = weighed, weighed.peak.problem, weighed.peak.problem.noise
-        near_it = descent.afresh(settled=math.inf, least_noise=noise)
-        others = [corrected(full, point, near_it) for point in near]
-        spent += sum(one.peak.evaluations for one in (best, *others))
-    best = with_model_error(best, threads)
+    found = minima(model, actuator, problem, end, baseline, threads)
+    full, others, own = found.problem, found.others, len(problem.names)
+    spent, cost = found.evaluations, found.cost
+    best = with_model_error(found.best, threads)
     errors, held = np.ones(len(full.names)), set[str]()
+    again = found.descent.afresh(settled=math.inf, least_noise=full.comparisons[0].noise)
     for left in reversed(range(_ANEW)):
         sets = _sets(best, own, baseline, errors, held)
         improbable = _improbable(sets, best.peak)
-        if not left or not improbable:
-            break
         # values are those of the best explanation in which improbable faults are healthy
         held |= set(improbable)
-        without = held_healthy(best.peak, [sorted(held)], threads)
-        again = descent.afresh(settled=math.inf, least_noise=full.comparisons[0].noise)
-        nearer = corrected(full, without.point, replace(again, held={*descent.held, *held}))
-        spent += without.evaluations + nearer.peak.evaluations
+        named = [name for name, share in sets.probabilities.items() if share > CERTAIN]
+        groups = [sorted(held)] if improbable and left else [[name] for name in named]
+        tried = held_healthy(best.peak, groups, threads)
+        spent += tried.evaluations
+        # better without a fault that is named: the search had ended beside the best point
+        if not left or not (improbable or tried.rises.min(initial=0.0) < -WORTH):
+            break
+        nearer = corrected(full, tried.point, replace(again, held={*again.held, *held}))
+        spent += nearer.peak.evaluations
+        noise = best.peak.problem.noise
+        if not improbable and height(nearer.peak, noise) >= height(best.peak, noise):
+            break
         best = with_model_error(nearer, threads)
-    named = [name for name, share in sets.probabilities.items() if share > CERTAIN]
-    tried = held_healthy(best.peak, [[name] for name in named], threads)
-    spent += tried.evaluations
     for name, rise in zip(named, tried.rises.tolist(), strict=True):
         n = full.names.index(name)
         errors[n] = max(1.0, sets.distances[name] / math.sqrt(max(1.0, rise)))
@@ -200,7 +147,7 @@ def assess(
         physical=in_physical_units(faults, actuator, values, sets, intervals),
         contrasts=contrasts_of(model, actuator, values, sets.drawn),
         nuisances=_evident(full, peak, intervals, own),
-        strained=_strained(peak),
+        strained=strained(peak),
         cost=cost,
         others=_other_answers(problem, peak, rivals),
         evaluations=spent,
@@ -244,49 +191,6 @@ def unassessed(
         others=(),
         evaluations=0,
     )
-
-
-def _placed(full: Problem, problem: Problem, point: np.ndarray) -> np.ndarray:
-    """The point (d,) of a problem in which more is free: all that was not searched as known."""
-    known = dict(zip(problem.names, point.tolist(), strict=True))
-    return np.array([known.get(one.name, one.healthy) for one in full.unknowns])
-
-
-def _worth_a_look(full: Problem, found: Found, problem: Problem) -> list[np.ndarray]:
-    """Ends of other valleys that are not far worse and lie apart; none of what nothing explains."""
-    if not found.others:
-        return []
-    judged = found.problem or problem
-    points = np.stack([found.point, *found.others])
-    costs = judged.costs(points)
-    if judged.relative_misfit(costs[0]) > HOPELESS:
-        return []
-    near = 1 + np.argsort(costs[1:], kind="stable")[:_RIVALS]
-    points, costs = points[np.r_[0, near]], costs[np.r_[0, near]]
-    apart = np.abs(judged.chart.from_values(points) - judged.chart.from_values(points[:1]))
-    return [
-        point
-        for point, cost, away in zip(points[1:], costs[1:], apart[1:].max(axis=1), strict=True)
-        if away > _APART and cost < _WORTH_A_LOOK * costs[0]
-    ]
-
-
-def height(peak: Laplace, noise: float) -> float:
-    """How far a peak lies from the recording and from the priors, squared standard deviations."""
-    distances = peak.problem.prior_distances(peak.point[None])[0] / peak.problem.noise
-    data = (peak.cost + peak.evidence) / noise**2
-    return data + float(distances @ distances)
-
-
-def risen(first: Laplace, other: Laplace) -> float:
-    """How much higher the second peak lies, squared standard deviations.
-
-    Costs at the bottom of two valleys scatter with impacts and ripple, by a tenth from one answer
-    of the reference to the next, where noise alone would have them differ by far less: so all that
-    a fast model misses counts as noise here.
-    """
-    noise = first.problem.comparisons[0].model_error * min(first.problem.noise, other.problem.noise)
-    return height(other, noise) - height(first, noise)
 
 
 def _with_scatter(found: Corrected, baseline: Baseline) -> np.ndarray:
@@ -390,20 +294,6 @@ def _evident(
         away = abs(point[n] - one.healthy)
         if one.spread is not None and away > max(SIGMAS * reach, 0.5 * one.spread):
             found[one.name] = (float(point[n]), intervals[one.name])
-    return found
-
-
-def _strained(peak: Laplace) -> dict[str, float]:
-    """What lies beyond belief, and how far."""
-    problem, point = peak.problem, peak.point
-    prior, found = problem.prior, {}
-    spread = np.sqrt(np.diag(prior.covariance))
-    for name, mean, error in zip(prior.names, prior.mean, spread, strict=True):
-        n = problem.names.index(name)
-        here = math.log(point[n]) if problem.unknowns[n].logarithmic else point[n]
-        away = abs(here - mean) / error
-        if away > IMPLAUSIBLE and problem.unknowns[n].role != "fault":
-            found[name] = float(away)
     return found
 
 

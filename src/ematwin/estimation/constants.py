@@ -19,7 +19,7 @@ SEARCHED = 3.0  # standard deviations of a prior, to both sides, that a search l
 
 # what matters to a user, as shares of a range
 SMALLEST = 0.02  # less is no fault, however certain
-TELLING = 0.15  # an unseen fault may be so large where a verdict says healthy
+TELLING = 0.15  # so large a fault is excluded where a verdict says healthy
 ANYTHING = 0.25  # standard error from which a value may be anything; 0.29 where all is as likely
 
 # relative misfits, and ratios of them

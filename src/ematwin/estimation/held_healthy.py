@@ -9,8 +9,7 @@ deviations, is the likelihood ratio of the two explanations (Wilks 1938, Ann. Ma
 profile likelihood: Venzon and Moolgavkar 1988, Appl. Stat. 37, 87-94); the standard error is at
 least that by which the fault is so far from healthy.
 
-Faults that a drift accounts for as well are held together: along that way a search may have ended
-with too little drift, and turns missing from all phases in its place.
+Faults that are improbable are held together, for the minimum without them.
 """
 
 from collections.abc import Sequence

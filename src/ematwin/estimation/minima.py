@@ -1,0 +1,172 @@
+"""The minima of a problem in which everything is free, from where a search ended.
+
+A search holds all parameters at the values of the file. Here they are freed, each as far as it is
+known, with the sensors and the load, and all descend together from where the search ended, from
+where other descents of it ended, and where that does not do, from other loads. The minima are
+those of the reference model (`ematwin.estimation.correction`).
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ematwin.estimation.aliases import aliases_of
+from ematwin.estimation.baseline import Baseline, frees_parameters, with_all_free
+from ematwin.estimation.constants import AS_GOOD, HOPELESS, IMPLAUSIBLE
+from ematwin.estimation.correction import Corrected, corrected, reweighed
+from ematwin.estimation.descent import Descent
+from ematwin.estimation.laplace import Laplace
+from ematwin.estimation.other_minima import other_minima
+from ematwin.estimation.problem import Problem
+from ematwin.estimation.search import Found
+from ematwin.estimation.verdict import worst_misfit
+from ematwin.models.base import Model
+from ematwin.models.parameter_set import ParameterSet
+from ematwin.numerics.side_by_side import side_by_side
+
+_APART = 0.05  # share of a range by which another start differs
+_RATIO = 4.0  # of costs, up to which another end of the search is descended from
+_KNOWN, _BY_SHEET = 5, 10  # iterations from there: parameters have yet to leave the sheet's
+_RIVALS = 2  # other ends that are descended from
+_FAR = 100.0  # squared standard deviations by which a minimum is no rival any more
+
+
+@dataclass(frozen=True)
+class Minima:
+    """The best minimum of a problem, and others.
+
+    Attributes
+    ----------
+    problem : with everything free, weighed by the residuals of the best minimum
+    best, others : minima; the others by how far they lie from the recording and the priors
+    descent : how they were found
+    cost : float, of the data at the best one, as the search weighs them
+    evaluations : int
+    """
+
+    problem: Problem
+    best: Corrected
+    others: Sequence[Corrected]
+    descent: Descent
+    cost: float
+    evaluations: int
+
+
+def minima(
+    model: Model,
+    actuator: ParameterSet,
+    problem: Problem,
+    end: Found,
+    baseline: Baseline,
+    threads: int | None = 1,
+) -> Minima:
+    """The minima next to the end of a search; arguments as of `assess`."""
+    full = with_all_free(model, actuator, problem, baseline, end.problem)
+    still = set() if frees_parameters(model) else set(baseline.prior.names) & set(full.names)
+    measured = math.isfinite(baseline.misfit)
+    healthy = baseline.misfit if measured else full.recorded_misfit
+    settled, iterations = AS_GOOD * healthy, _KNOWN if measured else _BY_SHEET
+    if baseline.exact:
+        settled, iterations = math.inf, _KNOWN
+
+    descent = Descent(
+        aliases_of(model, actuator, full, _placed(full, problem, end.point)), still,
+        full.comparisons[0].noise, settled=settled, iterations=iterations,
+    )  # fmt: skip
+
+    def peak_from(point: np.ndarray) -> Corrected:
+        return corrected(full, _placed(full, problem, point), descent)
+
+    def beside_it(near: Corrected, anew: bool = False) -> list[Corrected]:
+        near_it = descent.afresh(settled=math.inf)
+        return [
+            corrected(full, one.point, near_it) for one in other_minima(near.peak, descent, anew)
+        ]
+
+    starts = [end.point, *_worth_a_look(full, end, problem)]
+    # each may use all cores: most of its batches are one block
+    best, *others = side_by_side(peak_from, starts, threads)
+    misfit = full.relative_misfit(min(one.peak.cost for one in (best, *others)))
+    usual = max(healthy, best.peak.problem.recorded_misfit)
+    explained = full.relative_misfit(best.peak.cost) <= AS_GOOD * usual
+    # from further off no other load has led to a verdict
+    if misfit <= worst_misfit(baseline.misfit) and (strained(best.peak) or not explained):
+        others += beside_it(best)
+        noise = best.peak.problem.noise
+        nearest = min((best, *others), key=lambda one: height(one.peak, noise))
+        if strained(nearest.peak):
+            others += beside_it(nearest, anew=True)
+    spent = sum(one.peak.evaluations for one in (best, *others))
+    noise = min(one.peak.problem.noise for one in (best, *others))
+    others.sort(key=lambda one: height(one.peak, noise))
+    if others and height(others[0].peak, noise) < height(best.peak, noise):
+        others.append(best)
+        best = others.pop(0)
+    cost = best.peak.cost
+    weighed = reweighed(best, descent)
+    if weighed is not best:  # all that follows is compared by the same weights
+        near = [one.peak.point for one in others if risen(best.peak, one.peak) < _FAR]
+        best, full, noise = weighed, weighed.peak.problem, weighed.peak.problem.noise
+        near_it = descent.afresh(settled=math.inf, least_noise=noise)
+        others = [corrected(full, point, near_it) for point in near]
+        spent += sum(one.peak.evaluations for one in (best, *others))
+    return Minima(full, best, others, descent, cost, spent)
+
+
+def _placed(full: Problem, problem: Problem, point: np.ndarray) -> np.ndarray:
+    """The point (d,) of a problem in which more is free: all that was not searched as known."""
+    known = dict(zip(problem.names, point.tolist(), strict=True))
+    return np.array([known.get(one.name, one.healthy) for one in full.unknowns])
+
+
+def _worth_a_look(full: Problem, found: Found, problem: Problem) -> list[np.ndarray]:
+    """Ends of other descents that are not far worse and lie apart; none if nothing explains it."""
+    if not found.others:
+        return []
+    judged = found.problem or problem
+    points = np.stack([found.point, *found.others])
+    costs = judged.costs(points)
+    if judged.relative_misfit(costs[0]) > HOPELESS:
+        return []
+    near = 1 + np.argsort(costs[1:], kind="stable")[:_RIVALS]
+    points, costs = points[np.r_[0, near]], costs[np.r_[0, near]]
+    apart = np.abs(judged.chart.from_values(points) - judged.chart.from_values(points[:1]))
+    return [
+        point
+        for point, cost, away in zip(points[1:], costs[1:], apart[1:].max(axis=1), strict=True)
+        if away > _APART and cost < _RATIO * costs[0]
+    ]
+
+
+def height(peak: Laplace, noise: float) -> float:
+    """How far a peak lies from the recording and from the priors, squared standard deviations."""
+    distances = peak.problem.prior_distances(peak.point[None])[0] / peak.problem.noise
+    data = (peak.cost + peak.evidence) / noise**2
+    return data + float(distances @ distances)
+
+
+def risen(first: Laplace, other: Laplace) -> float:
+    """How much higher the second peak lies, squared standard deviations.
+
+    Costs at the two minima scatter with impacts and ripple, by a tenth from one answer
+    of the reference to the next, where noise alone would have them differ by far less: so all that
+    a fast model misses counts as noise here.
+    """
+    noise = first.problem.comparisons[0].model_error * min(first.problem.noise, other.problem.noise)
+    return height(other, noise) - height(first, noise)
+
+
+def strained(peak: Laplace) -> dict[str, float]:
+    """Parameters, load and sensors that are implausible, in standard deviations of their priors."""
+    problem, point = peak.problem, peak.point
+    prior, found = problem.prior, {}
+    spread = np.sqrt(np.diag(prior.covariance))
+    for name, mean, error in zip(prior.names, prior.mean, spread, strict=True):
+        n = problem.names.index(name)
+        here = math.log(point[n]) if problem.unknowns[n].logarithmic else point[n]
+        away = abs(here - mean) / error
+        if away > IMPLAUSIBLE and problem.unknowns[n].role != "fault":
+            found[name] = float(away)
+    return found
