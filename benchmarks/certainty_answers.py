@@ -14,15 +14,15 @@ from typing import Any
 import numpy as np
 
 from ematwin import identify
-from ematwin.estimation.intervals import Draws, draws
+from ematwin.estimation.intervals import Draws
 from ematwin.estimation.posterior import Posterior
+from ematwin.estimation.spike_and_slab import fault_sets
 from ematwin.estimation.uncertainty import (
     LaplaceIntervals,
     Method,
     Question,
     Report,
     Uncertainty,
-    probabilities,
 )
 from populations import MAGNITUDES, drawn
 
@@ -39,12 +39,16 @@ class LaplaceOwn:
     def run(self, question: Question, *, seed: int, report: Report) -> Uncertainty:
         """The answer, without a simulation."""
         peak = question.joint.peaks[0]
-        found = draws(peak.problem.chart, peak.z, peak.widened(1.0))
+        sets = fault_sets(peak.problem.chart, peak.unbounded(1.0), peak.widened(1.0))
+        own = replace(question, assessed=replace(question.assessed, sets=sets))
+        found = LaplaceIntervals().run(own, seed=seed, report=report)
         ends = {
-            one.name: found.interval(one.name, one.lower, one.upper)
+            one.name: sets.given(one.direction_of or one.name).interval(
+                one.name, one.lower, one.upper
+            )
             for one in peak.problem.unknowns
         }
-        return Uncertainty(self.name, ends, **probabilities(question, found), doubts=())
+        return replace(found, method=self.name, intervals=ends, doubts=())
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,7 @@
-"""Intervals: the ranges that hold the true values, from a peak, its width and the bounds.
+"""Intervals: the ranges that hold the true values, from draws within the bounds.
 
-Draws from the normal distribution around the best point, kept where they lie within the bounds:
-turns can be missing, not added, so that three phases which seem to lack turns alike tell a limit
-for each. An interval is the shortest one with its share of the draws; where that begins at a bound,
-the bound belongs to it.
+An interval is the shortest one with its share of the draws; where that begins at a bound, the bound
+belongs to it.
 """
 
 import math
@@ -16,17 +14,13 @@ import numpy as np
 from ematwin.estimation.constants import COVERAGE, LEVEL
 from ematwin.estimation.laplace import eigen
 from ematwin.models.base import Model
-from ematwin.models.chart import Chart
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
 
 if TYPE_CHECKING:
     from ematwin.estimation.spike_and_slab import FaultSets
 
-_DRAWS, _ROUNDS, _FEWEST, _ENOUGH, _MOST = 20_000, 20, 200, 4000, 10_000
-_TRIED, _HARDLY = 4, 20  # rounds after which so few draws say that all rounds will bring too few
 _NEAR = 0.15  # of an interval: so close to a bound it begins there
-_SEED = 20_201
 _ALIKE = 1e-6  # logarithms so near that their mean slope is the slope
 _WIDE = 12.0  # sharp standard errors: an interval that others than noise make
 
@@ -80,60 +74,6 @@ class Draws:
         low, high = float(x[first]), float(x[first + count - 1])
         near = max(1e-3 * (upper - lower), _NEAR * (high - low))
         return (lower if low - lower < near else low), (upper if upper - high < near else high)
-
-
-def draws(chart: Chart, z: np.ndarray, covariance: np.ndarray) -> Draws:
-    """Draws of the unknowns of a chart.
-
-    Parameters
-    ----------
-    chart : of d unknowns
-    z : (d,) array, best point in its coordinates
-    covariance : (d, d) array
-    """
-    rng = np.random.default_rng(_SEED)
-    # parameters and nuisances have bounds so wide that they cut nothing off: they follow
-    hard = np.array([one.role == "fault" for one in chart.unknowns])
-    bounds = Chart([one for one in chart.unknowns if one.role == "fault"])
-    root, gain, rest = conditional(covariance, hard)
-    found: list[np.ndarray] = []
-    total = 0
-    for done in range(1, _ROUNDS + 1):
-        tried = rng.standard_normal((_DRAWS, len(root))) @ root.T
-        there = z[hard] + tried
-        inside = (np.abs(bounds.project(there) - there) < 1e-9).all(axis=1)
-        found.append(tried[inside])
-        total += int(inside.sum())
-        if total >= _ENOUGH or (done == _TRIED and total < _HARDLY):
-            break
-    few = total < _FEWEST
-    away = tried if few else _by_magnitude(bounds, z[hard], np.concatenate(found), rng)[:_MOST]
-    drawn = np.empty((len(away), len(z)))
-    drawn[:, hard] = away
-    drawn[:, ~hard] = away @ gain.T + rng.standard_normal((len(away), len(rest))) @ rest.T
-    drawn += z
-    if few:  # a corner that draws hardly hit: each unknown for itself
-        drawn = chart.project(drawn)
-    names = tuple(one.name for one in chart.unknowns)
-    directions = {one.name: one.direction_of for one in chart.unknowns if one.direction_of}
-    return Draws(names, chart.to_values(drawn), directions)
-
-
-def _by_magnitude(
-    bounds: Chart, z: np.ndarray, away: np.ndarray, rng: np.random.Generator
-) -> np.ndarray:
-    """Steps (N, f) from ``z`` (f,), drawn again where a magnitude has a direction.
-
-    A magnitude is as likely anywhere in its range; steps of its components are as likely anywhere
-    in the disc, where large magnitudes have more room: each counts by one over its magnitude.
-    """
-    weights = np.ones(len(away))
-    for pair in bounds.pairs:
-        size = np.hypot(*(z[list(pair)] + away[:, list(pair)]).T)
-        weights /= np.maximum(size, 1e-3 * float(size.max()) + 1e-300)
-    if not bounds.pairs:
-        return away
-    return np.asarray(away[rng.choice(len(away), len(away), p=weights / weights.sum())])
 
 
 def conditional(

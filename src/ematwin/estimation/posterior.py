@@ -18,8 +18,9 @@ import numpy as np
 
 from ematwin.errors import InputError, MissingExtraError
 from ematwin.estimation.interrupt import noting_interrupts
-from ematwin.estimation.intervals import Draws, draws, with_corner
+from ematwin.estimation.intervals import Draws, with_corner
 from ematwin.estimation.joint import Joint
+from ematwin.estimation.laplace import eigen
 from ematwin.estimation.uncertainty import (
     Question,
     Report,
@@ -292,8 +293,9 @@ def _starts(joint: Joint, count: int, rng: Any) -> np.ndarray:
     chart, found = joint.problem.chart, []
     shares = np.array_split(np.arange(count), len(joint.peaks))
     for one, places in zip(joint.normals, shares, strict=True):
-        drawn = draws(chart, one.z, one.covariance).values
-        z = chart.from_values(drawn[rng.randint(len(drawn), size=len(places))])
+        values, vectors = eigen(one.covariance)
+        away = rng.standard_normal((len(places), len(one.z))) * np.sqrt(np.maximum(values, 0.0))
+        z = chart.project(one.z + away @ vectors.T)
         size = len(one.z)
         likely = 0.5 * (size + _TOO_FAR * np.sqrt(2.0 * size))
         least = joint.log_density(joint.to_even(one.z[None])) - likely

@@ -15,13 +15,14 @@ import numpy as np
 
 from ematwin.estimation.assess import Assessment
 from ematwin.estimation.baseline import Baseline, uncertain, with_all_free, with_nuisances
-from ematwin.estimation.constants import AS_GOOD, DECIDES, EXPLAINED, HOPELESS, SMALLEST
+from ematwin.estimation.constants import AS_GOOD, DECIDES, EXPLAINED, HOPELESS
 from ematwin.estimation.correction import corrected
 from ematwin.estimation.descent import Descent, TooFarError
 from ematwin.estimation.laplace import Laplace, step_lengths
 from ematwin.estimation.levenberg_marquardt import NOTHING
 from ematwin.estimation.minima import risen
 from ematwin.estimation.problem import Problem
+from ematwin.estimation.spike_and_slab import fault_sets
 from ematwin.estimation.verdict import Verdict
 from ematwin.models.base import Model, OtherForm
 from ematwin.models.parameter_set import ParameterSet
@@ -236,14 +237,12 @@ def _compared(
 
 
 def _rival(model: Model, form: OtherForm, problem: Problem, end: Laplace, rise: float) -> Rival:
-    """What the other form says at its best, ``end``."""
-    values = end.problem.values(end.point)
+    """What the other form says at its best, ``end``: the most probable set of faults with it."""
+    factor, values = end.problem.model_error, end.problem.values(end.point)
+    sets = fault_sets(end.problem.chart, end.unbounded(factor), end.widened(factor)).sets
+    likely = next((one.faults for one in sets if one.faults & set(form.names)), frozenset[str]())
     faults = [model.unknown(form.actuator, name) for name in _own_names(problem, form)]
-    there = tuple(
-        one.name
-        for one in faults
-        if one.direction_of is None and abs(values[one.name] - one.healthy) >= SMALLEST * one.width
-    )
+    there = tuple(one.name for one in faults if one.name in likely)
     said = ", ".join(
         _said(one, form.actuator, values[one.name])
         for one in faults

@@ -30,6 +30,7 @@ from ematwin.numerics.bounded_squares import bounded_squares
 
 _WINDOW = 7.0  # logarithm of the ratio of probabilities: sets below 0.1 % of the best are left out
 _MOST = 300  # sets
+_JITTER = 1e-9  # of variances, so that what goes together to the last digit can be factorised
 _TRIED, _DRAWS = 4000, 8000
 _SEED = 20_201
 
@@ -191,7 +192,8 @@ class _Space:
     """A normal distribution of all unknowns, and what is left of it where faults are absent."""
 
     def __init__(self, chart: Chart, mean: np.ndarray, covariance: np.ndarray) -> None:
-        self._chart, self._mean, self._covariance = chart, mean, covariance
+        self._chart, self._mean = chart, mean
+        self._covariance = covariance + np.diag(_JITTER * np.diag(covariance))
         self._healthy = chart.from_values(np.array([[one.healthy for one in chart.unknowns]]))[0]
         paired = dict(chart.pairs)
         for pair in chart.pairs:

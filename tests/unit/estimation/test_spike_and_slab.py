@@ -75,6 +75,40 @@ def test_a_fault_is_what_it_is_if_it_is_there():
     assert b.mean() == pytest.approx(draws[draws > 0.0].mean(), rel=0.05)
 
 
+@pytest.mark.parametrize("rank", [4, 2])
+def test_what_has_no_bounds_follows_the_faults_as_the_covariance_says(rank):
+    chart = Chart([
+        Unknown(name, "", "", 0.0, 0.0, 1.0, role)
+        for name, role in zip("abcd", ("nuisance", "fault", "nominal", "fault"), strict=True)
+    ])  # fmt: skip
+    root = 0.03 * np.random.default_rng(7).standard_normal((4, rank))
+    found = fault_sets(chart, np.full(4, 0.5), root @ root.T)
+    assert found.sets[0].faults == {"b", "d"}
+    x, size = found.drawn.values, np.sqrt(np.diag(root @ root.T))
+    assert np.abs(x.mean(axis=0) - 0.5).max() < 0.06 * size.max()
+    unit = np.outer(size, size)
+    assert np.cov(x.T) / unit == pytest.approx(root @ root.T / unit, abs=0.06)
+
+
+def test_a_bound_of_a_fault_moves_what_goes_with_it():
+    chart = Chart([Unknown("a", "", "", 0.5, 0.0, 1.0, "nuisance"), fault("b")])
+    covariance = 0.05**2 * np.array([[1.0, 0.9], [0.9, 1.0]])
+    x = fault_sets(chart, np.array([0.5, 0.0]), covariance).given("b")
+    mean = np.sqrt(2.0 / np.pi) * 0.05  # of a half-normal distribution
+    assert x.of("b").mean() == pytest.approx(mean, rel=0.05)
+    assert x.of("a").mean() - 0.5 == pytest.approx(0.9 * mean, rel=0.1)
+
+
+def test_draws_are_the_same_each_time():
+    chart, mean, covariance = (
+        Chart([fault("a"), fault("b")]),
+        np.array([0.1, 0.2]),
+        np.eye(2) * 0.01,
+    )
+    one, other = (fault_sets(chart, mean, covariance).drawn.values for _ in range(2))
+    np.testing.assert_array_equal(one, other)
+
+
 def test_what_is_smaller_than_matters_is_no_fault():
     found = fault_sets(Chart([fault("a")]), np.array([0.015]), np.array([[0.001**2]]))
     assert found.presence("a") == pytest.approx(1.0)
