@@ -15,6 +15,7 @@ from ematwin.cli.options import (
     JsonOption,
     NoiseOption,
     ReportOption,
+    UnitsOption,
     numbers,
     pairs,
     print_json,
@@ -86,6 +87,7 @@ def design(
     seed: Annotated[int, typer.Option(help="Seed of faults, noise and search.", min=0)] = 1,
     report: ReportOption = None,
     force: ForceOption = False,
+    units: UnitsOption = None,
     json: JsonOption = False,
 ) -> None:
     """Find the test command with which the faults of an actuator are identified best."""
