@@ -24,6 +24,8 @@ def design_page(found: Design) -> str:
         text += (
             f" Counted as known, because no command can determine them: {', '.join(found.held)}."
         )
+    if found.left_out:
+        text += f" {found.left_out_sentence}"
     if found.promised.checks:
         which = "" if found.checked else ", by which it was chosen"
         text += (
