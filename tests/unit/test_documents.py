@@ -38,7 +38,7 @@ def test_every_link_between_pages_leads_somewhere():
 
 def test_the_page_of_a_package_index_leads_nowhere_that_is_not_there():
     told = metadata("ematwin")
-    text = told.get_payload()
+    text = told["Description"]
     assert told["Description-Content-Type"] == "text/markdown"
     assert text.startswith("# ematwin")
     assert "identifiability`, `design` | which faults a test command reveals" in text
