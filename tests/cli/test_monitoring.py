@@ -302,7 +302,7 @@ def test_a_brushless_actuator_is_calibrated_and_judged_from_the_shell(ematwin, f
     """One file a run; what does not apply to the kind is null."""
     from made_up_axis import run as axis_run
 
-    healthy = [f"day{n}.parquet" for n in range(1, 5)]
+    healthy = [f"day{n}.parquet" for n in range(1, 4)]
     for n, name in enumerate(healthy, 1):
         ematwin_of(axis_run(n), files / name)
     ematwin_of(axis_run(60, friction=0.25), files / "dry.parquet")
@@ -327,25 +327,22 @@ def test_a_brushless_actuator_is_calibrated_and_judged_from_the_shell(ematwin, f
     assert friction["score"] > 3.0
     (files / "runs").mkdir()
     shutil.copy(files / "dry.parquet", files / "runs")
-    for command in ("detect", "identify"):
-        answer = ematwin(
-            command, "runs", "--actuator", "axis.toml", "--report", "a.html", "--table", "a.csv"
-        )
-        assert answer.code == 0, answer.err
-        heading = answer.out.splitlines()[1]
-        assert "friction" in heading
-        assert re.search(r"│ friction +│ +0\.0\d+ N m \(0\.0\d+ to 0", answer.out)
-        assert len(heading) <= 80
-        assert "load" not in heading
-        assert "1 of 1 recordings raise an alarm: friction in 1." in answer.out
-        with (files / "a.csv").open(encoding="utf-8") as file:
-            (row,) = csv.DictReader(file)
-        assert float(row["friction_Nm"]) == pytest.approx(friction["value"])
-        assert (files / "a.html").stat().st_size > 10_000
+    judge = ("detect", "runs", "--actuator", "axis.toml", "--fail-on")
+    answer = ematwin(*judge, "fault", "--report", "a.html", "--table", "a.csv")
+    assert answer.code == 1, answer.err
+    heading = answer.out.splitlines()[1]
+    assert "friction" in heading
+    assert re.search(r"│ friction +│ +0\.0\d+ N m \(0\.0\d+ to 0", answer.out)
+    assert len(heading) <= 80
+    assert "load" not in heading
+    assert "1 of 1 recordings raise an alarm: friction in 1." in answer.out
+    with (files / "a.csv").open(encoding="utf-8") as file:
+        (row,) = csv.DictReader(file)
+    assert float(row["friction_Nm"]) == pytest.approx(friction["value"])
+    assert (files / "a.html").stat().st_size > 10_000
     again = ("calibrate", "day1.parquet", "--actuator", "servo48", "--out", "axis.toml")
     assert ematwin(*again).code == 0  # nobody touched it
-    judge = ("detect", "runs", "--actuator", "axis.toml", "--fail-on")
-    assert [ematwin(*judge, on).code for on in ("fault", "changed,none")] == [1, 0]
+    assert ematwin(*judge, "changed,none").code == 0
     assert ematwin("identify", *judge[1:], "fault").code == 1
     assert "--fail-on takes" in ematwin(*judge, "broken").err
     twin, digit = files / "axis.toml", re.compile(r"(?<=[0-9])[0-9](?=\.\d|\d{6})")

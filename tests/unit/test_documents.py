@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from importlib.metadata import metadata
 from pathlib import Path
 
 import pytest
@@ -33,6 +34,17 @@ def test_every_link_between_pages_leads_somewhere():
     for page in PAGES:
         for target in re.findall(r"\]\((?!https?:)([^)#\s]+)", page.read_text(encoding="utf-8")):
             assert (page.parent / target).exists(), f"{page.name} -> {target}"
+
+
+def test_the_page_of_a_package_index_leads_nowhere_that_is_not_there():
+    told = metadata("ematwin")
+    text = told["Description"]
+    assert told["Description-Content-Type"] == "text/markdown"
+    assert text.startswith("# ematwin")
+    assert "identifiability`, `design` | which faults a test command reveals" in text
+    targets = re.findall(r"\]\(([^)]*)\)", text)
+    assert targets
+    assert all(target.startswith("https://") for target in targets), targets
 
 
 def test_every_page_is_in_the_table_of_contents():

@@ -154,21 +154,6 @@ def test_the_longest_step_is_that_of_the_fastest_mode():
     assert stiffer.largest_stable_step("reference") < actuator.largest_stable_step("reference")
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
-    [
-        ("resistance = {", "resistence = {", "motor.resistence"),
-        ("[motor]", "[moter]", "moter"),
-        ('name = "servo48"\n', "", "name is missing"),
-        ("[motor]", "[[motor]]", "motor"),
-    ],
-)
-def test_a_misspelt_or_missing_name_is_named(tmp_path, old, new, said):
-    path = tmp_path / "bad.toml"
-    path.write_text(SHIPPED.replace(old, new, 1), encoding="utf-8")
-    assert said in refusal(path)
-
-
 def test_a_file_that_is_not_toml_is_refused(tmp_path):
     path = tmp_path / "broken.toml"
     path.write_text("motor = [", encoding="utf-8")

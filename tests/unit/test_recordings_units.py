@@ -11,7 +11,7 @@ import pytest
 
 from ematwin.errors import InputError, RecordError
 from ematwin.models.bldc.channels import phase_currents
-from ematwin.models.reading import channels_of, read, read_motions
+from ematwin.models.reading import channels_of, read
 from ematwin.models.registry import model_of
 from ematwin.recordings.channel import Channel
 from ematwin.recordings.channel_map import ChannelMap
@@ -78,21 +78,6 @@ def test_a_unit_in_the_file_is_understood_for_every_kind(tmp_path: Path, kind: s
     found = read(saved(tmp_path / "b.parquet", columns, {name: f"m{si_unit}"}), actuator=kind)
     np.testing.assert_allclose(getattr(found, name), WAVE, atol=1e-12)
     assert found.provenance["columns"][name]["unit_from"] == "file"
-
-
-def test_millimetres_named_in_the_map_are_no_metres(tmp_path: Path) -> None:
-    columns = {"time": TIME, "Demand": 50.0 * WAVE, "error": WAVE, "current": WAVE}
-    path = saved(tmp_path / "bench.parquet", columns)
-    (motion,) = read_motions(path, {"set_point": "Demand [mm]"})
-    np.testing.assert_allclose(motion.set_point, 0.05 * WAVE)
-
-
-def test_degrees_behind_an_underscore_are_no_radians(tmp_path: Path) -> None:
-    columns = {"time_ms": 1e3 * TIME, "command_deg": np.degrees(WAVE), "i_mA": 1e3 * WAVE}
-    found = read(saved(tmp_path / "bench.parquet", columns))
-    np.testing.assert_allclose(found.time, TIME)
-    np.testing.assert_allclose(found.command, WAVE)
-    np.testing.assert_allclose(found.current, WAVE)
 
 
 def test_degrees_in_a_name_of_the_bench_are_no_radians(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ import pytest
 
 import ematwin
 from ematwin.errors import EmatwinError
+from ematwin.exploring.explorer import Explorer
 from ematwin.monitoring.diagnosis import Magnitude
 from ematwin.plots import plot_recording
 from ematwin.quantities import preferred, use_units
@@ -75,6 +76,33 @@ def test_sentences_tables_and_figures_follow_and_programs_get_si(tmp_path):
     assert "mN m" in (tmp_path / "page.html").read_text()
     row = Magnitude("friction", "N*m", 0.045, 0.044, 0.046, (0.03, 0.031), 9.0)
     assert (str(row), row.healthy_text) == ("45.0 mN m (44.0 to 46.0)", "30 to 31")
+
+
+def test_commands_that_simulate_follow(ematwin: Any, tmp_path: Path):
+    said = ematwin("simulate", "--fault", "friction=0.25", "--model", "monitor", "--plot", "p.html",
+                   "--units", "torque=mN m, current=mA").out  # fmt: skip
+    assert re.search(r"friction +0.25 +45 mN m +30 mN m", said)
+    assert re.search(r"\d{4} mA", said)
+    page = (tmp_path / "p.html").read_text()
+    assert "45 mN m" in page
+    assert "0.045" not in page
+    listed = ematwin("actuators", "servo48", "--units", "torque=mN m").out
+    assert re.search(r"motor.friction_torque +15 mN m ", listed)
+
+
+def test_sliders_and_traces_of_the_explorer_follow():
+    explorer = Explorer(None, "servo48")
+    channel = explorer.channels[0]
+    unit, si = explorer.setup()["channels"][0]["unit"], explorer.traces(channel)["healthy"]
+    use_units("torque=mN m, current=mA")
+    shown = explorer.traces(channel)["healthy"]
+    assert (unit, explorer.setup()["channels"][0]["unit"]) == ("A", "mA")
+    assert max(shown) == pytest.approx(1e3 * max(si), rel=1e-4)
+    answer = explorer.answer({"friction": 0.25}, channel, False)
+    assert answer["said"]["friction"] == "45 mN m"
+    assert max(answer["twin"]) > 1e3
+    profile = explorer.profile({}, "friction", False)
+    assert (profile["unit"], profile["x"][0]) == ("mN m", pytest.approx(30.0))
 
 
 def test_the_shell_keeps_units_and_an_option_goes_before_them(ematwin: Any, settings: Path):

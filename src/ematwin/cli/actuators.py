@@ -6,7 +6,13 @@ from typing import Annotated
 import typer
 
 from ematwin.cli import complete
-from ematwin.cli.options import ForceOption, JsonOption, print_json, print_notes
+from ematwin.cli.options import (
+    ForceOption,
+    JsonOption,
+    UnitsOption,
+    print_json,
+    print_notes,
+)
 
 
 def actuators(
@@ -22,6 +28,7 @@ def actuators(
         typer.Option(help="Write its parameters to this file (.toml), as a start for your own."),
     ] = None,
     force: ForceOption = False,
+    units: UnitsOption = None,
     json: JsonOption = False,
 ) -> None:
     """List the actuators of all kinds, or show one: parameters, channels, faults."""
@@ -34,6 +41,7 @@ def actuators(
         model_of,
         shipped_actuators,
     )
+    from ematwin.quantities import preferred
 
     if name is None:
         if out is not None:
@@ -83,7 +91,9 @@ def actuators(
     for place, value, unit, meaning, source in rows:
         tolerance = actuator.tolerance(place)
         off = "" if tolerance is None else f"±{100.0 * tolerance:.3g} %"
-        typer.echo(f"{place:<34} {value:>10.4g} {unit:<10} {off:<7} {meaning}  [{source}]")
+        shown, factor = preferred(unit)
+        number = f"{factor * value:>10.4g} {shown:<10}"
+        typer.echo(f"{place:<34} {number} {off:<7} {meaning}  [{source}]")
     typer.echo(
         "± tolerance: 95 % of such actuators lie between the value divided by and multiplied with "
         "1 + tolerance"

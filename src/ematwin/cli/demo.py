@@ -6,7 +6,12 @@ from typing import Annotated
 import typer
 
 from ematwin.cli.identify import print_findings, search_bar
-from ematwin.cli.options import JsonOption, print_json, progress_bar
+from ematwin.cli.options import (
+    JsonOption,
+    UnitsOption,
+    print_json,
+    progress_bar,
+)
 
 SHEET = "servo48"
 # How the actuator differs from its data sheet, as factors: nobody knows these numbers.
@@ -33,6 +38,7 @@ def demo(
         bool,
         typer.Option("--fleet", help="Instead simulate a fleet, 60 actuators over three years."),
     ] = False,
+    units: UnitsOption = None,
     json: JsonOption = False,
 ) -> None:
     """Calibrate an unknown actuator on healthy records, and find the faults of a later one."""

@@ -15,6 +15,7 @@ from ematwin.cli.options import (
     JsonOption,
     NoiseOption,
     ReportOption,
+    UnitsOption,
     numbers,
     pairs,
     print_json,
@@ -81,11 +82,12 @@ def design(
         ),
     ] = None,
     budget: Annotated[
-        int | None, typer.Option(help="Commands to look at; about a minute's worth.", min=1)
+        int | None, typer.Option(help="Commands to look at; a minute's worth if not given.", min=1)
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of faults, noise and search.", min=0)] = 1,
     report: ReportOption = None,
     force: ForceOption = False,
+    units: UnitsOption = None,
     json: JsonOption = False,
 ) -> None:
     """Find the test command with which the faults of an actuator are identified best."""
@@ -105,7 +107,7 @@ def design(
         "noise": None if noise is None else Noise.parse(noise),
         "exact": exact,
         "seed": seed,
-        **({} if budget is None else {"budget": budget}),
+        "budget": budget,
         **_limits(limit or [], chosen),
     }
     if discriminate:
@@ -278,5 +280,9 @@ def _print(found: "Design") -> None:
         typer.echo(
             f"Counted as known, because no command can determine them: {', '.join(found.held)}"
         )
+    if found.left_out:
+        typer.echo(found.left_out_sentence)
+    if found.stopped == "time":
+        typer.echo(f"A minute was enough for {found.evaluations} commands; --budget gives it more.")
     if found.stopped == "interrupted":
         typer.echo("Warning: The search was interrupted; this is the best command until then.")

@@ -12,6 +12,7 @@ from ematwin.cli.options import (
     NoBrowserOption,
     PortOption,
     RecordedActuatorOption,
+    UnitsOption,
     serve_page,
 )
 
@@ -35,6 +36,7 @@ def explore(
     column: ColumnOption = None,
     map_file: MapOption = None,
     port: PortOption = 0,
+    units: UnitsOption = None,
     no_browser: NoBrowserOption = False,
 ) -> None:
     """Drag the faults of the twin, and see its answer beside a recording's, in the browser."""

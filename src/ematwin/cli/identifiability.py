@@ -10,6 +10,7 @@ from ematwin.cli.options import (
     JsonOption,
     NoiseOption,
     ReportOption,
+    UnitsOption,
     numbers,
     print_json,
     print_notes,
@@ -61,6 +62,7 @@ def identifiability(
         ),
     ] = False,
     report: ReportOption = None,
+    units: UnitsOption = None,
     json: JsonOption = False,
 ) -> None:
     """Say which faults a command can reveal, and the smallest that it would.

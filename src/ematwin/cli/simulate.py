@@ -6,7 +6,13 @@ from typing import Annotated
 import typer
 
 from ematwin.cli import complete
-from ematwin.cli.options import JsonOption, numbers, print_json, progress_bar
+from ematwin.cli.options import (
+    JsonOption,
+    UnitsOption,
+    numbers,
+    print_json,
+    progress_bar,
+)
 
 
 def simulate(
@@ -61,6 +67,7 @@ def simulate(
             help="Further channels, with commas, e.g. voltage_a,voltage_b,voltage_c or bus_current."
         ),
     ] = None,
+    units: UnitsOption = None,
     json: JsonOption = False,
 ) -> None:
     """Simulate an actuator with any mix of its faults."""
@@ -71,6 +78,7 @@ def simulate(
     from ematwin.models.simulating import simulate as run
     from ematwin.models.unknown import table_of
     from ematwin.recordings.noise import Noise
+    from ematwin.showing.numbers import said
 
     chosen = load_actuator(actuator)
     kind = model_of(chosen)
@@ -122,9 +130,9 @@ def simulate(
         )
         return
     typer.echo(table_of(described))
-    units = {one.name: one.unit for one in kind.channels}
+    own = {one.name: one.unit for one in kind.channels}
     numbers_told = ", ".join(
-        f"{name.replace('_', ' ')} {x:.3g} {units.get(name.rpartition('_')[0], '')}".rstrip()
+        f"{name.replace('_', ' ')} {said(x, own.get(name.rpartition('_')[0], ''), 3)}"
         for name, x in summary.items()
     )
     typer.echo(

@@ -12,6 +12,7 @@ from ematwin.cli.options import (
     MapOption,
     ReportOption,
     TableOption,
+    UnitsOption,
     print_json,
     print_notes,
     print_table,
@@ -62,6 +63,7 @@ def watch(
             help="End with exit code 1 if an actuator has reached this step: watch, plan or act."
         ),
     ] = None,
+    units: UnitsOption = None,
     json: JsonOption = False,
 ) -> None:
     """Judge new recordings of a fleet, and say which actuator needs what, and when.

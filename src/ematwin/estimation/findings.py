@@ -27,7 +27,7 @@ from ematwin.models.registry import model_of
 from ematwin.models.unknown import Unknown
 from ematwin.quantities import preferred
 from ematwin.recordings.recording import Recording
-from ematwin.showing.numbers import in_unit, plain, with_interval
+from ematwin.showing.numbers import in_unit, number_of, plain, said, said_between, with_interval
 from ematwin.showing.words import listed
 
 if TYPE_CHECKING:
@@ -178,8 +178,7 @@ def size_of(one: Unknown, actuator: ParameterSet, value: float, ends: Interval) 
     interval are physical.
     """
     row = one.physical_value(actuator, one.healthy)
-    unit, factor = preferred(row.unit)
-    number, between = with_interval(*(factor * x for x in (value, ends.low, ends.high)))
+    number, between = said_between(value, ends.low, ends.high, row.unit)
     name, between = one.name.replace("_", " "), f"{INTERVAL} {between}"
     if row.healthy > 0.0:
         low, now, high = (x / row.healthy for x in (ends.low, value, ends.high))
@@ -188,19 +187,18 @@ def size_of(one: Unknown, actuator: ParameterSet, value: float, ends: Interval) 
             size = f"{percent} %" if percent.startswith("-") else f"+{percent} %"
         else:
             size = f"x{with_interval(now, low, high)[0]}"
-        return f"{name} {size} ({in_unit(number, unit)}, {between})"
-    if row.unit and row.unit in one.meaning.split():
-        return f"{number} {one.meaning} ({between})"
-    return f"{name} {in_unit(number, unit)} ({between})"
+        return f"{name} {size} ({number}, {between})"
+    if row.unit in one.meaning.split() and number.endswith(f" {row.unit}"):
+        return f"{number.removesuffix(row.unit)}{one.meaning} ({between})"
+    return f"{name} {number} ({between})"
 
 
 def range_of(one: Unknown, actuator: ParameterSet, value: float, ends: Interval) -> str:
     """Where a fault lies: "short a, 0 to 2.2 turns"; with the healthy value where it has one."""
     row = one.physical_value(actuator, one.healthy)
-    unit, factor = preferred(row.unit)
-    _, between = with_interval(*(factor * x for x in (value, ends.low, ends.high)))
-    healthy = f", healthy {plain(factor * row.healthy)}" if row.healthy else ""
-    return f"{one.name.replace('_', ' ')}, {in_unit(between, unit)}{healthy}"
+    _, between = said_between(value, ends.low, ends.high, row.unit)
+    healthy = f", healthy {number_of(row.healthy, row.unit, 3)}" if row.healthy else ""
+    return f"{one.name.replace('_', ' ')}, {in_unit(between, preferred(row.unit)[0])}{healthy}"
 
 
 def remarks_on(model: Model, actuator: ParameterSet, assessed: Assessment) -> list[str]:
@@ -208,10 +206,9 @@ def remarks_on(model: Model, actuator: ParameterSet, assessed: Assessment) -> li
     found = []
     for name, (value, ends) in assessed.nuisances.items():
         one = model.unknown(actuator, name)
-        unit, factor = preferred(one.unit)
-        number, between = with_interval(*(factor * x for x in (value, ends.low, ends.high)))
+        number, between = said_between(value, ends.low, ends.high, one.unit)
         found.append(
-            f"{one.meaning[:1].upper()}{one.meaning[1:]} is {in_unit(number, unit)} "
+            f"{one.meaning[:1].upper()}{one.meaning[1:]} is {number} "
             f"({between}); that was taken into account."
         )
     if assessed.unsettled:
@@ -308,13 +305,12 @@ def fault_cells(found: "Identification") -> list[FaultCells]:
     """Values of an identification for people, with the digits that their intervals deserve."""
     rows = []
     for row in found.physical:
-        unit, factor = preferred(row.unit)
-        number, between = plain(factor * row.value, 4), "held"
+        value, between = said(row.value, row.unit), "held"
         if row.name in found.physical_values:
-            number, between = with_interval(*(factor * x for x in found.physical_values[row.name]))
+            value, between = said_between(*found.physical_values[row.name], row.unit)
         k, ends = plain(row.normalised, 4), "held"
         if row.name in found.intervals:
             k, ends = with_interval(row.normalised, *found.intervals[row.name])
-        value, healthy = in_unit(number, unit), plain(factor * row.healthy, 4)
+        healthy = number_of(row.healthy, row.unit)
         rows.append(FaultCells(row.name, value, between, healthy, k, ends, row.meaning))
     return rows

@@ -28,8 +28,7 @@ from ematwin.models.base import Model, OtherForm
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
 from ematwin.numerics.side_by_side import side_by_side
-from ematwin.quantities import preferred
-from ematwin.showing.numbers import in_unit, plain
+from ematwin.showing.numbers import said
 
 _FAR = 5.0  # times the misfit of the first answer: a start, or a smooth descent, not worth more
 _FAR_BETTER = 0.7  # times the misfit of the first answer; 0.42 at most where the form was right
@@ -312,5 +311,4 @@ def _own_names(problem: Problem, form: OtherForm) -> list[str]:
 
 def _said(one: Unknown, actuator: ParameterSet, value: float) -> str:
     row = one.physical_value(actuator, value)
-    unit, factor = preferred(row.unit)
-    return f"{one.name.replace('_', ' ')} {in_unit(plain(factor * row.value, 2), unit)}"
+    return f"{one.name.replace('_', ' ')} {said(row.value, row.unit, 2)}"

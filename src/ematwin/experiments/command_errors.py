@@ -6,6 +6,7 @@ Science 10, 273-304: "on-average" designs).
 """
 
 import math
+import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field, replace
@@ -15,7 +16,7 @@ import numpy as np
 
 from ematwin.errors import DivergedError, ParameterError, RecordError
 from ematwin.estimation.assess import assess
-from ematwin.estimation.constants import SMALLEST
+from ematwin.estimation.constants import ANYTHING, SMALLEST
 from ematwin.estimation.interrupt import noting_interrupts
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import find, named
@@ -183,6 +184,31 @@ def expected_errors(
     return found
 
 
+def shown_by(
+    experiment: Experiment, scenario: Scenario, vectors: Sequence[Faults], fault: str | None
+) -> list[Faults]:
+    """Those fault vectors at which a command shows what it shows at others.
+
+    Where friction has become so large that nothing moves, no error is known of any command that
+    is as strong; one such vector would outweigh all others in a mean. All are kept where none is
+    left: then it is the command that shows nothing.
+    """
+    alone = replace(experiment, threads=1)
+    asked = {one.name: one.width for one in experiment.magnitudes if fault in (None, one.name)}
+
+    def hidden(faults: Faults) -> set[str]:
+        try:
+            recording = alone.record(scenario, faults, fast=True)
+            errors = alone.expected(recording, faults, fast=True).sharp_errors
+        except (DivergedError, ParameterError, RecordError):
+            return set(asked)
+        return {name for name, width in asked.items() if not errors[name] <= ANYTHING * width}
+
+    found = side_by_side(hidden, vectors, experiment.threads or cores())
+    never = set.intersection(*found)
+    return [one for one, names in zip(vectors, found, strict=True) if names <= never] or [*vectors]
+
+
 def identified_errors(
     experiment: Experiment,
     scenarios: Sequence[Scenario],
@@ -190,6 +216,7 @@ def identified_errors(
     *,
     seed: int = 2,
     step: float | None = None,
+    seconds: float = math.inf,
     progress: Callable[[float], object] | None = None,
 ) -> np.ndarray:
     """Errors that `identify` makes on simulated recordings of the reference model.
@@ -201,11 +228,13 @@ def identified_errors(
     recordings : N of each, every one of another actuator
     seed : of faults, parameters and noise
     step : float, s, of the model that is recorded; None takes the actuator's
+    seconds : float, s, after which no further recording is begun
     progress : called with the share done
 
     Returns
     -------
-    (N, C, n) array of the n magnitudes; after Ctrl-C of fewer actuators
+    (N, C, n) array of the n magnitudes, infinite where a recording is refused, as one in which
+    nothing moves, or was not begun in time; after Ctrl-C of fewer actuators
     """
     model, rng = experiment.model, np.random.default_rng(seed)
     vectors = fault_vectors(experiment, recordings, rng, {}, even=False)
@@ -220,11 +249,15 @@ def identified_errors(
             **settings,
         )  # fmt: skip
         # as `identify` does, but for its verdict
-        problem = Problem.of(record, experiment.actuator, threads=1)
+        try:
+            problem = Problem.of(record, experiment.actuator, threads=1)
+        except RecordError:
+            return [math.inf] * len(magnitudes)
         found = find(problem, search)
         values = assess(model, experiment.actuator, problem, found, experiment.baseline).values
         return [values[one.name] - vectors[n][one.name] for one in magnitudes]
 
+    ends = time.perf_counter() + seconds
     errors = np.full((recordings, len(scenarios), len(magnitudes)), np.nan)
     threads = experiment.threads or cores()
     with noting_interrupts() as interrupts, ThreadPoolExecutor(threads) as pool:
@@ -239,8 +272,13 @@ def identified_errors(
                 interrupts.check()
                 if progress is not None:
                     progress(done / len(tasks))
+                if time.perf_counter() > ends:
+                    break
         except KeyboardInterrupt:
-            interrupts.pressed = False
+            interrupts.pressed, ends = False, math.inf
         finally:
             pool.shutdown(cancel_futures=True)
+    if time.perf_counter() > ends:
+        for task, place in tasks.items():
+            errors[place] = math.inf if task.cancelled() else task.result()
     return errors[~np.isnan(errors).any(axis=(1, 2))]

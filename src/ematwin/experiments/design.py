@@ -30,10 +30,11 @@ from ematwin.experiments.command_errors import (
     expected_errors,
     fault_vectors,
     identified_errors,
+    shown_by,
 )
 from ematwin.experiments.expected import BEYOND, Experiment, excess
 from ematwin.experiments.identifiability import identifiability
-from ematwin.experiments.search import BUDGET, CommandSearch, Cost, Progress
+from ematwin.experiments.search import SECONDS, CommandSearch, Cost, Progress
 from ematwin.experiments.space import DesignSpace
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.scenario import Scenario
@@ -59,7 +60,8 @@ class Design:
     fault : the fault it was made for; None for the weakest
     limits : that it keeps, by name, SI
     held : what counts as known while commands are compared, because none of them determines it
-    draws : fault vectors over which the errors are averaged
+    draws, left_out : fault vectors over which the errors are averaged, and how many more were
+        drawn at which the given command does not show what it shows at others
     evaluations, seconds, stopped, seed : of the search
     experiment : the actuator, what is known of it, and the noise
     checked : whether the errors observed are those of `check`; else they are of the recordings by
@@ -72,6 +74,7 @@ class Design:
     limits: dict[str, float]
     held: tuple[str, ...]
     draws: int
+    left_out: int
     evaluations: int
     seconds: float
     stopped: str
@@ -103,6 +106,16 @@ class Design:
             one.worst(self.fault, observed=True) for one in (self.default, self.promised)
         )
         return before / after
+
+    @property
+    def left_out_sentence(self) -> str:
+        """On fault vectors that do not count; "" where all do."""
+        if not self.left_out:
+            return ""
+        return (
+            f"Left out of the mean: {self.left_out} of {self.draws + self.left_out} drawn fault "
+            "vectors, at which nothing moves or a fault does not show under the given command."
+        )
 
     @property
     def sentence(self) -> str:
@@ -158,9 +171,9 @@ class Design:
         if recordings < 1:
             raise InputError(f"recordings must be at least 1, received {recordings}.")
         scenarios = [self.scenario, self.default.scenario]
-        errors = identified_errors(
+        errors = _answered(identified_errors(
             self.experiment, scenarios, recordings, seed=seed, step=step, progress=progress
-        )
+        ))  # fmt: skip
         if not len(errors):
             return self
         promised, default = (
@@ -182,6 +195,8 @@ class Design:
             "observed_gain": self.observed_gain,
             "limits": self.limits,
             "held": list(self.held),
+            "fault_vectors": self.draws,
+            "left_out": self.left_out,
             "promised": self.promised.as_dict(),
             "default": self.default.as_dict(),
             "evaluations": self.evaluations,
@@ -204,7 +219,7 @@ def design(
     draws: int = DRAWS,
     fresh: int = FRESH,
     trials: int = TRIALS,
-    budget: int = BUDGET,
+    budget: int | None = None,
     seed: int = 1,
     threads: int | None = None,
     progress: Progress | None = None,
@@ -228,8 +243,9 @@ def design(
     fresh : others, on which the best commands and the given one are compared anew
     trials : simulated recordings of the best command, and of the given one, that are identified
         before one is chosen: the given one stays unless the other errs clearly less. 0 relies on
-        the expected errors
-    budget : commands that are compared
+        the expected errors. Without a budget as many as half a minute allows
+    budget : commands that are compared; None takes `search.BUDGET`, or as many as
+        `search.SECONDS` allow
     seed : of the fault vectors, the noise and the search
     threads : that share a batch; None takes one for each core
     progress : called after each batch of commands
@@ -263,7 +279,7 @@ def design(
     def vectors(count: int, seed: int) -> list[dict[str, float]]:
         return fault_vectors(experiment, count, np.random.default_rng(seed), fixed, even=True)
 
-    some = vectors(draws, seed)
+    some = shown_by(experiment, given, vectors(draws, seed), fault)
     within = experiment.limits(experiment.move(given).demands, limits)
 
     def cost_of(command: Scenario, enough: float) -> Cost:
@@ -274,7 +290,7 @@ def design(
 
     search = CommandSearch(DesignSpace(model, given, within), within, cost_of)
     search.run(budget, seed, progress)
-    others = vectors(fresh, seed + 1)
+    others = shown_by(experiment, given, vectors(fresh, seed + 1), fault)
     final = experiment.limits(experiment.move(given, fast=False).demands, limits)
     judged = partial(expected_errors, experiment, vectors=others)
     best, default = _finalists(search, judged, given, final, fault)
@@ -283,10 +299,12 @@ def design(
     both = [default] if best is default else [best, default]
     asked = trials if len(both) > 1 and search.stopped != "interrupted" else 0
     errors = identified_errors(
-        experiment, [one.scenario for one in both], asked, seed=_OTHERS + seed, progress=trying
-    )
+        experiment, [one.scenario for one in both], asked, seed=_OTHERS + seed, progress=trying,
+        seconds=SECONDS / 2.0 if budget is None else math.inf,
+    )  # fmt: skip
     if len(errors) < asked:
         search.stopped = "interrupted"
+    errors = _answered(errors)
     both = [one.with_observed(errors[:, n]) for n, one in enumerate(both)]
     if len(errors) and not default.obstacle:
         first, second = (one.worst(fault, observed=True) for one in both)
@@ -304,13 +322,19 @@ def design(
         fault=fault,
         limits=final,
         held=held,
-        draws=fresh,
+        draws=len(others),
+        left_out=fresh - len(others),
         evaluations=search.evaluations,
         seconds=time.perf_counter() - started,
         stopped=search.stopped,
         seed=seed,
         experiment=experiment,
     )
+
+
+def _answered(errors: np.ndarray) -> np.ndarray:
+    """Errors (N, C, n) of the actuators of which no recording was refused."""
+    return errors[np.isfinite(errors).all(axis=(1, 2))]
 
 
 def _finalists(

@@ -124,7 +124,7 @@ def discriminate(
     noise: Noise | None = None,
     exact: bool = False,
     sample_rate: float | None = None,
-    budget: int = BUDGET,
+    budget: int | None = None,
     seed: int = 1,
     threads: int | None = None,
     progress: Progress | None = None,
@@ -160,7 +160,7 @@ def discriminate(
         DesignSpace(experiment.model, given, within), within,
         lambda command, _: pair.cost(command, within, _ITERATIONS),
     )  # fmt: skip
-    search.run(budget, seed, lambda n, cost, total: progress and progress(n, -cost, total))
+    search.run(budget, seed, lambda n, cost, total: progress and progress(n, -cost, total), BUDGET)
     # fits of a search stop early: the given command and the best few are fitted to the end
     found = [(pair.cost(one, within, _WHOLE), one) for one in [given, *search.best(_FINALISTS)]]
     best, command = min(found, key=lambda one: one[0].cost)

@@ -85,7 +85,7 @@ class FaultIdentifiability:
             f"{self.error:.2g}",
             f"{self.sharp_error:.2g}",
             f"{self.smallest:.2g}" if math.isfinite(self.smallest) else "none",
-            "" if shown is None else f"{shown.value:.4g} {shown.unit}".rstrip(),
+            "" if shown is None else shown.said[0],
             self.sentence,
         ]
 

@@ -6,6 +6,7 @@ best is never worse.
 """
 
 import math
+import time
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
@@ -20,8 +21,10 @@ from ematwin.optimizers.base import Box, FloatArray
 from ematwin.optimizers.differential_evolution import DifferentialEvolution, Dither
 from ematwin.optimizers.loop import minimize
 from ematwin.optimizers.stopping import Progress as SearchProgress
+from ematwin.optimizers.stopping import Stop
 
 BUDGET, POPULATION = 500, 12
+SECONDS = 60.0  # that a search without a budget takes at most
 _SCATTER = 0.15  # of the first commands about the given one, share of the box
 _NEAR = 0.3  # share of the first commands that lie near the given one
 _APART = 0.05  # share of the box by which commands differ
@@ -72,15 +75,23 @@ class CommandSearch:
         self.evaluations, self.stopped = 0, ""
         self.nearest: Mapping[str, float] = {}
         self._seen: list[tuple[float, np.ndarray]] = []
-        self._least = math.inf
+        self._least = self._ends = math.inf
         self._interrupts = InterruptNoted()
 
-    def run(self, budget: int, seed: int, progress: Progress | None) -> None:
-        """Judge ``budget`` commands, or fewer after Ctrl-C."""
+    def run(
+        self, budget: int | None, seed: int, progress: Progress | None, usual: int = BUDGET
+    ) -> None:
+        """Judge ``budget`` commands, or fewer after Ctrl-C.
 
-        def tell(state: SearchProgress) -> None:
+        Without a budget ``usual`` ones are judged, or as many as `SECONDS` allow.
+        """
+        if budget is None:
+            budget, self._ends = usual, time.perf_counter() + SECONDS
+
+        def tell(state: SearchProgress) -> bool:
             if progress is not None:
-                progress(state.evaluations, state.cost, budget)
+                progress(self.evaluations, state.cost, budget)
+            return time.perf_counter() > self._ends
 
         dimension = len(self.space.numbers)
         box = Box(np.zeros(dimension), np.ones(dimension))
@@ -93,6 +104,8 @@ class CommandSearch:
             except KeyboardInterrupt:  # before there was anything to keep
                 self.stopped = "interrupted"
             self._interrupts.pressed = False
+        if self.stopped == Stop.CALLBACK:
+            self.stopped = "time"
 
     def __call__(self, points: FloatArray) -> FloatArray:
         """Costs (N,) of points (N, d) of the box."""
@@ -104,6 +117,8 @@ class CommandSearch:
 
     def _cost(self, point: np.ndarray, limit: float) -> float:
         self._interrupts.check()
+        if self.evaluations and time.perf_counter() > self._ends:
+            return _IMPOSSIBLE  # the rest of a batch
         self.evaluations += 1
         one = self._cost_of(self.space.scenario(point), limit)
         if math.isfinite(one.cost):

@@ -22,7 +22,9 @@ from ematwin.models.scenario import Scenario
 from ematwin.models.unknown import Unknown
 from ematwin.monitoring.identify import identify
 from ematwin.plots.style import BLUE, GREEN, GREY, ORANGE
+from ematwin.quantities import preferred
 from ematwin.recordings.recording import Recording
+from ematwin.showing.numbers import said
 
 _SHOWN = 1500  # points of a trace: more than a screen has columns for it
 _PROFILE = 64  # points of a profile, full lanes; a bound at either end
@@ -138,7 +140,7 @@ class Explorer:
                 {
                     "name": name,
                     "title": _sentence(captions[name][0]),
-                    "unit": _unit(captions[name][1]),
+                    "unit": self._shown_in(name)[0],
                 }
                 for name in self._target
             ],
@@ -149,9 +151,10 @@ class Explorer:
 
     def traces(self, channel: str) -> dict[str, Any]:
         """What the sliders do not move of a channel: the recording's side and the healthy twin."""
+        factor = self._shown_in(channel)[1]
         return {
-            "recorded": _plain(self._target[channel][self._shown]),
-            "healthy": _plain(self._healthy[channel][0][self._shown]),
+            "recorded": _plain(factor * self._target[channel][self._shown]),
+            "healthy": _plain(factor * self._healthy[channel][0][self._shown]),
             "healthy_misfit": self._misfits(self._batch({}, 1), 1)[0],
         }
 
@@ -166,9 +169,10 @@ class Explorer:
         """
         one = self._batch(values, 1, fitted)
         answer = self._comparison.responses(one, 1)[channel][0]
+        factor = self._shown_in(channel)[1]
         return {
-            "twin": _plain(answer[self._shown]),
-            "residual": _plain((self._target[channel] - answer)[self._shown]),
+            "twin": _plain(factor * answer[self._shown]),
+            "residual": _plain(factor * (self._target[channel] - answer)[self._shown]),
             "misfit": self._misfits(one, 1)[0],
             "said": {name: self._said(name, values) for name in self.unknowns},
         }
@@ -184,11 +188,12 @@ class Explorer:
         x, unit = np.array([row.value for row in rows]), rows[0].unit
         if not (np.diff(x) > 0.0).all():
             x, unit = grid, one.unit  # no axis: the physical value turns back
+        unit, factor = preferred(unit)
         return {
             "along": along,
             "position": _plain(grid, exact=True),
-            "x": _plain(x, exact=True),
-            "unit": _unit(unit),
+            "x": _plain(factor * x, exact=True),
+            "unit": _spaced(unit),
             "misfit": self._misfits(batch, _PROFILE),
         }
 
@@ -278,7 +283,12 @@ class Explorer:
         """A value in its physical unit: "0.045 N m"."""
         one = self.unknowns[name]
         row = one.physical_value(self.actuator, values.get(name, one.healthy))
-        return f"{row.value:.4g} {_unit(row.unit)}".rstrip()
+        return said(row.value, row.unit)
+
+    def _shown_in(self, channel: str) -> tuple[str, float]:
+        """The unit in which a compared channel is shown, and the factor to it."""
+        unit, factor = preferred(self._comparison.captions()[channel][1])
+        return _spaced(unit), factor
 
     def _slider(self, one: Unknown) -> dict[str, Any]:
         truth = self._truth().get(one.name)
@@ -309,11 +319,12 @@ class Explorer:
             if name is None or trace is None or (name == self.model.load and not trace.any()):
                 continue
             one = self.model.channel(name)
+            unit, factor = preferred(one.unit)
             found.append(
                 {
                     "title": _sentence(one.meaning),
-                    "unit": _unit(one.unit),
-                    "values": _plain(trace[self._shown]),
+                    "unit": _spaced(unit),
+                    "values": _plain(factor * trace[self._shown]),
                 }
             )
         return found
@@ -327,7 +338,7 @@ def _sentence(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def _unit(text: str) -> str:
+def _spaced(text: str) -> str:
     return text.replace("*", " ")
 
 

@@ -14,6 +14,7 @@ from ematwin.fleet.life import LEVEL, paths, spoken
 from ematwin.fleet.store import moment_at, years
 from ematwin.fleet.trend import Trend
 from ematwin.plots.style import AMBER, BLUE, GREEN, GREY, ORANGE
+from ematwin.quantities import preferred
 from ematwin.report.page import Row, Section, Table, render
 
 _COLORS = {"act": ORANGE, "plan": AMBER, "watch": BLUE, "none": GREEN}
@@ -166,11 +167,11 @@ def panel(unit: FleetActuator, name: str, alarm: Alarm, wide: bool = False) -> s
     one, limit, unknown = unit.trend(name), unit.limit(name), unit.unknown(name)
     width, height = (460, 200) if wide else (340, 170)
     actuator = unit.twin.actuator
-    unit_said = unknown.physical_value(actuator, unknown.healthy).unit
+    unit_said, factor = preferred(unknown.physical_value(actuator, unknown.healthy).unit)
 
     def physical(value: float) -> float:
         clipped = float(np.clip(value, unknown.lower, unknown.upper))
-        return unknown.physical_value(actuator, clipped).value
+        return factor * unknown.physical_value(actuator, clipped).value
 
     forecast = _forecast(unit, one, name)
     unsure = np.hypot(one.level_error, one.constant_variance**0.5)

@@ -183,8 +183,12 @@ class _Pass:
         self.reset[[i for i in starts if 0 < i < n]] = True
         self.mean, self.cov, gain = np.empty((n + 1, 4)), np.empty((n + 1, 4, 4)), np.empty((n, 4))
         innovation, power = np.empty(n), np.empty(n)
+        # contiguous: filter and smoother are compiled for each layout of their arguments
+        time, value, covariates = map(
+            np.ascontiguousarray, (series.time, series.value, series.covariates)
+        )
         self.told = filtered(
-            series.time, series.value, used, series.covariates, wear.mean, wear.spread,
+            time, value, used, covariates, wear.mean, wear.spread,
             wear.after, wear.acceleration, wear.q_level, wear.q_slope, self.jump, self.reset,
             self.mean, self.cov, gain, innovation, power,
         )  # fmt: skip
@@ -192,7 +196,7 @@ class _Pass:
         self.residual, self.precision = np.empty(n), np.empty(n)
         self.smooth, self.error = np.empty((n, 4)), np.empty((n, 4))
         smoothed(
-            series.time, series.covariates, self.jump, self.reset, self.mean, self.cov, gain,
+            time, covariates, self.jump, self.reset, self.mean, self.cov, gain,
             innovation, power, self.score, self.weight, self.residual, self.precision,
             self.smooth, self.error,
         )  # fmt: skip

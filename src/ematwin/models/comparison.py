@@ -237,6 +237,11 @@ class TraceComparison(Comparison):
         self.scale = float(
             sum(np.sum((trace / self._noise[n]) ** 2) for n, trace in self._target.items())
         )
+        if self.scale == 0.0:
+            raise RecordError(
+                f"{recording.name} holds nothing but zeros in {', '.join(self._noise)}: nothing "
+                "moves. Give a command that moves the actuator, or check the channels."
+            )
         self.independent = float(len(self._noise) * len(recording))
         self.expected_misfit = math.sqrt(self.independent / self.scale)
 

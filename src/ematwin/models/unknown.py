@@ -13,6 +13,7 @@ from typing import Any, Literal, NamedTuple
 
 from ematwin.errors import InputError
 from ematwin.showing import markup
+from ematwin.showing.numbers import said
 
 _FACTOR = 3.0  # a nominal parameter may be so much smaller or larger than its file says
 _REACH = 4.0  # standard deviations of its prior that it may be off in any case
@@ -32,6 +33,11 @@ class PhysicalValue(NamedTuple):
     healthy: float
     unit: str
     meaning: str
+
+    @property
+    def said(self) -> tuple[str, str]:
+        """Value and healthy value for people, such as "45 mN m"."""
+        return said(self.value, self.unit), said(self.healthy, self.unit)
 
 
 class Alias(NamedTuple):
@@ -63,8 +69,7 @@ def table_of(rows: Sequence[PhysicalValue], marked: Container[str] | None = None
     """A table for people; ``marked`` names what stands out, by default all that is not healthy."""
     lines = [f"{'fault':<19} {'k':>6}  {'value':>12}  {'healthy':>12}  meaning"]
     for row in rows:
-        value = f"{row.value:.4g} {row.unit}".rstrip()
-        healthy = f"{row.healthy:.4g} {row.unit}".rstrip()
+        value, healthy = row.said
         stands_out = row.value != row.healthy if marked is None else row.name in marked
         lines.append(
             f"{row.name:<19} {row.normalised:>6.4g}  {value:>12}  {healthy:>12}  "
@@ -75,11 +80,7 @@ def table_of(rows: Sequence[PhysicalValue], marked: Container[str] | None = None
 
 def physical_html(title: str, rows: Sequence[PhysicalValue]) -> str:
     """The same table for a notebook, below a title; what is not healthy is bold."""
-    cells = [
-        (row.name, f"{row.normalised:.4g}", f"{row.value:.4g} {row.unit}".rstrip(),
-         f"{row.healthy:.4g} {row.unit}".rstrip(), row.meaning)
-        for row in rows
-    ]  # fmt: skip
+    cells = [(row.name, f"{row.normalised:.4g}", *row.said, row.meaning) for row in rows]
     marked = [n for n, row in enumerate(rows) if row.value != row.healthy]
     header = ("fault", "k", "value", "healthy", "meaning")
     return markup.heading(title) + markup.table(header, cells, marked)

@@ -13,12 +13,11 @@ from ematwin.estimation.estimate import Estimate
 from ematwin.estimation.identification import Identification
 from ematwin.estimation.verdict import Grade, Verdict
 from ematwin.monitoring.calibration import Calibration
-from ematwin.quantities import preferred
 from ematwin.recordings.recording import Recording, label_text
 from ematwin.showing import markup
 from ematwin.showing.drawing import drawn, page_written
 from ematwin.showing.frames import frame_of_rows
-from ematwin.showing.numbers import in_unit, plain, with_interval
+from ematwin.showing.numbers import number_of, said, said_between
 
 UNNAMED = "unnamed change"
 
@@ -43,14 +42,13 @@ class Magnitude:
     score: float
 
     def __str__(self) -> str:
-        unit, factor = preferred(self.unit)
-        number, between = with_interval(*(factor * x for x in (self.value, self.low, self.high)))
-        return f"{in_unit(number, unit)} ({between})"
+        number, between = said_between(self.value, self.low, self.high, self.unit)
+        return f"{number} ({between})"
 
     @property
     def healthy_text(self) -> str:
         """The band of `healthy` for people, in the unit of the value."""
-        low, high = (plain(preferred(self.unit)[1] * x) for x in self.healthy)
+        low, high = (number_of(x, self.unit, 3) for x in self.healthy)
         return f"{low} to {high}"
 
 
@@ -73,8 +71,7 @@ class Covariate:
         return f"{self.name}_{self.unit}".rstrip("_")
 
     def __str__(self) -> str:
-        digits = ".0f" if abs(self.value) >= 10.0 else ".3g"
-        return f"{self.value:{digits}} {self.unit}".rstrip()
+        return said(self.value, self.unit, 3)
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from ematwin.experiments.design import Design
 from ematwin.experiments.discriminate import Discrimination
 from ematwin.models.registry import model_of
 from ematwin.plots.style import BLUE, GREEN, GREY, ORANGE, line, stacked, styled
+from ematwin.quantities import preferred
 
 _POINTS = 2000  # of a curve
 
@@ -23,20 +24,20 @@ def plot_command(found: Design | Discrimination) -> Any:
             actuator, scenario, model.healthy(actuator), fidelity=model.fidelities[-1]
         )
         histories.append((name, color, time, scenario.histories(time), record))
-    command = model.channel(model.command)
-    titles, units = ["Command"], [command.unit]
+    titles, units = ["Command"], [model.channel(model.command).unit]
     if model.load is not None:
         titles.append("Load")
         units.append(model.channel(model.load).unit)
-    shown = [model.signals(record, actuator)[0] for *_, record in histories]
-    titles.append(f"{shown[0].title}, healthy")
-    units.append(shown[0].unit)
-    figure = stacked(titles, units, "time, s", height=230 * len(titles))
-    for (name, color, time, curves, record), signal in zip(histories, shown, strict=True):
-        for row in range(len(titles) - 1):
-            line(figure, row + 1, time, curves[row], name, color)
+    signals = [model.signals(record, actuator)[0] for *_, record in histories]
+    titles.append(f"{signals[0].title}, healthy")
+    shown = [preferred(unit) for unit in (*units, signals[0].unit)]
+    figure = stacked(titles, [unit for unit, _ in shown], "time, s", height=230 * len(titles))
+    for (name, color, time, curves, record), signal in zip(histories, signals, strict=True):
         thin = slice(None, None, max(1, len(record) // _POINTS))
-        line(figure, len(titles), record.time[thin], signal.values[thin], name, color)
+        rows = [*((time, curve) for curve in curves[: len(units)]),
+                (record.time[thin], signal.values[thin])]  # fmt: skip
+        for row, ((at, values), (_, factor)) in enumerate(zip(rows, shown, strict=True), 1):
+            line(figure, row, at, factor * values, name, color)
     return figure
 
 

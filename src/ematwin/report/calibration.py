@@ -6,9 +6,8 @@ from typing import Any
 from ematwin.monitoring.calibrate import CalibrationReport
 from ematwin.monitoring.calibration import PopulationCalibration
 from ematwin.plots.style import BLUE, GREY, PALE, styled
-from ematwin.quantities import preferred
 from ematwin.report.page import Row, Section, Table, render
-from ematwin.showing.numbers import in_unit, plain, with_interval
+from ematwin.showing.numbers import in_unit, number_of, plain, said_between
 
 _ON_FIGURE = "Lines are 95 % intervals. Pale: not determined by these recordings."
 _ROW = 26  # px of a parameter
@@ -45,10 +44,9 @@ def parameter_table(report: CalibrationReport) -> Table:
     rows = []
     for p in report.parameters:
         reach = _SIDES * p.standard_error
-        unit, factor = preferred(units[p.place])
-        ends = (p.value, p.value - reach, p.value + reach)
-        number, between = with_interval(*(factor * x for x in ends))
-        cells = [p.place, in_unit(number, unit), between, plain(factor * p.template, 4)]
+        unit = units[p.place]
+        number, between = said_between(p.value, p.value - reach, p.value + reach, unit)
+        cells = [p.place, number, between, number_of(p.template, unit)]
         rows.append(Row([*cells, "" if p.determined else "not determined"]))
     return Table(["parameter", "value", "95 % interval", "template", ""], rows, last_is_text=True)
 

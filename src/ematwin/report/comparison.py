@@ -9,6 +9,7 @@ from ematwin.models.registry import model_of
 from ematwin.plots.simulation import plot_response
 from ematwin.recordings.recording import Recording
 from ematwin.report.page import Row, Section, Table, listed, render
+from ematwin.showing.numbers import said
 
 
 def fault_table(values: Mapping[str, float], actuator: Any) -> Table:
@@ -18,8 +19,7 @@ def fault_table(values: Mapping[str, float], actuator: Any) -> Table:
             [
                 row.name,
                 f"{row.normalised:.3g}",
-                f"{row.value:.4g} {row.unit}",
-                f"{row.healthy:.4g} {row.unit}",
+                *row.said,
                 row.meaning,
             ],
             marked=row.value != row.healthy,
@@ -56,7 +56,7 @@ def comparison_page(
     ]
     what = first.title.partition(",")[0].lower()
     lead = (
-        f"The faults change the {what} by {rms:.3g} {first.unit} RMS, "
+        f"The faults change the {what} by {said(rms, first.unit, 3)} RMS, "
         f"{100.0 * rms / level:.1f} % of the healthy one."
     )
     return render(f"{actuator.name}: faulty and healthy", lead, sections)

@@ -11,6 +11,7 @@ from ematwin.models.scenario import Scenario
 from ematwin.plots.design import plot_command, plot_errors
 from ematwin.report.identifiability import told_table
 from ematwin.report.page import Row, Section, Table, render
+from ematwin.showing.numbers import number_of, said
 
 
 def design_page(found: Design) -> str:
@@ -23,6 +24,8 @@ def design_page(found: Design) -> str:
         text += (
             f" Counted as known, because no command can determine them: {', '.join(found.held)}."
         )
+    if found.left_out:
+        text += f" {found.left_out_sentence}"
     if found.promised.checks:
         which = "" if found.checked else ", by which it was chosen"
         text += (
@@ -110,15 +113,15 @@ def price_table(found: Design) -> Table:
 
     def asked(one: CommandErrors, demand: Demand) -> str:
         more = one.faulty.get(demand.name)
-        text = f"{one.demands.get(demand.name, math.nan):.4g} {demand.unit}"
-        return text if more is None else f"{text} ({more:.4g})"
+        text = said(one.demands.get(demand.name, math.nan), demand.unit)
+        return text if more is None else f"{text} ({number_of(more, demand.unit)})"
 
     rows = [
         Row(["duration", *(f"{one.scenario.duration:g} s"
                            for one in (found.default, found.promised)), ""]),
         *(
             Row([one.name, asked(found.default, one), asked(found.promised, one),
-                 f"{found.limits[one.name]:.4g} {one.unit}"])
+                 said(found.limits[one.name], one.unit)])
             for one in found.experiment.demands
             if one.name in found.limits
         ),

@@ -5,11 +5,10 @@ from ematwin.estimation.findings import fault_cells
 from ematwin.estimation.identification import Identification
 from ematwin.models.unknown import PhysicalValue
 from ematwin.plots.identification import plot_convergence, plot_faults, plot_fit, true_faults
-from ematwin.quantities import preferred
 from ematwin.recordings.recording import Recording
 from ematwin.report.page import Row, Section, Table, columns_in_words, listed, render
 from ematwin.report.uncertainty import uncertainty_sections
-from ematwin.showing.numbers import in_unit, plain, with_interval
+from ematwin.showing.numbers import number_of, said_between, with_interval
 
 
 def identification_page(found: Identification) -> str:
@@ -77,7 +76,7 @@ def fault_table(found: Identification) -> Table:
 
 
 def _true_text(true: PhysicalValue | None) -> str:
-    return "" if true is None else plain(preferred(true.unit)[1] * true.value, 4)
+    return "" if true is None else number_of(true.value, true.unit)
 
 
 def parts_table(found: Identification) -> Table:
@@ -90,9 +89,7 @@ def parts_table(found: Identification) -> Table:
     ]
     for name, (value, (low, high)) in found.nuisances.items():
         one = found.model.unknown(found.actuator, name)
-        unit, factor = preferred(one.unit)
-        number, between = with_interval(*(factor * x for x in (value, low, high)))
-        cells = [one.meaning, in_unit(number, unit), between, "not as recorded"]
+        cells = [one.meaning, *said_between(value, low, high, one.unit), "not as recorded"]
         rows.append(Row(cells, marked=True))
     return Table(["part", "value", "95 %", ""], rows, last_is_text=True)
 

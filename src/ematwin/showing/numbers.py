@@ -1,6 +1,8 @@
-"""Numbers for people, with the digits that their interval deserves."""
+"""Numbers for people: the digits that their interval deserves, and the units that they prefer."""
 
 import math
+
+from ematwin.quantities import preferred
 
 _COARSEST = 2.5  # units of the last digit in an interval, at least; ten times as many at most
 _MOST_DIGITS = 6  # significant ones, however narrow the interval
@@ -47,6 +49,23 @@ def apart(one: float, other: float) -> tuple[str, str]:
 def in_unit(number: str, unit: str) -> str:
     """A number with its unit, as "0.045 N m"."""
     return f"{number} {unit.replace('*', ' ')}".rstrip()
+
+
+def number_of(value: float, unit: str, digits: int = 4) -> str:
+    """A value in ``unit`` as a number in the unit in which it is shown."""
+    return plain(preferred(unit)[1] * value, digits)
+
+
+def said(value: float, unit: str, digits: int = 4) -> str:
+    """The same with the unit: "45 mN m"."""
+    return in_unit(number_of(value, unit, digits), preferred(unit)[0])
+
+
+def said_between(value: float, low: float, high: float, unit: str) -> tuple[str, str]:
+    """A value and its interval in the unit in which they are shown: "45.2 mN m", "44.4 to 46.3"."""
+    shown, factor = preferred(unit)
+    number, between = with_interval(factor * value, factor * low, factor * high)
+    return in_unit(number, shown), between
 
 
 def _power(value: float) -> int:

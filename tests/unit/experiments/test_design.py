@@ -14,6 +14,8 @@ from ematwin.experiments.command_errors import expected_errors, fault_vectors, i
 from ematwin.experiments.expected import Experiment
 from ematwin.models.scenario import Chirp, Scenario
 from ematwin.monitoring.identify import identify
+from ematwin.quantities import use_units
+from ematwin.report.design import price_table
 
 NOISE = ematwin.Noise(white=0.02, bits=12)
 quick = partial(
@@ -93,6 +95,18 @@ def test_the_design_is_never_worse_and_keeps_the_limits(found) -> None:
     assert found.limits == found.default.demands
     assert found.evaluations == 6
     json.dumps(found.as_dict(), allow_nan=False)
+
+
+def test_the_price_is_in_the_units_of_the_user(found) -> None:
+    in_si = price_table(found).rows[1].cells
+    use_units("length=mm")
+    try:
+        in_mm = price_table(found).rows[1].cells
+    finally:
+        use_units("")
+    assert in_si[0] == in_mm[0] == "travel"
+    assert (in_si[3][-2:], in_mm[3][-3:]) == (" m", " mm")
+    assert float(in_mm[3][:-3]) == pytest.approx(1e3 * float(in_si[3][:-2]), rel=1e-3)
 
 
 @pytest.mark.parametrize(("errs", "stays"), [(0.9, False), (0.95, True), (2.0, True)])

@@ -107,7 +107,8 @@ def _stretches(whole: BldcComparison, starts: np.ndarray, samples: int) -> Stret
     power = entire.power
     if power is not None and whole.power is not None:
         taps = _taps_at(starts, np.r_[whole.taps[:5], power.states[0]], whole.power.watts)
-        power = PowerStretches(power.target, power.weights, taps[:, 5:])
+        # contiguous, as that of a whole recording: another layout compiles the kernel once more
+        power = PowerStretches(power.target, power.weights, np.ascontiguousarray(taps[:, 5:]))
     return replace(
         entire,
         starts=starts,
