@@ -4,7 +4,6 @@ import shutil
 import subprocess
 import time
 import zipfile
-from functools import cache
 
 import fmpy
 import numpy as np
@@ -31,20 +30,6 @@ SHIPPED = {
     ("servo400", "reference"): {"connector_b": 0.2, "resolver_offset": 0.6, "friction": 0.3},
 }
 LINES = {("servo48", "reference"): 5}  # straight lines of the command between two samples
-
-
-@pytest.fixture(scope="session")
-def archive(tmp_path_factory):
-    """Path of an archive, made once for each kind and fidelity."""
-    folder = tmp_path_factory.mktemp("fmus")
-
-    @cache
-    def made(name, fidelity, fmi=3):
-        return ematwin.export_fmu(
-            name, folder / f"{name}-{fidelity}-{fmi}.fmu", fidelity=fidelity, fmi=fmi
-        )
-
-    return made
 
 
 class Driven:
