@@ -1,5 +1,6 @@
 """The Reference FMU of the van der Pol oscillator, compiled from its sources, and broken ones."""
 
+import shutil
 import subprocess
 import zipfile
 from pathlib import Path
@@ -8,37 +9,8 @@ import fmpy
 
 SOURCES = Path(__file__).parent / "data" / "reference-fmus"
 
-FILE = """\
-kind = "fmu"
-name = "van-der-pol"
-description = "Van der Pol oscillator of Modelica's Reference FMUs"
-
-[fmu]
-file = "VanDerPol.fmu"
-sample_rate = "20 Hz"
-time_limit = "10 s"
-
-[inputs]
-command = { variable = "time" }
-
-[outputs]
-x0 = { variable = "x0", noise = 0.02 }
-x1 = { variable = "x1", noise = 0.02 }
-
-[nominal]
-damping = { variable = "mu", value = 1.0, unit = "", source = "its description", \
-tolerance = "40 %", lower = 0.1, upper = 6 }
-
-[faults]
-wear = { times = "damping", meaning = "damping, as a multiple of the healthy one" }
-"""
-SCENARIO = """\
-duration = "15 s"
-
-[[command]]
-type = "ramp"
-rate = 1
-"""
+EXAMPLE = Path(__file__).parents[1] / "examples" / "van_der_pol"
+FILE = (EXAMPLE / "van-der-pol.toml").read_text(encoding="utf-8")
 
 
 def _library(folder: Path, slip: str) -> Path:
@@ -65,8 +37,9 @@ def van_der_pol(folder: Path, slip: str = "") -> Path:
     with zipfile.ZipFile(folder / "VanDerPol.fmu", "w") as archive:
         archive.write(SOURCES / "VanDerPol" / "FMI2.xml", "modelDescription.xml")
         archive.write(library, f"binaries/{fmpy.platform}/VanDerPol.so")
-    (folder / "scenarios").mkdir()
-    (folder / "scenarios" / "free.toml").write_text(SCENARIO, encoding="utf-8")
-    path = folder / "van-der-pol.toml"
-    path.write_text(FILE, encoding="utf-8")
-    return path
+    for path in EXAMPLE.rglob("*"):
+        if path.is_file():
+            target = folder / path.relative_to(EXAMPLE)
+            target.parent.mkdir(exist_ok=True)
+            shutil.copy(path, target)
+    return folder / "van-der-pol.toml"

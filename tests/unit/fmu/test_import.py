@@ -1,5 +1,6 @@
 """FMUs of others as actuators: answers, reuse, failures that cost one sentence, bad files."""
 
+import runpy
 import shutil
 import sys
 import zipfile
@@ -16,7 +17,7 @@ from ematwin.errors import EmatwinError
 from ematwin.models.fmu.archive import _read
 from ematwin.models.registry import load_actuator, model_of
 from ematwin.numerics.side_by_side import cores
-from reference_fmus import FILE, van_der_pol
+from reference_fmus import EXAMPLE, FILE, van_der_pol
 
 WRONG = {  # C that runs with every evaluation, and what is said of it
     "if (M(mu) > 4.0) *(volatile int *)0 = 0;": "crashed",
@@ -264,6 +265,13 @@ def test_a_recording_in_a_file_needs_no_column_for_time(file, tmp_path):
     np.savetxt(path, rows, delimiter=",", header="time,x0,x1", comments="")
     found = ematwin.read(path, actuator=file)
     np.testing.assert_allclose(found.channels["command"], record.time, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_reference_fmu_is_recovered_within_its_intervals(file, seed):
+    """Another damping than the file says, two noisy recordings, and a fault in a third."""
+    recover = runpy.run_path(str(EXAMPLE / "recover.py"))
+    assert recover["recovered"](file, seed) == (True, True, True)
 
 
 def test_commands_take_the_file(file, tmp_path):
