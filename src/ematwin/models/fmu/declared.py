@@ -241,7 +241,9 @@ class Described:
             own = getattr(one, side)
             limit = scale.to_si(least)
             value = limit if own is None else to_si(own, one.unit or scale.unit, scale.unit, place)
-            if (value < limit) if side == "lower" else (value > limit):
+            slack = 1e-9 * abs(limit)  # units are converted
+            beyond = value < limit - slack if side == "lower" else value > limit + slack
+            if beyond:
                 raise ParameterError(
                     f"{self._what}: the {side} bound of {place} is {value:g} {scale.unit} and the "
                     f"FMU allows {limit:g} {scale.unit}; bring it within."
