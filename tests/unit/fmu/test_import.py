@@ -106,6 +106,20 @@ def test_an_exported_actuator_answers_as_itself(axis, fmi):
         np.testing.assert_allclose(one, other, atol=close)
 
 
+def test_a_recording_may_begin_anywhere(file, tmp_path):
+    """What ``start`` names takes the first recorded values."""
+    shutil.copy(file.parent / "VanDerPol.fmu", tmp_path)
+    path = tmp_path / file.name
+    text = FILE.replace('"x0", noise', '"x0", start = "x0", noise')
+    path.write_text(text.replace('"x1", noise', '"x1", start = "x1", noise'), encoding="utf-8")
+    record = ematwin.simulate(actuator=file, faults={"wear": 1.2})
+    late = record.between(4.0, 12.0)
+    for actuator, least, most in ((path, 0.0, 1e-12), (file, 0.1, np.inf)):
+        comparison = model_of(load_actuator(actuator)).compare(late, load_actuator(actuator))
+        cost = comparison.costs({"wear": np.array([1.2])}, 1)[0]
+        assert least <= cost / comparison.scale <= most
+
+
 def test_instances_are_reused_on_all_cores(file):
     actuator = load_actuator(file)
     record = ematwin.simulate(actuator=actuator)
@@ -164,7 +178,7 @@ def test_an_fmu_that_fails_says_why(tmp_path):
         ('"time" }', '"x0" }', "must be a real input or independent"),
         ('times = "damping"', 'times = "drag"', "must multiply one of the parameters damping"),
         ('times = "damping"', 'variable = "mu"', "faults.wear and nominal.damping are one"),
-        ('times = "damping", ', "", "needs either variable"),
+        ('times = "damping", ', "", "needs variable"),
         ("value = 1.0", "value = 7.0", "less than or equal to 6, received 7"),
         ('unit = ""', 'unit = "Q"', "has no unit that is known, received 'Q'"),
         ("[faults]\nwear", "[fault]\nwear", "faults is missing"),

@@ -2,6 +2,7 @@
 
 import difflib
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -92,20 +93,11 @@ class Declared(Table):
     nuisances: dict[str, Free] = {}
 
 
-class Wanted(NamedTuple):
-    """A parameter in the FMU; bounds in SI."""
-
-    variable: Variable
-    scale: Scale
-    lower: float
-    upper: float
-
-
-class Settable(NamedTuple):
-    """A variable that a candidate sets, and how its unit is scaled."""
+class Used(NamedTuple):
+    """A variable of the FMU that the file names, and how its unit is scaled."""
 
     name: str
-    reference: int
+    variable: Variable
     scale: Scale
 
 
@@ -156,16 +148,17 @@ class Described:
     Attributes
     ----------
     archive : Archive
-    channels : by name, the variable with its scale, inputs first
-    starts : by output, the variable that sets its first value
-    parameters : by name
-    unknowns : faults and nuisances
-    settings : by name of the parameter or unknown
+    channels : by name, inputs first
+    starts : by output, what sets its first value
+    noise : by output, standard deviation of its sensor, SI; those that the file gives
+    settings : by name of the parameter (its place) or unknown, what a candidate sets
+    bounds : of each parameter, SI
     factors : of each parameter, the faults that multiply it
+    unknowns : faults and nuisances
     """
 
     def __init__(self, declared: Declared, what: str) -> None:
-        self.declared, self._what = declared, what
+        self._what = what
         self.archive: Archive = archive_at(Path(declared.fmu.file))
         if declared.fmu.sha256 not in (None, self.archive.digest):
             raise FileError(
@@ -173,45 +166,41 @@ class Described:
                 "since. Calibrate anew, or remove sha256 from the file."
             )
         self._variables = dict(self.archive.variables)
-        self._used: dict[str, str] = {}
-        self.channels: dict[str, tuple[Variable, Scale]] = {}
+        self._places: dict[str, str] = {}  # by variable
+        self.channels: dict[str, Used] = {}
         for name, one in declared.inputs:
             if one is not None:
                 causes = ("input", "independent") if name == "command" else ("input",)
                 self.channels[name] = self._found(one, f"inputs.{name}", causes)
-        self.starts: dict[str, Settable] = {}
+        self.starts: dict[str, Used] = {}
+        self.noise: dict[str, float] = {}
         for name, output in declared.outputs.items():
             place = f"outputs.{name}"
             self.channels[name] = self._found(output, place, ("output", "local"))
             if output.start is not None:
-                signal = Signal(variable=output.start, unit=output.unit)
-                found = self._found(signal, f"{place}.start", ("parameter", "output", "local"), 1)
-                self.starts[name] = Settable(output.start, found[0].reference, found[1])
-        self.settings: dict[str, Settable] = {}
-        self.parameters: dict[str, Wanted] = {}
+                self.starts[name] = self._found(
+                    Signal(variable=output.start), f"{place}.start",
+                    ("parameter", "output", "local"), shared=True,
+                )  # fmt: skip
+            if output.noise is not None:
+                unit = self.channels[name].scale.unit
+                self.noise[name] = _deviation(output.noise, unit, f"{what}: {place}.noise")
+        self.settings: dict[str, Used] = {}
+        self.bounds: dict[str, tuple[float, float]] = {}
         for name, parameter in declared.nominal.items():
             place = f"nominal.{name}"
-            variable, scale = self._found(parameter, place, ("parameter", "input"))
-            self.settings[place] = Settable(parameter.variable, variable.reference, scale)
-            lower, upper = self._bounds(parameter, variable, scale, place)
-            self.parameters[name] = Wanted(variable, scale, lower, upper)
+            self.settings[place] = self._found(parameter, place, ("parameter", "input"))
+            self.bounds[name] = self._bounds(parameter, self.settings[place], place)
         self.factors: dict[str, list[str]] = {name: [] for name in declared.nominal}
         self.unknowns = tuple(
-            self._unknown(name, one, role)
+            (self._variable if free.times is None else self._factor)(name, free, role)
             for role, group in (("fault", declared.faults), ("nuisance", declared.nuisances))
-            for name, one in group.items()
+            for name, free in group.items()
         )
 
-    def noise(self, name: str) -> float | None:
-        """Standard deviation of an output's sensor, SI; None where the file gives none."""
-        given, scale = self.declared.outputs[name].noise, self.channels[name][1]
-        if given is None or isinstance(given, int | float):
-            return given
-        return parse_quantity(given, scale.unit, f"{self._what}: noise of {name}")
-
     def _found(
-        self, one: Signal, place: str, causes: tuple[str, ...], shared: int = 0
-    ) -> tuple[Variable, Scale]:
+        self, one: Signal, place: str, causes: tuple[str, ...], shared: bool = False
+    ) -> Used:
         """A variable of the FMU and its scale."""
         what = f"{self._what}: {place}"
         found = self._variables.get(one.variable)
@@ -227,16 +216,16 @@ class Described:
                 f"{what} must be a real {' or '.join(causes)} of the FMU, and {one.variable} is "
                 f"{'a' if found.is_real else 'no real'} {found.causality}; name another variable."
             )
-        if not shared and self._used.setdefault(one.variable, place) != place:
+        if not shared and self._places.setdefault(one.variable, place) != place:
             raise ParameterError(
-                f"{what} and {self._used[one.variable]} are one variable, {one.variable}; a fault "
-                'that changes a parameter is stated by times = "parameter".'
+                f"{what} and {self._places[one.variable]} are one variable, {one.variable}; a "
+                'fault that changes a parameter is stated by times = "parameter".'
             )
-        return found, scale_of(self.archive, found, one.unit, what)
+        return Used(one.variable, found, scale_of(self.archive, found, one.unit, what))
 
-    def _bounds(self, one: Any, variable: Variable, scale: Scale, place: str) -> list[float]:
+    def _bounds(self, one: Any, used: Used, place: str) -> tuple[float, float]:
         """Bounds of a parameter or unknown, SI; those of the FMU if the file gives none."""
-        found = []
+        (_, variable, scale), found = used, []
         for side, least in (("lower", variable.lower), ("upper", variable.upper)):
             own = getattr(one, side)
             limit = scale.to_si(least)
@@ -249,56 +238,66 @@ class Described:
                     f"FMU allows {limit:g} {scale.unit}; bring it within."
                 )
             found.append(value)
-        return found
+        return found[0], found[1]
 
-    def _unknown(self, name: str, one: Free, role: Any) -> Unknown:
-        place = f"{role}s.{name}"
-        if (one.variable is None) == (one.times is None):
+    def _factor(self, name: str, one: Free, role: Any) -> Unknown:
+        """A factor on a parameter."""
+        if one.times not in self.factors or one.unit or one.variable:
             raise ParameterError(
-                f'{self._what}: {place} needs either variable = "..." of the FMU or times = "..." '
-                "of a parameter; give one of them."
+                f"{self._what}: {role}s.{name} must multiply one of the parameters "
+                f"{', '.join(self.factors)}, and has no unit and no variable; correct it."
             )
-        if one.times is not None:
-            if one.times not in self.factors or one.unit:
-                raise ParameterError(
-                    f"{self._what}: {place} must multiply one of the parameters "
-                    f"{', '.join(self.factors)} and has no unit, received {one.times!r} and "
-                    f"{one.unit or ''!r}."
-                )
-            self.factors[one.times].append(name)
-            scale = self.parameters[one.times].scale
-            lower, upper = (
-                usual if own is None else own
-                for usual, own in zip(_FACTOR, (one.lower, one.upper), strict=True)
-            )
-            healthy = 1.0 if one.healthy is None else one.healthy
-            return Unknown(
-                name, "", one.meaning or f"factor on {one.times}", healthy, lower, upper, role,
-                spread=one.spread, logarithmic=one.logarithmic is not False,
-                physical_unit=scale.unit,
-                physical=_Times(one.times),
-            )  # fmt: skip
-        assert one.variable is not None
-        signal = Signal(variable=one.variable, unit=one.unit)
-        variable, scale = self._found(signal, place, ("parameter", "input"))
-        lower, upper = self._bounds(one, variable, scale, place)
-        unit = one.unit or scale.unit
-        start = scale.from_si(0.0) if variable.start is None else variable.start
-        healthy = (
-            scale.to_si(start) if one.healthy is None
-            else to_si(one.healthy, unit, scale.unit, place)
+        self.factors[one.times].append(name)
+        lower, upper = (
+            usual if own is None else own
+            for usual, own in zip(_FACTOR, (one.lower, one.upper), strict=True)
+        )
+        return Unknown(
+            name, "", one.meaning or f"factor on {one.times}",
+            1.0 if one.healthy is None else one.healthy, lower, upper, role, spread=one.spread,
+            logarithmic=one.logarithmic is not False,
+            physical_unit=self.settings[f"nominal.{one.times}"].scale.unit,
+            physical=_Times(one.times),
         )  # fmt: skip
-        if not (lower < upper and abs(lower) < float("inf") and abs(upper) < float("inf")):
+
+    def _variable(self, name: str, one: Free, role: Any) -> Unknown:
+        """A variable of the FMU."""
+        place = f"{role}s.{name}"
+        if one.variable is None:
             raise ParameterError(
-                f"{self._what}: {place} needs a finite range, and the FMU gives "
-                f"[{lower:g}, {upper:g}] {scale.unit}; state lower and upper."
+                f'{self._what}: {place} needs variable = "..." of the FMU, or times = "..." of a '
+                "parameter; give one of them."
             )
-        self.settings[name] = Settable(one.variable, variable.reference, scale)
+        signal = Signal(variable=one.variable, unit=one.unit)
+        used = self.settings[name] = self._found(signal, place, ("parameter", "input"))
+        variable, scale = used.variable, used.scale
+        lower, upper = self._bounds(one, used, place)
+        if not (lower < upper and math.isfinite(upper - lower)):
+            raise ParameterError(
+                f"{self._what}: {place} needs a finite range, received [{lower:g}, {upper:g}] "
+                f"{scale.unit}; state lower and upper."
+            )
+        if one.healthy is not None:
+            healthy = to_si(one.healthy, one.unit or scale.unit, scale.unit, place)
+        else:
+            healthy = 0.0 if variable.start is None else scale.to_si(variable.start)
+        spread = None
+        if one.spread is not None:
+            spread = _deviation(f"{one.spread} {one.unit or scale.unit}", scale.unit, place)
         return Unknown(
             name, scale.unit, one.meaning or variable.meaning, healthy, lower, upper, role,
-            spread=None if one.spread is None else to_si(one.spread, unit, scale.unit, place),
-            logarithmic=bool(one.logarithmic),
+            spread=spread, logarithmic=bool(one.logarithmic),
         )  # fmt: skip
+
+
+def _deviation(given: float | str, unit: str, what: str) -> float:
+    """A standard deviation in SI, of whichever unit: 1 degC is 1 K."""
+    if isinstance(given, str):
+        own = given.strip().partition(" ")[2]
+        given = parse_quantity(given, unit, what) - parse_quantity(f"0 {own}", unit, what)
+    if not given > 0.0:
+        raise ParameterError(f"{what} must be a positive deviation, received {given:g}.")
+    return given
 
 
 @dataclass(frozen=True)

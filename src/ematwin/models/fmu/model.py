@@ -17,7 +17,6 @@ from pydantic import create_model
 from ematwin.errors import DivergedError, ParameterError
 from ematwin.models.base import Model, Values
 from ematwin.models.comparison import Candidates
-from ematwin.models.fmu.archive import Scale
 from ematwin.models.fmu.declared import (
     ENTRY,
     TABLES,
@@ -115,7 +114,7 @@ class FmuModel(Model):
         return _model(as_text(declared), found.archive.digest)
 
     def _channel(self, name: str) -> Channel:
-        variable, scale = self.described.channels[name]
+        _, variable, scale = self.described.channels[name]
         stated = getattr(self.declared.inputs, name, None) or self.declared.outputs[name]
         meaning = stated.meaning or variable.meaning
         if variable.causality == "independent":  # an FMU that moves by itself
@@ -139,7 +138,7 @@ class FmuModel(Model):
     def noise(self, actuator: Any, recording: Recording) -> dict[str, float]:
         """That of the file, SI; a twentieth of the RMS of channels of which it gives none."""
         usual = super().noise(actuator, recording)
-        return {name: self.described.noise(name) or value for name, value in usual.items()}
+        return {name: self.described.noise.get(name, value) for name, value in usual.items()}
 
     def scenarios(self) -> dict[str, Path]:
         """Those in the folder ``scenarios`` beside the FMU."""
@@ -161,7 +160,7 @@ class FmuModel(Model):
         if not lost.all():
             samples[~lost] = pool.run(self._drive(inputs), settings[~lost], limit)
         return {
-            name: described.channels[name][1].to_si(samples[:, :, n])
+            name: described.channels[name].scale.to_si(samples[:, :, n])
             for n, name in enumerate(outputs)
         }
 
@@ -190,38 +189,30 @@ class FmuModel(Model):
         return np.stack(found, axis=1)
 
     def _drive(self, inputs: Recording) -> dict[str, Any]:
-        """What a worker needs to follow a recording, in the units of the FMU."""
-        described = self.described
+        """What a worker needs to follow a recording (`worker.Instance.run`)."""
+        channels, settings = self.described.channels, self.described.settings
         driven = [
-            (name, variable.reference, scale)
-            for name, (variable, scale) in described.channels.items()
-            if variable.causality == "input" and name in ("command", "load")
+            (name, channels[name])
+            for name in ("command", "load")
+            if name in channels and channels[name].variable.causality == "input"
         ]
-        starts = {
-            name: one for name, one in described.starts.items() if name in inputs.channels
-        }  # fmt: skip
+        starts = [(n, one) for n, one in self.described.starts.items() if n in inputs.channels]
         step = self.declared.fmu.step or math.inf
+        given = np.empty((len(inputs), len(driven)))
+        for n, (name, one) in enumerate(driven):
+            recorded = inputs.channels.get(name, np.zeros(len(inputs)))  # a load may be missing
+            given[:, n] = one.scale.from_si(recorded)
         return {
-            "settings": [one.reference for one in described.settings.values()],
-            "names": [one.name for one in described.settings.values()],
-            "starts": [one.reference for one in starts.values()],
-            "start_values": np.array(
-                [one.scale.from_si(inputs.channels[name][0]) for name, one in starts.items()]
-            ),
-            "inputs": [reference for _, reference, _ in driven],
-            "given": np.array([_given(inputs, name, scale) for name, _, scale in driven])
-            .reshape(len(driven), len(inputs)).T.copy(),
-            "outputs": [
-                described.channels[name][0].reference for name in self.declared.outputs
-            ],
+            "names": [one.name for one in settings.values()],
+            "settings": [one.variable.reference for one in settings.values()],
+            "starts": [one.variable.reference for _, one in starts],
+            "start_values": [one.scale.from_si(inputs.channels[n][0]) for n, one in starts],
+            "inputs": [one.variable.reference for _, one in driven],
+            "given": given,
+            "outputs": [channels[name].variable.reference for name in self.declared.outputs],
             "interval": inputs.interval,
             "substeps": max(1, math.ceil(inputs.interval / step - 1e-9)),
-        }  # fmt: skip
-
-
-def _given(inputs: Recording, name: str, scale: Scale) -> np.ndarray:
-    """An input (S,) in the unit of the FMU; a load that was not recorded is zero."""
-    return np.asarray(scale.from_si(inputs.channels.get(name, np.zeros(len(inputs)))))
+        }
 
 
 @cache
@@ -241,8 +232,9 @@ def _actuator(text: str, digest: str, table: dict[str, Any]) -> Any:
 def _class_of(model: FmuModel) -> type[FmuActuator]:
     """The class of the parameter sets of one file."""
     fields: dict[str, Any] = {}
-    for name, (variable, scale, lower, upper) in model.described.parameters.items():
+    for name, (lower, upper) in model.described.bounds.items():
         stated = model.declared.nominal[name]
+        _, variable, scale = model.described.settings[f"nominal.{name}"]
         limits = {"ge": lower, "le": upper}
         drift = None if stated.drift is None else parse_share(stated.drift, f"drift of {name}")
         more: dict[str, Any] = {k: limit for k, limit in limits.items() if math.isfinite(limit)}
