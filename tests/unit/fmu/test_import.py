@@ -66,7 +66,7 @@ voltage = {{ variable = "voltage" }}
 position = {{ variable = "position", unit = "m", noise = "0.02 mm" }}
 
 [nominal]
-mass = {{ variable = "carriage.mass", value = 95154, unit = "g", source = "EMPS" }}
+mass = {{ variable = "carriage.mass", value = 95154, unit = "g", source = "EMPS", upper = 2e5 }}
 
 [faults]
 friction = {{ variable = "friction", lower = 0.5, upper = 3 }}
@@ -273,6 +273,17 @@ def test_a_saved_file_knows_its_fmu(file, tmp_path):
     )
     with pytest.raises(EmatwinError, match=r"is not the FMU for which .* was written"):
         load_actuator(path)
+
+
+def test_a_saved_file_is_in_si(axis, tmp_path):
+    actuator = load_actuator(axis(2))
+    actuator.save(tmp_path / "saved.toml")
+    again = load_actuator(tmp_path / "saved.toml")
+    assert again.fingerprint == actuator.fingerprint
+    assert again.value("nominal.mass") == pytest.approx(95.154)
+    assert again.limits("nominal.mass")[1] == pytest.approx(200.0)
+    with pytest.raises(EmatwinError, match=r"nominal.mass must be less than or equal to 200"):
+        again.changed({"nominal.mass": 300.0})
 
 
 def test_a_recording_in_a_file_needs_no_column_for_time(file, tmp_path):

@@ -92,6 +92,18 @@ class Declared(Table):
     faults: dict[str, Free] = Field(min_length=1)
     nuisances: dict[str, Free] = {}
 
+    def as_text(self) -> str:
+        """The tables as JSON, equal for equal ones."""
+        return json.dumps(self.model_dump(exclude_none=True), sort_keys=True)
+
+    def simulated(self) -> str:
+        """What of them a simulation depends on, as JSON."""
+        left_out: Any = {
+            "fmu": {"file", "sha256", "time_limit"},
+            "nominal": {"__all__": {"unit", "lower", "upper", "drift"}},
+        }
+        return json.dumps(self.model_dump(exclude_none=True, exclude=left_out), sort_keys=True)
+
 
 class Used(NamedTuple):
     """A variable of the FMU that the file names, and how its unit is scaled."""
@@ -308,9 +320,3 @@ class _Times:
 
     def __call__(self, actuator: Any, factor: Any) -> Any:
         return factor * actuator.value(f"nominal.{self.parameter}")
-
-
-def as_text(declared: Declared, without: tuple[str, ...] = ()) -> str:
-    """The tables as JSON, equal for equal ones; ``without`` some entries of ``fmu``."""
-    table = declared.model_dump(exclude_none=True, exclude={"fmu": set(without)})
-    return json.dumps(table, sort_keys=True)

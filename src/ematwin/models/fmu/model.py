@@ -22,7 +22,6 @@ from ematwin.models.fmu.declared import (
     TABLES,
     Declared,
     Described,
-    as_text,
     declared_in,
 )
 from ematwin.models.fmu.pool import pool_of
@@ -61,18 +60,18 @@ class FmuActuator(ParameterSet):
         """What a parameter file of it holds; the path of the FMU is absolute."""
         table, own = super().as_table(sources), type(self).own_model
         stated = own.declared.model_dump(exclude_none=True, exclude_unset=True)
-        for name, entry in table["nominal"].items():
-            table["nominal"][name] = {**stated["nominal"][name], **entry}
-        fmu = {**stated["fmu"], "sha256": own.described.archive.digest}
-        return table | {name: one for name, one in stated.items() if name != "nominal"} | {
-            "fmu": fmu
-        }  # fmt: skip
+        for name, parameter in stated.pop("nominal").items():
+            bounds = zip(("lower", "upper"), own.described.bounds[name], strict=True)
+            in_si = {side: value for side, value in bounds if side in parameter}
+            table["nominal"][name] = {**parameter, **in_si, **table["nominal"][name]}
+        stated["fmu"] |= {"sha256": own.described.archive.digest}
+        return table | stated
 
     @cached_property
     def fingerprint(self) -> str:
         """Hash of the values, of what the file states of the FMU, and of the FMU."""
         own = type(self).own_model
-        stated = as_text(own.declared, without=("file", "sha256", "time_limit"))
+        stated = own.declared.simulated()
         parts = super().fingerprint, stated, own.described.archive.digest
         return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
 
@@ -94,7 +93,7 @@ class FmuModel(Model):
             return
         self.declared, self.described = declared, Described(declared, what)
         archive = self.described.archive
-        self.identity = as_text(declared), archive.digest
+        self.identity = declared.as_text(), archive.digest
         own: dict[str, Any] = {  # of this file, where a kind in Python has them in its class
             "title": f"FMU {archive.path.name}",
             "channels": tuple(self._channel(name) for name in self.described.channels),
@@ -111,7 +110,7 @@ class FmuModel(Model):
         """The model of a parameter file."""
         declared = declared_in(table, what)
         found = Described(declared, what)
-        return _model(as_text(declared), found.archive.digest)
+        return _model(declared.as_text(), found.archive.digest)
 
     def _channel(self, name: str) -> Channel:
         _, variable, scale = self.described.channels[name]

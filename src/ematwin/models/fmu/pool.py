@@ -13,7 +13,6 @@ import sys
 import tempfile
 import threading
 from contextlib import suppress
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -106,23 +105,24 @@ class Pool:
 
     Attributes
     ----------
+    archive : Archive
     said : what the FMU said last where a run failed
     """
 
     def __init__(self, archive: Archive) -> None:
         self._folder = tempfile.mkdtemp(prefix="ematwin-fmu-")
-        self._name = archive.path.name
-        self.said = ""
+        self.archive, self.said = archive, ""
         setup = {
             "folder": archive.unpacked(self._folder), "is_2": archive.is_2,
             "guid": archive.guid, "identifier": archive.identifier,
             "interpolates": archive.interpolates,
         }  # fmt: skip
-        self._workers = [Worker(setup, self._name) for _ in range(cores())]
+        self._workers = [Worker(setup, archive.path.name) for _ in range(cores())]
         self._free: queue.LifoQueue[Worker] = queue.LifoQueue()
         for one in self._workers:
             self._free.put(one)
-        atexit.register(self._end, os.getpid())
+        self._process = os.getpid()
+        atexit.register(self.end)
 
     def run(self, drive: dict[str, Any], settings: np.ndarray, limit: float) -> np.ndarray:
         """Outputs (B, S, K) of candidates (B, P); NaN from the sample on at which one failed.
@@ -151,19 +151,26 @@ class Pool:
 
         return np.stack(side_by_side(one, range(len(settings)), len(self._workers)))
 
-    def _end(self, process: int) -> None:
-        if os.getpid() != process:  # a fork ends with what its parent still uses
+    def end(self) -> None:
+        """End all workers."""
+        if os.getpid() != self._process:  # a fork ends with what its parent still uses
             return
         for one in self._workers:
             one.end()
         shutil.rmtree(self._folder, ignore_errors=True)
 
 
-@cache
-def _pool(archive: Archive, process: int) -> Pool:
-    return Pool(archive)
+_pools: dict[tuple[Path, int], Pool] = {}  # by FMU and process: a fork has its own
+_making = threading.Lock()
 
 
 def pool_of(archive: Archive) -> Pool:
-    """The workers of an FMU in this process; a forked process has its own."""
-    return _pool(archive, os.getpid())
+    """The workers of an FMU in this process; those of what was at its place before are ended."""
+    with _making:
+        key = archive.path, os.getpid()
+        found = _pools.get(key)
+        if found is None or found.archive.digest != archive.digest:
+            if found is not None:
+                found.end()
+            found = _pools[key] = Pool(archive)
+        return found

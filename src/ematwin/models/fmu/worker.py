@@ -19,8 +19,9 @@ from fmpy.fmi2 import (
     fmi2CallbackFreeMemoryTYPE,
     fmi2CallbackFunctions,
     fmi2CallbackLoggerTYPE,
+    fmi2ValueReference,
 )
-from fmpy.fmi3 import FMU3Slave
+from fmpy.fmi3 import FMU3Slave, fmi3ValueReference
 
 _FATAL = 4  # status after which an instance cannot even be freed
 
@@ -29,9 +30,6 @@ class Values:
     """Variables that are set or read together, in memory that the FMU sees."""
 
     def __init__(self, references: list[int], is_2: bool) -> None:
-        from fmpy.fmi2 import fmi2ValueReference
-        from fmpy.fmi3 import fmi3ValueReference
-
         kind = fmi2ValueReference if is_2 else fmi3ValueReference
         self.references = (kind * len(references))(*references)
         self.values = np.zeros(len(references))
@@ -96,9 +94,8 @@ class Instance:
         try:
             self._fmu.reset()
         except FMICallException:  # some FMUs cannot: a new instance
-            self._fmu.fmi2FreeInstance(self._fmu.component) if self.is_2 else (
-                self._fmu.fmi3FreeInstance(self._fmu.component)
-            )
+            free_it = self._fmu.fmi2FreeInstance if self.is_2 else self._fmu.fmi3FreeInstance
+            free_it(self._fmu.component)
             self._instantiate()
         return rows, said
 
