@@ -102,12 +102,6 @@ class TestFmu(ModelContract):
     def actuator(self, oscillator):
         return oscillator
 
-    def test_shipped_sets_load_with_units_and_sources(self, model, actuator):
-        assert model.parameters.shipped() == {}, "each file states a kind of its own"
-        for _, value, unit, meaning, source in actuator.parameters():
-            assert (value, unit, source) == (1.0, "", "its description")
-            assert meaning
-
 
 def test_every_kind_of_ours_is_tested_here():
     assert {"bldc", "ball-screw", "linear-axis", "pmsm"} <= set(models())
