@@ -71,14 +71,18 @@ def to_si(value: float, unit: str, si_unit: str, what: str) -> float:
         spelled = turns_a_minute(unit) if "rad" in si_unit else unit
         if _is_mistaken(spelled, si_unit):
             raise ValueError(unit)
-        spelled = _VOLT_SECOND.sub(r"\1V*s", _NEWTON_METRE.sub(r"\1N*\2m", spelled))
-        spelled = _INERTIA.sub(r"\1*\2^2", spelled)
-        return float(_registry().Quantity(value, spelled).to(si_unit).magnitude)
+        return float(_registry().Quantity(value, spelled_out(spelled)).to(si_unit).magnitude)
     except Exception:
         # pint raises a family of unrelated types here (undefined unit, dimension, syntax)
         raise ParameterError(
             f"{what} must have a {kind}; received {value:g} {unit!r}. Correct the unit."
         ) from None
+
+
+def spelled_out(unit: str) -> str:
+    """A unit with products as pint spells them: ``Nm`` as ``N*m``."""
+    spelled = _VOLT_SECOND.sub(r"\1V*s", _NEWTON_METRE.sub(r"\1N*\2m", unit))
+    return _INERTIA.sub(r"\1*\2^2", spelled)
 
 
 def turns_a_minute(unit: str) -> str:
@@ -118,11 +122,14 @@ _BASE = {
 
 
 def base_units(unit: str) -> dict[str, int]:
-    """Powers of the SI base units, and of the radian, that make an SI unit such as ``N*m/rad``."""
-    given = _registry().Quantity(1.0, unit)
+    """Powers of the SI base units, and of the angle, that make a unit such as ``N*m/rad``."""
+    given = _registry().Quantity(1.0, spelled_out(turns_a_minute(unit)))
     powers = given.to_base_units().unit_items()
     found = {_BASE[name]: int(power) for name, power in powers if name in _BASE}
-    angle = dict(given.unit_items()).get("radian", 0)
+    angle = sum(
+        power for name, power in given.unit_items()
+        if ANGULAR.search(name) and "Celsius" not in name
+    )  # fmt: skip
     return found | ({"rad": int(angle)} if angle else {})
 
 

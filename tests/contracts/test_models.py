@@ -6,11 +6,12 @@ import sys
 import numpy as np
 import pytest
 
-from ematwin.models.registry import models
+from ematwin.models.registry import load_actuator, model_of, models
 from ematwin.models.simulating import simulate
 from ematwin.recordings.channel import Channel
 from ematwin.testing.model_contract import ModelContract
 from own_model import laid_out
+from reference_fmus import van_der_pol
 
 
 class TestBldc(ModelContract):
@@ -82,6 +83,24 @@ class TestOwnModel(ModelContract):
     @pytest.fixture
     def model(self, installed):
         return installed
+
+
+@pytest.fixture(scope="module")
+def oscillator(tmp_path_factory):
+    """A Reference FMU, and the file that states it."""
+    return load_actuator(van_der_pol(tmp_path_factory.mktemp("oscillator") / "files"))
+
+
+class TestFmu(ModelContract):
+    units = 0  # half a minute: examples/reference_fmu.py counts them
+
+    @pytest.fixture
+    def model(self, oscillator):
+        return model_of(oscillator)
+
+    @pytest.fixture
+    def actuator(self, oscillator):
+        return oscillator
 
 
 def test_every_kind_of_ours_is_tested_here():

@@ -67,12 +67,14 @@ class Subject:
         """
         kind = values.get("kind", DEFAULT_KIND)
         try:
-            parameters = model_of(kind).parameters
+            parameters = model_of(kind).of_file(values, "the study").parameters
         except ParameterError as error:
             raise InputError(
                 f"{error} The study is of an actuator of that kind: install the package that "
                 "brings it."
             ) from None
+        if parameters.own_model is not None:
+            return cls.of(parameters.from_dict(dict(values)))
         given = {name: value for name, value in values.items() if name != "kind"}
         try:
             return cls.of(parameters.model_validate(given))
@@ -80,7 +82,12 @@ class Subject:
             raise one_sentence(error, f"actuator {values.get('name', '')} of the study") from None
 
     def plain(self) -> dict[str, Any]:
-        """The actuator as values for JSON; those of the default kind do not name it."""
+        """The actuator as values for JSON; those of the default kind do not name it.
+
+        Where a file states the kind they are the content of that file.
+        """
+        if self.actuator.own_model is not None:
+            return self.actuator.as_table()
         values = self.actuator.model_dump(mode="json")
         return values if self.kind == DEFAULT_KIND else {"kind": self.kind, **values}
 

@@ -125,7 +125,7 @@ def print_proposal(proposal: "Proposal", file: Path, actuator: str, written: Pat
     typer.echo(f"\nProposed map for the kind {proposal.kind}:")
     for name, entry in proposal.entries.items():
         unit = f"{' or '.join(entry.units)}: which?" if entry.is_open else entry.unit
-        typer.echo(f'  {name} = "{entry.channel}", {unit}')
+        typer.echo(f'  {name} = "{entry.channel}"{unit and ", "}{unit}')
         typer.echo(f"      {' '.join(entry.reasons)}")
     for question in proposal.questions:
         typer.echo(f"Open: {question.sentence}")

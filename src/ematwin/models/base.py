@@ -115,6 +115,10 @@ class Model(ABC):
     demands: ClassVar[tuple[Demand, ...]] = ()
     designable: ClassVar[Mapping[str, tuple[Component, ...]]] = {}
 
+    def of_file(self, table: Mapping[str, Any], what: str) -> "Model":
+        """The model of the content of a parameter file; itself unless the file states a kind."""
+        return self
+
     @abstractmethod
     def unknowns(self, actuator: Any) -> tuple[Unknown, ...]:
         """Faults and nuisances of an actuator, in the order of tables."""

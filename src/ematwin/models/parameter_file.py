@@ -209,11 +209,16 @@ def tolerance_of(given: Any, field: FieldInfo, place: str) -> float:
 
 def template_of(actuator: Any, before: Mapping[str, Any]) -> str:
     """Text of a parameter file with comments (`ParameterSet.template`)."""
+    import tomli_w
+
     table = actuator.as_table()
     meanings = {place: meaning for place, _, _, meaning, _ in actuator.parameters()}
     lines = [_comment(line) for line in _ON_TEMPLATES]
     for key, entry in table.items():
         section = actuator.section(key)
+        if isinstance(entry, dict) and section is None:
+            lines += ["", tomli_w.dumps({key: entry}).rstrip()]
+            continue
         if section is None:
             lines.append(f"{key} = {_toml(entry)}")
             continue

@@ -123,6 +123,7 @@ class ParameterSet(BaseModel):
     kind: ClassVar[str]  # as ``kind = "..."`` in the file
     former_kinds: ClassVar[tuple[str, ...]] = ()  # what older files call it
     default: ClassVar[str]  # the shipped set that is meant where none is named
+    own_model: ClassVar[Any] = None  # the `Model`, where a file states it (`Model.of_file`)
     # tables of its files that are no parameters: what calibration adds
     beside: ClassVar[frozenset[str]] = frozenset({"baseline", "calibration", "signature"})
 

@@ -8,7 +8,7 @@ from typing import Any, Literal, Protocol, TypedDict, Unpack, overload
 from ematwin.errors import InputError, ParameterError, RecordError
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
-from ematwin.models.registry import DEFAULT_KIND, kind_of, load_actuator, model_of, models
+from ematwin.models.registry import DEFAULT_KIND, load_actuator, model_in, model_of, models
 from ematwin.recordings.channel import Channel
 from ematwin.recordings.channel_map import ChannelMap, Columns
 from ematwin.recordings.cleaning import Policy
@@ -205,7 +205,7 @@ def _model(actuator: Any) -> Model:
     kinds = {
         name for model in models().values() for name in (model.kind, *model.parameters.former_kinds)
     }
-    return model_of(str(actuator) if str(actuator) in kinds else kind_of(actuator))
+    return model_of(str(actuator)) if str(actuator) in kinds else model_in(actuator)
 
 
 def actuator_for(recording: Any, columns: Columns = None) -> ParameterSet:

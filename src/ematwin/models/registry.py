@@ -24,6 +24,7 @@ DEFAULT_KIND = UNNAMED_KIND
 
 # Ours by kind, which is also the name of the folder but for hyphens.
 _OURS = ("bldc", "ball-screw", "linear-axis", "pmsm", "position-servo")
+_STATED = "fmu"  # each file of this kind states what it is, so that it has no sets, no channels
 
 
 def _own(kind: str) -> Model:
@@ -60,7 +61,7 @@ def register_model(model: Model) -> None:
             f"register_model takes an instance of a Model, received {model!r}; give the model "
             "itself, such as MyModel()."
         )
-    if model.kind in _OURS:
+    if model.kind in (*_OURS, _STATED):
         raise InputError(
             f"The kind {model.kind!r} comes with ematwin; choose another name for yours."
         )
@@ -110,8 +111,11 @@ def model_of(actuator: Any) -> Model:
     ParameterError
         If there is no such kind.
     """
+    if isinstance(actuator, ParameterSet) and actuator.own_model is not None:
+        stated: Model = actuator.own_model
+        return stated
     kind = actuator if isinstance(actuator, str) else type(actuator).kind
-    if kind in _OURS:
+    if kind in (*_OURS, _STATED):
         return _own(kind)
     for model in models().values():
         if kind == model.kind or kind in model.parameters.former_kinds:
@@ -119,7 +123,10 @@ def model_of(actuator: Any) -> Model:
     if kind in _BROKEN:
         raise ParameterError(_BROKEN[kind])
     raise ParameterError(
-        _and_broken(f"There is no kind of actuator {kind!r}; choose one of {', '.join(models())}.")
+        _and_broken(
+            f"There is no kind of actuator {kind!r}; choose one of "
+            f"{', '.join([*models(), _STATED])}."
+        )
     )
 
 
@@ -169,9 +176,14 @@ def actuator_in(table: dict[str, Any], what: str | Path) -> ParameterSet:
     return _model(table, what).parameters.from_dict(table, str(what))
 
 
+def model_in(name_or_path: str | Path) -> Model:
+    """The model of a shipped set or TOML file, without reading its values."""
+    return _model(_table(name_or_path), name_or_path)
+
+
 def kind_of(name_or_path: str | Path) -> str:
     """The kind of a shipped set or TOML file, without reading its values."""
-    return _model(_table(name_or_path), name_or_path).kind
+    return model_in(name_or_path).kind
 
 
 def _table(name_or_path: str | Path) -> dict[str, Any]:
@@ -202,13 +214,14 @@ def _model(table: dict[str, Any], what: str | Path) -> Model:
     try:
         if not isinstance(kind, str):
             raise ParameterError("")
-        return model_of(kind)
+        found = model_of(kind)
     except ParameterError:
         if isinstance(kind, str) and kind in _BROKEN:
             raise
         raise ParameterError(
             _and_broken(
                 f"{what}: there is no kind of actuator {kind!r}; choose one of "
-                f"{', '.join(models())}."
+                f"{', '.join([*models(), _STATED])}."
             )
         ) from None
+    return found.of_file(table, str(what))

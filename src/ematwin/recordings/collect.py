@@ -91,19 +91,22 @@ def collect(
     return result
 
 
-def derive(found: Collected, channel_map: ChannelMap) -> None:
+def derive(found: Collected, channel_map: ChannelMap, time: np.ndarray | None = None) -> None:
     """Add the channels that follow from others of one time base; drop those that stood in.
+
+    ``time`` (S,) is that of all columns, once they have one: channels may follow from it.
 
     Raises
     ------
     RecordError
         If means over different intervals would be combined.
     """
-    for channel in derivable(channel_map.channels, found.columns):
+    columns = found.columns if time is None else found.columns | {"time": time}
+    for channel in derivable(channel_map.channels, columns):
         derivation = channel.derived
         assert derivation is not None
         sources = derivation.sources
-        keys = [found.bases[source] for source in sources]
+        keys = [found.bases.get(source, next(iter(found.bases.values()))) for source in sources]
         if len(set(keys)) > 1:
             if channel.is_mean:
                 raise RecordError(
@@ -112,7 +115,7 @@ def derive(found: Collected, channel_map: ChannelMap) -> None:
                     f"Give {channel.name} as well."
                 )
             continue  # until all are on one base
-        found.columns[channel.name] = derivation.compute(*(found.columns[s] for s in sources))
+        found.columns[channel.name] = derivation.compute(*(columns[s] for s in sources))
         found.bases[channel.name] = keys[0]
         found.channels[channel.name] = {"derived": derivation.formula}
         found.changed.append(f"{channel.name} was derived as {derivation.formula}")

@@ -40,7 +40,7 @@ class Entry:
     column : channel of the recording
     channel : name in the file
     unit : of the file's numbers; "" where nobody states one and it is left open
-    unit_from : "file", "name", "plausibility" or ""
+    unit_from : "file", "name", "plausibility"; "channel" of a ratio, which has no unit; or ""
     reasons : sentences
     units : the units that are left, where ``unit`` is open
     """
@@ -55,7 +55,7 @@ class Entry:
     @property
     def is_open(self) -> bool:
         """Whether its unit is left to the user."""
-        return not self.unit
+        return not self.unit_from
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
@@ -342,7 +342,8 @@ def _entry(
         reasons.append(
             "Its sign cannot be told: where it is positive with positive motion, add sign = -1."
         )
-    return Entry(channel.name, one.name, one.unit, one.unit_from, tuple(reasons))
+    unit_from = one.unit_from or ("" if channel.unit else "channel")  # a ratio has none
+    return Entry(channel.name, one.name, one.unit, unit_from, tuple(reasons))
 
 
 def _missing(

@@ -145,7 +145,7 @@ def _cleaned(
     counts, warnings = saturation_warnings(found.columns, by_column, found.full_scales, currents)
     means = {one.name for one in channel_map.channels if one.is_mean}
     time = _bring_to_one_base(found, means, inputs, what)
-    derive(found, channel_map)
+    derive(found, channel_map, time)
     sound = sound_samples(time, found.columns, gaps, what, inputs)
     time, columns, changed = to_constant_rate(sound.time, sound.columns, rate, what, means)
     provenance: dict[str, Any] = {

@@ -4,7 +4,7 @@ import shutil
 import subprocess
 import time
 import zipfile
-from functools import cache
+from pathlib import Path
 
 import fmpy
 import numpy as np
@@ -19,7 +19,8 @@ from fmpy.validation import validate_fmu
 import ematwin
 from ematwin.errors import EmatwinError, InputError
 from ematwin.models.base import Model
-from ematwin.models.registry import load_actuator, model_of
+from ematwin.models.registry import load_actuator, model_of, models
+from own_model import laid_out
 
 SHIPPED = {
     ("emps", "twin"): {"friction": 1.7, "position_gain": 0.8},
@@ -27,24 +28,14 @@ SHIPPED = {
     ("sts3215", "twin"): {"delay": 2.5, "backlash": 4.0, "offset": 0.01},
     ("servo48", "monitor"): {"friction": 0.25, "short_a": 0.3, "eccentricity": 0.4},
     ("servo48", "reference"): {"backlash": 0.1, "eccentricity": 0.3, "eccentricity_phase": 0.7},
+    ("truer", "reference"): {"backlash": 0.1, "short_a": 0.2, "eccentricity": 0.3},
     ("servo400", "monitor"): {"short_a": 0.1, "sensor_gain_b": 0.7, "dynamic_eccentricity": 0.2},
     ("servo400", "reference"): {"connector_b": 0.2, "resolver_offset": 0.6, "friction": 0.3},
 }
-LINES = {("servo48", "reference"): 5}  # straight lines of the command between two samples
-
-
-@pytest.fixture(scope="session")
-def archive(tmp_path_factory):
-    """Path of an archive, made once for each kind and fidelity."""
-    folder = tmp_path_factory.mktemp("fmus")
-
-    @cache
-    def made(name, fidelity, fmi=3):
-        return ematwin.export_fmu(
-            name, folder / f"{name}-{fidelity}-{fmi}.fmu", fidelity=fidelity, fmi=fmi
-        )
-
-    return made
+LINES = {
+    ("servo48", "reference"): 5,
+    ("truer", "reference"): 5,
+}  # straight lines of the command between two samples
 
 
 class Driven:
@@ -103,11 +94,10 @@ class Driven:
         return self.fmu.doStep(currentCommunicationPoint=point, communicationStepSize=size)
 
 
-def recorded(name, fidelity, faults):
+def recorded(actuator, fidelity, faults):
     """What `ematwin.simulate` answers, without noise."""
-    kind = model_of(load_actuator(name))
-    model = fidelity if len(kind.fidelities) > 1 else None
-    return ematwin.simulate(model, actuator=name, faults=faults, noise=ematwin.Noise())
+    model = fidelity if len(model_of(actuator).fidelities) > 1 else None
+    return ematwin.simulate(model, actuator=actuator, faults=faults, noise=ematwin.Noise())
 
 
 def driven(fmu, record, faults, samples, lines=1):
@@ -141,11 +131,13 @@ def driven(fmu, record, faults, samples, lines=1):
 
 
 @pytest.mark.parametrize(("name", "fidelity"), SHIPPED)
-def test_an_fmu_answers_as_simulate_does_with_equal_steps(archive, tmp_path, name, fidelity):
+def test_an_fmu_answers_as_simulate_does_with_equal_steps(
+    archive, actuator, tmp_path, name, fidelity
+):
     faults = SHIPPED[name, fidelity]
     path = archive(name, fidelity, 2)
     assert validate_fmu(str(path)) == []
-    record = recorded(name, fidelity, faults)
+    record = recorded(actuator(name), fidelity, faults)
     samples = min(len(record), 3001)
     with Driven(path, tmp_path) as fmu:
         outputs, rows = driven(fmu, record, faults, samples, LINES.get((name, fidelity), 1))
@@ -158,11 +150,29 @@ def test_an_fmu_answers_as_simulate_does_with_equal_steps(archive, tmp_path, nam
         )
 
 
+@pytest.fixture
+def own_kind(tmp_path, monkeypatch):
+    """The example package, known in this process for a while."""
+    monkeypatch.syspath_prepend(str(laid_out(tmp_path / "packages")))
+    models.cache_clear()
+    yield
+    monkeypatch.undo()
+    models.cache_clear()
+
+
+def test_a_kind_of_others_is_exported_by_its_steps(own_kind, archive, tmp_path):
+    record = recorded(load_actuator("dcg25"), "twin", {"friction": 2.0, "load": 0.1})
+    with Driven(archive("dcg25", "twin", 2), tmp_path / "fmu") as fmu:
+        outputs, rows = driven(fmu, record, {"friction": 2.0, "load": 0.1}, len(record))
+    for n, name in enumerate(outputs):
+        np.testing.assert_allclose(rows[:, n], record.channels[name], atol=1e-9)
+
+
 def test_fmi_3_sets_inputs_between_steps(archive, tmp_path):
     """FMI 3 has no input derivatives: the intermediate update takes their place."""
     path = archive("emps", "twin", 3)
     assert validate_fmu(str(path)) == []
-    record, samples = recorded("emps", "twin", None), 2001
+    record, samples = recorded(load_actuator("emps"), "twin", None), 2001
     held, rows = {}, []
 
     def between(environment, time, *rest):
@@ -315,6 +325,46 @@ def test_library_needs_no_python(archive, tmp_path):
         assert "python" not in needed.lower()
         assert not [s for s in missing.stdout.split() if s.startswith(("Py", "numba", "NRT"))]
         shutil.rmtree(folder)
+
+
+OBJECTS = {  # first bytes of an object file: format, and processor where it stands there
+    "x86_64-linux": b"\x7fELF\x02\x01", "aarch64-linux": b"\x7fELF\x02\x01",
+    "x86_64-windows": (0x8664).to_bytes(2, "little"),
+    "x86_64-darwin": bytes.fromhex("cffaedfe07000001"),
+    "aarch64-darwin": bytes.fromhex("cffaedfe0c000001"),
+}  # fmt: skip
+
+
+def test_object_files_are_of_the_platforms_that_they_name(archive):
+    with zipfile.ZipFile(archive("emps", "twin", 2)) as file:
+        for platform, begin in OBJECTS.items():
+            content = file.read(f"extra/ematwin/{platform}.o")
+            assert content.startswith(begin)
+            if platform.endswith("-linux"):
+                machine = int.from_bytes(content[18:20], "little")  # e_machine of ELF
+                assert machine == {"x86_64-linux": 62, "aarch64-linux": 183}[platform]
+            for name in (b"ematwin_constants", b"ematwin_begin", b"ematwin_sample"):
+                assert name in content
+            assert b"Py_" not in content
+            assert b"NRT_" not in content
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_the_files_inside_make_the_library_again(archive, tmp_path, fmi):
+    """By the one line of README.txt, with nothing but what the archive holds."""
+    folder = Path(fmpy.extract(str(archive("emps", "twin", fmi)), str(tmp_path / "unpacked")))
+    inside, library = folder / "extra" / "ematwin", next(folder.rglob("*.so"))
+    text = (inside / "README.txt").read_text(encoding="utf-8")
+    line = next(one.strip() for one in text.splitlines() if one.strip().startswith("cc "))
+    with Driven(archive("emps", "twin", fmi), tmp_path / "shipped") as fmu:
+        fmu.start({"friction": 1.5})
+        expected = moved(fmu, 0.0, 20)
+    library.unlink()
+    subprocess.run(line.replace("PLATFORM", "x86_64-linux").split(), cwd=inside, check=True)
+    shutil.move(inside / library.name, library)
+    with Driven(archive("emps", "twin", fmi), folder) as fmu:
+        fmu.start({"friction": 1.5})
+        np.testing.assert_array_equal(moved(fmu, 0.0, 20), expected)
 
 
 def test_monitor_runs_at_least_twenty_times_real_time(archive, tmp_path):

@@ -1,7 +1,7 @@
 """A brushed DC motor with a gearbox in a position servo, as ematwin sees it."""
 
 import math
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -68,15 +68,26 @@ class DcGearmotorModel(Model):
         self, actuator: DcGearmotor, inputs: Recording, candidates: Candidates, count: int
     ) -> dict[str, np.ndarray]:
         """Voltage (V), current (A) and position (rad) of each candidate, (B, S) arrays."""
-        from ematwin_dc_gearmotor.step import Constants, State, traces  # compiles: only when needed
+        from ematwin_dc_gearmotor.step import State, traces  # compiles: only when needed
 
+        gear = actuator.gear
         values = {**self.healthy(actuator), **candidates}
-        varied = actuator.varied(values)
+        substeps = math.ceil(inputs.interval / actuator.steps.twin - 1e-9)
+        constants = self.constants(actuator, values, substeps)
+        start = inputs.command[0] if inputs.position is None else inputs.position[0]
+        on_motor = gear.ratio * start  # at rest, amid the play
+        rest = State(0.0, 0.0, on_motor, on_motor, 0.0, 0.0)
+        return traces(inputs.command, None, constants, rest, inputs.interval, substeps, count=count)
+
+    def constants(self, actuator: DcGearmotor, values: Candidates, substeps: int) -> Any:
+        """Constants of the equations, numbers or (B,) arrays."""
+        from ematwin_dc_gearmotor.step import Constants
+
+        varied = actuator.varied(values, self.fixed)
         motor, gear, drive = varied.motor, varied.gear, varied.drive
         dry = motor.friction_torque + gear.friction_torque / gear.ratio
         friction = dry * values["friction"]
-        substeps = math.ceil(inputs.interval / actuator.steps.twin - 1e-9)
-        constants = Constants(
+        return Constants(
             resistance=motor.resistance * values["brushes"],
             inductance=motor.inductance,
             torque_constant=motor.torque_constant * values["magnets"],
@@ -94,10 +105,30 @@ class DcGearmotorModel(Model):
             speed_gain=drive.speed_gain,
             share=1.0 / substeps,
         )
-        start = inputs.command[0] if inputs.position is None else inputs.position[0]
-        on_motor = gear.ratio * start  # at rest, amid the play
-        rest = State(0.0, 0.0, on_motor, on_motor, 0.0, 0.0)
-        return traces(inputs.command, None, constants, rest, inputs.interval, substeps, count=count)
+
+    def stepped(self, actuator: DcGearmotor, fidelity: str) -> Any:
+        """The servo sample by sample, from rest at the first command: what `export-fmu` exports."""
+        from ematwin.models.stepped import Stepped, sample_and_advance
+        from ematwin.numerics.compile import part
+        from ematwin_dc_gearmotor.step import Answer, Constants, State, traces
+
+        interval = 1.0 / self.sample_rate
+        substeps = math.ceil(interval / actuator.steps.twin - 1e-9)
+        sample, advance = sample_and_advance(traces, interval, substeps)
+        ratio = Constants._fields.index("ratio")
+
+        @part
+        def begin(c, u, x):  # type: ignore[no-untyped-def]
+            x[:, 0] = 0.0
+            x[2, 0] = x[3, 0] = c[ratio, 0] * u[0, 0]  # theta and output
+
+        return Stepped(
+            inputs=("command",), outputs=Answer._fields,
+            constants=lambda values: list(self.constants(actuator, values, substeps)),
+            begin=begin, sample=sample, advance=advance, interval=interval, substeps=substeps,
+            at=(traces.at,), constant_count=len(Constants._fields),
+            state_count=len(State._fields),
+        )  # fmt: skip
 
 
 MODEL = DcGearmotorModel()

@@ -1,0 +1,194 @@
+"""A program that runs one FMU: setup and inputs in on standard input, outputs out.
+
+The FMU is machine code of others. Whatever it does, it does to this process alone. Nothing of
+ematwin is imported, so that a worker starts as fast as FMPy does.
+"""
+
+import os
+import pickle
+import signal
+import sys
+from typing import Any, BinaryIO
+
+import numpy as np
+from fmpy import calloc, free
+from fmpy.fmi1 import FMICallException
+from fmpy.fmi2 import (
+    FMU2Slave,
+    fmi2CallbackAllocateMemoryTYPE,
+    fmi2CallbackFreeMemoryTYPE,
+    fmi2CallbackFunctions,
+    fmi2CallbackLoggerTYPE,
+    fmi2ValueReference,
+)
+from fmpy.fmi3 import FMU3Slave, fmi3ValueReference
+
+_FATAL = 4  # status after which an instance cannot even be freed
+
+
+class Values:
+    """Variables that are set or read together, in memory that the FMU sees."""
+
+    def __init__(self, references: list[int], is_2: bool) -> None:
+        kind = fmi2ValueReference if is_2 else fmi3ValueReference
+        self.references = (kind * len(references))(*references)
+        self.values = np.zeros(len(references))
+        self.pointer = np.ctypeslib.as_ctypes(self.values)
+
+
+class Instance:
+    """One instance of an FMU; it is reset between runs.
+
+    Parameters
+    ----------
+    setup : folder, is_2, guid, identifier, interpolates
+    """
+
+    def __init__(self, setup: dict[str, Any]) -> None:
+        self.is_2, self._interpolates = setup["is_2"], setup["interpolates"]
+        self._said: list[str] = []
+        self._fmu = (FMU2Slave if self.is_2 else FMU3Slave)(
+            guid=setup["guid"], modelIdentifier=setup["identifier"],
+            unzipDirectory=setup["folder"], instanceName="ematwin", requireFunctions=False,
+        )  # fmt: skip
+        self._instantiate()
+
+    def _instantiate(self) -> None:
+        if not self.is_2:
+            self._fmu.instantiate(
+                logMessage=lambda *said: self._said.append(_text(said[-1]))
+            )  # FMPy keeps the callback
+            return
+
+        def log(*said: Any) -> None:
+            self._said.append(_text(said[4]))
+
+        self._callbacks = fmi2CallbackFunctions(
+            logger=fmi2CallbackLoggerTYPE(log),
+            allocateMemory=fmi2CallbackAllocateMemoryTYPE(calloc),
+            freeMemory=fmi2CallbackFreeMemoryTYPE(free),
+        )
+        self._fmu.instantiate(callbacks=self._callbacks)
+
+    def run(self, drive: dict[str, Any], settings: np.ndarray) -> tuple[np.ndarray, str]:
+        """Outputs (S, K) of one candidate, and what the FMU said where it failed.
+
+        Samples from the one on at which it failed are NaN.
+
+        Parameters
+        ----------
+        drive : references of ``settings``, ``starts``, ``inputs`` and ``outputs``; ``start_values``
+            (L,); ``given`` (S, I), the inputs; ``interval`` in s; ``substeps``
+        settings : (P,) array
+        """
+        rows = np.full((len(drive["given"]), len(drive["outputs"])), np.nan)
+        self._said.clear()
+        try:
+            self._start(drive, settings)
+            self._follow(drive, rows)
+            said = ""
+        except FMICallException as error:
+            if error.status == _FATAL:
+                raise
+            said = f"{' '.join(self._said[-1:])} ({str(error).rstrip('.')})".strip()
+        try:
+            self._fmu.reset()
+        except FMICallException:  # some FMUs cannot: a new instance
+            free_it = self._fmu.fmi2FreeInstance if self.is_2 else self._fmu.fmi3FreeInstance
+            free_it(self._fmu.component)
+            self._instantiate()
+        return rows, said
+
+    def _start(self, drive: dict[str, Any], settings: np.ndarray) -> None:
+        fmu = self._fmu
+        if self.is_2:
+            fmu.setupExperiment(startTime=0.0)
+        self._set(Values(drive["starts"], self.is_2), drive["start_values"])
+        self._set(Values(drive["settings"], self.is_2), settings)
+        if self.is_2:
+            fmu.enterInitializationMode()
+        else:
+            fmu.enterInitializationMode(startTime=0.0)
+        self._set(Values(drive["inputs"], self.is_2), drive["given"][0])
+        fmu.exitInitializationMode()
+
+    def _follow(self, drive: dict[str, Any], rows: np.ndarray) -> None:
+        """Step from sample to sample; inputs are straight lines between them."""
+        given, interval, parts = drive["given"], drive["interval"], drive["substeps"]
+        inputs = Values(drive["inputs"], self.is_2)
+        outputs = Values(drive["outputs"], self.is_2)
+        step = interval / parts
+        for n in range(len(given)):
+            self._set(inputs, given[n])
+            self._get(outputs)
+            rows[n] = outputs.values
+            if n + 1 == len(given):
+                return
+            change = given[n + 1] - given[n]
+            for k in range(parts):
+                if k:
+                    self._set(inputs, given[n] + k / parts * change)
+                if self._interpolates and change.any():
+                    self._fmu.setRealInputDerivatives(
+                        drive["inputs"], [1] * len(change), (change / interval).tolist()
+                    )
+                asked = self._fmu.doStep(n * interval + k * step, step)
+                if not self.is_2 and asked[1]:  # to end the simulation
+                    return
+
+    def _set(self, where: Values, values: np.ndarray) -> None:
+        count = where.values.size
+        if count == 0:
+            return
+        where.values[:] = values
+        fmu = self._fmu
+        if self.is_2:
+            fmu.fmi2SetReal(fmu.component, where.references, count, where.pointer)
+        else:
+            fmu.fmi3SetFloat64(fmu.component, where.references, count, where.pointer, count)
+
+    def _get(self, where: Values) -> None:
+        fmu, count = self._fmu, where.values.size
+        if self.is_2:
+            fmu.fmi2GetReal(fmu.component, where.references, count, where.pointer)
+        else:
+            fmu.fmi3GetFloat64(fmu.component, where.references, count, where.pointer, count)
+
+
+def _text(said: Any) -> str:
+    return said.decode(errors="replace") if isinstance(said, bytes) else str(said)
+
+
+def serve(tasks: BinaryIO, answers: BinaryIO) -> None:
+    """Answer tasks until they end: a setup, then ``(drive, settings)`` for each run.
+
+    ``drive`` is None where it is that of the run before. An answer is ``(rows, said)``, or a
+    sentence on why there is none.
+    """
+    instance, drive = None, None
+    while True:
+        try:
+            task = pickle.load(tasks)
+        except EOFError:
+            return
+        answer: Any = None
+        try:
+            if instance is None:
+                instance = Instance(task)
+            else:
+                drive = drive if task[0] is None else task[0]
+                assert drive is not None
+                answer = instance.run(drive, task[1])
+        except Exception as error:
+            answer = f"{error}".rstrip(".") or type(error).__name__
+        pickle.dump(answer, answers)
+        answers.flush()
+        if isinstance(answer, str):
+            os._exit(1)  # an instance that failed for good may not be freed
+
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the caller stops its workers
+    answers_out = os.fdopen(os.dup(1), "wb")
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # an FMU may print
+    serve(sys.stdin.buffer, answers_out)

@@ -1,0 +1,44 @@
+"""Archives of actuators, each exported once."""
+
+from functools import cache
+
+import pytest
+
+import ematwin
+
+# forms that shipped actuators leave out, all that the reference has
+TRUER = {
+    "cogging.torque": 0.003, "cogging.cycles": 12, "cogging.phase": 0.7, "emf.rounding": 0.4,
+    "eccentricity.turning_share": 0.3, "shorted_turns.resistance": 0.1,
+    "speed_loop.integral_gain": 0.5, "speed_loop.sample_time": 4e-5, "speed_loop.delay": 1e-5,
+    "current_loop.proportional_gain": 5.0, "current_loop.integral_gain": 9000.0,
+    "current_loop.sample_time": 3e-5, "current_loop.delay": 1e-5,
+    "current_loop.lost_voltage": 1.5,
+    "compliance.stiffness": 5.0, "compliance.damping": 0.003,
+}  # fmt: skip
+
+
+def actuator_of(name):
+    """A shipped actuator, or "truer": servo48 with all forms."""
+    if name == "truer":
+        return ematwin.load_actuator("servo48").changed(TRUER)
+    return ematwin.load_actuator(name)
+
+
+@pytest.fixture(scope="session")
+def archive(tmp_path_factory):
+    """Path of an archive, made once for each kind and fidelity."""
+    folder = tmp_path_factory.mktemp("fmus")
+
+    @cache
+    def made(name, fidelity, fmi=3):
+        path = folder / f"{name}-{fidelity}-{fmi}.fmu"
+        return ematwin.export_fmu(actuator_of(name), path, fidelity=fidelity, fmi=fmi)
+
+    return made
+
+
+@pytest.fixture(scope="session")
+def actuator():
+    """Gives an actuator by its name in these tests."""
+    return actuator_of
