@@ -21,14 +21,13 @@ import numpy as np
 from ematwin.errors import InputError, RecordError
 from ematwin.models.channels_agree import Law
 from ematwin.models.comparison import Candidates, Comparison, TraceComparison
+from ematwin.models.monitoring import Monitoring, Reported, Statistic
 from ematwin.models.optional import (
     Demand,
     Equation,
     Form,
     OtherForm,
-    Reported,
     Signal,
-    Statistic,
     Study,
 )
 from ematwin.models.parameter_set import ParameterSet, not_searchable
@@ -40,8 +39,8 @@ from ematwin.recordings.recording import Recording
 
 # authors have all of these from here
 __all__ = (
-    "Candidates", "Demand", "Equation", "Form", "Law", "Model", "OtherForm", "Progress", "Reported",
-    "Signal", "Statistic", "Study", "Values",
+    "Candidates", "Demand", "Equation", "Form", "Law", "Model", "Monitoring", "OtherForm",
+    "Progress", "Reported", "Signal", "Statistic", "Study", "Values",
 )  # fmt: skip
 
 Values = Mapping[str, float]
@@ -79,9 +78,7 @@ class Model(ABC):
         (as a factor, one standard deviation) a template may be off
     fixed : places of parameters that cannot be searched, because a batch shares them: the step
     backends : what can simulate its batches, for ``backend=`` of `compare`
-    covariate : name of the nuisance on which healthy features depend, or None
-    statistics : what its comparisons measure beside the values
-    short : names of compared channels in features, where shorter
+    monitoring : what a healthy population needs of it, where one judges
     study : what studies of search methods need of it
     demands : what a motion asks of it and a designed test may limit, the travel first; that of the
         command where none is given
@@ -108,9 +105,7 @@ class Model(ABC):
     nominal: ClassVar[Mapping[str, float]] = {}
     fixed: ClassVar[tuple[str, ...]] = ()
     backends: ClassVar[tuple[str, ...]] = ("cpu",)
-    covariate: ClassVar[str | None] = None
-    statistics: ClassVar[tuple[Statistic, ...]] = ()
-    short: ClassVar[Mapping[str, str]] = {}
+    monitoring: ClassVar[Monitoring] = Monitoring()
     study: ClassVar[Study] = Study()
     demands: ClassVar[tuple[Demand, ...]] = ()
     designable: ClassVar[Mapping[str, tuple[Component, ...]]] = {}
@@ -395,31 +390,3 @@ class Model(ABC):
             for channel in self.channels
             if channel.name in self.outputs and channel.name in recording.channels
         ]
-
-    # What a healthy population asks for, where one judges
-
-    def reported(self, actuator: Any) -> tuple[Reported, ...]:
-        """What is reported; by default each fault as it is searched."""
-        return tuple(
-            Reported(
-                one.name, one.unit, one.meaning, named=one.name, either=one.lower < one.healthy
-            )
-            for one in self.faults(actuator)
-            if one.direction_of is None
-        )
-
-    def settling_time(self, actuator: Any) -> float:
-        """Seconds from a change of the command until its transient has died out."""
-        return 0.0
-
-    def monitored(self, recording: Recording, actuator: Any, settling_time: float) -> Comparison:
-        """A recording prepared for the healthy population.
-
-        ``settling_time`` (s) is that with which the calibration was made; a kind whose preparation
-        depends on what is steady takes it from here.
-        """
-        return self.compare(recording, actuator)
-
-    def derived(self, features: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """Reported quantities that are no unknowns, (N,) by name, from features (N,) by name."""
-        return {}

@@ -16,7 +16,7 @@ from numba.core import event, types
 from numba.extending import intrinsic
 
 from ematwin.numerics.compile import loop, step
-from ematwin.numerics.side_by_side import side_by_side
+from ematwin.numerics.side_by_side import by_candidate, side_by_side
 
 LANES = 16
 """Candidates side by side: two vectors of AVX-512, four of AVX2. More are no faster."""
@@ -148,14 +148,6 @@ class Traces:
 
         side_by_side(simulate, [slice(n, n + LANES) for n in range(0, count, LANES)], threads)
         return {name: traces[:, n] for n, name in enumerate(self._names)}
-
-
-def by_candidate(values: Any, count: int) -> np.ndarray:
-    """(B, N) array of a tuple of N numbers or (B,) arrays, for B = ``count`` candidates."""
-    rows = np.empty((count, len(values)))
-    for n, value in enumerate(values):
-        rows[:, n] = value
-    return rows
 
 
 def _loop_over(

@@ -9,7 +9,7 @@ between runs shows in the scatter of healthy ones, which calibration needs anywa
 have no tolerance since all forces scale with them.
 """
 
-from typing import ClassVar, Self
+from typing import Self
 
 from pydantic import model_validator
 
@@ -71,8 +71,8 @@ class ScrewSteps(Section):
 class BallScrew(ParameterSet):
     """One ball-screw actuator, all values in SI, on the nut unless said otherwise."""
 
-    kind: ClassVar[str] = "ball-screw"
-    default: ClassVar[str] = "rm1605"
+    kind = "ball-screw"
+    default = "rm1605"
 
     screw: Screw
     drive: ScrewDrive

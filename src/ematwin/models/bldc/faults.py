@@ -6,7 +6,7 @@ ESREL 2020 paper, sections 6 and 7.1.
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from difflib import get_close_matches
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -155,11 +155,7 @@ def error_percent_wrapped(estimated: np.ndarray, injected: np.ndarray) -> np.nda
 
 
 class PaperStudy(Study):
-    """The paper's cases and its measure; random faults from barely worth a look to severe."""
-
-    severities: ClassVar[dict[str, tuple[float, float]]] = {
-        "friction": (0.1, 1.0), "backlash": (0.05, 1.0), "gain": (0.2, 1.0),
-    }  # fmt: skip
+    """The paper's cases and its error measure."""
 
     def cases(self, faults: tuple[Unknown, ...]) -> dict[str, dict[str, float]]:
         """Table 1 of the paper."""

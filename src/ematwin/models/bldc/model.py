@@ -4,7 +4,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ematwin.models.base import Demand, Equation, Law, Model, OtherForm, Signal, Study, Values
+from ematwin.models.base import Demand, Equation, Law, Model, OtherForm, Signal, Values
 from ematwin.models.bldc.channels import CHANNELS, CURRENTS, ON_REQUEST, PHASES
 from ematwin.models.bldc.faults import Faults, PaperStudy
 from ematwin.models.bldc.parameters import BldcActuator
@@ -26,7 +26,6 @@ from ematwin.models.servo import (
     tracking_signals,
 )
 from ematwin.models.unknown import Alias, Contrast, Unknown
-from ematwin.recordings.channel import Channel
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
 
@@ -34,21 +33,21 @@ from ematwin.recordings.recording import Recording
 class BldcModel(Model):
     """Six-step brushless motor, gear with backlash, fault parameters of the ESREL 2020 paper."""
 
-    kind: ClassVar[str] = "bldc"
-    title: ClassVar[str] = "brushless motor with six-step drive, gear and backlash"
-    parameters: ClassVar[type[BldcActuator]] = BldcActuator
-    channels: ClassVar[tuple[Channel, ...]] = CHANNELS
-    command: ClassVar[str] = "command"
-    load: ClassVar[str | None] = "load"
-    needs: ClassVar[tuple[tuple[tuple[str, ...], ...], ...]] = ((PHASES, ("current",)),)
-    fidelities: ClassVar[tuple[str, ...]] = ("reference", "monitor")
-    sample_rate: ClassVar[float] = 20_000.0
-    on_request: ClassVar[tuple[str, ...]] = ON_REQUEST
-    fixed: ClassVar[tuple[str, ...]] = FIXED
-    backends: ClassVar[tuple[str, ...]] = ("cpu", "cuda")
-    compared_rate: ClassVar[float | None] = 20_000.0
+    kind = "bldc"
+    title = "brushless motor with six-step drive, gear and backlash"
+    parameters = BldcActuator
+    channels = CHANNELS
+    command = "command"
+    load = "load"
+    needs = ((PHASES, ("current",)),)
+    fidelities = ("reference", "monitor")
+    sample_rate = 20_000.0
+    on_request = ON_REQUEST
+    fixed = FIXED
+    backends = ("cpu", "cuda")
+    compared_rate = 20_000.0
     # Parameters that a healthy recording may determine, and how far a template may be off.
-    model_error: ClassVar[float] = MODEL_ERROR
+    model_error = MODEL_ERROR
     nominal: ClassVar[dict[str, float]] = {
         "motor.emf_constant": 1.1,
         "motor.inertia": 1.3,
@@ -60,9 +59,11 @@ class BldcModel(Model):
         "controller.position_gain": 1.3,
         "controller.speed_gain": 1.3,
     }
-    study: ClassVar[Study] = PaperStudy()
+    study = PaperStudy(
+        severities={"friction": (0.1, 1.0), "backlash": (0.05, 1.0), "gain": (0.2, 1.0)}
+    )
 
-    demands: ClassVar[tuple[Demand, ...]] = (
+    demands = (
         Demand("travel", "rad", ("command", "output_position")),
         Demand("speed", "rad/s", ("output_speed",)),
         Demand("current", "A", CURRENTS),

@@ -260,9 +260,9 @@ class BldcActuator(ParameterSet):
     with `actuator.changed({"motor.resistance": 2.3})`.
     """
 
-    kind: ClassVar[str] = "bldc"
-    former_kinds: ClassVar[tuple[str, ...]] = ("rotary",)
-    default: ClassVar[str] = DEFAULT_ACTUATOR
+    kind = "bldc"
+    former_kinds = ("rotary",)
+    default = DEFAULT_ACTUATOR
 
     motor: Motor
     drive: Drive

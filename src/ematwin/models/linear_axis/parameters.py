@@ -10,7 +10,7 @@ never measured. The gain of the drive has none, since all forces scale with it: 
 it gives a tolerance of its own. Drift is what friction may change by with temperature and grease.
 """
 
-from typing import ClassVar, Self
+from typing import Self
 
 from pydantic import model_validator
 
@@ -79,8 +79,8 @@ class AxisSteps(Section):
 class LinearAxis(ParameterSet):
     """One linear axis, all values in SI, at the carriage."""
 
-    kind: ClassVar[str] = "linear-axis"
-    default: ClassVar[str] = "emps"
+    kind = "linear-axis"
+    default = "emps"
 
     carriage: Carriage
     friction: AxisFriction

@@ -21,34 +21,27 @@ from ematwin.models.pmsm.unknowns import CONTRASTS, FIXED, aliases, unknowns
 from ematwin.models.scenario import Scenario
 from ematwin.models.servo import check_travel, tracking_signals
 from ematwin.models.unknown import Alias, Contrast, Unknown
-from ematwin.recordings.channel import Channel
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
-
-
-class PmsmStudy(Study):
-    """Faults from barely worth a look to severe."""
-
-    severity: ClassVar[tuple[float, float]] = (0.1, 0.8)
 
 
 class PmsmModel(Model):
     """PMSM servo under field-oriented control, gear with stiffness and play; docs/pmsm.md."""
 
-    kind: ClassVar[str] = "pmsm"
-    title: ClassVar[str] = "PMSM servo under field-oriented control, gear and backlash"
-    parameters: ClassVar[type[PmsmActuator]] = PmsmActuator
-    channels: ClassVar[tuple[Channel, ...]] = CHANNELS
-    command: ClassVar[str] = "command"
-    load: ClassVar[str | None] = "load"
-    needs: ClassVar[tuple[tuple[tuple[str, ...], ...], ...]] = NEEDS
+    kind = "pmsm"
+    title = "PMSM servo under field-oriented control, gear and backlash"
+    parameters = PmsmActuator
+    channels = CHANNELS
+    command = "command"
+    load = "load"
+    needs = NEEDS
     # one descent from healthy finds the valley: the currents' frame turns with the recorded rotor
-    default_search: ClassVar[str] = "levenberg-marquardt"
-    frees_parameters: ClassVar[bool | None] = True
-    fidelities: ClassVar[tuple[str, ...]] = ("reference", "monitor")
-    sample_rate: ClassVar[float] = 10_000.0
-    on_request: ClassVar[tuple[str, ...]] = ON_REQUEST
-    fixed: ClassVar[tuple[str, ...]] = FIXED
+    default_search = "levenberg-marquardt"
+    frees_parameters = True
+    fidelities = ("reference", "monitor")
+    sample_rate = 10_000.0
+    on_request = ON_REQUEST
+    fixed = FIXED
     # what healthy recordings may determine, and how far a template may be off
     nominal: ClassVar[dict[str, float]] = {
         "motor.resistance": 1.1,
@@ -67,9 +60,9 @@ class PmsmModel(Model):
         "transmission.backlash": 1.5,
         "transmission.stiffness": 1.5,
     }
-    study: ClassVar[Study] = PmsmStudy()
+    study = Study(severity=(0.1, 0.8))
 
-    demands: ClassVar[tuple[Demand, ...]] = (
+    demands = (
         Demand("travel", "rad", ("command", "output_position")),
         Demand("speed", "rad/s", ("output_position",), is_rate=True),
         Demand("current", "A", (*PHASES, *ROTATING)),

@@ -11,7 +11,7 @@ Gains, rates and limits of the drive are what was set in it, and so are its idea
 """
 
 import math
-from typing import ClassVar, Self
+from typing import Self
 
 from pydantic import model_validator
 
@@ -136,8 +136,8 @@ class Steps(Section):
 class PmsmActuator(ParameterSet):
     """One PMSM servo, all values in SI: ``PmsmActuator.load("servo400")``."""
 
-    kind: ClassVar[str] = "pmsm"
-    default: ClassVar[str] = "servo400"
+    kind = "pmsm"
+    default = "servo400"
 
     motor: Motor
     drive: Drive

@@ -8,7 +8,7 @@ judgement. Drift is how far healthy recordings of one servo differed beyond thei
 the bus the moment at which a goal arrives.
 """
 
-from typing import ClassVar, Self
+from typing import Self
 
 from pydantic import model_validator
 
@@ -87,8 +87,8 @@ class ServoSteps(Section):
 class PositionServo(ParameterSet):
     """One position servo, all values in SI, on the output shaft."""
 
-    kind: ClassVar[str] = "position-servo"
-    default: ClassVar[str] = "sts3215"
+    kind = "position-servo"
+    default = "sts3215"
 
     controller: ServoController
     motor: ServoMotor
