@@ -1,10 +1,10 @@
-"""Model: what a kind of actuator is, to everything above it.
+"""Model: the interface of a kind of actuator.
 
-One folder, or one installed package, holds all that is particular to a kind of actuator; its
-`Model` is the only door. The least that an author writes is the parameters, the channels, the
-unknowns, and `respond`: what the twin answers with. Comparing, simulating and the rest follow from
-these, and a kind that can do better overrides them: the brushless actuator simulates a reference
-model and scores its candidates while it simulates them.
+One folder, or one installed package, holds everything specific to a kind of actuator; its `Model`
+is the only entry. An author writes at least the parameters, the channels, the unknowns, and the
+response of the twin (`respond`). Comparing, simulating and the rest follow from these, and a kind
+that can do better overrides them: the brushless actuator simulates a reference model and scores its
+candidates while it simulates them.
 
 A model knows no search, no estimate and no report. Another package's model is found by the entry
 point group ``ematwin.models`` (`ematwin.models.registry`); docs/your-own-model.md leads through the
@@ -62,10 +62,10 @@ class Model(ABC):
     needs : channels that a recording must have besides the command; where one of several
         alternatives will do, a group of them, each a tuple of channels
     default_search : name of the search method that `identify` uses
-    model_error : factor on standard errors for what the twin gets wrong in the same way throughout
-        a recording; the default is that measured for the brushless actuator of version 0.1
-    frees_parameters : whether parameters are free, as far as their tolerances allow, where healthy
-        recordings are learnt and others judged; None where that follows from the default search
+    model_error : factor on standard errors for errors of the twin that last throughout a recording;
+        the default was measured for the brushless actuator of version 0.1
+    frees_parameters : whether parameters are free within their tolerances where healthy recordings
+        are learnt and others judged; None where that follows from the default search
         (so it is for all but a local one)
     recordings_differ : whether recordings of a healthy actuator differ by more than noise, as those
         of servos do with their temperature: calibration then learns how much, and faults are judged
@@ -78,10 +78,10 @@ class Model(ABC):
         (as a factor, one standard deviation) a template may be off
     fixed : places of parameters that cannot be searched, because a batch shares them: the step
     backends : what can simulate its batches, for ``backend=`` of `compare`
-    monitoring : what a healthy population needs of it, where one judges
+    monitoring : the part that a healthy population uses, where one judges
     study : what studies of search methods need of it
-    demands : what a motion asks of it and a designed test may limit, the travel first; that of the
-        command where none is given
+    demands : quantities of a motion that a designed test may limit, the travel first; the size of
+        the command where none is given
     designable : by "command" and "load", parts that a design may add to those that a scenario has
         (each with the size of zero); of each its `Component.designed` may be chosen
     """
@@ -118,7 +118,7 @@ class Model(ABC):
     def respond(
         self, actuator: Any, inputs: Recording, candidates: Candidates, count: int
     ) -> dict[str, np.ndarray]:
-        """What the twin answers with: output channels by name, (B, S) arrays, SI.
+        """Response of the twin: output channels by name, (B, S) arrays, SI.
 
         Parameters
         ----------
@@ -154,7 +154,7 @@ class Model(ABC):
 
     @property
     def limited(self) -> tuple[Demand, ...]:
-        """What a designed test may limit: `demands`, or else the size of the command.
+        """Quantities that a designed test may limit: `demands`, or else the size of the command.
 
         That is the travel where the command is a position; else it has the name of its channel.
         """
@@ -198,7 +198,7 @@ class Model(ABC):
         return {one.name: one.healthy for one in self.unknowns(actuator)}
 
     def values_of(self, actuator: Any, given: Any) -> dict[str, float]:
-        """Values of all unknowns from a mapping of some; what is not given is healthy.
+        """Values of all unknowns from a mapping of some; the others are healthy.
 
         Raises
         ------
@@ -214,7 +214,7 @@ class Model(ABC):
         return values
 
     def describe(self, actuator: Any, values: Values) -> list[PhysicalValue]:
-        """What the values of faults and nuisances mean on an actuator."""
+        """Physical values of faults and nuisances on an actuator."""
         rows = []
         for one in self.unknowns(actuator):
             if one.name not in values:
@@ -290,23 +290,24 @@ class Model(ABC):
         return []
 
     def laws(self, recording: Recording, actuator: Any) -> Sequence[Law]:
-        """What the channels of a recording satisfy whatever the faults; one that does not is named.
+        """Laws that the channels of a recording satisfy whatever the faults.
 
-        `ematwin.models.channels_agree` tests them; a channel that breaks one bars any verdict.
+        `ematwin.models.channels_agree` tests them; a channel that breaks one is named, and bars any
+        verdict.
         """
         return ()
 
     def starts(self, actuator: Any, recording: Recording) -> list[dict[str, float]]:
-        """Values from which a local search may start; what is not named starts healthy."""
+        """Values from which a local search may start; all others start healthy."""
         return [{}]
 
     def check(self, recording: Recording, actuator: Any) -> list[str]:
-        """Sentences on what is doubtful about a recording of this actuator.
+        """Sentences on doubts about a recording of this actuator.
 
         Raises
         ------
         RecordError
-            If it cannot be what it says, with the reason and the likely cause.
+            If it contradicts itself or the actuator, with the reason and the likely cause.
         """
         self.check_channels(recording)
         return []
@@ -364,7 +365,7 @@ class Model(ABC):
         return Scenario.load_file(name_or_path, self.scenarios(), units)
 
     def demanded(self, recording: Recording) -> dict[str, float]:
-        """What a recorded motion asks of an actuator, SI, by the name of the demand."""
+        """Demands of a recorded motion by name, SI."""
         sizes = {one.name: one.size(recording) for one in self.limited}
         return {name: size for name, size in sizes.items() if size is not None}
 
@@ -380,7 +381,7 @@ class Model(ABC):
         return found
 
     def signals(self, recording: Recording, actuator: Any) -> list[Signal]:
-        """What a page shows of a recording, the most telling first: each compared channel."""
+        """Traces for a page, the most important first: each compared channel."""
         return [
             Signal(
                 channel.meaning[:1].upper() + channel.meaning[1:],

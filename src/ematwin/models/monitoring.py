@@ -1,7 +1,7 @@
-"""Monitoring: what a healthy population needs of a kind of actuator.
+"""Monitoring: the part of a kind of actuator that a healthy population uses.
 
 `calibrate` learns the scatter of features between healthy runs of kinds such as the ball screw, and
-`detect` compares a run with them. A kind without one of its own reports its faults.
+`detect` compares a run with them. A kind without one reports its faults.
 """
 
 import math
@@ -50,7 +50,7 @@ class Statistic:
     ----------
     name : str, in `Comparison.statistics`
     unit : str, SI
-    changed : str, what is said of a recording whose value is unlike the healthy ones
+    changed : str, sentence on a recording whose value is unlike the healthy ones
     advice : str, a sentence on why that may be
     """
 
@@ -94,7 +94,7 @@ class Monitoring:
     ) -> Comparison:
         """A recording prepared for the population.
 
-        A kind whose preparation depends on steady motion takes ``settling_time`` (s), that of the
+        A kind whose preparation depends on steady motion takes ``settling_time`` (s) of the
         calibration.
         """
         compared: Comparison = model.compare(recording, actuator)

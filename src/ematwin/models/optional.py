@@ -25,7 +25,7 @@ class Signal:
     ----------
     title, unit : of the panel
     values : (S,) array
-    reference : (S,) array or None, what was commanded
+    reference : (S,) array or None, the commanded trace
     """
 
     title: str
@@ -35,7 +35,7 @@ class Signal:
 
 
 class Demand(NamedTuple):
-    """What a motion asks of an actuator, and a test may limit: the largest magnitude.
+    """Demand of a motion on an actuator, which a test may limit: the largest magnitude.
 
     Parameters
     ----------
@@ -64,8 +64,8 @@ class OtherForm(NamedTuple):
     ----------
     actuator : with the form
     meaning : str, such as "an eccentricity that is fixed in space"
-    setting : str, what the file says to have it
-    names : of the faults that are said of it
+    setting : str, the setting of the file that states it
+    names : of its faults
     mistaken : names of the faults that may be called in its place
     starts : values by name, some of parameters by place, from which a descent may set out
     """
@@ -137,7 +137,7 @@ class Form(NamedTuple):
         is given as it is known so far
     alternatives : gives values by place that are chosen from a list, such as sample times
     fitted : places that are fitted
-    said : says what was found, such as "cogging of 1.1 mN m, 12 a turn"
+    said : describes the found form, such as "cogging of 1.1 mN m, 12 a turn"
     """
 
     name: str
@@ -150,13 +150,13 @@ class Form(NamedTuple):
 
 
 class Equation(NamedTuple):
-    """What a part of an actuator has to satisfy along a recorded motion, and its forms.
+    """Equation of a part of an actuator along a recorded motion, and its forms.
 
     Parameters
     ----------
     name : str, such as "controller"
     left : gives what an actuator leaves of the recording, (K,) array
-    size : float, norm of what is to be explained, in the same unit
+    size : float, norm of the trace to be explained, in the same unit
     least : gives the share of it that noise and the error of the model leave of an actuator
     fitted : places that are fitted whatever the forms
     forms : that are looked for

@@ -1,4 +1,4 @@
-"""Columns of a recorded file, in SI, for scenarios that repeat what was once commanded."""
+"""Columns of a recorded file, in SI, for scenarios that repeat a recorded command."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -24,7 +24,7 @@ def recorded_columns(
     Parameters
     ----------
     path : any file that `ematwin.read` knows
-    kinds, optional : name of a column to the SI units of which it may be
+    kinds, optional : name of a column to its possible SI units
 
     Raises
     ------

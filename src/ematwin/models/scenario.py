@@ -66,7 +66,7 @@ class Component(BaseModel):
         return self
 
     def stretched(self, factor: float) -> Self:
-        """The component with all its times so many times longer; frequencies stay."""
+        """The component with all its times multiplied by a factor; frequencies stay."""
         times = {name: value for name, value in self if name in _TIMES and value is not None}
         return self.model_copy(update={name: factor * value for name, value in times.items()})
 
@@ -254,7 +254,7 @@ class Scenario(BaseModel):
         """A shipped scenario by name, a TOML file, or a recorded CSV or Parquet file.
 
         ``shipped`` are the scenarios of a kind of actuator, the first its default, and ``units``
-        the SI units of its command and load; those of the brushless actuator if not given
+        the SI units of its command and load; rad and N m if not given
         (`ematwin.models.base.Model.load_scenario` gives both).
 
         A recorded file needs columns ``time`` and ``command``, and may have ``load``; their names
@@ -333,7 +333,7 @@ class Scenario(BaseModel):
         Raises
         ------
         ParameterError
-            If its times are those of a file.
+            If its times come from a file.
         """
         if duration == self.duration:
             return self
@@ -355,7 +355,7 @@ class Scenario(BaseModel):
         Raises
         ------
         InputError
-            If the name does not end in .toml.
+            If the name has another ending than .toml.
         FileError
             If it cannot be written.
         """

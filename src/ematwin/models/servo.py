@@ -61,7 +61,7 @@ def normalised_fault(
     healthy: float = 0.0,
     **more: Any,
 ) -> Unknown:
-    """A fault from 0 to 1; ``unit`` is that of ``physical``, ``more`` as of `Unknown`."""
+    """A fault from 0 to 1; ``unit`` of ``physical``, ``more`` as of `Unknown`."""
     return Unknown(
         name, "", meaning, healthy, 0.0, 1.0, physical_unit=unit, physical=physical, **more
     )
@@ -136,7 +136,7 @@ def motion_laws(model: Model, recording: Recording, actuator: Any) -> list[Law]:
 
 
 def checked_step(actuator: Any, fidelity: str, step: float | None) -> float:
-    """A step of a model, s; that of the actuator if not given.
+    """A step of a model, s; the actuator's if not given.
 
     Raises
     ------

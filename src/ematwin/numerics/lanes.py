@@ -2,8 +2,8 @@
 
 LLVM turns a loop over candidates into vector instructions if each scalar step is inlined, has
 selects in place of branches, and reads and writes few arrays, with a row for each field of a tuple
-and a column for each lane (`columns`): it gives up where many arrays might overlap. What it needs
-to be told beyond that is here, without private parts of numba. `Traces` makes the loop over time
+and a column for each lane (`columns`): it gives up where many arrays might overlap. Further
+instructions to LLVM are here, without private parts of numba. `Traces` makes the loop over time
 and candidates of two steps of a model.
 """
 
@@ -95,8 +95,8 @@ class Traces:
 
     Parameters
     ----------
-    constants, state, answers : classes of named tuples of numbers: what a candidate is, what it
-        remembers, and what is seen of it
+    constants, state, answers : classes of named tuples of numbers: a candidate, its state,
+        and its compared channels
     sampled : step ``(state, command, load, n, c, interval) -> state, answers`` at sample ``n``;
         ``answers`` are what that sample shows
     advanced : step ``(state, command, load, c, dt) -> state`` over a time ``dt``; command and load

@@ -1,4 +1,4 @@
-"""What a kind of actuator must declare: parameters, channels, scenarios and unknowns.
+"""Declarations of a kind of actuator: parameters, channels, scenarios and unknowns.
 
 The part of `ematwin.testing.model_contract.ModelContract` that simulates hardly anything.
 """
@@ -197,7 +197,7 @@ class DeclarationContract:
     def test_cases_of_a_study_lie_within_the_bounds(
         self, model: Model, actuator: ParameterSet
     ) -> None:
-        """And the error of the truth is zero, that of healthy is not."""
+        """And the error of the truth is zero, the error of healthy is not."""
         nothing = model.healthy(actuator)
         faults, study = model.faults(actuator), model.study
         for values in study.cases(faults).values():
@@ -218,7 +218,7 @@ def _units() -> Any:
 
 
 def _in_si(unit: str) -> float:
-    """What one of a unit is in SI."""
+    """Size of a unit in SI."""
     try:
         return float(_units().Quantity(1.0, unit).to_base_units().magnitude)
     except Exception as error:  # pint raises a family of unrelated types

@@ -57,7 +57,7 @@ def candidates(model: Model, actuator: ParameterSet, count: int) -> dict[str, np
 
 
 def unit(model: Model, actuator: ParameterSet, random: np.random.Generator) -> ParameterSet:
-    """An actuator of which each parameter is off by what is stated of it."""
+    """An actuator whose parameters are drawn within their tolerances."""
     drawn = {}
     for place, value, *_ in actuator.parameters():
         tolerance = actuator.tolerance(place)
@@ -93,7 +93,7 @@ def nuisances(
 
 
 def with_noise(model: Model, recording: Recording, random: np.random.Generator) -> Recording:
-    """The recording with the white noise of usual sensors on what is compared."""
+    """The recording with the white noise of usual sensors on the compared channels."""
     noisy = {}
     for name in model.outputs:
         values = recording.channels.get(name)
@@ -104,7 +104,7 @@ def with_noise(model: Model, recording: Recording, random: np.random.Generator) 
 
 
 def at_most(count: int, rate: float) -> int:
-    """What a binomial number exceeds once in a thousand cases."""
+    """Limit that a binomial number exceeds once in a thousand cases."""
     chances = [
         math.comb(count, k) * rate**k * (1.0 - rate) ** (count - k) for k in range(count + 1)
     ]

@@ -87,7 +87,7 @@ class ModelContract(DeclarationContract):
             )
 
     def test_the_healthy_twin_reproduces_the_healthy_actuator(self, comparison: Comparison) -> None:
-        """With no candidate value named at all, since what is not named is healthy."""
+        """With no candidate value named at all: all are healthy by default."""
         misfit = math.sqrt(float(comparison.costs({}, 1)[0]) / comparison.scale)
         assert misfit <= self.healthy_misfit, (
             f"relative misfit {misfit:.2g}: values that are not named must be healthy, and the "
@@ -162,7 +162,7 @@ class ModelContract(DeclarationContract):
     def test_parameters_differ_between_candidates(
         self, model: Model, actuator: ParameterSet, healthy: Recording, comparison: Comparison
     ) -> None:
-        """Exactly as they differ between actuators; what is not `nominal` may be refused."""
+        """Exactly as they differ between actuators; others than `nominal` ones may be refused."""
         varied = 0
         for place, value, _, _, _ in actuator.parameters():
             changed = value * (0.5 if place == self.step else 1.03)
@@ -259,11 +259,11 @@ class ModelContract(DeclarationContract):
     ) -> None:
         """No two units are alike, and their sensors have noise: wrong names and coverage, counted.
 
-        Each parameter is off by what its tolerance says, each nuisance by its prior. Half of the
+        Parameters are drawn within their tolerances, nuisances from their priors. Half of the
         units are healthy, the others have one fault each. A fault that is not there may be named
         on as many as `FALSE_ALARM_RATE` lets expect, and intervals may miss as often as 95 % ones
         do, with what chance adds once in a thousand cases. A recording that the kind refuses, as
-        that of a drive that a fault has made unstable, says nothing; most must be judged.
+        such as of a drive that a fault has made unstable, does not count; most must be judged.
         """
         if not self.units:
             pytest.skip("units take too long; count them elsewhere")

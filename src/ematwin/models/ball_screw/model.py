@@ -84,13 +84,13 @@ class BallScrewModel(Model):
         return stepped(actuator)
 
     def noise(self, actuator: Any, recording: Recording) -> dict[str, float]:
-        """Standard deviations of current (A) and position error (m), those of a usual rig."""
+        """Standard deviations of current (A) and position error (m), as on a usual rig."""
         return {"current": 0.05, "position_error": 2e-4}
 
     def compare(
         self, recording: Recording, actuator: Any, *, threads: int | None = None, **settings: Any
     ) -> Any:
-        """A recording whose current is freed from what its sensors share."""
+        """A recording without the noise that its two sensors share."""
         from ematwin.models.ball_screw.comparison import BallScrewComparison
 
         self.check_channels(recording)
@@ -111,7 +111,7 @@ class BallScrewModel(Model):
         return []
 
     def rate_of(self, actuator: Any) -> float:
-        """Hz, that of the position loop."""
+        """Sample rate of the position loop, Hz."""
         return float(1.0 / actuator.controller.sample_time)
 
     def sensed(

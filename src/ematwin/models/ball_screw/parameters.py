@@ -2,9 +2,9 @@
 
 The equations are in docs/ball-screw.md.
 
-Tolerances (`quantity`) are two standard deviations of the factors by which a template may be off,
-those of ``BallScrewModel.nominal``: factor**2 - 1, at most 2. They are judgement: data sheets of
-screws and stepper drives say little of friction, lags and gains. No drift is stated: what changes
+Tolerances (`quantity`) are two standard deviations of the factors in ``BallScrewModel.nominal``:
+factor**2 - 1, at most 2. They are judgement: data sheets of screws and stepper drives hardly state
+friction, lags and gains. No drift is stated: what changes
 between runs shows in the scatter of healthy ones, which calibration needs anyway. Lead and supply
 have no tolerance since all forces scale with them.
 """

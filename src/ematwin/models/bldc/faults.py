@@ -39,9 +39,9 @@ PAPER_CASES = {
 
 @dataclass(frozen=True)
 class Faults:
-    """A fault vector: eight magnitudes in [0, 1]. What is not given is healthy.
+    """A fault vector: eight magnitudes in [0, 1], healthy by default.
 
-    `print` says what the vector means on the default actuator, `physical` on any.
+    `print` shows physical values on the default actuator, `physical` on any.
 
     Raises
     ------
@@ -112,7 +112,7 @@ class Faults:
     to_dataframe = to_frame
 
     def _repr_html_(self) -> str:
-        """What the vector means on the default actuator, in a notebook."""
+        """Physical values on the default actuator, in a notebook."""
         return physical_html(repr(self), self.physical())
 
     def __repr__(self) -> str:

@@ -82,11 +82,11 @@ class BldcModel(Model):
         return (*UNKNOWNS, *nuisances(actuator))
 
     def aliases(self, actuator: Any, values: Values) -> list[Alias]:
-        """Scale of all torques, and each fault against what it is a multiple of."""
+        """Scale of all torques, and each fault against the parameter that it multiplies."""
         return aliases(actuator, values)
 
     def contrasts(self, actuator: Any) -> tuple[Contrast, ...]:
-        """What the phases have lost alike, and each beyond that."""
+        """Turns lost by all phases alike, and by each beyond that."""
         return CONTRASTS
 
     def other_forms(self, actuator: Any, found: Values) -> tuple[OtherForm, ...]:

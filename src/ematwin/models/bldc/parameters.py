@@ -5,17 +5,17 @@ Tolerances are how far a data sheet may be off on one unit, drifts how far a val
 
 Motor catalogues state 10 % for resistance, 5 to 10 % for the torque and EMF constants (6 % here),
 and 30 % for inductance. IEC 60034-1 allows 10 % on inertia; a coupling or a pinion adds to it.
-Copper gains 0.39 % for each kelvin, thus 35 % in a winding 90 K warmer than that of the catalogue.
+Copper gains 0.39 % for each kelvin, thus 35 % in a winding 90 K warmer than in the catalogue.
 Magnets lose 0.1 (NdFeB) to 0.2 % (ferrite) for each kelvin: 5 % in 25 to 50 K. Supplies are set to
 5 % and sag by 8 % under load or with the state of a battery. Viscous damping follows the
 temperature of grease.
 
-The rest is judgement, wide on purpose: catalogues give backlash and friction as upper limits, say
-nothing of the leakage, and rarely of what is on the output; gains of a drive are often known in its
-own units only. The torque constant, the inertia and the efficiencies were narrowed while looking at
+The rest is judgement, wide on purpose: catalogues give backlash and friction as upper limits, omit
+the leakage, and rarely describe the output; gains of a drive are often known in units of the drive
+only. The torque constant, the inertia and the efficiencies were narrowed while looking at
 simulated actuators: newton metres rest on them (docs/trust.md).
 
-What is left without a tolerance is counted, chosen, or hardly changes what a recording shows.
+Parameters without a tolerance are counted, chosen, or hardly change a recording.
 """
 
 import math
@@ -123,7 +123,7 @@ class Transmission(Section):
 
 
 class ShortedTurns(Section):
-    """Shorted turns are a loop with a current of its own, which brakes; else they only are missing.
+    """Shorted turns form a loop whose current brakes; without this section they are only missing.
 
     A contact between turns may be anything from a trace of carbon to a weld: its resistance is
     known within a factor of two at best.
@@ -202,8 +202,8 @@ class SpeedLoop(Section):
 class CurrentLoop(Section):
     """PI current loop with pulse-width modulation; left out, a comparator follows the demand.
 
-    It is that of the pair that conducts: half of the difference of its currents, and the voltage
-    across it. Samples begin with the recording.
+    It controls the conducting pair: half of the difference of its currents, by the voltage across
+    it. Samples begin with the recording.
     """
 
     example: ClassVar[dict[str, float]] = {
@@ -233,7 +233,7 @@ class CurrentLoop(Section):
 class Compliance(Section):
     """A gear that gives under torque; it takes the place of the contact.
 
-    The monitor model has a rigid gear all the same: what it misses is taken from the reference.
+    The monitor model keeps a rigid gear; the reference corrects its error.
     """
 
     example: ClassVar[dict[str, float]] = {"stiffness": 10.0, "damping": 0.005}

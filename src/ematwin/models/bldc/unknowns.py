@@ -1,4 +1,4 @@
-"""What is unknown of a brushless actuator: its faults, in one table.
+"""Unknowns of a brushless actuator: its faults, in one table.
 
 ESREL 2020 paper, section 6. The magnitudes are normalised to [0, 1]; the laws that turn them into
 physical ones are those that the kernel calls (`ematwin.models.bldc.state`).
@@ -140,9 +140,8 @@ def _aliases_of_turns(actuator: Any, k: Mapping[str, float]) -> list[Alias]:
     """What looks like shorted turns, which are missing or a loop.
 
     Missing turns weaken the speed loop as well, which a torque constant that the drive knows does
-    not. What that changes in the current is less than what the twin gets wrong of it, so that it
-    counts as nothing: where it counted, weak magnets were named as shorts
-    (docs/certainty-results.md).
+    not. This changes the current by less than the error of the twin, so it does not count: where
+    it counted, weak magnets were named as shorts (docs/certainty-results.md).
 
     A loop shows by the flux that it takes, mu i_f = G (R i + e) with G = mu^2/(R_f + mu R) and R of
     one phase: a higher resistance R_f of the contact looks like fewer turns.

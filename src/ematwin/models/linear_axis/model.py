@@ -73,7 +73,7 @@ class LinearAxisModel(Model):
         return aliases()
 
     def contrasts(self, actuator: Any) -> tuple[Contrast, ...]:
-        """Asymmetry of all friction, which is known better than that of its parts."""
+        """Asymmetry of all friction, which is known better than the asymmetry of its parts."""
         return CONTRASTS
 
     def respond(
@@ -93,7 +93,7 @@ class LinearAxisModel(Model):
         return stepped(actuator)
 
     def noise(self, actuator: Any, recording: Recording) -> dict[str, float]:
-        """What the twin leaves of voltage (V) and position error (m): 2 % of their spread."""
+        """Usual residual of voltage (V) and position error (m): 2 % of their spread."""
         return {
             name: _MISSED * float(recording.channels[name].std()) or 1.0
             for name in COMPARED
@@ -110,7 +110,7 @@ class LinearAxisModel(Model):
         return LinearAxisComparison(self, recording, actuator)
 
     def check(self, recording: Recording, actuator: Any) -> list[str]:
-        """Sampling, units, signs, and whether the controller is the one that was recorded."""
+        """Sampling, units, signs, and whether the recorded controller is the stated one."""
         from ematwin.models.linear_axis.plausibility import check_signals
 
         self.check_channels(recording)
@@ -129,7 +129,7 @@ class LinearAxisModel(Model):
         return missing_motion(recording)
 
     def rate_of(self, actuator: Any) -> float:
-        """Hz, that of the controller."""
+        """Sample rate of the controller, Hz."""
         return float(1.0 / actuator.controller.sample_time)
 
     def sensed(

@@ -1,8 +1,8 @@
 """Loops over time and candidates. The physics is in the steps; here is only bookkeeping.
 
 `reference_trace` gives a whole simulation. `monitor_scores` runs candidates side by side in lanes
-of a processor's vector unit (`ematwin.numerics.lanes`); what they answer with is filtered, thinned
-and compared as it arises.
+of a processor's vector unit (`ematwin.numerics.lanes`); their responses are filtered, thinned
+and compared as they arise.
 """
 
 import numpy as np
@@ -56,8 +56,8 @@ def reference_trace(command, load, state, control, c, dt, substeps, ticks, quant
     ----------
     command, load : (K + 1,) arrays, at the ticks of the current loops, rad and N m on the motor
         shaft; the load runs in straight lines between
-    state, control : (12,) arrays, the fields of `ReferenceState`; those of `ControlState` and the
-        voltages at the terminals in the tick before; they hold the last ones afterwards
+    state, control : (12,) arrays, the fields of `ReferenceState`; the fields of `ControlState` and
+        the voltages at the terminals in the tick before; they hold the last ones afterwards
     c : Constants, for the step
     dt, substeps : step (s), and how many make a tick
     ticks : (2,) integer array, ticks of the speed and the position loop
@@ -149,7 +149,7 @@ def reference_trace(command, load, state, control, c, dt, substeps, ticks, quant
 
 @step
 def take_legs(own, plant, loops, share):
-    """Add a share of what the legs take now to what they take in a tick, for all lanes."""
+    """Add a share of the present leg errors to the leg errors of a tick, for all lanes."""
     for n in range(LANES):
         c = lane(own, n)
         s, co = sincos(c.pole_pairs * plant[6, n])

@@ -30,7 +30,7 @@ def constants_of(
 ) -> np.ndarray:
     """(B, 59) array, the fields of `Constants` of B candidates.
 
-    ``candidates`` are values (B,) of unknowns and, by place, of parameters; what is not named is
+    ``candidates`` are values (B,) of unknowns and, by place, of parameters; all others are
     healthy. ``step`` is that over which the currents of shorted loops decay, s.
     """
     return by_candidate(fields_of(actuator, candidates, step), count)

@@ -74,7 +74,7 @@ class PmsmModel(Model):
         return unknowns(actuator)
 
     def aliases(self, actuator: Any, values: Values) -> list[Alias]:
-        """Each fault against what it is a multiple of."""
+        """Each fault against the parameter that it multiplies."""
         return aliases(actuator, values)
 
     def contrasts(self, actuator: Any) -> tuple[Contrast, ...]:

@@ -6,7 +6,7 @@ inductance; IEC 60034-1 allows 10 % on inertia. Copper gains 0.39 % and NdFeB ma
 each kelvin: 35 % and 5 % in 90 and 50 K. Friction, backlash and stiffness are given as limits or
 typical values only.
 
-Gains, rates and limits of the drive are what was set in it, and so are its ideas of the motor
+Gains, rates and limits are settings of the drive, and so are its assumptions on the motor
 (`Controller.flux` and the inductances beside it): they are numbers of a digital controller.
 """
 

@@ -69,7 +69,7 @@ def stepped(actuator: PmsmActuator, fidelity: str) -> Stepped:
 
 @part
 def _show(y, seen, pole_pairs, theta_m, theta_o, ratio):
-    """Fill the outputs with what the drive logs."""
+    """Fill the outputs with the log of the drive."""
     angle = pole_pairs * theta_m
     y[0, 0], y[1, 0], y[2, 0] = _PHASES(seen.i_d, seen.i_q, angle)
     y[3, 0], y[4, 0], y[5, 0] = _PHASES(seen.v_d, seen.v_q, angle)
@@ -78,7 +78,7 @@ def _show(y, seen, pole_pairs, theta_m, theta_o, ratio):
 
 
 def _resting(ratio: float, loops: int) -> Any:
-    """What fills the state at rest, with the states of the loops behind those of the plant."""
+    """Function that fills the state at rest; the states of the loops follow those in the plant."""
 
     @part
     def begin(c, u, x):

@@ -1,6 +1,6 @@
-"""What is unknown of a PMSM servo, in one table: faults and nuisances.
+"""Unknowns of a PMSM servo, in one table: faults and nuisances.
 
-All faults are normalised to [0, 1]; `ematwin.models.pmsm.state` says what they are in SI.
+All faults are normalised to [0, 1]; `ematwin.models.pmsm.state` converts them to SI.
 """
 
 import math
@@ -115,7 +115,7 @@ def unknowns(actuator: Any) -> tuple[Unknown, ...]:
 
 
 def aliases(actuator: Any, values: Mapping[str, float]) -> list[Alias]:
-    """Directions in which the answer does not change: each fault against what it multiplies.
+    """Directions in which the response does not change: each fault against its parameter.
 
     Parameters stay free: a fault cannot take their place on both sides, as turns are not added and
     gaps do not close. Priors decide along these directions.
