@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ematwin.errors import InputError, ParameterError, RecordError
-from ematwin.models.base import Law, Model, Signal
+from ematwin.models.base import Candidates, Law, Model, Signal
 from ematwin.models.scenario import Scenario
 from ematwin.models.unknown import Unknown
 from ematwin.recordings.channel import Channel, Derivation
@@ -29,6 +29,25 @@ COMMAND_AND_LOAD = (
     Channel("load", "N*m", "load on the output, against positive motion",
             ("load_torque", "t_load"), "output"),
 )  # fmt: skip
+
+
+class ServoModel(Model):
+    """A kind of this sort whose reference model corrects a fast one, the monitor model."""
+
+    command = "command"
+    load = "load"
+    fidelities = ("reference", "monitor")
+
+    def respond(
+        self, actuator: Any, inputs: Recording, candidates: Candidates, count: int
+    ) -> dict[str, np.ndarray]:
+        """Responses of the monitor model, low-passed, (B, S) arrays by channel."""
+        found: dict[str, np.ndarray] = self.compare(inputs, actuator).responses(candidates, count)
+        return found
+
+    def check_scenario(self, scenario: Scenario, actuator: Any) -> None:
+        """Raise `ParameterError` if the command leaves the travel."""
+        check_travel(scenario, actuator)
 
 
 def _third(one: np.ndarray, other: np.ndarray) -> np.ndarray:
@@ -133,6 +152,15 @@ def motion_laws(model: Model, recording: Recording, actuator: Any) -> list[Law]:
             text = f"{speed} is not the slope of {position}"
             found.append(Law(text, both, lambda taken: np.subtract(*taken.values()), _SLOPE * size))
     return found
+
+
+def check_stops(gear: Any) -> None:
+    """Raise ValueError unless the end stops of a gear lie to both sides of zero."""
+    if not gear.travel_low < 0.0 < gear.travel_high:
+        raise ValueError(
+            "travel_low must lie below zero and travel_high above, received "
+            f"{gear.travel_low} and {gear.travel_high} rad; correct the end stops"
+        )
 
 
 def checked_step(actuator: Any, fidelity: str, step: float | None) -> float:

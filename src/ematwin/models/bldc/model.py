@@ -4,7 +4,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ematwin.models.base import Demand, Equation, Law, Model, OtherForm, Signal, Values
+from ematwin.models.base import Demand, Equation, Law, OtherForm, Signal, Values
 from ematwin.models.bldc.channels import CHANNELS, CURRENTS, ON_REQUEST, PHASES
 from ematwin.models.bldc.faults import Faults, PaperStudy
 from ematwin.models.bldc.parameters import BldcActuator
@@ -17,10 +17,9 @@ from ematwin.models.bldc.unknowns import (
     aliases,
     nuisances,
 )
-from ematwin.models.comparison import Candidates
 from ematwin.models.scenario import Chirp, Component, Ramp, Scenario, Step
 from ematwin.models.servo import (
-    check_travel,
+    ServoModel,
     current_laws,
     motion_laws,
     tracking_signals,
@@ -30,17 +29,14 @@ from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
 
 
-class BldcModel(Model):
+class BldcModel(ServoModel):
     """Six-step brushless motor, gear with backlash, fault parameters of the ESREL 2020 paper."""
 
     kind = "bldc"
     title = "brushless motor with six-step drive, gear and backlash"
     parameters = BldcActuator
     channels = CHANNELS
-    command = "command"
-    load = "load"
     needs = ((PHASES, ("current",)),)
-    fidelities = ("reference", "monitor")
     sample_rate = 20_000.0
     on_request = ON_REQUEST
     fixed = FIXED
@@ -141,15 +137,6 @@ class BldcModel(Model):
 
             ready()
 
-    def respond(
-        self, actuator: Any, inputs: Recording, candidates: Candidates, count: int
-    ) -> dict[str, np.ndarray]:
-        """The equivalent current of the monitor model, low-passed, (B, S) array."""
-        responses: dict[str, np.ndarray] = self.compare(inputs, actuator).responses(
-            candidates, count
-        )
-        return responses
-
     def check_channels(self, recording: Recording) -> None:
         """Command and currents, whole or not at all."""
         from ematwin.models.bldc.plausibility import check_phases
@@ -184,10 +171,6 @@ class BldcModel(Model):
     ) -> Recording:
         """With noise of the currents alone."""
         return recording if noise is None else noise.apply(recording, np.random.default_rng(seed))
-
-    def check_scenario(self, scenario: Scenario, actuator: Any) -> None:
-        """Raise `ParameterError` if the command leaves the travel."""
-        check_travel(scenario, actuator)
 
     def summary(self, recording: Recording, actuator: Any) -> dict[str, float]:
         """RMS and peak of the equivalent current, A."""

@@ -26,6 +26,7 @@ from pydantic import model_validator
 from ematwin.errors import ParameterError
 from ematwin.models.bldc.stability import check_current_loop, check_speed_loop
 from ematwin.models.parameter_set import ParameterSet, Section, quantity
+from ematwin.models.servo import check_stops
 
 DEFAULT_ACTUATOR = "servo48"
 SHORTEST_STEP = 1e-9  # s: nothing in an actuator is so fast; a shorter one is a slip of the unit
@@ -114,11 +115,7 @@ class Transmission(Section):
 
     @model_validator(mode="after")
     def _travel_is_an_interval(self) -> Self:
-        if not self.travel_low < 0.0 < self.travel_high:
-            raise ValueError(
-                "travel_low must lie below zero and travel_high above, received "
-                f"{self.travel_low} and {self.travel_high} rad; correct the end stops"
-            )
+        check_stops(self)
         return self
 
 

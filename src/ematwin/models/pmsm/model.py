@@ -4,8 +4,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ematwin.models.base import Demand, Law, Model, Signal, Study, Values
-from ematwin.models.comparison import Candidates
+from ematwin.models.base import Demand, Law, Signal, Study, Values
 from ematwin.models.pmsm.channels import (
     CHANNELS,
     NEEDS,
@@ -19,26 +18,23 @@ from ematwin.models.pmsm.channels import (
 from ematwin.models.pmsm.parameters import PmsmActuator
 from ematwin.models.pmsm.unknowns import CONTRASTS, FIXED, aliases, unknowns
 from ematwin.models.scenario import Scenario
-from ematwin.models.servo import check_travel, tracking_signals
+from ematwin.models.servo import ServoModel, tracking_signals
 from ematwin.models.unknown import Alias, Contrast, Unknown
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
 
 
-class PmsmModel(Model):
+class PmsmModel(ServoModel):
     """PMSM servo under field-oriented control, gear with stiffness and play; docs/pmsm.md."""
 
     kind = "pmsm"
     title = "PMSM servo under field-oriented control, gear and backlash"
     parameters = PmsmActuator
     channels = CHANNELS
-    command = "command"
-    load = "load"
     needs = NEEDS
     # one descent from healthy finds the valley: the currents' frame turns with the recorded rotor
     default_search = "levenberg-marquardt"
     frees_parameters = True
-    fidelities = ("reference", "monitor")
     sample_rate = 10_000.0
     on_request = ON_REQUEST
     fixed = FIXED
@@ -102,13 +98,6 @@ class PmsmModel(Model):
         self.check_channels(recording)
         return PmsmComparison(recording, actuator, threads=threads, **settings)
 
-    def respond(
-        self, actuator: Any, inputs: Recording, candidates: Candidates, count: int
-    ) -> dict[str, np.ndarray]:
-        """Currents, voltages, speed and following error of the twin, low-passed, (B, S)."""
-        found: dict[str, np.ndarray] = self.compare(inputs, actuator).responses(candidates, count)
-        return found
-
     def check_channels(self, recording: Recording) -> None:
         """Command and currents, whole or not at all."""
         from ematwin.models.pmsm.plausibility import check_phases
@@ -145,10 +134,6 @@ class PmsmModel(Model):
         if noise is None:
             return recording
         return noise.apply(recording, np.random.default_rng(seed), (*VOLTAGES, *TERMINALS))
-
-    def check_scenario(self, scenario: Scenario, actuator: Any) -> None:
-        """Raise `ParameterError` if the command leaves the travel."""
-        check_travel(scenario, actuator)
 
     def summary(self, recording: Recording, actuator: Any) -> dict[str, float]:
         """RMS and peak of the current vector, A, and the largest following error, rad."""

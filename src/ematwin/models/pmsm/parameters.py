@@ -17,6 +17,7 @@ from pydantic import model_validator
 
 from ematwin.errors import ParameterError
 from ematwin.models.parameter_set import ParameterSet, Section, quantity
+from ematwin.models.servo import check_stops
 
 _WHOLE = 1e-6  # of a ratio that has to be a whole number
 _LONGEST = 0.25  # of a period of the gear's swing: the longest step of the mechanics
@@ -118,11 +119,7 @@ class Transmission(Section):
 
     @model_validator(mode="after")
     def _travel_is_an_interval(self) -> Self:
-        if not self.travel_low < 0.0 < self.travel_high:
-            raise ValueError(
-                "travel_low must lie below zero and travel_high above, received "
-                f"{self.travel_low} and {self.travel_high} rad; correct the end stops"
-            )
+        check_stops(self)
         return self
 
 
