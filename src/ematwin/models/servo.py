@@ -18,6 +18,7 @@ from ematwin.recordings.recording import Recording
 _SUM = 0.05  # of the RMS of the phases: their sensors and converters differ by less
 _BROKEN = 0.2  # of it: no gains of sensors leave as much once the best is taken off
 _FEWEST = 100  # samples
+_LOAD_OFFSET = 0.05  # of the dry friction, seen on the output
 _OVERSPEED = 20.0  # times the speed limit: no fault makes a motor so fast
 _BEYOND = 1.02  # times the travel: end stops give a little
 _DEGREES = (10.0, 180.0)  # times the travel: what degrees taken for radians reach (57.3)
@@ -84,6 +85,35 @@ def normalised_fault(
     return Unknown(
         name, "", meaning, healthy, 0.0, 1.0, physical_unit=unit, physical=physical, **more
     )
+
+
+def dry_friction(actuator: Any) -> Any:
+    """Dry friction of motor and output on the motor shaft, N m."""
+    return actuator.motor.friction_torque + actuator.transmission.friction_torque
+
+
+def nuisance(
+    name: str, unit: str, meaning: str, healthy: float, reach: float, spread: float, **more: Any
+) -> Unknown:
+    """A nuisance that widens intervals, ``reach`` to both sides; ``more`` as of `Unknown`."""
+    return Unknown(
+        name, unit, meaning, healthy, healthy - reach, healthy + reach, "nuisance",
+        spread=spread, marginal=True, **more,
+    )  # fmt: skip
+
+
+def load_nuisances(actuator: Any, valleys: int = 1) -> tuple[Unknown, Unknown]:
+    """Gain and offset of the recorded load; ``valleys`` of the offset as of `Unknown`.
+
+    Load cells are stated to 1 % of their range and drift by as much with temperature; loads that
+    were computed and not measured are worth 5 %.
+    """
+    load = _LOAD_OFFSET * max(dry_friction(actuator), 1e-6) * actuator.transmission.ratio
+    return (
+        nuisance("load_gain", "", "actual over recorded load", 1.0, 0.5, 0.06),
+        nuisance("load_offset", "N*m", "load beside the recorded one", 0.0, 40.0 * load, load,
+                 valleys=valleys),
+    )  # fmt: skip
 
 
 def tracking_signals(recording: Recording) -> list[Signal]:
