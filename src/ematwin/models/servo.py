@@ -33,7 +33,7 @@ COMMAND_AND_LOAD = (
 
 
 class ServoModel(Model):
-    """A kind of this sort whose reference model corrects a fast one, the monitor model."""
+    """A servo with a reference model, which corrects the fast monitor model."""
 
     command = "command"
     load = "load"
@@ -103,7 +103,7 @@ def nuisance(
 
 
 def load_nuisances(actuator: Any, valleys: int = 1) -> tuple[Unknown, Unknown]:
-    """Gain and offset of the recorded load; ``valleys`` of the offset as of `Unknown`.
+    """Gain and offset of the recorded load; ``valleys`` as of `Unknown`, for the offset.
 
     Load cells are stated to 1 % of their range and drift by as much with temperature; loads that
     were computed and not measured are worth 5 %.
