@@ -17,13 +17,13 @@ def detection(count: int, dated: bool = False) -> Detection:
     actuator = ematwin.load_actuator("rm1605")
     baseline = SimpleNamespace(recordings=3)
     calibration: Any = SimpleNamespace(actuator=actuator, baseline=baseline)
-    rows = []
+    kind, rows = model_of(actuator), []
     for n in range(count):
         grade, fault = _GRADES[n % 6], _FAULTS[n % 6]
         magnitudes = tuple(
             Magnitude(one.name, one.unit, 1.0 + 0.1 * n, 0.9 + 0.1 * n, 1.1 + 0.1 * n, (0.8, 1.2),
                       float(n))
-            for one in model_of(actuator).reported(actuator)
+            for one in kind.monitoring.reported(kind, actuator)
         )  # fmt: skip
         faults: Any = (fault,) if fault else ()
         rows.append(

@@ -18,8 +18,7 @@ from ematwin.benchmarking.subject import Subject
 from ematwin.errors import InputError
 from ematwin.estimation.search import expanded, named
 from ematwin.models.parameter_set import ParameterSet
-from ematwin.models.recorded import recorded_columns
-from ematwin.models.scenario import KINDS_OF_HISTORY, Profile, Scenario
+from ematwin.models.scenario import Profile, Scenario
 from ematwin.models.simulating import check_seed
 from ematwin.recordings.noise import Noise
 
@@ -144,13 +143,10 @@ def _self_contained(scenario: Scenario) -> Scenario:
     """The scenario with recorded files read: another machine does not have them."""
 
     def read(part: Any) -> Any:
-        if not (isinstance(part, Profile) and part.file is not None and part.column is not None):
+        if not (isinstance(part, Profile) and part.file is not None):
             return part
-        columns = recorded_columns(
-            part.file, {"time": ("s",), part.column: KINDS_OF_HISTORY}, optional={}
-        )
-        since = columns["time"] - columns["time"][0]
-        return Profile(time=since.tolist(), value=columns[part.column].tolist())
+        since, value = part.points()
+        return Profile(time=since.tolist(), value=value.tolist())
 
     histories = {
         name: [read(part) for part in getattr(scenario, name)] for name in ("command", "load")

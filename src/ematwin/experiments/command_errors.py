@@ -1,4 +1,4 @@
-"""Errors of a command over faults that are still unknown: expected ones, and those of `identify`.
+"""Errors of a command over faults that are still unknown: expected ones, and errors of `identify`.
 
 A command that is to be chosen has to be good for faults that are still unknown: squared errors are
 averaged over vectors drawn from the prior of the faults (Chaloner and Verdinelli 1995, Statistical
@@ -42,7 +42,7 @@ class CommandErrors:
     errors : expected standard error of each magnitude, by name; infinite where ``obstacle`` says
         why nothing is known
     ranges : of the magnitudes, by name
-    demands : what it demands of a healthy actuator, by name, SI
+    demands : its demands on a healthy actuator, by name, SI
     faulty : the most that it demanded of one with faults
     obstacle : why no verdict would be given on such a recording, or ""
     told : Identifiability, at faults that are only just ones; None where it was not asked for
@@ -86,7 +86,7 @@ class CommandErrors:
         )  # fmt: skip
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain JSON values; what is infinite is null."""
+        """Plain JSON values; infinite ones are null."""
         return {
             "scenario": self.scenario.model_dump(mode="json", exclude_none=True),
             "errors": {n: x if math.isfinite(x) else None for n, x in self.errors.items()},
@@ -139,14 +139,14 @@ def expected_errors(
     fault: str | None = None,
     enough: float = math.inf,
 ) -> CommandErrors:
-    """Expected errors of a command, or what is in its way; one beyond its limits is not simulated.
+    """Expected errors of a command, or its obstacle; one beyond its limits is not simulated.
 
     Parameters
     ----------
-    experiment : with what is known of the actuator
+    experiment : with the prior of the actuator
     scenario : the command
-    vectors : of the faults, at each of which slopes are taken
-    limits : what it may demand of a healthy actuator, by name, SI
+    vectors : of the faults; slopes are taken at each
+    limits : of its demands on a healthy actuator, by name, SI
     fast : simulate with the fast model alone, for the many commands of a search
     fault, enough : the error of that fault, or the largest, as a share of the range, above which
         the command is worse than another: further vectors only add to it

@@ -1,4 +1,4 @@
-"""The test command with the smallest expected errors, within what a test may demand: `design`.
+"""The test command with the smallest expected errors within limits: `design`.
 
 An optimal design of an experiment (Atkinson, Donev and Tobias 2007, Optimum Experimental Designs,
 with SAS, chapters 10 and 17): the numbers of a scenario are chosen so that the expected standard
@@ -94,7 +94,7 @@ class Design:
 
     @property
     def gain(self) -> float:
-        """The error of the default over that of the design, of the fault that it was made for."""
+        """Error of the default over error of the design, for the fault that it was made for."""
         return self.default.worst(self.fault) / self.promised.worst(self.fault)
 
     @property
@@ -160,7 +160,7 @@ class Design:
         Parameters
         ----------
         recordings : of each command, every one of another actuator
-        seed : of faults, parameters and noise; other than that of the design
+        seed : of faults, parameters and noise; another than the design's
         step : float, s, of the model that is recorded; None takes the actuator's
         progress : called with the share done
 
@@ -231,10 +231,10 @@ def design(
     Parameters
     ----------
     actuator : a parameter set of any kind, its name or file; calibrated or not
-    fault : the fault to identify; None takes that of the largest error, as a share of its range
-    scenario : the command to begin from, of which the numbers are chosen; a `Scenario`, the name of
+    fault : the fault to identify; None takes the one of largest error, as a share of its range
+    scenario : the command to begin from, whose numbers are chosen; a `Scenario`, the name of
         a shipped one, or a file. None takes the kind's default
-    duration : float, s; None takes that of the scenario
+    duration : float, s; None takes the scenario's
     faults : values of some faults; the others are drawn
     noise : of the sensors; None for that which the kind simulates by itself
     exact : parameters, load and sensors are known exactly
@@ -250,8 +250,8 @@ def design(
     threads : that share a batch; None takes one for each core
     progress : called after each batch of commands
     trying : called with the share of the trials that is done
-    limits : the largest travel, speed, current, load, in SI; what is not named is limited by what
-        the scenario demands. Names are those of `Model.demands`
+    limits : the largest travel, speed, current, load, in SI; others are limited by the
+        demands of the scenario. `Model.demands` has the names
 
     Returns
     -------

@@ -6,9 +6,9 @@ under which the answer of the one is furthest from the best fit of the other:
 
     T = min_theta [ |r_1 - r_2(theta)|^2 + priors ] / (f sigma)^2,   distance = sqrt(T)
 
-theta : what only the second explanation names, and load, sensors and parameters as far as they are
-uncertain; r : weighted residuals of the model's answers; sigma : the noise of an independent
-residual; f : `Model.model_error`, for fits end in the roughness of impacts. Each is fitted to the
+theta : unknowns that only the second explanation names, and uncertain load, sensors and
+parameters; r : weighted residuals of the model's answers; sigma : the noise of an independent
+residual; f : `Model.model_error`, for impacts make fits rough. Each is fitted to the
 other, and the smaller distance counts. It is in standard deviations: below `constants.SIGMAS` the
 two cannot be told apart.
 """
@@ -60,7 +60,7 @@ class Discrimination:
     default : the given command
     first, second : the explanations
     actuator : ParameterSet
-    limits, demands : what a motion may demand of a healthy actuator, and what this one does
+    limits, demands : of motions of a healthy actuator, and of this one
     evaluations, seconds, stopped, seed : of the search
     """
 
@@ -204,7 +204,7 @@ class Pair:
             )
 
     def cost(self, scenario: Scenario, limits: Mapping[str, float], iterations: int) -> Cost:
-        """The distance, negative, or what is in the way of it."""
+        """The distance, negative, or its obstacle."""
         motion = self.experiment.move(scenario, limits)
         if motion.recording is None or motion.obstacle:
             return Cost(math.inf, motion.demands, motion.obstacle)
@@ -216,7 +216,7 @@ class Pair:
     def distance(self, recording: Recording, iterations: int = _ITERATIONS) -> float:
         """Standard deviations between the two, each fitted to the other; the smaller counts.
 
-        The recording is that of a healthy actuator, which weighs the residuals.
+        The recording of a healthy actuator weighs the residuals.
         """
         threads = self.experiment.threads
         comparison = self.experiment.model.compare(
@@ -268,7 +268,7 @@ class Pair:
         return float(np.sqrt(fit.best(1).costs[0])) / noise
 
     def _uncertain(self, comparison: Comparison) -> tuple[list[Unknown], Prior]:
-        """Parameters, load and sensors that neither names, as far as they are uncertain."""
+        """Uncertain parameters, load and sensors that neither names."""
         model, actuator = self.experiment.model, self.experiment.actuator
         if self.experiment.baseline.exact:
             return [], self.experiment.baseline.prior

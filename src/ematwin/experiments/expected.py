@@ -2,7 +2,7 @@
 
 A recording is simulated with known faults, and the width that its posterior has at the true values
 (`ematwin.estimation.laplace`) is what intervals will state: with J the Jacobian of the weighted
-residuals there, sigma their noise and P the inverse covariance of what is known beforehand,
+residuals there, sigma their noise and P the inverse covariance of the prior,
 
     cov = (J J^T/(f sigma)^2 + P)^-1
 
@@ -47,7 +47,7 @@ class Motion:
     Attributes
     ----------
     recording : None where the command cannot be simulated
-    demands : what the motion demands, by name, SI
+    demands : demands of the motion, by name, SI
     obstacle : why no verdict would be given on such a recording, or ""
     """
 
@@ -85,7 +85,7 @@ class Expected:
 
     @cached_property
     def sharp_errors(self) -> dict[str, float]:
-        """Standard errors of what a search looks for, as if all else were known exactly."""
+        """Standard errors of the searched unknowns, as if all others were known exactly."""
         unknowns = self.problem.unknowns
         searched = sum(o.role in ("fault", "nuisance") and not o.marginal for o in unknowns)
         found = sharp_errors(self.peak, searched, self.problem.model_error)
@@ -100,12 +100,12 @@ class Expected:
 
 @dataclass(frozen=True)
 class Experiment:
-    """Actuator, what is known of it, and how it is recorded.
+    """Actuator, prior knowledge of it, and settings of the recording.
 
     Attributes
     ----------
     model, actuator : of the twin
-    baseline : what is known of the actuator
+    baseline : prior knowledge of the actuator
     noise : of the sensors; None for that which the kind simulates by itself
     sample_rate : float, Hz; None takes the kind's
     seed : of the noise
@@ -122,7 +122,7 @@ class Experiment:
 
     @classmethod
     def of(cls, actuator: Any, *, exact: bool = False, **settings: Any) -> "Experiment":
-        """That of an actuator, its name or file; ``exact`` if everything of it is known."""
+        """Experiment on an actuator, its name or file; ``exact`` if all of it is known."""
         chosen = load_actuator(actuator)
         baseline = Baseline.of_simulation() if exact else baseline_of(actuator, chosen)
         return cls(model_of(chosen), chosen, baseline, **settings)
@@ -176,7 +176,7 @@ class Experiment:
     def move(
         self, scenario: Scenario, limits: Mapping[str, float] | None = None, *, fast: bool = True
     ) -> Motion:
-        """Answer of the healthy actuator, or what is in the way of one within limits."""
+        """Response of the healthy actuator, or the obstacle to one within limits."""
         try:
             self.model.check_scenario(scenario, self.actuator)
             recording = self.record(scenario, fast=fast)
@@ -207,7 +207,7 @@ class Experiment:
         return Expected(width_at(near, point, aliases=aliases, least_noise=near.noise))
 
     def limits(self, demands: Mapping[str, float], given: Mapping[str, float]) -> dict[str, float]:
-        """Limits that were given; where none was, what the given command demands.
+        """Given limits; without one, the demand of the given command.
 
         Raises
         ------
@@ -231,7 +231,7 @@ class Experiment:
         """The same where what no command can determine counts as known, and the names of that.
 
         These are the pivots of `Model.aliases`. Their tolerances widen the errors of all commands
-        alike, and would hide what they differ in.
+        alike, and would hide their differences.
         """
         model, actuator, prior = self.model, self.actuator, self.baseline.prior
         if self.baseline.exact:
@@ -247,7 +247,7 @@ class Experiment:
         return knowing, tuple(one.name for one in known)
 
     def drawn_actuator(self, rng: np.random.Generator) -> ParameterSet:
-        """An actuator as it may be: parameters drawn from what is known of them today."""
+        """An actuator whose parameters are drawn from their prior."""
         prior = self.baseline.drifted(self.actuator)
         prior = prior.of(name for name in prior.names if "." in name)
         if not prior.names:
@@ -262,7 +262,7 @@ class Experiment:
 
 
 def excess(demands: Mapping[str, float], limits: Mapping[str, float]) -> float:
-    """By what share demands exceed their limits, added up; 0 where all are kept."""
+    """Shares by which demands exceed their limits, added up; 0 where all are kept."""
     return sum(
         demands[name] / limit - 1.0
         for name, limit in limits.items()

@@ -90,7 +90,7 @@ class FaultIdentifiability:
         ]
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain JSON values; what is infinite is null."""
+        """Plain JSON values; infinite ones are null."""
         numbers = {
             "error": self.error, "sharp_error": self.sharp_error, "smallest": self.smallest
         }  # fmt: skip
@@ -181,7 +181,7 @@ class Identifiability:
         )
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain JSON values; what is infinite is null."""
+        """Plain JSON values; infinite ones are null."""
         return {
             "scenario": self.scenario.name,
             "duration": self.scenario.duration,
@@ -219,7 +219,7 @@ def identifiability(
     scenario : the command: a `Scenario`, the name of a shipped one, a file, or a recording (.csv,
         .parquet) whose command is taken; None takes the kind's default
     actuator : a parameter set of any kind, its name or file; calibrated or not
-    faults : values at which slopes are taken; what is not named deviates from healthy by
+    faults : values at which slopes are taken; all others deviate from healthy by
         `constants.SMALLEST` of its range, as a fault does that is only just one
     noise : of the sensors; None for that which the kind simulates by itself
     exact : parameters, load and sensors are known exactly

@@ -1,4 +1,4 @@
-"""Search for a command: over the numbers of a scenario, within what a motion may demand.
+"""Search for a command: over the numbers of a scenario, within limits of the motion.
 
 The cost of a command is the caller's: `design` asks for small errors, `discriminate` for
 explanations that lie far apart. Differential evolution begins with the given command, so that the
@@ -40,7 +40,7 @@ class Cost(NamedTuple):
     Attributes
     ----------
     cost : float, infinite where ``obstacle`` says why there is none
-    demands : what the motion demands, by name, SI
+    demands : demands of the motion, by name, SI
     obstacle : str
     """
 
@@ -55,7 +55,7 @@ class CommandSearch:
     Parameters
     ----------
     space : commands that can be made of a scenario
-    limits : what they may demand, by name, SI
+    limits : of their demands, by name, SI
     cost_of : a command, and a cost above which it does not matter -> `Cost`
 
     Attributes
@@ -152,7 +152,7 @@ class CommandSearch:
 
 
 class _From(DifferentialEvolution):
-    """Differential evolution of which some of the first points lie about a given one."""
+    """Differential evolution that begins with points about a given one."""
 
     def __init__(self, start: np.ndarray, box: Box, *, population: int, seed: int) -> None:
         least = self.minimum_population

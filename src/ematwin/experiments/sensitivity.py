@@ -4,7 +4,7 @@ The share of the variance of an answer that each unknown causes, over the faults
 95 % intervals of parameters, load and sensors (each evenly over its range): by itself (first
 order), and with all interactions (total). `identifiability` looks at slopes, this at ranges.
 
-An answer is a function of time. Its indices are those of its samples, weighed by their variance
+An answer is a function of time. Indices of its samples are weighed by their variance
 (Gamboa, Janon, Klein and Lagnoux 2014, Electron. J. Stat. 8, 575-603, "generalised" indices):
 
     S_i = sum_t V_i(t) / sum_t V(t),

@@ -2,7 +2,7 @@
 
 Parts of a scenario say which of their numbers may be chosen and what each is
 (`Component.designed`); a kind of actuator adds parts that a command may have besides
-(`Model.designable`). How far each may go follows from what the motion may demand: sizes of the
+(`Model.designable`). Their ranges follow from the limits of the motion: sizes of the
 command from the travel, rates from the speed, sizes of the load from the load.
 """
 
@@ -25,7 +25,7 @@ _GRID = 1001  # times at which a history is measured
 class Number(NamedTuple):
     """A number of a scenario that may be chosen.
 
-    ``history`` and ``part`` say where, ``name`` which; ``point`` is that of a profile, else None.
+    ``history`` and ``part`` say where, ``name`` which; ``point`` in a profile, else None.
     """
 
     history: str
@@ -51,12 +51,12 @@ class DesignSpace:
     ----------
     model : of the kind
     scenario : from which the design begins
-    limits : largest demands by name, SI; those of the command, "speed" and "load" bound sizes
+    limits : largest demands by name, SI; the travel, "speed" and "load" bound sizes
 
     Attributes
     ----------
     numbers : what may be chosen, (d,)
-    start : (d,) array, the scenario itself, as far as it keeps the limits
+    start : (d,) array, the scenario itself, within the limits
 
     Raises
     ------
@@ -186,7 +186,7 @@ def _adds(part: Any, duration: float, time: np.ndarray) -> bool:
 
 
 def _scaled(part: Any, factor: float) -> Any:
-    """The part so many times larger; one from a file stays."""
+    """The part multiplied by a factor; one from a file stays."""
     found = {}
     for name in _SIZES:
         size = getattr(part, name, None)

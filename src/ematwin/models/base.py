@@ -1,10 +1,10 @@
-"""Model: what a kind of actuator is, to everything above it.
+"""Model: the interface of a kind of actuator.
 
-One folder, or one installed package, holds all that is particular to a kind of actuator; its
-`Model` is the only door. The least that an author writes is the parameters, the channels, the
-unknowns, and `respond`: what the twin answers with. Comparing, simulating and the rest follow from
-these, and a kind that can do better overrides them: the brushless actuator simulates a reference
-model and scores its candidates while it simulates them.
+One folder, or one installed package, holds everything specific to a kind of actuator; its `Model`
+is the only entry. An author writes at least the parameters, the channels, the unknowns, and the
+response of the twin (`respond`). Comparing, simulating and the rest follow from these, and a kind
+that can do better overrides them: the brushless actuator simulates a reference model and scores its
+candidates while it simulates them.
 
 A model knows no search, no estimate and no report. Another package's model is found by the entry
 point group ``ematwin.models`` (`ematwin.models.registry`); docs/your-own-model.md leads through the
@@ -21,14 +21,13 @@ import numpy as np
 from ematwin.errors import InputError, RecordError
 from ematwin.models.channels_agree import Law
 from ematwin.models.comparison import Candidates, Comparison, TraceComparison
+from ematwin.models.monitoring import Monitoring, Reported, Statistic
 from ematwin.models.optional import (
     Demand,
     Equation,
     Form,
     OtherForm,
-    Reported,
     Signal,
-    Statistic,
     Study,
 )
 from ematwin.models.parameter_set import ParameterSet, not_searchable
@@ -40,8 +39,8 @@ from ematwin.recordings.recording import Recording
 
 # authors have all of these from here
 __all__ = (
-    "Candidates", "Demand", "Equation", "Form", "Law", "Model", "OtherForm", "Progress", "Reported",
-    "Signal", "Statistic", "Study", "Values",
+    "Candidates", "Demand", "Equation", "Form", "Law", "Model", "Monitoring", "OtherForm",
+    "Progress", "Reported", "Signal", "Statistic", "Study", "Values",
 )  # fmt: skip
 
 Values = Mapping[str, float]
@@ -63,10 +62,10 @@ class Model(ABC):
     needs : channels that a recording must have besides the command; where one of several
         alternatives will do, a group of them, each a tuple of channels
     default_search : name of the search method that `identify` uses
-    model_error : factor on standard errors for what the twin gets wrong in the same way throughout
-        a recording; the default is that measured for the brushless actuator of version 0.1
-    frees_parameters : whether parameters are free, as far as their tolerances allow, where healthy
-        recordings are learnt and others judged; None where that follows from the default search
+    model_error : factor on standard errors for errors of the twin that last throughout a recording;
+        the default was measured for the brushless actuator of version 0.1
+    frees_parameters : whether parameters are free within their tolerances where healthy recordings
+        are learnt and others judged; None where that follows from the default search
         (so it is for all but a local one)
     recordings_differ : whether recordings of a healthy actuator differ by more than noise, as those
         of servos do with their temperature: calibration then learns how much, and faults are judged
@@ -79,12 +78,10 @@ class Model(ABC):
         (as a factor, one standard deviation) a template may be off
     fixed : places of parameters that cannot be searched, because a batch shares them: the step
     backends : what can simulate its batches, for ``backend=`` of `compare`
-    covariate : name of the nuisance on which healthy features depend, or None
-    statistics : what its comparisons measure beside the values
-    short : names of compared channels in features, where shorter
+    monitoring : the part that a healthy population uses, where one judges
     study : what studies of search methods need of it
-    demands : what a motion asks of it and a designed test may limit, the travel first; that of the
-        command where none is given
+    demands : quantities of a motion that a designed test may limit, the travel first; the size of
+        the command where none is given
     designable : by "command" and "load", parts that a design may add to those that a scenario has
         (each with the size of zero); of each its `Component.designed` may be chosen
     """
@@ -108,9 +105,7 @@ class Model(ABC):
     nominal: ClassVar[Mapping[str, float]] = {}
     fixed: ClassVar[tuple[str, ...]] = ()
     backends: ClassVar[tuple[str, ...]] = ("cpu",)
-    covariate: ClassVar[str | None] = None
-    statistics: ClassVar[tuple[Statistic, ...]] = ()
-    short: ClassVar[Mapping[str, str]] = {}
+    monitoring: ClassVar[Monitoring] = Monitoring()
     study: ClassVar[Study] = Study()
     demands: ClassVar[tuple[Demand, ...]] = ()
     designable: ClassVar[Mapping[str, tuple[Component, ...]]] = {}
@@ -127,7 +122,7 @@ class Model(ABC):
     def respond(
         self, actuator: Any, inputs: Recording, candidates: Candidates, count: int
     ) -> dict[str, np.ndarray]:
-        """What the twin answers with: output channels by name, (B, S) arrays, SI.
+        """Response of the twin: output channels by name, (B, S) arrays, SI.
 
         Parameters
         ----------
@@ -163,7 +158,7 @@ class Model(ABC):
 
     @property
     def limited(self) -> tuple[Demand, ...]:
-        """What a designed test may limit: `demands`, or else the size of the command.
+        """Quantities that a designed test may limit: `demands`, or else the size of the command.
 
         That is the travel where the command is a position; else it has the name of its channel.
         """
@@ -207,7 +202,7 @@ class Model(ABC):
         return {one.name: one.healthy for one in self.unknowns(actuator)}
 
     def values_of(self, actuator: Any, given: Any) -> dict[str, float]:
-        """Values of all unknowns from a mapping of some; what is not given is healthy.
+        """Values of all unknowns from a mapping of some; the others are healthy.
 
         Raises
         ------
@@ -223,7 +218,7 @@ class Model(ABC):
         return values
 
     def describe(self, actuator: Any, values: Values) -> list[PhysicalValue]:
-        """What the values of faults and nuisances mean on an actuator."""
+        """Physical values of faults and nuisances on an actuator."""
         rows = []
         for one in self.unknowns(actuator):
             if one.name not in values:
@@ -299,23 +294,24 @@ class Model(ABC):
         return []
 
     def laws(self, recording: Recording, actuator: Any) -> Sequence[Law]:
-        """What the channels of a recording satisfy whatever the faults; one that does not is named.
+        """Laws that the channels of a recording satisfy whatever the faults.
 
-        `ematwin.models.channels_agree` tests them; a channel that breaks one bars any verdict.
+        `ematwin.models.channels_agree` tests them; a channel that breaks one is named, and bars any
+        verdict.
         """
         return ()
 
     def starts(self, actuator: Any, recording: Recording) -> list[dict[str, float]]:
-        """Values from which a local search may start; what is not named starts healthy."""
+        """Values from which a local search may start; all others start healthy."""
         return [{}]
 
     def check(self, recording: Recording, actuator: Any) -> list[str]:
-        """Sentences on what is doubtful about a recording of this actuator.
+        """Sentences on doubts about a recording of this actuator.
 
         Raises
         ------
         RecordError
-            If it cannot be what it says, with the reason and the likely cause.
+            If it contradicts itself or the actuator, with the reason and the likely cause.
         """
         self.check_channels(recording)
         return []
@@ -373,7 +369,7 @@ class Model(ABC):
         return Scenario.load_file(name_or_path, self.scenarios(), units)
 
     def demanded(self, recording: Recording) -> dict[str, float]:
-        """What a recorded motion asks of an actuator, SI, by the name of the demand."""
+        """Demands of a recorded motion by name, SI."""
         sizes = {one.name: one.size(recording) for one in self.limited}
         return {name: size for name, size in sizes.items() if size is not None}
 
@@ -389,7 +385,7 @@ class Model(ABC):
         return found
 
     def signals(self, recording: Recording, actuator: Any) -> list[Signal]:
-        """What a page shows of a recording, the most telling first: each compared channel."""
+        """Traces for a page, the most important first: each compared channel."""
         return [
             Signal(
                 channel.meaning[:1].upper() + channel.meaning[1:],
@@ -399,31 +395,3 @@ class Model(ABC):
             for channel in self.channels
             if channel.name in self.outputs and channel.name in recording.channels
         ]
-
-    # What a healthy population asks for, where one judges
-
-    def reported(self, actuator: Any) -> tuple[Reported, ...]:
-        """What is reported; by default each fault as it is searched."""
-        return tuple(
-            Reported(
-                one.name, one.unit, one.meaning, named=one.name, either=one.lower < one.healthy
-            )
-            for one in self.faults(actuator)
-            if one.direction_of is None
-        )
-
-    def settling_time(self, actuator: Any) -> float:
-        """Seconds from a change of the command until its transient has died out."""
-        return 0.0
-
-    def monitored(self, recording: Recording, actuator: Any, settling_time: float) -> Comparison:
-        """A recording prepared for the healthy population.
-
-        ``settling_time`` (s) is that with which the calibration was made; a kind whose preparation
-        depends on what is steady takes it from here.
-        """
-        return self.compare(recording, actuator)
-
-    def derived(self, features: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """Reported quantities that are no unknowns, (N,) by name, from features (N,) by name."""
-        return {}

@@ -7,7 +7,7 @@ they are tested:
 
 - a channel stands still if it repeats its value exactly, and the law holds except while it does;
 - a channel is late if the law holds once it is taken some time earlier;
-- a channel is dead if it has nothing of what the others make of it;
+- a channel is dead if it has nothing in common with the value that the others imply;
 - channels contradict each other if a law is broken and none of these explains it.
 
 A gain is none of these: it leaves nothing once the channel is divided by it. Without any law a
@@ -56,13 +56,13 @@ class Law:
     text : says what does not hold, e.g. "the phase currents do not add up to zero"
     channels : arrays (S,) by name, or (n, S) where a channel counts in several ways; of these the
         first is the channel
-    left : of such arrays, what is left of the law, (S,), a constant where it holds; or (1 + m, S),
-        that and m shapes of which faults may leave any multiple
+    left : residual of the law for such arrays, (S,), a constant where it holds; or (1 + m, S): the
+        residual and m shapes that faults may leave, in any multiples
     slack : RMS of what actuators may leave besides, in the unit of ``left``
-    most : RMS from which the law is broken though no channel explains it; infinite if it may be
-        broken by what the recording does not show
-    play : what is left may range over so much while a channel that is sound stands still or
-        reverses; a delay that changes it by less is none
+    most : RMS from which the law is broken though no channel explains it; infinite if causes that
+        are not recorded may break it
+    play : range of the residual while a sound channel stands still or reverses; a delay that
+        changes it by less is none
     """
 
     text: str
@@ -74,12 +74,12 @@ class Law:
 
 
 def checked(model: "Model", recording: Recording, actuator: Any) -> tuple[list[str], list[str]]:
-    """Sentences on what is doubtful about a recording, and on channels that forbid a verdict.
+    """Sentences on doubts about a recording, and on channels that forbid a verdict.
 
     Raises
     ------
     RecordError
-        If it cannot be what it says; the channel is named where one is the cause.
+        If it contradicts itself or the actuator; the channel is named where one is the cause.
     """
     model.check_channels(recording)
     _check_unit_of_time(model, recording)
@@ -112,7 +112,7 @@ def contradictions(
 ) -> dict[tuple[str, ...], str]:
     """Sentences on channels that stand still, are late or contradict the others.
 
-    By the channel, or by those of which it cannot be told which one it is.
+    By the channel, or by several where the cause may be any of them.
     """
     command = recording.channels[model.command]
     if len(recording) < _SHORTEST or not np.ptp(command) > 0.0:
@@ -243,7 +243,7 @@ class _Trial:
         late: str = "",
         lag: int = 0,
     ) -> float:
-        """RMS of what is left at some samples, without noise, shapes and a few false reads.
+        """RMS of the residual at some samples, without noise, shapes and a few false reads.
 
         ``times`` multiplies channels; the channel ``late`` is taken ``lag`` samples later.
         """
@@ -262,7 +262,7 @@ class _Trial:
         return float(np.sqrt(max(0.0, np.mean(rest**2) - self._noise**2)))
 
     def _moved(self, late: str, lag: int) -> float:
-        """How far a delay changes what is left, peak to peak."""
+        """Change of the residual by a delay, peak to peak."""
         early, channels = self._early(lag), self._law.channels
         taken = {name: values[..., early] for name, values in channels.items()}
         sooner = {**taken, late: channels[late][..., early + lag]}
@@ -270,7 +270,7 @@ class _Trial:
         return float(np.ptp(one - other))
 
     def _follows(self, name: str) -> tuple[float, float] | None:
-        """Gain of a channel on what the others make of it, and their correlation.
+        """Gain of a channel on the value that the others imply, and their correlation.
 
         None where the law is not linear in the channel.
         """

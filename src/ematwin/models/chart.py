@@ -1,7 +1,7 @@
 """Chart: the coordinates in which slopes are followed.
 
 Box methods search the values of the unknowns themselves. A descent searches ``z``: each value as
-a share of its range (or that of its logarithm), and a magnitude with its direction as the two
+a share of its range (or of its logarithm's range), and a magnitude with its direction as the two
 components of a vector. A direction has no meaning where its magnitude is zero, and jumps at half a
 turn; both would stop a method that follows slopes.
 """
@@ -56,7 +56,7 @@ class Chart:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the coordinates: those of the unknowns, vectors by component."""
+        """Names of the coordinates: names of unknowns, vectors by component."""
         names = [unknown.name for unknown in self.unknowns]
         for radius, direction in self._pairs:
             names[direction] = f"{names[radius]} y"
@@ -64,7 +64,7 @@ class Chart:
         return tuple(names)
 
     def from_unit(self, u: np.ndarray) -> np.ndarray:
-        """Values (N, d) of shares (N, d) of their ranges, or of those of their logarithms."""
+        """Values (N, d) of shares (N, d) of their ranges, or of the ranges of their logarithms."""
         x = self._low + u * self._width
         if self._logarithmic.any():
             x[:, self._logarithmic] = np.exp(x[:, self._logarithmic])

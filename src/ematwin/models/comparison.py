@@ -29,7 +29,7 @@ class Placed(NamedTuple):
     Attributes
     ----------
     recording : Recording; None where no place explains it
-    said : a sentence on what was found
+    said : a sentence on the result
     """
 
     recording: Recording | None
@@ -58,9 +58,8 @@ class Comparison(ABC):
     evidence : how many of the residuals, the last ones, are of further channels that count where
         intervals are formed (`with_evidence`); in their standard deviations
     tells : names of pivots of aliases (`Model.aliases`) that this evidence tells from the others
-    ignores : names of nuisances of the kind that have no effect on what is compared
-    model_error : float, factor on standard errors for what the twin gets wrong
-        (`Model.model_error`)
+    ignores : names of nuisances of the kind without effect on the compared channels
+    model_error : float, factor on standard errors for the error of the twin (`Model.model_error`)
     has_reference : whether the kind has a reference to correct the answers by (`missed`)
     unseen : names of parameters on which only the reference depends, and not the fast model
     unplaced : whether only an answer can show from where the recording counts (`placed`)
@@ -104,7 +103,7 @@ class Comparison(ABC):
 
     @abstractmethod
     def responses(self, candidates: Candidates, count: int) -> dict[str, np.ndarray]:
-        """What the twin answers with on the compared channels, (B, S) arrays by name, SI."""
+        """Response of the twin on the compared channels, (B, S) arrays by name, SI."""
 
     @abstractmethod
     def measured(self) -> dict[str, np.ndarray]:
@@ -123,11 +122,11 @@ class Comparison(ABC):
         return self
 
     def smoothed(self) -> "Comparison | None":
-        """The same comparison where its misfit is smooth over wide valleys; None if it has none."""
+        """The same comparison with a smooth misfit around each minimum; None if it has none."""
         return None
 
     def coarse(self) -> "Comparison":
-        """The same comparison in less time, where only valleys are looked for; or itself."""
+        """The same comparison in less time, to find minima roughly; or itself."""
         return self
 
     def refined(self) -> "Comparison":
@@ -143,14 +142,14 @@ class Comparison(ABC):
         return None
 
     def exact(self, values: Mapping[str, float]) -> dict[str, np.ndarray] | None:
-        """What the reference model of the kind answers with on the compared channels, (S,) arrays.
+        """Response of the reference model on the compared channels, (S,) arrays.
 
         None where the kind has no reference. NaN where it diverged.
         """
         return None
 
     def missed(self, values: Mapping[str, float]) -> dict[str, np.ndarray] | None:
-        """What the fast model misses of the reference at one candidate, (S,) arrays by channel."""
+        """Reference less fast model at one candidate, (S,) arrays by channel."""
         exact = self.exact(values)
         if exact is None:
             return None
@@ -158,7 +157,7 @@ class Comparison(ABC):
         return {name: trace - fast[name][0] for name, trace in exact.items()}
 
     def with_missed(self, missed: Mapping[str, np.ndarray]) -> "Comparison":
-        """The same comparison with what the twin misses, (S,) arrays, taken off the recording.
+        """The same comparison, the error of the twin, (S,) arrays, subtracted from the recording.
 
         Itself where a kind cannot do that.
         """
@@ -167,8 +166,8 @@ class Comparison(ABC):
     def reweighed(self, residuals: np.ndarray) -> "Comparison":
         """The same comparison with each channel weighed by the noise that residuals (K,) show.
 
-        ``residuals`` are those at a good point. Itself where one channel is compared, of which
-        `Problem.weighed` finds the noise.
+        ``residuals`` belong to a good point. Itself where one channel is compared, whose noise
+        `Problem.weighed` finds.
         """
         return self
 
@@ -246,16 +245,16 @@ class TraceComparison(Comparison):
         self.expected_misfit = math.sqrt(self.independent / self.scale)
 
     def with_missed(self, missed: Mapping[str, np.ndarray]) -> Self:
-        """The same comparison with what the twin misses taken off the recording."""
+        """The same comparison with the error of the twin subtracted from the recording."""
         other = copy.copy(self)
         other._target = {n: trace - missed.get(n, 0.0) for n, trace in self._measured.items()}
         return other
 
     def reweighed(self, residuals: np.ndarray) -> Self:
-        """The same comparison; channels of which more is left than the kind states count less.
+        """The same comparison; channels with larger residuals than the kind states count less.
 
-        What is alike counts once. Less than stated may be left although the twin is wrong by as
-        much: what pulls parameters throughout a recording is not left, and no reference shows it.
+        Correlated samples count once. Smaller residuals do not raise a weight: an error of the twin
+        that pulls parameters throughout a recording leaves none, and no reference shows it.
         """
         other = copy.copy(self)
         other._noise = {}

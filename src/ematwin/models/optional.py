@@ -1,12 +1,12 @@
-"""What monitoring, design, figures and studies need of a kind of actuator; all of it optional.
+"""Optional parts of a kind of actuator, for test commands, figures, studies and unstated forms.
 
 Each is a small object that a `Model` holds or gives; without it the kind is treated as any other.
 """
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,33 +18,6 @@ Values = Mapping[str, float]
 
 
 @dataclass(frozen=True)
-class Reported:
-    """A quantity that is reported where a healthy population judges.
-
-    Parameters
-    ----------
-    name : str; an unknown, or a statistic that the model derives from features
-    unit : str, of ``scale`` times the value; "x" for a multiple of the healthy mean
-    meaning : str
-    logarithmic : bool, the population is one of logarithms and the unit is "x"
-    scale : float, shown value over SI value
-    named : str, the fault that a raised value names; "" if it names none
-    either : bool, a lowered value names it as well
-    least : float, in SI or as a logarithm: no healthy run is so far from the others; infinite
-        where that is not known
-    """
-
-    name: str
-    unit: str
-    meaning: str
-    logarithmic: bool = False
-    scale: float = 1.0
-    named: str = ""
-    least: float = math.inf
-    either: bool = False
-
-
-@dataclass(frozen=True)
 class Signal:
     """A trace for a figure.
 
@@ -52,7 +25,7 @@ class Signal:
     ----------
     title, unit : of the panel
     values : (S,) array
-    reference : (S,) array or None, what was commanded
+    reference : (S,) array or None, the commanded trace
     """
 
     title: str
@@ -62,7 +35,7 @@ class Signal:
 
 
 class Demand(NamedTuple):
-    """What a motion asks of an actuator, and a test may limit: the largest magnitude.
+    """Demand of a motion on an actuator, which a test may limit: the largest magnitude.
 
     Parameters
     ----------
@@ -91,8 +64,8 @@ class OtherForm(NamedTuple):
     ----------
     actuator : with the form
     meaning : str, such as "an eccentricity that is fixed in space"
-    setting : str, what the file says to have it
-    names : of the faults that are said of it
+    setting : str, the setting of the file that states it
+    names : of its faults
     mistaken : names of the faults that may be called in its place
     starts : values by name, some of parameters by place, from which a descent may set out
     """
@@ -106,37 +79,20 @@ class OtherForm(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Statistic:
-    """A number that a comparison measures beside the values, such as noise shared by sensors.
+class Study:
+    """Cases for studies of search methods, and the measure of an error.
 
     Parameters
     ----------
-    name : str, in `Comparison.statistics`
-    unit : str, SI
-    changed : str, what is said of a recording whose value is unlike the healthy ones
-    advice : str, a sentence on why that may be
-    """
-
-    name: str
-    unit: str
-    changed: str
-    advice: str
-
-
-class Study:
-    """What studies of search methods need: cases, and how far an answer is off.
-
-    Attributes
-    ----------
     noisy : whether a simulation has the noise of usual sensors where none is asked for
-    severities : by name, how severe a random fault is: least and most, as shares of the way from
+    severities : by name, least and largest severity of a random fault, as shares of the way from
         healthy to a bound
-    severity : the same of a fault that is not named
+    severity : the same for a fault that is not named
     """
 
-    noisy: ClassVar[bool] = False
-    severities: ClassVar[Mapping[str, tuple[float, float]]] = {}
-    severity: ClassVar[tuple[float, float]] = (0.1, 0.9)
+    noisy: bool = False
+    severities: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    severity: tuple[float, float] = (0.1, 0.9)
 
     def cases(self, faults: tuple[Unknown, ...]) -> dict[str, dict[str, float]]:
         """Named faults; by default each small and large."""
@@ -181,7 +137,7 @@ class Form(NamedTuple):
         is given as it is known so far
     alternatives : gives values by place that are chosen from a list, such as sample times
     fitted : places that are fitted
-    said : says what was found, such as "cogging of 1.1 mN m, 12 a turn"
+    said : describes the found form, such as "cogging of 1.1 mN m, 12 a turn"
     """
 
     name: str
@@ -194,13 +150,13 @@ class Form(NamedTuple):
 
 
 class Equation(NamedTuple):
-    """What a part of an actuator has to satisfy along a recorded motion, and its forms.
+    """Equation of a part of an actuator along a recorded motion, and its forms.
 
     Parameters
     ----------
     name : str, such as "controller"
     left : gives what an actuator leaves of the recording, (K,) array
-    size : float, norm of what is to be explained, in the same unit
+    size : float, norm of the trace to be explained, in the same unit
     least : gives the share of it that noise and the error of the model leave of an actuator
     fitted : places that are fitted whatever the forms
     forms : that are looked for

@@ -36,14 +36,14 @@ def unit_of(field: FieldInfo) -> str:
 
 
 def stated(field: FieldInfo) -> dict[str, Any]:
-    """What `quantity` was told of a parameter beside its meaning and limits."""
+    """Unit, tolerance, drift and exactness of a parameter, as `quantity` states them."""
     extra = field.json_schema_extra
     assert isinstance(extra, dict)
     return extra
 
 
 def parameter_file(name_or_path: str | Path, shipped: Mapping[str, Path]) -> Path:
-    """A TOML file itself, or that of a shipped set."""
+    """The path of a TOML file, or of the file of a shipped set."""
     path = Path(name_or_path)
     if path.suffix == ".toml":
         return path
@@ -56,7 +56,7 @@ def parameter_file(name_or_path: str | Path, shipped: Mapping[str, Path]) -> Pat
 
 
 def parameter_table(name_or_path: str | Path, shipped: Mapping[str, Path]) -> dict[str, Any]:
-    """The content of a parameter file, or of that of a shipped set, as it is written."""
+    """The content of a parameter file, or of a shipped set, as it is written."""
     return load_toml(parameter_file(name_or_path, shipped), "actuator")
 
 
@@ -142,7 +142,7 @@ def _corrected(
 
 
 class _Entry(NamedTuple):
-    """A parameter as a file gives it; None for what is missing or wrong."""
+    """A parameter as a file gives it; None where it is missing or wrong."""
 
     value: float | None  # SI
     source: str | None

@@ -98,8 +98,8 @@ def not_searchable(place: str) -> InputError:
 class Section(BaseModel):
     """A table of the parameter file.
 
-    One that may be left out is declared as ``Kind | None = None``; what is left out is neither a
-    parameter nor part of the fingerprint.
+    An optional one is declared as ``Kind | None = None``; left out, it has no parameters and is no
+    part of the fingerprint.
 
     Attributes
     ----------
@@ -262,7 +262,7 @@ class ParameterSet(BaseModel):
         return found
 
     def with_tolerances(self, tolerances: Mapping[str, float | str]) -> Self:
-        """A variant with tolerances of its own, e.g. ``{"motor.resistance": "5 %"}`` or 0.05.
+        """A variant with stated tolerances, e.g. ``{"motor.resistance": "5 %"}`` or 0.05.
 
         Raises
         ------
@@ -354,7 +354,7 @@ class ParameterSet(BaseModel):
         return float(getattr(getattr(self, section), name))
 
     def limits(self, place: str) -> tuple[float, float]:
-        """What a parameter may be at least and at most, SI; infinite where nothing is said."""
+        """Least and largest value of a parameter, SI; infinite where there is no limit."""
         low, high = -math.inf, math.inf
         for rule in self._field(place).metadata:
             low = max(low, getattr(rule, "ge", low), getattr(rule, "gt", low))
@@ -362,9 +362,9 @@ class ParameterSet(BaseModel):
         return float(low), float(high)
 
     def as_table(self, sources: Mapping[str, str] | None = None) -> dict[str, Any]:
-        """What a parameter file of it holds: kind, name, values with units and sources.
+        """Content of its parameter file: kind, name, values with units and sources.
 
-        Of tolerances those that were given for this actuator; those of the kind are not repeated.
+        Tolerances of the kind are not repeated.
         """
         given = sources or {}
         table: dict[str, Any] = {
@@ -379,7 +379,7 @@ class ParameterSet(BaseModel):
         return table
 
     def save(self, path: str | Path, sources: Mapping[str, str] | None = None) -> None:
-        """Write a parameter file, whole or not at all; ``sources`` replace those of some places."""
+        """Write a parameter file, whole or not at all; ``sources`` replace those given."""
         import tomli_w
 
         with written_whole(path) as draft:

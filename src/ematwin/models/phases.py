@@ -1,4 +1,4 @@
-"""Phases of a recording: what the command asks for, and when the answer to it has settled.
+"""Phases of a recording: motions of the command, each with a transient and a steady part.
 
 A stretch of constant commanded speed is a transient until the actuator has settled, and steady
 from then on. A command without such stretches is cut into equal parts.

@@ -44,15 +44,15 @@ _USUAL = {
 def propose_map(path: Any, actuator: Any = None, found: Survey | None = None) -> Proposal:
     """Propose a channel map for a file of a test bench.
 
-    Names are compared with words that benches use, units with those of the channels. A unit that
-    nobody states is taken where only one is plausible. What remains open is asked, and never
+    Names are compared with words that benches use, units with units of the channels. An unstated
+    unit is taken where only one is plausible. What remains open is asked, and never
     chosen silently.
 
     Parameters
     ----------
     path : a file that `ematwin.read` knows, or a DataFrame
-    actuator : parameters of any kind, the name of a shipped set, or a TOML file, whose limits tell
-        what is plausible; the default brushless actuator if not given
+    actuator : parameters of any kind, the name of a shipped set, or a TOML file; its limits
+        decide on plausibility; the default brushless actuator if not given
     found : what `ematwin.recordings.survey.survey` gave for the file, where it is there already
 
     Returns
@@ -92,7 +92,7 @@ def propose_map(path: Any, actuator: Any = None, found: Survey | None = None) ->
 def in_other_units(
     recording: Recording, model: Model, actuator: Any
 ) -> Iterator[tuple[dict[str, str], Recording]]:
-    """Yield a recording with numbers of which nobody stated the unit taken for other usual units.
+    """Yield a recording with each usual unit for numbers without a stated unit.
 
     Each comes with the units that differ from SI, by channel; those that the kind refuses are left
     out.
@@ -142,7 +142,7 @@ def _with_units(
 ) -> Proposal:
     """The proposal with the units that are alone plausible, and questions on the others.
 
-    ``recording`` was read with SI in place of what is open; None where it cannot be read.
+    ``recording`` was read with SI for open units; None where it cannot be read.
     """
     channels = {one.name: one for one in with_time(model.channels)}
     needed = {name for group in model.required for part in group for name in part} | {"time"}

@@ -25,7 +25,7 @@ Paths = list[str] | list[Path] | list[str | Path] | tuple[str | Path, ...]
 
 
 class Frame(Protocol):
-    """A table of pandas, which is optional; what a list of paths does not look like."""
+    """A table of pandas, which is optional; distinct from a list of paths."""
 
     @property
     def columns(self) -> Any: ...  # noqa: D102
@@ -37,7 +37,7 @@ class Frame(Protocol):
 
 
 class Options(TypedDict, total=False):
-    """Options of `read` that do not change what it returns."""
+    """Options of `read` that do not change the type of its result."""
 
     actuator: Any
     resample_to: float | str | None
@@ -87,7 +87,7 @@ def read(
     columns : which channel of the file is which: a mapping such as
         ``{"current_a": "Phase A [A]"}``, a TOML file, or a `ChannelMap`. All others are found by
         name or alias (``i_a``, ``t``), with or without a unit (``command_deg``, ``i_a [mA]``)
-    actuator : of which kind the recordings are: an actuator, the name of a shipped one, a TOML
+    actuator : kind of the recordings: an actuator, the name of a shipped one, a TOML
         file, or a kind. None takes the brushless one; a file that `write` made says itself which
         channels it has
     resample_to : float (Hz) or text such as ``"20 kHz"``; None keeps the recorded rate
@@ -96,15 +96,15 @@ def read(
     split : whether a table is cut into motions, where time falls back or a label changes: a
         column that stays as it is within a motion, such as run or condition
     where : labels with the values that are wanted, e.g. ``{"condition": ["normal"]}``, or several
-        such choices, of which one has to fit
+        such choices, one of them has to fit
     progress : called with the share read, in [0, 1], now and then
 
     Returns
     -------
     Recording, or a list of them if ``split`` is true or several files are given
         A file that `write` made, read without a map, comes back bit for bit. Of others, the
-        provenance says which channel became what (``columns``), what was assumed (``assumed``, see
-        `assumptions`) and what was done (``changed``), with sentences to show (``warnings``).
+        provenance holds the channel of each column (``columns``), assumptions (``assumed``, see
+        `assumptions`) and changes (``changed``), with sentences to show (``warnings``).
 
     Raises
     ------
@@ -113,7 +113,7 @@ def read(
     FileError
         If a file cannot be read.
     RecordError
-        If a channel is missing or holds what a recording cannot, if nothing fits ``where``, or if
+        If a channel is missing or cannot be recorded so, if nothing fits ``where``, or if
         the file holds several motions and ``split`` is false.
     MissingExtraError
         If the library for a format is not installed.
@@ -262,7 +262,7 @@ def _kinds_of(recording: Any, columns: Columns) -> list[str]:
 
 
 def _channels_of(recording: Recording) -> Sequence[Channel]:
-    """Those of the kind that knows most channels of a recording."""
+    """Channels of the kind that knows most channels of a recording."""
 
     def known(model: Model) -> int:
         return sum(channel.name in recording.channels for channel in model.channels)
@@ -272,7 +272,7 @@ def _channels_of(recording: Recording) -> Sequence[Channel]:
 
 
 def _share(progress: Progress | None, done: int, count: int) -> Progress | None:
-    """The progress of one file as a share of that of all."""
+    """The progress of one file as a share of all."""
     if progress is None or count == 1:
         return progress
     return lambda share: progress((done + share) / count)

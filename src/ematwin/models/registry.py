@@ -1,7 +1,7 @@
 """The kinds of actuators that there are, and parameter sets of any kind.
 
-Some come with ematwin; others are found by the entry point group ``ematwin.models``, each of which
-names an instance of `Model` (or a class of one), or named by `register_model` in a process. A kind
+Some come with ematwin; others are found by the entry point group ``ematwin.models``, whose entries
+name an instance of `Model` (or its class), or named by `register_model` in a process. A kind
 of someone else never replaces one of ours, so that one of ours is found without loading the rest.
 """
 
@@ -76,7 +76,7 @@ def registered_models() -> tuple[Model, ...]:
 
 @cache
 def models() -> dict[str, Model]:
-    """All kinds by name, ours first; those of packages that cannot be loaded are `broken_kinds`."""
+    """All kinds by name, ours first; kinds that cannot be loaded are in `broken_kinds`."""
     found: dict[str, Model] = {kind: _own(kind) for kind in _OURS} | _REGISTERED
     _BROKEN.clear()
     for point in entry_points(group=ENTRY_POINTS):
@@ -131,7 +131,7 @@ def model_of(actuator: Any) -> Model:
 
 
 def _and_broken(sentence: str) -> str:
-    """A sentence on what is not found, and those on kinds that it may belong to."""
+    """A sentence on something not found, with sentences on broken kinds that it may belong to."""
     return " ".join([sentence, *broken_kinds()])
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ematwin.errors import InputError, ParameterError, RecordError
-from ematwin.models.base import Law, Model, Signal
+from ematwin.models.base import Candidates, Law, Model, Signal
 from ematwin.models.scenario import Scenario
 from ematwin.models.unknown import Unknown
 from ematwin.recordings.channel import Channel, Derivation
@@ -18,6 +18,7 @@ from ematwin.recordings.recording import Recording
 _SUM = 0.05  # of the RMS of the phases: their sensors and converters differ by less
 _BROKEN = 0.2  # of it: no gains of sensors leave as much once the best is taken off
 _FEWEST = 100  # samples
+_LOAD_OFFSET = 0.05  # of the dry friction, seen on the output
 _OVERSPEED = 20.0  # times the speed limit: no fault makes a motor so fast
 _BEYOND = 1.02  # times the travel: end stops give a little
 _DEGREES = (10.0, 180.0)  # times the travel: what degrees taken for radians reach (57.3)
@@ -29,6 +30,25 @@ COMMAND_AND_LOAD = (
     Channel("load", "N*m", "load on the output, against positive motion",
             ("load_torque", "t_load"), "output"),
 )  # fmt: skip
+
+
+class ServoModel(Model):
+    """A servo with a reference model, which corrects the fast monitor model."""
+
+    command = "command"
+    load = "load"
+    fidelities = ("reference", "monitor")
+
+    def respond(
+        self, actuator: Any, inputs: Recording, candidates: Candidates, count: int
+    ) -> dict[str, np.ndarray]:
+        """Responses of the monitor model, low-passed, (B, S) arrays by channel."""
+        found: dict[str, np.ndarray] = self.compare(inputs, actuator).responses(candidates, count)
+        return found
+
+    def check_scenario(self, scenario: Scenario, actuator: Any) -> None:
+        """Raise `ParameterError` if the command leaves the travel."""
+        check_travel(scenario, actuator)
 
 
 def _third(one: np.ndarray, other: np.ndarray) -> np.ndarray:
@@ -61,10 +81,39 @@ def normalised_fault(
     healthy: float = 0.0,
     **more: Any,
 ) -> Unknown:
-    """A fault from 0 to 1; ``unit`` is that of ``physical``, ``more`` as of `Unknown`."""
+    """A fault from 0 to 1; ``unit`` of ``physical``, ``more`` as of `Unknown`."""
     return Unknown(
         name, "", meaning, healthy, 0.0, 1.0, physical_unit=unit, physical=physical, **more
     )
+
+
+def dry_friction(actuator: Any) -> Any:
+    """Dry friction of motor and output on the motor shaft, N m."""
+    return actuator.motor.friction_torque + actuator.transmission.friction_torque
+
+
+def nuisance(
+    name: str, unit: str, meaning: str, healthy: float, reach: float, spread: float, **more: Any
+) -> Unknown:
+    """A nuisance that widens intervals, ``reach`` to both sides; ``more`` as of `Unknown`."""
+    return Unknown(
+        name, unit, meaning, healthy, healthy - reach, healthy + reach, "nuisance",
+        spread=spread, marginal=True, **more,
+    )  # fmt: skip
+
+
+def load_nuisances(actuator: Any, valleys: int = 1) -> tuple[Unknown, Unknown]:
+    """Gain and offset of the recorded load; ``valleys`` as of `Unknown`, for the offset.
+
+    Load cells are stated to 1 % of their range and drift by as much with temperature; loads that
+    were computed and not measured are worth 5 %.
+    """
+    load = _LOAD_OFFSET * max(dry_friction(actuator), 1e-6) * actuator.transmission.ratio
+    return (
+        nuisance("load_gain", "", "actual over recorded load", 1.0, 0.5, 0.06),
+        nuisance("load_offset", "N*m", "load beside the recorded one", 0.0, 40.0 * load, load,
+                 valleys=valleys),
+    )  # fmt: skip
 
 
 def tracking_signals(recording: Recording) -> list[Signal]:
@@ -135,8 +184,17 @@ def motion_laws(model: Model, recording: Recording, actuator: Any) -> list[Law]:
     return found
 
 
+def check_stops(gear: Any) -> None:
+    """Raise ValueError unless the end stops of a gear lie to both sides of zero."""
+    if not gear.travel_low < 0.0 < gear.travel_high:
+        raise ValueError(
+            "travel_low must lie below zero and travel_high above, received "
+            f"{gear.travel_low} and {gear.travel_high} rad; correct the end stops"
+        )
+
+
 def checked_step(actuator: Any, fidelity: str, step: float | None) -> float:
-    """A step of a model, s; that of the actuator if not given.
+    """A step of a model, s; the actuator's if not given.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Simulated recordings: of the twin with which a kind identifies, or of any model of its own."""
+"""Simulated recordings of the twin of a kind, or of any of its models."""
 
 import math
 from collections.abc import Mapping

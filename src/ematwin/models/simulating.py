@@ -45,8 +45,8 @@ def simulate(
     noise : imperfections of the measurement: a `Noise`, or the share of white noise, such as 0.02
     seed : int, of the noise
     initial_position : float, rad on the output, at rest
-    also : channels that are only given on request, such as voltage_a; those of a kind stand in
-        `Model.on_request`
+    also : channels that are only given on request, such as voltage_a; `Model.on_request` lists
+        them
     progress : True shows a bar, in a terminal or a notebook; else called with the share done, in
         [0, 1], now and then
 

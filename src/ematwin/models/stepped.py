@@ -35,9 +35,9 @@ class Stepped(NamedTuple):
     constants : ``candidates -> numbers``, the first entries of ``c``. ``candidates`` hold values of
         unknowns and starts by name and of parameters by place. It computes with them by operators
         and functions of numpy alone: an export follows it with values that are not known yet
-    begin : ``(c, u, x)`` fills the state at rest; what it writes to ``u`` is held while ``held``
-        samples settle
-    sample : ``(c, x, u, n, y)`` at sample ``n``: the state after it, and what it shows
+    begin : ``(c, u, x)`` fills the state at rest; its values in ``u`` hold while ``held`` samples
+        settle
+    sample : ``(c, x, u, n, y)`` at sample ``n``: the state after it, and its outputs
     advance : ``(c, x, u)`` over a step
     interval, substeps : s, from one sample to the next, and steps in it
     at : of each input, at which share of a step it is taken

@@ -1,8 +1,8 @@
 """Unknown: one number of an actuator that a recording may tell.
 
 A fault, a nominal parameter or a nuisance such as an unrecorded load: each can be searched, held
-at a value, or given a prior. What a table of faults, a column of a result and a bound of a search
-need to know of it stands here and nowhere else.
+at a value, or given a prior. Tables of faults, columns of results and bounds of searches
+all follow from it.
 """
 
 import math
@@ -22,7 +22,7 @@ Role = Literal["fault", "nominal", "nuisance", "symptom"]
 
 
 class PhysicalValue(NamedTuple):
-    """What a value of an unknown means on an actuator.
+    """Physical value of an unknown on an actuator.
 
     ``normalised`` is the value as it is searched; ``value`` and ``healthy`` are in ``unit``.
     """
@@ -79,7 +79,7 @@ def table_of(rows: Sequence[PhysicalValue], marked: Container[str] | None = None
 
 
 def physical_html(title: str, rows: Sequence[PhysicalValue]) -> str:
-    """The same table for a notebook, below a title; what is not healthy is bold."""
+    """The same table for a notebook, below a title; values that are not healthy are bold."""
     cells = [(row.name, f"{row.normalised:.4g}", *row.said, row.meaning) for row in rows]
     marked = [n for n, row in enumerate(rows) if row.value != row.healthy]
     header = ("fault", "k", "value", "healthy", "meaning")
@@ -104,9 +104,9 @@ class Unknown:
     logarithmic : bool, searched by its logarithm
     marginal : bool, held at its healthy value while faults are searched; its prior widens their
         intervals afterwards
-    direction_of : str or None, name of the magnitude of which this is the direction, in turns from
+    direction_of : str or None, name of the magnitude whose direction this is, in turns from
         -1/2: the two are searched as the components of a vector
-    valleys : int, ranges of the value in which the misfit may have separate valleys
+    valleys : int, number of ranges of the value in which the misfit may have separate minima
     slack : float, how far below the lower bound monitoring looks: healthy means as the average
         healthy run, and half of the runs are better than that
     physical_unit : str, of ``physical``; None takes ``unit``
@@ -185,7 +185,7 @@ class Unknown:
         return number
 
     def physical_value(self, actuator: Any, value: float) -> PhysicalValue:
-        """What a value means on an actuator."""
+        """Physical value on an actuator."""
         if self.physical is None:
             now, healthy = value, self.healthy
         else:

@@ -91,15 +91,15 @@ class _Judge:
         self._calibration, self._measured = calibration, measured
         model, actuator = calibration.model, calibration.actuator
         self._model = model
-        self._reported = model.reported(actuator)
+        self._reported = model.monitoring.reported(model, actuator)
         self._lower = {one.name: one.lower - one.slack for one in model.faults(actuator)}
         self._scores = calibration.scores(measured).values
         self._values = reported_values(model, actuator, calibration.layout, measured.features)
         self._healthy = calibration.reported.mean(measured.covariate)
         self._statistics = statistics_of(measured.estimates)
         self._unit = ""
-        if model.covariate is not None:
-            self._unit = model.unknown(actuator, model.covariate).unit
+        if model.monitoring.covariate is not None:
+            self._unit = model.unknown(actuator, model.monitoring.covariate).unit
 
     def diagnosis(self, members: np.ndarray, name: str, labels: dict[str, str]) -> Diagnosis:
         """The diagnosis of some recordings taken together."""
@@ -244,7 +244,7 @@ class _Judge:
         return tuple(one.name for one in magnitudes if abs(one.score) > bound)
 
     def _covariate(self, members: np.ndarray) -> Covariate | None:
-        name = self._model.covariate
+        name = self._model.monitoring.covariate
         if name is None:
             return None
         return Covariate(name, self._unit, float(self._measured.covariate[members].mean()))
@@ -308,7 +308,7 @@ class _Judge:
         calibration = self._calibration
         estimates = [self._measured.estimates[n] for n in members]
         notes = list(dict.fromkeys(text for one in estimates for text in one.warnings))
-        for statistic in self._model.statistics:
+        for statistic in self._model.monitoring.statistics:
             if not {statistic.name} <= self._statistics.keys() & calibration.statistics.keys():
                 continue
             mean, spread = calibration.statistics[statistic.name]

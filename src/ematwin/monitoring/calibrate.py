@@ -261,7 +261,7 @@ def _calibrated(
     back = [] if by_values or few else _held_back(runs, held_back)
     learnt_runs = [run for run in runs if run not in back]
     learning = np.array([one.run not in back for one in healthy])
-    settling = model.settling_time(chosen)
+    settling = model.monitoring.settling_time(chosen)
     command, interval = healthy[0].channels[model.command], healthy[0].interval
     tell(0.05)
     taught = [one for one, own in zip(healthy, learning, strict=True) if own]
@@ -411,7 +411,7 @@ def _report(
         back,
         {
             one.name: (float(reported.within[n]), float(reported.between[n]))
-            for n, one in enumerate(calibration.model.reported(calibration.actuator))
+            for n, one in enumerate(calibration.quantities)
         },
         float(over.mean()),
         (*notes, *_cautions(calibration.thresholds, calibration.layout, runs, len(back))),
@@ -535,7 +535,7 @@ def _with_discrepancy(bench: Bench, learning: np.ndarray) -> tuple[Fit, np.ndarr
     """The last fit, the discrepancy of the twin over the covariate, and the covariate's scale."""
     fit = bench.fit(search=LocalDescent())  # healthy ones lie in the valley of health
     scale = None
-    if bench.model.covariate is not None:
+    if bench.model.monitoring.covariate is not None:
         scale = float(np.sqrt((fit.covariate[learning] ** 2).mean())) or 1.0
     discrepancy = np.zeros(1)
     for _ in range(_ROUNDS):

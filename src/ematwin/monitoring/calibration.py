@@ -20,7 +20,7 @@ from ematwin.errors import EmatwinError, ParameterError
 from ematwin.estimation.baseline import Baseline, baseline_of, frees_parameters, uncertain
 from ematwin.estimation.prior import Prior
 from ematwin.files import written_whole
-from ematwin.models.base import Model
+from ematwin.models.base import Model, Reported
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.registry import actuator_in, load_actuator, model_of
 from ematwin.monitoring.classification import Signature
@@ -148,7 +148,7 @@ class PopulationCalibration(Calibration):
     discrepancy : (3, C S) or (1, C S) array: what the twin misses of them on healthy recordings,
         one channel after another, SI, over the covariate
     population : of the features
-    reported : population of what is reported (`Model.reported`)
+    reported : population of the reported quantities (`Monitoring.reported`)
     thresholds : of the index
     statistics : healthy mean and standard deviation of what is measured beside the twin, by name
     covariate_range : least and largest covariate of the healthy recordings, SI; None without one
@@ -171,6 +171,11 @@ class PopulationCalibration(Calibration):
     signatures: tuple[Signature, ...] = ()
     facts: dict[str, Any] = field(default_factory=dict)
     healthy: HealthyRuns | None = None
+
+    @property
+    def quantities(self) -> tuple[Reported, ...]:
+        """Reported quantities of its kind."""
+        return self.model.monitoring.reported(self.model, self.actuator)
 
     @cached_property
     def layout(self) -> Layout:
@@ -242,7 +247,7 @@ class PopulationCalibration(Calibration):
             "settling_time": self.settling_time,
             "channels": list(self.channels),
             "magnitudes": list(self.layout.magnitudes),
-            "quantities": [one.name for one in self.model.reported(self.actuator)],
+            "quantities": [one.name for one in self.quantities],
             "threshold": vars(self.thresholds).copy(),
             "statistics": {name: list(pair) for name, pair in self.statistics.items()},
             "facts": self.facts,
@@ -277,11 +282,11 @@ class PopulationCalibration(Calibration):
             raise ValueError(f"{numbers} must be positive")
         if not (np.isfinite(self.settling_time) and self.settling_time >= 0.0):
             raise ValueError(f"the settling time is {self.settling_time}")
-        reported = [one.name for one in self.model.reported(self.actuator)]
+        reported = [one.name for one in self.quantities]
         for made, now in ((magnitudes, list(self.layout.magnitudes)), (quantities, reported)):
             if made is not None and list(made) != now:
                 raise ValueError(f"it knows {', '.join(made)}, the kind {', '.join(now)}")
-        covariate = self.model.covariate
+        covariate = self.model.monitoring.covariate
         if (covariate is None) != (self.covariate_range is None):
             raise ValueError(f"the range of the covariate is {self.covariate_range}")
         rows = 1 if covariate is None else 3

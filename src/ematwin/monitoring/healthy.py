@@ -171,7 +171,7 @@ class Learning:
         cut = np.zeros(errors.shape, dtype=bool)
         cut[: len(magnitudes)] = on_bound
         population = self._population(self.healthy.features, members, errors, cut)
-        reported = self.model.reported(self.actuator)
+        reported = self.model.monitoring.reported(self.model, self.actuator)
         own_errors, own_cut = np.zeros(len(reported)), np.zeros(len(reported), dtype=bool)
         for n, one in enumerate(reported):
             if one.name in magnitudes:
@@ -247,7 +247,7 @@ class Learning:
                         run, len(runs), f"it lies {np.exp(away):.1f} times as far from the others "
                         "as they lie from each other",
                     )  # fmt: skip
-        for k, one in enumerate(self.model.reported(self.actuator)):
+        for k, one in enumerate(self.model.monitoring.reported(self.model, self.actuator)):
             if not np.isfinite(one.least):
                 continue
             level = np.array([healthy.values[healthy.of_run(run), k].mean() for run in runs])

@@ -103,7 +103,7 @@ class Bench:
         self.warnings = [doubts for doubts, _ in found]
         self.barred = [tuple(barred) for _, barred in found]
         self.comparisons: list[Comparison] = [
-            model.monitored(one, actuator, settling_time) for one in recordings
+            model.monitoring.compare(model, one, actuator, settling_time) for one in recordings
         ]
         self.groups = numbered([one.together for one in recordings])
         wanted = tuple(self.comparisons[0].measured() if channels is None else channels)
@@ -163,7 +163,7 @@ class Bench:
         scale: float | None,
     ) -> Fit:
         """What is left where each problem is at the point found."""
-        name = self.model.covariate
+        name = self.model.monitoring.covariate
         covariate = np.array([
             0.0 if name is None else problem.values(one.point)[name]
             for problem, one in zip(problems, found, strict=True)
@@ -219,7 +219,9 @@ def layout_of(
 ) -> Layout:
     """The features of recordings over a command."""
     magnitudes = [one.name for one in model.faults(actuator) if one.direction_of is None]
-    return Layout.of(phases(command, interval, settling_time), magnitudes, channels, model.short)
+    return Layout.of(
+        phases(command, interval, settling_time), magnitudes, channels, model.monitoring.short
+    )
 
 
 def reported_values(
@@ -227,9 +229,9 @@ def reported_values(
 ) -> np.ndarray:
     """Values (N, R) of what is reported, SI; logarithms where it is a multiple of healthy."""
     by_name = dict(zip(layout.names, features.T, strict=True))
-    derived = model.derived(by_name)
+    derived = model.monitoring.derived(by_name)
     columns = []
-    for one in model.reported(actuator):
+    for one in model.monitoring.reported(model, actuator):
         values = by_name[one.name] if one.name in layout.magnitudes else derived[one.name]
         # a derived quantity comes as the logarithm
         log = one.logarithmic and one.name in layout.magnitudes

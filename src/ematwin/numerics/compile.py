@@ -16,8 +16,8 @@ meaning: it marks a candidate that diverged.
 numba's own cache keeps the machine code. By itself it notices no change of a step in another file
 than the loop's, nor of the fields of a tuple, and two processes that save different signatures at
 once may exchange them. So each loop has, for each signature, a folder that is named by all that
-the machine code depends on (`ematwin.numerics.content`), where there is nothing to mistake. What is
-loaded is run: the folders lie in one that only the user can write.
+the machine code depends on (`ematwin.numerics.content`), where there is nothing to mistake. A
+cache is executed when it is loaded: the folders lie in one that only the user can write.
 
 The only private parts of numba in this file are `Kept`, which stands in for the cache of a
 function, and the key of `_InOneFolder` (numba 0.61 to 0.68).
@@ -92,7 +92,7 @@ class Kept:
             _drop_stale(Path(cache.cache_path).parents[1])
 
     def flush(self) -> None:
-        """Do nothing: what is kept is never out of date."""
+        """Do nothing: machine code named by content is never out of date."""
 
     def _of(self, signature: Any) -> "_InOneFolder":
         """numba's cache in the folder for a signature."""

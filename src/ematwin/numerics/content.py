@@ -1,10 +1,10 @@
-"""What the machine code of a loop depends on, as names that are the same in each process.
+"""Names for everything that the machine code of a loop depends on, the same in each process.
 
 numba compiles a function together with all that its global names stand for: other compiled
 functions, inlined or called; constants, which become numbers in the machine code; the classes of
 named tuples, whose fields it counts by their place. `content_of` follows these names through
-whatever files and packages they lead to, by what was loaded from them: a file that was edited after
-its import is not taken for what runs. numba, numpy and the standard library count by their
+whatever files and packages they lead to, by the loaded code: a file that was edited after its
+import does not count. numba, numpy and the standard library count by their
 versions.
 """
 
@@ -98,7 +98,7 @@ class _Walk:
 
 
 def _nested(code: CodeType) -> Iterator[CodeType]:
-    """A code object and those of the functions and comprehensions in it."""
+    """A code object and the code objects of functions and comprehensions in it."""
     yield code
     for constant in code.co_consts:
         if isinstance(constant, CodeType):

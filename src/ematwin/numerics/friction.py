@@ -37,9 +37,9 @@ def advance_mobile(w, act, mobility, t_static, t_dynamic, dt):
 def advance_through_rest(
     w, act, mobility, t_dynamic, act_rest, before_rest, mobility_rest, static_rest, dynamic_rest, dt
 ):
-    """Speed after a step of a mass with dry friction, with what a step that is not short needs.
+    """Speed after a step of a mass with dry friction, accurate for long steps.
 
-    Where the speed reverses, the mass goes on from rest for what is left of the step; where it
+    Where the speed reverses, the mass goes on from rest for the rest of the step; where it
     breaks loose, the time since it did is taken from how fast its torque grew. Ending such steps at
     zero, as `advance_speed` does, is an error of first order (derived here; docs/models.md,
     "Steps").

@@ -2,8 +2,8 @@
 
 LLVM turns a loop over candidates into vector instructions if each scalar step is inlined, has
 selects in place of branches, and reads and writes few arrays, with a row for each field of a tuple
-and a column for each lane (`columns`): it gives up where many arrays might overlap. What it needs
-to be told beyond that is here, without private parts of numba. `Traces` makes the loop over time
+and a column for each lane (`columns`): it gives up where many arrays might overlap. Further
+instructions to LLVM are here, without private parts of numba. `Traces` makes the loop over time
 and candidates of two steps of a model.
 """
 
@@ -16,7 +16,7 @@ from numba.core import event, types
 from numba.extending import intrinsic
 
 from ematwin.numerics.compile import loop, step
-from ematwin.numerics.side_by_side import side_by_side
+from ematwin.numerics.side_by_side import by_candidate, side_by_side
 
 LANES = 16
 """Candidates side by side: two vectors of AVX-512, four of AVX2. More are no faster."""
@@ -95,8 +95,8 @@ class Traces:
 
     Parameters
     ----------
-    constants, state, answers : classes of named tuples of numbers: what a candidate is, what it
-        remembers, and what is seen of it
+    constants, state, answers : classes of named tuples of numbers: a candidate, its state,
+        and its compared channels
     sampled : step ``(state, command, load, n, c, interval) -> state, answers`` at sample ``n``;
         ``answers`` are what that sample shows
     advanced : step ``(state, command, load, c, dt) -> state`` over a time ``dt``; command and load
@@ -148,14 +148,6 @@ class Traces:
 
         side_by_side(simulate, [slice(n, n + LANES) for n in range(0, count, LANES)], threads)
         return {name: traces[:, n] for n, name in enumerate(self._names)}
-
-
-def by_candidate(values: Any, count: int) -> np.ndarray:
-    """(B, N) array of a tuple of N numbers or (B,) arrays, for B = ``count`` candidates."""
-    rows = np.empty((count, len(values)))
-    for n, value in enumerate(values):
-        rows[:, n] = value
-    return rows
 
 
 def _loop_over(

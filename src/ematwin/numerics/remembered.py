@@ -1,4 +1,4 @@
-"""Answers on arrays that are asked for again, kept by what the arrays hold.
+"""Results on arrays that are asked for again, kept by the content of the arrays.
 
 A recording is looked at when it is checked, and again in each comparison with it.
 """

@@ -10,6 +10,8 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from typing import Any, TypeVar
 
+import numpy as np
+
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
 
@@ -54,6 +56,14 @@ def side_by_side(
     for one in begun:
         one.result()
     return answers
+
+
+def by_candidate(values: Any, count: int) -> np.ndarray:
+    """(B, N) array of a tuple of N numbers or (B,) arrays, for B = ``count`` candidates."""
+    rows = np.empty((count, len(values)))
+    for n, value in enumerate(values):
+        rows[:, n] = value
+    return rows
 
 
 @cache

@@ -87,7 +87,7 @@ def means(trace: np.ndarray, stride: int) -> np.ndarray:
 def white_noise(trace: np.ndarray) -> float:
     """Standard deviation of the white noise on a trace (S,), in its unit.
 
-    By differences of the fourth order, whose variance is 70 times that of the noise, and their
+    By differences of the fourth order, with 70 times the variance of the noise, and their
     median, so that corners and commutations do not count (von Neumann, Kent, Bellinson and Hart
     1941, Ann. Math. Stat. 12, 153-162; Hampel 1974, J. Am. Stat. Assoc. 69, 383-393). 0 for a trace
     of fewer than five samples.

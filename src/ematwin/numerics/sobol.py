@@ -2,7 +2,7 @@
 
 Sobol (1967), with the direction numbers of Joe and Kuo (2008, SIAM J. Sci. Comput. 30,
 2635-2654), scrambled by random lower triangular matrices and a shift (Matousek 1998, J. Complexity
-14, 527-556). The points are those of ``scipy.stats.qmc.Sobol``, whose import takes longer than a
+14, 527-556). The points equal ``scipy.stats.qmc.Sobol``, whose import takes longer than a
 search.
 """
 
@@ -19,7 +19,7 @@ class Sobol:
     Parameters
     ----------
     dimensions : int
-    rng : numpy Generator, of which a child draws the scrambling
+    rng : numpy Generator; a child of it draws the scrambling
     """
 
     def __init__(self, dimensions: int, rng: np.random.Generator) -> None:

@@ -106,7 +106,7 @@ def spread_sentences(report: CalibrationReport) -> list[str]:
             f"{', '.join(off)} (one standard deviation)."
         ]
     told = []
-    for one in calibration.model.reported(calibration.actuator):
+    for one in calibration.quantities:
         unit, scale = ("%", 100.0) if one.logarithmic else (one.unit, one.scale)
         within, between = (in_unit(plain(x * scale), unit) for x in report.run_spread[one.name])
         told.append(f"{one.name} scatters by {within} within a run and {between} between runs")

@@ -1,4 +1,4 @@
-"""Contract suites, for parts of others: they say what is missing, and what to do about it.
+"""Contract suites for parts of others: messages name the missing part and the remedy.
 
 `model_contract` for kinds of actuators, `reader_contract` for file formats and `store_contract` for
 stores of studies are classes that pytest runs; `optimizer_contract` is a list of functions that

@@ -240,7 +240,7 @@ def check_the_budget_is_spent_exactly(factory: OptimizerFactory) -> None:
 
 
 def check_it_beats_random_search(factory: OptimizerFactory) -> None:
-    """On a sphere its median of five seeds is better than that of random search.
+    """On a sphere its median of five seeds is better than the median of random search.
 
     Random search itself is let off.
     """

@@ -73,7 +73,7 @@ class ReaderContract(ABC):
         return path
 
     def test_every_channel_has_one_name(self, path: Path, channels: dict[str, np.ndarray]) -> None:
-        """Names are unique; those of the channels are the last parts of them."""
+        """Names are unique; names of channels are the last parts of them."""
         with self.open(path) as file:
             assert len(set(file.names)) == len(file.names)
             for name in _found(file, channels):
@@ -154,7 +154,7 @@ class ReaderContract(ABC):
         assert seen[-1] == pytest.approx(1.0)
 
     def test_a_record_is_read(self, path: Path, channels: dict[str, np.ndarray]) -> None:
-        """Through the public door, without a map, because the names are those of a record."""
+        """By `ematwin.read`, without a map, because the names belong to a record."""
         if type(self).open is not ReaderContract.open:
             return  # `read` finds installed readers only
         record = read(path)
@@ -172,7 +172,7 @@ class ReaderContract(ABC):
         assert [file.name for file in path.parent.iterdir()] == [path.name]
 
     def test_closing_twice_is_allowed(self, path: Path) -> None:
-        """As a context manager closes what was closed before."""
+        """As a context manager closes an open file."""
         with self.open(path) as file:
             file.close()
 

@@ -1,4 +1,4 @@
-"""What a study store must keep, whatever database is under it: a contract suite, run by pytest.
+"""Contract suite of study stores over any database, run by pytest.
 
 ::
 
@@ -180,7 +180,7 @@ class StoreContract(ABC):
         self, store: Store, where: str | Path, specs: list[RunSpec],
         table: str, column: str, words: str,
     ) -> None:  # fmt: skip
-        """Those of the study, and those that its runs share."""
+        """Settings of the study, and settings that its runs share."""
         store.save([some_run(specs[0])])
         store.close()
         _execute(where, f"UPDATE ematwin_{table} SET {column} = replace({column}, '200', '300')")

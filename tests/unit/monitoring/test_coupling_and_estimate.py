@@ -72,7 +72,7 @@ def test_a_comparison_measures_the_coupling_and_takes_it_out():
     one = coupled(300.0)
     comparison = MODEL.compare(one, rig(), settling_time=1.4)
     assert comparison.statistics == {"sensor_coupling": share_of(one)}
-    assert [s.name for s in MODEL.statistics] == ["sensor_coupling"]
+    assert [s.name for s in MODEL.monitoring.statistics] == ["sensor_coupling"]
     np.testing.assert_array_equal(comparison.measured()["current"], freed(one))
     np.testing.assert_array_equal(comparison.measured()["position_error"], one.position_error)
     assert comparison.recording is one
@@ -201,7 +201,7 @@ def test_an_estimate_knows_its_motion():
 def test_reported_values_are_logarithms_of_ratios_and_metres():
     bench, fit = fitted(motion(), motion(roughness=0.1))
     features = bench.measured(fit).features
-    names = [one.name for one in MODEL.reported(rig())]
+    names = [one.name for one in MODEL.monitoring.reported(MODEL, rig())]
     found = dict(zip(names, reported_values(MODEL, rig(), bench.layout, features).T, strict=True))
     assert bench.layout.names[:3] == ("friction", "backlash", "gain")
     np.testing.assert_allclose(np.exp(found["friction"]), features[:, 0])

@@ -27,7 +27,7 @@ from ematwin.monitoring.index import (
 from ematwin.monitoring.population import Population, basis, fit_mean
 from ematwin.monitoring.scores import Scores
 
-REPORTED = MODEL.reported(BallScrew.load())
+REPORTED = MODEL.monitoring.reported(MODEL, BallScrew.load())
 
 # Population
 

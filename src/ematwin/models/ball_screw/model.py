@@ -5,34 +5,26 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from ematwin.models.ball_screw.monitoring import MONITORING
 from ematwin.models.ball_screw.motions import SENSORS, as_sensed
 from ematwin.models.ball_screw.parameters import FIXED, BallScrew
 from ematwin.models.ball_screw.plausibility import check_signals, check_spans, position_error
 from ematwin.models.ball_screw.unknowns import aliases, unknowns
-from ematwin.models.base import Demand, Model, Reported, Signal, Statistic, Study, Values
+from ematwin.models.base import Demand, Model, Signal, Study, Values
 from ematwin.models.comparison import Candidates
 from ematwin.models.unknown import Alias, Unknown
 from ematwin.recordings.channel import Channel, Derivation
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
 
-SETTLED = 6.3  # time constants of the position loop until a transient has died out
-_ROUGH_BANDS = (3, 4, 5)  # of the residual's spectrum: one turn of the screw, harmonics, balls
-
-
-class NoisyStudy(Study):
-    """Simulated motions have the noise of a usual rig."""
-
-    noisy: ClassVar[bool] = True
-
 
 class BallScrewModel(Model):
     """Stepper motor, ball screw, nut and a sampled position loop; docs/ball-screw.md."""
 
-    kind: ClassVar[str] = "ball-screw"
-    title: ClassVar[str] = "stepper motor, ball screw and sampled position loop"
-    parameters: ClassVar[type[BallScrew]] = BallScrew
-    channels: ClassVar[tuple[Channel, ...]] = (
+    kind = "ball-screw"
+    title = "stepper motor, ball screw and sampled position loop"
+    parameters = BallScrew
+    channels = (
         Channel("set_point", "m", "commanded position of the nut",
                 ("setpoint", "command", "demand", "reference")),
         Channel("position_error", "m", "set point less position", ("error", "following_error"),
@@ -42,11 +34,11 @@ class BallScrewModel(Model):
         Channel("current", "A", "current of the drive, a magnitude",
                 ("motor_current", "drive_current")),
     )  # fmt: skip
-    command: ClassVar[str] = "set_point"
-    needs: ClassVar[tuple[str | tuple[tuple[str, ...], ...], ...]] = (
+    command = "set_point"
+    needs = (
         (("position_error",), ("position",)), "current",
     )  # fmt: skip
-    default_search: ClassVar[str] = "levenberg-marquardt"
+    default_search = "levenberg-marquardt"
     # What a recording of current and position error can say something of, and how far (as a
     # factor, one standard deviation) the template may be off.
     nominal: ClassVar[Mapping[str, float]] = {
@@ -59,19 +51,11 @@ class BallScrewModel(Model):
         "controller.position_gain": 1.5,
         "controller.integral_gain": 1.5,
     }
-    fixed: ClassVar[tuple[str, ...]] = FIXED
-    covariate: ClassVar[str | None] = "load"
-    study: ClassVar[Study] = NoisyStudy()
-    statistics: ClassVar[tuple[Statistic, ...]] = (
-        Statistic(
-            "sensor_coupling", "A/m", "The sensors share fast noise differently than in the "
-            "healthy runs", "Rewiring or reassembly can cause this, and so can rough running. The "
-            "noise is removed from the current before the verdict.",
-        ),
-    )  # fmt: skip
-    short: ClassVar[Mapping[str, str]] = {"position_error": "error"}
+    fixed = FIXED
+    study = Study(noisy=True)
+    monitoring = MONITORING
 
-    demands: ClassVar[tuple[Demand, ...]] = (
+    demands = (
         Demand("travel", "m", ("set_point",)),
         Demand("speed", "m/s", ("set_point",), is_rate=True),
         Demand("current", "A", ("current",)),
@@ -100,17 +84,17 @@ class BallScrewModel(Model):
         return stepped(actuator)
 
     def noise(self, actuator: Any, recording: Recording) -> dict[str, float]:
-        """Standard deviations of current (A) and position error (m), those of a usual rig."""
+        """Standard deviations of current (A) and position error (m), as on a usual rig."""
         return {"current": 0.05, "position_error": 2e-4}
 
     def compare(
         self, recording: Recording, actuator: Any, *, threads: int | None = None, **settings: Any
     ) -> Any:
-        """A recording whose current is freed from what its sensors share."""
+        """A recording without the noise that its two sensors share."""
         from ematwin.models.ball_screw.comparison import BallScrewComparison
 
         self.check_channels(recording)
-        settling_time = settings.get("settling_time") or self.settling_time(actuator)
+        settling_time = settings.get("settling_time") or MONITORING.settling_time(actuator)
         return BallScrewComparison(self, recording, actuator, settling_time=settling_time)
 
     def starts(self, actuator: Any, recording: Recording) -> list[dict[str, float]]:
@@ -127,7 +111,7 @@ class BallScrewModel(Model):
         return []
 
     def rate_of(self, actuator: Any) -> float:
-        """Hz, that of the position loop."""
+        """Sample rate of the position loop, Hz."""
         return float(1.0 / actuator.controller.sample_time)
 
     def sensed(
@@ -152,40 +136,6 @@ class BallScrewModel(Model):
             Signal("Current of the drive", "A", recording.channels["current"]),
             Signal("Position error", "mm", 1e3 * position_error(recording)),
         ]
-
-    def reported(self, actuator: Any) -> tuple[Reported, ...]:
-        """Magnitudes as multiples of healthy ones, backlash in mm, and roughness."""
-        return (
-            Reported("friction", "x", "dry friction, as a multiple of the healthy one",
-                     True, named="lubrication", least=0.25),
-            Reported("backlash", "mm", "play of the nut on the screw",
-                     scale=1e3, named="backlash", least=5e-4),
-            Reported("gain", "x", "gain of the position loop, as a multiple of the healthy one",
-                     True, least=0.25),
-            Reported("roughness", "x", "roughness while moving, as a multiple of the healthy one: "
-                     "fast swings of current and position that the twin does not explain, from one "
-                     "turn of the screw upwards", True, named="spalling"),
-        )  # fmt: skip
-
-    def settling_time(self, actuator: Any) -> float:
-        """Seconds until a transient of the position loop has died out."""
-        return float(SETTLED / actuator.controller.position_gain)
-
-    def monitored(self, recording: Recording, actuator: Any, settling_time: float) -> Any:
-        """The coupling of the sensors is measured where the calibration calls the motion steady."""
-        return self.compare(recording, actuator, settling_time=settling_time)
-
-    def derived(self, features: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """Roughness: the mean level of the fast bands of both residuals in steady motion."""
-        rough = [
-            values
-            for name, values in features.items()
-            if name.endswith(", steady")
-            and " rest" not in name
-            and any(f" band {band}, " in name for band in _ROUGH_BANDS)
-        ]
-        some = next(iter(features.values()))
-        return {"roughness": np.column_stack(rough).mean(1) if rough else np.zeros_like(some)}
 
 
 MODEL = BallScrewModel()

@@ -2,14 +2,14 @@
 
 The equations are in docs/ball-screw.md.
 
-Tolerances (`quantity`) are two standard deviations of the factors by which a template may be off,
-those of ``BallScrewModel.nominal``: factor**2 - 1, at most 2. They are judgement: data sheets of
-screws and stepper drives say little of friction, lags and gains. No drift is stated: what changes
+Tolerances (`quantity`) are two standard deviations of the factors in ``BallScrewModel.nominal``:
+factor**2 - 1, at most 2. They are judgement: data sheets of screws and stepper drives hardly state
+friction, lags and gains. No drift is stated: what changes
 between runs shows in the scatter of healthy ones, which calibration needs anyway. Lead and supply
 have no tolerance since all forces scale with them.
 """
 
-from typing import ClassVar, Self
+from typing import Self
 
 from pydantic import model_validator
 
@@ -71,8 +71,8 @@ class ScrewSteps(Section):
 class BallScrew(ParameterSet):
     """One ball-screw actuator, all values in SI, on the nut unless said otherwise."""
 
-    kind: ClassVar[str] = "ball-screw"
-    default: ClassVar[str] = "rm1605"
+    kind = "ball-screw"
+    default = "rm1605"
 
     screw: Screw
     drive: ScrewDrive

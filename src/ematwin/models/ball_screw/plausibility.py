@@ -1,4 +1,4 @@
-"""What a recording of a ball-screw actuator cannot be: a negative magnitude, a wrong sign."""
+"""Refuse recordings of a ball-screw actuator with negative magnitudes, wrong signs or units."""
 
 import numpy as np
 

@@ -7,8 +7,8 @@ docs/ball-screw.md. On the motor shaft, SI:
     T = friction(omega, load) + load                            quasi-static: inertia is left out
     i = i_idle + |T omega| / U                                  the drive takes the mechanical power
 
-The nut is dragged through the backlash as a play: its own friction and that of the guide exceed
-the load, so that it stays where it was pushed. Friction falls with speed, as it does in a stepper
+The nut is dragged through the backlash as a play: friction of nut and guide exceeds the load, so
+that the nut stays where it was pushed. Friction falls with speed, as it does in a stepper
 drive whose torque falls with speed; Borello's efficiencies add the share of the load.
 """
 
@@ -23,7 +23,7 @@ LEAST_FRICTION = 0.1  # of that at standstill, where the line falls below
 
 
 class BallScrewConstants(NamedTuple):
-    """What the model needs of an actuator with its faults, SI, on the motor shaft."""
+    """Constants of an actuator with its faults, SI, on the motor shaft."""
 
     per_radian: float  # m of nut for one radian of the screw
     half_gap: float  # rad
@@ -54,7 +54,7 @@ class BallScrewState(NamedTuple):
 
 
 class BallScrewAnswer(NamedTuple):
-    """What is seen of an actuator at a sample."""
+    """Compared channels at a sample."""
 
     current: float  # A, mean over the interval that ends at the sample
     position_error: float  # m
@@ -77,7 +77,7 @@ def drive_torque(w, c):
 
 @step
 def ball_screw_step(now, set_point, load, c, dt):
-    """Advance by ``dt``; ``set_point`` (m) is that of its start."""
+    """Advance by ``dt``; ``set_point`` (m) holds at its start."""
     due = now.wait < 0.5
     error = set_point - c.per_radian * now.nut
     grown = now.integral + error * c.update * dt

@@ -32,8 +32,8 @@ def candidate_traces(
     actuator : BallScrew
     set_point : (S,) array, m
     interval : float, s
-    candidates : unknowns by name and parameters of the actuator by place, (B,) each; what is not
-        named is healthy, and the healthy backlash is that of the candidate's own actuator
+    candidates : unknowns by name and parameters of the actuator by place, (B,) each; all others
+        are healthy, and a healthy backlash is the parameter of the candidate
     count : B
     """
     update, substeps = steps_of(actuator, interval)

@@ -1,4 +1,4 @@
-"""What is unknown of a ball-screw actuator, in one table: faults, nuisances, a symptom.
+"""Unknowns of a ball-screw actuator, in one table: faults, nuisances, a symptom.
 
 Priors are wide enough to let a motion speak where it says anything.
 """
@@ -35,7 +35,7 @@ def unknowns(actuator: BallScrew) -> tuple[Unknown, ...]:
 
 
 def aliases(values: Mapping[str, float]) -> list[Alias]:
-    """Friction and gain are multiples of what the parameters say."""
+    """Friction and gain multiply parameters."""
     return [
         Alias("screw.friction_force", {"friction": values.get("friction", 1.0)}),
         Alias(

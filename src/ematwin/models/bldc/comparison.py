@@ -131,7 +131,7 @@ class BldcComparison(Comparison):
         self._filter(low_pass or LowPass(), weighting or SlopeWeighting())
 
     def with_missed(self, missed: Mapping[str, np.ndarray]) -> "BldcComparison":
-        """With what the twin misses of filtered current (A) and power (W) taken off."""
+        """With the errors of the twin in filtered current (A) and power (W) subtracted."""
         other = copy.copy(self)
         other._missed, other._passed = dict(missed), self.low_pass
         other._filter(self.low_pass, self.weighting)
@@ -177,7 +177,7 @@ class BldcComparison(Comparison):
         return other
 
     def coarse(self) -> "BldcComparison":
-        """With longer steps and fewer samples, as far as steps are stable and the low-pass acts."""
+        """With longer steps and fewer samples, within the limits of stability and low-pass."""
         return self._coarse(self.low_pass, KEPT)
 
     def smoothed(self) -> "BldcComparison":
@@ -185,7 +185,7 @@ class BldcComparison(Comparison):
         return self._coarse(LowPass(min(SMOOTH_CUTOFF, self.low_pass.cutoff)), _KEPT_SMOOTH)
 
     def _filtered_missed(self, name: str) -> np.ndarray | float:
-        """What the twin misses of a channel (S,), which passed a low-pass as wide or wider."""
+        """Error of the twin in a channel (S,), which passed a low-pass as wide or wider."""
         assert self._missed is not None
         trace = self._missed.get(name)
         if trace is None or self._passed == self.low_pass:
@@ -226,8 +226,8 @@ class BldcComparison(Comparison):
     def placed(self, values: Mapping[str, float]) -> Placed | None:
         """Counted from where phase currents show the rotor, where its angle was not recorded.
 
-        Which phases conduct tells the electrical angle, and the magnitude of the current does not;
-        shorted turns of one phase would be taken for those of another.
+        The conducting phases show the electrical angle; the magnitude of the current does not. At a
+        wrong angle shorted turns would be found in another phase.
         """
         currents = phase_currents(self.recording)
         if currents is None or not self.unplaced:
@@ -328,7 +328,7 @@ class BldcComparison(Comparison):
         return {"current": self.target}
 
     def captions(self) -> dict[str, tuple[str, str]]:
-        """What the current is, and how it was filtered."""
+        """The equivalent current and its filter."""
         how = f"{'magnitude' if self.rectify else 'signed'}, {self.low_pass.cutoff:g} Hz low-pass"
         return {"current": (f"Equivalent current ({how})", "A")}
 
@@ -339,7 +339,7 @@ class BldcComparison(Comparison):
     def residuals_over(
         self, stretches: Stretches, candidates: Candidates, count: int
     ) -> np.ndarray:
-        """Weighted residuals (B, K) over stretches; those of the evidence last."""
+        """Weighted residuals (B, K) over stretches, the evidence last."""
         parts = self.residuals_of(stretches, self.batch(candidates, count))
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
 

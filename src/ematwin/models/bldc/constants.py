@@ -9,6 +9,7 @@ from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.state import Constants
 from ematwin.models.bldc.truer.state import NEUTRAL, Truer
 from ematwin.models.bldc.unknowns import FIXED, LOAD
+from ematwin.numerics.side_by_side import by_candidate
 
 
 def kernel_constants(
@@ -110,8 +111,4 @@ def constants_by_candidate(
         load["load_delay"] = candidates["skew"]
     if own is actuator and not load:
         return None
-    constants = kernel_constants(own, **load)
-    rows = np.empty((count, len(constants)))
-    for n, value in enumerate(constants):
-        rows[:, n] = value
-    return rows
+    return by_candidate(kernel_constants(own, **load), count)

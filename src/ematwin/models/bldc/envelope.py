@@ -1,4 +1,4 @@
-"""Equivalent current: three phase currents as the one that the monitor model knows.
+"""Equivalent current: the single current of the monitor model from three phase currents.
 
 Two forms. The envelope needs only the currents,
 

@@ -6,7 +6,7 @@ ESREL 2020 paper, sections 6 and 7.1.
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from difflib import get_close_matches
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -39,9 +39,9 @@ PAPER_CASES = {
 
 @dataclass(frozen=True)
 class Faults:
-    """A fault vector: eight magnitudes in [0, 1]. What is not given is healthy.
+    """A fault vector: eight magnitudes in [0, 1], healthy by default.
 
-    `print` says what the vector means on the default actuator, `physical` on any.
+    `print` shows physical values on the default actuator, `physical` on any.
 
     Raises
     ------
@@ -112,7 +112,7 @@ class Faults:
     to_dataframe = to_frame
 
     def _repr_html_(self) -> str:
-        """What the vector means on the default actuator, in a notebook."""
+        """Physical values on the default actuator, in a notebook."""
         return physical_html(repr(self), self.physical())
 
     def __repr__(self) -> str:
@@ -155,11 +155,7 @@ def error_percent_wrapped(estimated: np.ndarray, injected: np.ndarray) -> np.nda
 
 
 class PaperStudy(Study):
-    """The paper's cases and its measure; random faults from barely worth a look to severe."""
-
-    severities: ClassVar[dict[str, tuple[float, float]]] = {
-        "friction": (0.1, 1.0), "backlash": (0.05, 1.0), "gain": (0.2, 1.0),
-    }  # fmt: skip
+    """The paper's cases and its error measure."""
 
     def cases(self, faults: tuple[Unknown, ...]) -> dict[str, dict[str, float]]:
         """Table 1 of the paper."""

@@ -1,9 +1,8 @@
 """Three-leg inverter with freewheeling diodes, star point free, hysteresis regulation.
 
-Each leg is driven high (1), low (-1) or off (0); what is in between is the mean of pulse-width
-modulation. An off leg is really off: its current runs out
-through a diode, then stays zero until the voltage at its terminal passes a rail by the forward
-drop of a diode.
+Each leg is driven high (1), low (-1) or off (0); values in between are means of pulse-width
+modulation. The current of an off leg decays through a diode, then stays zero until the voltage at
+its terminal passes a rail by the forward drop of a diode.
 """
 
 from ematwin.numerics.compile import step
@@ -44,7 +43,7 @@ def pair_current(gate_sector, i_a, i_b, i_c):
     """Current that the regulator sees, A: max |i_k|, with the sign of the driven pair.
 
     While commutation moves current from one leg to the next this is the current of the phase
-    that both pairs share, which is what the torque follows.
+    that both pairs share. The torque follows it.
     """
     g_a, g_b, g_c = gate_signals(gate_sector, 1.0)
     size = 0.5 * (abs(i_a) + abs(i_b) + abs(i_c))
@@ -116,7 +115,7 @@ def advance_phase(i, v, v_n, e, r, y, on, dt):
 def share_until_blocked(i, i_next, driven):
     """Share of a step after which the diode of an off leg blocks, because its current is zero.
 
-    A badly shorted phase gains amperes in a microsecond: without this, what a step takes beyond
-    zero is wrong by as much, and energy is lost or made.
+    A badly shorted phase gains amperes in a microsecond: without this, a step would pass zero by as
+    much, and energy would be lost or made.
     """
     return i / (i - i_next) if (not driven) & (i * i_next < 0.0) else 1.0

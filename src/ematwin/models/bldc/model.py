@@ -4,7 +4,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ematwin.models.base import Demand, Equation, Law, Model, OtherForm, Signal, Study, Values
+from ematwin.models.base import Demand, Equation, Law, OtherForm, Signal, Values
 from ematwin.models.bldc.channels import CHANNELS, CURRENTS, ON_REQUEST, PHASES
 from ematwin.models.bldc.faults import Faults, PaperStudy
 from ematwin.models.bldc.parameters import BldcActuator
@@ -17,38 +17,33 @@ from ematwin.models.bldc.unknowns import (
     aliases,
     nuisances,
 )
-from ematwin.models.comparison import Candidates
 from ematwin.models.scenario import Chirp, Component, Ramp, Scenario, Step
 from ematwin.models.servo import (
-    check_travel,
+    ServoModel,
     current_laws,
     motion_laws,
     tracking_signals,
 )
 from ematwin.models.unknown import Alias, Contrast, Unknown
-from ematwin.recordings.channel import Channel
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
 
 
-class BldcModel(Model):
+class BldcModel(ServoModel):
     """Six-step brushless motor, gear with backlash, fault parameters of the ESREL 2020 paper."""
 
-    kind: ClassVar[str] = "bldc"
-    title: ClassVar[str] = "brushless motor with six-step drive, gear and backlash"
-    parameters: ClassVar[type[BldcActuator]] = BldcActuator
-    channels: ClassVar[tuple[Channel, ...]] = CHANNELS
-    command: ClassVar[str] = "command"
-    load: ClassVar[str | None] = "load"
-    needs: ClassVar[tuple[tuple[tuple[str, ...], ...], ...]] = ((PHASES, ("current",)),)
-    fidelities: ClassVar[tuple[str, ...]] = ("reference", "monitor")
-    sample_rate: ClassVar[float] = 20_000.0
-    on_request: ClassVar[tuple[str, ...]] = ON_REQUEST
-    fixed: ClassVar[tuple[str, ...]] = FIXED
-    backends: ClassVar[tuple[str, ...]] = ("cpu", "cuda")
-    compared_rate: ClassVar[float | None] = 20_000.0
+    kind = "bldc"
+    title = "brushless motor with six-step drive, gear and backlash"
+    parameters = BldcActuator
+    channels = CHANNELS
+    needs = ((PHASES, ("current",)),)
+    sample_rate = 20_000.0
+    on_request = ON_REQUEST
+    fixed = FIXED
+    backends = ("cpu", "cuda")
+    compared_rate = 20_000.0
     # Parameters that a healthy recording may determine, and how far a template may be off.
-    model_error: ClassVar[float] = MODEL_ERROR
+    model_error = MODEL_ERROR
     nominal: ClassVar[dict[str, float]] = {
         "motor.emf_constant": 1.1,
         "motor.inertia": 1.3,
@@ -60,9 +55,11 @@ class BldcModel(Model):
         "controller.position_gain": 1.3,
         "controller.speed_gain": 1.3,
     }
-    study: ClassVar[Study] = PaperStudy()
+    study = PaperStudy(
+        severities={"friction": (0.1, 1.0), "backlash": (0.05, 1.0), "gain": (0.2, 1.0)}
+    )
 
-    demands: ClassVar[tuple[Demand, ...]] = (
+    demands = (
         Demand("travel", "rad", ("command", "output_position")),
         Demand("speed", "rad/s", ("output_speed",)),
         Demand("current", "A", CURRENTS),
@@ -81,11 +78,11 @@ class BldcModel(Model):
         return (*UNKNOWNS, *nuisances(actuator))
 
     def aliases(self, actuator: Any, values: Values) -> list[Alias]:
-        """Scale of all torques, and each fault against what it is a multiple of."""
+        """Scale of all torques, and each fault against the parameter that it multiplies."""
         return aliases(actuator, values)
 
     def contrasts(self, actuator: Any) -> tuple[Contrast, ...]:
-        """What the phases have lost alike, and each beyond that."""
+        """Turns lost by all phases alike, and by each beyond that."""
         return CONTRASTS
 
     def other_forms(self, actuator: Any, found: Values) -> tuple[OtherForm, ...]:
@@ -140,15 +137,6 @@ class BldcModel(Model):
 
             ready()
 
-    def respond(
-        self, actuator: Any, inputs: Recording, candidates: Candidates, count: int
-    ) -> dict[str, np.ndarray]:
-        """The equivalent current of the monitor model, low-passed, (B, S) array."""
-        responses: dict[str, np.ndarray] = self.compare(inputs, actuator).responses(
-            candidates, count
-        )
-        return responses
-
     def check_channels(self, recording: Recording) -> None:
         """Command and currents, whole or not at all."""
         from ematwin.models.bldc.plausibility import check_phases
@@ -183,10 +171,6 @@ class BldcModel(Model):
     ) -> Recording:
         """With noise of the currents alone."""
         return recording if noise is None else noise.apply(recording, np.random.default_rng(seed))
-
-    def check_scenario(self, scenario: Scenario, actuator: Any) -> None:
-        """Raise `ParameterError` if the command leaves the travel."""
-        check_travel(scenario, actuator)
 
     def summary(self, recording: Recording, actuator: Any) -> dict[str, float]:
         """RMS and peak of the equivalent current, A."""

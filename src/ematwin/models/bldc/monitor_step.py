@@ -6,8 +6,8 @@ docs/models.md, "Monitor model". With p and n the conducting phases of the secto
     L_eq di/dt = u - R_eq i - kappa_eq omega,   T = kappa_eq i,
 
 which is exact for two conducting phases. The voltage drives the current to its reference within
-the step, as far as the supply allows. The current has no ripple here; what the ripple of the real
-one does to stiction is taken into account (`dithered_static`). The published shape functions could
+the step, up to the limit of the supply. The current has no ripple here; the effect of ripple on
+stiction is taken into account (`dithered_static`). The published shape functions could
 not be had; these are derived here.
 
 All of a step happens in its middle: inputs, angles, and the current, which follows the speed that
@@ -58,7 +58,7 @@ def controller_stiffness(state, joint, c, half):
     """How much demand a torque of the motor takes back within half a step, A per N m.
 
     The speed in the middle is w + (dw + dt kappa (i_mean - i)/J)/2, if other torques stay: the
-    speed loop answers its own torque within the step.
+    speed loop responds to the torque of the same step.
     """
     moves = 0.0 if state.w_m == 0.0 else 1.0
     mobility = c.mobility_m + joint * (c.mobility_both - c.mobility_m)
@@ -100,8 +100,8 @@ def answer_impact(state, impact, i_ref, fall, rise, kappa_eq, c, dt):
     """The state, where the current answers an impact from that instant on.
 
     ``i_ref`` is the reference without the impact; ``fall`` and ``rise`` are by how much the supply
-    can change the current in a step, A. The current rises in what is left of the step, and pushes
-    motor and output meanwhile. The next one starts from where it is at the end: from half a change
+    can change the current in a step, A. The current rises in the rest of the step, and pushes motor
+    and output meanwhile. The next one starts from where it is at the end: from half a change
     less in the middle, so that it may change by a whole one as others do.
     """
     wanted = clip(i_ref - c.k_demand * impact.jump, -c.i_max, c.i_max) - state.i
@@ -119,7 +119,7 @@ def answer_impact(state, impact, i_ref, fall, rise, kappa_eq, c, dt):
 
 @step
 def monitor_step(state, command, load, fault, pairs, c, dt):
-    """Advance the monitor model by ``dt``; ``command`` and ``load`` are those of its middle.
+    """Advance the monitor model by ``dt``; ``command`` and ``load`` are taken in its middle.
 
     Gives the state, and the mean electrical power of the step.
     """

@@ -9,8 +9,8 @@ phi its direction (paper, section 6; docs/models.md):
 
 ``l`` is the share of the inductance that lies outside the turns (leads, connections): it keeps a
 fully shorted phase finite. The share ``s`` of the offset turns with the rotor (a bent shaft; 1 is
-the paper's form), the rest is fixed in space (a bearing seat), where each phase keeps its own gap;
-that is derived here.
+the paper's form), the rest is fixed in space (a bearing seat), so that each phase keeps its gap;
+this is derived here.
 """
 
 import math
@@ -43,7 +43,7 @@ def hall_sector(theta_e):
 
 @step
 def offset_turned(theta_m, turning):
-    """Sine and cosine by which the offset has turned, of which a share ``turning`` does."""
+    """Sine and cosine of the turned offset; a share ``turning`` of it turns with the rotor."""
     s, c = sincos(theta_m)
     return turning * s, turning * c + (1.0 - turning)
 

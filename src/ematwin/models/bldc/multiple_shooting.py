@@ -6,7 +6,7 @@ the end of its stretch. Over the whole recording it may last for good: where the
 torque at which it stalls, the twin stalls where the actuator still moved, the misfit jumps from
 vector to vector, and the truth itself fits badly.
 
-What the current tells between two recorded positions is less than what it tells along the way: a
+Between two recorded positions the current carries less information than over the whole recording: a
 vector that explains the whole recording is the better answer.
 """
 
@@ -80,11 +80,11 @@ class Restarted(Comparison):
         return self._whole.run(self.stretches, self._whole.batch(candidates, count), 0)[0]
 
     def responses(self, candidates: Candidates, count: int) -> dict[str, np.ndarray]:
-        """Those of the whole recording."""
+        """Responses over the whole recording."""
         return self._whole.responses(candidates, count)
 
     def measured(self) -> dict[str, np.ndarray]:
-        """That of the whole recording."""
+        """Measured current of the whole recording."""
         return self._whole.measured()
 
     def captions(self) -> dict[str, tuple[str, str]]:

@@ -1,4 +1,4 @@
-"""The two phases that conduct, in series: what a step of the monitor model asks for in each sector.
+"""The two conducting phases in series, for each sector of the monitor model.
 
 With p and n the conducting phases, h_k the share of turns left, zeta the eccentricity ratio and phi
 its direction (`ematwin.models.bldc.motor`),
@@ -9,10 +9,10 @@ its direction (`ematwin.models.bldc.motor`),
 
 with what `offset_turned` gives for sine and cosine where some of the offset is fixed in space.
 
-On the 120 degree flats |f| = 1, and zeta is 1 at most, so that no magnitude is left to take. All
-but the angle is the same for as long as a candidate is simulated: three pairs, worked out once, as
-the pair without c and what the others differ from it. In a step with a commutation each of both
-pairs counts by its share of the step.
+On the 120 degree flats |f| = 1, and zeta is 1 at most, so that no magnitude is left to take. Only
+the angle changes while a candidate is simulated. So the three pairs are computed once, as the pair
+without c and the differences of the others from it. In a step with a commutation both pairs count
+by their shares of the step.
 """
 
 import math

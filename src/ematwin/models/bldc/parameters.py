@@ -5,17 +5,17 @@ Tolerances are how far a data sheet may be off on one unit, drifts how far a val
 
 Motor catalogues state 10 % for resistance, 5 to 10 % for the torque and EMF constants (6 % here),
 and 30 % for inductance. IEC 60034-1 allows 10 % on inertia; a coupling or a pinion adds to it.
-Copper gains 0.39 % for each kelvin, thus 35 % in a winding 90 K warmer than that of the catalogue.
+Copper gains 0.39 % for each kelvin, thus 35 % in a winding 90 K warmer than in the catalogue.
 Magnets lose 0.1 (NdFeB) to 0.2 % (ferrite) for each kelvin: 5 % in 25 to 50 K. Supplies are set to
 5 % and sag by 8 % under load or with the state of a battery. Viscous damping follows the
 temperature of grease.
 
-The rest is judgement, wide on purpose: catalogues give backlash and friction as upper limits, say
-nothing of the leakage, and rarely of what is on the output; gains of a drive are often known in its
-own units only. The torque constant, the inertia and the efficiencies were narrowed while looking at
+The rest is judgement, wide on purpose: catalogues give backlash and friction as upper limits, omit
+the leakage, and rarely describe the output; gains of a drive are often known in units of the drive
+only. The torque constant, the inertia and the efficiencies were narrowed while looking at
 simulated actuators: newton metres rest on them (docs/trust.md).
 
-What is left without a tolerance is counted, chosen, or hardly changes what a recording shows.
+Parameters without a tolerance are counted, chosen, or hardly change a recording.
 """
 
 import math
@@ -26,6 +26,7 @@ from pydantic import model_validator
 from ematwin.errors import ParameterError
 from ematwin.models.bldc.stability import check_current_loop, check_speed_loop
 from ematwin.models.parameter_set import ParameterSet, Section, quantity
+from ematwin.models.servo import check_stops
 
 DEFAULT_ACTUATOR = "servo48"
 SHORTEST_STEP = 1e-9  # s: nothing in an actuator is so fast; a shorter one is a slip of the unit
@@ -114,16 +115,12 @@ class Transmission(Section):
 
     @model_validator(mode="after")
     def _travel_is_an_interval(self) -> Self:
-        if not self.travel_low < 0.0 < self.travel_high:
-            raise ValueError(
-                "travel_low must lie below zero and travel_high above, received "
-                f"{self.travel_low} and {self.travel_high} rad; correct the end stops"
-            )
+        check_stops(self)
         return self
 
 
 class ShortedTurns(Section):
-    """Shorted turns are a loop with a current of its own, which brakes; else they only are missing.
+    """Shorted turns form a loop whose current brakes; without this section they are only missing.
 
     A contact between turns may be anything from a trace of carbon to a weld: its resistance is
     known within a factor of two at best.
@@ -202,8 +199,8 @@ class SpeedLoop(Section):
 class CurrentLoop(Section):
     """PI current loop with pulse-width modulation; left out, a comparator follows the demand.
 
-    It is that of the pair that conducts: half of the difference of its currents, and the voltage
-    across it. Samples begin with the recording.
+    It controls the conducting pair: half of the difference of its currents, by the voltage across
+    it. Samples begin with the recording.
     """
 
     example: ClassVar[dict[str, float]] = {
@@ -233,7 +230,7 @@ class CurrentLoop(Section):
 class Compliance(Section):
     """A gear that gives under torque; it takes the place of the contact.
 
-    The monitor model has a rigid gear all the same: what it misses is taken from the reference.
+    The monitor model keeps a rigid gear; the reference corrects its error.
     """
 
     example: ClassVar[dict[str, float]] = {"stiffness": 10.0, "damping": 0.005}
@@ -260,9 +257,9 @@ class BldcActuator(ParameterSet):
     with `actuator.changed({"motor.resistance": 2.3})`.
     """
 
-    kind: ClassVar[str] = "bldc"
-    former_kinds: ClassVar[tuple[str, ...]] = ("rotary",)
-    default: ClassVar[str] = DEFAULT_ACTUATOR
+    kind = "bldc"
+    former_kinds = ("rotary",)
+    default = DEFAULT_ACTUATOR
 
     motor: Motor
     drive: Drive

@@ -7,8 +7,8 @@ does (derived here):
 
 - under six-step commutation one phase is open and carries nothing, so that its sensor shows its
   offset;
-- the currents of a star winding add up to zero. Between the two phases that conduct, what remains
-  is the difference of their gains. The gain that all share is told by neither.
+- the currents of a star winding add up to zero. Between the two conducting phases the sum
+  shows the difference of their gains. Neither law shows the gain that all share.
 
 Both hold with any fault of the actuator.
 """
@@ -191,8 +191,8 @@ def _gains(currents: np.ndarray, rms: float) -> tuple[np.ndarray, np.ndarray]:
 def _gains_of_two(currents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The same where one current was made of the other two.
 
-    It shows the difference of their gains while its own phase is open, when both of their sensors
-    see one current: i_n = (g_2 - g_1) i for the current i from the one to the other.
+    It shows the difference of their gains while its phase is open, when both of their sensors see
+    one current: i_n = (g_2 - g_1) i for the current i from the one to the other.
     """
     is_open, found = _open(currents), []
     for n in range(3):

@@ -1,4 +1,4 @@
-"""Whether a record can be what it says: units, limits, rate, length, wiring.
+"""Plausibility of a record: units, limits, rate, length, wiring.
 
 Each finding that makes the record useless is an error with the likely cause; each that merely
 makes it doubtful is a warning. The criteria are stated where they are applied, and kept wide:
@@ -35,7 +35,7 @@ _AT_REST = 0.01  # of the current limit, peak to peak: noise of a sensor
 def check_plausible(
     record: Recording, actuator: BldcActuator | None = None, cutoff: float = DEFAULT_CUTOFF
 ) -> list[str]:
-    """Sentences on what is doubtful about a record.
+    """Sentences on doubts about a record.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Electrical power: what voltages or the current of the supply tell beside the equivalent current.
+"""Electrical power from voltages or the current of the supply, beside the equivalent current.
 
     P = v_a i_a + v_b i_b + v_c i_c,
 
@@ -50,9 +50,9 @@ class Power:
         return channels["bus_current"] * channels["bus_voltage"]
 
     def error(self, filtered: np.ndarray, low_pass: LowPass, sample_rate: float) -> float:
-        """Standard deviation of what a filtered twin leaves, W.
+        """Standard deviation of the residual of a filtered twin, W.
 
-        The noise is judged by what the low-pass takes away, which is taken to be white.
+        The noise follows from the part that the low-pass removes, taken as white.
         """
         passed = min(0.5, 2.0 * low_pass.cutoff / sample_rate)
         above = float(np.mean((self.watts - filtered) ** 2))

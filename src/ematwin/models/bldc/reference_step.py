@@ -55,7 +55,7 @@ def phase_constants(fault, c):
 
 
 class Supply(NamedTuple):
-    """What the bridge applies and draws over a step, as means."""
+    """Voltages and current of the bridge, means over a step."""
 
     v_a: float  # V, terminals of the motor above the lower rail
     v_b: float

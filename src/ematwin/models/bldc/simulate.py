@@ -96,7 +96,7 @@ def simulated(
     model : "reference" or "monitor"
     faults : (8,) array
     command, load : arrays on the points of the grid, rad and N m on the motor shaft
-    start : speed and angle of the motor, those of the output, on the motor shaft
+    start : speed and angle of motor and output, on the motor shaft
     actuator, grid
     progress : called with the share done
     """
@@ -165,9 +165,9 @@ def reference_answer(
     ----------
     recording : holds the command, and the load if there is one
     actuator : its parameters where ``values`` name none by their place
-    values : faults, corrections of the load, and parameters of one candidate; what is not named is
+    values : faults, corrections of the load, and parameters of one candidate; all others are
         healthy or nominal
-    start : (4,) array, speed and angle of the motor, those of the output, on the motor shaft
+    start : (4,) array, speed and angle of motor and output, on the motor shaft
     """
     actuator = actuator.with_arrays({name: x for name, x in values.items() if "." in name})
     ratio, step = actuator.transmission.ratio, actuator.steps.reference

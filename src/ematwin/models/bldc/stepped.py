@@ -1,6 +1,6 @@
 """The brushless actuator sample by sample: the reference and the monitor model.
 
-As in `ematwin.models.bldc.batch`: constants are those of the kernels, then the fault vector, the
+As in `ematwin.models.bldc.batch`: constants are the constants of the kernels, the fault vector, the
 first position of the output, the truer forms; what follows from these comes last. The currents of a
 sample are means since the one before.
 """

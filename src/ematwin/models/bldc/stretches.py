@@ -107,7 +107,7 @@ class Stretches:
 class Batch:
     """Candidates of a batch: fault vectors (B, 8); constants (B, 35), or None if all share them.
 
-    ``sensor`` holds what the sensors make of the answers, by name, (B,) arrays.
+    ``sensor`` holds gains, offsets and delays of the sensors by name, (B,) arrays.
     """
 
     faults: np.ndarray
@@ -117,7 +117,7 @@ class Batch:
     def distinct(self) -> tuple[np.ndarray, np.ndarray]:
         """Candidates (N,) that differ beside their sensors, and which of these each one (B,) is.
 
-        Of a Jacobian the columns of what a sensor makes of one answer are one simulation.
+        Columns of a Jacobian that differ by a sensor alone need one simulation.
         """
         rows = self.faults if self.constants is None else np.hstack([self.faults, self.constants])
         places: dict[bytes, int] = {}
@@ -160,8 +160,8 @@ class Batch:
 class Twin(NamedTuple):
     """The monitor model of an actuator, as `scores` takes it.
 
-    ``step`` (s), of which ``substeps`` make a sampling interval; whether magnitudes are compared,
-    and whether shorted turns are loops.
+    ``step`` in s, ``substeps`` in a sampling interval; whether magnitudes are compared, and whether
+    shorted turns are loops.
     """
 
     constants: Constants

@@ -1,16 +1,16 @@
-"""What is unknown of a brushless actuator: its faults, in one table.
+"""Unknowns of a brushless actuator: its faults, in one table.
 
 ESREL 2020 paper, section 6. The magnitudes are normalised to [0, 1]; the laws that turn them into
 physical ones are those that the kernel calls (`ematwin.models.bldc.state`).
 """
 
 from collections.abc import Mapping
-from dataclasses import replace
 from functools import cache
 from typing import Any
 
 import numpy as np
 
+from ematwin.models.servo import dry_friction, load_nuisances, nuisance
 from ematwin.models.servo import normalised_fault as _fault
 from ematwin.models.unknown import Alias, Contrast, Unknown
 
@@ -21,14 +21,9 @@ def _law(name: str, k: Any) -> Any:
     return getattr(state, name).py_func(k)
 
 
-def _dry(actuator: Any) -> Any:
-    """Dry friction of motor and output, N m."""
-    return actuator.motor.friction_torque + actuator.transmission.friction_torque
-
-
 UNKNOWNS = (
     _fault("friction", "dynamic dry friction on the motor shaft", "N m",
-           lambda a, k: _dry(a) * _law("friction_factor", k), slack=0.1),
+           lambda a, k: dry_friction(a) * _law("friction_factor", k), slack=0.1),
     # the misfit has separate minima for a small, a middling and a large gap
     _fault("backlash", "backlash on the motor shaft", "rad",
            lambda a, k: a.transmission.backlash * _law("backlash_factor", k), valleys=3,
@@ -54,39 +49,23 @@ SENSOR = ("skew", "current_gain", "current_offset", *POWER)  # what sensors make
 # of the monitor model where the reference does not correct it: 95 % of errors on records of the
 # reference lie within 2 standard errors (``python benchmarks/identification.py --coverage``)
 MODEL_ERROR = 3.5
-_LOAD_OFFSET = 0.05  # of the dry friction, seen on the output
 _POWER_OFFSET = 0.001  # of the largest power that the drive can take
 _CURRENT_OFFSET = 0.005  # of the current limit: Hall sensors state 0.5 to 1 % of their range
 
 
 def nuisances(actuator: Any) -> tuple[Unknown, ...]:
-    """What differs from recording to recording and is no fault; all by one standard deviation.
+    """Load and sensors, which differ from recording to recording; all by one standard deviation.
 
-    Load cells and Hall current sensors are usually stated to 1 % of their range and drift by as
-    much with temperature; loads that were computed and not measured are worth 5 %. Loggers that do
-    not share a clock are some samples apart. Voltages, by dividers, and a
-    supply's current, by a shunt, are known to 1 % with 95 %. A drive takes some power for itself,
-    and its switches drop a volt or two.
+    Hall current sensors are usually stated to 1 % of their range and drift by as much with
+    temperature. Loggers that do not share a clock are some samples apart. Voltages, by dividers,
+    and a supply's current, by a shunt, are known to 1 % with 95 %. A drive takes some power for
+    itself, and its switches drop a volt or two.
     """
-    load = _LOAD_OFFSET * max(_dry(actuator), 1e-6) * actuator.transmission.ratio
     current = _CURRENT_OFFSET * actuator.drive.current_limit
     power = _POWER_OFFSET * actuator.drive.current_limit * actuator.drive.supply_voltage
-
-    def nuisance(
-        name: str, unit: str, meaning: str, healthy: float, reach: float, spread: float
-    ) -> Unknown:
-        return Unknown(
-            name, unit, meaning, healthy, healthy - reach, healthy + reach, "nuisance",
-            spread=spread, marginal=True,
-        )  # fmt: skip
-
     return (
         nuisance("skew", "s", "how late the command was recorded", 0.0, 1e-3, 2e-4),
-        nuisance("load_gain", "", "actual over recorded load", 1.0, 0.5, 0.06),
-        replace(
-            nuisance("load_offset", "N*m", "load beside the recorded one", 0.0, 40.0 * load, load),
-            valleys=7,  # stiction holds elsewhere
-        ),
+        *load_nuisances(actuator, valleys=7),  # stiction holds elsewhere
         nuisance("current_gain", "", "gain of the current sensor", 1.0, 0.1, 0.01),
         nuisance("current_offset", "A", "offset of the current sensor", 0.0, 20 * current, current),
         nuisance("power_gain", "", "recorded over actual electrical power", 1.0, 0.2, 0.005),
@@ -140,9 +119,8 @@ def _aliases_of_turns(actuator: Any, k: Mapping[str, float]) -> list[Alias]:
     """What looks like shorted turns, which are missing or a loop.
 
     Missing turns weaken the speed loop as well, which a torque constant that the drive knows does
-    not. What that changes in the current is less than what the twin gets wrong of it, so that it
-    counts as nothing: where it counted, weak magnets were named as shorts
-    (docs/certainty-results.md).
+    not. This changes the current by less than the error of the twin, so it does not count: where
+    it counted, weak magnets were named as shorts (docs/certainty-results.md).
 
     A loop shows by the flux that it takes, mu i_f = G (R i + e) with G = mu^2/(R_f + mu R) and R of
     one phase: a higher resistance R_f of the contact looks like fewer turns.

@@ -10,8 +10,8 @@ from where the motor stands in the middle of the gap. A recording may count from
   all faults, and one alone within 5;
 - motor and output lie half a gap apart at most, to either side, where the motion crosses the gap.
 
-Which of its poles a rotor stands at is told by nothing: the direction of an eccentricity is counted
-from one of them.
+No channel shows the pole at which a rotor stands: the direction of an eccentricity is counted from
+one of them.
 """
 
 import math
@@ -85,7 +85,7 @@ class Zeros:
 
 
 def zeros(recording: Recording, actuator: BldcActuator) -> Zeros | None:
-    """What a recorded motor angle lacks; None where it is nothing, or cannot be told.
+    """Offset of a recorded motor angle; None where there is none, or it cannot be determined.
 
     Only a rotor that turned both ways tells it.
     """
@@ -147,7 +147,7 @@ class Turned:
 
 
 def turned(currents: np.ndarray, angle: np.ndarray, current: np.ndarray) -> Turned | None:
-    """How far the electrical angle of a twin lags behind that of its recording.
+    """Lag of the electrical angle of a twin behind its recording.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """A recording of a linear axis beside its twin in closed loop: voltage and position error.
 
-What the twin misses comes from the motion, not from the sensors: it is the same each time the
+The error of the twin comes from the motion, not from the sensors: it is the same each time the
 reference is repeated, and alike over tens of milliseconds. `LinearAxisComparison.independent`
 counts residuals accordingly, so that intervals do not shrink with the number of samples.
 """
@@ -45,7 +45,7 @@ class LinearAxisComparison(TraceComparison):
         return other
 
     def reweighed(self, residuals: np.ndarray) -> "LinearAxisComparison":
-        """Itself: what is left is counted by `independent`."""
+        """Itself: `independent` counts the residuals."""
         return self
 
 

@@ -5,7 +5,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ematwin.models.base import Demand, Law, Model, Signal, Values
+from ematwin.models.base import Demand, Law, Model, Monitoring, Signal, Values
 from ematwin.models.comparison import Candidates
 from ematwin.models.linear_axis.parameters import FIXED, LinearAxis
 from ematwin.models.linear_axis.unknowns import CONTRASTS, aliases, unknowns
@@ -21,10 +21,10 @@ _MISSED = 0.02  # share of a channel's spread that the twin leaves, and that wei
 class LinearAxisModel(Model):
     """Voltage-driven carriage on a screw under a sampled position loop; docs/linear-axis.md."""
 
-    kind: ClassVar[str] = "linear-axis"
-    title: ClassVar[str] = "voltage-driven carriage on a screw and sampled position loop"
-    parameters: ClassVar[type[LinearAxis]] = LinearAxis
-    channels: ClassVar[tuple[Channel, ...]] = (
+    kind = "linear-axis"
+    title = "voltage-driven carriage on a screw and sampled position loop"
+    parameters = LinearAxis
+    channels = (
         Channel("reference", "m", "commanded position of the carriage",
                 ("qg", "command", "set_point", "setpoint", "demand")),
         Channel("voltage", "V", "output of the controller and input of the drive",
@@ -35,11 +35,11 @@ class LinearAxisModel(Model):
         Channel("pulses", "V", "voltage that is added to the controller's output",
                 ("pulses_n", "disturbance", "added_voltage"), may_rest=True),
     )  # fmt: skip
-    command: ClassVar[str] = "reference"
-    disturbance: ClassVar[str | None] = "pulses"
-    needs: ClassVar[tuple[str | tuple[tuple[str, ...], ...], ...]] = ("voltage", "position")
+    command = "reference"
+    disturbance = "pulses"
+    needs = ("voltage", "position")
     # what the twin misses is counted once for each time that it is alike (comparison.py)
-    model_error: ClassVar[float] = 1.5
+    model_error = 1.5
     nominal: ClassVar[Mapping[str, float]] = {
         "carriage.mass": 1.25,
         "friction.coulomb": 1.5,
@@ -50,10 +50,10 @@ class LinearAxisModel(Model):
         "friction.fading_speed": 1.75,
         "drive.response_time": 1.75,
     }
-    fixed: ClassVar[tuple[str, ...]] = FIXED
-    short: ClassVar[Mapping[str, str]] = {"position_error": "error"}
+    fixed = FIXED
+    monitoring = Monitoring(short={"position_error": "error"})
 
-    demands: ClassVar[tuple[Demand, ...]] = (
+    demands = (
         Demand("travel", "m", ("reference", "position")),
         Demand("speed", "m/s", ("position",), is_rate=True),
         Demand("voltage", "V", ("voltage",)),
@@ -73,7 +73,7 @@ class LinearAxisModel(Model):
         return aliases()
 
     def contrasts(self, actuator: Any) -> tuple[Contrast, ...]:
-        """Asymmetry of all friction, which is known better than that of its parts."""
+        """Asymmetry of all friction, which is known better than the asymmetry of its parts."""
         return CONTRASTS
 
     def respond(
@@ -93,7 +93,7 @@ class LinearAxisModel(Model):
         return stepped(actuator)
 
     def noise(self, actuator: Any, recording: Recording) -> dict[str, float]:
-        """What the twin leaves of voltage (V) and position error (m): 2 % of their spread."""
+        """Usual residual of voltage (V) and position error (m): 2 % of their spread."""
         return {
             name: _MISSED * float(recording.channels[name].std()) or 1.0
             for name in COMPARED
@@ -110,7 +110,7 @@ class LinearAxisModel(Model):
         return LinearAxisComparison(self, recording, actuator)
 
     def check(self, recording: Recording, actuator: Any) -> list[str]:
-        """Sampling, units, signs, and whether the controller is the one that was recorded."""
+        """Sampling, units, signs, and whether the recorded controller is the stated one."""
         from ematwin.models.linear_axis.plausibility import check_signals
 
         self.check_channels(recording)
@@ -129,7 +129,7 @@ class LinearAxisModel(Model):
         return missing_motion(recording)
 
     def rate_of(self, actuator: Any) -> float:
-        """Hz, that of the controller."""
+        """Sample rate of the controller, Hz."""
         return float(1.0 / actuator.controller.sample_time)
 
     def sensed(

@@ -5,12 +5,12 @@ The equations are in docs/linear-axis.md.
 Friction is given by the geometric mean of both directions and the ratio of backward to forward: a
 healthy screw has a ratio near one, and that is known far better than the friction itself.
 
-Tolerances (`quantity`) are judgement: what a data sheet or a similar axis says of one that was
-never measured. The gain of the drive has none, since all forces scale with it: a file that doubts
-it gives a tolerance of its own. Drift is what friction may change by with temperature and grease.
+Tolerances (`quantity`) are judgement: the accuracy of a data sheet or a similar axis for one that
+was never measured. The gain of the drive has none, since all forces scale with it: a file that
+doubts it states one. Drift is the change of friction with temperature and grease.
 """
 
-from typing import ClassVar, Self
+from typing import Self
 
 from pydantic import model_validator
 
@@ -79,8 +79,8 @@ class AxisSteps(Section):
 class LinearAxis(ParameterSet):
     """One linear axis, all values in SI, at the carriage."""
 
-    kind: ClassVar[str] = "linear-axis"
-    default: ClassVar[str] = "emps"
+    kind = "linear-axis"
+    default = "emps"
 
     carriage: Carriage
     friction: AxisFriction

@@ -1,4 +1,4 @@
-"""What a recording of a linear axis cannot be: a wrong unit, sign, or another controller."""
+"""Refuse recordings of a linear axis with wrong units or signs, or of another controller."""
 
 from collections.abc import Mapping
 
@@ -19,12 +19,12 @@ _INSIDE = 0.99  # of its limit the voltage is not limited
 
 
 def check_signals(recording: Recording, actuator: LinearAxis) -> list[str]:
-    """Sentences on what is doubtful about a recording that has the channels that are needed.
+    """Sentences on doubts about a recording that has the needed channels.
 
     Raises
     ------
     RecordError
-        If it cannot be what it says, with the reason and the likely cause.
+        If it contradicts itself or the actuator, with the reason and the likely cause.
     """
     name, channels = recording.name, recording.channels
     check_interval(actuator, recording)
@@ -66,7 +66,7 @@ def check_signals(recording: Recording, actuator: LinearAxis) -> list[str]:
 
 
 def controller_voltage(recording: Recording, actuator: LinearAxis) -> np.ndarray:
-    """(S - 2,) array, V: what the controller gives for the recorded positions, from the third on.
+    """Output of the controller for the recorded positions, from the third on, (S - 2,) array, V.
 
     k_v (k_p (q_ref - q) - dq_f/dt) + pulse, q_f the mean of the last two samples, within its limit.
     """
@@ -81,10 +81,10 @@ def controller_voltage(recording: Recording, actuator: LinearAxis) -> np.ndarray
 
 
 def controller_law(recording: Recording, actuator: LinearAxis) -> Law:
-    """The voltage is what the controller gives for the recorded positions, within its limit.
+    """The voltage is the output of the controller for the recorded positions, within its limit.
 
-    The gain of the position loop is a fault and that of the speed loop may be misstated: both may
-    be any, which leaves a delay to be told by how it differs from them.
+    The gain of the position loop is a fault, and the gain of the speed loop may be misstated: both
+    may have any value, and a delay shows by its difference from them.
     """
     channels, control = recording.channels, actuator.controller
     position, voltage = channels["position"], channels["voltage"]
@@ -109,7 +109,7 @@ def controller_law(recording: Recording, actuator: LinearAxis) -> Law:
 
 
 def _check_controller(recording: Recording, actuator: LinearAxis) -> list[str]:
-    """Whether the recorded voltage is what the controller makes of the recorded positions."""
+    """Whether the recorded voltage is the output of the controller for the recorded positions."""
     voltage = recording.channels["voltage"][2:]
     expected = controller_voltage(recording, actuator)
     size = float(np.linalg.norm(voltage))
@@ -130,7 +130,7 @@ def _check_controller(recording: Recording, actuator: LinearAxis) -> list[str]:
 
 
 def missing_motion(recording: Recording) -> list[str]:
-    """Sentences on why friction cannot be told by direction, each of which forbids a verdict."""
+    """Sentences on directions whose friction does not show; each forbids a verdict."""
     steps = np.diff(recording.channels["reference"])
     travel = float(np.ptp(recording.channels["reference"]))
     told = []

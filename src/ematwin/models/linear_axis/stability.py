@@ -1,4 +1,4 @@
-"""Whether the sampled position loop is stable, and what the limit is.
+"""Stability of the sampled position loop, and its limit.
 
 The carriage is linear while it moves one way: between samples M dv/dt = g u - F_v v, the voltage u
 follows the controller's output c with a lag, and c is held. With the states at the samples

@@ -19,7 +19,7 @@ from ematwin.numerics.scalar import clip
 
 
 class AxisConstants(NamedTuple):
-    """What the model needs of an axis, SI."""
+    """Constants of an axis, SI."""
 
     mobility: float  # 1/kg
     dry_forward: float  # N
@@ -50,7 +50,7 @@ class AxisState(NamedTuple):
 
 
 class AxisAnswer(NamedTuple):
-    """What is seen of an axis at a sample."""
+    """Compared channels at a sample."""
 
     voltage: float  # V
     position: float  # m
@@ -79,7 +79,7 @@ def from_rest(push, time, c):
 def axis_step(now, command, pulse, c, dt):
     """Advance by ``dt`` under the voltage that the controller holds.
 
-    Midpoint rule; where the carriage turns, it goes on from rest for what is left of the step.
+    Midpoint rule; where the carriage turns, it goes on from rest for the rest of the step.
     """
     gap = now.u - now.output
     push = c.gain * (now.output + gap * c.lagging) - c.offset

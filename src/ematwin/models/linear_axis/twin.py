@@ -27,8 +27,8 @@ def closed_loop(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Voltage (V) and position (m), (B, S), of candidates that follow the recorded reference.
 
-    The state at the first sample is that of the recording, or rest at the reference where it has
-    no position. Pulses are added where it has them.
+    The first state is taken from the recording, or is rest at the reference where it has no
+    position. Pulses are added where it has them.
 
     Raises
     ------
@@ -72,7 +72,7 @@ def open_loop(
 def axis_constants(
     actuator: LinearAxis, candidates: Mapping[str, Any] | None = None
 ) -> AxisConstants:
-    """Constants of candidates, numbers or (B,) arrays; what is not named is healthy.
+    """Constants of candidates, numbers or (B,) arrays; all others are healthy.
 
     ``candidates`` are faults by name and parameters by place, (B,) each.
     """

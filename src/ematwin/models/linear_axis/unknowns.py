@@ -1,6 +1,6 @@
-"""What is unknown of a linear axis: its faults, in one table.
+"""Unknowns of a linear axis: its faults, in one table.
 
-Each is a factor on what a healthy axis has, so that calibration and drift apply to both alike.
+Each is a factor on the healthy value, so that calibration and drift apply to both alike.
 """
 
 from ematwin.models.linear_axis.parameters import LinearAxis
@@ -34,7 +34,7 @@ def unknowns(actuator: LinearAxis) -> tuple[Unknown, ...]:
 def aliases() -> list[Alias]:
     """Faults against the parameters that they multiply, and the scale of all forces.
 
-    With gain, mass and friction all so many times larger, the carriage moves as before.
+    With gain, mass and friction multiplied by one factor, the carriage moves as before.
     """
     return [
         Alias("friction.coulomb", {"friction": 1.0}),

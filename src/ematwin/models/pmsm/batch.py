@@ -1,8 +1,8 @@
 """Loops over time and candidates. The physics is in the steps; here is only bookkeeping.
 
 `reference_trace` gives a whole simulation. `monitor_scores` runs candidates side by side in lanes
-of a processor's vector unit (`ematwin.numerics.lanes`); what they answer with is filtered, thinned
-and compared as it arises.
+of a processor's vector unit (`ematwin.numerics.lanes`); their responses are filtered, thinned
+and compared as they arise.
 """
 
 import numpy as np
@@ -48,6 +48,30 @@ def rounded(x, quantum):
     return quantum * np.floor(x / quantum + 0.5) if quantum > 0.0 else x
 
 
+@step
+def read_by_drive(
+    now, loops, command, of_current, of_motor, of_output, due_position, due_speed, speed_ticks,
+    tick, c,
+):  # fmt: skip
+    """Let the drive read a `ReferenceState` in steps of its converters and encoders, and control.
+
+    Gives the loops after it, the log, phase currents a and b (A), and both angles as read (rad).
+    """
+    x, y, _, _ = currents_of(now.psi_alpha, now.psi_beta, c.pole_pairs * now.theta_m, c)
+    drawn = (now.j_a + now.j_b + now.j_c) / 3.0
+    i_a = x - drawn + now.j_a
+    i_b = -0.5 * x + 0.8660254037844386 * y - drawn + now.j_b
+    theta_m = rounded(now.theta_m + c.resolver / c.pole_pairs, of_motor)
+    theta_o = rounded(now.theta_o, of_output)
+    after, seen = control_step(
+        loops, command, theta_m, theta_o,
+        rounded(c.gain_a * i_a + c.offset_a, of_current),
+        rounded(c.gain_b * i_b + c.offset_b, of_current),
+        due_position, due_speed, speed_ticks, tick, c,
+    )  # fmt: skip
+    return after, seen, i_a, i_b, theta_m, theta_o
+
+
 @loop
 def reference_trace(command, load, state, control, c, dt, substeps, ticks, quanta, every, count):
     """Simulate the reference model from a state on.
@@ -56,8 +80,8 @@ def reference_trace(command, load, state, control, c, dt, substeps, ticks, quant
     ----------
     command, load : (K + 1,) arrays, at the ticks of the current loops, rad and N m on the motor
         shaft; the load runs in straight lines between
-    state, control : (12,) arrays, the fields of `ReferenceState`; those of `ControlState` and the
-        voltages at the terminals in the tick before; they hold the last ones afterwards
+    state, control : (12,) arrays, the fields of `ReferenceState`; the fields of `ControlState` and
+        the voltages at the terminals in the tick before; they hold the last ones afterwards
     c : Constants, for the step
     dt, substeps : step (s), and how many make a tick
     ticks : (2,) integer array, ticks of the speed and the position loop
@@ -85,18 +109,10 @@ def reference_trace(command, load, state, control, c, dt, substeps, ticks, quant
     w_b = control[10]
     w_c = control[11]
     for tick in range(count):
-        x, y, _, _ = currents_of(now.psi_alpha, now.psi_beta, c.pole_pairs * now.theta_m, c)
-        drawn = (now.j_a + now.j_b + now.j_c) / 3.0
-        i_a = x - drawn + now.j_a
-        i_b = -0.5 * x + 0.8660254037844386 * y - drawn + now.j_b
-        theta_m = rounded(now.theta_m + c.resolver / c.pole_pairs, quanta[1])
-        theta_o = rounded(now.theta_o, quanta[2])
         v_alpha = loops.v_alpha
         v_beta = loops.v_beta
-        loops, seen = control_step(
-            loops, command[tick], theta_m, theta_o,
-            rounded(c.gain_a * i_a + c.offset_a, quanta[0]),
-            rounded(c.gain_b * i_b + c.offset_b, quanta[0]),
+        loops, seen, i_a, i_b, theta_m, theta_o = read_by_drive(
+            now, loops, command[tick], quanta[0], quanta[1], quanta[2],
             tick % ticks[1] == 0, tick % ticks[0] == 0, ticks[0], substeps * dt, c,
         )  # fmt: skip
         if tick % every == 0:
@@ -149,7 +165,7 @@ def reference_trace(command, load, state, control, c, dt, substeps, ticks, quant
 
 @step
 def take_legs(own, plant, loops, share):
-    """Add a share of what the legs take now to what they take in a tick, for all lanes."""
+    """Add a share of the present leg errors to the leg errors of a tick, for all lanes."""
     for n in range(LANES):
         c = lane(own, n)
         s, co = sincos(c.pole_pairs * plant[6, n])

@@ -1,10 +1,10 @@
 """How badly candidates explain a recording of a PMSM servo.
 
-Currents and voltages, those commanded or else those measured at the terminals, are compared in the
-drive's own frame, where what a fault of one phase does stands as twice the electrical frequency
-beside the mean; with them the motor's speed and the following error of the output. All of them pass
-one low-pass, which leaves that frequency in, and are thinned as far as it allows. Each is weighed
-by the noise that its own recording shows and by what the twin may miss.
+Currents and voltages, commanded or else measured at the terminals, are compared in the frame of the
+drive, where a fault of one phase appears at twice the electrical frequency beside the mean; with
+them the speed of the motor and the following error of the output. All of them pass one low-pass,
+which keeps that frequency, and are thinned as the low-pass allows. Each is weighed by its recorded
+noise and by the error of the twin.
 """
 
 import copy
@@ -106,7 +106,7 @@ class PmsmComparison(Comparison):
     def _hold(self) -> None:
         """Let a candidate hold the first position before a recording that begins at rest.
 
-        What the loops had integrated until then depends on the faults.
+        The integrals of the loops at that time depend on the faults.
         """
         self.before = 0
         if abs(self.start[1]) > MOVING * self.actuator.controller.speed_limit:
@@ -117,7 +117,7 @@ class PmsmComparison(Comparison):
         self.load = np.concatenate([np.full(self.before, self.load[0]), self.load])
 
     def _set(self, signals: Mapping[str, np.ndarray]) -> None:
-        """Form what is compared from signals (S,) by name."""
+        """Form the compared traces from signals (S,) by name."""
         rate = self.recording.sample_rate
         self._signals = dict(signals)
         self._filtered = {n: self.low_pass.apply(trace, rate) for n, trace in signals.items()}
@@ -125,9 +125,10 @@ class PmsmComparison(Comparison):
         self._weigh(_TWIN_ERROR)
 
     def _weigh(self, model_error: float) -> None:
-        """Weigh channels by their noise and by what a model gets wrong, as a share of their RMS.
+        """Weigh channels by their noise and by the error of a model, as a share of their RMS.
 
-        The noise is what is left of a channel, where that is known; else what the low-pass stops.
+        The noise follows from the residuals where they are known, else from the part that the
+        low-pass removes.
         """
         signals = self._signals
         passed = min(0.5, 2.0 * self.low_pass.cutoff / self.recording.sample_rate)
@@ -167,7 +168,7 @@ class PmsmComparison(Comparison):
         return found
 
     def with_missed(self, missed: Mapping[str, np.ndarray]) -> "PmsmComparison":
-        """The same comparison with what the twin misses, (S,) arrays, taken off the recording."""
+        """The same comparison, the error of the twin, (S,), subtracted from the recording."""
         other = copy.copy(self)
         other._target = self._thinned(self._filtered) - self._thinned(
             {name: trace for name, trace in missed.items() if name in self._signals}
@@ -176,7 +177,7 @@ class PmsmComparison(Comparison):
         return other
 
     def reweighed(self, residuals: np.ndarray) -> "PmsmComparison":
-        """The same comparison with each channel weighed by what residuals (K,) leave of it."""
+        """The same comparison with each channel weighed by its residuals, (K,) in all."""
         other = copy.copy(self)
         rows = [n for n, name in enumerate(COMPARED) if name in self._signals]
         lefts = residuals.reshape(len(rows), -1)
@@ -190,9 +191,9 @@ class PmsmComparison(Comparison):
         return other
 
     def exact(self, values: Mapping[str, float]) -> dict[str, np.ndarray] | None:
-        """What the reference model answers with, low-passed, (S,) arrays by name.
+        """Response of the reference model, low-passed, (S,) arrays by name.
 
-        None where a recording begins in motion: what its loops had integrated is not known.
+        None where a recording begins in motion: the integrals of its loops are not known.
         """
         if self.before == 0:
             return None
@@ -226,7 +227,7 @@ class PmsmComparison(Comparison):
         return other
 
     def measured(self) -> dict[str, np.ndarray]:
-        """The recording's side of what is compared, (S,) arrays."""
+        """The recorded traces, (S,) arrays."""
         return dict(self._filtered)
 
     def captions(self) -> dict[str, tuple[str, str]]:
@@ -253,7 +254,7 @@ class PmsmComparison(Comparison):
         return np.asarray(left.reshape(count, -1))
 
     def responses(self, candidates: Candidates, count: int) -> dict[str, np.ndarray]:
-        """What the twin answers with, low-passed, (B, S) arrays by name."""
+        """Response of the twin, low-passed, (B, S) arrays by name."""
         full = np.zeros((len(COMPARED), self._ticks.size))
         full[:, 0] = self._target[:, 0]
         _, answer = self.run(candidates, count, full, 1, keep=True)
@@ -321,7 +322,7 @@ def only_measured(recording: Recording) -> bool:
 
 
 def signals_of(recording: Recording, actuator: PmsmActuator) -> dict[str, np.ndarray]:
-    """What a recording has of `COMPARED`, (S,) arrays by name.
+    """Recorded traces of `COMPARED`, (S,) arrays by name.
 
     Raises
     ------
@@ -353,7 +354,7 @@ def signals_of(recording: Recording, actuator: PmsmActuator) -> dict[str, np.nda
 def first_state(
     recording: Recording, actuator: PmsmActuator, signals: Mapping[str, np.ndarray]
 ) -> np.ndarray:
-    """(6,) angle and speed of the motor as read, those of the output, i_d and i_q.
+    """(6,) angle and speed of the motor as read, angle and speed of the output, i_d and i_q.
 
     Where an angle is not recorded, the motor stands where the output is, and the output where the
     command is. Motion starts from rest; the current that was there is taken from the first

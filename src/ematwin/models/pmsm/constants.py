@@ -20,6 +20,7 @@ from ematwin.models.pmsm.state import (
     shorted_share,
 )
 from ematwin.models.pmsm.unknowns import FIXED, unknowns
+from ematwin.numerics.side_by_side import by_candidate
 
 _LEAST = 1e-9  # share of shorted turns that stands for none
 
@@ -29,11 +30,10 @@ def constants_of(
 ) -> np.ndarray:
     """(B, 59) array, the fields of `Constants` of B candidates.
 
-    ``candidates`` are values (B,) of unknowns and, by place, of parameters; what is not named is
+    ``candidates`` are values (B,) of unknowns and, by place, of parameters; all others are
     healthy. ``step`` is that over which the currents of shorted loops decay, s.
     """
-    fields = fields_of(actuator, candidates, step)
-    return np.column_stack([np.broadcast_to(np.asarray(f, dtype=float), count) for f in fields])
+    return by_candidate(fields_of(actuator, candidates, step), count)
 
 
 def fields_of(actuator: PmsmActuator, candidates: Mapping[str, Any], step: float) -> Constants:

@@ -16,7 +16,7 @@ ROOT_3 = 1.7320508075688772
 
 
 class ControlState(NamedTuple):
-    """What the loops remember."""
+    """State of the loops."""
 
     w_ref: float  # rad/s
     i_ref: float  # A
@@ -30,7 +30,7 @@ class ControlState(NamedTuple):
 
 
 class Seen(NamedTuple):
-    """What the drive logs at a tick."""
+    """Logged values of the drive at a tick."""
 
     i_d: float  # A, in its own frame
     i_q: float
@@ -43,7 +43,7 @@ def control_step(now, command, theta_m, theta_o, i_a, i_b, due_position, due_spe
     """A tick: readings in, `ControlState` and `Seen` out.
 
     ``command`` and the angles are on the motor shaft, as read; ``i_a`` and ``i_b`` as sensed.
-    ``ticks`` are those of the speed loop's sample, ``dt`` is one of the current loops.
+    ``ticks`` make a sample of the speed loop, ``dt`` is one tick of the current loops.
     """
     w_ref = clip(c.k_position * (command - theta_o), -c.w_max, c.w_max)
     w_ref = w_ref if due_position else now.w_ref

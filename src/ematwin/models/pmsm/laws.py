@@ -1,4 +1,4 @@
-"""What the channels of a PMSM servo satisfy whatever the faults."""
+"""Laws that the channels of a PMSM servo satisfy whatever the faults."""
 
 from collections.abc import Mapping
 from itertools import combinations
@@ -36,7 +36,7 @@ def _against_each_other(recording: Recording) -> bool:
     """Whether terminals are measured against one of them, which is zero then.
 
     The other two are line voltages, a sixth of a turn apart, so that they go together; where the
-    zero is that of a dead sensor they are a third of a turn apart and oppose each other.
+    zero comes from a dead sensor they are a third of a turn apart and oppose each other.
     """
     known = [recording.channels[name] for name in TERMINALS if name in recording.channels]
     others = [values for values in known if values.any()]
@@ -46,9 +46,9 @@ def _against_each_other(recording: Recording) -> bool:
 def _rotor_laws(recording: Recording, pole_pairs: int) -> list[Law]:
     """The drive holds the current along the magnets at zero, as it reads current and angle.
 
-    So it does with any fault, its sensors' included: what they show is what it controls. Each two
-    phases give that current, and where one channel was made of the other two, two of these laws
-    hold no more, but one tells which is late. A drive that weakens the field breaks all of them,
+    It does so with any fault, of its sensors too: it controls the current as they show it. Each two
+    phases give that current. Where one channel was computed from the other two, two of these laws
+    fail, and one shows which channel is late. A drive that weakens the field breaks all of them,
     and no channel explains it.
     """
     channels = recording.channels

@@ -4,8 +4,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ematwin.models.base import Demand, Law, Model, Signal, Study, Values
-from ematwin.models.comparison import Candidates
+from ematwin.models.base import Demand, Law, Signal, Study, Values
 from ematwin.models.pmsm.channels import (
     CHANNELS,
     NEEDS,
@@ -19,36 +18,26 @@ from ematwin.models.pmsm.channels import (
 from ematwin.models.pmsm.parameters import PmsmActuator
 from ematwin.models.pmsm.unknowns import CONTRASTS, FIXED, aliases, unknowns
 from ematwin.models.scenario import Scenario
-from ematwin.models.servo import check_travel, tracking_signals
+from ematwin.models.servo import ServoModel, tracking_signals
 from ematwin.models.unknown import Alias, Contrast, Unknown
-from ematwin.recordings.channel import Channel
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
 
 
-class PmsmStudy(Study):
-    """Faults from barely worth a look to severe."""
-
-    severity: ClassVar[tuple[float, float]] = (0.1, 0.8)
-
-
-class PmsmModel(Model):
+class PmsmModel(ServoModel):
     """PMSM servo under field-oriented control, gear with stiffness and play; docs/pmsm.md."""
 
-    kind: ClassVar[str] = "pmsm"
-    title: ClassVar[str] = "PMSM servo under field-oriented control, gear and backlash"
-    parameters: ClassVar[type[PmsmActuator]] = PmsmActuator
-    channels: ClassVar[tuple[Channel, ...]] = CHANNELS
-    command: ClassVar[str] = "command"
-    load: ClassVar[str | None] = "load"
-    needs: ClassVar[tuple[tuple[tuple[str, ...], ...], ...]] = NEEDS
+    kind = "pmsm"
+    title = "PMSM servo under field-oriented control, gear and backlash"
+    parameters = PmsmActuator
+    channels = CHANNELS
+    needs = NEEDS
     # one descent from healthy finds the valley: the currents' frame turns with the recorded rotor
-    default_search: ClassVar[str] = "levenberg-marquardt"
-    frees_parameters: ClassVar[bool | None] = True
-    fidelities: ClassVar[tuple[str, ...]] = ("reference", "monitor")
-    sample_rate: ClassVar[float] = 10_000.0
-    on_request: ClassVar[tuple[str, ...]] = ON_REQUEST
-    fixed: ClassVar[tuple[str, ...]] = FIXED
+    default_search = "levenberg-marquardt"
+    frees_parameters = True
+    sample_rate = 10_000.0
+    on_request = ON_REQUEST
+    fixed = FIXED
     # what healthy recordings may determine, and how far a template may be off
     nominal: ClassVar[dict[str, float]] = {
         "motor.resistance": 1.1,
@@ -67,9 +56,9 @@ class PmsmModel(Model):
         "transmission.backlash": 1.5,
         "transmission.stiffness": 1.5,
     }
-    study: ClassVar[Study] = PmsmStudy()
+    study = Study(severity=(0.1, 0.8))
 
-    demands: ClassVar[tuple[Demand, ...]] = (
+    demands = (
         Demand("travel", "rad", ("command", "output_position")),
         Demand("speed", "rad/s", ("output_position",), is_rate=True),
         Demand("current", "A", (*PHASES, *ROTATING)),
@@ -81,7 +70,7 @@ class PmsmModel(Model):
         return unknowns(actuator)
 
     def aliases(self, actuator: Any, values: Values) -> list[Alias]:
-        """Each fault against what it is a multiple of."""
+        """Each fault against the parameter that it multiplies."""
         return aliases(actuator, values)
 
     def contrasts(self, actuator: Any) -> tuple[Contrast, ...]:
@@ -108,13 +97,6 @@ class PmsmModel(Model):
 
         self.check_channels(recording)
         return PmsmComparison(recording, actuator, threads=threads, **settings)
-
-    def respond(
-        self, actuator: Any, inputs: Recording, candidates: Candidates, count: int
-    ) -> dict[str, np.ndarray]:
-        """Currents, voltages, speed and following error of the twin, low-passed, (B, S)."""
-        found: dict[str, np.ndarray] = self.compare(inputs, actuator).responses(candidates, count)
-        return found
 
     def check_channels(self, recording: Recording) -> None:
         """Command and currents, whole or not at all."""
@@ -152,10 +134,6 @@ class PmsmModel(Model):
         if noise is None:
             return recording
         return noise.apply(recording, np.random.default_rng(seed), (*VOLTAGES, *TERMINALS))
-
-    def check_scenario(self, scenario: Scenario, actuator: Any) -> None:
-        """Raise `ParameterError` if the command leaves the travel."""
-        check_travel(scenario, actuator)
 
     def summary(self, recording: Recording, actuator: Any) -> dict[str, float]:
         """RMS and peak of the current vector, A, and the largest following error, rad."""

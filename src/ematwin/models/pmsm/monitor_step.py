@@ -1,9 +1,9 @@
 """One step of the monitor model: the motor in its rotor's frame, averaged over the PWM.
 
 docs/pmsm.md, "Monitor model". Where a fault breaks the symmetry of the phases, its negative
-sequence is carried along: that of the EMF in closed form, those of resistances and of the legs'
-voltage errors by way of the phase currents. The current here is that of the turns that are not
-shorted; what shorted loops draw adds to it at the terminals.
+sequence is included: of the EMF in closed form, of resistances and leg errors by way of the phase
+currents. The current here flows in the turns that are not shorted; currents of shorted loops add to
+it at the terminals.
 
 A step happens in its middle (trapezoidal rule); the voltage stands still in the stator meanwhile.
 """
@@ -49,7 +49,7 @@ def leg_error(i, c):
 
 @step
 def lost_in_legs(s, co, now, c):
-    """What the legs take from the voltage vector, alpha and beta, V."""
+    """Leg errors as a part of the voltage vector, alpha and beta, V."""
     i_a, i_b, i_c = terminal_currents(s, co, now)
     e_b = leg_error(i_b, c)
     e_c = leg_error(i_c, c)
@@ -93,7 +93,7 @@ def emf_shape(s, co, theta_m, c):
 
 @step
 def monitor_step(now, v_alpha, v_beta, load, c, dt):
-    """Advance by ``dt`` under a voltage that stands still; ``load`` is that of the middle."""
+    """Advance by ``dt`` under a voltage that stands still; ``load`` is taken in the middle."""
     mid = now.theta_m + 0.5 * dt * now.w_m
     s, co = sincos(c.pole_pairs * mid)
     k_d, k_q, k_0 = emf_shape(s, co, mid, c)

@@ -6,17 +6,18 @@ inductance; IEC 60034-1 allows 10 % on inertia. Copper gains 0.39 % and NdFeB ma
 each kelvin: 35 % and 5 % in 90 and 50 K. Friction, backlash and stiffness are given as limits or
 typical values only.
 
-Gains, rates and limits of the drive are what was set in it, and so are its ideas of the motor
+Gains, rates and limits are settings of the drive, and so are its assumptions on the motor
 (`Controller.flux` and the inductances beside it): they are numbers of a digital controller.
 """
 
 import math
-from typing import ClassVar, Self
+from typing import Self
 
 from pydantic import model_validator
 
 from ematwin.errors import ParameterError
 from ematwin.models.parameter_set import ParameterSet, Section, quantity
+from ematwin.models.servo import check_stops
 
 _WHOLE = 1e-6  # of a ratio that has to be a whole number
 _LONGEST = 0.25  # of a period of the gear's swing: the longest step of the mechanics
@@ -118,11 +119,7 @@ class Transmission(Section):
 
     @model_validator(mode="after")
     def _travel_is_an_interval(self) -> Self:
-        if not self.travel_low < 0.0 < self.travel_high:
-            raise ValueError(
-                "travel_low must lie below zero and travel_high above, received "
-                f"{self.travel_low} and {self.travel_high} rad; correct the end stops"
-            )
+        check_stops(self)
         return self
 
 
@@ -136,8 +133,8 @@ class Steps(Section):
 class PmsmActuator(ParameterSet):
     """One PMSM servo, all values in SI: ``PmsmActuator.load("servo400")``."""
 
-    kind: ClassVar[str] = "pmsm"
-    default: ClassVar[str] = "servo400"
+    kind = "pmsm"
+    default = "servo400"
 
     motor: Motor
     drive: Drive

@@ -1,4 +1,4 @@
-"""Whether a recording of a PMSM servo can be what it says: channels, units, limits, motion.
+"""Plausibility of a recording of a PMSM servo: channels, units, limits, motion.
 
 What makes a recording useless is an error with the likely cause; what makes it doubtful is a
 sentence. The bounds are wide: a faulty actuator must pass, a wrong unit must not.
@@ -56,7 +56,7 @@ def check_phases(recording: Recording) -> None:
 
 
 def check_plausible(recording: Recording, actuator: PmsmActuator) -> list[str]:
-    """Sentences on what is doubtful about a recording.
+    """Sentences on doubts about a recording.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """One step of the reference model: three phases in the stator's frame, some microseconds.
 
 docs/pmsm.md, "Reference model". The state of the windings is the flux that their currents make, in
-the stator's frame. EMF, connectors, legs and shorted loops are those of each phase for itself;
+the stator's frame. EMF, connectors, legs and shorted loops are computed for each phase;
 the explicit midpoint rule advances all of them.
 """
 
@@ -34,7 +34,7 @@ class ReferenceState(NamedTuple):
 
 
 class Windings(NamedTuple):
-    """What the windings do at an instant."""
+    """Rates of the windings at an instant."""
 
     d_alpha: float  # V, change of the flux
     d_beta: float

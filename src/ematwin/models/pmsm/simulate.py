@@ -43,7 +43,7 @@ def simulate(
     The drive has held its first position for a while when the scenario begins, under the load of
     that moment.
 
-    Samples are those of the drive: a rate must divide that of its current loops, which is also the
+    The drive samples: a rate must divide the rate of its current loops, which is also the
     default.
     """
     model.check_scenario(scenario, actuator)
@@ -151,7 +151,7 @@ def reference_columns(
     step, substeps : s, and how many make a tick
     every : ticks from one sample to the next
     progress : called with the share done
-    output : angle of the output, where it is not that of the motor
+    output : angle of the output, where it differs from the motor's
 
     Returns
     -------

@@ -44,14 +44,14 @@ def check_loops(actuator: Any) -> None:
 
 
 def _is_stable(actuator: Any, loop: str, own: float, share: float) -> bool:
-    """Whether a loop is stable at a share of its own sample time, s."""
+    """Whether a loop is stable at a share of its sample time ``own``, s."""
     return loop_radius(actuator, loop, share * own) <= 1.0 + _MARGIN
 
 
 def loop_radius(actuator: Any, loop: str, sample_time: float) -> float:
     """Largest magnitude of the eigenvalues of a loop over its sample time, s.
 
-    ``sample_time`` is that of the loop; the faster ones keep theirs, or take it where theirs would
+    ``sample_time`` belongs to the loop; the faster ones keep theirs, or take it where theirs would
     be longer.
     """
     if loop == "current":

@@ -11,7 +11,7 @@ from ematwin.models.pmsm.batch import (
     lane,
     loops_of,
     plant_of,
-    rounded,
+    read_by_drive,
     write_loops,
     write_plant,
 )
@@ -23,7 +23,6 @@ from ematwin.models.pmsm.monitor_step import MonitorState, monitor_step, termina
 from ematwin.models.pmsm.parameters import PmsmActuator
 from ematwin.models.pmsm.reference_step import (
     ReferenceState,
-    currents_of,
     leg_voltages,
     reference_step,
 )
@@ -69,7 +68,7 @@ def stepped(actuator: PmsmActuator, fidelity: str) -> Stepped:
 
 @part
 def _show(y, seen, pole_pairs, theta_m, theta_o, ratio):
-    """Fill the outputs with what the drive logs."""
+    """Fill the outputs with the log of the drive."""
     angle = pole_pairs * theta_m
     y[0, 0], y[1, 0], y[2, 0] = _PHASES(seen.i_d, seen.i_q, angle)
     y[3, 0], y[4, 0], y[5, 0] = _PHASES(seen.v_d, seen.v_q, angle)
@@ -78,7 +77,7 @@ def _show(y, seen, pole_pairs, theta_m, theta_o, ratio):
 
 
 def _resting(ratio: float, loops: int) -> Any:
-    """What fills the state at rest, with the states of the loops behind those of the plant."""
+    """Function that fills the state at rest; the states of the loops follow those in the plant."""
 
     @part
     def begin(c, u, x):
@@ -136,20 +135,10 @@ def _reference(actuator: PmsmActuator, tick: float, substeps: int) -> dict[str, 
     @part
     def sample(c, x, u, n, y):
         own, now, drive = lane(c, 0), read_reference(x, 0), loops_of(x[loops:], 0)
-        x_alpha, x_beta, _, _ = currents_of(
-            now.psi_alpha, now.psi_beta, own.pole_pairs * now.theta_m, own
-        )
-        drawn = (now.j_a + now.j_b + now.j_c) / 3.0
-        i_a = x_alpha - drawn + now.j_a
-        i_b = -0.5 * x_alpha + 0.8660254037844386 * x_beta - drawn + now.j_b
-        theta_m = rounded(now.theta_m + own.resolver / own.pole_pairs, of_motor)
-        theta_o = rounded(now.theta_o, of_output)
         v_a, v_b, v_c = leg_voltages(drive.v_alpha, drive.v_beta, own.v_supply)
         x[applied, 0], x[applied + 1, 0], x[applied + 2, 0] = v_a, v_b, v_c
-        after, seen = control_step(
-            drive, u[0, 0] * ratio, theta_m, theta_o,
-            rounded(own.gain_a * i_a + own.offset_a, of_current),
-            rounded(own.gain_b * i_b + own.offset_b, of_current),
+        after, seen, _, _, theta_m, theta_o = read_by_drive(
+            now, drive, u[0, 0] * ratio, of_current, of_motor, of_output,
             n % position_ticks == 0, n % speed_ticks == 0, speed_ticks, tick, own,
         )  # fmt: skip
         write_loops(x[loops:], 0, after)

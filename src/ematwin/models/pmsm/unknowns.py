@@ -1,6 +1,6 @@
-"""What is unknown of a PMSM servo, in one table: faults and nuisances.
+"""Unknowns of a PMSM servo, in one table: faults and nuisances.
 
-All faults are normalised to [0, 1]; `ematwin.models.pmsm.state` says what they are in SI.
+All faults are normalised to [0, 1]; `ematwin.models.pmsm.state` converts them to SI.
 """
 
 import math
@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from ematwin.models.pmsm import state
+from ematwin.models.servo import dry_friction, load_nuisances
 from ematwin.models.servo import normalised_fault as _fault
 from ematwin.models.unknown import Alias, Contrast, Unknown
 
 _MOST_CONTACT = 20.0  # ohm, of a short; more than that is none
-_LOAD_OFFSET = 0.05  # of the dry friction
 
 # Counted or chosen: these cannot differ between candidates.
 FIXED = (
@@ -25,14 +25,9 @@ FIXED = (
 )  # fmt: skip
 
 
-def _dry(actuator: Any) -> Any:
-    """Dry friction of motor and output, N m."""
-    return actuator.motor.friction_torque + actuator.transmission.friction_torque
-
-
 UNKNOWNS = (
     _fault("friction", "dry friction on the motor shaft", "N m",
-           lambda a, k: _dry(a) * state.friction_factor(k), slack=0.1),
+           lambda a, k: dry_friction(a) * state.friction_factor(k), slack=0.1),
     _fault("backlash", "backlash on the motor shaft", "rad",
            lambda a, k: a.transmission.backlash * state.backlash_factor(k), slack=0.02),
     _fault("gain", "proportional position gain", "1/s",
@@ -89,14 +84,6 @@ def _share_alike(actuator: Any, mu: float, factor: float) -> float:
 def unknowns(actuator: Any) -> tuple[Unknown, ...]:
     """Faults and nuisances of an actuator, in the order of tables."""
     contact = float(actuator.motor.short_resistance)
-    load = _LOAD_OFFSET * max(_dry(actuator), 1e-6) * actuator.transmission.ratio
-
-    def nuisance(
-        name: str, unit: str, meaning: str, healthy: float, low: float, high: float, spread: float
-    ) -> Unknown:
-        return Unknown(
-            name, unit, meaning, healthy, low, high, "nuisance", spread=spread, marginal=True
-        )
 
     caveat = (
         f"The share of shorted turns holds for a contact of {contact:g} ohm "
@@ -106,16 +93,15 @@ def unknowns(actuator: Any) -> tuple[Unknown, ...]:
     )
     return (
         *(replace(one, caveat=caveat) if one.name in SHORTS else one for one in UNKNOWNS),
-        nuisance("short_resistance", "ohm", "contact resistance of shorted turns", contact,
-                 min(1e-3, 0.5 * contact), max(_MOST_CONTACT, 2.0 * contact), 0.4 * contact),
-        nuisance("load_gain", "", "actual over recorded load", 1.0, 0.5, 1.5, 0.06),
-        nuisance("load_offset", "N*m", "load beside the recorded one", 0.0, -40.0 * load,
-                 40.0 * load, load),
+        Unknown("short_resistance", "ohm", "contact resistance of shorted turns", contact,
+                min(1e-3, 0.5 * contact), max(_MOST_CONTACT, 2.0 * contact), "nuisance",
+                spread=0.4 * contact, marginal=True),
+        *load_nuisances(actuator),
     )  # fmt: skip
 
 
 def aliases(actuator: Any, values: Mapping[str, float]) -> list[Alias]:
-    """Directions in which the answer does not change: each fault against what it multiplies.
+    """Directions in which the response does not change: each fault against its parameter.
 
     Parameters stay free: a fault cannot take their place on both sides, as turns are not added and
     gaps do not close. Priors decide along these directions.

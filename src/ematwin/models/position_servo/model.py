@@ -1,7 +1,7 @@
 """The position servo as a `Model`: its only entry for search, reports and commands."""
 
 import math
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +11,6 @@ from ematwin.models.position_servo.parameters import PositionServo
 from ematwin.models.position_servo.recorded import CHANNELS, stretch
 from ematwin.models.position_servo.unknowns import aliases, unknowns
 from ematwin.models.unknown import Alias, Unknown
-from ematwin.recordings.channel import Channel
 from ematwin.recordings.recording import Recording
 
 _READ = 0.004
@@ -22,19 +21,19 @@ _NO_WEIGHT = 1e6  # times the noise
 class PositionServoModel(Model):
     """Position of a geared DC servo with its controller inside; docs/position-servo.md."""
 
-    kind: ClassVar[str] = "position-servo"
-    title: ClassVar[str] = "geared DC servo with its position controller inside"
-    parameters: ClassVar[type[PositionServo]] = PositionServo
-    channels: ClassVar[tuple[Channel, ...]] = CHANNELS
-    command: ClassVar[str] = "goal_position"
-    needs: ClassVar[tuple[str | tuple[tuple[str, ...], ...], ...]] = ("position",)
-    sample_rate: ClassVar[float] = 100.0
-    compared_rate: ClassVar[float | None] = 200.0
+    kind = "position-servo"
+    title = "geared DC servo with its position controller inside"
+    parameters = PositionServo
+    channels = CHANNELS
+    command = "goal_position"
+    needs = ("position",)
+    sample_rate = 100.0
+    compared_rate = 200.0
     # healthy recordings leave so many times the stated noise, what is alike counted once
-    model_error: ClassVar[float] = 3.0
-    recordings_differ: ClassVar[bool] = True
-    fixed: ClassVar[tuple[str, ...]] = ("steps.twin", "motor.rated_voltage")
-    demands: ClassVar[tuple[Demand, ...]] = (
+    model_error = 3.0
+    recordings_differ = True
+    fixed = ("steps.twin", "motor.rated_voltage")
+    demands = (
         Demand("travel", "rad", ("goal_position", "position")),
         Demand("speed", "rad/s", ("position",), is_rate=True),
     )

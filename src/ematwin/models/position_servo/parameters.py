@@ -1,14 +1,14 @@
-"""Parameters of a position servo: controller, motor, gear, friction, and what it moves.
+"""Parameters of a position servo: controller, motor, gear, friction, and its load.
 
 All values are on the output shaft; the equations are in `step` and in docs/position-servo.md.
 
-Tolerances are what a servo of the same type and firmware may be off by; those of friction are
+Tolerances hold between servos of one type and firmware; for friction they are
 judgement. Drift is how far healthy recordings of one servo differed beyond their noise
 (docs/lab/position-servo.md): grease and temperature change its friction, temperature its motor, and
 the bus the moment at which a goal arrives.
 """
 
-from typing import ClassVar, Self
+from typing import Self
 
 from pydantic import model_validator
 
@@ -16,7 +16,7 @@ from ematwin.models.parameter_set import ParameterSet, Section, quantity
 
 
 class ServoController(Section):
-    """What the firmware does between the goal and the motor."""
+    """The firmware between the goal and the motor."""
 
     gain: float = quantity(
         "1/rad", "duty for an error of the position", tolerance=0.3, drift=0.03, gt=0
@@ -69,7 +69,7 @@ class ServoFriction(Section):
 
 
 class ServoArm(Section):
-    """What the servo moves, where a recording does not say it: a pendulum, inertia, a torque."""
+    """Load of the servo where a recording does not state it: a pendulum, inertia, a torque."""
 
     mass: float = quantity("kg", "point mass at the end of the arm", exact=True, ge=0)
     length: float = quantity("m", "from the shaft to the mass", exact=True, ge=0)
@@ -87,8 +87,8 @@ class ServoSteps(Section):
 class PositionServo(ParameterSet):
     """One position servo, all values in SI, on the output shaft."""
 
-    kind: ClassVar[str] = "position-servo"
-    default: ClassVar[str] = "sts3215"
+    kind = "position-servo"
+    default = "sts3215"
 
     controller: ServoController
     motor: ServoMotor

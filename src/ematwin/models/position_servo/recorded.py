@@ -1,4 +1,4 @@
-"""What a recording of a servo holds, and which part of it is compared.
+"""Channels of a recording of a servo, and the compared part of it.
 
 A serial bus gives now and then a false position, and a servo that is overloaded cuts its torque.
 False reads have no weight. Only the longest stretch with torque is compared, and of it what comes
@@ -43,7 +43,7 @@ class Stretch(NamedTuple):
     ----------
     first, stop : int, samples
     false : (S,) of bool, false reads and what interpolation made of their neighbours
-    said : sentences on what is left out
+    said : sentences on omitted parts
     obstacles : sentences on why no verdict can rest on it
     """
 

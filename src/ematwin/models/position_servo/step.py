@@ -13,9 +13,9 @@ squared.
     J dw/dt = torque - F sign(w) - contact                     motor and gear
     (J_load + (m + m_arm/3) L^2) dw_o/dt = contact - load      output, with play in between
 
-The friction is that of Duclusaud, Passault and Padois (2025), Extended friction models for the
+Friction as in Duclusaud, Passault and Padois (2025), Extended friction models for the
 physics simulation of servo actuators (BAM): Coulomb and Stribeck as in their M2, and a part that
-grows with the external torque as in M3 to M5, of which measurements here told no more
+grows with the external torque as in M3 to M5; measurements here showed no more of these
 (docs/lab/position-servo.md). Their viscous part is not apart from the back-EMF where the supply is
 constant, and belongs to it here. The play is the rigid, inelastic contact of
 `ematwin.numerics.backlash`.
@@ -34,7 +34,7 @@ GRAVITY = 9.80665  # m/s^2
 
 
 class Constants(NamedTuple):
-    """What the equations take, on the output shaft; (B,) arrays for a batch of candidates."""
+    """Constants of the equations, on the output shaft; (B,) arrays for a batch of candidates."""
 
     gain: float  # 1/rad
     startup: float  # duty

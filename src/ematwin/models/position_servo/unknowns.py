@@ -1,4 +1,4 @@
-"""What is unknown of a position servo: its faults and the zero of its encoder, in one table."""
+"""Unknowns of a position servo: its faults and the zero of its encoder, in one table."""
 
 import math
 
@@ -9,7 +9,7 @@ _ZERO = 0.005  # rad, by which the zero of an encoder may move between recording
 
 
 def unknowns(actuator: PositionServo) -> tuple[Unknown, ...]:
-    """Unknowns of an actuator: faults as multiples of what is healthy."""
+    """Unknowns of an actuator: faults as multiples of healthy values."""
     friction = actuator.friction
     return (
         Unknown("gain", "", "gain of the position loop, as a multiple of the healthy one",

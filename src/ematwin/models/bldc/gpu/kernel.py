@@ -1,8 +1,8 @@
 """The kernel that a GPU runs: one thread for each candidate on each stretch.
 
-The physics is that of `monitor_step`, the bookkeeping that of the lanes of
-`ematwin.models.bldc.batch.monitor_scores`: the same sums in the same order. A device has its own
-sine, cosine and fused sums, so costs agree to rounding, not to the last digit.
+It calls `monitor_step`, and adds up the same sums in the same order as the lanes of
+`ematwin.models.bldc.batch.monitor_scores`. Sine, cosine and fused sums of a device differ, so costs
+agree to rounding, not to the last digit.
 
 numba-cuda compiles the steps marked for the processor anew for the device. All are inlined, so that
 the relaxations of floating point that they were marked with (`ematwin.numerics.compile`) do not

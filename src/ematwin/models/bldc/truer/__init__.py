@@ -1,4 +1,4 @@
-"""Truer forms of what the paper simplifies: options of the parameter file.
+"""Forms that the paper simplifies, in more detail: options of the parameter file.
 
 A section such as ``[shorted_turns]`` in the file turns them on. They live in the reference model,
 by which answers are corrected; the monitor model has only what such a correction does not reach,

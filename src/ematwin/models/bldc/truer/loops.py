@@ -20,7 +20,7 @@ voltage and e points beyond it. Textbook form of a sampled PI controller.
 
 The loop sees half of the difference of the pair's currents. Commutation passes the current of one
 leg on to the next, which has none: the flux linkage of the pair, L_p i_p - L_n i_n, begins with
-that of the leg which both pairs share, whatever the diode of the third leg does meanwhile. Hence
+the current of the leg in both pairs, whatever the diode of the third leg does meanwhile. Hence
 the loop sees its current fall to L_shared/(L_shared + L_new), one half in a healthy motor (derived
 here). A comparator, which sees the shared leg, does not let it fall.
 
@@ -41,7 +41,7 @@ def advance_speed_loop(
     """The loop over a step: ``asked`` (A), ``pending``, ``integral``, ``wait`` and ``late`` after.
 
     ``wait`` is the time until the next sample, ``late`` until ``pending`` is asked for, s; ``gain``
-    is that of the position loop, 1/s.
+    of the position loop in 1/s.
     """
     soon = _SOON * dt
     asked = pending if late <= soon else asked

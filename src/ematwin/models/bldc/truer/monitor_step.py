@@ -6,8 +6,8 @@ sector one takes the current i, the other -i, so that with g_k = 1, -1, 0
     kappa_eq = sum g_k kappa_k,   T = kappa_eq i - sum mu_k kappa_k i_fk.
 
 The third phase carries no current, but its loop may. Backward Euler for the loops leaves one
-equation for the equivalent current, whose inductance is what the loops leave of it in a step. Of a
-step with a commutation each pair counts by its share, so that g_k lies in between.
+equation for the equivalent current, whose inductance the loops reduce. In a step with a commutation
+each pair counts by its share, so that g_k lies in between.
 """
 
 import math
@@ -47,8 +47,8 @@ class Loops(NamedTuple):
 def sector_of_step(theta_e, moved_e):
     """Sector, 0 to 6; ``theta_e`` is the angle in the middle, which changes by ``moved_e``.
 
-    The sectors are those of `hall_sector`. A step in which the next pair takes over has a sector
-    between both, by the share of each, of which `gate_signals` gives the mean of both pairs.
+    Sectors as in `hall_sector`. A step in which the next pair takes over has a sector between both,
+    by their shares; `gate_signals` then gives the mean of both pairs.
     """
     width = max(abs(moved_e) / _SECTOR, _STANDS)
     begin = theta_e / _SECTOR - 0.5 - 0.5 * width
@@ -59,10 +59,10 @@ def sector_of_step(theta_e, moved_e):
 
 @part
 def _loop_in_pair(gate, gate_before, i, w, kappa, mu, loop, c, dt):
-    """What the loop of a phase and its EMF add to the equation of the pair, and how it answers.
+    """Terms of the loop of a phase and its EMF in the equation of the pair, and its response.
 
-    Gives what the loop takes of the ``inertia`` (H) and the ``push`` (V s), with which
-    inertia i' = push + dt u over the pair; ``remains`` and ``follows`` of `loop_answer`.
+    Gives the reduction of the ``inertia`` (H) and the ``push`` (V s) of the pair, for which
+    inertia i' = push + dt u; ``remains`` and ``follows`` of `loop_answer`.
     """
     turns = (1.0 - c.leakage) * c.inductance
     e = kappa * w

@@ -1,4 +1,4 @@
-"""What the motor of the reference model has beyond the paper's: a rounded EMF, and cogging.
+"""Motor of the reference model beyond the paper: a rounded EMF, and cogging.
 
 In place of the trapezoid f of `ematwin.models.bldc.motor`,
 

@@ -149,7 +149,7 @@ def drive(state, more, command, fault, c, truer, dt):
 def truer_reference_step(state, more, command, load, fault, c, truer, dt):
     """Advance the reference model by ``dt``; arguments as in `reference_step`.
 
-    Gives the state, what the truer forms add to it, the mean current of each phase within the step,
+    Gives the state, the state of the truer forms, the mean current of each phase within the step,
     and the `Supply`.
     """
     driven = drive(state, more, command, fault, c, truer, dt)
@@ -169,7 +169,7 @@ def truer_reference_step(state, more, command, load, fault, c, truer, dt):
 
 @part
 def more_after(driven):
-    """What the truer forms add to the state at the end of a step."""
+    """State of the truer forms at the end of a step."""
     _, _, _, loop_a, loop_b, loop_c = driven.currents
     asked, pending, integral, wait, late = driven.asked
     voltage, voltage_pending, voltage_integral, voltage_wait, voltage_late = driven.voltage

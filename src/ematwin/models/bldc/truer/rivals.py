@@ -1,6 +1,6 @@
 """What missing turns may be mistaken for: forms of a fault that the parameter file leaves out.
 
-An offset that is fixed in space gives each phase a constant of its own,
+An offset that is fixed in space gives each phase another constant,
 
     kappa_k ~ 1 + zeta cos(phi - 2 pi k/3),   k = 0, 1, 2,
 
@@ -26,7 +26,7 @@ _MOST = 0.95  # of the air gap
 def other_forms(actuator: BldcActuator, found: Mapping[str, float]) -> tuple[OtherForm, ...]:
     """Forms that the file of an actuator leaves out, and where to look for them.
 
-    ``found`` holds the values of its own forms, by name.
+    ``found`` holds the values of its forms by name.
     """
     forms = []
     if actuator.eccentricity is None:

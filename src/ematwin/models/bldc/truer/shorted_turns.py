@@ -1,4 +1,4 @@
-"""Shorted turns as a loop with a current of its own.
+"""Shorted turns as a loop that carries a current.
 
 A share mu of the turns of a phase is bridged by a contact of resistance R_f, through which the loop
 current i_f leaves the winding. The turns of a phase share one flux; with ``l`` the share of the
@@ -33,7 +33,7 @@ def split_short(h, loops):
 
 @part
 def loop_answer(mu, loop, i, e, resistance, turns_inductance, contact, dt):
-    """Loop current after ``dt``: ``remains`` (A), and what it ``follows`` of the phase current.
+    """Loop current after ``dt``: ``remains`` (A) and the share it ``follows`` of the phase current.
 
     ``loop`` and ``i`` are the currents before, A; ``e`` is the EMF of the whole phase, V.
     """

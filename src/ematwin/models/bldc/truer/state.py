@@ -1,4 +1,4 @@
-"""What the truer forms add to the constants and to the state of the reference model.
+"""Constants and state of the truer forms of the reference model.
 
 All in SI and reflected to the motor shaft. Each value has one at which the paper's form results.
 """

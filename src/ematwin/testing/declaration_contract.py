@@ -1,0 +1,229 @@
+"""Declarations of a kind of actuator: parameters, channels, scenarios and unknowns.
+
+The part of `ematwin.testing.model_contract.ModelContract` that simulates hardly anything.
+"""
+
+import math
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ematwin.errors import EmatwinError, ParameterError
+from ematwin.estimation.search import named
+from ematwin.models.base import Model
+from ematwin.models.parameter_set import ParameterSet
+from ematwin.models.registry import load_actuator, model_of
+from ematwin.models.simulating import simulate
+from ematwin.recordings.recording import Recording
+from ematwin.testing import draws
+
+
+class DeclarationContract:
+    """A subclass gives a fixture ``model``."""
+
+    @pytest.fixture
+    def model(self) -> Model:
+        """The model; a subclass gives it."""
+        raise NotImplementedError(
+            "Give your subclass of ModelContract a fixture `model` that returns the model."
+        )
+
+    @pytest.fixture
+    def actuator(self, model: Model) -> ParameterSet:
+        """The default parameter set."""
+        return model.parameters.load()
+
+    @pytest.fixture
+    def healthy(self, model: Model, actuator: ParameterSet) -> Recording:
+        """A healthy simulation of the default scenario."""
+        return draws.simulated(model, actuator, {})
+
+    # Parameters
+
+    def test_it_says_what_it_is(self, model: Model) -> None:
+        """Kind, title, parameters, channels and command have no default."""
+        for name in ("kind", "title", "parameters", "channels", "command"):
+            assert getattr(model, name, None), f"set {name} in the class of the model"
+
+    def test_the_kind_is_found_by_its_name(self, model: Model) -> None:
+        """Installed, and named alike by model, parameters and files."""
+        assert model.kind == model.parameters.kind, (
+            f"the model says kind {model.kind!r}, its parameters {model.parameters.kind!r}; name "
+            "them alike"
+        )
+        try:
+            found = model_of(model.kind)
+        except ParameterError as error:
+            raise AssertionError(
+                f"{error} Name the model in the entry point group ematwin.models of your "
+                "pyproject.toml, and install the package again."
+            ) from None
+        assert type(found) is type(model), (
+            f"the kind {model.kind!r} is that of {type(found).__module__}; choose another name"
+        )
+
+    def test_shipped_sets_load_with_units_and_sources(
+        self, model: Model, actuator: ParameterSet
+    ) -> None:
+        """Each parameter has an SI unit, a meaning, and a source in the file."""
+        sets = {name: load_actuator(name) for name in model.parameters.shipped()}
+        if model.parameters.own_model is not None:  # a file states the kind, and is all there is
+            sets = {actuator.name: actuator}
+        elif model.parameters.default not in sets:
+            raise AssertionError(
+                f"the default set {model.parameters.default!r} is not among the TOML files beside "
+                f"{model.parameters.__module__} ({', '.join(sets) or 'there are none'})"
+            )
+        for name, actuator in sets.items():
+            assert actuator.kind == model.kind, f"{name} loads as {actuator.kind}: names clash"
+            assert actuator.name == name, f"{name}.toml says name = {actuator.name!r}"
+            assert actuator.description, f"{name} needs a description"
+            for place, value, unit, meaning, source in actuator.parameters():
+                assert math.isfinite(value), f"{place} of {name} is not finite"
+                assert _in_si(unit) == 1.0, f"the unit {unit!r} of {place} is not SI"
+                assert meaning, f"{place} needs a meaning: quantity(unit, meaning)"
+                assert source != "set by the user", f"{place} of {name} has no source"
+
+    def test_a_saved_set_is_the_same_actuator(
+        self, model: Model, actuator: ParameterSet, tmp_path: Path
+    ) -> None:
+        """Written as a file and read again it has the same fingerprint."""
+        actuator.save(tmp_path / "same.toml")
+        assert load_actuator(tmp_path / "same.toml").fingerprint == actuator.fingerprint
+
+    def test_nominal_parameters_can_be_searched(self, model: Model, actuator: ParameterSet) -> None:
+        """Each place of ``nominal`` is there, has room between its limits, and a prior."""
+        assert not set(model.nominal) & set(model.fixed), "what is fixed cannot be nominal"
+        for place, factor in model.nominal.items():
+            assert factor > 1.0, f"nominal {place}: a factor above 1 is needed, it is {factor:g}"
+            one = model.unknown(actuator, place)
+            assert one.role == "nominal"
+            assert one.spread is not None, f"nominal {place} must be positive: it is a factor"
+
+    # Channels and scenarios
+
+    def test_channels_are_named_once_and_have_units(self, model: Model) -> None:
+        """No name or alias means two channels; command, load and needs are among them."""
+        seen: dict[str, str] = {}
+        for channel in model.channels:
+            assert _in_si(channel.unit) == 1.0, (
+                f"the unit {channel.unit!r} of channel {channel.name} is not SI"
+            )
+            assert channel.meaning, f"channel {channel.name} needs a meaning"
+            for name in (channel.name, *channel.aliases):
+                assert name not in seen, f"{name!r} means both {seen[name]} and {channel.name}"
+                assert name == name.casefold().replace(" ", "_"), (
+                    f"{name!r} must be lower case with underscores; files may write it as they like"
+                )
+                seen[name] = channel.name
+        known = {channel.name for channel in model.channels}
+        wanted = {name for need in model.required for group in need for name in group}
+        if model.load is not None:
+            wanted.add(model.load)
+        assert wanted <= known, f"channels lack {', '.join(sorted(wanted - known))}"
+        assert model.outputs, "no channel is left to compare: all are inputs"
+
+    def test_scenarios_are_shipped_and_followed(self, model: Model, actuator: ParameterSet) -> None:
+        """Each loads in the units of the kind, and the simulation of it has its command."""
+        assert model.scenarios(), (
+            "there is no scenario: put a TOML file into a folder `scenarios` beside the model, "
+            "so that simulate and compare have something to do"
+        )
+        for name in model.scenarios():
+            scenario = model.load_scenario(name)
+            model.check_scenario(scenario, actuator)
+            recording = simulate(None, scenario, None, actuator, noise=draws.PERFECT)
+            command, _ = scenario.histories(recording.time)
+            np.testing.assert_allclose(recording.channels[model.command], command, atol=1e-12)
+            for output in model.outputs:
+                if output in recording.channels:
+                    assert np.isfinite(recording.channels[output]).all()
+
+    def test_a_recording_without_a_needed_channel_is_refused(
+        self, model: Model, actuator: ParameterSet, healthy: Recording
+    ) -> None:
+        """In one sentence that names the channel."""
+        for alternatives in model.required:
+            names = [name for group in alternatives for name in group]
+            with pytest.raises(EmatwinError) as caught:
+                model.compare(healthy.changed(**dict.fromkeys(names)), actuator)
+            said = str(caught.value)
+            assert names[0] in said, f"the message must name {names[0]!r}: {said}"
+            assert "\n" not in said
+        with pytest.raises(EmatwinError):
+            model.compare(healthy.changed(**dict.fromkeys(model.outputs)), actuator)
+
+    # Unknowns
+
+    def test_unknowns_have_names_bounds_and_meanings(
+        self, model: Model, actuator: ParameterSet
+    ) -> None:
+        """Names are unique and no place of a parameter; a direction has its magnitude."""
+        unknowns = model.unknowns(actuator)
+        names = [one.name for one in unknowns]
+        assert len(set(names)) == len(names), f"a name comes twice: {', '.join(names)}"
+        assert model.faults(actuator), "there is no unknown with the role 'fault' to identify"
+        for one in unknowns:
+            assert "." not in one.name, f"{one.name}: a name with a dot is the place of a parameter"
+            assert one.meaning, f"{one.name} needs a meaning"
+            assert one.lower <= one.healthy <= one.upper
+            assert math.isfinite(one.width), f"{one.name} needs finite bounds"
+            assert one.role != "nominal", (
+                f"{one.name}: parameters of the actuator are unknowns by their place; list it in "
+                "`nominal` instead"
+            )
+            if one.direction_of is not None:
+                assert one.direction_of in names, f"{one.name}: no magnitude {one.direction_of}"
+        if model.monitoring.covariate is not None:
+            assert model.unknown(actuator, model.monitoring.covariate).role == "nuisance"
+
+    def test_values_are_described_with_units(self, model: Model, actuator: ParameterSet) -> None:
+        """Healthy and faulty values have a finite physical value in a known unit."""
+        for share in (0.0, 0.5, 1.0):
+            values = {one.name: draws.towards(one, share) for one in model.unknowns(actuator)}
+            rows = model.describe(actuator, values)
+            assert {row.name for row in rows} <= set(values)
+            assert {one.name for one in model.faults(actuator)} <= {row.name for row in rows}
+            for row in rows:
+                assert math.isfinite(row.value), f"{row.name}: {row.value} is no physical value"
+                assert math.isfinite(row.healthy)
+                assert _in_si(row.unit) > 0.0
+
+    def test_reported_quantities_are_named_once(self, model: Model, actuator: ParameterSet) -> None:
+        """A healthy population reports something, and each name once."""
+        names = [one.name for one in model.monitoring.reported(model, actuator)]
+        assert names, "`Monitoring.reported` must name at least one quantity"
+        assert len(set(names)) == len(names)
+
+    def test_cases_of_a_study_lie_within_the_bounds(
+        self, model: Model, actuator: ParameterSet
+    ) -> None:
+        """And the error of the truth is zero, the error of healthy is not."""
+        nothing = model.healthy(actuator)
+        faults, study = model.faults(actuator), model.study
+        for values in study.cases(faults).values():
+            injected = model.values_of(actuator, values)
+            assert study.error_percent(faults, injected, injected) == 0.0
+            assert study.error_percent(faults, nothing, injected) > 0.0
+
+    def test_the_default_search_is_known(self, model: Model) -> None:
+        """By a name of ``ematwin algorithms``."""
+        assert named(model.default_search).planned > 0
+
+
+@cache
+def _units() -> Any:
+    import pint
+
+    return pint.UnitRegistry(cache_folder=None)
+
+
+def _in_si(unit: str) -> float:
+    """Size of a unit in SI."""
+    try:
+        return float(_units().Quantity(1.0, unit).to_base_units().magnitude)
+    except Exception as error:  # pint raises a family of unrelated types
+        raise AssertionError(f"there is no unit {unit!r} ({error}); correct it") from None
