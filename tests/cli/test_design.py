@@ -54,11 +54,8 @@ def test_what_identify_leaves_is_taken_from_its_answer(ematwin, tmp_path: Path) 
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["--fault", "wear"], "Unknown fault 'wear'"),
         (["--limit", "current=0.01"], "keeps the limits (current 0.01)"),
-        (["--limit", "torque=3"], "There is no limit 'torque'"),
         (["--limit", "current=3 V"], "--limit current must have a unit of the kind A"),
-        (["--scenario", "ramp"], "There is no scenario 'ramp'"),
         (["--discriminate", "friction=1"], "needs two explanations"),
         (["--duration", "0 s"], "--duration must be a positive number"),
     ],
