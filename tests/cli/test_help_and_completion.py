@@ -42,7 +42,6 @@ def test_help_shows_every_character_of_every_text(ematwin, command):
 
 
 def test_units_in_brackets_survive_in_the_help(ematwin):
-    assert 'set_point="Demand [mm]"' in ematwin("calibrate", "--help", COLUMNS="200").out
     assert 'i_a="Phase A [A]"' in ematwin("identify", "--help", COLUMNS="200").out
 
 

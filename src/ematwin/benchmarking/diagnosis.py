@@ -33,7 +33,6 @@ class Diagnosis:
     confused : runs that missed a fault and named a healthy component instead
     directions, direction_wrong : faults found that have a direction, and those with it turned
     confusions : (missed, named instead) -> runs
-    missed_by_fault, false_by_fault : counts by component
     """
 
     algorithm: str
@@ -48,8 +47,6 @@ class Diagnosis:
     directions: int
     direction_wrong: int
     confusions: dict[tuple[str, str], int]
-    missed_by_fault: dict[str, int]
-    false_by_fault: dict[str, int]
 
 
 def diagnose(table: RunTable, threshold: float = THRESHOLD) -> list[Diagnosis]:
@@ -113,6 +110,4 @@ def _diagnosis(
         directions=directions,
         direction_wrong=turned,
         confusions=dict(confusions.most_common()),
-        missed_by_fault=dict(zip(names, missed.sum(axis=0).tolist(), strict=True)),
-        false_by_fault=dict(zip(names, false.sum(axis=0).tolist(), strict=True)),
     )

@@ -6,7 +6,13 @@ from typing import Annotated
 import typer
 
 from ematwin.cli import complete
-from ematwin.cli.options import ForceOption, JsonOption, print_json, print_notes
+from ematwin.cli.options import (
+    ForceOption,
+    JsonOption,
+    print_json,
+    print_notes,
+    print_written,
+)
 
 
 def actuators(
@@ -75,7 +81,7 @@ def actuators(
                     }
                     for one in model.unknowns(actuator)
                 },
-                "out": None if out is None else str(out),
+                "out": out,
             }
         )  # fmt: skip
         return
@@ -95,8 +101,7 @@ def actuators(
     typer.echo("\nChannels of a recording")
     for channel in model.channels:
         typer.echo(f"{channel.name:<20} {channel.unit:<8} {channel.meaning}")
-    if out is not None:
-        typer.echo(f"wrote {out}")
+    print_written(out)
 
 
 def scenarios(

@@ -6,15 +6,18 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ematwin.cli.options import (
+    ColumnOption,
     ForceOption,
     JsonOption,
     MapOption,
     RecordedActuatorOption,
     ReportOption,
     UnitsOption,
+    WhereOption,
     print_json,
     print_notes,
     print_table,
+    print_written,
     progress_bar,
     terminal_width,
 )
@@ -36,10 +39,7 @@ def calibrate(
     ],
     out: Annotated[Path, typer.Option(help="Where to write the calibrated actuator (.toml).")],
     actuator: RecordedActuatorOption = None,
-    where: Annotated[
-        list[str] | None,
-        typer.Option(help="Use only recordings with this label: condition=normal. Repeatable."),
-    ] = None,
+    where: WhereOption = None,
     known: Annotated[
         list[str] | None,
         typer.Option(
@@ -67,10 +67,7 @@ def calibrate(
             "later occasion; one run is enough. Actuator and known faults stay as in it."
         ),
     ] = None,
-    column: Annotated[
-        list[str] | None,
-        typer.Option(help='Which channel is what, e.g. set_point="Demand [mm]". Repeatable.'),
-    ] = None,
+    column: ColumnOption = None,
     map_file: MapOption = None,
     report: ReportOption = None,
     force: ForceOption = False,
@@ -117,20 +114,16 @@ def calibrate(
         found.report(report)
     assumed, doubtful = remarks(recordings)
     if json:
-        print_json({**found.as_dict(), "out": str(out), "assumed": assumed, "warnings": doubtful})
+        print_json({**found.as_dict(), "out": out, "assumed": assumed, "warnings": doubtful})
         return
     print_calibration(found)
     print_notes("Assumed", assumed)
     print_notes("Warning", doubtful)
-    for path in (out, report):
-        if path is not None:
-            typer.echo(f"wrote {path}")
+    print_written(out, report)
 
 
 def print_calibration(report: "CalibrationReport") -> None:
     """Fitted parameters, what they leave open, and the spread between runs, for people."""
-    from rich.table import Table
-
     from ematwin.report.calibration import (
         forms_sentences,
         misfit_sentence,
@@ -140,16 +133,11 @@ def print_calibration(report: "CalibrationReport") -> None:
     )
 
     shown = parameter_table(report)
-    table = Table(title="Parameters", title_justify="left")
     # what is not determined is also said below the table
     columns = len(shown.header) if terminal_width() >= _WIDE else 3
-    for heading in shown.header[:columns]:
-        text = heading in {"parameter", ""}
-        table.add_column(heading, justify="left" if text else "right", overflow="fold")
-    for row in shown.rows:
-        table.add_row(*row.cells[:columns])
     if shown.rows:
-        print_table(table, 110)
+        rows = [row.cells[:columns] for row in shown.rows]
+        print_table("Parameters", shown.header[:columns], rows, texts=("",), width=110)
     for sentence in (
         *forms_sentences(report), *open_sentences(report), misfit_sentence(report),
         *spread_sentences(report)

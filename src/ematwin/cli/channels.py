@@ -12,6 +12,7 @@ from ematwin.cli.options import (
     print_json,
     print_notes,
     print_table,
+    print_written,
     progress_bar,
 )
 
@@ -76,47 +77,45 @@ def channels(
     if json:
         print_json(
             {
-                "file": str(file),
+                "file": file,
                 "format": found.kind,
                 "channels": [one.as_dict() for one in found.channels],
                 "assumed": list(found.assumed),
                 "map": proposal.as_dict(),
-                "written": None if write is None else str(write),
-                "plot": None if plot is None else str(plot),
+                "written": write,
+                "plot": plot,
             }
         )
         return
     print_channels(found, proposal)
     print_proposal(proposal, file, actuator or chosen.name, write)
-    if plot is not None:
-        typer.echo(f"wrote {plot}")
+    print_written(plot)
 
 
 def print_channels(found: "Survey", proposal: "Proposal") -> None:
     """A row for each channel."""
-    from rich.table import Table
-
     from ematwin.recordings.proposal import rate_of
 
     meant = {entry.channel: name for name, entry in proposal.entries.items()}
     counted = rate_of(found, proposal.entries.get("time"))
-    table = Table(title=f"Channels of {found.path.name}", title_justify="left")
-    table.add_column("channel")
-    for heading in ("unit", "rate", "range"):
-        table.add_column(heading, justify="right")
-    table.add_column("shape", no_wrap=True)
-    table.add_column("taken for")
+    rows = []
     for one in found.channels:
         rate = counted if one.rate is None and not one.is_text else one.rate
-        table.add_row(
-            one.name,
-            one.unit or "-",
-            "-" if rate is None else f"{rate:.6g} Hz",
-            one.text if one.is_text else f"{one.low:.4g} to {one.high:.4g}",
-            sparkline(one),
-            meant.get(one.name, ""),
+        rows.append(
+            [
+                one.name,
+                one.unit or "-",
+                "-" if rate is None else f"{rate:.6g} Hz",
+                one.text if one.is_text else f"{one.low:.4g} to {one.high:.4g}",
+                sparkline(one),
+                meant.get(one.name, ""),
+            ]
         )
-    print_table(table, 160)
+    headings = ("channel", "unit", "rate", "range", "shape", "taken for")
+    print_table(
+        f"Channels of {found.path.name}", headings, rows, texts=headings[-2:], whole=["shape"],
+        width=160,
+    )  # fmt: skip
     print_notes("Assumed", (f"{text[0].upper()}{text[1:]}." for text in found.assumed))
 
 

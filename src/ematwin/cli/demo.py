@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
-from ematwin.cli.identify import print_findings, search_bar
-from ematwin.cli.options import JsonOption, print_json, progress_bar
+from ematwin.cli.identify import print_findings
+from ematwin.cli.options import JsonOption, print_json, progress_bar, searching
 
 SHEET = "servo48"
 # How the actuator differs from its data sheet, as factors: nobody knows these numbers.
@@ -75,9 +75,10 @@ def demo(
         twin = calibrate(files, sheet_file, name="calibrated", progress=progress)
     twin.save(twin_file)
     record = read(record_file)
-    with search_bar(not json) as progress_of_search:
-        found = identify(record, twin, seed=seed, progress=progress_of_search)
-        without = identify(record, sheet_file, seed=seed, progress=progress_of_search)
+    with progress_bar("searching", not json) as show:
+        tell = searching(show, "simulations", "misfit")
+        found = identify(record, twin, seed=seed, progress=tell)
+        without = identify(record, sheet_file, seed=seed, progress=tell)
     found.report(folder / "report.html")
     without.report(folder / "uncalibrated.html")
     if json:
@@ -86,10 +87,10 @@ def demo(
                 **found.as_dict(),
                 "injected": injected.as_dict(),
                 "uncalibrated": without.as_dict(),
-                "record": str(record_file),
-                "healthy_records": [str(file) for file in files],
-                "twin": str(twin_file),
-                "report": str(folder / "report.html"),
+                "record": record_file,
+                "healthy_records": files,
+                "twin": twin_file,
+                "report": folder / "report.html",
             }
         )
         return
@@ -132,8 +133,8 @@ def _fleet(folder: Path, seed: int, json: bool) -> None:
     if json:
         print_json(
             {
-                "fleet": str(folder),
-                "report": str(folder / "fleet.html"),
+                "fleet": folder,
+                "report": folder / "fleet.html",
                 "advisories": {r["serial_number"]: r["advisory"] for r in fleet.table()},
             }
         )

@@ -8,18 +8,21 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ematwin.cli import complete
 from ematwin.cli.options import (
     ActuatorOption,
+    ExactOption,
     ForceOption,
     JsonOption,
     NoiseOption,
     ReportOption,
+    ScenarioOption,
     numbers,
     pairs,
     print_json,
     print_table,
+    print_written,
     progress_bar,
+    searching,
 )
 
 if TYPE_CHECKING:
@@ -32,14 +35,7 @@ _RECORDED = (".csv", ".parquet")
 def design(
     out: Annotated[Path, typer.Option(help="Write the command here (.toml).")],
     actuator: ActuatorOption = "servo48",
-    scenario: Annotated[
-        str | None,
-        typer.Option(
-            help="The command to begin from: a shipped scenario or a TOML file; the kind's default "
-            "if not given.",
-            autocompletion=complete.scenarios,
-        ),
-    ] = None,
+    scenario: ScenarioOption = None,
     fault: Annotated[
         str | None,
         typer.Option(help="The fault to identify; the least identifiable one if not given."),
@@ -59,9 +55,7 @@ def design(
         typer.Option(help="A fault at which to look, e.g. friction=0.25. Repeatable."),
     ] = None,
     noise: NoiseOption = None,
-    exact: Annotated[
-        bool, typer.Option("--exact", help="Parameters, load and sensors are known exactly.")
-    ] = False,
+    exact: ExactOption = False,
     check: Annotated[
         int, typer.Option(help="Identify so many simulated recordings of each command.", min=0)
     ] = 0,
@@ -118,13 +112,14 @@ def design(
         from ematwin.report.design import discrimination_page
 
         first, second = _explanations(discriminate, actuator, chosen)
-        with _bar(not json, "distance") as (progress, _):
-            told = tell_apart(first, second, actuator, progress=progress, **options)
+        with progress_bar("searching", not json) as show:
+            tell = searching(show, "commands", "distance")
+            told = tell_apart(first, second, actuator, progress=tell, **options)
         told.save(out)
         if report is not None:
             write_text(report, discrimination_page(told))
         if json:
-            print_json({**told.as_dict(), **_written(out, report)})
+            print_json({**told.as_dict(), "out": out, "report": report})
             return
         typer.echo(told.sentence)
     else:
@@ -133,10 +128,12 @@ def design(
 
         if trials is not None:
             options["trials"] = trials
-        with _bar(not json, "expected error") as (progress, trying):
+        with progress_bar("searching", not json) as show:
             found = run(
-                actuator, fault=fault, faults=numbers(at or [], "--at"), progress=progress,
-                trying=trying, **options,
+                actuator, fault=fault, faults=numbers(at or [], "--at"),
+                progress=searching(show, "commands", "expected error"),
+                trying=lambda share: show(share, "identifying simulated recordings of the best"),
+                **options,
             )  # fmt: skip
         found.save(out)
         if check:
@@ -145,16 +142,10 @@ def design(
         if report is not None:
             write_text(report, design_page(found))
         if json:
-            print_json({**found.as_dict(), **_written(out, report)})
+            print_json({**found.as_dict(), "out": out, "report": report})
             return
         _print(found)
-    typer.echo(f"wrote {out}")
-    if report is not None:
-        typer.echo(f"wrote {report}")
-
-
-def _written(out: Path, report: Path | None) -> dict[str, str | None]:
-    return {"out": str(out), "report": None if report is None else str(report)}
+    print_written(out, report)
 
 
 def _limits(texts: list[str], actuator: "ParameterSet") -> dict[str, float]:
@@ -224,43 +215,7 @@ def _answer(path: Path) -> tuple[dict[str, float], list[dict[str, float]]]:
         ) from None
 
 
-def _bar(shown: bool, what: str) -> Any:
-    """A live line on standard error: commands looked at and the best so far, then the trials."""
-    from contextlib import contextmanager
-
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-    @contextmanager
-    def live() -> Any:
-        console = Console(stderr=True)
-        with Progress(
-            TextColumn("{task.description}"),
-            BarColumn(),
-            TextColumn("{task.fields[state]}"),
-            TimeRemainingColumn(),
-            console=console,
-            transient=True,
-            disable=not (shown and console.is_terminal),
-        ) as bar:
-            task = bar.add_task("searching", total=1.0, state="")
-
-            def update(count: int, best: float, total: int) -> None:
-                state = f"{count}/{total} commands, best {what} {best:.3g}"
-                bar.update(task, completed=count, total=total, state=state)
-
-            def trying(share: float) -> None:
-                state = "identifying simulated recordings of the best"
-                bar.update(task, description="trying", completed=share, total=1.0, state=state)
-
-            yield update, trying
-
-    return live()
-
-
 def _print(found: "Design") -> None:
-    from rich.table import Table
-
     from ematwin.report.design import errors_table, price_table
 
     typer.echo(found.sentence)
@@ -268,12 +223,7 @@ def _print(found: "Design") -> None:
         ("Expected error of each fault", errors_table(found)),
         ("The price, on a healthy actuator (with faults)", price_table(found)),
     ):
-        table = Table(title=title, title_justify="left")
-        for n, heading in enumerate(content.header):
-            table.add_column(heading, justify="right" if n else "left")
-        for row in content.rows:
-            table.add_row(*row.cells)
-        print_table(table, 150)
+        print_table(title, content.header, [row.cells for row in content.rows])
     if found.held:
         typer.echo(
             f"Counted as known, because no command can determine them: {', '.join(found.held)}"

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ematwin.cli.options import (
+    ColumnOption,
     FailOption,
     JsonOption,
     LoadOption,
@@ -14,10 +15,12 @@ from ematwin.cli.options import (
     ReportOption,
     TableOption,
     UnitsOption,
+    WhereOption,
     grades,
     print_json,
     print_notes,
     print_table,
+    print_written,
     progress_bar,
 )
 from ematwin.cli.recordings import choice, constant_load, remarks, runs, runs_in
@@ -60,14 +63,8 @@ def detect(
             "judges) or each motion (recording)."
         ),
     ] = "run",
-    where: Annotated[
-        list[str] | None,
-        typer.Option(help="Use only recordings with this label: condition=normal. Repeatable."),
-    ] = None,
-    column: Annotated[
-        list[str] | None,
-        typer.Option(help='Which channel is what, e.g. set_point="Demand [mm]". Repeatable.'),
-    ] = None,
+    where: WhereOption = None,
+    column: ColumnOption = None,
     map_file: MapOption = None,
     load: LoadOption = None,
     report: ReportOption = None,
@@ -164,7 +161,7 @@ def answer(
                 **({"actuators": told} if several else told[0]),
                 "each": each,
                 "not_judged": found.missing,
-                "report": None if report is None else str(report),
+                "report": report,
                 "assumed": assumed,
                 "warnings": doubtful,
             }
@@ -173,9 +170,7 @@ def answer(
     print_verdicts(parts, found.sentence, each)
     print_notes("Assumed", assumed)
     print_notes("Warning", doubtful)
-    for path in (table, report):
-        if path is not None:
-            typer.echo(f"wrote {path}")
+    print_written(table, report)
 
 
 def print_verdicts(parts: "Mapping[str, Detection]", sentence: str, each: str) -> None:
@@ -183,8 +178,6 @@ def print_verdicts(parts: "Mapping[str, Detection]", sentence: str, each: str) -
 
     ``parts`` holds what was found of each actuator; a single one may have the name "".
     """
-    from rich.table import Table
-
     from ematwin.monitoring.diagnosis import counted, gathered_notes, gathered_reasons
 
     rows = [(name, one) for name, part in parts.items() for one in part.each(each)]
@@ -194,23 +187,22 @@ def print_verdicts(parts: "Mapping[str, Detection]", sentence: str, each: str) -
     covariates = [one.covariate.name for one in standing if one.covariate is not None]
     named = any(parts)
     by_run = any(part.by_run for part in parts.values())
-    table = Table()
-    for heading in (*(("actuator",) if named else ()), each if by_run else "recording", "verdict"):
-        table.add_column(heading)
     beside = list(dict.fromkeys(covariates))
-    for heading in (*columns, *beside, *(("index / limit",) if standing else ())):
-        table.add_column(heading, justify="right")
+    left = (*(("actuator",) if named else ()), each if by_run else "recording", "verdict")
+    cells = []
     for name, one in rows:
         magnitudes = {m.name: str(m) for m in one.magnitudes}
-        cells = [magnitudes.get(column, "") for column in columns]
+        row = [*([name] if named else []), one.name, one.said]
+        row += [magnitudes.get(column, "") for column in columns]
         at = one.standing
         if standing:
             covariate = None if at is None else at.covariate
-            cells += [str(covariate) if covariate else "" for _ in beside]
-            cells.append("" if at is None else f"{at.index:.2f} / {at.threshold:.2f}")
-        first = [name] if named else []
-        table.add_row(*first, one.name, one.said, *cells, style="bold" if one.alarm else None)
-    print_table(table, 200)
+            row += [str(covariate) if covariate else "" for _ in beside]
+            row.append("" if at is None else f"{at.index:.2f} / {at.threshold:.2f}")
+        cells.append(row)
+    headings = [*left, *columns, *beside, *(("index / limit",) if standing else ())]
+    bold = [n for n, (_, one) in enumerate(rows) if one.alarm]
+    print_table("", headings, cells, texts=left, bold=bold, width=200)
     if by_run and not named:
         (found,) = parts.values()
         for kind, verdicts in (("runs", found.runs), ("motions", found.motions)):

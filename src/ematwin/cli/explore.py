@@ -5,13 +5,13 @@ from typing import Annotated
 
 import typer
 
-from ematwin.cli import complete
 from ematwin.cli.options import (
     ColumnOption,
     MapOption,
     NoBrowserOption,
     PortOption,
     RecordedActuatorOption,
+    ScenarioOption,
     serve_page,
 )
 
@@ -25,13 +25,7 @@ def explore(
         ),
     ] = None,
     actuator: RecordedActuatorOption = None,
-    scenario: Annotated[
-        str | None,
-        typer.Option(
-            help="Without a recording: a shipped scenario, or a TOML, CSV or Parquet file.",
-            autocompletion=complete.scenarios,
-        ),
-    ] = None,
+    scenario: ScenarioOption = None,
     column: ColumnOption = None,
     map_file: MapOption = None,
     port: PortOption = 0,

@@ -7,6 +7,7 @@ import typer
 from ematwin.cli import complete
 from ematwin.cli.options import (
     ActuatorOption,
+    ExactOption,
     JsonOption,
     NoiseOption,
     ReportOption,
@@ -14,6 +15,7 @@ from ematwin.cli.options import (
     print_json,
     print_notes,
     print_table,
+    print_written,
     progress_bar,
 )
 
@@ -40,9 +42,7 @@ def identifiability(
         ),
     ] = None,
     noise: NoiseOption = None,
-    exact: Annotated[
-        bool, typer.Option("--exact", help="Parameters, load and sensors are known exactly.")
-    ] = False,
+    exact: ExactOption = False,
     false_alarm: Annotated[
         float | None,
         typer.Option(
@@ -106,7 +106,7 @@ def identifiability(
             }
             for one in found
         ]
-        print_json({"commands": commands_told, "report": None if report is None else str(report)})
+        print_json({"commands": commands_told, "report": report})
         return
     for one in found:
         _print(one)
@@ -115,25 +115,14 @@ def identifiability(
     if len(found) > 1:
         names = ", ".join(f"{one.scenario.name} ({one.weakest.name})" for one in found)
         typer.echo(f"Best command first, with its least identifiable fault: {names}")
-    if report is not None:
-        typer.echo(f"wrote {report}")
+    print_written(report)
 
 
 def _print(found: "Identifiability") -> None:
-    from rich.table import Table
-
     from ematwin.experiments.identifiability import HEADINGS
 
-    table = Table(
-        title=f"{found.scenario.name}, {found.scenario.duration:g} s, on {found.actuator.name}",
-        title_justify="left",
-    )
-    for heading in HEADINGS:
-        number = heading not in (HEADINGS[0], HEADINGS[-1])
-        table.add_column(heading, justify="right" if number else "left")
-    for one in found.told:
-        table.add_row(*one.cells)
-    print_table(table, 150)
+    title = f"{found.scenario.name}, {found.scenario.duration:g} s, on {found.actuator.name}"
+    print_table(title, HEADINGS, [one.cells for one in found.told], texts=HEADINGS[-1:])
     typer.echo(
         f"Noise and the twin's own error {100.0 * found.noise:.2f} % of the answer; found: all but "
         f"{100.0 * found.miss:.3g} %, false alarms {100.0 * found.false_alarm:.2g} %."
@@ -143,14 +132,7 @@ def _print(found: "Identifiability") -> None:
 
 
 def _print_sobol(parts: "Sensitivity") -> None:
-    from rich.table import Table
-
     for channel, caption in parts.captions.items():
-        table = Table(title=f"Sobol indices: {caption}", title_justify="left")
-        table.add_column("unknown")
-        for heading in ("by itself", "in all"):
-            table.add_column(heading, justify="right")
-        for row in parts.rows(channel):
-            table.add_row(*row)
-        print_table(table, 150)
+        headings = ("unknown", "by itself", "in all")
+        print_table(f"Sobol indices: {caption}", headings, parts.rows(channel))
     typer.echo(f"From {parts.answers} answers; what is below 1 % is left out.\n")

@@ -1,8 +1,5 @@
 """``ematwin identify``: recordings in, what they say of their actuator out."""
 
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
@@ -25,7 +22,9 @@ from ematwin.cli.options import (
     print_json,
     print_notes,
     print_table,
+    print_written,
     progress_bar,
+    searching,
     terminal_width,
 )
 from ematwin.cli.recordings import constant_load, meant, runs, runs_in
@@ -172,13 +171,16 @@ def identify(
         return
     if table is not None:
         raise InputError("--table is of several recordings; give more, or a folder.")
-    with search_bar(not json) as progress_of_search:
+    with progress_bar("searching", not json) as show:
         # given away, so that what was sampled faster than it is compared can be freed
-        found = run(recordings.pop(), known, algorithm, **settings, progress=progress_of_search)
+        found = run(
+            recordings.pop(), known, algorithm, **settings,
+            progress=searching(show, "simulations", "misfit"),
+        )  # fmt: skip
     if report is not None:
         found.report(report)
     if json:
-        print_json({**found.as_dict(), "report": None if report is None else str(report)})
+        print_json({**found.as_dict(), "report": report})
     else:
         print_findings(found)
         if not found.calibrated:
@@ -186,58 +188,28 @@ def identify(
                 f"Not calibrated: {found.actuator.name} is known as far as its tolerances go. "
                 "ematwin calibrate learns your actuator from healthy recordings."
             )
-        if report is not None:
-            typer.echo(f"wrote {report}")
+        print_written(report)
     if found.verdict.grade in failing:
         raise typer.Exit(1)
 
 
-@contextmanager
-def search_bar(shown: bool) -> Iterator[Callable[[int, float, int], None]]:
-    """A live line on standard error: evaluations, best cost, time left."""
-    if not (shown and sys.stderr.isatty()):
-        yield lambda evaluations, cost, budget: None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-    with Progress(
-        TextColumn("searching"),
-        BarColumn(),
-        TextColumn("{task.completed:.0f}/{task.total:.0f} simulations"),
-        TextColumn("best misfit {task.fields[cost]}"),
-        TimeRemainingColumn(),
-        console=Console(stderr=True),
-        transient=True,
-    ) as bar:
-        task = bar.add_task("", total=1.0, cost="-")
-
-        def update(evaluations: int, cost: float, budget: int) -> None:
-            bar.update(task, completed=evaluations, total=budget, cost=f"{cost:.4g}")
-
-        yield update
-
-
 def print_findings(found: "Identification") -> None:
     """The verdict, then the table for people."""
-    from rich.table import Table
-
     from ematwin.estimation.findings import fault_cells
     from ematwin.showing.numbers import with_interval
 
     typer.echo(f"{found.verdict.sentence}\n")
-    table = Table(title=f"Faults of {found.actuator.name}", title_justify="left")
-    table.add_column("fault", no_wrap=True)
-    for heading in ("value", "95 % interval", "healthy", "k"):
-        table.add_column(heading, justify="right", no_wrap=True)
-    meanings = terminal_width() >= _WIDE
-    if meanings:
-        table.add_column("meaning")
-    for row in fault_cells(found):
-        cells = [row.name, row.value, row.interval, row.healthy, row.k]
-        cells += [row.meaning] if meanings else []
-        table.add_row(*cells, style="bold" if row.name in found.present else None)
-    print_table(table, 150)
+    headings = ["fault", "value", "95 % interval", "healthy", "k", "meaning"]
+    headings = headings if terminal_width() >= _WIDE else headings[:-1]
+    rows = fault_cells(found)
+    print_table(
+        f"Faults of {found.actuator.name}",
+        headings,
+        [(r.name, r.value, r.interval, r.healthy, r.k, r.meaning)[: len(headings)] for r in rows],
+        texts=["meaning"],
+        whole=headings[:5],
+        bold=[n for n, row in enumerate(rows) if row.name in found.present],
+    )
     for one in found.model.contrasts(found.actuator):
         if one.name in found.contrasts:
             value, (low, high) = found.contrasts[one.name]
@@ -258,14 +230,7 @@ def print_findings(found: "Identification") -> None:
 
 def print_uncertainty(sure: "Uncertainty") -> None:
     """Intervals of the faults by the method that was asked for, and its probabilities."""
-    from rich.table import Table
-
-    table = Table(title=f"95 % by {sure.method}", title_justify="left")
-    for heading in sure.headings:
-        table.add_column(heading)
-    for row in sure.rows:
-        table.add_row(*row)
-    print_table(table, 150)
+    print_table(f"95 % by {sure.method}", sure.headings, sure.rows, texts=sure.headings)
     for sentence in sure.sentences:
         typer.echo(sentence)
     print_notes("Doubt", sure.doubts)

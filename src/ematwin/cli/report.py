@@ -66,7 +66,7 @@ def report(
     files = [] if out is None else write_report(analysis, out)
     if json:
         answer = analysis.as_dict()
-        answer["report"] = None if out is None else {"folder": str(out), "files": files}
+        answer["report"] = None if out is None else {"folder": out, "files": files}
         print_json(answer)
         return
     print_summary(analysis)
@@ -76,20 +76,13 @@ def report(
 
 def print_summary(analysis: "StudyAnalysis") -> None:
     """Print success rates and conclusions for people."""
-    from rich.table import Table
-
     from ematwin.benchmarking.tables import diagnosis, success
 
     for title, source in (
         ("Share of runs that reached an Err%", success(analysis)),
         (f"Diagnosis at {analysis.threshold:g}", diagnosis(analysis)),
     ):
-        table = Table(title=title, title_justify="left")
-        for n, heading in enumerate(source.header):
-            table.add_column(heading, justify="right" if n else "left")
-        for row in source.rows:
-            table.add_row(*row.cells)
-        print_table(table, 140)
+        print_table(title, source.header, [row.cells for row in source.rows], width=140)
     for sentence in analysis.conclusions:
         typer.echo(f"- {sentence}")
 

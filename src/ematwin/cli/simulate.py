@@ -6,7 +6,14 @@ from typing import Annotated
 import typer
 
 from ematwin.cli import complete
-from ematwin.cli.options import JsonOption, numbers, print_json, progress_bar
+from ematwin.cli.options import (
+    JsonOption,
+    ScenarioOption,
+    numbers,
+    print_json,
+    print_written,
+    progress_bar,
+)
 
 
 def simulate(
@@ -21,13 +28,7 @@ def simulate(
         str | None,
         typer.Option(help="For the brushless actuator: reference (default) or monitor."),
     ] = None,
-    scenario: Annotated[
-        str | None,
-        typer.Option(
-            help="A shipped scenario, or a TOML, CSV or Parquet file; the kind's own if not given.",
-            autocompletion=complete.scenarios,
-        ),
-    ] = None,
+    scenario: ScenarioOption = None,
     actuator: Annotated[
         str,
         typer.Option(
@@ -116,8 +117,8 @@ def simulate(
                 "sample_rate": record.sample_rate,
                 **summary,
                 "seed": seed,
-                "out": None if out is None else str(out),
-                "plot": None if plot is None else str(plot),
+                "out": out,
+                "plot": plot,
             }
         )
         return
@@ -131,6 +132,4 @@ def simulate(
         f"\n{model or kind.fidelities[0]} model of {chosen.name}, scenario {asked.name}: "
         f"{len(record)} samples at {record.sample_rate:g} Hz, {numbers_told}"
     )
-    for path in (out, plot):
-        if path is not None:
-            typer.echo(f"wrote {path}")
+    print_written(out, plot)

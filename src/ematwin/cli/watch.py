@@ -15,6 +15,7 @@ from ematwin.cli.options import (
     print_json,
     print_notes,
     print_table,
+    print_written,
     progress_bar,
 )
 from ematwin.errors import InputError
@@ -98,9 +99,8 @@ def watch(
         if report is not None:
             known.report(report)
         _answer(known, found, json)
-        for path in (table, report):
-            if path is not None and not json:
-                typer.echo(f"wrote {path}")
+        if not json:
+            print_written(table, report)
         if every is None:
             break
         time.sleep(every)
@@ -134,20 +134,16 @@ def _answer(fleet: "Fleet", found: "Watched", json: bool) -> None:
 
 def print_fleet(fleet: "Fleet", rows: list[dict[str, object]] | None = None) -> None:
     """The actuators for people, the most urgent first."""
-    from rich.table import Table
-
     rows = fleet.table() if rows is None else rows
     if not rows:
         return
-    shown = Table()
-    for heading in ("actuator", "what to do", "life left", "why"):
-        shown.add_column(heading)
+    cells = []
     for row in rows[:_MOST]:
         life = fleet[str(row["serial_number"])].life_left()
-        shown.add_row(
-            str(row["serial_number"]), str(row["advisory"]), "" if life is None else str(life),
-            str(row["advisory_reason"]), style="bold" if row["advisory_level"] == 3 else None,
-        )  # fmt: skip
-    print_table(shown, 200)
+        named = (row["serial_number"], row["advisory"], life or "", row["advisory_reason"])
+        cells.append([str(one) for one in named])
+    headings = ("actuator", "what to do", "life left", "why")
+    bold = [n for n, row in enumerate(rows[:_MOST]) if row["advisory_level"] == 3]
+    print_table("", headings, cells, texts=headings, bold=bold, width=200)
     if len(rows) > _MOST:
         typer.echo(f"and {len(rows) - _MOST} more actuators; --report shows all")

@@ -10,8 +10,9 @@ from __future__ import annotations
 import math
 import pickle
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from enum import StrEnum
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -32,12 +33,23 @@ from ematwin.optimizers.base import (
 )
 from ematwin.optimizers.objective import Evaluate, Objective, evaluator
 from ematwin.optimizers.registry import resolve
-from ematwin.optimizers.stopping import Progress, Stop, StoppingCriterion, criteria
 from ematwin.showing import markup
 from ematwin.showing.drawing import drawn
 from ematwin.showing.frames import frame
 
 _CHECKPOINT = "ematwin search checkpoint 2"  # its format; 1 was that of 0.2
+
+
+class Stop(StrEnum):
+    """Why a search ended, as written in results and files."""
+
+    BUDGET = "budget"
+    TARGET = "target"
+    STAGNATION = "stagnation"
+    CALLBACK = "callback"
+    INTERRUPTED = "interrupted"
+    CONVERGED = "converged"
+
 
 _SENTENCES = {
     Stop.BUDGET: "the budget is spent",
@@ -47,6 +59,26 @@ _SENTENCES = {
     Stop.INTERRUPTED: "interrupted; this is the best found so far",
     Stop.CONVERGED: "the method itself has converged",
 }
+
+
+@dataclass(frozen=True)
+class Progress:
+    """State of a search between two batches.
+
+    Attributes
+    ----------
+    evaluations : int, points evaluated so far
+    cost : float, least finite cost so far; infinite if there was none
+    improved_at : int, evaluations after which ``cost`` last fell
+    seconds : float, s, wall time in this process, objective included
+    budget : int, evaluations that the search may spend
+    """
+
+    evaluations: int
+    cost: float
+    improved_at: int
+    seconds: float
+    budget: int
 
 
 @dataclass(frozen=True)
@@ -135,6 +167,25 @@ class _Search:
         return Progress(self.evaluations, self.cost, self.improved_at, self.seconds, budget)
 
 
+@dataclass(frozen=True)
+class _Ends:
+    """What ends a search, beside the method itself and the callback."""
+
+    budget: int
+    target: float | None
+    stagnation: int | None
+
+    def reason(self, search: _Search) -> str | None:
+        if self.target is not None and search.cost <= self.target:
+            return str(Stop.TARGET)
+        without = search.evaluations - search.improved_at
+        if self.stagnation is not None and without >= self.stagnation:
+            return str(Stop.STAGNATION)
+        if search.evaluations >= self.budget:
+            return str(Stop.BUDGET)
+        return search.optimizer.stop()
+
+
 def minimize(
     objective: Objective,
     lower: ArrayLike,
@@ -148,7 +199,6 @@ def minimize(
     budget: int | None = None,
     target: float | None = None,
     stagnation: int | None = None,
-    stopping: Iterable[StoppingCriterion] = (),
     callback: Callable[[Progress], object] | None = None,
     checkpoint: str | PathLike[str] | None = None,
     checkpoint_every: int = 10,
@@ -172,7 +222,6 @@ def minimize(
         methods with a schedule spread it over the budget; None: ``population * iterations``
     target : float or None, stop once the cost is at most this
     stagnation : int or None, stop once so many evaluations in a row have not lowered the cost
-    stopping : iterable of StoppingCriterion, more criteria, asked after each batch
     callback : callable or None, receives a `Progress` after each batch; returning True stops the
         search
     checkpoint : path or None, file written during the search; if it is there already, the search
@@ -214,7 +263,11 @@ def minimize(
         iterations = -(-budget // population)
     budget = whole_number(budget, "budget (evaluations)", 1)
     checkpoint_every = whole_number(checkpoint_every, "number of batches per checkpoint", 1)
-    ends = (*criteria(target, stagnation), *stopping)
+    if target is not None and (not isinstance(target, int | float) or math.isnan(target)):
+        raise InputError(f"The target must be a cost to reach, received {target!r}.")
+    if stagnation is not None:
+        whole_number(stagnation, "number of evaluations of a stagnation", 1)
+    ends = _Ends(budget, target, stagnation)
 
     name, optimizer = resolve(
         algorithm, box, population=population, iterations=iterations, seed=seed
@@ -233,7 +286,7 @@ def minimize(
         optimizer, np.full(box.dimension, np.nan)
     )
     try:
-        stopped = _run(search, evaluate, budget, ends, callback, path, checkpoint_every, identity)
+        stopped = _run(search, evaluate, ends, callback, path, checkpoint_every, identity)
     finally:
         search.optimizer.close()
     if not math.isfinite(search.cost):
@@ -257,31 +310,30 @@ def minimize(
 def _run(
     search: _Search,
     evaluate: Evaluate,
-    budget: int,
-    ends: tuple[StoppingCriterion, ...],
+    ends: _Ends,
     callback: Callable[[Progress], object] | None,
     path: Path | None,
     checkpoint_every: int,
     identity: dict[str, Any],
 ) -> str:
     """Ask, evaluate, tell, until there is a reason to stop; give the reason."""
-    stopped = _reason(search, budget, ends)
+    stopped = ends.reason(search)
     batches = 0
     while stopped is None:
         started = time.perf_counter()
         try:
-            _batch(search, evaluate, budget)
+            _batch(search, evaluate, ends.budget)
         except KeyboardInterrupt:
             if search.evaluations == 0:
                 raise
             return str(Stop.INTERRUPTED)
         search.seconds += time.perf_counter() - started
-        stopped = _reason(search, budget, ends)
+        stopped = ends.reason(search)
         batches += 1
         try:
             if path is not None and (stopped is not None or batches % checkpoint_every == 0):
                 _save(path, identity, search)
-            if callback is not None and callback(search.progress(budget)) is True:
+            if callback is not None and callback(search.progress(ends.budget)) is True:
                 stopped = stopped or str(Stop.CALLBACK)
         except KeyboardInterrupt:
             return str(Stop.INTERRUPTED)
@@ -306,17 +358,6 @@ def _batch(search: _Search, evaluate: Evaluate, budget: int) -> None:
         search.improved_at = search.evaluations
     search.history.append((search.evaluations, search.cost))
     search.optimizer.tell(points, costs)
-
-
-def _reason(search: _Search, budget: int, ends: tuple[StoppingCriterion, ...]) -> str | None:
-    progress = search.progress(budget)
-    for end in ends:
-        reason = end.reason(progress)
-        if reason is not None:
-            return str(reason)
-    if search.evaluations >= budget:
-        return str(Stop.BUDGET)
-    return search.optimizer.stop()
 
 
 def _restored(path: Path | None, identity: dict[str, Any], fresh: Optimizer) -> _Search | None:
