@@ -9,11 +9,7 @@ from typing import Any
 import numpy as np
 
 from ematwin.benchmarking.conclusions import conclude
-from ematwin.benchmarking.convergence import (
-    STATED_MISFITS,
-    bands,
-    evaluations_to_target,
-)
+from ematwin.benchmarking.convergence import STATED_MISFITS, bands, evaluations_to_target
 from ematwin.benchmarking.diagnosis import THRESHOLD, Diagnosis, diagnose
 from ematwin.benchmarking.ranks import RankComparison, compare_ranks, effect_sizes
 from ematwin.benchmarking.run import StoredRun
@@ -90,7 +86,7 @@ class StudyAnalysis:
         )
 
     def __str__(self) -> str:
-        """Say what was run, then the conclusions."""
+        """Give the number of runs, then the conclusions."""
         return "\n".join([f"{self._lead()}.", *self.conclusions])
 
     def _repr_html_(self) -> str:
@@ -115,7 +111,7 @@ class StudyAnalysis:
         return lead
 
     def as_dict(self) -> dict[str, Any]:
-        """Give all tables as plain values, None for what could not be computed."""
+        """Give all tables as plain values; None where a number could not be computed."""
         table, ranks = self.table, self.ranks
         return plain({
             "runs": len(table),

@@ -1,4 +1,4 @@
-"""Plain sentences of what a study shows and what it does not, each guarded by its numbers."""
+"""Conclusions of a study in plain sentences, each drawn only where its numbers allow it."""
 
 import math
 from typing import Any

@@ -68,7 +68,7 @@ def evaluations_to_target(
     misfit = np.sqrt(_costs_at(table, evaluations) / scales[:, None])
     misfit[np.isnan(misfit)] = np.inf  # no target is met where no run of the case has a scale
     # targets fall: those before the first one below the run's own misfit are met
-    met = np.searchsorted(-TARGETS, -misfit, "right") / len(TARGETS)
+    met = np.searchsorted(-TARGETS, -misfit, "right").astype(float)
     each = np.hstack([met, *_to_misfits(table, scales, misfits)])  # a row for each run
     resamples = _RESAMPLES if len(table) <= _MANY else _RESAMPLES_OF_MANY
     curves: list[dict[str, Any]] = []
@@ -82,10 +82,11 @@ def evaluations_to_target(
         (share, hits, spent), (shares, *others) = (
             np.split(sums, [met.shape[1], -len(misfits)], axis=-1) for sums in (once, again)
         )
-        low, high = _ends(shares / runs)
+        pairs = runs * len(TARGETS)
+        low, high = _ends(shares / pairs)
         curves += [
             {"algorithm": algorithm, "evaluations": n, "share": s, "low_95": l, "high_95": h}
-            for n, s, l, h in zip(evaluations, share / runs, low, high, strict=True)
+            for n, s, l, h in zip(evaluations, share / pairs, low, high, strict=True)
         ]
         low, high = _ends(_running_time(*others))
         times += [
@@ -145,7 +146,7 @@ def _grid(table: RunTable) -> np.ndarray:
 
 
 def _scales(table: RunTable) -> np.ndarray:
-    """Cost of a twin that does not answer, (R,): that of the case, but for sensor noise.
+    """Cost of a twin that does not answer, (R,), equal within a case but for sensor noise.
 
     NaN where no run of the case gives it.
     """
@@ -155,7 +156,7 @@ def _scales(table: RunTable) -> np.ndarray:
 
 
 def _ends(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """2.5 and 97.5 % of the resamples (B, ...), of which some may be infinite; NaN of NaN."""
+    """2.5 and 97.5 % of the resamples (B, ...), some of them infinite; NaN of NaN."""
     low, high = np.quantile(values, [0.025, 0.975], axis=0, method="inverted_cdf")
     unknown = np.isnan(values).any(axis=0)
     return np.where(unknown, np.nan, low), np.where(unknown, np.nan, high)

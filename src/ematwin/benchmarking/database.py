@@ -1,4 +1,4 @@
-"""The database under a store: how it is opened, and what is done when it does not answer.
+"""The database under a store: opening, transactions, and retries when it does not answer.
 
 SQLite keeps one file with a rollback journal: each commit is on the disk before it returns, and a
 killed process leaves nothing that the next opening does not mend. PostgreSQL is reached by its URL.
@@ -81,7 +81,7 @@ class Database:
             raise FileError(f"Cannot write the store {self.path}: the file is read-only.")
 
     def check_whole(self) -> None:
-        """Raise `FileError` if SQLite finds its file damaged; a server looks after its own.
+        """Raise `FileError` if SQLite finds its file damaged; a server checks its files itself.
 
         The whole check and not the quick one: only it compares the indexes, from which ids and
         statuses are read, with the rows. It reads 270 MB in a second.
@@ -100,7 +100,7 @@ class Database:
         return self._do(self._readers, work, patient)
 
     def write(self, work: Callable[[Connection], Answer]) -> Answer:
-        """Do ``work`` in a transaction of its own; it may be done more than once."""
+        """Do ``work`` in one transaction that writes; it may be done more than once."""
         return self._do(self._writers, work, True)
 
     def close(self) -> None:

@@ -3,8 +3,8 @@
 A fault is present from ``threshold`` of its range away from healthy, in the injected vector as in
 the one found (`ematwin.estimation.significance`). An injected deviation below the threshold, but
 not zero, is neither: reporting it is no false alarm, and passing over it is no miss. The direction
-of a fault is no fault of its own; where the fault was injected and found, a direction (as an angle)
-off by ``threshold`` of a turn or more is counted apart.
+of a fault is not a fault; where the fault was injected and found, directions with an error of
+``threshold`` of a turn or more are counted separately.
 """
 
 from collections import Counter

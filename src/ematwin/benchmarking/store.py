@@ -5,7 +5,7 @@ process claims runs before it does them, so that several can share a study. A cl
 `LEASE` seconds and is renewed; one that was not renewed is void, and doing its run twice does no
 harm, because both give the same numbers.
 
-What is read is verified: SQLite's structure when a store is opened, each row by its checksum. A
+Reading verifies: SQLite's structure when a store is opened, each row by its checksum. A
 store that is not as it was written is refused.
 """
 

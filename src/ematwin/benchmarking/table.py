@@ -43,8 +43,8 @@ class RunTable:
     Attributes
     ----------
     subject : the actuator and its d searched unknowns
-    cases, algorithms : names, those of the kind and of ``ematwin algorithms`` first and in their
-        order
+    cases, algorithms : names; first those that the kind and ``ematwin algorithms`` know, in
+        their order
     frame : DataFrame, a row for each run, ordered by case, algorithm and repetition: id, case,
         algorithm, run, seeds, budget, status, err and other numbers (NaN unless done), stopped,
         injected_ and found_ of each unknown

@@ -5,22 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ematwin.cli.options import (
-    ColumnOption,
-    ForceOption,
-    JsonOption,
-    MapOption,
-    RecordedActuatorOption,
-    ReportOption,
-    UnitsOption,
-    WhereOption,
-    print_json,
-    print_notes,
-    print_table,
-    print_written,
-    progress_bar,
-    terminal_width,
-)
+from ematwin.cli import options
 from ematwin.cli.recordings import choice, known_fault, load, meant, remarks
 
 if TYPE_CHECKING:
@@ -38,8 +23,8 @@ def calibrate(
         ),
     ],
     out: Annotated[Path, typer.Option(help="Where to write the calibrated actuator (.toml).")],
-    actuator: RecordedActuatorOption = None,
-    where: WhereOption = None,
+    actuator: options.RecordedActuatorOption = None,
+    where: options.WhereOption = None,
     known: Annotated[
         list[str] | None,
         typer.Option(
@@ -67,12 +52,12 @@ def calibrate(
             "later occasion; one run is enough. Actuator and known faults stay as in it."
         ),
     ] = None,
-    column: ColumnOption = None,
-    map_file: MapOption = None,
-    report: ReportOption = None,
-    force: ForceOption = False,
-    units: UnitsOption = None,
-    json: JsonOption = False,
+    column: options.ColumnOption = None,
+    map_file: options.MapOption = None,
+    report: options.ReportOption = None,
+    force: options.ForceOption = False,
+    units: options.UnitsOption = None,
+    json: options.JsonOption = False,
 ) -> None:
     """Learn from healthy recordings how an actuator behaves and how far healthy runs differ."""
     from ematwin.files import check_target
@@ -98,7 +83,7 @@ def calibrate(
         f"{fault}: {text.partition(':')[2]}": fitting(recordings, labels)
         for text, fault, labels in taught
     }
-    with progress_bar("Calibrating", not json) as progress:
+    with options.progress_bar("Calibrating", not json) as progress:
         found = run(
             fitting(recordings, wanted),
             template,
@@ -114,16 +99,18 @@ def calibrate(
         found.report(report)
     assumed, doubtful = remarks(recordings)
     if json:
-        print_json({**found.as_dict(), "out": out, "assumed": assumed, "warnings": doubtful})
+        options.print_json(
+            {**found.as_dict(), "out": out, "assumed": assumed, "warnings": doubtful}
+        )
         return
     print_calibration(found)
-    print_notes("Assumed", assumed)
-    print_notes("Warning", doubtful)
-    print_written(out, report)
+    options.print_notes("Assumed", assumed)
+    options.print_notes("Warning", doubtful)
+    options.print_written(out, report)
 
 
 def print_calibration(report: "CalibrationReport") -> None:
-    """Fitted parameters, what they leave open, and the spread between runs, for people."""
+    """Print fitted parameters, undetermined ones, and the spread between runs."""
     from ematwin.report.calibration import (
         forms_sentences,
         misfit_sentence,
@@ -134,14 +121,14 @@ def print_calibration(report: "CalibrationReport") -> None:
 
     shown = parameter_table(report)
     # what is not determined is also said below the table
-    columns = len(shown.header) if terminal_width() >= _WIDE else 3
+    columns = len(shown.header) if options.terminal_width() >= _WIDE else 3
     if shown.rows:
         rows = [row.cells[:columns] for row in shown.rows]
-        print_table("Parameters", shown.header[:columns], rows, texts=("",), width=110)
+        options.print_table("Parameters", shown.header[:columns], rows, texts=("",), width=110)
     for sentence in (
         *forms_sentences(report), *open_sentences(report), misfit_sentence(report),
         *spread_sentences(report)
     ):  # fmt: skip
         if sentence:
             typer.echo(sentence)
-    print_notes("Warning", report.notes)
+    options.print_notes("Warning", report.notes)

@@ -1,20 +1,11 @@
-"""``ematwin channels``: what a file holds, which channel is which; ``--column`` and ``--map``."""
+"""``ematwin channels``: the channels of a file and a proposed map; ``--column`` and ``--map``."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ematwin.cli.options import (
-    ForceOption,
-    JsonOption,
-    RecordedActuatorOption,
-    print_json,
-    print_notes,
-    print_table,
-    print_written,
-    progress_bar,
-)
+from ematwin.cli import options
 
 if TYPE_CHECKING:
     from ematwin.recordings.proposal import Proposal
@@ -40,19 +31,19 @@ def channels(
     file: Annotated[
         Path, typer.Argument(help="CSV, Parquet, Excel, MAT, MDF4, TDMS, HDF5, ULog or MCAP.")
     ],
-    actuator: RecordedActuatorOption = None,
+    actuator: options.RecordedActuatorOption = None,
     write: Annotated[
         Path | None, typer.Option(help="Write the proposed map here (.toml), for identify --map.")
     ] = None,
     plot: Annotated[
         Path | None, typer.Option(help="Write a page with every channel here (.html).")
     ] = None,
-    force: ForceOption = False,
-    json: JsonOption = False,
+    force: options.ForceOption = False,
+    json: options.JsonOption = False,
 ) -> None:
     """List the channels of a file, and propose which is which, with reasons.
 
-    Names, units, rates, ranges and a small plot of each. What the file does not tell is asked.
+    Names, units, rates, ranges and a small plot of each. Open choices are asked.
     """
     from ematwin.cli.recordings import meant
     from ematwin.files import check_target, write_text
@@ -65,7 +56,7 @@ def channels(
     if plot is not None:
         check_target(plot, (".html",))
     chosen = load_actuator(actuator or meant([file], None, None))
-    with progress_bar(f"Reading {file.name}", not json) as progress:
+    with options.progress_bar(f"Reading {file.name}", not json) as progress:
         found = survey(file, progress=progress)
         proposal = propose_map(file, chosen, found)
     if write is not None:
@@ -75,7 +66,7 @@ def channels(
 
         write_text(plot, channels_page(found, proposal))
     if json:
-        print_json(
+        options.print_json(
             {
                 "file": file,
                 "format": found.kind,
@@ -89,7 +80,7 @@ def channels(
         return
     print_channels(found, proposal)
     print_proposal(proposal, file, actuator or chosen.name, write)
-    print_written(plot)
+    options.print_written(plot)
 
 
 def print_channels(found: "Survey", proposal: "Proposal") -> None:
@@ -112,15 +103,15 @@ def print_channels(found: "Survey", proposal: "Proposal") -> None:
             ]
         )
     headings = ("channel", "unit", "rate", "range", "shape", "taken for")
-    print_table(
+    options.print_table(
         f"Channels of {found.path.name}", headings, rows, texts=headings[-2:], whole=["shape"],
         width=160,
     )  # fmt: skip
-    print_notes("Assumed", (f"{text[0].upper()}{text[1:]}." for text in found.assumed))
+    options.print_notes("Assumed", (f"{text[0].upper()}{text[1:]}." for text in found.assumed))
 
 
 def print_proposal(proposal: "Proposal", file: Path, actuator: str, written: Path | None) -> None:
-    """The map with its reasons, what is open, and what to do next."""
+    """Print the map with its reasons, open questions, and the next command."""
     typer.echo(f"\nProposed map for the kind {proposal.kind}:")
     for name, entry in proposal.entries.items():
         unit = f"{' or '.join(entry.units)}: which?" if entry.is_open else entry.unit
@@ -133,9 +124,9 @@ def print_proposal(proposal: "Proposal", file: Path, actuator: str, written: Pat
     if proposal.unused:
         typer.echo(f"Not used: {', '.join(proposal.unused)}")
     if proposal.refused:
-        print_notes("A recording read so would be refused", proposal.check)
+        options.print_notes("A recording read so would be refused", proposal.check)
     else:
-        print_notes("Warning", proposal.check)
+        options.print_notes("Warning", proposal.check)
     if written is None:
         typer.echo(f"Next: ematwin channels {file} --actuator {actuator} --write map.toml")
         return

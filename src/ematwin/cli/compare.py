@@ -4,8 +4,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ematwin.cli import complete
-from ematwin.cli.options import JsonOption, NoiseOption, ScenarioOption, print_json, progress_bar
+from ematwin.cli import complete, options
 
 if TYPE_CHECKING:
     from ematwin.benchmarking.engines.base import Engine
@@ -35,7 +34,7 @@ def compare(
     population: Annotated[int, typer.Option(help="Size of the population.")] = 50,
     iterations: Annotated[int, typer.Option(help="The budget is population times this.")] = 200,
     seed: Annotated[int, typer.Option(help="Seed of the study; all others follow from it.")] = 1,
-    noise: NoiseOption = None,
+    noise: options.NoiseOption = None,
     box: Annotated[
         str, typer.Option(help="plain; or remapped, where healthy is not in a corner.")
     ] = "plain",
@@ -46,7 +45,7 @@ def compare(
             autocompletion=complete.actuators,
         ),
     ] = "servo48",
-    scenario: ScenarioOption = None,
+    scenario: options.ScenarioOption = None,
     store: Annotated[
         str, typer.Option(help="SQLite file, or postgresql://user@host/name.")
     ] = "study.db",
@@ -76,7 +75,7 @@ def compare(
     retry_failed: Annotated[
         bool, typer.Option("--retry-failed", help="Repeat failed and timed-out runs.")
     ] = False,
-    json: JsonOption = False,
+    json: options.JsonOption = False,
 ) -> None:
     """Compare search algorithms over fault cases; continue where an earlier call stopped."""
     from ematwin import Noise, load_actuator
@@ -99,14 +98,14 @@ def compare(
         scenario=scenario,
     )
     carrier = _engine(engine, scheduler, workers, time_limit, patience)
-    with Store(store) as opened, progress_bar("Runs", not json) as show:
+    with Store(store) as opened, options.progress_bar("Runs", not json) as show:
         tally = run_study(
             plan, opened, carrier, retry_failed=retry_failed,
             progress=lambda now: show(now.complete / now.planned, f"{now.complete}/{now.planned}"),
         )  # fmt: skip
         where = opened.name
     if json:
-        print_json({"store": where, **vars(tally)})
+        options.print_json({"store": where, **vars(tally)})
         return
     _print(tally, where)
 

@@ -8,22 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ematwin.cli.options import (
-    ActuatorOption,
-    ExactOption,
-    ForceOption,
-    JsonOption,
-    NoiseOption,
-    ReportOption,
-    ScenarioOption,
-    numbers,
-    pairs,
-    print_json,
-    print_table,
-    print_written,
-    progress_bar,
-    searching,
-)
+from ematwin.cli import options
 
 if TYPE_CHECKING:
     from ematwin.experiments.design import Design
@@ -34,8 +19,8 @@ _RECORDED = (".csv", ".parquet")
 
 def design(
     out: Annotated[Path, typer.Option(help="Write the command here (.toml).")],
-    actuator: ActuatorOption = "servo48",
-    scenario: ScenarioOption = None,
+    actuator: options.ActuatorOption = "servo48",
+    scenario: options.ScenarioOption = None,
     fault: Annotated[
         str | None,
         typer.Option(help="The fault to identify; the least identifiable one if not given."),
@@ -54,8 +39,8 @@ def design(
         list[str] | None,
         typer.Option(help="A fault at which to look, e.g. friction=0.25. Repeatable."),
     ] = None,
-    noise: NoiseOption = None,
-    exact: ExactOption = False,
+    noise: options.NoiseOption = None,
+    exact: options.ExactOption = False,
     check: Annotated[
         int, typer.Option(help="Identify so many simulated recordings of each command.", min=0)
     ] = 0,
@@ -78,9 +63,9 @@ def design(
         int | None, typer.Option(help="Commands to look at; about a minute's worth.", min=1)
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of faults, noise and search.", min=0)] = 1,
-    report: ReportOption = None,
-    force: ForceOption = False,
-    json: JsonOption = False,
+    report: options.ReportOption = None,
+    force: options.ForceOption = False,
+    json: options.JsonOption = False,
 ) -> None:
     """Find the test command with which the faults of an actuator are identified best."""
     from ematwin.errors import InputError
@@ -93,7 +78,7 @@ def design(
     if report is not None:
         check_target(report, (".html",))
     chosen = load_actuator(actuator)
-    options: dict[str, Any] = {
+    settings: dict[str, Any] = {
         "scenario": scenario,
         "duration": None if duration is None else parse_quantity(duration, "s", "--duration"),
         "noise": None if noise is None else Noise.parse(noise),
@@ -112,14 +97,14 @@ def design(
         from ematwin.report.design import discrimination_page
 
         first, second = _explanations(discriminate, actuator, chosen)
-        with progress_bar("searching", not json) as show:
-            tell = searching(show, "commands", "distance")
-            told = tell_apart(first, second, actuator, progress=tell, **options)
+        with options.progress_bar("searching", not json) as show:
+            tell = options.searching(show, "commands", "distance")
+            told = tell_apart(first, second, actuator, progress=tell, **settings)
         told.save(out)
         if report is not None:
             write_text(report, discrimination_page(told))
         if json:
-            print_json({**told.as_dict(), "out": out, "report": report})
+            options.print_json({**told.as_dict(), "out": out, "report": report})
             return
         typer.echo(told.sentence)
     else:
@@ -127,25 +112,25 @@ def design(
         from ematwin.report.design import design_page
 
         if trials is not None:
-            options["trials"] = trials
-        with progress_bar("searching", not json) as show:
+            settings["trials"] = trials
+        with options.progress_bar("searching", not json) as show:
             found = run(
-                actuator, fault=fault, faults=numbers(at or [], "--at"),
-                progress=searching(show, "commands", "expected error"),
+                actuator, fault=fault, faults=options.numbers(at or [], "--at"),
+                progress=options.searching(show, "commands", "expected error"),
                 trying=lambda share: show(share, "identifying simulated recordings of the best"),
-                **options,
+                **settings,
             )  # fmt: skip
         found.save(out)
         if check:
-            with progress_bar(f"Identifying {2 * check} recordings", not json) as share:
+            with options.progress_bar(f"Identifying {2 * check} recordings", not json) as share:
                 found = found.check(check, seed=seed + 1, progress=share)
         if report is not None:
             write_text(report, design_page(found))
         if json:
-            print_json({**found.as_dict(), "out": out, "report": report})
+            options.print_json({**found.as_dict(), "out": out, "report": report})
             return
         _print(found)
-    print_written(out, report)
+    options.print_written(out, report)
 
 
 def _limits(texts: list[str], actuator: "ParameterSet") -> dict[str, float]:
@@ -155,7 +140,7 @@ def _limits(texts: list[str], actuator: "ParameterSet") -> dict[str, float]:
 
     units = {one.name: one.unit for one in Experiment.of(actuator).demands}
     found = {}
-    for name, text in pairs(texts, "--limit").items():
+    for name, text in options.pairs(texts, "--limit").items():
         # a name that there is not is refused below, with those that there are
         found[name] = parse_quantity(text, units.get(name, ""), f"--limit {name}")
     return found
@@ -169,7 +154,8 @@ def _explanations(
 
     if len(texts) == 2:
         first, second = (
-            numbers([part.strip() for part in text.split(",")], "--discriminate") for text in texts
+            options.numbers([part.strip() for part in text.split(",")], "--discriminate")
+            for text in texts
         )
         return first, second
     if len(texts) != 1 or "=" in texts[0]:
@@ -201,7 +187,7 @@ def _explanations(
 
 
 def _answer(path: Path) -> tuple[dict[str, float], list[dict[str, float]]]:
-    """Values and other answers from what ``identify --json`` wrote."""
+    """Values and other answers in a file that ``identify --json`` wrote."""
     from ematwin.errors import FileError, InputError
 
     try:
@@ -223,7 +209,7 @@ def _print(found: "Design") -> None:
         ("Expected error of each fault", errors_table(found)),
         ("The price, on a healthy actuator (with faults)", price_table(found)),
     ):
-        print_table(title, content.header, [row.cells for row in content.rows])
+        options.print_table(title, content.header, [row.cells for row in content.rows])
     if found.held:
         typer.echo(
             f"Counted as known, because no command can determine them: {', '.join(found.held)}"

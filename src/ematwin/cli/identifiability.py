@@ -4,20 +4,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ematwin.cli import complete
-from ematwin.cli.options import (
-    ActuatorOption,
-    ExactOption,
-    JsonOption,
-    NoiseOption,
-    ReportOption,
-    numbers,
-    print_json,
-    print_notes,
-    print_table,
-    print_written,
-    progress_bar,
-)
+from ematwin.cli import complete, options
 
 if TYPE_CHECKING:
     from ematwin.experiments.identifiability import Identifiability
@@ -33,7 +20,7 @@ def identifiability(
             autocompletion=complete.scenarios,
         ),
     ] = None,
-    actuator: ActuatorOption = "servo48",
+    actuator: options.ActuatorOption = "servo48",
     fault: Annotated[
         list[str] | None,
         typer.Option(
@@ -41,8 +28,8 @@ def identifiability(
             "Repeatable."
         ),
     ] = None,
-    noise: NoiseOption = None,
-    exact: ExactOption = False,
+    noise: options.NoiseOption = None,
+    exact: options.ExactOption = False,
     false_alarm: Annotated[
         float | None,
         typer.Option(
@@ -60,8 +47,8 @@ def identifiability(
             '(pip install "ematwin[sensitivity]").',
         ),
     ] = False,
-    report: ReportOption = None,
-    json: JsonOption = False,
+    report: options.ReportOption = None,
+    json: options.JsonOption = False,
 ) -> None:
     """Say which faults a command can reveal, and the smallest that it would.
 
@@ -75,7 +62,7 @@ def identifiability(
     if report is not None:
         check_target(report, (".html",))
     sensor = None if noise is None else Noise.parse(noise)
-    values = numbers(fault or [], "--fault")
+    values = options.numbers(fault or [], "--fault")
     given: list[str | None] = [*commands] if commands else [None]
     found = ranked([
         run(
@@ -90,7 +77,7 @@ def identifiability(
         from ematwin.experiments.sensitivity import sensitivity
 
         for one in found:
-            with progress_bar(f"Varying all of {one.scenario.name}", not json) as progress:
+            with options.progress_bar(f"Varying all of {one.scenario.name}", not json) as progress:
                 parts[one.scenario.name] = sensitivity(
                     one.scenario, actuator, exact=exact, progress=progress
                 )
@@ -106,7 +93,7 @@ def identifiability(
             }
             for one in found
         ]
-        print_json({"commands": commands_told, "report": report})
+        options.print_json({"commands": commands_told, "report": report})
         return
     for one in found:
         _print(one)
@@ -115,24 +102,24 @@ def identifiability(
     if len(found) > 1:
         names = ", ".join(f"{one.scenario.name} ({one.weakest.name})" for one in found)
         typer.echo(f"Best command first, with its least identifiable fault: {names}")
-    print_written(report)
+    options.print_written(report)
 
 
 def _print(found: "Identifiability") -> None:
     from ematwin.experiments.identifiability import HEADINGS
 
     title = f"{found.scenario.name}, {found.scenario.duration:g} s, on {found.actuator.name}"
-    print_table(title, HEADINGS, [one.cells for one in found.told], texts=HEADINGS[-1:])
+    options.print_table(title, HEADINGS, [one.cells for one in found.told], texts=HEADINGS[-1:])
     typer.echo(
         f"Noise and the twin's own error {100.0 * found.noise:.2f} % of the answer; found: all but "
         f"{100.0 * found.miss:.3g} %, false alarms {100.0 * found.false_alarm:.2g} %."
     )
-    print_notes("No verdict", found.obstacles)
+    options.print_notes("No verdict", found.obstacles)
     typer.echo("")
 
 
 def _print_sobol(parts: "Sensitivity") -> None:
     for channel, caption in parts.captions.items():
         headings = ("unknown", "by itself", "in all")
-        print_table(f"Sobol indices: {caption}", headings, parts.rows(channel))
+        options.print_table(f"Sobol indices: {caption}", headings, parts.rows(channel))
     typer.echo(f"From {parts.answers} answers; what is below 1 % is left out.\n")

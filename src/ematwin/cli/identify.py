@@ -1,32 +1,11 @@
-"""``ematwin identify``: recordings in, what they say of their actuator out."""
+"""``ematwin identify``: recordings in, faults of their actuator out."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
-from ematwin.cli import complete
-from ematwin.cli.options import (
-    ColumnOption,
-    FailOption,
-    JsonOption,
-    LoadOption,
-    MapOption,
-    RecordedActuatorOption,
-    ReportOption,
-    TableOption,
-    UnitsOption,
-    grades,
-    numbers,
-    pairs,
-    print_json,
-    print_notes,
-    print_table,
-    print_written,
-    progress_bar,
-    searching,
-    terminal_width,
-)
+from ematwin.cli import complete, options
 from ematwin.cli.recordings import constant_load, meant, runs, runs_in
 from ematwin.errors import InputError
 
@@ -46,7 +25,7 @@ def identify(
             "(docs/recordings.md), a table of verdicts."
         ),
     ],
-    actuator: RecordedActuatorOption = None,
+    actuator: options.RecordedActuatorOption = None,
     algorithm: Annotated[
         str | None,
         typer.Option(
@@ -72,15 +51,15 @@ def identify(
         list[str] | None,
         typer.Option(help="Hold a fault that is not searched at a value, e.g. gain=0.6."),
     ] = None,
-    column: ColumnOption = None,
-    map_file: MapOption = None,
+    column: options.ColumnOption = None,
+    map_file: options.MapOption = None,
     resample_to: Annotated[
         str | None, typer.Option(help='Bring the record to this rate first, e.g. "20 kHz".')
     ] = None,
     gaps: Annotated[
         str, typer.Option(help="Holes in the record: refuse, longest or mask.")
     ] = "refuse",
-    load: LoadOption = None,
+    load: options.LoadOption = None,
     exact: Annotated[
         bool,
         typer.Option(
@@ -111,11 +90,11 @@ def identify(
     checkpoint: Annotated[
         Path | None, typer.Option(help="Keep a population method's state here; resume from it.")
     ] = None,
-    report: ReportOption = None,
-    table: TableOption = None,
-    fail_on: FailOption = None,
-    units: UnitsOption = None,
-    json: JsonOption = False,
+    report: options.ReportOption = None,
+    table: options.TableOption = None,
+    fail_on: options.FailOption = None,
+    units: options.UnitsOption = None,
+    json: options.JsonOption = False,
 ) -> None:
     """Find the faults with which the digital twin behaves like the recorded actuator."""
     from ematwin.cli.channels import map_of
@@ -126,10 +105,10 @@ def identify(
     from ematwin.monitoring.identify import identify as run
 
     check_targets(table, report)
-    failing = grades(fail_on)
+    failing = options.grades(fail_on)
     several = runs_in(records)
     recordings: Any
-    with progress_bar(f"Reading {records[0].name}", not json) as progress:
+    with options.progress_bar(f"Reading {records[0].name}", not json) as progress:
         reading: dict[str, Any] = {
             "resample_to": resample_to, "gaps": cast("Policy", gaps), "progress": progress,
         }  # fmt: skip
@@ -151,16 +130,16 @@ def identify(
         "iterations": iterations,
         "seed": seed,
         "only": None if only is None else [name.strip() for name in only.split(",")],
-        "held": numbers(hold or [], "--hold"),
+        "held": options.numbers(hold or [], "--hold"),
         "checkpoint": checkpoint,
         "load": constant_load(load, known.actuator),
         "exact": exact,
         "backend": backend,
         "uncertainty": uncertainty,
-        "thresholds": pairs(threshold or [], "--threshold"),
+        "thresholds": options.pairs(threshold or [], "--threshold"),
     }
     if several or len(records) > 1 or len(recordings) > 1 or not is_one(records[0]):
-        with progress_bar("Judging", not json) as show:
+        with options.progress_bar("Judging", not json) as show:
             judged = run(
                 recordings, known, algorithm, **settings,
                 progress=lambda done, cost, count: show(done / count),
@@ -171,16 +150,16 @@ def identify(
         return
     if table is not None:
         raise InputError("--table is of several recordings; give more, or a folder.")
-    with progress_bar("searching", not json) as show:
+    with options.progress_bar("searching", not json) as show:
         # given away, so that what was sampled faster than it is compared can be freed
         found = run(
             recordings.pop(), known, algorithm, **settings,
-            progress=searching(show, "simulations", "misfit"),
+            progress=options.searching(show, "simulations", "misfit"),
         )  # fmt: skip
     if report is not None:
         found.report(report)
     if json:
-        print_json({**found.as_dict(), "report": report})
+        options.print_json({**found.as_dict(), "report": report})
     else:
         print_findings(found)
         if not found.calibrated:
@@ -188,7 +167,7 @@ def identify(
                 f"Not calibrated: {found.actuator.name} is known as far as its tolerances go. "
                 "ematwin calibrate learns your actuator from healthy recordings."
             )
-        print_written(report)
+        options.print_written(report)
     if found.verdict.grade in failing:
         raise typer.Exit(1)
 
@@ -200,9 +179,9 @@ def print_findings(found: "Identification") -> None:
 
     typer.echo(f"{found.verdict.sentence}\n")
     headings = ["fault", "value", "95 % interval", "healthy", "k", "meaning"]
-    headings = headings if terminal_width() >= _WIDE else headings[:-1]
+    headings = headings if options.terminal_width() >= _WIDE else headings[:-1]
     rows = fault_cells(found)
-    print_table(
+    options.print_table(
         f"Faults of {found.actuator.name}",
         headings,
         [(r.name, r.value, r.interval, r.healthy, r.k, r.meaning)[: len(headings)] for r in rows],
@@ -224,13 +203,13 @@ def print_findings(found: "Identification") -> None:
         typer.echo("Interrupted: this is the best found so far.")
     if found.uncertainty is not None:
         print_uncertainty(found.uncertainty)
-    print_notes("Assumed", found.assumed)
-    print_notes("Warning", found.warnings)
+    options.print_notes("Assumed", found.assumed)
+    options.print_notes("Warning", found.warnings)
 
 
 def print_uncertainty(sure: "Uncertainty") -> None:
     """Intervals of the faults by the method that was asked for, and its probabilities."""
-    print_table(f"95 % by {sure.method}", sure.headings, sure.rows, texts=sure.headings)
+    options.print_table(f"95 % by {sure.method}", sure.headings, sure.rows, texts=sure.headings)
     for sentence in sure.sentences:
         typer.echo(sentence)
-    print_notes("Doubt", sure.doubts)
+    options.print_notes("Doubt", sure.doubts)

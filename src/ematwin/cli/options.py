@@ -172,7 +172,7 @@ def print_table(
     bold: Collection[int] = (),
     width: int = 150,
 ) -> None:
-    """A table for people: a terminal wraps it to its own width, a file gets all of it.
+    """Print a table: a terminal wraps it to its width, a file gets all of it.
 
     Parameters
     ----------
@@ -209,7 +209,7 @@ def print_written(*paths: Path | None) -> None:
 
 
 def print_notes(kind: str, notes: Iterable[str]) -> None:
-    """What there is to say of an answer, each on a line of its own: ``Warning: ...``."""
+    """Print notes on an answer, a line for each: ``Warning: ...``."""
     for note in notes:
         typer.echo(f"{kind}: {for_shell(note)}")
 

@@ -32,7 +32,7 @@ from ematwin.optimizers.base import Box, FloatArray, PopulationOptimizer
 
 @dataclass(frozen=True)
 class Mutants:
-    """What a strategy makes: (N, d) mutant vectors and the base vectors they started from."""
+    """(N, d) mutant vectors and their base vectors."""
 
     vectors: FloatArray
     bases: FloatArray
@@ -111,7 +111,7 @@ class Dither:
 class Either:
     """A crossover rate that is drawn for each trial: ``often``, or ``rarely`` with that share.
 
-    With CR = 0.1 alone Rosenbrock's valley is not followed, with 0.9 alone Rastrigin's minima are
+    With CR = 0.1 alone Rosenbrock's function is not solved, with 0.9 alone Rastrigin's minima are
     not left; the mixture does both (``docs/optimizers.md``).
     """
 

@@ -6,7 +6,7 @@ mutate.
 
 `HOLLAND` is that form: bits, parents in proportion to fitness, one-point crossover, children in
 their parents' places. Holland gives no numbers; crossover of 0.6 of the pairs and mutation of 0.001
-of the bits are those of De Jong (1975), An Analysis of the Behavior of a Class of Genetic Adaptive
+of the bits are from De Jong (1975), An Analysis of the Behavior of a Class of Genetic Adaptive
 Systems, thesis, University of Michigan, plan R1, as Goldberg (1989) reports them.
 
 The defaults depart from it:

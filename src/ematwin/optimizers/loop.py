@@ -1,7 +1,7 @@
 """The search loop: the only one, for every method and every objective.
 
-It owns what the methods must not know: the objective, the budget, the clock, the history, the
-checkpoint, the user's Ctrl-C. A checkpoint holds the whole state of a search in one file. It is a
+It owns the objective, the budget, the clock, the history, the checkpoint and the user's Ctrl-C,
+unknown to methods. A checkpoint holds the whole state of a search in one file. It is a
 pickle, and a pickle can run any code when it is read: read only your own.
 """
 
@@ -100,7 +100,7 @@ class History:
 
 @dataclass(frozen=True)
 class MinimizeResult:
-    """What a search found, and how.
+    """Result of a search.
 
     Attributes
     ----------
@@ -136,7 +136,7 @@ class MinimizeResult:
         return drawn(self, "convergence", {"convergence": "plot_convergence"})
 
     def _repr_html_(self) -> str:
-        """What was found, in a notebook."""
+        """The result in a notebook."""
         point = ", ".join(f"{value:.6g}" for value in self.x)
         said = f"{self.algorithm}, seed {self.seed}, x = ({point})"
         return markup.heading(self.message) + markup.note(said)
@@ -153,7 +153,7 @@ class MinimizeResult:
 
 @dataclass
 class _Search:
-    """The state of a search between two batches: what a checkpoint holds."""
+    """The state of a search between two batches, as a checkpoint holds it."""
 
     optimizer: Optimizer
     x: FloatArray
@@ -169,7 +169,7 @@ class _Search:
 
 @dataclass(frozen=True)
 class _Ends:
-    """What ends a search, beside the method itself and the callback."""
+    """Criteria that end a search, beside the method itself and the callback."""
 
     budget: int
     target: float | None
@@ -341,7 +341,7 @@ def _run(
 
 
 def _batch(search: _Search, evaluate: Evaluate, budget: int) -> None:
-    """Spend one batch, or what is left of the budget."""
+    """Spend one batch, or the rest of the budget."""
     points = search.optimizer.ask()[: budget - search.evaluations]
     limits = search.optimizer.limits()
     if limits is not None:

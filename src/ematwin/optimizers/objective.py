@@ -129,7 +129,7 @@ _WHOLE_BATCH = (
 
 
 def _answer(objective: Objective, points: FloatArray, first: bool, advice: str) -> FloatArray:
-    """What the objective gives, as numbers."""
+    """The answer of the objective as numbers."""
     try:
         answer = objective(points)
     except (IndexError, TypeError, ValueError) as error:

@@ -83,7 +83,7 @@ class GrowingRing:
     Departure: his neighbours are the particles that are near; these are near on the ring, whose
     order says nothing of places, so that news travels slowly wherever the particles are.
     Departure: his neighbourhood grows evenly; here slowly first, so that the swarm is still spread
-    when half of the iterations have gone (``docs/results.md`` has what was measured).
+    when half of the iterations have gone (measured in ``docs/lab/search-methods.md``).
 
     Attributes
     ----------
@@ -225,7 +225,7 @@ class ParticleSwarm(PopulationOptimizer):
         self.best_points[better] = points[better]
 
     def limits(self) -> FloatArray:
-        """A particle remembers its own best point and no other cost."""
+        """A particle remembers the cost of its best point and no other."""
         return self.best_costs.copy()
 
     def _move(self) -> FloatArray:

@@ -107,7 +107,7 @@ def match(file: RecordedFile, channel_map: ChannelMap, needs: Needs) -> Matched:
 
 
 def _needed(open_ones: Sequence[Channel], channel_map: ChannelMap, needs: Needs) -> list[Channel]:
-    """Time, and what is needed and not mapped."""
+    """Time, and needed channels that are not mapped."""
     present = with_derived(channel_map.channels, channel_map.columns)
     unmet = {
         name for group in needs if not is_met(group, present) for part in group for name in part
@@ -279,7 +279,7 @@ def _fit(
 
 
 def _by_quantity(said: Said, wanted: Said, dimension: str, text: str) -> tuple[float, str]:
-    """How well the quantities of two names agree; ``dimension`` is that of the unit, or ""."""
+    """How well the quantities of two names agree; ``dimension`` is of the unit, or ""."""
     named, goal = set(said.quantities), set(wanted.quantities)
     if "command" in goal:
         # a set point of the position may say so; one of anything else is another channel

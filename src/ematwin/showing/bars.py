@@ -1,7 +1,6 @@
 """A progress bar: of rich in a terminal, of HTML in a notebook.
 
-Bars of rich and tqdm need ipywidgets in a notebook; what a notebook can always do is to show a
-piece of HTML anew.
+Bars of rich and tqdm need ipywidgets in a notebook; a piece of HTML that is shown anew does not.
 """
 
 import sys
@@ -37,9 +36,9 @@ def told(
     title: str,
     shown: Callable[..., tuple[Any, ...]] = lambda share: (share,),
 ) -> Iterator[Any]:
-    """What takes the progress: what was given, a bar where that is True, else None.
+    """Give the function that takes the progress: the given one, a bar for True, else None.
 
-    ``shown`` makes of what is reported the share done, and the words beside it if there are any.
+    ``shown`` turns a report into the share done, and words beside it if there are any.
     """
     if not isinstance(progress, bool):
         yield progress
