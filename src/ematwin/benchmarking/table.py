@@ -117,16 +117,14 @@ def collect(runs: Iterable[StoredRun]) -> RunTable:
     cases = _in_order({row["case"] for row in rows}, subject.cases())
     known = [method.name for method in methods()]
     algorithms = _in_order({row["algorithm"] for row in rows}, known)
-    case_place = {name: n for n, name in enumerate(cases)}
-    place = {name: n for n, name in enumerate(algorithms)}
-
-    def key_of(n: int) -> tuple[int, int, int, str]:
-        row = rows[n]
-        return case_place[row["case"]], place[row["algorithm"]], row["run"], row["id"]
-
-    order = sorted(range(len(rows)), key=key_of)
+    frame = frame_of_rows(rows)
+    keys = {
+        "case": frame["case"].map(cases.index),
+        "algorithm": frame["algorithm"].map(algorithms.index),
+    }
+    order = frame.assign(**keys).sort_values(["case", "algorithm", "run", "id"]).index
     return RunTable(
-        subject, cases, algorithms, frame_of_rows(rows[n] for n in order),
+        subject, cases, algorithms, frame.loc[order].reset_index(drop=True),
         [histories[n] for n in order], settings, provenance,
     )  # fmt: skip
 
