@@ -67,8 +67,7 @@ def calibrate(
     from ematwin.recordings.motions import fitting
 
     check_target(out, (".toml",), replace=force or is_as_written(out))
-    if report is not None:
-        check_target(report, (".html",))
+    options.check_outputs(report)
     before = None if add is None else Calibration.load(add)
     if before is not None:
         template = before.actuator

@@ -53,8 +53,7 @@ def channels(
 
     if write is not None:
         check_target(write, (".toml",), replace=force)
-    if plot is not None:
-        check_target(plot, (".html",))
+    options.check_outputs(plot)
     chosen = load_actuator(actuator or meant([file], None, None))
     with options.progress_bar(f"Reading {file.name}", not json) as progress:
         found = survey(file, progress=progress)

@@ -75,8 +75,7 @@ def design(
     from ematwin.recordings.noise import Noise
 
     check_target(out, (".toml",), replace=force)
-    if report is not None:
-        check_target(report, (".html",))
+    options.check_outputs(report)
     chosen = load_actuator(actuator)
     settings: dict[str, Any] = {
         "scenario": scenario,

@@ -67,7 +67,7 @@ def detect(
 
     if each not in _EACH:
         raise InputError(f"--each must be motion or run, received {each!r}.")
-    check_targets(table, report)
+    options.check_outputs(report, table)
     failing = options.grades(fail_on)
     wanted = choice(where or [], "--where")
     recordings: Any
@@ -99,16 +99,6 @@ def _needed(actuator: Path | None) -> Path:
             "--actuator, or a table of runs that names one in each row."
         )
     return actuator
-
-
-def check_targets(table: Path | None, report: Path | None) -> None:
-    """Refuse a table or page that cannot be written, before any work is done."""
-    from ematwin.files import check_target
-
-    if report is not None:
-        check_target(report, (".html",))
-    if table is not None:
-        check_target(table, (".csv", ".parquet"))
 
 
 def answer(

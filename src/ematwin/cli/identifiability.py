@@ -56,11 +56,10 @@ def identifiability(
     """
     from ematwin.experiments.identifiability import FALSE_ALARM, MISS, ranked
     from ematwin.experiments.identifiability import identifiability as run
-    from ematwin.files import check_target, write_text
+    from ematwin.files import write_text
     from ematwin.recordings.noise import Noise
 
-    if report is not None:
-        check_target(report, (".html",))
+    options.check_outputs(report)
     sensor = None if noise is None else Noise.parse(noise)
     values = options.numbers(fault or [], "--fault")
     given: list[str | None] = [*commands] if commands else [None]

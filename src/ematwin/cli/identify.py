@@ -98,13 +98,13 @@ def identify(
 ) -> None:
     """Find the faults with which the digital twin behaves like the recorded actuator."""
     from ematwin.cli.channels import map_of
-    from ematwin.cli.detect import answer, check_targets
+    from ematwin.cli.detect import answer
     from ematwin.models.reading import read
     from ematwin.monitoring.calibration import Calibration
     from ematwin.monitoring.gather import files_of, is_one
     from ematwin.monitoring.identify import identify as run
 
-    check_targets(table, report)
+    options.check_outputs(report, table)
     failing = options.grades(fail_on)
     several = runs_in(records)
     recordings: Any

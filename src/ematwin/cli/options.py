@@ -152,6 +152,16 @@ def grades(text: str | None) -> set[str]:
     return found
 
 
+def check_outputs(page: Path | None, table: Path | None = None) -> None:
+    """Refuse a page or table that cannot be written, before any work is done."""
+    from ematwin.files import check_target
+
+    if page is not None:
+        check_target(page, (".html",))
+    if table is not None:
+        check_target(table, (".csv", ".parquet"))
+
+
 def print_json(answer: Any) -> None:
     """An answer for a program, on standard output; paths are texts."""
     typer.echo(json.dumps(answer, indent=2, allow_nan=False, default=os.fspath))

@@ -75,8 +75,7 @@ def simulate(
         for source in (scenario or "", actuator):
             if Path(source).is_file() and out.exists() and out.samefile(source):
                 raise InputError(f"--out {out} would overwrite its own input. Give another name.")
-    if plot is not None:
-        check_target(plot, (".html",))
+    options.check_outputs(plot)
     more = [] if also is None else [name.strip() for name in also.split(",") if name.strip()]
     settings = {
         "noise": sensor, "seed": seed, "sample_rate": sample_rate, "step": step, "also": more,

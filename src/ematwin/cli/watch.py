@@ -60,7 +60,6 @@ def watch(
     or a crash loses nothing: the same command goes on.
     """
     from ematwin.cli.channels import map_of
-    from ematwin.cli.detect import check_targets
     from ematwin.fleet.alarms import STEPS
     from ematwin.fleet.fleet import Fleet
     from ematwin.fleet.watch import watch as run
@@ -70,7 +69,7 @@ def watch(
         raise InputError(f"--fail-on takes watch, plan or act, received {fail_on!r}.")
     if every is not None and not every > 0.0:
         raise InputError(f"--every needs seconds above 0, received {every:g}.")
-    check_targets(table, report)
+    options.check_outputs(report, table)
     columns = None
     if column or map_file:
         columns = map_of(column, map_file, load_actuator(actuator))

@@ -266,7 +266,7 @@ class PopulationOptimizer(Optimizer):
     """
 
     def __init__(
-        self, box: Box, *, population: int = 50, iterations: int = 200, seed: int = 1
+        self, box: Box, *, population: int = POPULATION, iterations: int = ITERATIONS, seed: int = 1
     ) -> None:
         self.box = box
         self.population = whole_number(population, "population", self.minimum_population)

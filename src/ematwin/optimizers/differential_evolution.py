@@ -141,14 +141,12 @@ class DifferentialEvolution(PopulationOptimizer):
         self,
         box: Box,
         *,
-        population: int = 50,
-        iterations: int = 200,
-        seed: int = 1,
         strategy: Strategy | None = None,
         F: float | Dither = 0.5,
         CR: float | Either = _MIXTURE,
+        **settings: int,
     ) -> None:
-        super().__init__(box, population=population, iterations=iterations, seed=seed)
+        super().__init__(box, **settings)
         if not isinstance(F, Dither) and not 0.0 < F <= 2.0:
             raise InputError(f"F must lie in (0, 2], received {F}. The paper starts with 0.5.")
         rates = (CR.often, CR.rarely, CR.share) if isinstance(CR, Either) else (CR,)

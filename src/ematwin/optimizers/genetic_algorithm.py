@@ -156,14 +156,12 @@ class GeneticAlgorithm(PopulationOptimizer):
         self,
         box: Box,
         *,
-        population: int = 50,
-        iterations: int = 200,
-        seed: int = 1,
         encoding: Encoding | None = None,
         selection: Tournament | Roulette | None = None,
         elitist: bool = True,
+        **settings: int,
     ) -> None:
-        super().__init__(box, population=population, iterations=iterations, seed=seed)
+        super().__init__(box, **settings)
         self.encoding: Encoding = Real() if encoding is None else encoding
         self.selection = Tournament() if selection is None else selection
         self.elitist = elitist

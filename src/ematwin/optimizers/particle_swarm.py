@@ -191,14 +191,12 @@ class ParticleSwarm(PopulationOptimizer):
         self,
         box: Box,
         *,
-        population: int = 50,
-        iterations: int = 200,
-        seed: int = 1,
         topology: Topology | None = None,
         coefficients: Coefficients = STANDARD_2006,
         craziness: Craziness | None = _SOME,
+        **settings: int,
     ) -> None:
-        super().__init__(box, population=population, iterations=iterations, seed=seed)
+        super().__init__(box, **settings)
         if not coefficients.speed_limit > 0:
             raise InputError(
                 f"The speed limit of a swarm must be positive, received {coefficients.speed_limit}."

@@ -108,11 +108,9 @@ def match(file: RecordedFile, channel_map: ChannelMap, needs: Needs) -> Matched:
 
 def _needed(open_ones: Sequence[Channel], channel_map: ChannelMap, needs: Needs) -> list[Channel]:
     """Time, and needed channels that are not mapped."""
-    present = with_derived(channel_map.channels, channel_map.columns)
-    unmet = {
-        name for group in needs if not is_met(group, present) for part in group for name in part
-    }
-    return [one for one in open_ones if one.name == "time" or one.name in unmet]
+    groups = unmet(needs, channel_map.channels, channel_map.columns)
+    names = {"time", *(name for _, missing in groups for name in missing)}
+    return [one for one in open_ones if one.name in names]
 
 
 def _by_name(
@@ -180,14 +178,22 @@ def is_met(group: Sequence[Sequence[str]], present: Collection[str]) -> bool:
     return any(all(name in present for name in alternative) for alternative in group)
 
 
+def unmet(
+    needs: Needs, channels: Sequence[Channel], present: Collection[str]
+) -> list[tuple[Sequence[Sequence[str]], list[str]]]:
+    """The groups of needs without a whole alternative, each with the names that are missing."""
+    there = with_derived(channels, present)
+    return [
+        (group, list(dict.fromkeys(name for part in group for name in part if name not in there)))
+        for group in needs
+        if not is_met(group, there)
+    ]
+
+
 def _check_complete(
     file: RecordedFile, channel_map: ChannelMap, needs: Needs, found: Mapping[str, object]
 ) -> None:
-    present = with_derived(channel_map.channels, found)
-    for group in needs:
-        if is_met(group, present):
-            continue
-        missing = [name for part in group for name in part if name not in present]
+    for group, missing in unmet(needs, channel_map.channels, found):
         for channel in (channel_map.channel(name) for name in missing):
             _refuse_odd_unit(file, channel)
         first = channel_map.channel(missing[0])

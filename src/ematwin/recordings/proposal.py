@@ -19,8 +19,7 @@ from ematwin.recordings.matching import (
     Candidate,
     Needs,
     candidates,
-    is_met,
-    with_derived,
+    unmet,
 )
 from ematwin.recordings.survey import Survey, Surveyed
 from ematwin.recordings.units import unit_factor
@@ -251,7 +250,10 @@ def _chosen(
     for name, all_of in ranked.items():
         if not all_of or all_of[0].score < NAMED:
             if all_of and channels[name].unit == "N*m":
-                questions.append(_torque(name, [found[one.name] for one in all_of]))
+                listed = " or ".join(f"“{one.name}”" for one in all_of)
+                said = f"{listed} may be the {name}, or the motor's own torque: the name does not "
+                lines = _lines(name, (found[one.name] for one in all_of))
+                questions.append(Question(f"{said}tell which.", lines))
             continue
         best = [one for one in all_of if one.score >= all_of[0].score - _ALIKE]
         if len(best) > 1:
@@ -290,14 +292,6 @@ def _chosen(
             )
         )
     return {name: chosen[name] for name in ranked if name in chosen}
-
-
-def _torque(name: str, may_be: Sequence[Surveyed]) -> Question:
-    listed = " or ".join(f"“{one.name}”" for one in may_be)
-    return Question(
-        f"{listed} may be the {name}, or the motor's own torque: the name does not tell which.",
-        _lines(name, may_be),
-    )
 
 
 def _by_span(
@@ -362,27 +356,19 @@ def _missing(
     found: Survey,
 ) -> list[Question]:
     """Questions on needed channels for which there is no name."""
-    present = with_derived(channels, entries)
     questions = []
-    for group in needs:
-        if is_met(group, present):
-            continue
-        wanted = list(dict.fromkeys(name for part in group for name in part if name not in present))
+    for group, wanted in unmet(needs, channels, entries):
         lines = [
             line for name in wanted for line in _lines(name, (found[c.name] for c in ranked[name]))
         ]
         alternatives = " or ".join(" with ".join(part) for part in group)
+        lead = f"Needed and not found for certain: {alternatives}; "
         starts = tuple(f"{name} =" for name in wanted)
-        already = any(line.startswith(starts) for one in asked for line in one.lines)
-        by_unit = "" if not lines else " These have the right unit."
-        where = "see above" if already else f"name it in the map.{by_unit}"
-        questions.append(
-            Question(
-                f"Needed and not found for certain: {alternatives}; {where}",
-                () if already else tuple(dict.fromkeys(lines)),
-                needed=True,
-            )
-        )
+        if any(line.startswith(starts) for one in asked for line in one.lines):
+            questions.append(Question(f"{lead}see above", needed=True))
+        else:
+            where = f"name it in the map.{' These have the right unit.' if lines else ''}"
+            questions.append(Question(lead + where, tuple(dict.fromkeys(lines)), needed=True))
     if not ranked.get("time", [()]) and not found.has_times:
         questions.append(
             Question(
