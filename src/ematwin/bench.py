@@ -2,7 +2,7 @@
 
 Each function measures one figure, some number of times. They time the work itself, compiled; what
 starts processes says so. Aims are those that the project set itself; a missed one is printed as
-such.
+such. Run by ``ematwin bench``, never by a test.
 """
 
 import os
