@@ -18,8 +18,8 @@ from ematwin.experiments.space import DesignSpace
 from ematwin.models.scenario import Scenario
 from ematwin.optimizers.base import Box, FloatArray
 from ematwin.optimizers.differential_evolution import DifferentialEvolution, Dither
-from ematwin.optimizers.loop import Progress as SearchProgress
 from ematwin.optimizers.loop import minimize
+from ematwin.optimizers.result import Progress as SearchProgress
 
 BUDGET, POPULATION = 500, 12
 _SCATTER = 0.15  # of the first commands about the given one, share of the box

@@ -8,11 +8,12 @@ from ematwin.optimizers.differential_evolution import DifferentialEvolution
 from ematwin.optimizers.dragonfly import Dragonfly
 from ematwin.optimizers.genetic_algorithm import GeneticAlgorithm
 from ematwin.optimizers.grey_wolf import GreyWolf
-from ematwin.optimizers.loop import History, MinimizeResult, Progress, Stop, minimize
+from ematwin.optimizers.loop import minimize
 from ematwin.optimizers.objective import LimitedObjective
 from ematwin.optimizers.particle_swarm import ParticleSwarm
 from ematwin.optimizers.random_search import RandomSearch
 from ematwin.optimizers.registry import algorithms, create
+from ematwin.optimizers.result import History, MinimizeResult, Progress, Stop
 from ematwin.optimizers.whale import Whale
 
 __all__ = [
