@@ -31,11 +31,11 @@ from ematwin.optimizers import (
 )
 from ematwin.optimizers.differential_evolution import (
     Best1,
-    Best2,
-    CurrentToBest1,
     Dither,
     Either,
+    Mutants,
     Rand1,
+    others,
 )
 from ematwin.optimizers.genetic_algorithm import HOLLAND, Real
 from ematwin.optimizers.genetic_operators import Polynomial, SimulatedBinary, Tournament
@@ -97,6 +97,25 @@ def functions() -> dict[str, Costs]:
         "griewank, turned": shifted(griewank, 200.0, True),
         "cliffs": shifted(cliffs, 10.0, False),
     }
+
+
+class CurrentToBest1:
+    """DE/current-to-best/1: a step towards the best vector and one difference."""
+
+    def mutate(self, rng, parents, best, F):
+        r1, r2 = others(rng, len(parents), 2)
+        steps = (parents[best] - parents) + (parents[r1] - parents[r2])
+        return Mutants(parents + F * steps, parents)
+
+
+class Best2:
+    """DE/best/2: two differences added to the best vector."""
+
+    def mutate(self, rng, parents, best, F):
+        r1, r2, r3, r4 = others(rng, len(parents), 4)
+        bases = np.broadcast_to(parents[best], parents.shape)
+        steps = parents[r1] + parents[r2] - parents[r3] - parents[r4]
+        return Mutants(bases + F * steps, bases)
 
 
 def one_of(rng: np.random.Generator, *choices: Any) -> Any:

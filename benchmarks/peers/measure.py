@@ -138,7 +138,7 @@ def missing(module: str, install: str, what: str) -> str:
 
 def machine() -> str:
     """Processor, cores and Python, in one sentence."""
-    from ematwin.bench.twin import machine as described
+    from ematwin.bench import machine as described
 
     found = described()
     return f"{found['processor']}, {found['cores']} cores, Python {platform.python_version()}"

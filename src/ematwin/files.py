@@ -20,8 +20,8 @@ def written_whole(
     ----------
     path : str or Path
     durable : bool, wait until the content is on the disk, so that it also survives a power failure
-    private : bool, only the user may read and write the file; otherwise it keeps the rights of the
-        file that it replaces, or gets those of any new file
+    private : bool, only the user may read and write the file; otherwise it has the rights of the
+        file that it replaces, or the usual ones
 
     Raises
     ------
@@ -110,7 +110,7 @@ def _umask() -> int:
 
 
 def check_target(path: Path, suffixes: tuple[str, ...], *, replace: bool = True) -> None:
-    """Before long work: the name ends in one of ``suffixes`` and its folder can be written.
+    """Check before long work that a name has one of ``suffixes`` and its folder can be written.
 
     ``replace`` False is for files that a user may have edited: one that exists is refused.
 

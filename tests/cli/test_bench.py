@@ -2,7 +2,7 @@
 
 import json
 
-from ematwin.bench import twin
+from ematwin import bench
 
 
 def test_the_figures_come_as_json(ematwin):
@@ -29,7 +29,7 @@ def test_the_figures_come_as_json(ematwin):
 
 
 def test_a_figure_holds_when_its_median_reaches_the_aim():
-    fast = twin._figure("f", [3.0, 1.0, 2.0], "s", 2.0, at_least=False, detail="d")
+    fast = bench.Figure.of("f", [3.0, 1.0, 2.0], "s", most=2.0, detail="d")
     assert (fast.value, fast.low, fast.high, fast.aim, fast.holds) == (
         2.0,
         1.0,
@@ -37,5 +37,5 @@ def test_a_figure_holds_when_its_median_reaches_the_aim():
         "at most 2",
         True,
     )
-    slow = twin._figure("f", [3.0, 1.0, 2.0], "times", 2.5, at_least=True, detail="d")
+    slow = bench.Figure.of("f", [3.0, 1.0, 2.0], "times", least=2.5, detail="d")
     assert (slow.aim, slow.holds) == ("at least 2.5", False)

@@ -41,6 +41,10 @@ def test_help_shows_every_character_of_every_text(ematwin, command):
     assert [text for text in texts(command.callback) if words(text) not in shown] == []
 
 
+def test_units_in_brackets_survive_in_the_help(ematwin):
+    assert 'i_a="Phase A [A]"' in ematwin("identify", "--help", COLUMNS="200").out
+
+
 def test_the_list_of_commands_has_their_whole_sentences(ematwin):
     shown = words(ematwin("--help").out)
     for command in app.registered_commands:

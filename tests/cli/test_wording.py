@@ -117,12 +117,7 @@ def test_errors_of_a_command_name_its_options(
 
 
 def test_names_in_tables_and_bars_are_no_markup(capsys, monkeypatch):
-    from rich.table import Table
-
-    table = Table(title="of [mm]")
-    table.add_column("run [/x]")
-    table.add_row("[bold]demand[/bold] [mm] :warning:")
-    print_table(table, 80)
+    print_table("of [mm]", ["run [/x]"], [["[bold]demand[/bold] [mm] :warning:"]], width=80)
     shown = capsys.readouterr().out
     for text in ("of [mm]", "run [/x]", "[bold]demand[/bold] [mm] :warning:"):
         assert text in shown

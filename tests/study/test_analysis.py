@@ -16,7 +16,6 @@ from ematwin.benchmarking.convergence import (
     TARGETS,
     bands,
     evaluations_to_target,
-    expected_by_case,
 )
 from ematwin.benchmarking.diagnosis import diagnose
 from ematwin.benchmarking.ranks import average_ranks, compare_ranks, effect_sizes, vargha_delaney
@@ -208,19 +207,6 @@ def test_effect_size_of_a_case_counts_pairs_of_its_runs() -> None:
     assert (row.first, row.second, row.a12) == ("ga", "de", 0.0), "a failed run loses to any other"
 
 
-def test_the_six_of_a_preset_are_also_tested_among_themselves() -> None:
-    six = ("ga-holland", "pso-inertia", "de-rand", "gwo", "da", "woa")
-    assert analyse(study(runs=2, algorithms=six, seed=3)).within == {}
-    many = analyse(study(runs=2, algorithms=(*six, "pso", "de", "ga", "random"), seed=3))
-    ranks = many.within["paper"]
-    assert (len(ranks.pairs), len(many.ranks.pairs)) == (15, 45)
-    plain = {(pair.first, pair.second): pair.p for pair in many.ranks.pairs}
-    for pair in ranks.pairs:
-        key = (pair.first, pair.second)
-        assert pair.p == pytest.approx(plain[key] if key in plain else plain[key[::-1]])
-    assert any("preset paper alone" in sentence for sentence in many.conclusions)
-
-
 # Convergence
 
 
@@ -294,18 +280,6 @@ def test_a_failed_run_meets_no_target_and_a_study_of_failures_has_none() -> None
     _, none = evaluations_to_target(collect([failed(spec())]))
     assert none["reached"].tolist() == [0.0] * 3
     assert np.isinf(none["expected"]).all()
-
-
-def test_running_times_of_each_case_rank_unmet_targets_last_and_alike() -> None:
-    table = collect([
-        run("ga", 0, (10, 0.5), (100, 0.01)),
-        run("de", 0, (10, 0.5), (50, 0.01)),
-        run("gwo", 0, (10, 0.5), (70, 0.3)),
-        run("da", 0, (10, 0.5), (90, 0.4)),
-    ])  # fmt: skip
-    found = matrix(expected_by_case(table, 0.02), "expected")
-    assert found.iloc[0].to_dict() == {"ga": 100.0, "de": 50.0, "gwo": math.inf, "da": math.inf}
-    assert average_ranks(found) == {"ga": 2.0, "de": 1.0, "gwo": 3.5, "da": 3.5}
 
 
 def test_band_is_the_quartiles_of_the_runs() -> None:

@@ -104,5 +104,5 @@ def test_a_store_of_0_1_is_refused(tmp_path: Path, ematwin: Any) -> None:
     path = Path(shutil.copy(DATA / "0.1" / "study.db", tmp_path / "study.db"))
     told = ematwin("report", path)
     assert told.code == 2
-    assert "was written by ematwin 0.1" in told.err
+    assert "has schema 1, and this ematwin knows schema 2" in told.err
     assert ematwin("compare", *ASKED, "--store", path).err == told.err

@@ -231,7 +231,6 @@ def test_without_anywidget_the_widget_names_its_extra_and_the_page_needs_none(
     recording, monkeypatch
 ):
     monkeypatch.setitem(sys.modules, "anywidget", None)
-    monkeypatch.delitem(sys.modules, "ematwin.exploring.notebook", raising=False)
     with pytest.raises(MissingExtraError, match=r"ematwin\[explore\]"):
         ematwin.explore(recording, "emps")
     from ematwin.exploring.server import Server

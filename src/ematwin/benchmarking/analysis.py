@@ -9,24 +9,13 @@ from typing import Any
 import numpy as np
 
 from ematwin.benchmarking.conclusions import conclude
-from ematwin.benchmarking.convergence import (
-    STATED_MISFITS,
-    bands,
-    evaluations_to_target,
-    expected_by_case,
-)
+from ematwin.benchmarking.convergence import STATED_MISFITS, bands, evaluations_to_target
 from ematwin.benchmarking.diagnosis import THRESHOLD, Diagnosis, diagnose
-from ematwin.benchmarking.ranks import (
-    RankComparison,
-    average_ranks,
-    compare_ranks,
-    effect_sizes,
-)
+from ematwin.benchmarking.ranks import RankComparison, compare_ranks, effect_sizes
 from ematwin.benchmarking.run import StoredRun
 from ematwin.benchmarking.summary import TARGETS, matrix, summarise
 from ematwin.benchmarking.table import RunTable, collect
 from ematwin.errors import InputError
-from ematwin.optimizers.registry import PRESETS
 from ematwin.showing import markup
 from ematwin.showing.drawing import drawn
 
@@ -42,10 +31,6 @@ class StudyAnalysis:
         performance coefficients
     effects : DataFrame, a row for each case and pair of algorithms: A12
     ranks : tests over the case means of Err%
-    ranks_by : average ranks of the algorithms by mean Err%, by median Err% and by the expected
-        running time to the middle one of the misfits
-    within : the same tests among the methods of each preset that the study has wholly, beside
-        others: more methods make more pairs, and Holm's correction then allows less
     curves : DataFrame, shares of targets met over the evaluations, by algorithm
     times : DataFrame, expected running times to stated misfits, by algorithm
     diagnosis : one an algorithm
@@ -57,8 +42,6 @@ class StudyAnalysis:
     cells: Any
     effects: Any
     ranks: RankComparison
-    ranks_by: dict[str, dict[str, float]]
-    within: dict[str, RankComparison]
     curves: Any
     times: Any
     diagnosis: list[Diagnosis]
@@ -103,7 +86,7 @@ class StudyAnalysis:
         )
 
     def __str__(self) -> str:
-        """Say what was run, then the conclusions."""
+        """Give the number of runs, then the conclusions."""
         return "\n".join([f"{self._lead()}.", *self.conclusions])
 
     def _repr_html_(self) -> str:
@@ -128,7 +111,7 @@ class StudyAnalysis:
         return lead
 
     def as_dict(self) -> dict[str, Any]:
-        """Give all tables as plain values, None for what could not be computed."""
+        """Give all tables as plain values; None where a number could not be computed."""
         table, ranks = self.table, self.ranks
         return plain({
             "runs": len(table),
@@ -144,11 +127,6 @@ class StudyAnalysis:
             "ranks": {
                 **{k: v for k, v in asdict(ranks).items() if k != "smallest_holm"},
                 "smallest_p_holm": ranks.smallest_holm,
-                "average_by": self.ranks_by,
-                "within_presets": {
-                    preset: [asdict(pair) for pair in found.pairs]
-                    for preset, found in self.within.items()
-                },
             },
             "evaluations_to_target": _records(self.curves),
             "running_times": _records(self.times),
@@ -174,7 +152,7 @@ def analyse(
     Parameters
     ----------
     targets : Err% whose success rates are given
-    misfits : relative misfits whose expected running times are given; ranks are by the middle one
+    misfits : relative misfits whose expected running times are given
     threshold : deviation from healthy, as a share of the range, that counts as a fault
     seed : of the bootstrap
 
@@ -193,26 +171,13 @@ def analyse(
         raise InputError(f"The threshold must lie between 0 and 0.5, received {threshold:g}.")
     table = collect(runs)
     cells = summarise(table, targets, seed)
-    means, effects = matrix(cells, "err_mean"), effect_sizes(table)
-    ranks = compare_ranks(means, effects)
-    within = {
-        preset: compare_ranks(means[list(names)], effects)
-        for preset, names in PRESETS.items()
-        if set(names) < set(table.algorithms)
-    }
-    middle = misfits[len(misfits) // 2]
-    ranks_by = {
-        "mean Err%": ranks.average,
-        "median Err%": average_ranks(matrix(cells, "err_median")),
-        f"evaluations to {100.0 * middle:g} %": average_ranks(
-            matrix(expected_by_case(table, middle), "expected")
-        ),
-    }
+    effects = effect_sizes(table)
+    ranks = compare_ranks(matrix(cells, "err_mean"), effects)
     curves, times = evaluations_to_target(table, misfits, seed)
     diagnosis = diagnose(table, threshold)
     return StudyAnalysis(
-        table, cells, effects, ranks, ranks_by, within, curves, times, diagnosis, threshold,
-        conclude(table, cells, ranks, within, diagnosis, threshold),
+        table, cells, effects, ranks, curves, times, diagnosis, threshold,
+        conclude(table, cells, ranks, diagnosis, threshold),
     )  # fmt: skip
 
 

@@ -58,9 +58,8 @@ def shifts(unknowns: Sequence[Unknown]) -> np.ndarray:
 class RemappedProblem(Problem):
     """A problem in the remapped box.
 
-    Methods of the box see it turned round. Methods that follow slopes know no box, and their chart
-    is that of the problem; but their first point is the middle of the remapped box, because it must
-    not be healthy where healthy is to be nowhere special.
+    Methods of the box see it turned round. Methods that follow slopes know no box and use the
+    variables of the problem; but they start in the middle of the remapped box, not at healthy.
 
     Parameters
     ----------

@@ -30,7 +30,7 @@ def cases_of(
 
     Parameters
     ----------
-    text : "own" (those of the kind of actuator), "paper" (Table 1 of the paper: those of the
+    text : "own" (the cases of the kind of actuator), "paper" (Table 1 of the paper, for the
         brushless actuator), "multi" (random vectors with two to four faults), or a TOML file with
         a table ``[cases."name"]`` of values for each case
     actuator : whose cases they are; the default brushless actuator if not given
@@ -69,7 +69,7 @@ def multi_cases(count: int, seed: int, actuator: ParameterSet | str | None = Non
 
 
 def cases_from_file(path: Path, actuator: ParameterSet | str | None = None) -> Cases:
-    """Cases of a TOML file: one table ``[cases."name"]`` each, what is not given is healthy."""
+    """Cases of a TOML file: one table ``[cases."name"]`` each; missing faults are healthy."""
     subject = Subject.of(actuator)
     table = load_toml(path, "cases")
     found = table.get("cases")

@@ -49,9 +49,9 @@ def compare(
 
     Parameters
     ----------
-    algorithms : names of ``ematwin algorithms``, those of `ematwin.register` among them, or
+    algorithms : names of ``ematwin algorithms``, also registered by `ematwin.register`, or
         presets: paper, improved, best
-    cases : "own" (those of the kind), "multi" (random faults at once), a TOML file, or a mapping
+    cases : "own" (cases of the kind), "multi" (random faults at once), a TOML file, or a mapping
         of names to faults: ``{"worn": {"friction": 0.4}}``
     runs : repetitions of each case with each algorithm
     population, iterations : their product is the budget of each run

@@ -1,4 +1,4 @@
-"""Plain sentences of what a study shows and what it does not, each guarded by its numbers."""
+"""Conclusions of a study in plain sentences, each drawn only where its numbers allow it."""
 
 import math
 from typing import Any
@@ -17,7 +17,6 @@ def conclude(
     table: RunTable,
     cells: Any,
     ranks: RankComparison,
-    within: dict[str, RankComparison],
     diagnosis: list[Diagnosis],
     threshold: float,
 ) -> list[str]:
@@ -25,11 +24,6 @@ def conclude(
     return [
         *_runs(table, cells),
         *_differences(ranks),
-        *(
-            f"Among the methods of the preset {preset} alone: {text[0].lower()}{text[1:]}"
-            for preset, found in within.items()
-            for text in _pairs(found)
-        ),
         *_diagnosis(diagnosis, threshold),
         *_mixtures(table),
         *_limits(table),

@@ -10,7 +10,6 @@ Intervals are 95 % percentile bootstrap intervals; runs are drawn anew within ea
 algorithm, cases are not.
 """
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -33,12 +32,12 @@ def bands(table: RunTable) -> Any:
     Infinite where a quarter of the runs (half, ...) had no cost yet; no rows where none had any.
     """
     evaluations = _grid(table)
+    costs = _costs_at(table, evaluations)
     parts = []
     for (case, algorithm), rows in table.cells.items():
-        costs = _costs_at(table, rows, evaluations)
-        costs = costs[np.isfinite(costs).any(axis=1)] if costs.size else costs
-        if len(costs):
-            quartiles = np.quantile(costs, [0.25, 0.5, 0.75], axis=0, method="inverted_cdf")
+        known = costs[rows][np.isfinite(costs[rows]).any(axis=1)]
+        if len(known):
+            quartiles = np.quantile(known, [0.25, 0.5, 0.75], axis=0, method="inverted_cdf")
             parts += [
                 {"case": case, "algorithm": algorithm, "evaluations": n,
                  "q1": q1, "median": median, "q3": q3}
@@ -66,81 +65,45 @@ def evaluations_to_target(
         did), low_95, high_95. Intervals are NaN where a case has one run.
     """
     evaluations, scales = _grid(table), _scales(table)
+    misfit = np.sqrt(_costs_at(table, evaluations) / scales[:, None])
+    misfit[np.isnan(misfit)] = np.inf  # no target is met where no run of the case has a scale
+    # targets fall: those before the first one below the run's own misfit are met
+    met = np.searchsorted(-TARGETS, -misfit, "right").astype(float)
+    each = np.hstack([met, *_to_misfits(table, scales, misfits)])  # a row for each run
+    resamples = _RESAMPLES if len(table) <= _MANY else _RESAMPLES_OF_MANY
     curves: list[dict[str, Any]] = []
     times: list[dict[str, Any]] = []
     for a, algorithm in enumerate(table.algorithms):
-        runs, once, again = _sums(
-            table, algorithm, scales, evaluations, misfits, np.random.default_rng([seed, a])
+        rng = np.random.default_rng([seed, a])
+        parts = [rows for case in table.cases if len(rows := table.cells[case, algorithm])]
+        runs = sum(map(len, parts))
+        once = sum(each[rows].sum(axis=0) for rows in parts)
+        again = sum(_drawn_anew(each[rows], resamples, rng) for rows in parts)
+        (share, hits, spent), (shares, *others) = (
+            np.split(sums, [met.shape[1], -len(misfits)], axis=-1) for sums in (once, again)
         )
-        share, low, high = (part / (runs * len(TARGETS)) for part in (once[0], *_ends(again[0])))
+        pairs = runs * len(TARGETS)
+        low, high = _ends(shares / pairs)
         curves += [
             {"algorithm": algorithm, "evaluations": n, "share": s, "low_95": l, "high_95": h}
-            for n, s, l, h in zip(evaluations, share, low, high, strict=True)
+            for n, s, l, h in zip(evaluations, share / pairs, low, high, strict=True)
         ]
-        expected = _running_time(*once[1:])
-        for n, (low_n, high_n) in enumerate(np.transpose(_ends(_running_time(*again[1:])))):
-            times.append(
-                {"algorithm": algorithm, "misfit": misfits[n], "reached": once[1][n] / runs,
-                 "expected": expected[n], "low_95": low_n, "high_95": high_n}
-            )  # fmt: skip
+        low, high = _ends(_running_time(*others))
+        times += [
+            {"algorithm": algorithm, "misfit": m, "reached": hit / runs, "expected": time,
+             "low_95": l, "high_95": h}
+            for m, hit, time, l, h in zip(
+                misfits, hits, _running_time(hits, spent), low, high, strict=True
+            )
+        ]  # fmt: skip
     return frame_of_rows(curves), frame_of_rows(times)
 
 
-def expected_by_case(table: RunTable, misfit: float) -> Any:
-    """Give the expected running time to a relative misfit: case, algorithm, expected.
-
-    Infinite where no run met it.
-    """
-    scales = _scales(table)
-    rows = []
-    for (case, algorithm), places in table.cells.items():
-        hits, spent = _to_misfits(table, places, scales[case], (misfit,))
-        expected = _running_time(hits.sum(axis=0), spent.sum(axis=0))[0]
-        rows.append({"case": case, "algorithm": algorithm, "expected": expected})
-    return frame_of_rows(rows)
-
-
-_Sums = tuple[np.ndarray, np.ndarray, np.ndarray]
-
-
-def _sums(
-    table: RunTable,
-    algorithm: str,
-    scales: dict[str, float],
-    evaluations: np.ndarray,
-    misfits: Sequence[float],
-    rng: np.random.Generator,
-) -> tuple[int, _Sums, _Sums]:
-    """Add up the runs of an algorithm over all cases, as they are and drawn anew.
-
-    Returns
-    -------
-    runs : int
-    once : targets met by each number of evaluations (G,), hits (M,) and evaluations spent (M,)
-    again : the same of each resample, (B, G) and (B, M); NaN where a case has one run
-    """
-    resamples = _RESAMPLES if len(table) <= _MANY else _RESAMPLES_OF_MANY
-    runs = 0
-    once: Any = [0.0, 0.0, 0.0]
-    again: Any = [0.0, 0.0, 0.0]
-    for case in table.cases:
-        rows = table.cells[case, algorithm]
-        if not len(rows):
-            continue
-        scale = scales[case]
-        # targets fall: those before the first one below the run's own misfit are met; none is
-        # where no run tells the scale
-        costs = _costs_at(table, rows, evaluations)
-        misfit = np.sqrt(costs / scale) if math.isfinite(scale) else np.full_like(costs, np.inf)
-        met = np.searchsorted(-TARGETS, -misfit, "right").astype(float)
-        count = len(rows)
-        weights = rng.multinomial(count, np.full(count, 1.0 / count), size=resamples)
-        weights = weights if count > 1 else np.full(weights.shape, np.nan)
-        runs += count
-        for n, part in enumerate((met, *_to_misfits(table, rows, scale, misfits))):
-            once[n] = once[n] + part.sum(axis=0)
-            again[n] = again[n] + weights @ part
-    return runs, tuple(once), tuple(again)
+def _drawn_anew(values: np.ndarray, resamples: int, rng: np.random.Generator) -> np.ndarray:
+    """Sums over resamples of the rows (n, k), (B, k) array; NaN of a single row."""
+    count = len(values)
+    weights = rng.multinomial(count, np.full(count, 1.0 / count), size=resamples)
+    return weights @ values if count > 1 else np.full((resamples, values.shape[1]), np.nan)
 
 
 def _running_time(hits: np.ndarray, spent: np.ndarray) -> np.ndarray:
@@ -150,27 +113,25 @@ def _running_time(hits: np.ndarray, spent: np.ndarray) -> np.ndarray:
 
 
 def _to_misfits(
-    table: RunTable, rows: np.ndarray, scale: float, misfits: Sequence[float]
+    table: RunTable, scales: np.ndarray, misfits: Sequence[float]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Whether each run met each misfit, and what it spent until then or in all: (runs, M) both."""
-    limits = np.square(misfits) * scale
-    hits, spent = np.zeros((2, len(rows), len(limits)))
+    """Whether each run met each misfit, and the evaluations until then or in all: (R, M) both."""
+    limits = np.square(misfits) * scales[:, None]
+    hits, spent = np.zeros((2, *limits.shape))
     in_all = table.frame["evaluations"].to_numpy()
-    for n, row in enumerate(rows):
-        evaluations, cost = table.histories[row]
-        whole = float(evaluations[-1] if len(cost) else in_all[row])
+    for n, (evaluations, cost) in enumerate(table.histories):
+        whole = float(evaluations[-1] if len(cost) else in_all[n])
         # costs fall: the first one not above a limit
-        first = np.searchsorted(-cost, -limits, side="left")
+        first = np.searchsorted(-cost, -limits[n], side="left")
         hits[n] = first < len(cost)
         spent[n] = np.append(evaluations, whole)[first]
     return hits, spent
 
 
-def _costs_at(table: RunTable, rows: np.ndarray, evaluations: np.ndarray) -> np.ndarray:
-    """Best cost of each run after so many evaluations, (runs, G), inf before its first."""
-    costs = np.full((len(rows), len(evaluations)), np.inf)
-    for n, row in enumerate(rows):
-        spent, best = table.histories[row]
+def _costs_at(table: RunTable, evaluations: np.ndarray) -> np.ndarray:
+    """Best cost of each run after so many evaluations, (R, G), inf before its first."""
+    costs = np.full((len(table), len(evaluations)), np.inf)
+    for n, (spent, best) in enumerate(table.histories):
         costs[n] = np.r_[np.inf, best][np.searchsorted(spent, evaluations, side="right")]
     return costs
 
@@ -184,18 +145,18 @@ def _grid(table: RunTable) -> np.ndarray:
     return np.unique(np.geomspace(spent.min(), spent.max(), _GRID).round())
 
 
-def _scales(table: RunTable) -> dict[str, float]:
-    """Cost of a twin that does not answer: the same for all runs of a case but for sensor noise.
+def _scales(table: RunTable) -> np.ndarray:
+    """Cost of a twin that does not answer, (R,), equal within a case but for sensor noise.
 
-    NaN where no run tells it.
+    NaN where no run of the case gives it.
     """
     cost, misfit = table.frame["cost"], table.frame["relative_misfit"]
     known = (cost / misfit**2).where(np.isfinite(cost) & (misfit > 0.0))
-    return dict(known.groupby(table.frame["case"], sort=False).median())
+    return np.asarray(known.groupby(table.frame["case"]).transform("median"), dtype=float)
 
 
 def _ends(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """2.5 and 97.5 % of the resamples (B, ...), of which some may be infinite; NaN of NaN."""
+    """2.5 and 97.5 % of the resamples (B, ...), some of them infinite; NaN of NaN."""
     low, high = np.quantile(values, [0.025, 0.975], axis=0, method="inverted_cdf")
     unknown = np.isnan(values).any(axis=0)
     return np.where(unknown, np.nan, low), np.where(unknown, np.nan, high)

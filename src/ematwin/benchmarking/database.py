@@ -1,4 +1,4 @@
-"""The database under a store: how it is opened, and what is done when it does not answer.
+"""The database under a store: opening, transactions, and retries when it does not answer.
 
 SQLite keeps one file with a rollback journal: each commit is on the disk before it returns, and a
 killed process leaves nothing that the next opening does not mend. PostgreSQL is reached by its URL.
@@ -81,26 +81,26 @@ class Database:
             raise FileError(f"Cannot write the store {self.path}: the file is read-only.")
 
     def check_whole(self) -> None:
-        """Raise `DamagedError` if SQLite finds its file damaged; a server looks after its own.
+        """Raise `FileError` if SQLite finds its file damaged; a server checks its files itself.
 
         The whole check and not the quick one: only it compares the indexes, from which ids and
         statuses are read, with the rows. It reads 270 MB in a second.
         """
-        if self.path is None or not self.exists:
-            return
-        found = self.read(
-            lambda connection: connection.exec_driver_sql("PRAGMA integrity_check(1)").first()
-        )
-        if found is None or found[0] != "ok":
-            said = " ".join(str(found and found[0]).split())
-            raise DamagedError(ascii(said.removeprefix("*** in database main *** "))[1:-1][:100])
+
+        def check(connection: Connection) -> None:
+            found = connection.exec_driver_sql("PRAGMA integrity_check(1)").scalar()
+            if found != "ok":
+                raise DamagedError(found)
+
+        if self.path is not None and self.exists:
+            self.read(check)
 
     def read(self, work: Callable[[Connection], Answer], patient: bool = True) -> Answer:
         """Do ``work`` in a transaction that only reads; it may be done more than once."""
         return self._do(self._readers, work, patient)
 
     def write(self, work: Callable[[Connection], Answer]) -> Answer:
-        """Do ``work`` in a transaction of its own; it may be done more than once."""
+        """Do ``work`` in one transaction that writes; it may be done more than once."""
         return self._do(self._writers, work, True)
 
     def close(self) -> None:
@@ -114,8 +114,8 @@ class Database:
             try:
                 with engine.begin() as connection:
                     return work(connection)
-            except UnicodeDecodeError:
-                raise DamagedError("a text that is no UTF-8") from None
+            except (DamagedError, UnicodeDecodeError) as error:
+                raise self._damaged(error) from None
             except DBAPIError as error:
                 left = end - time.monotonic()
                 if not _is_passing(error) or left <= 0.0:
@@ -127,6 +127,13 @@ class Database:
                 time.sleep(min(pause, left))
                 pause = min(2.0 * pause, 2.0)
 
+    def _damaged(self, how: object) -> FileError:
+        said = ascii(" ".join(str(how).split()))[1:-1][:120]
+        return FileError(
+            f"The store {self.name} is damaged: {said}. Put a copy in its place, or give another "
+            "--store."
+        )
+
     def _refusal(self, error: DBAPIError) -> FileError:
         """Put the database's complaint into a sentence."""
         cause = " ".join(str(error.orig).split()) or type(error.orig).__name__
@@ -136,8 +143,7 @@ class Database:
                 "make room and give the same command again."
             )
         if type(error.orig) is sqlite3.DatabaseError or any(word in cause for word in _DAMAGE):
-            said = "a text that is no UTF-8" if "decode" in cause else cause
-            return DamagedError(ascii(said)[1:-1][:100])
+            return self._damaged(cause)
         return FileError(
             f"The store {self.name} cannot be used: {cause.rstrip('.?')}. Finished runs are kept; "
             "give the same command again once it can."

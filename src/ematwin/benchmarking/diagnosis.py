@@ -3,8 +3,8 @@
 A fault is present from ``threshold`` of its range away from healthy, in the injected vector as in
 the one found. An injected deviation below the threshold, but
 not zero, is neither: reporting it is no false alarm, and passing over it is no miss. The direction
-of a fault is no fault of its own; where the fault was injected and found, a direction (as an angle)
-off by ``threshold`` of a turn or more is counted apart.
+of a fault is not a fault; where the fault was injected and found, directions with an error of
+``threshold`` of a turn or more are counted separately.
 """
 
 from collections import Counter
@@ -32,7 +32,6 @@ class Diagnosis:
     confused : runs that missed a fault and named a healthy component instead
     directions, direction_wrong : faults found that have a direction, and those with it turned
     confusions : (missed, named instead) -> runs
-    missed_by_fault, false_by_fault : counts by component
     """
 
     algorithm: str
@@ -47,8 +46,6 @@ class Diagnosis:
     directions: int
     direction_wrong: int
     confusions: dict[tuple[str, str], int]
-    missed_by_fault: dict[str, int]
-    false_by_fault: dict[str, int]
 
 
 def diagnose(table: RunTable, threshold: float = THRESHOLD) -> list[Diagnosis]:
@@ -112,6 +109,4 @@ def _diagnosis(
         directions=directions,
         direction_wrong=turned,
         confusions=dict(confusions.most_common()),
-        missed_by_fault=dict(zip(names, missed.sum(axis=0).tolist(), strict=True)),
-        false_by_fault=dict(zip(names, false.sum(axis=0).tolist(), strict=True)),
     )

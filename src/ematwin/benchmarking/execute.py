@@ -174,7 +174,7 @@ def _watchdog(time_limit: float | None) -> Iterator[None]:
 
 
 def _prepared(spec: RunSpec) -> tuple[Subject, Problem]:
-    """Give what is searched of a run's recording; runs that share a recording share it."""
+    """Make the search problem of a run; runs that share a recording share it."""
     # where nothing in a recording is drawn at random, its seed changes nothing
     seeded = spec.noise is not None or _subject(json.dumps(spec.actuator)).model.study.noisy
     seed = spec.record_seed if seeded else 0

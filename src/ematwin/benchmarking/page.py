@@ -187,7 +187,6 @@ def _ranks(analysis: StudyAnalysis) -> list[Section]:
     ranks = analysis.ranks
     if not ranks.pairs:
         return []
-    best = ranks.order[0]
     return [
         Section(
             "Ranks and tests",
@@ -198,26 +197,8 @@ def _ranks(analysis: StudyAnalysis) -> list[Section]:
             "the same case; 0.5 is no difference. Pairs that differ at "
             f"{ALPHA:g} after correction stand out. With {counted(len(ranks.blocks), 'case')} and "
             f"{counted(len(ranks.pairs), 'pair')} no corrected p can fall below "
-            f"{ranks.smallest_holm:.2g}. Ranks by the mean are ruled by single bad runs; those by "
-            "the median forget them; those by evaluations count all that was spent until runs "
-            "explained the recording to a stated misfit. The tests are of the means.",
-            table=tables.average_ranks(analysis),
-        ),
-        Section(table=tables.pairs(ranks)),
-        *(
-            Section(
-                text=f"Among the methods of the preset {preset} alone, which makes "
-                f"{counted(len(found.pairs), 'pair')} and a smallest corrected p of "
-                f"{found.smallest_holm:.2g}:",
-                table=tables.pairs(found),
-            )
-            for preset, found in analysis.within.items()
-        ),
-        Section(
-            "Effect sizes, case by case",
-            text=f"A12 of {best}, which has the lowest average rank, against each other: the "
-            "chance that its run has the lower Err%. effects.csv has all pairs.",
-            table=tables.effects(analysis, best),
+            f"{ranks.smallest_holm:.2g}. effects.csv has A12 of each case.",
+            table=tables.pairs(ranks),
         ),
     ]
 

@@ -1,4 +1,4 @@
-"""A study before it runs: what is compared, and the list of runs that follows from it.
+"""Plan of a study: cases, methods and settings, and the list of runs that follows from them.
 
 The same seed gives the same runs. Each run's seed is drawn from the seed of the study and the names
 of its case and algorithm, so that more cases, algorithms or runs leave the others as they were.
@@ -25,7 +25,7 @@ from ematwin.recordings.noise import Noise
 
 @dataclass(frozen=True)
 class Plan:
-    """What a study compares.
+    """Cases, methods and settings of a study.
 
     Parameters
     ----------

@@ -119,9 +119,8 @@ def compare_ranks(means: Any, effects: Any) -> RankComparison:
             f"{smallest:.2g}: no pair can come out as different."
         )
     a12 = effects.groupby(["first", "second"], sort=False)["a12"].mean().to_dict()
-    average = average_ranks(means)
     return RankComparison(
-        average, [str(case) for case in means.index[whole]], left_out, statistic, p,
+        average_ranks(means), [str(case) for case in means.index[whole]], left_out, statistic, p,
         [
             Pair(names[i], names[j], p, p_holm, a12.get((names[i], names[j]), math.nan))
             for (i, j), p, p_holm in zip(pairs, plain.tolist(), holm(plain).tolist(), strict=True)

@@ -198,7 +198,7 @@ def contents(bodies: Mapping[str, str]) -> dict[str, Any]:
 
 
 def study_checksum(pairs: Mapping[str, str]) -> str:
-    """Hash what the table of the study says besides its checksum."""
+    """Hash all entries of the study's table but its checksum."""
     said = {name: value for name, value in pairs.items() if name != "checksum"}
     return _key(json.dumps(said, sort_keys=True))
 
@@ -208,7 +208,7 @@ def _key(text: str) -> str:
 
 
 def _called(row: Mapping[str, Any]) -> str:
-    """Name a run in words that its user knows, as far as its row can be read."""
+    """Name a run by its case and algorithm, where its row can be read."""
     known = [row[name] for name in ("case_name", "algorithm") if isinstance(row[name], str)]
     words = ", ".join([*known, f"run {row['run']}"])
     return f"run {row['id']} ({words})".encode("ascii", "backslashreplace").decode()[:120]

@@ -5,7 +5,7 @@ process claims runs before it does them, so that several can share a study. A cl
 `LEASE` seconds and is renewed; one that was not renewed is void, and doing its run twice does no
 harm, because both give the same numbers.
 
-What is read is verified: SQLite's structure when a store is opened, each row by its checksum. A
+Reading verifies: SQLite's structure when a store is opened, each row by its checksum. A
 store that is not as it was written is refused.
 """
 
@@ -14,10 +14,9 @@ import os
 import socket
 import time
 import uuid
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from sqlalchemy import Connection, delete, inspect, or_, select, update
 from sqlalchemy.dialects import postgresql, sqlite
@@ -31,7 +30,6 @@ from ematwin.errors import FileError
 LEASE = 30.0  # s for which a claim holds without being renewed
 _PAGE = 1000  # runs read at a time; between pages others may write
 _LOCK = 0x656D6174  # of PostgreSQL, for making the tables
-_Answer = TypeVar("_Answer")
 
 
 def open_store(where: str | Path, *, patience: float = 120.0) -> "Store":
@@ -80,9 +78,8 @@ class Store:
         self.name = self._database.name
         self.owner = owner or f"{socket.gethostname()} {os.getpid()} {uuid.uuid4().hex[:12]}"
         self._documents: dict[str, Any] = {}  # read or written so far
-        with self._naming_damage():
-            self._database.check_whole()
-        self.begun = self._database.exists and self._read(self._look, patient=False)
+        self._database.check_whole()
+        self.begun = self._database.exists and self._database.read(self._look, patient=False)
 
     def __enter__(self) -> "Store":
         return self
@@ -98,7 +95,7 @@ class Store:
 
     def settings(self) -> dict[str, Any]:
         """Give what all runs share, see `ematwin.benchmarking.plan.Plan.settings`."""
-        found: dict[str, Any] = json.loads(self._read(self._said)["settings"])
+        found: dict[str, Any] = json.loads(self._database.read(self._said)["settings"])
         return found
 
     def check(self, settings: Mapping[str, Any]) -> None:
@@ -116,8 +113,7 @@ class Store:
             If the store holds another study, or cannot be written.
         """
         self.check(settings)
-        with self._naming_damage():
-            self._database.write(lambda connection: self._begin(connection, settings))
+        self._database.write(lambda connection: self._begin(connection, settings))
         self.begun = True
 
     # --- runs ----------------------------------------------------------------------------------
@@ -125,7 +121,9 @@ class Store:
     def statuses(self) -> dict[str, str]:
         """Give ids of the finished runs and how they ended; histories stay where they are."""
         query = select(rows.runs.c.id, rows.runs.c.status)
-        return self._read(lambda connection: {row[0]: row[1] for row in connection.execute(query)})
+        return self._database.read(
+            lambda connection: {id: status for id, status in connection.execute(query)}
+        )
 
     def runs(self) -> Iterator[StoredRun]:
         """Yield all finished runs, by id.
@@ -137,7 +135,7 @@ class Store:
         """
         last = ""
         while True:
-            page = self._read(lambda connection, last=last: self._page(connection, last))  # type: ignore[misc]
+            page = self._database.read(lambda connection, last=last: self._page(connection, last))  # type: ignore[misc]
             yield from page
             if len(page) < _PAGE:
                 return
@@ -181,22 +179,6 @@ class Store:
         query = delete(rows.claims).where(rows.claims.c.owner == self.owner)
         self._database.write(lambda connection: connection.execute(query))
 
-    # --- damage --------------------------------------------------------------------------------
-
-    def _read(self, work: Callable[[Connection], _Answer], patient: bool = True) -> _Answer:
-        with self._naming_damage():
-            return self._database.read(work, patient)
-
-    @contextmanager
-    def _naming_damage(self) -> Iterator[None]:
-        try:
-            yield
-        except DamagedError as error:
-            raise FileError(
-                f"The store {self.name} is damaged: {error}. Put a copy in its place, or give "
-                "another --store."
-            ) from None
-
     # --- within transactions -------------------------------------------------------------------
 
     def _look(self, connection: Connection) -> bool:
@@ -216,19 +198,16 @@ class Store:
     def _said(self, connection: Connection) -> dict[str, str]:
         """Read format, schema and settings from the table of the study, verified."""
         columns = rows.study.c
-        found = {row[0]: row[1] for row in connection.execute(select(columns.key, columns.value))}
+        found = {
+            key: value for key, value in connection.execute(select(columns.key, columns.value))
+        }
         schema = found.get("schema")
         if found.get("format") == rows.FORMAT and schema != str(rows.SCHEMA):
-            if schema == "1":
-                raise FileError(
-                    f"The store {self.name} was written by ematwin 0.1, whose runs have no "
-                    "checksums. Repeat the study, or read it with ematwin 0.2."
-                )
-            if isinstance(schema, str) and schema.isdecimal():
-                raise FileError(
-                    f"The store {self.name} has schema {schema}, and this ematwin knows schema "
-                    f"{rows.SCHEMA}. Update ematwin, or give another --store."
-                )
+            raise FileError(
+                f"The store {self.name} has schema {schema}, and this ematwin knows schema "
+                f"{rows.SCHEMA} (2 since version 0.2). Use the ematwin that wrote it, or give "
+                "another --store."
+            )
         if found.get("checksum") != rows.study_checksum(found):
             raise DamagedError("the row of the study's settings differs from its checksum")
         return found

@@ -77,7 +77,7 @@ def run_study(
     FileError
         If the store holds another study, or cannot be written.
     EngineError
-        If the engine cannot be reached or was lost; what is finished is in the store.
+        If the engine cannot be reached or was lost; finished runs are in the store.
     """
     settings = plan.settings()
     store.check(settings)

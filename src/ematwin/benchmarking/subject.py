@@ -1,4 +1,4 @@
-"""Subject: the actuator of a study, and what is searched of it.
+"""Subject: the actuator of a study and its searched unknowns.
 
 Runs carry their actuator as plain values, so that neither a worker nor a report needs its file. Its
 faults and nuisances are searched; vectors hold their values in the order of its unknowns.
@@ -118,7 +118,7 @@ class Subject:
 
     @cached_property
     def magnitudes(self) -> list[int]:
-        """Places of the faults that are no direction of another: what a diagnosis names."""
+        """Places of the faults that a diagnosis names: all but directions."""
         return [
             n
             for n, one in enumerate(self.unknowns)
@@ -135,7 +135,7 @@ class Subject:
         ]
 
     def vector(self, given: Any) -> tuple[float, ...]:
-        """(d,) tuple of values given by name; what is not given is healthy.
+        """(d,) tuple of values given by name; missing ones are healthy.
 
         Raises
         ------
@@ -152,7 +152,7 @@ class Subject:
         return tuple(float(values[name]) for name in self.names)
 
     def values(self, vector: Sequence[float] | np.ndarray) -> dict[str, float]:
-        """All unknowns by name of a vector (d,); what is not searched is healthy."""
+        """All unknowns by name of a vector (d,); those not searched are healthy."""
         found = self.model.healthy(self.actuator)
         found.update(zip(self.names, map(float, vector), strict=True))
         return found

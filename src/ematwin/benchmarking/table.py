@@ -43,8 +43,8 @@ class RunTable:
     Attributes
     ----------
     subject : the actuator and its d searched unknowns
-    cases, algorithms : names, those of the kind and of ``ematwin algorithms`` first and in their
-        order
+    cases, algorithms : names; first those that the kind and ``ematwin algorithms`` know, in
+        their order
     frame : DataFrame, a row for each run, ordered by case, algorithm and repetition: id, case,
         algorithm, run, seeds, budget, status, err and other numbers (NaN unless done), stopped,
         injected_ and found_ of each unknown
@@ -117,16 +117,14 @@ def collect(runs: Iterable[StoredRun]) -> RunTable:
     cases = _in_order({row["case"] for row in rows}, subject.cases())
     known = [method.name for method in methods()]
     algorithms = _in_order({row["algorithm"] for row in rows}, known)
-    case_place = {name: n for n, name in enumerate(cases)}
-    place = {name: n for n, name in enumerate(algorithms)}
-
-    def key_of(n: int) -> tuple[int, int, int, str]:
-        row = rows[n]
-        return case_place[row["case"]], place[row["algorithm"]], row["run"], row["id"]
-
-    order = sorted(range(len(rows)), key=key_of)
+    frame = frame_of_rows(rows)
+    keys = {
+        "case": frame["case"].map(cases.index),
+        "algorithm": frame["algorithm"].map(algorithms.index),
+    }
+    order = frame.assign(**keys).sort_values(["case", "algorithm", "run", "id"]).index
     return RunTable(
-        subject, cases, algorithms, frame_of_rows(rows[n] for n in order),
+        subject, cases, algorithms, frame.loc[order].reset_index(drop=True),
         [histories[n] for n in order], settings, provenance,
     )  # fmt: skip
 

@@ -6,7 +6,6 @@ from typing import Any
 
 from ematwin.benchmarking.analysis import StudyAnalysis
 from ematwin.benchmarking.ranks import ALPHA, RankComparison
-from ematwin.benchmarking.summary import matrix
 from ematwin.estimation.search import methods as all_methods
 from ematwin.report.page import Row, Table
 
@@ -93,16 +92,6 @@ def by_case(values: Any, shown: Callable[[float], str], average: bool = False) -
     return Table(["case", *values.columns], rows[:MOST_ROWS])
 
 
-def average_ranks(analysis: StudyAnalysis) -> Table:
-    """Give average ranks by several middles, best first by mean Err%."""
-    by = analysis.ranks_by
-    rows = [
-        Row([name, *(number(ranks[name]) for ranks in by.values())])
-        for name in analysis.ranks.order
-    ]
-    return Table(["algorithm", *(f"rank by {one}" for one in by)], rows)
-
-
 def pairs(ranks: RankComparison) -> Table:
     """List every two algorithms; those that differ are marked."""
     rows = [
@@ -116,20 +105,6 @@ def pairs(ranks: RankComparison) -> Table:
         for one in ranks.pairs
     ]
     return Table(["pair", "p, Wilcoxon", "p, Holm", "A12"], rows)
-
-
-def effects(analysis: StudyAnalysis, best: str) -> Table:
-    """Give A12 of one algorithm against each other, case by case."""
-    found = analysis.effects
-    first = found[found["first"] == best].rename(columns={"second": "algorithm"})
-    second = found[found["second"] == best].rename(columns={"first": "algorithm"})
-    columns = ["case", "algorithm", "a12"]
-    both = first[columns].merge(
-        second.assign(a12=1.0 - second["a12"])[columns], how="outer", sort=False
-    )
-    others = [name for name in analysis.table.algorithms if name != best]
-    values = matrix(both, "a12").reindex(index=analysis.table.cases, columns=others)
-    return by_case(values, lambda value: number(value, 2))
 
 
 def times(analysis: StudyAnalysis) -> Table:

@@ -1,18 +1,11 @@
-"""``ematwin actuators`` and ``ematwin scenarios``: what is shipped, of every kind."""
+"""``ematwin actuators``, ``scenarios`` and ``algorithms``: lists of all that can be named."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from ematwin.cli import complete
-from ematwin.cli.options import (
-    ForceOption,
-    JsonOption,
-    UnitsOption,
-    print_json,
-    print_notes,
-)
+from ematwin.cli import complete, options
 
 
 def actuators(
@@ -27,9 +20,9 @@ def actuators(
         Path | None,
         typer.Option(help="Write its parameters to this file (.toml), as a start for your own."),
     ] = None,
-    force: ForceOption = False,
-    units: UnitsOption = None,
-    json: JsonOption = False,
+    force: options.ForceOption = False,
+    units: options.UnitsOption = None,
+    json: options.JsonOption = False,
 ) -> None:
     """List the actuators of all kinds, or show one: parameters, channels, faults."""
     from ematwin.errors import InputError
@@ -48,11 +41,11 @@ def actuators(
             raise InputError("--out needs the name of an actuator; see ematwin actuators.")
         found = [load_actuator(key) for key in shipped_actuators()]
         if json:
-            print_json({one.name: one.description for one in found})
+            options.print_json({one.name: one.description for one in found})
         else:
             for one in found:
                 typer.echo(f"{one.name:<12} {one.kind:<12} {one.description}")
-            print_notes("Warning", broken_kinds())
+            options.print_notes("Warning", broken_kinds())
         return
     actuator = load_actuator(name)
     model = model_of(actuator)
@@ -61,7 +54,7 @@ def actuators(
         check_target(out, (".toml",), replace=force)
         write_text(out, actuator.template(parameter_table(name, shipped_actuators())))
     if json:
-        print_json(
+        options.print_json(
             {
                 "name": actuator.name,
                 "kind": model.kind,
@@ -83,7 +76,7 @@ def actuators(
                     }
                     for one in model.unknowns(actuator)
                 },
-                "out": None if out is None else str(out),
+                "out": out,
             }
         )  # fmt: skip
         return
@@ -105,12 +98,11 @@ def actuators(
     typer.echo("\nChannels of a recording")
     for channel in model.channels:
         typer.echo(f"{channel.name:<20} {channel.unit:<8} {channel.meaning}")
-    if out is not None:
-        typer.echo(f"wrote {out}")
+    options.print_written(out)
 
 
 def scenarios(
-    json: JsonOption = False,
+    json: options.JsonOption = False,
 ) -> None:
     """List the shipped scenarios of all kinds."""
     from ematwin.models.registry import models
@@ -121,7 +113,7 @@ def scenarios(
         for key in model.scenarios()
     ]
     if json:
-        print_json(
+        options.print_json(
             {
                 s.name: {"duration": s.duration, "description": s.description, "kind": kind}
                 for kind, s in found
@@ -130,3 +122,26 @@ def scenarios(
         return
     for kind, s in found:
         typer.echo(f"{s.name:<14} {kind:<12} {s.duration:>5.4g} s  {s.description}")
+
+
+def algorithms(
+    json: options.JsonOption = False,
+) -> None:
+    """List the search algorithms with sources, departures and tuning, and the presets."""
+    from ematwin.estimation.search import methods
+    from ematwin.optimizers.base import EXTRA
+    from ematwin.optimizers.registry import PRESETS
+
+    found = methods()
+    if json:
+        options.print_json([{**vars(one), "aliases": list(one.aliases)} for one in found])
+        return
+    for one in found:
+        state = "" if one.installed else f'  not installed: pip install "ematwin[{EXTRA}]"'
+        typer.echo(f"{one.name:<20} {one.title}{state}")
+        for label, text in (
+            ("from", one.source), ("departures", one.departures), ("tuned on", one.tuned_on)
+        ):  # fmt: skip
+            typer.echo(f"{'':<20}   {label}: {text}")
+    for name, members in PRESETS.items():
+        typer.echo(f"{name:<20} in a study: {', '.join(members)}")

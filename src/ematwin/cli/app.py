@@ -14,7 +14,6 @@ from typer.core import TyperGroup
 
 from ematwin.cli import (
     actuators,
-    algorithms,
     bench,
     calibrate,
     channels,
@@ -27,7 +26,6 @@ from ematwin.cli import (
     identifiability,
     identify,
     report,
-    serve,
     simulate,
     units,
     watch,
@@ -64,7 +62,7 @@ app.command("identify")(identify.identify)
 app.command("calibrate")(calibrate.calibrate)
 app.command("detect")(detect.detect)
 app.command("watch")(watch.watch)
-app.command("serve")(serve.serve)
+app.command("serve")(explore.serve)
 app.command("explore")(explore.explore)
 app.command("identifiability")(identifiability.identifiability)
 app.command("design")(design.design)
@@ -73,7 +71,7 @@ app.command("export-fmu")(export_fmu.export_fmu)
 app.command("channels")(channels.channels)
 app.command("actuators")(actuators.actuators)
 app.command("scenarios")(actuators.scenarios)
-app.command("algorithms")(algorithms.algorithms)
+app.command("algorithms")(actuators.algorithms)
 app.command("units")(units.units)
 app.command("bench")(bench.bench)
 app.command("report")(report.report)
@@ -148,7 +146,7 @@ def _say_compiling() -> None:
 
 
 def _usage_sentence(error: Any) -> str:
-    """What is wrong with the options, what was received, and where help is."""
+    """The error in the options, the text received, and where help is."""
     text = error.format_message().strip().rstrip(".")
     received = _received(getattr(error, "param", None))
     if received is not None and received not in text:

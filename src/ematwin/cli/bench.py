@@ -14,7 +14,7 @@ def bench(
     """Measure speed and memory of the twin on this machine against the project's targets."""
     from rich.console import Console
 
-    from ematwin.bench.twin import MEASUREMENTS, machine
+    from ematwin.bench import MEASUREMENTS, machine
 
     console = Console(stderr=True)
     figures = []

@@ -5,19 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ematwin.cli.options import (
-    ForceOption,
-    JsonOption,
-    MapOption,
-    RecordedActuatorOption,
-    ReportOption,
-    UnitsOption,
-    print_json,
-    print_notes,
-    print_table,
-    progress_bar,
-    terminal_width,
-)
+from ematwin.cli import options
 from ematwin.cli.recordings import choice, known_fault, load, meant, remarks
 
 if TYPE_CHECKING:
@@ -35,11 +23,8 @@ def calibrate(
         ),
     ],
     out: Annotated[Path, typer.Option(help="Where to write the calibrated actuator (.toml).")],
-    actuator: RecordedActuatorOption = None,
-    where: Annotated[
-        list[str] | None,
-        typer.Option(help="Use only recordings with this label: condition=normal. Repeatable."),
-    ] = None,
+    actuator: options.RecordedActuatorOption = None,
+    where: options.WhereOption = None,
     known: Annotated[
         list[str] | None,
         typer.Option(
@@ -67,15 +52,12 @@ def calibrate(
             "later occasion; one run is enough. Actuator and known faults stay as in it."
         ),
     ] = None,
-    column: Annotated[
-        list[str] | None,
-        typer.Option(help='Which channel is what, e.g. set_point="Demand [mm]". Repeatable.'),
-    ] = None,
-    map_file: MapOption = None,
-    report: ReportOption = None,
-    force: ForceOption = False,
-    units: UnitsOption = None,
-    json: JsonOption = False,
+    column: options.ColumnOption = None,
+    map_file: options.MapOption = None,
+    report: options.ReportOption = None,
+    force: options.ForceOption = False,
+    units: options.UnitsOption = None,
+    json: options.JsonOption = False,
 ) -> None:
     """Learn from healthy recordings how an actuator behaves and how far healthy runs differ."""
     from ematwin.files import check_target
@@ -85,8 +67,7 @@ def calibrate(
     from ematwin.recordings.motions import fitting
 
     check_target(out, (".toml",), replace=force or is_as_written(out))
-    if report is not None:
-        check_target(report, (".html",))
+    options.check_outputs(report)
     before = None if add is None else Calibration.load(add)
     if before is not None:
         template = before.actuator
@@ -101,7 +82,7 @@ def calibrate(
         f"{fault}: {text.partition(':')[2]}": fitting(recordings, labels)
         for text, fault, labels in taught
     }
-    with progress_bar("Calibrating", not json) as progress:
+    with options.progress_bar("Calibrating", not json) as progress:
         found = run(
             fitting(recordings, wanted),
             template,
@@ -117,20 +98,18 @@ def calibrate(
         found.report(report)
     assumed, doubtful = remarks(recordings)
     if json:
-        print_json({**found.as_dict(), "out": str(out), "assumed": assumed, "warnings": doubtful})
+        options.print_json(
+            {**found.as_dict(), "out": out, "assumed": assumed, "warnings": doubtful}
+        )
         return
     print_calibration(found)
-    print_notes("Assumed", assumed)
-    print_notes("Warning", doubtful)
-    for path in (out, report):
-        if path is not None:
-            typer.echo(f"wrote {path}")
+    options.print_notes("Assumed", assumed)
+    options.print_notes("Warning", doubtful)
+    options.print_written(out, report)
 
 
 def print_calibration(report: "CalibrationReport") -> None:
-    """Fitted parameters, what they leave open, and the spread between runs, for people."""
-    from rich.table import Table
-
+    """Print fitted parameters, undetermined ones, and the spread between runs."""
     from ematwin.report.calibration import (
         forms_sentences,
         misfit_sentence,
@@ -140,20 +119,15 @@ def print_calibration(report: "CalibrationReport") -> None:
     )
 
     shown = parameter_table(report)
-    table = Table(title="Parameters", title_justify="left")
     # what is not determined is also said below the table
-    columns = len(shown.header) if terminal_width() >= _WIDE else 3
-    for heading in shown.header[:columns]:
-        text = heading in {"parameter", ""}
-        table.add_column(heading, justify="left" if text else "right", overflow="fold")
-    for row in shown.rows:
-        table.add_row(*row.cells[:columns])
+    columns = len(shown.header) if options.terminal_width() >= _WIDE else 3
     if shown.rows:
-        print_table(table, 110)
+        rows = [row.cells[:columns] for row in shown.rows]
+        options.print_table("Parameters", shown.header[:columns], rows, texts=("",), width=110)
     for sentence in (
         *forms_sentences(report), *open_sentences(report), misfit_sentence(report),
         *spread_sentences(report)
     ):  # fmt: skip
         if sentence:
             typer.echo(sentence)
-    print_notes("Warning", report.notes)
+    options.print_notes("Warning", report.notes)

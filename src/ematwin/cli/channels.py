@@ -1,19 +1,11 @@
-"""``ematwin channels``: what a file holds, which channel is which; ``--column`` and ``--map``."""
+"""``ematwin channels``: the channels of a file and a proposed map; ``--column`` and ``--map``."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ematwin.cli.options import (
-    ForceOption,
-    JsonOption,
-    RecordedActuatorOption,
-    print_json,
-    print_notes,
-    print_table,
-    progress_bar,
-)
+from ematwin.cli import options
 
 if TYPE_CHECKING:
     from ematwin.recordings.proposal import Proposal
@@ -39,19 +31,19 @@ def channels(
     file: Annotated[
         Path, typer.Argument(help="CSV, Parquet, Excel, MAT, MDF4, TDMS, HDF5, ULog or MCAP.")
     ],
-    actuator: RecordedActuatorOption = None,
+    actuator: options.RecordedActuatorOption = None,
     write: Annotated[
         Path | None, typer.Option(help="Write the proposed map here (.toml), for identify --map.")
     ] = None,
     plot: Annotated[
         Path | None, typer.Option(help="Write a page with every channel here (.html).")
     ] = None,
-    force: ForceOption = False,
-    json: JsonOption = False,
+    force: options.ForceOption = False,
+    json: options.JsonOption = False,
 ) -> None:
     """List the channels of a file, and propose which is which, with reasons.
 
-    Names, units, rates, ranges and a small plot of each. What the file does not tell is asked.
+    Names, units, rates, ranges and a small plot of each. Open choices are asked.
     """
     from ematwin.cli.recordings import meant
     from ematwin.files import check_target, write_text
@@ -61,10 +53,9 @@ def channels(
 
     if write is not None:
         check_target(write, (".toml",), replace=force)
-    if plot is not None:
-        check_target(plot, (".html",))
+    options.check_outputs(plot)
     chosen = load_actuator(actuator or meant([file], None, None))
-    with progress_bar(f"Reading {file.name}", not json) as progress:
+    with options.progress_bar(f"Reading {file.name}", not json) as progress:
         found = survey(file, progress=progress)
         proposal = propose_map(file, chosen, found)
     if write is not None:
@@ -74,54 +65,52 @@ def channels(
 
         write_text(plot, channels_page(found, proposal))
     if json:
-        print_json(
+        options.print_json(
             {
-                "file": str(file),
+                "file": file,
                 "format": found.kind,
                 "channels": [one.as_dict() for one in found.channels],
                 "assumed": list(found.assumed),
                 "map": proposal.as_dict(),
-                "written": None if write is None else str(write),
-                "plot": None if plot is None else str(plot),
+                "written": write,
+                "plot": plot,
             }
         )
         return
     print_channels(found, proposal)
     print_proposal(proposal, file, actuator or chosen.name, write)
-    if plot is not None:
-        typer.echo(f"wrote {plot}")
+    options.print_written(plot)
 
 
 def print_channels(found: "Survey", proposal: "Proposal") -> None:
     """A row for each channel."""
-    from rich.table import Table
-
     from ematwin.recordings.proposal import rate_of
 
     meant = {entry.channel: name for name, entry in proposal.entries.items()}
     counted = rate_of(found, proposal.entries.get("time"))
-    table = Table(title=f"Channels of {found.path.name}", title_justify="left")
-    table.add_column("channel")
-    for heading in ("unit", "rate", "range"):
-        table.add_column(heading, justify="right")
-    table.add_column("shape", no_wrap=True)
-    table.add_column("taken for")
+    rows = []
     for one in found.channels:
         rate = counted if one.rate is None and not one.is_text else one.rate
-        table.add_row(
-            one.name,
-            one.unit or "-",
-            "-" if rate is None else f"{rate:.6g} Hz",
-            one.text if one.is_text else f"{one.low:.4g} to {one.high:.4g}",
-            sparkline(one),
-            meant.get(one.name, ""),
+        rows.append(
+            [
+                one.name,
+                one.unit or "-",
+                "-" if rate is None else f"{rate:.6g} Hz",
+                one.text if one.is_text else f"{one.low:.4g} to {one.high:.4g}",
+                sparkline(one),
+                meant.get(one.name, ""),
+            ]
         )
-    print_table(table, 160)
-    print_notes("Assumed", (f"{text[0].upper()}{text[1:]}." for text in found.assumed))
+    headings = ("channel", "unit", "rate", "range", "shape", "taken for")
+    options.print_table(
+        f"Channels of {found.path.name}", headings, rows, texts=headings[-2:], whole=["shape"],
+        width=160,
+    )  # fmt: skip
+    options.print_notes("Assumed", (f"{text[0].upper()}{text[1:]}." for text in found.assumed))
 
 
 def print_proposal(proposal: "Proposal", file: Path, actuator: str, written: Path | None) -> None:
-    """The map with its reasons, what is open, and what to do next."""
+    """Print the map with its reasons, open questions, and the next command."""
     typer.echo(f"\nProposed map for the kind {proposal.kind}:")
     for name, entry in proposal.entries.items():
         unit = f"{' or '.join(entry.units)}: which?" if entry.is_open else entry.unit
@@ -134,9 +123,9 @@ def print_proposal(proposal: "Proposal", file: Path, actuator: str, written: Pat
     if proposal.unused:
         typer.echo(f"Not used: {', '.join(proposal.unused)}")
     if proposal.refused:
-        print_notes("A recording read so would be refused", proposal.check)
+        options.print_notes("A recording read so would be refused", proposal.check)
     else:
-        print_notes("Warning", proposal.check)
+        options.print_notes("Warning", proposal.check)
     if written is None:
         typer.echo(f"Next: ematwin channels {file} --actuator {actuator} --write map.toml")
         return

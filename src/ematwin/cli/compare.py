@@ -1,17 +1,14 @@
 """``ematwin compare``: many searches, compared fairly."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ematwin.cli import complete
-from ematwin.cli.options import JsonOption, print_json
+from ematwin.cli import complete, options
 
 if TYPE_CHECKING:
     from ematwin.benchmarking.engines.base import Engine
-    from ematwin.benchmarking.study import Progress, Tally
+    from ematwin.benchmarking.study import Tally
 
 
 def compare(
@@ -37,9 +34,7 @@ def compare(
     population: Annotated[int, typer.Option(help="Size of the population.")] = 50,
     iterations: Annotated[int, typer.Option(help="The budget is population times this.")] = 200,
     seed: Annotated[int, typer.Option(help="Seed of the study; all others follow from it.")] = 1,
-    noise: Annotated[
-        str | None, typer.Option(help="Sensor noise of the recordings, e.g. white=0.02,bits=12.")
-    ] = None,
+    noise: options.NoiseOption = None,
     box: Annotated[
         str, typer.Option(help="plain; or remapped, where healthy is not in a corner.")
     ] = "plain",
@@ -50,14 +45,7 @@ def compare(
             autocompletion=complete.actuators,
         ),
     ] = "servo48",
-    scenario: Annotated[
-        str | None,
-        typer.Option(
-            help="A scenario of the kind, or a TOML, CSV or Parquet file; the kind's default if "
-            "not given.",
-            autocompletion=complete.scenarios,
-        ),
-    ] = None,
+    scenario: options.ScenarioOption = None,
     store: Annotated[
         str, typer.Option(help="SQLite file, or postgresql://user@host/name.")
     ] = "study.db",
@@ -87,7 +75,7 @@ def compare(
     retry_failed: Annotated[
         bool, typer.Option("--retry-failed", help="Repeat failed and timed-out runs.")
     ] = False,
-    json: JsonOption = False,
+    json: options.JsonOption = False,
 ) -> None:
     """Compare search algorithms over fault cases; continue where an earlier call stopped."""
     from ematwin import Noise, load_actuator
@@ -110,11 +98,14 @@ def compare(
         scenario=scenario,
     )
     carrier = _engine(engine, scheduler, workers, time_limit, patience)
-    with Store(store) as opened, _shown(not json) as progress:
-        tally = run_study(plan, opened, carrier, retry_failed=retry_failed, progress=progress)
+    with Store(store) as opened, options.progress_bar("Runs", not json) as show:
+        tally = run_study(
+            plan, opened, carrier, retry_failed=retry_failed,
+            progress=lambda now: show(now.complete / now.planned, f"{now.complete}/{now.planned}"),
+        )  # fmt: skip
         where = opened.name
     if json:
-        print_json({"store": where, **vars(tally)})
+        options.print_json({"store": where, **vars(tally)})
         return
     _print(tally, where)
 
@@ -145,39 +136,6 @@ def _engine(
             raise InputError("A scheduler has its own workers; leave --workers out.")
         return DaskEngine(scheduler, workers or cores(), time_limit, patience)
     raise InputError(f"There is no engine {name!r}; choose local or dask.")
-
-
-@contextmanager
-def _shown(shown: bool) -> Iterator["Progress"]:
-    """A bar on standard error with the time left."""
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
-
-    console = Console(stderr=True)
-    columns = (
-        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
-        TextColumn("left"), TimeRemainingColumn(elapsed_when_finished=False),
-    )  # fmt: skip
-    with Progress(
-        *columns,
-        console=console,
-        transient=True,
-        disable=not (shown and console.is_terminal),
-        speed_estimate_period=600.0,
-    ) as bar:
-        task = bar.add_task("Runs", total=None)
-
-        def update(tally: "Tally") -> None:
-            bar.update(task, completed=tally.complete, total=tally.planned)
-
-        yield update
 
 
 def _print(tally: "Tally", where: str) -> None:

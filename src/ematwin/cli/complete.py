@@ -1,4 +1,4 @@
-"""What the shell completes for the value of an option: names, looked up when they are asked for.
+"""Completion of option values in the shell: names, looked up when they are asked for.
 
 The shell waits meanwhile: nothing is imported before, and no error ever reaches its prompt.
 """

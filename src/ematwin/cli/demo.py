@@ -5,13 +5,8 @@ from typing import Annotated
 
 import typer
 
-from ematwin.cli.identify import print_findings, search_bar
-from ematwin.cli.options import (
-    JsonOption,
-    UnitsOption,
-    print_json,
-    progress_bar,
-)
+from ematwin.cli import options
+from ematwin.cli.identify import print_findings
 
 SHEET = "servo48"
 # How the actuator differs from its data sheet, as factors: nobody knows these numbers.
@@ -38,8 +33,8 @@ def demo(
         bool,
         typer.Option("--fleet", help="Instead simulate a fleet, 60 actuators over three years."),
     ] = False,
-    units: UnitsOption = None,
-    json: JsonOption = False,
+    units: options.UnitsOption = None,
+    json: options.JsonOption = False,
 ) -> None:
     """Calibrate an unknown actuator on healthy records, and find the faults of a later one."""
     if fleet:
@@ -67,7 +62,7 @@ def demo(
     record_file, twin_file = folder / "today.parquet", folder / "calibrated.toml"
     sheet_file = folder / "sheet.toml"
     sheet.save(sheet_file)
-    with progress_bar("Compiling (first run only) and recording", not json) as progress:
+    with options.progress_bar("Compiling (first run only) and recording", not json) as progress:
         for n, file in enumerate(files):
             healthy = simulate("reference", actuator=actual, noise=sensor, seed=10 * seed + n)
             write(healthy, file)
@@ -77,25 +72,26 @@ def demo(
         progress(1.0)
     page = comparison_page(faulty, healthy, injected.as_dict(), sheet)
     write_text(folder / "simulated.html", page)
-    with progress_bar("Calibrating on the healthy records", not json) as progress:
+    with options.progress_bar("Calibrating on the healthy records", not json) as progress:
         twin = calibrate(files, sheet_file, name="calibrated", progress=progress)
     twin.save(twin_file)
     record = read(record_file)
-    with search_bar(not json) as progress_of_search:
-        found = identify(record, twin, seed=seed, progress=progress_of_search)
-        without = identify(record, sheet_file, seed=seed, progress=progress_of_search)
+    with options.progress_bar("searching", not json) as show:
+        tell = options.searching(show, "simulations", "misfit")
+        found = identify(record, twin, seed=seed, progress=tell)
+        without = identify(record, sheet_file, seed=seed, progress=tell)
     found.report(folder / "report.html")
     without.report(folder / "uncalibrated.html")
     if json:
-        print_json(
+        options.print_json(
             {
                 **found.as_dict(),
                 "injected": injected.as_dict(),
                 "uncalibrated": without.as_dict(),
-                "record": str(record_file),
-                "healthy_records": [str(file) for file in files],
-                "twin": str(twin_file),
-                "report": str(folder / "report.html"),
+                "record": record_file,
+                "healthy_records": files,
+                "twin": twin_file,
+                "report": folder / "report.html",
             }
         )
         return
@@ -128,7 +124,7 @@ def _fleet(folder: Path, seed: int, json: bool) -> None:
     if (folder / "rows").exists():
         raise InputError(f"{folder} holds a fleet already. Choose another with --folder.")
     fleet = Fleet(folder)
-    with progress_bar("Simulating the fleet", not json) as progress:
+    with options.progress_bar("Simulating the fleet", not json) as progress:
         SimulatedFleet(seed=seed).fill(fleet.store)
         progress(0.3)
         fleet.refresh()
@@ -136,10 +132,10 @@ def _fleet(folder: Path, seed: int, json: bool) -> None:
         progress(0.7)
         fleet.report(folder / "fleet.html")
     if json:
-        print_json(
+        options.print_json(
             {
-                "fleet": str(folder),
-                "report": str(folder / "fleet.html"),
+                "fleet": folder,
+                "report": folder / "fleet.html",
                 "advisories": {r["serial_number"]: r["advisory"] for r in fleet.table()},
             }
         )

@@ -8,20 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ematwin.cli import complete
-from ematwin.cli.options import (
-    ActuatorOption,
-    ForceOption,
-    JsonOption,
-    NoiseOption,
-    ReportOption,
-    UnitsOption,
-    numbers,
-    pairs,
-    print_json,
-    print_table,
-    progress_bar,
-)
+from ematwin.cli import options
 
 if TYPE_CHECKING:
     from ematwin.experiments.design import Design
@@ -32,15 +19,8 @@ _RECORDED = (".csv", ".parquet")
 
 def design(
     out: Annotated[Path, typer.Option(help="Write the command here (.toml).")],
-    actuator: ActuatorOption = "servo48",
-    scenario: Annotated[
-        str | None,
-        typer.Option(
-            help="The command to begin from: a shipped scenario or a TOML file; the kind's default "
-            "if not given.",
-            autocompletion=complete.scenarios,
-        ),
-    ] = None,
+    actuator: options.ActuatorOption = "servo48",
+    scenario: options.ScenarioOption = None,
     fault: Annotated[
         str | None,
         typer.Option(help="The fault to identify; the least identifiable one if not given."),
@@ -59,10 +39,8 @@ def design(
         list[str] | None,
         typer.Option(help="A fault at which to look, e.g. friction=0.25. Repeatable."),
     ] = None,
-    noise: NoiseOption = None,
-    exact: Annotated[
-        bool, typer.Option("--exact", help="Parameters, load and sensors are known exactly.")
-    ] = False,
+    noise: options.NoiseOption = None,
+    exact: options.ExactOption = False,
     check: Annotated[
         int, typer.Option(help="Identify so many simulated recordings of each command.", min=0)
     ] = 0,
@@ -85,10 +63,10 @@ def design(
         int | None, typer.Option(help="Commands to look at; a minute's worth if not given.", min=1)
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of faults, noise and search.", min=0)] = 1,
-    report: ReportOption = None,
-    force: ForceOption = False,
-    units: UnitsOption = None,
-    json: JsonOption = False,
+    report: options.ReportOption = None,
+    force: options.ForceOption = False,
+    units: options.UnitsOption = None,
+    json: options.JsonOption = False,
 ) -> None:
     """Find the test command with which the faults of an actuator are identified best."""
     from ematwin.errors import InputError
@@ -98,10 +76,9 @@ def design(
     from ematwin.recordings.noise import Noise
 
     check_target(out, (".toml",), replace=force)
-    if report is not None:
-        check_target(report, (".html",))
+    options.check_outputs(report)
     chosen = load_actuator(actuator)
-    options: dict[str, Any] = {
+    settings: dict[str, Any] = {
         "scenario": scenario,
         "duration": None if duration is None else parse_quantity(duration, "s", "--duration"),
         "noise": None if noise is None else Noise.parse(noise),
@@ -120,13 +97,14 @@ def design(
         from ematwin.report.design import discrimination_page
 
         first, second = _explanations(discriminate, actuator, chosen)
-        with _bar(not json, "distance") as (progress, _):
-            told = tell_apart(first, second, actuator, progress=progress, **options)
+        with options.progress_bar("searching", not json) as show:
+            tell = options.searching(show, "commands", "distance")
+            told = tell_apart(first, second, actuator, progress=tell, **settings)
         told.save(out)
         if report is not None:
             write_text(report, discrimination_page(told))
         if json:
-            print_json({**told.as_dict(), **_written(out, report)})
+            options.print_json({**told.as_dict(), "out": out, "report": report})
             return
         typer.echo(told.sentence)
     else:
@@ -134,29 +112,25 @@ def design(
         from ematwin.report.design import design_page
 
         if trials is not None:
-            options["trials"] = trials
-        with _bar(not json, "expected error") as (progress, trying):
+            settings["trials"] = trials
+        with options.progress_bar("searching", not json) as show:
             found = run(
-                actuator, fault=fault, faults=numbers(at or [], "--at"), progress=progress,
-                trying=trying, **options,
+                actuator, fault=fault, faults=options.numbers(at or [], "--at"),
+                progress=options.searching(show, "commands", "expected error"),
+                trying=lambda share: show(share, "identifying simulated recordings of the best"),
+                **settings,
             )  # fmt: skip
         found.save(out)
         if check:
-            with progress_bar(f"Identifying {2 * check} recordings", not json) as share:
+            with options.progress_bar(f"Identifying {2 * check} recordings", not json) as share:
                 found = found.check(check, seed=seed + 1, progress=share)
         if report is not None:
             write_text(report, design_page(found))
         if json:
-            print_json({**found.as_dict(), **_written(out, report)})
+            options.print_json({**found.as_dict(), "out": out, "report": report})
             return
         _print(found)
-    typer.echo(f"wrote {out}")
-    if report is not None:
-        typer.echo(f"wrote {report}")
-
-
-def _written(out: Path, report: Path | None) -> dict[str, str | None]:
-    return {"out": str(out), "report": None if report is None else str(report)}
+    options.print_written(out, report)
 
 
 def _limits(texts: list[str], actuator: "ParameterSet") -> dict[str, float]:
@@ -166,7 +140,7 @@ def _limits(texts: list[str], actuator: "ParameterSet") -> dict[str, float]:
 
     units = {one.name: one.unit for one in Experiment.of(actuator).demands}
     found = {}
-    for name, text in pairs(texts, "--limit").items():
+    for name, text in options.pairs(texts, "--limit").items():
         # a name that there is not is refused below, with those that there are
         found[name] = parse_quantity(text, units.get(name, ""), f"--limit {name}")
     return found
@@ -180,7 +154,8 @@ def _explanations(
 
     if len(texts) == 2:
         first, second = (
-            numbers([part.strip() for part in text.split(",")], "--discriminate") for text in texts
+            options.numbers([part.strip() for part in text.split(",")], "--discriminate")
+            for text in texts
         )
         return first, second
     if len(texts) != 1 or "=" in texts[0]:
@@ -212,7 +187,7 @@ def _explanations(
 
 
 def _answer(path: Path) -> tuple[dict[str, float], list[dict[str, float]]]:
-    """Values and other answers from what ``identify --json`` wrote."""
+    """Values and other answers in a file that ``identify --json`` wrote."""
     from ematwin.errors import FileError, InputError
 
     try:
@@ -226,43 +201,7 @@ def _answer(path: Path) -> tuple[dict[str, float], list[dict[str, float]]]:
         ) from None
 
 
-def _bar(shown: bool, what: str) -> Any:
-    """A live line on standard error: commands looked at and the best so far, then the trials."""
-    from contextlib import contextmanager
-
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-    @contextmanager
-    def live() -> Any:
-        console = Console(stderr=True)
-        with Progress(
-            TextColumn("{task.description}"),
-            BarColumn(),
-            TextColumn("{task.fields[state]}"),
-            TimeRemainingColumn(),
-            console=console,
-            transient=True,
-            disable=not (shown and console.is_terminal),
-        ) as bar:
-            task = bar.add_task("searching", total=1.0, state="")
-
-            def update(count: int, best: float, total: int) -> None:
-                state = f"{count}/{total} commands, best {what} {best:.3g}"
-                bar.update(task, completed=count, total=total, state=state)
-
-            def trying(share: float) -> None:
-                state = "identifying simulated recordings of the best"
-                bar.update(task, description="trying", completed=share, total=1.0, state=state)
-
-            yield update, trying
-
-    return live()
-
-
 def _print(found: "Design") -> None:
-    from rich.table import Table
-
     from ematwin.report.design import errors_table, price_table
 
     typer.echo(found.sentence)
@@ -270,12 +209,7 @@ def _print(found: "Design") -> None:
         ("Expected error of each fault", errors_table(found)),
         ("The price, on a healthy actuator (with faults)", price_table(found)),
     ):
-        table = Table(title=title, title_justify="left")
-        for n, heading in enumerate(content.header):
-            table.add_column(heading, justify="right" if n else "left")
-        for row in content.rows:
-            table.add_row(*row.cells)
-        print_table(table, 150)
+        options.print_table(title, content.header, [row.cells for row in content.rows])
     if found.held:
         typer.echo(
             f"Counted as known, because no command can determine them: {', '.join(found.held)}"

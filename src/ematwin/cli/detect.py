@@ -6,20 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ematwin.cli.options import (
-    FailOption,
-    JsonOption,
-    LoadOption,
-    MapOption,
-    ReportOption,
-    TableOption,
-    UnitsOption,
-    grades,
-    print_json,
-    print_notes,
-    print_table,
-    progress_bar,
-)
+from ematwin.cli import options
 from ematwin.cli.recordings import choice, constant_load, remarks, runs, runs_in
 from ematwin.cli.recordings import load as loaded
 from ematwin.errors import InputError
@@ -60,23 +47,17 @@ def detect(
             "judges) or each motion (recording)."
         ),
     ] = "run",
-    where: Annotated[
-        list[str] | None,
-        typer.Option(help="Use only recordings with this label: condition=normal. Repeatable."),
-    ] = None,
-    column: Annotated[
-        list[str] | None,
-        typer.Option(help='Which channel is what, e.g. set_point="Demand [mm]". Repeatable.'),
-    ] = None,
-    map_file: MapOption = None,
-    load: LoadOption = None,
-    report: ReportOption = None,
-    table: TableOption = None,
-    fail_on: FailOption = None,
-    units: UnitsOption = None,
-    json: JsonOption = False,
+    where: options.WhereOption = None,
+    column: options.ColumnOption = None,
+    map_file: options.MapOption = None,
+    load: options.LoadOption = None,
+    report: options.ReportOption = None,
+    table: options.TableOption = None,
+    fail_on: options.FailOption = None,
+    units: options.UnitsOption = None,
+    json: options.JsonOption = False,
 ) -> None:
-    """Judge recordings against the healthy actuator: what identify says of each, as a table.
+    """Judge recordings against the healthy actuator: the verdict of identify on each, as a table.
 
     healthy; changed: by no more than drift, or like no fault that can be named; fault: all faults
     by name, and an alarm; none: no verdict, with the reason.
@@ -86,8 +67,8 @@ def detect(
 
     if each not in _EACH:
         raise InputError(f"--each must be motion or run, received {each!r}.")
-    check_targets(table, report)
-    failing = grades(fail_on)
+    options.check_outputs(report, table)
+    failing = options.grades(fail_on)
     wanted = choice(where or [], "--where")
     recordings: Any
     calibration = None
@@ -104,7 +85,7 @@ def detect(
             records, column, map_file, calibration.actuator, *([wanted] if wanted else [])
         )
         given = constant_load(load, calibration.actuator)
-    with progress_bar("Judging", not json) as progress:
+    with options.progress_bar("Judging", not json) as progress:
         found = run(recordings, calibration, load=given, progress=progress)
     answer(found, recordings, each, table, report, json)
     if any(one.grade in failing for one in found.each(each)):
@@ -120,16 +101,6 @@ def _needed(actuator: Path | None) -> Path:
     return actuator
 
 
-def check_targets(table: Path | None, report: Path | None) -> None:
-    """Refuse a table or page that cannot be written, before any work is done."""
-    from ematwin.files import check_target
-
-    if report is not None:
-        check_target(report, (".html",))
-    if table is not None:
-        check_target(table, (".csv", ".parquet"))
-
-
 def answer(
     found: "Detection | Detections",
     recordings: "list[Recording] | Runs",
@@ -138,7 +109,7 @@ def answer(
     report: Path | None,
     json: bool,
 ) -> None:
-    """Write table and page if they are wanted, and print the verdicts with what was assumed."""
+    """Write table and page if they are wanted, and print the verdicts with assumptions."""
     from ematwin.monitoring.runs import Detections, Runs
 
     several = isinstance(found, Detections)
@@ -159,32 +130,28 @@ def answer(
             }
             for name, part in parts.items()
         ]
-        print_json(
+        options.print_json(
             {
                 **({"actuators": told} if several else told[0]),
                 "each": each,
                 "not_judged": found.missing,
-                "report": None if report is None else str(report),
+                "report": report,
                 "assumed": assumed,
                 "warnings": doubtful,
             }
         )
         return
     print_verdicts(parts, found.sentence, each)
-    print_notes("Assumed", assumed)
-    print_notes("Warning", doubtful)
-    for path in (table, report):
-        if path is not None:
-            typer.echo(f"wrote {path}")
+    options.print_notes("Assumed", assumed)
+    options.print_notes("Warning", doubtful)
+    options.print_written(table, report)
 
 
 def print_verdicts(parts: "Mapping[str, Detection]", sentence: str, each: str) -> None:
-    """The table for people, with the faults that some verdict names, and what is to be said.
+    """Print the table, with a column for each fault that some verdict names, and the notes.
 
-    ``parts`` holds what was found of each actuator; a single one may have the name "".
+    ``parts`` holds the verdicts on each actuator; a single one may have the name "".
     """
-    from rich.table import Table
-
     from ematwin.monitoring.diagnosis import counted, gathered_notes, gathered_reasons
 
     rows = [(name, one) for name, part in parts.items() for one in part.each(each)]
@@ -194,35 +161,34 @@ def print_verdicts(parts: "Mapping[str, Detection]", sentence: str, each: str) -
     covariates = [one.covariate.name for one in standing if one.covariate is not None]
     named = any(parts)
     by_run = any(part.by_run for part in parts.values())
-    table = Table()
-    for heading in (*(("actuator",) if named else ()), each if by_run else "recording", "verdict"):
-        table.add_column(heading)
     beside = list(dict.fromkeys(covariates))
-    for heading in (*columns, *beside, *(("index / limit",) if standing else ())):
-        table.add_column(heading, justify="right")
+    left = (*(("actuator",) if named else ()), each if by_run else "recording", "verdict")
+    cells = []
     for name, one in rows:
         magnitudes = {m.name: str(m) for m in one.magnitudes}
-        cells = [magnitudes.get(column, "") for column in columns]
+        row = [*([name] if named else []), one.name, one.said]
+        row += [magnitudes.get(column, "") for column in columns]
         at = one.standing
         if standing:
             covariate = None if at is None else at.covariate
-            cells += [str(covariate) if covariate else "" for _ in beside]
-            cells.append("" if at is None else f"{at.index:.2f} / {at.threshold:.2f}")
-        first = [name] if named else []
-        table.add_row(*first, one.name, one.said, *cells, style="bold" if one.alarm else None)
-    print_table(table, 200)
+            row += [str(covariate) if covariate else "" for _ in beside]
+            row.append("" if at is None else f"{at.index:.2f} / {at.threshold:.2f}")
+        cells.append(row)
+    headings = [*left, *columns, *beside, *(("index / limit",) if standing else ())]
+    bold = [n for n, (_, one) in enumerate(rows) if one.alarm]
+    options.print_table("", headings, cells, texts=left, bold=bold, width=200)
     if by_run and not named:
         (found,) = parts.values()
         for kind, verdicts in (("runs", found.runs), ("motions", found.motions)):
             typer.echo(counted(verdicts, kind))
     else:
         typer.echo(sentence)
-    print_notes("Why", gathered_reasons(shown))
-    print_notes("Note", gathered_notes(shown))
+    options.print_notes("Why", gathered_reasons(shown))
+    options.print_notes("Note", gathered_notes(shown))
 
 
 def _telling(one: "Diagnosis") -> list[str]:
-    """The magnitudes that a fault is named by, or else the one that is furthest from healthy."""
+    """Magnitudes of the named faults, or else the magnitude furthest from healthy."""
     named = [m.name for m in one.magnitudes if m.name in one.faults]
     return named or [max(one.magnitudes, key=lambda m: abs(m.score)).name]
 

@@ -1,20 +1,11 @@
-"""``ematwin explore``: the interactive twin, on a local page."""
+"""``ematwin explore`` and ``ematwin serve``: the interactive twin and a fleet, on local pages."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from ematwin.cli import complete
-from ematwin.cli.options import (
-    ColumnOption,
-    MapOption,
-    NoBrowserOption,
-    PortOption,
-    RecordedActuatorOption,
-    UnitsOption,
-    serve_page,
-)
+from ematwin.cli import options
 
 
 def explore(
@@ -25,19 +16,13 @@ def explore(
             "shown beside the healthy one."
         ),
     ] = None,
-    actuator: RecordedActuatorOption = None,
-    scenario: Annotated[
-        str | None,
-        typer.Option(
-            help="Without a recording: a shipped scenario, or a TOML, CSV or Parquet file.",
-            autocompletion=complete.scenarios,
-        ),
-    ] = None,
-    column: ColumnOption = None,
-    map_file: MapOption = None,
-    port: PortOption = 0,
-    units: UnitsOption = None,
-    no_browser: NoBrowserOption = False,
+    actuator: options.RecordedActuatorOption = None,
+    scenario: options.ScenarioOption = None,
+    column: options.ColumnOption = None,
+    map_file: options.MapOption = None,
+    port: options.PortOption = 0,
+    units: options.UnitsOption = None,
+    no_browser: options.NoBrowserOption = False,
 ) -> None:
     """Drag the faults of the twin, and see its answer beside a recording's, in the browser."""
     from ematwin.cli.channels import map_of
@@ -52,4 +37,17 @@ def explore(
         known = Calibration.of(actuator or meant([record], column, map_file))
         columns = map_of(column, map_file, known.actuator)
         recording = read(record, columns, actuator=known.actuator)
-    serve_page(Server(Explorer(recording, known, scenario), port), "The twin", no_browser)
+    options.serve_page(Server(Explorer(recording, known, scenario), port), "The twin", no_browser)
+
+
+def serve(
+    fleet: Annotated[Path, typer.Argument(help="The folder of `ematwin watch --fleet`.")],
+    port: options.PortOption = 0,
+    units: options.UnitsOption = None,
+    no_browser: options.NoBrowserOption = False,
+) -> None:
+    """Show a fleet in the browser, as it is at each moment: read only, on this machine only."""
+    from ematwin.fleet.fleet import Fleet
+    from ematwin.fleet.serve import FleetServer
+
+    options.serve_page(FleetServer(Fleet(fleet, create=False), port), "The fleet", no_browser)

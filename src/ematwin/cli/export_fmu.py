@@ -35,7 +35,7 @@ def export_fmu(
     if json:
         print_json(
             {
-                "out": str(written),
+                "out": written,
                 "actuator": chosen.name,
                 "kind": chosen.kind,
                 "fidelity": form,

@@ -4,19 +4,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ematwin.cli import complete
-from ematwin.cli.options import (
-    ActuatorOption,
-    JsonOption,
-    NoiseOption,
-    ReportOption,
-    UnitsOption,
-    numbers,
-    print_json,
-    print_notes,
-    print_table,
-    progress_bar,
-)
+from ematwin.cli import complete, options
 
 if TYPE_CHECKING:
     from ematwin.experiments.identifiability import Identifiability
@@ -32,7 +20,7 @@ def identifiability(
             autocompletion=complete.scenarios,
         ),
     ] = None,
-    actuator: ActuatorOption = "servo48",
+    actuator: options.ActuatorOption = "servo48",
     fault: Annotated[
         list[str] | None,
         typer.Option(
@@ -40,10 +28,8 @@ def identifiability(
             "Repeatable."
         ),
     ] = None,
-    noise: NoiseOption = None,
-    exact: Annotated[
-        bool, typer.Option("--exact", help="Parameters, load and sensors are known exactly.")
-    ] = False,
+    noise: options.NoiseOption = None,
+    exact: options.ExactOption = False,
     false_alarm: Annotated[
         float | None,
         typer.Option(
@@ -61,9 +47,9 @@ def identifiability(
             '(pip install "ematwin[sensitivity]").',
         ),
     ] = False,
-    report: ReportOption = None,
-    units: UnitsOption = None,
-    json: JsonOption = False,
+    report: options.ReportOption = None,
+    units: options.UnitsOption = None,
+    json: options.JsonOption = False,
 ) -> None:
     """Say which faults a command can reveal, and the smallest that it would.
 
@@ -71,13 +57,12 @@ def identifiability(
     """
     from ematwin.experiments.identifiability import FALSE_ALARM, MISS, ranked
     from ematwin.experiments.identifiability import identifiability as run
-    from ematwin.files import check_target, write_text
+    from ematwin.files import write_text
     from ematwin.recordings.noise import Noise
 
-    if report is not None:
-        check_target(report, (".html",))
+    options.check_outputs(report)
     sensor = None if noise is None else Noise.parse(noise)
-    values = numbers(fault or [], "--fault")
+    values = options.numbers(fault or [], "--fault")
     given: list[str | None] = [*commands] if commands else [None]
     found = ranked([
         run(
@@ -92,7 +77,7 @@ def identifiability(
         from ematwin.experiments.sensitivity import sensitivity
 
         for one in found:
-            with progress_bar(f"Varying all of {one.scenario.name}", not json) as progress:
+            with options.progress_bar(f"Varying all of {one.scenario.name}", not json) as progress:
                 parts[one.scenario.name] = sensitivity(
                     one.scenario, actuator, exact=exact, progress=progress
                 )
@@ -108,7 +93,7 @@ def identifiability(
             }
             for one in found
         ]
-        print_json({"commands": commands_told, "report": None if report is None else str(report)})
+        options.print_json({"commands": commands_told, "report": report})
         return
     for one in found:
         _print(one)
@@ -117,42 +102,24 @@ def identifiability(
     if len(found) > 1:
         names = ", ".join(f"{one.scenario.name} ({one.weakest.name})" for one in found)
         typer.echo(f"Best command first, with its least identifiable fault: {names}")
-    if report is not None:
-        typer.echo(f"wrote {report}")
+    options.print_written(report)
 
 
 def _print(found: "Identifiability") -> None:
-    from rich.table import Table
-
     from ematwin.experiments.identifiability import HEADINGS
 
-    table = Table(
-        title=f"{found.scenario.name}, {found.scenario.duration:g} s, on {found.actuator.name}",
-        title_justify="left",
-    )
-    for heading in HEADINGS:
-        number = heading not in (HEADINGS[0], HEADINGS[-1])
-        table.add_column(heading, justify="right" if number else "left")
-    for one in found.told:
-        table.add_row(*one.cells)
-    print_table(table, 150)
+    title = f"{found.scenario.name}, {found.scenario.duration:g} s, on {found.actuator.name}"
+    options.print_table(title, HEADINGS, [one.cells for one in found.told], texts=HEADINGS[-1:])
     typer.echo(
         f"Noise and the twin's own error {100.0 * found.noise:.2f} % of the answer; found: all but "
         f"{100.0 * found.miss:.3g} %, false alarms {100.0 * found.false_alarm:.2g} %."
     )
-    print_notes("No verdict", found.obstacles)
+    options.print_notes("No verdict", found.obstacles)
     typer.echo("")
 
 
 def _print_sobol(parts: "Sensitivity") -> None:
-    from rich.table import Table
-
     for channel, caption in parts.captions.items():
-        table = Table(title=f"Sobol indices: {caption}", title_justify="left")
-        table.add_column("unknown")
-        for heading in ("by itself", "in all"):
-            table.add_column(heading, justify="right")
-        for row in parts.rows(channel):
-            table.add_row(*row)
-        print_table(table, 150)
+        headings = ("unknown", "by itself", "in all")
+        options.print_table(f"Sobol indices: {caption}", headings, parts.rows(channel))
     typer.echo(f"From {parts.answers} answers; what is below 1 % is left out.\n")

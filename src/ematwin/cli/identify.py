@@ -1,33 +1,11 @@
-"""``ematwin identify``: recordings in, what they say of their actuator out."""
+"""``ematwin identify``: recordings in, faults of their actuator out."""
 
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
-from ematwin.cli import complete
-from ematwin.cli.options import (
-    ColumnOption,
-    FailOption,
-    JsonOption,
-    LoadOption,
-    MapOption,
-    RecordedActuatorOption,
-    ReportOption,
-    TableOption,
-    UnitsOption,
-    grades,
-    numbers,
-    pairs,
-    print_json,
-    print_notes,
-    print_table,
-    progress_bar,
-    terminal_width,
-)
+from ematwin.cli import complete, options
 from ematwin.cli.recordings import constant_load, meant, runs, runs_in
 from ematwin.errors import InputError
 
@@ -47,7 +25,7 @@ def identify(
             "(docs/recordings.md), a table of verdicts."
         ),
     ],
-    actuator: RecordedActuatorOption = None,
+    actuator: options.RecordedActuatorOption = None,
     algorithm: Annotated[
         str | None,
         typer.Option(
@@ -73,15 +51,15 @@ def identify(
         list[str] | None,
         typer.Option(help="Hold a fault that is not searched at a value, e.g. gain=0.6."),
     ] = None,
-    column: ColumnOption = None,
-    map_file: MapOption = None,
+    column: options.ColumnOption = None,
+    map_file: options.MapOption = None,
     resample_to: Annotated[
         str | None, typer.Option(help='Bring the record to this rate first, e.g. "20 kHz".')
     ] = None,
     gaps: Annotated[
         str, typer.Option(help="Holes in the record: refuse, longest or mask.")
     ] = "refuse",
-    load: LoadOption = None,
+    load: options.LoadOption = None,
     exact: Annotated[
         bool,
         typer.Option(
@@ -112,25 +90,25 @@ def identify(
     checkpoint: Annotated[
         Path | None, typer.Option(help="Keep a population method's state here; resume from it.")
     ] = None,
-    report: ReportOption = None,
-    table: TableOption = None,
-    fail_on: FailOption = None,
-    units: UnitsOption = None,
-    json: JsonOption = False,
+    report: options.ReportOption = None,
+    table: options.TableOption = None,
+    fail_on: options.FailOption = None,
+    units: options.UnitsOption = None,
+    json: options.JsonOption = False,
 ) -> None:
     """Find the faults with which the digital twin behaves like the recorded actuator."""
     from ematwin.cli.channels import map_of
-    from ematwin.cli.detect import answer, check_targets
+    from ematwin.cli.detect import answer
     from ematwin.models.reading import read
     from ematwin.monitoring.calibration import Calibration
     from ematwin.monitoring.gather import files_of, is_one
     from ematwin.monitoring.identify import identify as run
 
-    check_targets(table, report)
-    failing = grades(fail_on)
+    options.check_outputs(report, table)
+    failing = options.grades(fail_on)
     several = runs_in(records)
     recordings: Any
-    with progress_bar(f"Reading {records[0].name}", not json) as progress:
+    with options.progress_bar(f"Reading {records[0].name}", not json) as progress:
         reading: dict[str, Any] = {
             "resample_to": resample_to, "gaps": cast("Policy", gaps), "progress": progress,
         }  # fmt: skip
@@ -152,16 +130,16 @@ def identify(
         "iterations": iterations,
         "seed": seed,
         "only": None if only is None else [name.strip() for name in only.split(",")],
-        "held": numbers(hold or [], "--hold"),
+        "held": options.numbers(hold or [], "--hold"),
         "checkpoint": checkpoint,
         "load": constant_load(load, known.actuator),
         "exact": exact,
         "backend": backend,
         "uncertainty": uncertainty,
-        "thresholds": pairs(threshold or [], "--threshold"),
+        "thresholds": options.pairs(threshold or [], "--threshold"),
     }
     if several or len(records) > 1 or len(recordings) > 1 or not is_one(records[0]):
-        with progress_bar("Judging", not json) as show:
+        with options.progress_bar("Judging", not json) as show:
             judged = run(
                 recordings, known, algorithm, **settings,
                 progress=lambda done, cost, count: show(done / count),
@@ -172,13 +150,16 @@ def identify(
         return
     if table is not None:
         raise InputError("--table is of several recordings; give more, or a folder.")
-    with search_bar(not json) as progress_of_search:
+    with options.progress_bar("searching", not json) as show:
         # given away, so that what was sampled faster than it is compared can be freed
-        found = run(recordings.pop(), known, algorithm, **settings, progress=progress_of_search)
+        found = run(
+            recordings.pop(), known, algorithm, **settings,
+            progress=options.searching(show, "simulations", "misfit"),
+        )  # fmt: skip
     if report is not None:
         found.report(report)
     if json:
-        print_json({**found.as_dict(), "report": None if report is None else str(report)})
+        options.print_json({**found.as_dict(), "report": report})
     else:
         print_findings(found)
         if not found.calibrated:
@@ -186,58 +167,28 @@ def identify(
                 f"Not calibrated: {found.actuator.name} is known as far as its tolerances go. "
                 "ematwin calibrate learns your actuator from healthy recordings."
             )
-        if report is not None:
-            typer.echo(f"wrote {report}")
+        options.print_written(report)
     if found.verdict.grade in failing:
         raise typer.Exit(1)
 
 
-@contextmanager
-def search_bar(shown: bool) -> Iterator[Callable[[int, float, int], None]]:
-    """A live line on standard error: evaluations, best cost, time left."""
-    if not (shown and sys.stderr.isatty()):
-        yield lambda evaluations, cost, budget: None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-    with Progress(
-        TextColumn("searching"),
-        BarColumn(),
-        TextColumn("{task.completed:.0f}/{task.total:.0f} simulations"),
-        TextColumn("best misfit {task.fields[cost]}"),
-        TimeRemainingColumn(),
-        console=Console(stderr=True),
-        transient=True,
-    ) as bar:
-        task = bar.add_task("", total=1.0, cost="-")
-
-        def update(evaluations: int, cost: float, budget: int) -> None:
-            bar.update(task, completed=evaluations, total=budget, cost=f"{cost:.4g}")
-
-        yield update
-
-
 def print_findings(found: "Identification") -> None:
     """The verdict, then the table for people."""
-    from rich.table import Table
-
     from ematwin.estimation.findings import fault_cells
     from ematwin.showing.numbers import with_interval
 
     typer.echo(f"{found.verdict.sentence}\n")
-    table = Table(title=f"Faults of {found.actuator.name}", title_justify="left")
-    table.add_column("fault", no_wrap=True)
-    for heading in ("value", "95 % interval", "healthy", "k"):
-        table.add_column(heading, justify="right", no_wrap=True)
-    meanings = terminal_width() >= _WIDE
-    if meanings:
-        table.add_column("meaning")
-    for row in fault_cells(found):
-        cells = [row.name, row.value, row.interval, row.healthy, row.k]
-        cells += [row.meaning] if meanings else []
-        table.add_row(*cells, style="bold" if row.name in found.present else None)
-    print_table(table, 150)
+    headings = ["fault", "value", "95 % interval", "healthy", "k", "meaning"]
+    headings = headings if options.terminal_width() >= _WIDE else headings[:-1]
+    rows = fault_cells(found)
+    options.print_table(
+        f"Faults of {found.actuator.name}",
+        headings,
+        [(r.name, r.value, r.interval, r.healthy, r.k, r.meaning)[: len(headings)] for r in rows],
+        texts=["meaning"],
+        whole=headings[:5],
+        bold=[n for n, row in enumerate(rows) if row.name in found.present],
+    )
     for one in found.model.contrasts(found.actuator):
         if one.name in found.contrasts:
             value, (low, high) = found.contrasts[one.name]
@@ -252,20 +203,13 @@ def print_findings(found: "Identification") -> None:
         typer.echo("Interrupted: this is the best found so far.")
     if found.uncertainty is not None:
         print_uncertainty(found.uncertainty)
-    print_notes("Assumed", found.assumed)
-    print_notes("Warning", found.warnings)
+    options.print_notes("Assumed", found.assumed)
+    options.print_notes("Warning", found.warnings)
 
 
 def print_uncertainty(sure: "Uncertainty") -> None:
     """Intervals of the faults by the method that was asked for, and its probabilities."""
-    from rich.table import Table
-
-    table = Table(title=f"95 % by {sure.method}", title_justify="left")
-    for heading in sure.headings:
-        table.add_column(heading)
-    for row in sure.rows:
-        table.add_row(*row)
-    print_table(table, 150)
+    options.print_table(f"95 % by {sure.method}", sure.headings, sure.rows, texts=sure.headings)
     for sentence in sure.sentences:
         typer.echo(sentence)
-    print_notes("Doubt", sure.doubts)
+    options.print_notes("Doubt", sure.doubts)

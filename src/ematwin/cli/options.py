@@ -1,12 +1,13 @@
 """Options that several commands share, and how their texts become values."""
 
 import json
+import os
 import shutil
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -14,13 +15,32 @@ from ematwin.cli import complete
 from ematwin.cli.wording import for_shell
 from ematwin.errors import InputError
 
-# Options that several commands have.
+if TYPE_CHECKING:
+    from ematwin.showing.bars import Bar
+
 ActuatorOption = Annotated[
     str,
     typer.Option(
         help="A shipped parameter set of any kind, a TOML file, or a calibrated actuator.",
         autocompletion=complete.actuators,
     ),
+]
+ScenarioOption = Annotated[
+    str | None,
+    typer.Option(
+        help="A shipped scenario, or a TOML, CSV or Parquet file; the kind's default if not given.",
+        autocompletion=complete.scenarios,
+    ),
+]
+ExactOption = Annotated[
+    bool,
+    typer.Option(
+        "--exact", help="Parameters are exactly those of the actuator: no tolerances count."
+    ),
+]
+WhereOption = Annotated[
+    list[str] | None,
+    typer.Option(help="Use only recordings with this label: condition=normal. Repeatable."),
 ]
 ColumnOption = Annotated[
     list[str] | None,
@@ -132,9 +152,19 @@ def grades(text: str | None) -> set[str]:
     return found
 
 
+def check_outputs(page: Path | None, table: Path | None = None) -> None:
+    """Refuse a page or table that cannot be written, before any work is done."""
+    from ematwin.files import check_target
+
+    if page is not None:
+        check_target(page, (".html",))
+    if table is not None:
+        check_target(table, (".csv", ".parquet"))
+
+
 def print_json(answer: Any) -> None:
-    """An answer for a program, on standard output."""
-    typer.echo(json.dumps(answer, indent=2, allow_nan=False))
+    """An answer for a program, on standard output; paths are texts."""
+    typer.echo(json.dumps(answer, indent=2, allow_nan=False, default=os.fspath))
 
 
 def terminal_width() -> int:
@@ -142,36 +172,74 @@ def terminal_width() -> int:
     return shutil.get_terminal_size().columns if sys.stdout.isatty() else _FILE
 
 
-def print_table(table: Any, width: int) -> None:
-    """A table of rich: a terminal wraps it to its own width, a file gets all of it."""
+def print_table(
+    title: str,
+    headings: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    *,
+    texts: Collection[str] = (),
+    whole: Collection[str] = (),
+    bold: Collection[int] = (),
+    width: int = 150,
+) -> None:
+    """Print a table: a terminal wraps it to its width, a file gets all of it.
+
+    Parameters
+    ----------
+    texts : headings of columns of text, beside the first
+    whole : headings of columns that are not wrapped
+    bold : numbers of the rows that stand out
+    """
     from rich.console import Console
+    from rich.table import Table
 
     # the name of a file or channel is no markup
     console = Console(markup=False, emoji=False)
     if not console.is_terminal:
         console.width = width
+    table = Table(title=title or None, title_justify="left")
+    for n, heading in enumerate(headings):
+        is_text = n == 0 or heading in texts
+        table.add_column(
+            heading,
+            justify="left" if is_text else "right",
+            no_wrap=heading in whole,
+            overflow="ellipsis" if heading in whole else "fold",
+        )
+    for n, row in enumerate(rows):
+        table.add_row(*row, style="bold" if n in bold else None)
     console.print(table)
 
 
+def print_written(*paths: Path | None) -> None:
+    """The files that were written."""
+    for path in paths:
+        if path is not None:
+            typer.echo(f"wrote {path}")
+
+
 def print_notes(kind: str, notes: Iterable[str]) -> None:
-    """What there is to say of an answer, each on a line of its own: ``Warning: ...``."""
+    """Print notes on an answer, a line for each: ``Warning: ...``."""
     for note in notes:
         typer.echo(f"{kind}: {for_shell(note)}")
 
 
 @contextmanager
-def progress_bar(title: str, shown: bool = True) -> Iterator[Callable[[float], None]]:
-    """A bar on standard error; gives a function that takes the share done."""
-    if not (shown and sys.stderr.isatty()):
-        yield lambda share: None
-        return
-    from rich.console import Console
-    from rich.markup import escape
-    from rich.progress import Progress
+def progress_bar(title: str, shown: bool = True) -> "Iterator[Bar]":
+    """A bar on standard error; gives a function that takes the share done, and words beside it."""
+    from ematwin.showing.bars import in_terminal
 
-    with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(escape(title), total=1.0)  # the name of a file is no markup
-        yield lambda share: bar.update(task, completed=share)
+    if shown:
+        yield from in_terminal(title)
+    else:
+        yield lambda share, words="": None
+
+
+def searching(show: "Bar", what: str, best: str) -> Callable[[int, float, int], None]:
+    """Show on a bar how many of ``what`` were tried and the ``best`` value so far."""
+    return lambda done, value, count: show(
+        done / count, f"{done}/{count} {what}, best {best} {value:.4g}"
+    )
 
 
 def serve_page(server: Any, what: str, no_browser: bool) -> None:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ematwin.cli.options import JsonOption, print_json, print_table
+from ematwin.cli import options
 from ematwin.errors import InputError
 
 if TYPE_CHECKING:
@@ -66,8 +66,8 @@ def report(
     files = [] if out is None else write_report(analysis, out)
     if json:
         answer = analysis.as_dict()
-        answer["report"] = None if out is None else {"folder": str(out), "files": files}
-        print_json(answer)
+        answer["report"] = None if out is None else {"folder": out, "files": files}
+        options.print_json(answer)
         return
     print_summary(analysis)
     if out is not None:
@@ -76,20 +76,13 @@ def report(
 
 def print_summary(analysis: "StudyAnalysis") -> None:
     """Print success rates and conclusions for people."""
-    from rich.table import Table
-
     from ematwin.benchmarking.tables import diagnosis, success
 
     for title, source in (
         ("Share of runs that reached an Err%", success(analysis)),
         (f"Diagnosis at {analysis.threshold:g}", diagnosis(analysis)),
     ):
-        table = Table(title=title, title_justify="left")
-        for n, heading in enumerate(source.header):
-            table.add_column(heading, justify="right" if n else "left")
-        for row in source.rows:
-            table.add_row(*row.cells)
-        print_table(table, 140)
+        options.print_table(title, source.header, [row.cells for row in source.rows], width=140)
     for sentence in analysis.conclusions:
         typer.echo(f"- {sentence}")
 
@@ -100,13 +93,13 @@ def stores() -> None:
 
 
 @store.command("check")
-def check(store: Where, json: JsonOption = False) -> None:
+def check(store: Where, json: options.JsonOption = False) -> None:
     """Verify every run of a store by its checksum."""
     from ematwin.benchmarking.store import open_store
 
     with open_store(store) as opened:
         count = sum(1 for _ in opened.runs())
     if json:
-        print_json({"store": store, "runs": count, "damaged": []})
+        options.print_json({"store": store, "runs": count, "damaged": []})
     else:
         typer.echo(f"{store}: {count} runs, all as they were written.")

@@ -5,14 +5,7 @@ from typing import Annotated
 
 import typer
 
-from ematwin.cli import complete
-from ematwin.cli.options import (
-    JsonOption,
-    UnitsOption,
-    numbers,
-    print_json,
-    progress_bar,
-)
+from ematwin.cli import complete, options
 
 
 def simulate(
@@ -27,13 +20,7 @@ def simulate(
         str | None,
         typer.Option(help="For the brushless actuator: reference (default) or monitor."),
     ] = None,
-    scenario: Annotated[
-        str | None,
-        typer.Option(
-            help="A shipped scenario, or a TOML, CSV or Parquet file; the kind's own if not given.",
-            autocompletion=complete.scenarios,
-        ),
-    ] = None,
+    scenario: options.ScenarioOption = None,
     actuator: Annotated[
         str,
         typer.Option(
@@ -67,8 +54,8 @@ def simulate(
             help="Further channels, with commas, e.g. voltage_a,voltage_b,voltage_c or bus_current."
         ),
     ] = None,
-    units: UnitsOption = None,
-    json: JsonOption = False,
+    units: options.UnitsOption = None,
+    json: options.JsonOption = False,
 ) -> None:
     """Simulate an actuator with any mix of its faults."""
     from ematwin.errors import InputError
@@ -82,7 +69,7 @@ def simulate(
 
     chosen = load_actuator(actuator)
     kind = model_of(chosen)
-    values = kind.values_of(chosen, numbers(fault or [], "--fault"))
+    values = kind.values_of(chosen, options.numbers(fault or [], "--fault"))
     asked = kind.load_scenario(scenario)
     sensor = None if noise is None else Noise.parse(noise)
     if out is not None:
@@ -90,26 +77,25 @@ def simulate(
         for source in (scenario or "", actuator):
             if Path(source).is_file() and out.exists() and out.samefile(source):
                 raise InputError(f"--out {out} would overwrite its own input. Give another name.")
-    if plot is not None:
-        check_target(plot, (".html",))
+    options.check_outputs(plot)
     more = [] if also is None else [name.strip() for name in also.split(",") if name.strip()]
-    options = {
+    settings = {
         "noise": sensor, "seed": seed, "sample_rate": sample_rate, "step": step, "also": more,
     }  # fmt: skip
-    with progress_bar(f"Simulating {asked.duration:g} s", not json) as progress:
-        record = run(model, asked, values, chosen, progress=progress, **options)  # type: ignore[arg-type]
+    with options.progress_bar(f"Simulating {asked.duration:g} s", not json) as progress:
+        record = run(model, asked, values, chosen, progress=progress, **settings)  # type: ignore[arg-type]
     if out is not None:
         write(record, out)
     if plot is not None:
         from ematwin.report.comparison import comparison_page
 
-        with progress_bar("Simulating healthy", not json) as progress:
-            healthy = run(model, asked, None, chosen, progress=progress, **options)  # type: ignore[arg-type]
+        with options.progress_bar("Simulating healthy", not json) as progress:
+            healthy = run(model, asked, None, chosen, progress=progress, **settings)  # type: ignore[arg-type]
         write_text(plot, comparison_page(record, healthy, values, chosen))
     summary = kind.summary(record, chosen)
     described = kind.describe(chosen, values)
     if json:
-        print_json(
+        options.print_json(
             {
                 "model": model or kind.fidelities[0],
                 "kind": kind.kind,
@@ -124,8 +110,8 @@ def simulate(
                 "sample_rate": record.sample_rate,
                 **summary,
                 "seed": seed,
-                "out": None if out is None else str(out),
-                "plot": None if plot is None else str(plot),
+                "out": out,
+                "plot": plot,
             }
         )
         return
@@ -139,6 +125,4 @@ def simulate(
         f"\n{model or kind.fidelities[0]} model of {chosen.name}, scenario {asked.name}: "
         f"{len(record)} samples at {record.sample_rate:g} Hz, {numbers_told}"
     )
-    for path in (out, plot):
-        if path is not None:
-            typer.echo(f"wrote {path}")
+    options.print_written(out, plot)

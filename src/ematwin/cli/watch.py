@@ -6,18 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ematwin.cli.options import (
-    ColumnOption,
-    JsonOption,
-    MapOption,
-    ReportOption,
-    TableOption,
-    UnitsOption,
-    print_json,
-    print_notes,
-    print_table,
-    progress_bar,
-)
+from ematwin.cli import options
 from ematwin.errors import InputError
 
 if TYPE_CHECKING:
@@ -49,30 +38,29 @@ def watch(
             "the date."
         ),
     ] = None,
-    column: ColumnOption = None,
-    map_file: MapOption = None,
+    column: options.ColumnOption = None,
+    map_file: options.MapOption = None,
     every: Annotated[
         float | None,
         typer.Option(help="Look again every so many seconds, until Ctrl-C; else once."),
     ] = None,
-    report: ReportOption = None,
-    table: TableOption = None,
+    report: options.ReportOption = None,
+    table: options.TableOption = None,
     fail_on: Annotated[
         str | None,
         typer.Option(
             help="End with exit code 1 if an actuator has reached this step: watch, plan or act."
         ),
     ] = None,
-    units: UnitsOption = None,
-    json: JsonOption = False,
+    units: options.UnitsOption = None,
+    json: options.JsonOption = False,
 ) -> None:
     """Judge new recordings of a fleet, and say which actuator needs what, and when.
 
-    Each recording is judged once, and kept in the folder of the fleet with what it said. Ctrl-C
+    Each recording is judged once, and its estimate is kept in the folder of the fleet. Ctrl-C
     or a crash loses nothing: the same command goes on.
     """
     from ematwin.cli.channels import map_of
-    from ematwin.cli.detect import check_targets
     from ematwin.fleet.alarms import STEPS
     from ematwin.fleet.fleet import Fleet
     from ematwin.fleet.watch import watch as run
@@ -82,13 +70,13 @@ def watch(
         raise InputError(f"--fail-on takes watch, plan or act, received {fail_on!r}.")
     if every is not None and not every > 0.0:
         raise InputError(f"--every needs seconds above 0, received {every:g}.")
-    check_targets(table, report)
+    options.check_outputs(report, table)
     columns = None
     if column or map_file:
         columns = map_of(column, map_file, load_actuator(actuator))
     known = Fleet(fleet)
     while True:
-        with progress_bar("Judging", not json) as progress:
+        with options.progress_bar("Judging", not json) as progress:
             found = run(
                 known.store, recordings, actuator, columns=columns, progress=progress,
                 pattern=serial_number or known.pattern,
@@ -100,9 +88,8 @@ def watch(
         if report is not None:
             known.report(report)
         _answer(known, found, json)
-        for path in (table, report):
-            if path is not None and not json:
-                typer.echo(f"wrote {path}")
+        if not json:
+            options.print_written(table, report)
         if every is None:
             break
         time.sleep(every)
@@ -121,7 +108,7 @@ def _answer(fleet: "Fleet", found: "Watched", json: bool) -> None:
             {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in r.items()}
             for r in rows
         ]
-        print_json(
+        options.print_json(
             {
                 "judged": found.judged, "known": found.known, "duplicates": found.duplicates,
                 "set_aside": [{"source": a, "reason": b} for a, b in found.set_aside],
@@ -130,26 +117,22 @@ def _answer(fleet: "Fleet", found: "Watched", json: bool) -> None:
         )  # fmt: skip
         return
     typer.echo(str(found))
-    print_notes("Set aside", [f"{path}: {reason}" for path, reason in found.set_aside])
+    options.print_notes("Set aside", [f"{path}: {reason}" for path, reason in found.set_aside])
     print_fleet(fleet, rows)
 
 
 def print_fleet(fleet: "Fleet", rows: list[dict[str, object]] | None = None) -> None:
     """The actuators for people, the most urgent first."""
-    from rich.table import Table
-
     rows = fleet.table() if rows is None else rows
     if not rows:
         return
-    shown = Table()
-    for heading in ("actuator", "what to do", "life left", "why"):
-        shown.add_column(heading)
+    cells = []
     for row in rows[:_MOST]:
         life = fleet[str(row["serial_number"])].life_left()
-        shown.add_row(
-            str(row["serial_number"]), str(row["advisory"]), "" if life is None else str(life),
-            str(row["advisory_reason"]), style="bold" if row["advisory_level"] == 3 else None,
-        )  # fmt: skip
-    print_table(shown, 200)
+        named = (row["serial_number"], row["advisory"], life or "", row["advisory_reason"])
+        cells.append([str(one) for one in named])
+    headings = ("actuator", "what to do", "life left", "why")
+    bold = [n for n, row in enumerate(rows[:_MOST]) if row["advisory_level"] == 3]
+    options.print_table("", headings, cells, texts=headings, bold=bold, width=200)
     if len(rows) > _MOST:
         typer.echo(f"and {len(rows) - _MOST} more actuators; --report shows all")

@@ -1,4 +1,4 @@
-"""What the library says, in the words of the shell.
+"""Messages of the library in the words of the shell.
 
 The library names its arguments, as ``gaps="longest"``; a user of the shell has ``--gaps longest``.
 Errors and warnings pass through `for_shell` before they are printed. All that it needs to know
@@ -36,13 +36,13 @@ _VALUE = r"""\s?=\s?("[^"]*"|[\w.+-]*\w)"""
 
 
 def for_shell(text: str, options: Mapping[str, str] | None = None) -> str:
-    """A sentence of the library with the names of options in place of those of arguments.
+    """Replace the names of arguments in a sentence of the library by names of options.
 
     Parameters
     ----------
     text : str
     options : mapping or None, options by the names of their arguments, ``{"map_file": "--map"}``;
-        None takes those of the command that this process was called with
+        None takes the options of the running command
     """
     options = _called() if options is None else options
     there = set(options.values())

@@ -20,8 +20,8 @@ from ematwin.models.scenario import Scenario
 from ematwin.optimizers.base import Box, FloatArray
 from ematwin.optimizers.differential_evolution import DifferentialEvolution, Dither
 from ematwin.optimizers.loop import minimize
-from ematwin.optimizers.stopping import Progress as SearchProgress
-from ematwin.optimizers.stopping import Stop
+from ematwin.optimizers.result import Progress as SearchProgress
+from ematwin.optimizers.result import Stop
 
 BUDGET, POPULATION = 500, 12
 SECONDS = 60.0  # that a search without a budget takes at most

@@ -33,49 +33,23 @@ def waits(question: Any) -> bool:
     return not (isinstance(question, Mapping) and question.get("ask") == "progress")
 
 
-def _setup(explorer: Explorer, question: Mapping[str, Any]) -> dict[str, Any]:
-    return explorer.setup()
-
-
-def _traces(explorer: Explorer, question: Mapping[str, Any]) -> dict[str, Any]:
-    return explorer.traces(_one_of(explorer.channels, question, "channel"))
-
-
-def _answer(explorer: Explorer, question: Mapping[str, Any]) -> dict[str, Any]:
-    channel = _one_of(explorer.channels, question, "channel")
-    return explorer.answer(_values(explorer, question), channel, _flag(question))
-
-
-def _profile(explorer: Explorer, question: Mapping[str, Any]) -> dict[str, Any]:
-    along = _one_of(explorer.unknowns, question, "along")
-    return explorer.profile(_values(explorer, question), along, _flag(question))
-
-
-def _fit(explorer: Explorer, question: Mapping[str, Any]) -> dict[str, Any]:
-    return explorer.fit(_values(explorer, question), _flag(question))
-
-
-def _verdict(explorer: Explorer, question: Mapping[str, Any]) -> dict[str, Any]:
-    return explorer.verdict()
-
-
-def _progress(explorer: Explorer, question: Mapping[str, Any]) -> dict[str, Any]:
-    return explorer.progress()
-
-
 def _scenario(explorer: Explorer, question: Mapping[str, Any]) -> dict[str, Any]:
     explorer.choose(_one_of(explorer.model.scenarios(), question, "name"))
     return explorer.setup()
 
 
+def _channel(explorer: Explorer, question: Mapping[str, Any]) -> str:
+    return _one_of(explorer.channels, question, "channel")
+
+
 _REPLIES: Mapping[str, Callable[[Explorer, Mapping[str, Any]], dict[str, Any]]] = {
-    "setup": _setup,
-    "traces": _traces,
-    "answer": _answer,
-    "profile": _profile,
-    "fit": _fit,
-    "verdict": _verdict,
-    "progress": _progress,
+    "setup": lambda e, _: e.setup(),
+    "traces": lambda e, q: e.traces(_channel(e, q)),
+    "answer": lambda e, q: e.answer(_values(e, q), _channel(e, q), _flag(q)),
+    "profile": lambda e, q: e.profile(_values(e, q), _one_of(e.unknowns, q, "along"), _flag(q)),
+    "fit": lambda e, q: e.fit(_values(e, q), _flag(q)),
+    "verdict": lambda e, _: e.verdict(),
+    "progress": lambda e, _: e.progress(),
     "scenario": _scenario,
 }
 

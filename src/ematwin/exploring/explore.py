@@ -37,10 +37,25 @@ def explore(
     InputError
         If an argument cannot be used.
     """
+    from ematwin.exploring.door import answered
     from ematwin.exploring.explorer import Explorer
+    from ematwin.exploring.server import SCRIPTS, STYLES, asset
 
     try:
-        from ematwin.exploring.notebook import ExplorerWidget
+        import anywidget
     except ImportError:
         raise MissingExtraError("anywidget", "explore", "The widget") from None
-    return ExplorerWidget(Explorer(record, actuator, scenario))
+
+    class ExplorerWidget(anywidget.AnyWidget):
+        _esm = asset(*SCRIPTS)
+        _css = asset(*STYLES)
+
+    explorer = Explorer(record, actuator, scenario)
+    widget = ExplorerWidget()
+
+    def asked(_: Any, content: Any, buffers: Any) -> None:
+        number = content.get("id") if isinstance(content, dict) else None
+        widget.send({"id": number, "answer": answered(explorer, content)})
+
+    widget.on_msg(asked)
+    return widget

@@ -1,4 +1,4 @@
-"""Explorer: what the twin answers where the sliders stand.
+"""Explorer: the response of the twin at the values of the sliders.
 
 It knows no page and no widget: `ematwin.exploring.door` checks what either asks and calls it.
 Everything is asked of the kind's comparison, as a search does.
@@ -44,8 +44,8 @@ class Explorer:
     record : a `Recording`, a file that `ematwin.read` knows, or None: a shipped scenario, with the
         healthy twin in place of a recording
     actuator : as `ematwin.identify` takes it
-    scenario : where there is no recording, of what the healthy twin is asked; None takes the kind's
-        default
+    scenario : simulated with the healthy twin where there is no recording; None takes the
+        kind's default
 
     Attributes
     ----------
@@ -126,7 +126,7 @@ class Explorer:
     # What is asked
 
     def setup(self) -> dict[str, Any]:
-        """What a page is made of: sliders, channels, and what does not change as they move."""
+        """Contents of a page: sliders, channels, and all that does not change as they move."""
         captions = self._comparison.captions()
         return {
             "title": f"{self.actuator.name}: {self.model.title}",
@@ -150,7 +150,7 @@ class Explorer:
         }
 
     def traces(self, channel: str) -> dict[str, Any]:
-        """What the sliders do not move of a channel: the recording's side and the healthy twin."""
+        """Traces of a channel that no slider changes: the recording and the healthy twin."""
         factor = self._shown_in(channel)[1]
         return {
             "recorded": _plain(factor * self._target[channel][self._shown]),
@@ -163,7 +163,7 @@ class Explorer:
 
         Parameters
         ----------
-        values : by name of `unknowns`; what is not named is healthy
+        values : by name of `unknowns`; missing ones are healthy
         channel : one of `channels`
         fitted : whether parameters, load and sensors are those of the last `verdict`
         """
@@ -200,7 +200,7 @@ class Explorer:
     def fit(self, values: Mapping[str, float], fitted: bool) -> dict[str, Any]:
         """Descend from where the sliders stand; load and sensors stay unless they are searched.
 
-        Where the kind has a smoother misfit, that is descended first: its valleys are wider.
+        Where the kind has a smoother misfit, that is descended first: its minima are wider.
         """
         problem = self._problem
         every = {**(self._fitted if fitted else {}), **values}
@@ -343,7 +343,7 @@ def _spaced(text: str) -> str:
 
 
 def _plain(values: np.ndarray, exact: bool = False) -> list[float | None]:
-    """Numbers for JSON, short unless they must be exact; None for what is not finite."""
+    """Numbers for JSON, short unless they must be exact; None if not finite."""
     finite = np.isfinite(values)
     if not exact and finite.any():
         largest = float(np.abs(values[finite]).max())

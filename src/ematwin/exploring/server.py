@@ -17,9 +17,9 @@ from collections.abc import Mapping
 from contextlib import nullcontext
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib import resources
 
 from ematwin.errors import InputError
-from ematwin.exploring import assets
 from ematwin.exploring.door import answered, waits
 from ematwin.exploring.explorer import Explorer, StoppedError
 
@@ -35,6 +35,18 @@ HEADERS = {
     "Referrer-Policy": "no-referrer",
     "X-Content-Type-Options": "nosniff",
 }
+
+
+# uPlot (github.com/leeoniya/uPlot, MIT, see uPlot.LICENSE) draws the traces. It is part of the
+# script, so that neither the page nor the widget of a notebook loads anything from elsewhere.
+SCRIPTS = ("uPlot.js", "explore.js")
+STYLES = ("uPlot.css", "explore.css")
+
+
+def asset(*names: str) -> str:
+    """Files of the page, one after the other."""
+    folder = resources.files("ematwin.exploring").joinpath("page")
+    return "\n".join(folder.joinpath(name).read_text("utf-8") for name in names)
 
 
 class LocalServer(ThreadingHTTPServer):
@@ -72,7 +84,7 @@ class LocalServer(ThreadingHTTPServer):
 
     @property
     def hosts(self) -> tuple[str, str]:
-        """What a request may call this server."""
+        """Names by which a request may address this server."""
         return f"{_HOST}:{self.server_port}", f"localhost:{self.server_port}"
 
     @property
@@ -133,10 +145,10 @@ class Server(LocalServer):
         self.explorer = explorer
         self.turn = threading.Lock()
         self.files = {
-            "": (assets.page(), "text/html"),
-            "page.js": (assets.start(), "text/javascript"),
-            "explore.js": (assets.script(), "text/javascript"),
-            "explore.css": (assets.style(), "text/css"),
+            "": (asset("page.html"), "text/html"),
+            "page.js": (asset("page.js"), "text/javascript"),
+            "explore.js": (asset(*SCRIPTS), "text/javascript"),
+            "explore.css": (asset(*STYLES), "text/css"),
         }
         super().__init__(_Handler, port)
 

@@ -8,12 +8,12 @@ from ematwin.optimizers.differential_evolution import DifferentialEvolution
 from ematwin.optimizers.dragonfly import Dragonfly
 from ematwin.optimizers.genetic_algorithm import GeneticAlgorithm
 from ematwin.optimizers.grey_wolf import GreyWolf
-from ematwin.optimizers.loop import History, MinimizeResult, minimize
+from ematwin.optimizers.loop import minimize
 from ematwin.optimizers.objective import LimitedObjective
 from ematwin.optimizers.particle_swarm import ParticleSwarm
 from ematwin.optimizers.random_search import RandomSearch
 from ematwin.optimizers.registry import algorithms, create
-from ematwin.optimizers.stopping import Progress, Stagnation, Stop, Target
+from ematwin.optimizers.result import History, MinimizeResult, Progress, Stop
 from ematwin.optimizers.whale import Whale
 
 __all__ = [
@@ -31,9 +31,7 @@ __all__ = [
     "ParticleSwarm",
     "Progress",
     "RandomSearch",
-    "Stagnation",
     "Stop",
-    "Target",
     "Whale",
     "algorithms",
     "create",

@@ -181,7 +181,7 @@ class Optimizer(ABC):
         """Give the costs above which points of the batch last asked for count as worst.
 
         The loop may then stop evaluating such a point and tell an infinite cost. A method gives
-        limits only if that changes nothing of what it does afterwards, bit for bit.
+        limits only if its later batches stay the same, bit for bit.
 
         Returns
         -------
@@ -266,7 +266,7 @@ class PopulationOptimizer(Optimizer):
     """
 
     def __init__(
-        self, box: Box, *, population: int = 50, iterations: int = 200, seed: int = 1
+        self, box: Box, *, population: int = POPULATION, iterations: int = ITERATIONS, seed: int = 1
     ) -> None:
         self.box = box
         self.population = whole_number(population, "population", self.minimum_population)
@@ -310,7 +310,7 @@ class PopulationOptimizer(Optimizer):
 
 
 def checked_costs(asked: FloatArray, points: FloatArray, costs: FloatArray) -> FloatArray:
-    """Costs of a whole batch, with +inf for what is not finite and for rows not evaluated."""
+    """Costs of a whole batch, with +inf for costs that are not finite and rows not evaluated."""
     given = np.asarray(points, dtype=np.float64)
     values = np.asarray(costs, dtype=np.float64)
     rows = len(given) if given.ndim == 2 else -1

@@ -16,8 +16,7 @@ All trials of a generation are made from the generation before it (synchronous),
 
 Departure: the paper has no bounds. A component that leaves the box comes back to a random place
 between that bound and the base vector, as in the authors' later program (Price, Storn and Lampinen
-2005, "bounce-back"), so that bounds attract no more than the costs there deserve. `Clip` stops at
-the bound instead.
+2005, "bounce-back"), so that bounds attract no more than the costs there deserve.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ from ematwin.optimizers.base import Box, FloatArray, PopulationOptimizer
 
 @dataclass(frozen=True)
 class Mutants:
-    """What a strategy makes: (N, d) mutant vectors and the base vectors they started from."""
+    """(N, d) mutant vectors and their base vectors."""
 
     vectors: FloatArray
     bases: FloatArray
@@ -89,59 +88,11 @@ class Best1:
         return Mutants(bases + F * (parents[r1] - parents[r2]), bases)
 
 
-@dataclass(frozen=True)
-class CurrentToBest1:
-    """DE/current-to-best/1: a step towards the best vector and one difference."""
-
-    def mutate(
-        self, rng: np.random.Generator, parents: FloatArray, best: int, F: FloatArray
-    ) -> Mutants:
-        """Make one mutant for each parent."""
-        r1, r2 = others(rng, len(parents), 2)
-        steps = (parents[best] - parents) + (parents[r1] - parents[r2])
-        return Mutants(parents + F * steps, parents)
-
-
-@dataclass(frozen=True)
-class Best2:
-    """DE/best/2: two differences added to the best vector."""
-
-    def mutate(
-        self, rng: np.random.Generator, parents: FloatArray, best: int, F: FloatArray
-    ) -> Mutants:
-        """Make one mutant for each parent."""
-        r1, r2, r3, r4 = others(rng, len(parents), 4)
-        bases = np.broadcast_to(parents[best], parents.shape)
-        steps = parents[r1] + parents[r2] - parents[r3] - parents[r4]
-        return Mutants(bases + F * steps, bases)
-
-
-class BoundRule(Protocol):
-    """What becomes of a mutant outside the box."""
-
-    def repair(self, rng: np.random.Generator, box: Box, mutants: Mutants) -> FloatArray:
-        """(N, d) vectors inside the box."""
-        ...  # pragma: no cover
-
-
-@dataclass(frozen=True)
-class BounceBack:
-    """A component outside returns to a random place between the bound and the base vector."""
-
-    def repair(self, rng: np.random.Generator, box: Box, mutants: Mutants) -> FloatArray:
-        """(N, d) vectors inside the box."""
-        bound = box.clip(mutants.vectors)
-        back = bound + rng.random(bound.shape) * (mutants.bases - bound)
-        return box.clip(np.where(bound == mutants.vectors, bound, back))
-
-
-@dataclass(frozen=True)
-class Clip:
-    """A component outside stops at the bound."""
-
-    def repair(self, rng: np.random.Generator, box: Box, mutants: Mutants) -> FloatArray:
-        """(N, d) vectors inside the box."""
-        return box.clip(mutants.vectors)
+def bounced_back(rng: np.random.Generator, box: Box, mutants: Mutants) -> FloatArray:
+    """(N, d) mutants; a component outside goes to a random place between bound and base vector."""
+    bound = box.clip(mutants.vectors)
+    back = bound + rng.random(bound.shape) * (mutants.bases - bound)
+    return box.clip(np.where(bound == mutants.vectors, bound, back))
 
 
 @dataclass(frozen=True)
@@ -160,7 +111,7 @@ class Dither:
 class Either:
     """A crossover rate that is drawn for each trial: ``often``, or ``rarely`` with that share.
 
-    With CR = 0.1 alone Rosenbrock's valley is not followed, with 0.9 alone Rastrigin's minima are
+    With CR = 0.1 alone Rosenbrock's function is not solved, with 0.9 alone Rastrigin's minima are
     not left; the mixture does both (``docs/optimizers.md``).
     """
 
@@ -179,28 +130,23 @@ class DifferentialEvolution(PopulationOptimizer):
     ----------
     box : Box
     population, iterations, seed : int; ``iterations`` changes nothing: the method has no schedule
-    strategy : Strategy, ``Best1()`` (default), ``Rand1()``, ``CurrentToBest1()``, ``Best2()``, or
-        any object with the same method
+    strategy : Strategy, ``Best1()`` (default), ``Rand1()``, or any object with the same method
     F : float or Dither, weight of the differences, in (0, 2]
     CR : float or Either, share of components taken from the mutant, in [0, 1]
-    bounds : BoundRule, ``BounceBack()`` (default) or ``Clip()``
     """
 
-    minimum_population = 5  # four others are the most that a strategy here takes
+    minimum_population = 5  # four others are the most that a published strategy takes
 
     def __init__(
         self,
         box: Box,
         *,
-        population: int = 50,
-        iterations: int = 200,
-        seed: int = 1,
         strategy: Strategy | None = None,
         F: float | Dither = 0.5,
         CR: float | Either = _MIXTURE,
-        bounds: BoundRule | None = None,
+        **settings: int,
     ) -> None:
-        super().__init__(box, population=population, iterations=iterations, seed=seed)
+        super().__init__(box, **settings)
         if not isinstance(F, Dither) and not 0.0 < F <= 2.0:
             raise InputError(f"F must lie in (0, 2], received {F}. The paper starts with 0.5.")
         rates = (CR.often, CR.rarely, CR.share) if isinstance(CR, Either) else (CR,)
@@ -209,7 +155,6 @@ class DifferentialEvolution(PopulationOptimizer):
         self.strategy: Strategy = Best1() if strategy is None else strategy
         self.F = F
         self.CR = CR
-        self.bounds: BoundRule = BounceBack() if bounds is None else bounds
         self.parents = np.empty((0, box.dimension))
         self.costs = np.full(self.population, np.inf)
 
@@ -234,7 +179,7 @@ class DifferentialEvolution(PopulationOptimizer):
         rng, parents = self._rng, self.parents
         best = int(np.argmin(self.costs))
         mutants = self.strategy.mutate(rng, parents, best, self._weights())
-        vectors = self.bounds.repair(rng, self.box, mutants)
+        vectors = bounced_back(rng, self.box, mutants)
         crossed = rng.random(parents.shape) <= self._rates()
         sure = rng.integers(parents.shape[1], size=len(parents))
         crossed[np.arange(len(parents)), sure] = True

@@ -64,14 +64,12 @@ class Dragonfly(PopulationOptimizer):
         self,
         box: Box,
         *,
-        population: int = 50,
-        iterations: int = 200,
-        seed: int = 1,
         inertia: tuple[float, float] = (0.9, 0.4),
         fading: float = 0.5,
         step_limit: float = 0.1,
+        **settings: int,
     ) -> None:
-        super().__init__(box, population=population, iterations=iterations, seed=seed)
+        super().__init__(box, **settings)
         self.inertia = inertia
         self.fading = positive(fading, "share of the iterations in which neighbours count")
         self.step_limit = positive(step_limit, "step limit")

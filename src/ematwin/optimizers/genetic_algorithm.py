@@ -6,7 +6,7 @@ mutate.
 
 `HOLLAND` is that form: bits, parents in proportion to fitness, one-point crossover, children in
 their parents' places. Holland gives no numbers; crossover of 0.6 of the pairs and mutation of 0.001
-of the bits are those of De Jong (1975), An Analysis of the Behavior of a Class of Genetic Adaptive
+of the bits are from De Jong (1975), An Analysis of the Behavior of a Class of Genetic Adaptive
 Systems, thesis, University of Michigan, plan R1, as Goldberg (1989) reports them.
 
 The defaults depart from it:
@@ -30,17 +30,10 @@ import numpy as np
 from ematwin.errors import InputError
 from ematwin.optimizers.base import Box, FloatArray, PopulationOptimizer, whole_number
 from ematwin.optimizers.genetic_operators import (
-    BestOfBoth,
-    BitCrossover,
-    Children,
-    OnePoint,
     Polynomial,
     Roulette,
-    Selection,
     SimulatedBinary,
-    Survival,
     Tournament,
-    decode,
     probability,
 )
 
@@ -94,15 +87,13 @@ class Binary:
     ----------
     bits : int, 1 to 52: the box becomes a grid of 2**bits points a variable, both bounds on it
     gray : bool, Gray code: neighbouring grid points differ in one bit; in plain code, in up to all
-    crossover : BitCrossover, ``OnePoint()`` (Holland's), ``TwoPoint()`` or ``Uniform()``
-    crossed : float, share of pairs that are crossed
+    crossed : float, share of pairs that exchange all bits after a random place
     flipped : float or None, share of bits that mutation flips; None: one bit of each individual on
         average
     """
 
     bits: int = 16
     gray: bool = True
-    crossover: BitCrossover = field(default_factory=OnePoint)
     crossed: float = 0.9
     flipped: float | None = None
 
@@ -120,24 +111,29 @@ class Binary:
         self, rng: np.random.Generator, box: Box, first: np.ndarray, second: np.ndarray
     ) -> np.ndarray:
         """Exchange bits, then flip some."""
-        exchanged = self.crossover.mask(rng, len(first), first.shape[1])
-        exchanged = exchanged & (rng.random((len(first), 1)) < self.crossed)
+        pairs, bits = first.shape
+        exchanged = np.arange(bits) >= rng.integers(1, max(bits, 2), size=(pairs, 1))
+        exchanged = exchanged & (rng.random((pairs, 1)) < self.crossed)
         children = np.concatenate(
             [np.where(exchanged, second, first), np.where(exchanged, first, second)]
         )
-        share = 1.0 / first.shape[1] if self.flipped is None else self.flipped
+        share = 1.0 / bits if self.flipped is None else self.flipped
         flips: np.ndarray = rng.random(children.shape) < share
         return children ^ flips
 
     def decode(self, strings: np.ndarray, box: Box) -> FloatArray:
-        """(N, d) points of the grid."""
-        return decode(strings, box, self.bits, self.gray)
+        """(N, d) points: the codes 0 to 2**bits - 1 span the box evenly."""
+        codes = strings.reshape(len(strings), box.dimension, self.bits)
+        if self.gray:
+            codes = np.bitwise_xor.accumulate(codes, axis=2)
+        weights = 2.0 ** np.arange(self.bits - 1, -1, -1)
+        return box.clip(box.lower + (codes @ weights) / (2.0**self.bits - 1.0) * box.span)
 
 
 HOLLAND: dict[str, Any] = {
     "encoding": Binary(gray=False, crossed=0.6, flipped=0.001),
     "selection": Roulette(),
-    "survival": Children(),
+    "elitist": False,
 }
 """Arguments of the first form: Holland (1973), rates of De Jong (1975)."""
 
@@ -150,8 +146,8 @@ class GeneticAlgorithm(PopulationOptimizer):
     box : Box
     population, iterations, seed : int; ``iterations`` changes nothing: the method has no schedule
     encoding : Encoding, ``Real()`` (default) or ``Binary()``
-    selection : Selection, ``Tournament()`` (default) or ``Roulette()``
-    survival : Survival, ``BestOfBoth()`` (default) or ``Children()``
+    selection : ``Tournament()`` (default) or ``Roulette()``
+    elitist : bool, the best of parents and children survive (mu + lambda); else all children do
     """
 
     minimum_population = 2
@@ -160,17 +156,15 @@ class GeneticAlgorithm(PopulationOptimizer):
         self,
         box: Box,
         *,
-        population: int = 50,
-        iterations: int = 200,
-        seed: int = 1,
         encoding: Encoding | None = None,
-        selection: Selection | None = None,
-        survival: Survival | None = None,
+        selection: Tournament | Roulette | None = None,
+        elitist: bool = True,
+        **settings: int,
     ) -> None:
-        super().__init__(box, population=population, iterations=iterations, seed=seed)
+        super().__init__(box, **settings)
         self.encoding: Encoding = Real() if encoding is None else encoding
-        self.selection: Selection = Tournament() if selection is None else selection
-        self.survival: Survival = BestOfBoth() if survival is None else survival
+        self.selection = Tournament() if selection is None else selection
+        self.elitist = elitist
         self.parents: np.ndarray = np.empty((0, box.dimension))
         self.costs = np.empty(0)
         self._children: np.ndarray = np.empty((0, box.dimension))
@@ -180,12 +174,12 @@ class GeneticAlgorithm(PopulationOptimizer):
         return self.encoding.decode(self._children, self.box)
 
     def _learn(self, points: FloatArray, costs: FloatArray) -> None:
-        if self.iteration == 0:
+        if self.iteration == 0 or not self.elitist:
             self.parents, self.costs = self._children, costs
             return
         pool = np.concatenate([self.parents, self._children])
         pool_costs = np.concatenate([self.costs, costs])
-        survivors = self.survival.survivors(self.costs, costs)
+        survivors = np.argsort(pool_costs, kind="stable")[: len(costs)]  # parents first if equal
         self.parents, self.costs = pool[survivors], pool_costs[survivors]
 
     def _move(self) -> FloatArray:

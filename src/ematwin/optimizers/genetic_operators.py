@@ -7,22 +7,11 @@ pair; children come back the same way.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
 from ematwin.errors import InputError
 from ematwin.optimizers.base import Box, FloatArray, whole_number
-
-BitArray = np.ndarray
-
-
-class Selection(Protocol):
-    """Who becomes a parent."""
-
-    def select(self, rng: np.random.Generator, costs: FloatArray, count: int) -> np.ndarray:
-        """(count,) indices of the parents."""
-        ...  # pragma: no cover
 
 
 @dataclass(frozen=True)
@@ -69,7 +58,7 @@ class SimulatedBinary:
     A pair is crossed as a whole, one spread for all variables, so that its children lie on the
     line through the parents (Muehlenbein and Schlierkamp-Voosen 1993, Evol. Comput. 1, 25-49, "line
     recombination"); or variable by variable, with parents changing places in each. The first
-    follows valleys that are not parallel to an axis, the second mixes good variables.
+    follows directions that are not parallel to an axis, the second mixes good variables.
 
     Attributes
     ----------
@@ -147,78 +136,6 @@ class Polynomial:
         moved = points.copy()
         moved[rows, columns] = x + np.where(down, -step, step) * span
         return box.clip(moved)
-
-
-class Survival(Protocol):
-    """Who of parents and children goes on."""
-
-    def survivors(self, parents: FloatArray, children: FloatArray) -> np.ndarray:
-        """(N,) indices of the survivors from their costs (N,), counted on from parents."""
-        ...  # pragma: no cover
-
-
-@dataclass(frozen=True)
-class BestOfBoth:
-    """The best of parents and children survive (mu + lambda)."""
-
-    def survivors(self, parents: FloatArray, children: FloatArray) -> np.ndarray:
-        """(N,) indices; parents first where costs are equal."""
-        return np.argsort(np.concatenate([parents, children]), kind="stable")[: len(parents)]
-
-
-@dataclass(frozen=True)
-class Children:
-    """Children take their parents' places, whatever their costs: Holland's."""
-
-    def survivors(self, parents: FloatArray, children: FloatArray) -> np.ndarray:
-        """(N,) indices of all children."""
-        return len(parents) + np.arange(len(children))
-
-
-class BitCrossover(Protocol):
-    """Exchange of bits between two strings."""
-
-    def mask(self, rng: np.random.Generator, pairs: int, bits: int) -> BitArray:
-        """(pairs, bits) booleans, true where the bits are exchanged."""
-        ...  # pragma: no cover
-
-
-@dataclass(frozen=True)
-class OnePoint:
-    """All bits after a random place are exchanged: Holland's crossover."""
-
-    def mask(self, rng: np.random.Generator, pairs: int, bits: int) -> BitArray:
-        """(pairs, bits) booleans."""
-        return np.arange(bits) >= rng.integers(1, max(bits, 2), size=(pairs, 1))
-
-
-@dataclass(frozen=True)
-class TwoPoint:
-    """All bits between two random places are exchanged."""
-
-    def mask(self, rng: np.random.Generator, pairs: int, bits: int) -> BitArray:
-        """(pairs, bits) booleans."""
-        ends = np.sort(rng.integers(0, bits + 1, size=(pairs, 2)), axis=1)
-        places = np.arange(bits)
-        return (places >= ends[:, :1]) & (places < ends[:, 1:])
-
-
-@dataclass(frozen=True)
-class Uniform:
-    """Every bit is exchanged with probability one half (Syswerda 1989)."""
-
-    def mask(self, rng: np.random.Generator, pairs: int, bits: int) -> BitArray:
-        """(pairs, bits) booleans."""
-        return rng.random((pairs, bits)) < 0.5
-
-
-def decode(strings: BitArray, box: Box, bits: int, gray: bool) -> FloatArray:
-    """(N, d) points of (N, d * bits) strings: the codes 0 to 2**bits - 1 span the box evenly."""
-    codes = strings.reshape(len(strings), box.dimension, bits)
-    if gray:
-        codes = np.bitwise_xor.accumulate(codes, axis=2)
-    weights = 2.0 ** np.arange(bits - 1, -1, -1)
-    return box.clip(box.lower + (codes @ weights) / (2.0**bits - 1.0) * box.span)
 
 
 def probability(value: float, name: str) -> float:

@@ -1,7 +1,7 @@
 """The search loop: the only one, for every method and every objective.
 
-It owns what the methods must not know: the objective, the budget, the clock, the history, the
-checkpoint, the user's Ctrl-C. A checkpoint holds the whole state of a search in one file. It is a
+It owns the objective, the budget, the clock, the history, the checkpoint and the user's Ctrl-C,
+unknown to methods. A checkpoint holds the whole state of a search in one file. It is a
 pickle, and a pickle can run any code when it is read: read only your own.
 """
 
@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import pickle
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
@@ -32,96 +32,14 @@ from ematwin.optimizers.base import (
 )
 from ematwin.optimizers.objective import Evaluate, Objective, evaluator
 from ematwin.optimizers.registry import resolve
-from ematwin.optimizers.stopping import Progress, Stop, StoppingCriterion, criteria
-from ematwin.showing import markup
-from ematwin.showing.drawing import drawn
-from ematwin.showing.frames import frame
+from ematwin.optimizers.result import History, MinimizeResult, Progress, Stop
 
 _CHECKPOINT = "ematwin search checkpoint 2"  # its format; 1 was that of 0.2
-
-_SENTENCES = {
-    Stop.BUDGET: "the budget is spent",
-    Stop.TARGET: "the target is reached",
-    Stop.STAGNATION: "the cost has stopped falling",
-    Stop.CALLBACK: "the callback asked to stop",
-    Stop.INTERRUPTED: "interrupted; this is the best found so far",
-    Stop.CONVERGED: "the method itself has converged",
-}
-
-
-@dataclass(frozen=True)
-class History:
-    """Best cost after each batch.
-
-    Attributes
-    ----------
-    evaluations : (B,) int array
-    cost : (B,) array
-    """
-
-    evaluations: np.ndarray
-    cost: FloatArray
-
-    def __len__(self) -> int:
-        return len(self.evaluations)
-
-
-@dataclass(frozen=True)
-class MinimizeResult:
-    """What a search found, and how.
-
-    Attributes
-    ----------
-    x : (d,) array, best point
-    cost : float, its cost
-    evaluations : int
-    history : History
-    stopped : str, one of `Stop`, or a method's own reason
-    seconds : float, s, wall time, objective included; over all sittings if resumed
-    algorithm : str
-    seed : int
-    """
-
-    x: FloatArray
-    cost: float
-    evaluations: int
-    history: History
-    stopped: str
-    seconds: float
-    algorithm: str
-    seed: int
-
-    def to_frame(self) -> Any:
-        """A pandas DataFrame of the best cost after each batch; needs pandas."""
-        return frame(
-            {"evaluations": self.history.evaluations, "cost": self.history.cost}, "evaluations"
-        )
-
-    to_dataframe = to_frame
-
-    def plot(self) -> Any:
-        """The best cost over the evaluations, a figure of plotly."""
-        return drawn(self, "convergence", {"convergence": "plot_convergence"})
-
-    def _repr_html_(self) -> str:
-        """What was found, in a notebook."""
-        point = ", ".join(f"{value:.6g}" for value in self.x)
-        said = f"{self.algorithm}, seed {self.seed}, x = ({point})"
-        return markup.heading(self.message) + markup.note(said)
-
-    @property
-    def message(self) -> str:
-        """One sentence for people."""
-        reason = _SENTENCES.get(self.stopped, self.stopped)  # type: ignore[call-overload]
-        return (
-            f"Cost {self.cost:.6g} after {self.evaluations} evaluations "
-            f"in {self.seconds:.2f} s: {reason}."
-        )
 
 
 @dataclass
 class _Search:
-    """The state of a search between two batches: what a checkpoint holds."""
+    """The state of a search between two batches, as a checkpoint holds it."""
 
     optimizer: Optimizer
     x: FloatArray
@@ -133,6 +51,25 @@ class _Search:
 
     def progress(self, budget: int) -> Progress:
         return Progress(self.evaluations, self.cost, self.improved_at, self.seconds, budget)
+
+
+@dataclass(frozen=True)
+class _Ends:
+    """Criteria that end a search, beside the method itself and the callback."""
+
+    budget: int
+    target: float | None
+    stagnation: int | None
+
+    def reason(self, search: _Search) -> str | None:
+        if self.target is not None and search.cost <= self.target:
+            return str(Stop.TARGET)
+        without = search.evaluations - search.improved_at
+        if self.stagnation is not None and without >= self.stagnation:
+            return str(Stop.STAGNATION)
+        if search.evaluations >= self.budget:
+            return str(Stop.BUDGET)
+        return search.optimizer.stop()
 
 
 def minimize(
@@ -148,7 +85,6 @@ def minimize(
     budget: int | None = None,
     target: float | None = None,
     stagnation: int | None = None,
-    stopping: Iterable[StoppingCriterion] = (),
     callback: Callable[[Progress], object] | None = None,
     checkpoint: str | PathLike[str] | None = None,
     checkpoint_every: int = 10,
@@ -172,7 +108,6 @@ def minimize(
         methods with a schedule spread it over the budget; None: ``population * iterations``
     target : float or None, stop once the cost is at most this
     stagnation : int or None, stop once so many evaluations in a row have not lowered the cost
-    stopping : iterable of StoppingCriterion, more criteria, asked after each batch
     callback : callable or None, receives a `Progress` after each batch; returning True stops the
         search
     checkpoint : path or None, file written during the search; if it is there already, the search
@@ -214,7 +149,11 @@ def minimize(
         iterations = -(-budget // population)
     budget = whole_number(budget, "budget (evaluations)", 1)
     checkpoint_every = whole_number(checkpoint_every, "number of batches per checkpoint", 1)
-    ends = (*criteria(target, stagnation), *stopping)
+    if target is not None and (not isinstance(target, int | float) or math.isnan(target)):
+        raise InputError(f"The target must be a cost to reach, received {target!r}.")
+    if stagnation is not None:
+        whole_number(stagnation, "number of evaluations of a stagnation", 1)
+    ends = _Ends(budget, target, stagnation)
 
     name, optimizer = resolve(
         algorithm, box, population=population, iterations=iterations, seed=seed
@@ -233,7 +172,7 @@ def minimize(
         optimizer, np.full(box.dimension, np.nan)
     )
     try:
-        stopped = _run(search, evaluate, budget, ends, callback, path, checkpoint_every, identity)
+        stopped = _run(search, evaluate, ends, callback, path, checkpoint_every, identity)
     finally:
         search.optimizer.close()
     if not math.isfinite(search.cost):
@@ -257,31 +196,30 @@ def minimize(
 def _run(
     search: _Search,
     evaluate: Evaluate,
-    budget: int,
-    ends: tuple[StoppingCriterion, ...],
+    ends: _Ends,
     callback: Callable[[Progress], object] | None,
     path: Path | None,
     checkpoint_every: int,
     identity: dict[str, Any],
 ) -> str:
     """Ask, evaluate, tell, until there is a reason to stop; give the reason."""
-    stopped = _reason(search, budget, ends)
+    stopped = ends.reason(search)
     batches = 0
     while stopped is None:
         started = time.perf_counter()
         try:
-            _batch(search, evaluate, budget)
+            _batch(search, evaluate, ends.budget)
         except KeyboardInterrupt:
             if search.evaluations == 0:
                 raise
             return str(Stop.INTERRUPTED)
         search.seconds += time.perf_counter() - started
-        stopped = _reason(search, budget, ends)
+        stopped = ends.reason(search)
         batches += 1
         try:
             if path is not None and (stopped is not None or batches % checkpoint_every == 0):
                 _save(path, identity, search)
-            if callback is not None and callback(search.progress(budget)) is True:
+            if callback is not None and callback(search.progress(ends.budget)) is True:
                 stopped = stopped or str(Stop.CALLBACK)
         except KeyboardInterrupt:
             return str(Stop.INTERRUPTED)
@@ -289,7 +227,7 @@ def _run(
 
 
 def _batch(search: _Search, evaluate: Evaluate, budget: int) -> None:
-    """Spend one batch, or what is left of the budget."""
+    """Spend one batch, or the rest of the budget."""
     points = search.optimizer.ask()[: budget - search.evaluations]
     limits = search.optimizer.limits()
     if limits is not None:
@@ -306,17 +244,6 @@ def _batch(search: _Search, evaluate: Evaluate, budget: int) -> None:
         search.improved_at = search.evaluations
     search.history.append((search.evaluations, search.cost))
     search.optimizer.tell(points, costs)
-
-
-def _reason(search: _Search, budget: int, ends: tuple[StoppingCriterion, ...]) -> str | None:
-    progress = search.progress(budget)
-    for end in ends:
-        reason = end.reason(progress)
-        if reason is not None:
-            return str(reason)
-    if search.evaluations >= budget:
-        return str(Stop.BUDGET)
-    return search.optimizer.stop()
 
 
 def _restored(path: Path | None, identity: dict[str, Any], fresh: Optimizer) -> _Search | None:

@@ -37,86 +37,76 @@ Evaluate = Callable[[FloatArray, bool, FloatArray | None], FloatArray]
 
 def evaluator(objective: Objective, vectorized: bool | None) -> Evaluate:
     """Give what evaluates a batch; ``vectorized`` as of `ematwin.optimizers.loop.minimize`."""
-    if vectorized is None:
-        return _whichever(objective)
-    return _batchwise(objective) if vectorized else _pointwise(objective)
-
-
-def _batchwise(objective: Objective) -> Evaluate:
-    """Evaluate a whole batch in one call; the first also so that a mistake shows."""
-
     limited = objective if isinstance(objective, LimitedObjective) else None
+    takes_batches = vectorized
 
     def evaluate(points: FloatArray, first: bool, limits: FloatArray | None) -> FloatArray:
-        if limited is not None and limits is not None and not first:
-            within = limits
-            return costs_of(points, False, lambda rows: limited.costs_within(rows, within))
-        # An objective of one point takes rows for variables and gives one number a column. Where
-        # there are as many rows as columns this looks right: a piece of the batch does not.
-        count, variables = points.shape
-        pieces = [points[:-1], points[-1:]] if first and count == variables > 1 else [points]
-        return np.concatenate([costs_of(piece, first, objective) for piece in pieces])
-
-    def costs_of(points: FloatArray, first: bool, asked: Objective) -> FloatArray:
-        try:
-            answer = _answer(asked, points.copy(), first, _ONE_POINT)
-        except IndexError as error:
-            if not first or len(points) >= points.shape[1]:
-                raise
-            raise InputError(
-                f"The objective failed at {len(points)} points of {points.shape[1]} variables: "
-                f"{error}. {_ONE_POINT}"
-            ) from error
-        if answer.shape != (len(points),):
-            raise InputError(
-                f"The objective must give one cost per point: for points of shape {points.shape} "
-                f"it gave shape {answer.shape}. {_ONE_POINT}"
-            )
-        return answer
-
-    return evaluate
-
-
-def _whichever(objective: Objective) -> Evaluate:
-    """Evaluate in whole batches if the objective can take the first one, else point by point."""
-    chosen: Evaluate | None = None
-
-    def evaluate(points: FloatArray, first: bool, limits: FloatArray | None) -> FloatArray:
-        nonlocal chosen
-        if chosen is None:
+        nonlocal takes_batches
+        if takes_batches is None:  # a batch if it can take the first one, else point by point
             try:
-                costs = _batchwise(objective)(points, True, limits)
+                costs = _first_batch(objective, points)
+                takes_batches = True
             except (IndexError, TypeError, ValueError) as error:  # as one of one point gives
-                alone = _pointwise(objective)
                 try:
-                    costs = alone(points, False, limits)
+                    costs = _one_by_one(objective, points, False)
                 except EmatwinError:  # it takes neither: what a batch gave tells more
                     raise error from None
-                chosen = alone
-            else:
-                chosen = _batchwise(objective)
+                takes_batches = False
             return costs
-        return chosen(points, first, limits)
+        if not takes_batches:
+            return _one_by_one(objective, points, first)
+        if first:
+            return _first_batch(objective, points)
+        if limited is not None and limits is not None:
+            within = limits
+            return _batch(lambda rows: limited.costs_within(rows, within), points, False)
+        return _batch(objective, points, False)
 
     return evaluate
 
 
-def _pointwise(objective: Objective) -> Evaluate:
+def _first_batch(objective: Objective, points: FloatArray) -> FloatArray:
+    """Evaluate a whole batch so that an objective of one point is recognised.
+
+    Such an objective takes rows for variables and gives one number a column. Where there are as
+    many rows as columns this looks right: a piece of the batch does not.
+    """
+    count, variables = points.shape
+    pieces = [points[:-1], points[-1:]] if count == variables > 1 else [points]
+    return np.concatenate([_batch(objective, piece, True) for piece in pieces])
+
+
+def _batch(objective: Objective, points: FloatArray, first: bool) -> FloatArray:
+    """Evaluate a batch in one call."""
+    try:
+        answer = _answer(objective, points.copy(), first, _ONE_POINT)
+    except IndexError as error:
+        if not first or len(points) >= points.shape[1]:
+            raise
+        raise InputError(
+            f"The objective failed at {len(points)} points of {points.shape[1]} variables: "
+            f"{error}. {_ONE_POINT}"
+        ) from error
+    if answer.shape != (len(points),):
+        raise InputError(
+            f"The objective must give one cost per point: for points of shape {points.shape} "
+            f"it gave shape {answer.shape}. {_ONE_POINT}"
+        )
+    return answer
+
+
+def _one_by_one(objective: Objective, points: FloatArray, first: bool) -> FloatArray:
     """Evaluate a batch point by point."""
-
-    def evaluate(points: FloatArray, first: bool, limits: FloatArray | None) -> FloatArray:
-        return np.array([cost_of(point, first) for point in points])
-
-    def cost_of(point: FloatArray, first: bool) -> float:
+    costs = np.empty(len(points))
+    for n, point in enumerate(points):
         answer = _answer(objective, point.copy(), first, _WHOLE_BATCH)
         if answer.size != 1:
             raise InputError(
                 f"The objective must give one cost: for a point of shape {point.shape} it gave "
                 f"shape {answer.shape}. {_WHOLE_BATCH}"
             )
-        return float(answer.item())
-
-    return evaluate
+        costs[n] = answer.item()
+    return costs
 
 
 _ONE_POINT = (
@@ -129,7 +119,7 @@ _WHOLE_BATCH = (
 
 
 def _answer(objective: Objective, points: FloatArray, first: bool, advice: str) -> FloatArray:
-    """What the objective gives, as numbers."""
+    """The answer of the objective as numbers."""
     try:
         answer = objective(points)
     except (IndexError, TypeError, ValueError) as error:

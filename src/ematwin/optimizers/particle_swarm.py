@@ -83,7 +83,7 @@ class GrowingRing:
     Departure: his neighbours are the particles that are near; these are near on the ring, whose
     order says nothing of places, so that news travels slowly wherever the particles are.
     Departure: his neighbourhood grows evenly; here slowly first, so that the swarm is still spread
-    when half of the iterations have gone (``docs/results.md`` has what was measured).
+    when half of the iterations have gone (measured in ``docs/lab/search-methods.md``).
 
     Attributes
     ----------
@@ -191,14 +191,12 @@ class ParticleSwarm(PopulationOptimizer):
         self,
         box: Box,
         *,
-        population: int = 50,
-        iterations: int = 200,
-        seed: int = 1,
         topology: Topology | None = None,
         coefficients: Coefficients = STANDARD_2006,
         craziness: Craziness | None = _SOME,
+        **settings: int,
     ) -> None:
-        super().__init__(box, population=population, iterations=iterations, seed=seed)
+        super().__init__(box, **settings)
         if not coefficients.speed_limit > 0:
             raise InputError(
                 f"The speed limit of a swarm must be positive, received {coefficients.speed_limit}."
@@ -225,7 +223,7 @@ class ParticleSwarm(PopulationOptimizer):
         self.best_points[better] = points[better]
 
     def limits(self) -> FloatArray:
-        """A particle remembers its own best point and no other cost."""
+        """A particle remembers the cost of its best point and no other."""
         return self.best_costs.copy()
 
     def _move(self) -> FloatArray:

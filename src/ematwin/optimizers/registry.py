@@ -47,7 +47,7 @@ def register(name: str, factory: OptimizerFactory, *, title: str = "", source: s
         ematwin.register("mine", MyOptimizer)
 
     Names are then used like any other: in `ematwin.minimize`, `ematwin.identify`,
-    `ematwin.compare`. The same name again replaces what it named. A package registers by an entry
+    `ematwin.compare`. The same name again replaces the algorithm. A package registers by an entry
     point of the group ``ematwin.optimizers`` instead, which the command line finds as well.
 
     Parameters

@@ -40,14 +40,12 @@ class Whale(PopulationOptimizer):
         self,
         box: Box,
         *,
-        population: int = 50,
-        iterations: int = 200,
-        seed: int = 1,
         spiral: float = 1.0,
         start: float = 2.0,
         power: float = 1.0,
+        **settings: int,
     ) -> None:
-        super().__init__(box, population=population, iterations=iterations, seed=seed)
+        super().__init__(box, **settings)
         self.spiral = float(spiral)
         self.start = positive(start, "start of a")
         self.power = positive(power, "power by which a falls")

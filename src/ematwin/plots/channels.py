@@ -1,4 +1,4 @@
-"""Figures of what a file or a recording holds: a panel for each channel."""
+"""Figures of a file or a recording: a panel for each channel."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Figures of verdicts on recordings: the trend over runs, each fault in its own colour."""
+"""Figures of verdicts on recordings: the trend over runs, a colour for each fault."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -72,7 +72,7 @@ def _title(one: Magnitude) -> str:
 
 
 def _places(verdicts: Sequence[Diagnosis], each: str) -> tuple[list[Any], dict[str, Any]]:
-    """Where verdicts stand on the axis, and what the axis says."""
+    """Places of verdicts on the axis, and the layout of the axis."""
     times = [verdict.when for verdict in verdicts]
     if all(times) and len(set(times)) == len(times):
         return [str(time) for time in times], {"type": "date"}
@@ -81,7 +81,7 @@ def _places(verdicts: Sequence[Diagnosis], each: str) -> tuple[list[Any], dict[s
 
 
 def _looks(found: Detection) -> dict[str, tuple[str, str]]:
-    """Colour and symbol of what a verdict says: each fault its own."""
+    """Colour and symbol of each verdict, different for each fault."""
     faults = [v.said for v in (*found.runs, *found.motions) if v.said not in _PLAIN]
     colors = colors_of(faults)
     return _PLAIN | {

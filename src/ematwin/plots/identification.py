@@ -1,4 +1,4 @@
-"""Figures of an identification: what was found, how it fits, how the search went."""
+"""Figures of an identification: faults, fit and convergence."""
 
 from typing import Any
 
@@ -133,7 +133,7 @@ def plot_fit(found: Identification, recording: Recording | None = None) -> Any:
 
     Parameters
     ----------
-    recording : that was identified; None takes the one that the identification keeps
+    recording : that was identified; None takes the recording in the identification
 
     Returns
     -------

@@ -11,7 +11,7 @@ from ematwin.recordings.recording import Recording
 
 
 def plot_response(recording: Recording, healthy: Recording, actuator: Any) -> Any:
-    """What a kind shows of a recording, beside a healthy one under the same command.
+    """Signals of a recording, beside a healthy one under the same command.
 
     Returns
     -------

@@ -83,7 +83,7 @@ def _means(analysis: Any, metric: str, title: str) -> Any:
 
 
 def _ranks(analysis: Any) -> Any:
-    """Average ranks; a line joins algorithms of which none is shown to differ (Demsar 2006)."""
+    """Average ranks; a line joins algorithms that do not differ significantly (Demsar 2006)."""
     from plotly.graph_objects import Figure
 
     ranks = analysis.ranks
@@ -221,7 +221,7 @@ def _spread(
 def _box(figure: Any, name: str, color: str, err: np.ndarray, first: bool, **where: int) -> None:
     """Quartiles as a bar, extremes as whiskers, the median as a dash.
 
-    The small bundle of plotly that pages carry has no boxes of its own.
+    The small bundle of plotly that pages carry has no boxes.
     """
     low, q1, median, q3, high = np.quantile(err, [0.0, 0.25, 0.5, 0.75, 1.0]).tolist()
     shared = {"legendgroup": name, "name": name, **where}

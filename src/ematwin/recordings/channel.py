@@ -1,4 +1,4 @@
-"""Channel: what a kind of actuator calls one signal of its recordings."""
+"""Channel: one signal of the recordings of a kind of actuator."""
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ class Derivation:
     ----------
     formula : for the provenance, such as "set_point - position"
     sources : names of the channels that it follows from
-    compute : their values, (S,) arrays in SI, to those of the channel
+    compute : from their values, (S,) arrays in SI, to the values of the channel
     """
 
     formula: str

@@ -63,7 +63,7 @@ class MappedChannel(BaseModel):
     Parameters
     ----------
     channel : name in the file
-    unit : of ``scale x number + offset``; None takes what the file or the name states, else SI
+    unit : of ``scale x number + offset``; None takes the unit in the file or the name, else SI
     sign : +1 or -1
     scale : factor on the number in the file, such as A per V of a current probe
     offset : in the unit, added after the scale
@@ -105,7 +105,7 @@ class ChannelMap(BaseModel):
 
     Parameters
     ----------
-    channels : those of the kind of actuator; time is added
+    channels : of the kind of actuator; time is added
     columns : mapping of name or alias (``i_a``, ``t``) to `MappedChannel`, name in the file or
         table
     sample_rate : float (Hz) or text such as ``"20 kHz"``, in place of a time channel
@@ -193,7 +193,7 @@ class ChannelMap(BaseModel):
         """A map from a map, a mapping, a TOML file, or None: names as in a recording.
 
         A flat mapping may hold the options beside the columns:
-        ``{"i_a": "Phase A [A]", "sample_rate": "20 kHz"}``. ``channels`` are those of the kind.
+        ``{"i_a": "Phase A [A]", "sample_rate": "20 kHz"}``. ``channels`` belong to the kind.
 
         Raises
         ------

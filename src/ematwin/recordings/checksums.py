@@ -2,7 +2,7 @@
 
 The metadata are one JSON object: in Parquet it stands in the schema under ``ematwin``, in CSV in a
 first line ``# ematwin {...}``. ``checksums`` has one for each column, so that a column can be read
-alone; ``checksum`` is that of all other metadata. Files of 0.1 have neither and are read as they
+alone; ``checksum`` is over all other metadata. Files of 0.1 have neither and are read as they
 are. Against chance only: whoever changes a file on purpose can change the checksums, too.
 """
 

@@ -1,6 +1,6 @@
 """Samples that are missing or saturated: refused, cut off, filled and listed, or counted.
 
-Without a declared full scale, a current is taken for saturated at its own extreme value if it
+Without a declared full scale, a current is taken for saturated at its extreme value if it
 stays there for runs of samples, and so often that a smooth peak in steps of the converter cannot
 explain it: such a peak visits the last step about as often as the one below.
 """
@@ -65,7 +65,7 @@ def sound_samples(
     policy : "refuse"; "longest" keeps the longest stretch without a hole; "mask" fills holes with
         straight lines and lists them, so that the comparison can leave them out
     what : file, or motion in it, for messages
-    inputs : columns that drive the model: what they did meanwhile cannot be left open
+    inputs : columns that drive the model, which must be known throughout
 
     Raises
     ------

@@ -24,7 +24,7 @@ from ematwin.recordings.units import (
 
 @dataclass
 class Collected:
-    """Columns in SI on their own time bases, and what was done to get them.
+    """Columns in SI on their time bases, and the account of their conversion.
 
     Attributes
     ----------

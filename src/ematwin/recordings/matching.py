@@ -107,12 +107,10 @@ def match(file: RecordedFile, channel_map: ChannelMap, needs: Needs) -> Matched:
 
 
 def _needed(open_ones: Sequence[Channel], channel_map: ChannelMap, needs: Needs) -> list[Channel]:
-    """Time, and what is needed and not mapped."""
-    present = with_derived(channel_map.channels, channel_map.columns)
-    unmet = {
-        name for group in needs if not is_met(group, present) for part in group for name in part
-    }
-    return [one for one in open_ones if one.name == "time" or one.name in unmet]
+    """Time, and needed channels that are not mapped."""
+    groups = unmet(needs, channel_map.channels, channel_map.columns)
+    names = {"time", *(name for _, missing in groups for name in missing)}
+    return [one for one in open_ones if one.name in names]
 
 
 def _by_name(
@@ -180,14 +178,22 @@ def is_met(group: Sequence[Sequence[str]], present: Collection[str]) -> bool:
     return any(all(name in present for name in alternative) for alternative in group)
 
 
+def unmet(
+    needs: Needs, channels: Sequence[Channel], present: Collection[str]
+) -> list[tuple[Sequence[Sequence[str]], list[str]]]:
+    """The groups of needs without a whole alternative, each with the names that are missing."""
+    there = with_derived(channels, present)
+    return [
+        (group, list(dict.fromkeys(name for part in group for name in part if name not in there)))
+        for group in needs
+        if not is_met(group, there)
+    ]
+
+
 def _check_complete(
     file: RecordedFile, channel_map: ChannelMap, needs: Needs, found: Mapping[str, object]
 ) -> None:
-    present = with_derived(channel_map.channels, found)
-    for group in needs:
-        if is_met(group, present):
-            continue
-        missing = [name for part in group for name in part if name not in present]
+    for group, missing in unmet(needs, channel_map.channels, found):
         for channel in (channel_map.channel(name) for name in missing):
             _refuse_odd_unit(file, channel)
         first = channel_map.channel(missing[0])
@@ -279,7 +285,7 @@ def _fit(
 
 
 def _by_quantity(said: Said, wanted: Said, dimension: str, text: str) -> tuple[float, str]:
-    """How well the quantities of two names agree; ``dimension`` is that of the unit, or ""."""
+    """How well the quantities of two names agree; ``dimension`` is of the unit, or ""."""
     named, goal = set(said.quantities), set(wanted.quantities)
     if "command" in goal:
         # a set point of the position may say so; one of anything else is another channel

@@ -1,4 +1,4 @@
-"""A proposed channel map: which channel of a file is which, why, and what is open.
+"""A proposed channel map: which channel of a file is which, why, and open questions.
 
 Nothing is chosen silently. Two channels that are equally likely, or a unit that nobody states and
 that several would fit, become questions, and stand in the map as comments.
@@ -19,14 +19,14 @@ from ematwin.recordings.matching import (
     Candidate,
     Needs,
     candidates,
-    is_met,
-    with_derived,
+    unmet,
 )
 from ematwin.recordings.survey import Survey, Surveyed
 from ematwin.recordings.units import unit_factor
 from ematwin.showing import markup
 from ematwin.showing.frames import frame_of_rows
 
+HEADINGS = ("taken for", "channel", "unit", "because")
 _ALIKE = 0.5  # difference of scores up to which two channels are equally likely
 _SAME_SHAFT, _OTHER_SHAFT = (0.5, 2.0), 5.0  # span over that of the command
 
@@ -74,7 +74,7 @@ class Question:
 
     Attributes
     ----------
-    sentence : what is open, and how to answer it
+    sentence : the question, and how to answer it
     lines : lines of the map to choose from
     needed : whether there is no recording without an answer
     """
@@ -92,9 +92,9 @@ class Proposal:
     ----------
     kind : of actuator
     entries : by channel of the recording
-    questions : what is open
+    questions : open ones
     unused : names of the channels of the file that are not used
-    check : what reading the file with this map gave: what is doubtful, or why it is refused
+    check : doubts about a recording read with this map, or why it is refused
     refused : whether a recording read with this map would be refused
     """
 
@@ -110,6 +110,20 @@ class Proposal:
         """Whether a recording can be read with it as it stands."""
         return not self.refused and not any(one.needed for one in self.questions)
 
+    @property
+    def sentence(self) -> str:
+        """Whether it is complete."""
+        state = "is complete" if self.is_complete else "needs an answer to what is open"
+        return f"The map for the kind {self.kind} {state}."
+
+    @property
+    def rows(self) -> list[list[str]]:
+        """Cells for people, below `HEADINGS`."""
+        return [
+            [name, one.channel, one.unit or f"{' or '.join(one.units)}?", " ".join(one.reasons)]
+            for name, one in self.entries.items()
+        ]
+
     def columns(self) -> dict[str, dict[str, Any]]:
         """The settled part of the map, as `ematwin.read` takes it."""
         return {
@@ -119,7 +133,7 @@ class Proposal:
         }
 
     def as_toml(self) -> str:
-        """The map as a file, with the reasons as comments; what is open is commented out."""
+        """The map as a file, with the reasons as comments; open lines are commented out."""
         lines = [
             f"# Channels of a recording of the kind {self.kind}, proposed by ematwin channels."
         ]
@@ -152,18 +166,11 @@ class Proposal:
     to_dataframe = to_frame
 
     def _repr_html_(self) -> str:
-        """Whether it is complete, then the map and what is open, in a notebook."""
-        lead = f"The map for the kind {self.kind} is complete."
-        if not self.is_complete:
-            lead = f"The map for the kind {self.kind} needs an answer to what is open."
-        rows = [
-            (name, one.channel, one.unit or f"{' or '.join(one.units)}?", " ".join(one.reasons))
-            for name, one in self.entries.items()
-        ]
+        """Whether it is complete, then the map and open questions, in a notebook."""
         return "".join(
             [
-                markup.verdict(lead, "healthy" if self.is_complete else "changed"),
-                markup.table(("taken for", "channel", "unit", "because"), rows),
+                markup.verdict(self.sentence, "healthy" if self.is_complete else "changed"),
+                markup.table(HEADINGS, self.rows),
                 *(markup.note(f"Open: {one.sentence}") for one in self.questions),
                 *(markup.note(f"Warning: {text}") for text in self.check),
             ]
@@ -199,14 +206,14 @@ def _lines(name: str, channels: Iterable[Surveyed]) -> tuple[str, ...]:
 def propose(
     found: Survey, channels: Sequence[Channel], needs: Needs, kind: str, command: str
 ) -> Proposal:
-    """A map by names, stated units, and what the channels themselves show.
+    """Make a map from names, stated units and the values of the channels.
 
-    Units that nobody states stay open (`ematwin.models.proposing` closes what it can).
+    Units that are not stated stay open (`ematwin.models.proposing` settles some).
 
     Parameters
     ----------
     found : Survey
-    channels : those of the kind of actuator
+    channels : of the kind of actuator
     needs : groups of channels; of each group at least one whole alternative must be there
     kind : of actuator
     command : name of the channel that is commanded
@@ -243,7 +250,10 @@ def _chosen(
     for name, all_of in ranked.items():
         if not all_of or all_of[0].score < NAMED:
             if all_of and channels[name].unit == "N*m":
-                questions.append(_torque(name, [found[one.name] for one in all_of]))
+                listed = " or ".join(f"“{one.name}”" for one in all_of)
+                said = f"{listed} may be the {name}, or the motor's own torque: the name does not "
+                lines = _lines(name, (found[one.name] for one in all_of))
+                questions.append(Question(f"{said}tell which.", lines))
             continue
         best = [one for one in all_of if one.score >= all_of[0].score - _ALIKE]
         if len(best) > 1:
@@ -282,14 +292,6 @@ def _chosen(
             )
         )
     return {name: chosen[name] for name in ranked if name in chosen}
-
-
-def _torque(name: str, may_be: Sequence[Surveyed]) -> Question:
-    listed = " or ".join(f"“{one.name}”" for one in may_be)
-    return Question(
-        f"{listed} may be the {name}, or the motor's own torque: the name does not tell which.",
-        _lines(name, may_be),
-    )
 
 
 def _by_span(
@@ -354,28 +356,20 @@ def _missing(
     asked: Sequence[Question],
     found: Survey,
 ) -> list[Question]:
-    """Questions on what a recording needs and no name speaks for."""
-    present = with_derived(channels, entries)
+    """Questions on needed channels for which there is no name."""
     questions = []
-    for group in needs:
-        if is_met(group, present):
-            continue
-        wanted = list(dict.fromkeys(name for part in group for name in part if name not in present))
+    for group, wanted in unmet(needs, channels, entries):
         lines = [
             line for name in wanted for line in _lines(name, (found[c.name] for c in ranked[name]))
         ]
         alternatives = " or ".join(" with ".join(part) for part in group)
+        lead = f"Needed and not found for certain: {alternatives}; "
         starts = tuple(f"{name} =" for name in wanted)
-        already = any(line.startswith(starts) for one in asked for line in one.lines)
-        by_unit = "" if not lines else " These have the right unit."
-        where = "see above" if already else f"name it in the map.{by_unit}"
-        questions.append(
-            Question(
-                f"Needed and not found for certain: {alternatives}; {where}",
-                () if already else tuple(dict.fromkeys(lines)),
-                needed=True,
-            )
-        )
+        if any(line.startswith(starts) for one in asked for line in one.lines):
+            questions.append(Question(f"{lead}see above", needed=True))
+        else:
+            where = f"name it in the map.{' These have the right unit.' if lines else ''}"
+            questions.append(Question(lead + where, tuple(dict.fromkeys(lines)), needed=True))
     if not ranked.get("time", [()]) and not found.has_times:
         questions.append(
             Question(

@@ -54,13 +54,13 @@ def read_file(
     Parameters
     ----------
     path : a file of a known format, or a DataFrame
-    channels : those of the kind of actuator
+    channels : of the kind of actuator
     columns : which channel of the file is which: a `ChannelMap`, a mapping or a TOML file; None
         finds them by name
     needs : groups of channels; of each group at least one whole alternative must be there
     inputs : channels that drive the model
-    own : whether a file that ematwin wrote is read as it is, whatever its channels; else it is if
-        it has what is needed
+    own : whether a file that ematwin wrote is read as it is, whatever its channels; else if it
+        has the needed channels
     resample_to : float (Hz) or text such as ``"20 kHz"``; None keeps the recorded rate
     gaps : what to do about holes, see `ematwin.recordings.cleaning`
     split : whether a table is cut into motions
@@ -69,8 +69,8 @@ def read_file(
 
     Returns
     -------
-    list of Recording, one unless the file was cut into several motions; only what was chosen has to
-        be sound
+    list of Recording, one unless the file was cut into several motions; only chosen motions have
+        to be sound
 
     Raises
     ------
@@ -79,7 +79,7 @@ def read_file(
     FileError
         If the file cannot be read.
     RecordError
-        If a channel is missing or holds what a recording cannot.
+        If a channel is missing or cannot be part of a recording.
     MissingExtraError
         If the library for this format is not installed.
     """
@@ -104,7 +104,7 @@ def read_file(
 
 
 def assumptions(recording: Recording) -> list[str]:
-    """Sentences on what was assumed when a recording was read, which its user must see.
+    """Sentences on assumptions made in reading a recording, which its user must see.
 
     Units that nobody stated above all; only how an ordinary text table was recognised is left out.
     """
@@ -178,7 +178,7 @@ def _cleaned(
 def _bring_to_one_base(
     found: Collected, means: Collection[str], inputs: Collection[str], what: str
 ) -> np.ndarray:
-    """All columns at the times of what was measured, the fastest if that has several bases."""
+    """All columns at the times of the measured channels, the fastest of several bases."""
     columns, bases, times = found.columns, found.bases, found.times
     if len(times) == 1:
         return next(iter(times.values()))

@@ -34,10 +34,10 @@ class Recording:
     time : (S,) array, s
     channels : mapping of names to (S,) arrays, SI
     units : mapping of channels to their SI units, for files and figures
-    labels : what is known of it, as texts, e.g. ``{"condition": "normal", "run": "1"}``
+    labels : facts about it, as texts, e.g. ``{"condition": "normal", "run": "1"}``
     start : the moment at which its time is zero, if known
     source : the file that it comes from
-    provenance : mapping of JSON values, where it comes from and what was done to it
+    provenance : mapping of JSON values, its source and changes
     **more : further channels by name; None leaves one out
 
     Raises
@@ -189,7 +189,7 @@ class Recording:
         Parameters
         ----------
         table : DataFrame with a column ``time`` (s), or with the times as its index: numbers of
-            seconds, or moments, of which the first is then the start
+            seconds, or moments; the first moment is then the start
         labels, start, source : as of a recording
 
         Raises
@@ -197,24 +197,20 @@ class Recording:
         RecordError
             If there are no times, or a column is none that a recording can hold.
         """
-        columns = {str(name): table.iloc[:, n].to_numpy() for n, name in enumerate(table.columns)}
-        times = columns.pop("time", None)
+        from ematwin.recordings.formats.frame import FrameFile
+
+        file = FrameFile(table)
+        columns = file.read(file.names)
+        times = columns.pop("time", columns.pop("t", None))
         if times is None:
-            times = table.index.to_numpy()
-            if times.dtype.kind not in "mM" and str(table.index.name) not in ("time", "t"):
-                raise RecordError(
-                    f"The DataFrame has no column time, and its index is not one of times; it has "
-                    f"{', '.join(columns) or 'no columns'}. Add the column, in s, or call the "
-                    "index time."
-                )
-        if times.dtype.kind == "M":
-            first = times[:1].astype("datetime64[us]").tolist()
-            start = start or next((one for one in first if isinstance(one, datetime)), None)
-            times = times - times[:1]
-        if times.dtype.kind == "m":
-            times = times.astype("timedelta64[ns]").astype(np.int64) * 1e-9
-        units = {name: str(unit) for name, unit in table.attrs.get("units", {}).items()}
-        return cls(times, columns, units=units, labels=labels, start=start, source=source)
+            raise RecordError(
+                f"The DataFrame has no column time, and its index is not one of times; it has "
+                f"{', '.join(columns) or 'no columns'}. Add the column, in s, or call the "
+                "index time."
+            )
+        began = start or next(iter(file.clocks.values()), None)
+        units = {name: unit for name in columns if (unit := file.unit(name))}
+        return cls(times, columns, units=units, labels=labels, start=began, source=source)
 
     def __len__(self) -> int:
         return int(self.time.size)

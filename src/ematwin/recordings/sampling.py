@@ -1,8 +1,8 @@
 """The time grid of a recording: its times tidied, and all columns at one constant rate.
 
 Jittered times are interpolated by Akima's cubics (J. ACM 17, 1970), which do not overshoot at the
-steps that commands have; on a sine of 100 samples a turn they are off by 2e-5, where monotone
-cubics (PCHIP) are off by 3e-4. A lower rate is reached through a linear-phase low-pass
+steps that commands have; on a sine of 100 samples a turn their error is 2e-5, where monotone
+cubics (PCHIP) have 3e-4. A lower rate is reached through a linear-phase low-pass
 that is down by 80 dB at the new Nyquist frequency, applied without delay.
 
 A current of a brushless actuator is the mean over the interval that ends at its time: it comes half
@@ -32,7 +32,7 @@ _WHOLE = 1e-6  # a ratio of rates so close to an integer is one
 
 
 def tidy_time(time: np.ndarray, what: object) -> tuple[np.ndarray, list[str]]:
-    """Times (S,), s, that increase, and sentences on what was changed; ``what`` is for messages.
+    """Times (S,), s, that increase, and sentences on changes; ``what`` is for messages.
 
     Times that are regular but for the digits with which they were written are put on the grid
     that they came from; calendar times are counted from the first.
@@ -89,7 +89,7 @@ def gap_starts(time: np.ndarray) -> np.ndarray:
 
 
 def _grid_behind_rounding(time: np.ndarray) -> np.ndarray | None:
-    """The even grid of which these times are roundings; None if they are not.
+    """The even grid that these times are roundings of; None if they are not.
 
     Rounding moves no time further than one unit of its last digit. To know the rate, the record
     must span at least twenty such units, and a unit may hold at most fifty samples.
@@ -108,7 +108,7 @@ def _grid_behind_rounding(time: np.ndarray) -> np.ndarray | None:
 
 
 def _decimal_unit(time: np.ndarray) -> float:
-    """The largest power of ten of which all times are multiples, s; 0 if there is none."""
+    """The largest power of ten that divides all times, s; 0 if there is none."""
     for digits in range(_FINEST_DECIMAL):
         scaled = time * 10.0**digits
         slack = 1e-4 + 4.0 * float(np.spacing(np.abs(scaled).max()))
@@ -152,7 +152,7 @@ def to_constant_rate(
     what: object,
     means: Collection[str] = (),
 ) -> tuple[np.ndarray, Arrays, list[str]]:
-    """Times and columns at a constant rate, and sentences on what was done.
+    """Times and columns at a constant rate, and sentences on changes.
 
     Parameters
     ----------

@@ -77,7 +77,7 @@ class Surveyed:
 
 @dataclass(frozen=True)
 class Survey:
-    """All channels of a file, and what was assumed in reading it."""
+    """All channels of a file, and the assumptions made in reading it."""
 
     path: Path
     kind: str

@@ -1,6 +1,6 @@
 """Writing columns and recordings to CSV and Parquet files, through pyarrow.
 
-Numbers survive the round trip bit for bit. What is known of a recording beside its channels is kept
+Numbers survive the round trip bit for bit. All else about a recording is kept
 with checksums (`checksums`); pages of Parquet have their own. A table of several recordings has no
 such metadata; its columns say labels and units.
 
@@ -30,12 +30,12 @@ _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|-?(inf|nan)|-{1,3}"
 def write_recording(
     recording: Recording, path: str | Path, channels: Sequence[Channel] = ()
 ) -> None:
-    """Write one recording; what is read back is equal, bit for bit.
+    """Write one recording; it is read back equal, bit for bit.
 
     Parameters
     ----------
     path : its ending says whether Parquet or CSV
-    channels : those of its kind, for the units of channels for which it has none
+    channels : of its kind, for the units of channels that have none
 
     Raises
     ------
@@ -105,7 +105,7 @@ def write_recordings(
 
 
 def _units(recordings: Sequence[Recording], channels: Sequence[Channel]) -> dict[str, str]:
-    """Units of time and channels: those that a recording states, else those of its kind."""
+    """Units of time and channels as a recording states them, else as its kind does."""
     known = {one.name: one.unit for one in with_time(channels)}
     units = {TIME.name: TIME.unit}
     for recording in recordings:
@@ -166,7 +166,7 @@ def no_formula(text: str) -> str:
     """A text for a cell, with an apostrophe before it if a spreadsheet would compute it.
 
     Plain numbers such as ``-1.5`` are left as they are, and so are dashes alone, which stand for
-    what is missing.
+    missing values.
     """
     if _FORMULA.match(text) and not _NUMBER.fullmatch(text):
         return f"'{text}"
@@ -174,5 +174,5 @@ def no_formula(text: str) -> str:
 
 
 def without_apostrophe(text: str) -> str:
-    """The text of which `no_formula` made a cell."""
+    """The text before `no_formula` changed it."""
     return text[1:] if text.startswith("'") and _FORMULA.match(text) else text

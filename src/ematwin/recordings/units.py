@@ -92,7 +92,7 @@ def unit_in_brackets(name: str, si_unit: str) -> str | None:
 def unit_in_name(name: str, si_unit: str, names: Collection[str] = ()) -> str | None:
     """The unit at the end of a channel name, if it fits ``si_unit``: ``mm`` of ``travel_mm``.
 
-    ``names`` are those of all channels of the file: a letter of a series (``phase_a``,
+    ``names`` are of all channels of the file: a letter of a series (``phase_a``,
     ``phase_b``) is no unit.
     """
     behind = (unit for _, unit in suffixes(name, si_unit, names))

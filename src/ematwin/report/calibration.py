@@ -1,4 +1,4 @@
-"""Page: what healthy recordings told of an actuator. The shell shows its table and sentences."""
+"""Page: a calibration. The shell shows its table and sentences."""
 
 import math
 from typing import Any
@@ -15,7 +15,7 @@ _SIDES = 1.96  # standard errors to both sides: 95 %
 
 
 def calibration_page(report: CalibrationReport) -> str:
-    """HTML page: parameters beside their template, what is left open, how healthy runs differ."""
+    """HTML page: parameters beside their template, undetermined ones, spread of healthy runs."""
     actuator = report.actuator
     told = [p for p in report.parameters if p.determined]
     lead = (

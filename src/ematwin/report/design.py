@@ -1,4 +1,4 @@
-"""Pages: a designed command with its errors beside those of the given one, and its price."""
+"""Pages: a designed command with its errors beside the given command's, and its price."""
 
 import math
 from collections.abc import Mapping

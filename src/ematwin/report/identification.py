@@ -1,4 +1,4 @@
-"""Page: what a recording says about its actuator."""
+"""Page: an identification."""
 
 from ematwin.errors import InputError
 from ematwin.estimation.findings import fault_cells
@@ -14,7 +14,7 @@ from ematwin.showing.numbers import number_of, said_between, with_interval
 def identification_page(found: Identification) -> str:
     """HTML page: faults, measured and fitted channels, residuals, convergence, provenance.
 
-    The recording is the one that was identified from: with the load that was given, counted from
+    The recording is as it was identified: with the load that was given, counted from
     where its rotor stood, and averaged.
 
     Raises

@@ -1,9 +1,9 @@
 """A progress bar: of rich in a terminal, of HTML in a notebook.
 
-Bars of rich and tqdm need ipywidgets in a notebook; what a notebook can always do is to show a
-piece of HTML anew.
+Bars of rich and tqdm need ipywidgets in a notebook; a piece of HTML that is shown anew does not.
 """
 
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -27,7 +27,7 @@ def bar(title: str) -> Iterator[Bar]:
     if in_notebook():
         yield from _in_notebook(title)
     else:
-        yield from _in_terminal(title)
+        yield from in_terminal(title)
 
 
 @contextmanager
@@ -36,9 +36,9 @@ def told(
     title: str,
     shown: Callable[..., tuple[Any, ...]] = lambda share: (share,),
 ) -> Iterator[Any]:
-    """What takes the progress: what was given, a bar where that is True, else None.
+    """Give the function that takes the progress: the given one, a bar for True, else None.
 
-    ``shown`` makes of what is reported the share done, and the words beside it if there are any.
+    ``shown`` turns a report into the share done, and words beside it if there are any.
     """
     if not isinstance(progress, bool):
         yield progress
@@ -51,8 +51,6 @@ def told(
 
 def in_notebook() -> bool:
     """Whether this runs in a notebook, or another front end that shows HTML."""
-    import sys
-
     if "IPython" not in sys.modules:
         return False
     from IPython import get_ipython
@@ -88,19 +86,22 @@ def _html(title: str, share: float, words: str) -> str:
     )
 
 
-def _in_terminal(title: str) -> Iterator[Bar]:
+def in_terminal(title: str) -> Iterator[Bar]:
+    """Show a bar with words and the time left on standard error, if that is a terminal."""
+    if not sys.stderr.isatty():
+        yield lambda share, words="": None
+        return
     from rich.console import Console
     from rich.markup import escape as plain
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
     from rich.progress import TimeRemainingColumn as Left
 
-    console = Console(stderr=True)
     columns = (
         TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(),
         TextColumn("{task.fields[words]}"), Left(),
     )  # fmt: skip
     with Progress(
-        *columns, console=console, transient=True, disable=not console.is_terminal
+        *columns, console=Console(stderr=True), transient=True, speed_estimate_period=600.0
     ) as shown:
         task = shown.add_task(plain(title), total=1.0, words="")
         yield lambda share, words="": shown.update(task, completed=share, words=words)

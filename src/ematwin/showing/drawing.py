@@ -17,10 +17,10 @@ def drawn(result: Any, kind: str, functions: Mapping[str, str], *settings: Any) 
 
     Parameters
     ----------
-    result : what is drawn
+    result : to be drawn
     kind : which of its figures
     functions : kind to the name of a function of `ematwin.plots`
-    settings : what the function takes beside the result
+    settings : further arguments of the function
 
     Raises
     ------

@@ -24,7 +24,7 @@ def frame(columns: Mapping[str, Any], index: str | None = None) -> Any:
 
 
 def frame_of_rows(rows: Iterable[Mapping[str, Any]], index: str | None = None) -> Any:
-    """A pandas DataFrame of rows; what a row does not have is missing."""
+    """A pandas DataFrame of rows; values that a row does not have are missing."""
     made = _pandas().DataFrame(list(rows))
     return made if index is None else made.set_index(index)
 

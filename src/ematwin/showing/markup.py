@@ -18,7 +18,7 @@ def verdict(sentence: str, grade: str = "none") -> str:
 
 
 def heading(text: str) -> str:
-    """A line that says what is shown."""
+    """A heading."""
     return f'<div style="font-weight:600;margin:.3em 0">{escape(text)}</div>'
 
 

@@ -150,13 +150,11 @@ class StoreContract(ABC):
         with Store(where) as again:
             again.begin(small_plan(runs=9, algorithms=("ga", "de")).settings())
 
-    @pytest.mark.parametrize(("schema", "words"), [("99", "has schema 99"), ("1", "ematwin 0.1")])
-    def test_another_schema_is_refused(
-        self, store: Store, where: str | Path, schema: str, words: str
-    ) -> None:
+    @pytest.mark.parametrize("schema", ["99", "1"])
+    def test_another_schema_is_refused(self, store: Store, where: str | Path, schema: str) -> None:
         """A store of a newer ematwin is not touched, nor is one without checksums."""
         _execute(where, f"UPDATE ematwin_study SET value = '{schema}' WHERE key = 'schema'")
-        with pytest.raises(FileError, match=words):
+        with pytest.raises(FileError, match=f"has schema {schema}"):
             open_store(where)
 
     @pytest.mark.parametrize(

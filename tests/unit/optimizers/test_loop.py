@@ -142,14 +142,6 @@ def test_a_callback_sees_progress_and_can_stop():
     assert seen[-1].budget == 10_000
 
 
-def test_a_criterion_of_ones_own_gives_its_own_reason():
-    class Enough:
-        def reason(self, progress):
-            return "enough" if progress.evaluations >= 100 else None
-
-    assert minimize(sphere, LOWER, UPPER, stopping=[Enough()]).stopped == "enough"
-
-
 def test_algorithms_are_names_classes_partials_or_objects():
     settings = {"population": 20, "iterations": 5, "seed": 3}
     by_name = minimize(sphere, LOWER, UPPER, "de", **settings)

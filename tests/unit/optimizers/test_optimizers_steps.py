@@ -19,25 +19,17 @@ from ematwin.optimizers import (
 from ematwin.optimizers.base import falling
 from ematwin.optimizers.differential_evolution import (
     Best1,
-    Best2,
-    BounceBack,
-    Clip,
-    CurrentToBest1,
     Mutants,
     Rand1,
+    bounced_back,
     others,
 )
+from ematwin.optimizers.genetic_algorithm import Binary
 from ematwin.optimizers.genetic_operators import (
-    BestOfBoth,
-    Children,
-    OnePoint,
     Polynomial,
     Roulette,
     SimulatedBinary,
     Tournament,
-    TwoPoint,
-    Uniform,
-    decode,
 )
 from ematwin.optimizers.particle_swarm import INERTIA_1998, Coefficients, Global, GrowingRing, Ring
 from naive import optimizers_naive as naive
@@ -279,17 +271,13 @@ def test_donors_are_different_and_not_the_parent(picks):
 def test_mutants_are_those_of_the_strategies():
     parents = np.arange(12.0).reshape(6, 2) ** 2
     F = np.full((6, 1), 0.5)
-    for strategy, picks in ((Rand1(), 3), (Best1(), 2), (CurrentToBest1(), 2), (Best2(), 4)):
+    for strategy, picks in ((Rand1(), 3), (Best1(), 2)):
         r = others(np.random.default_rng(3), 6, picks)
         x = [parents[row] for row in r]
         best = parents[4]
         expected = {
             Rand1: lambda x=x: x[0] + 0.5 * (x[1] - x[2]),
             Best1: lambda x=x, best=best: best + 0.5 * (x[0] - x[1]),
-            CurrentToBest1: lambda x=x, best=best: (
-                parents + 0.5 * (best - parents) + 0.5 * (x[0] - x[1])
-            ),
-            Best2: lambda x=x, best=best: best + 0.5 * (x[0] + x[1] - x[2] - x[3]),
         }[type(strategy)]()
         made = strategy.mutate(np.random.default_rng(3), parents, 4, F)
         assert made.vectors == pytest.approx(expected)
@@ -306,12 +294,11 @@ def test_a_trial_replaces_its_parent_only_if_it_is_no_worse():
     assert kept == [True, False, False, True, False]
 
 
-def test_mutants_outside_the_box_bounce_back_or_stop():
+def test_mutants_outside_the_box_bounce_back():
     box = Box([0.0, 0.0], [1.0, 1.0])
     mutants = Mutants(np.array([[-0.4, 0.5], [0.3, 1.6]]), np.array([[0.2, 0.2], [0.3, 0.4]]))
-    bounced = BounceBack().repair(Scripted(0.5), box, mutants)
+    bounced = bounced_back(Scripted(0.5), box, mutants)
     assert bounced == pytest.approx(np.array([[0.1, 0.5], [0.3, 0.7]]))
-    assert Clip().repair(Scripted(), box, mutants).tolist() == [[0.0, 0.5], [0.3, 1.0]]
 
 
 def test_the_best_of_each_tournament_wins_and_everyone_is_drawn():
@@ -356,20 +343,19 @@ def test_polynomial_mutation_stays_in_the_box_and_moves_one_variable_on_average(
 def test_bits_span_the_box_evenly_and_gray_neighbours_differ_in_one_bit():
     box = Box([-2.0], [5.0])
     strings = np.array([[n >> 2 & 1, n >> 1 & 1, n & 1] for n in range(8)], dtype=bool)
-    plain = decode(strings, box, 3, gray=False)[:, 0]
+    plain = Binary(bits=3, gray=False).decode(strings, box)[:, 0]
     assert plain == pytest.approx(np.linspace(-2.0, 5.0, 8))
-    gray = np.argsort(decode(strings, box, 3, gray=True)[:, 0])
+    gray = np.argsort(Binary(bits=3).decode(strings, box)[:, 0])
     steps = (strings[gray][1:] != strings[gray][:-1]).sum(axis=1)
     assert steps.tolist() == [1] * 7
 
 
-def test_bit_crossovers_exchange_runs_of_bits():
-    rng = np.random.default_rng(8)
-    changes = np.abs(np.diff(OnePoint().mask(rng, 300, 12).astype(int), axis=1)).sum(axis=1)
-    assert set(changes.tolist()) == {1}
-    changes = np.abs(np.diff(TwoPoint().mask(rng, 300, 12).astype(int), axis=1)).sum(axis=1)
-    assert changes.max() == 2
-    assert Uniform().mask(rng, 300, 12).mean() == pytest.approx(0.5, abs=0.05)
+def test_crossover_of_bits_exchanges_all_after_one_place():
+    parents = np.zeros((300, 12), dtype=bool)
+    encoding = Binary(bits=12, crossed=1.0, flipped=0.0)
+    children = encoding.breed(np.random.default_rng(8), Box([0.0], [1.0]), parents, ~parents)
+    assert set(np.abs(np.diff(children.astype(int), axis=1)).sum(axis=1).tolist()) == {1}
+    assert (children[:300] ^ children[300:]).all()
 
 
 def test_the_best_of_parents_and_children_survive():
@@ -417,10 +403,12 @@ def test_a_roulette_of_equals_or_of_none_finite_draws_all_alike():
         assert np.bincount(drawn) / 8_000 == pytest.approx([0.25] * 4, abs=0.02)
 
 
-def test_children_survive_whatever_their_costs_or_the_best_of_both_do():
-    parents, children = np.array([1.0, 5.0]), np.array([9.0, 2.0])
-    assert Children().survivors(parents, children).tolist() == [2, 3]
-    assert BestOfBoth().survivors(parents, children).tolist() == [0, 3]
+@pytest.mark.parametrize(("elitist", "left"), [(False, [9.0, 2.0]), (True, [1.0, 2.0])])
+def test_children_survive_whatever_their_costs_or_the_best_of_both_do(elitist, left):
+    genes = GeneticAlgorithm(WIDE, population=2, iterations=10, elitist=elitist)
+    for costs in ([1.0, 5.0], [9.0, 2.0]):
+        genes.tell(genes.ask(), np.array(costs))
+    assert genes.costs.tolist() == left
 
 
 def test_inertia_falls_evenly_and_a_by_its_power():

@@ -8,7 +8,7 @@ from ematwin.optimizers import algorithms, create
 from ematwin.optimizers.base import Box
 from ematwin.optimizers.differential_evolution import Rand1
 from ematwin.optimizers.genetic_algorithm import Binary
-from ematwin.optimizers.genetic_operators import Children, OnePoint, Roulette
+from ematwin.optimizers.genetic_operators import Roulette
 from ematwin.optimizers.particle_swarm import Global
 from ematwin.optimizers.registry import PRESETS
 
@@ -48,9 +48,8 @@ def test_the_paper_preset_has_the_published_forms():
     encoding, strategy = ga.encoding, de.strategy
     assert isinstance(encoding, Binary)
     assert (encoding.gray, encoding.crossed, encoding.flipped) == (False, 0.6, 0.001)
-    assert isinstance(encoding.crossover, OnePoint)
     assert isinstance(ga.selection, Roulette)
-    assert isinstance(ga.survival, Children)
+    assert not ga.elitist
     assert isinstance(pso.topology, Global)
     assert pso.craziness is None
     assert isinstance(strategy, Rand1)

@@ -1,12 +1,11 @@
 """A Dask cluster: a scheduler given by its address, or one that is started on this machine.
 
 A scheduler starts a run again elsewhere when its worker dies, three times. The workers must have
-one thread each, because a run is one thread and the watchdog ends the whole process. A scheduler
-that is gone, or all of whose workers are, is waited for, and then gets what was in flight again.
+one thread each, because a run is one thread and the watchdog ends the whole process. If the
+scheduler or all of its workers are gone, the engine waits, then submits the runs in flight again.
 """
 
 import logging
-import queue
 import time
 from contextlib import suppress
 from typing import Any
@@ -45,6 +44,7 @@ class DaskEngine(Engine):
         time_limit: float | None = None,
         patience: float = PATIENCE,
     ) -> None:
+        super().__init__(time_limit, patience)
         try:
             import distributed
         except ImportError:
@@ -52,8 +52,6 @@ class DaskEngine(Engine):
         self._distributed = distributed
         self._address = scheduler
         self._workers = workers
-        self._limit = time_limit
-        self._patience = patience
         self._cluster: Any = None
         self._client: Any = None
         self._slots = 0
@@ -61,7 +59,6 @@ class DaskEngine(Engine):
         self._answered = 0.0  # when there were workers last
         self._flights: dict[str, tuple[RunSpec, Any, float]] = {}
         self._again: dict[str, RunSpec] = {}  # were in flight when the scheduler was lost
-        self._events: queue.SimpleQueue[tuple[str, Any]] = queue.SimpleQueue()
 
     def start(self) -> None:  # noqa: D102
         # what they would log about lost connections is said once, as a sentence
@@ -105,18 +102,6 @@ class DaskEngine(Engine):
         self._again[spec.id] = spec
         self._send()
 
-    def finished(self, timeout: float) -> list[RunResult]:  # noqa: D102
-        self._watch()
-        self._send()
-        results: list[RunResult] = []
-        try:
-            while True:
-                id, future = self._events.get(timeout=0.0 if results else timeout)
-                if id in self._flights and self._flights[id][1] is future:
-                    results += self._land(id)
-        except queue.Empty:
-            return results
-
     def close(self) -> None:  # noqa: D102
         if self._client is not None and self._flights:
             with suppress(Exception):
@@ -135,7 +120,7 @@ class DaskEngine(Engine):
         )
 
     def _disconnect(self) -> None:
-        """Let go of the scheduler; what was in flight waits to be sent again."""
+        """Disconnect from the scheduler; runs in flight wait to be submitted again."""
         client, self._client, self._slots = self._client, None, 0
         self._again |= {id: flight[0] for id, flight in self._flights.items()}
         self._flights.clear()
@@ -144,7 +129,7 @@ class DaskEngine(Engine):
                 client.close(timeout=5)
 
     def _send(self) -> None:
-        """Begin the runs that wait, as far as there are workers."""
+        """Submit waiting runs while there are free workers."""
         for id, spec in list(self._again.items()):
             if self._client is None or len(self._flights) >= self._slots:
                 return
@@ -159,8 +144,14 @@ class DaskEngine(Engine):
             self._flights[id] = (spec, future, time.monotonic())
             future.add_done_callback(lambda done, id=id: self._events.put((id, done)))
 
-    def _land(self, id: str) -> list[RunResult]:
-        spec, future, since = self._flights[id]
+    def _tend(self) -> None:
+        self._watch()
+        self._send()
+
+    def _land(self, id: str, future: Any) -> list[RunResult]:
+        if id not in self._flights or self._flights[id][1] is not future:
+            return []
+        spec, _, since = self._flights[id]
         if future.status in {"cancelled", "lost"}:
             self._disconnect()
             return []

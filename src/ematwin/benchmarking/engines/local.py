@@ -50,14 +50,9 @@ class LocalEngine(Engine):
     name = "local"
 
     def __init__(
-        self,
-        workers: int,
-        time_limit: float | None = None,
-        patience: float = PATIENCE,
+        self, workers: int, time_limit: float | None = None, patience: float = PATIENCE
     ) -> None:
-        self._limit = time_limit
-        self._patience = patience
-        self._events: queue.SimpleQueue[tuple[_Worker, Future[Any]]] = queue.SimpleQueue()
+        super().__init__(time_limit, patience)
         self._workers = [_Worker(self._events) for _ in range(workers)]
 
     def start(self) -> None:  # noqa: D102
@@ -77,18 +72,6 @@ class LocalEngine(Engine):
         worker.spec = spec
         self._launch(worker)
 
-    def finished(self, timeout: float) -> list[RunResult]:  # noqa: D102
-        for worker in self._workers:
-            worker.start_if_due()
-        results: list[RunResult] = []
-        try:
-            while True:
-                worker, future = self._events.get(timeout=0.0 if results else timeout)
-                if future is worker.future:
-                    results += self._land(worker, future)
-        except queue.Empty:
-            return results
-
     def close(self) -> None:  # noqa: D102
         for worker in self._workers:
             worker.end()
@@ -96,8 +79,14 @@ class LocalEngine(Engine):
     def _launch(self, worker: "_Worker") -> None:
         worker.submit(execute, worker.spec, self._limit, self.name)
 
+    def _tend(self) -> None:
+        for worker in self._workers:
+            worker.start_if_due()
+
     def _land(self, worker: "_Worker", future: "Future[Any]") -> list[RunResult]:
         """Take in that a process has started, has done a run, or has died."""
+        if future is not worker.future:
+            return []
         error = future.exception()
         if isinstance(error, BrokenExecutor):
             return self._recover(worker, error)
@@ -140,13 +129,13 @@ class _Worker:
     ----------
     spec : the run that it does, or None
     ready : bool, its process has started
-    future : of what it does now
+    future : of its current task
     submitted : float, of the monotonic clock, s, when that began
     deaths : int, in a row
     since, due : float, when it died first, and when it may be started again
     """
 
-    def __init__(self, events: "queue.SimpleQueue[tuple[_Worker, Future[Any]]]") -> None:
+    def __init__(self, events: "queue.SimpleQueue[tuple[Any, Any]]") -> None:
         self._events = events
         self._pool: Any = None
         self.spec: RunSpec | None = None

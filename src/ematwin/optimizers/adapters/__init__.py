@@ -18,7 +18,7 @@ def adapted(
     departures: str,
     **more: Any,
 ) -> Algorithm:
-    """Describe an algorithm of a library, with its own settings."""
+    """Describe an algorithm of a library, with the library's settings."""
     return Algorithm(
         name, title, source, library, load, requires=library, departures=departures,
         tuned_on="nothing here: the library's own settings", **more,

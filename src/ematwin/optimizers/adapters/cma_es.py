@@ -1,4 +1,4 @@
-"""CMA-ES of the package ``cma``, with its own defaults, through its own ask and tell.
+"""CMA-ES of the package ``cma``, with the package's defaults, through its ask and tell.
 
 The first mean is drawn uniformly in the box and the first step is 0.3 of the box in every variable.
 Where the package declares itself converged it starts afresh from another mean, so that the budget
@@ -20,7 +20,7 @@ _WORST = 1e300  # cma takes differences of costs
 
 
 def _quiet() -> warnings.catch_warnings:
-    """Hold back the package's remarks on its own numerics shortly before it converges."""
+    """Hold back the package's warnings shortly before it converges."""
     return warnings.catch_warnings(action="ignore", category=UserWarning)
 
 

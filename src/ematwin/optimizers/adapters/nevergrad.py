@@ -1,4 +1,4 @@
-"""Optimisers of nevergrad, with their own defaults, through its own ask and tell.
+"""Optimisers of nevergrad, with their defaults, through its ask and tell.
 
 nevergrad asks for one point at a time; a batch is as many as the population, which is also what
 nevergrad is told as its number of workers. Its "NGOpt" is left out: release 1.0.12 fails with

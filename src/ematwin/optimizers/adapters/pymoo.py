@@ -1,4 +1,4 @@
-"""Algorithms of pymoo, with their own defaults, through its own ask and tell.
+"""Algorithms of pymoo, with their defaults, through its ask and tell.
 
 pymoo drops duplicates, so that a batch can be smaller than the population. Its genetic algorithm
 holds local functions that cannot be pickled, so none of them is said to be.

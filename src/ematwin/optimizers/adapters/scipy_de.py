@@ -1,7 +1,7 @@
 """Differential evolution of SciPy: ``scipy.optimize.differential_evolution``.
 
 SciPy's own defaults (best/1/bin, F drawn from 0.5 to 1, CR 0.7) except: the population is the one
-asked for, drawn uniformly; its own test of convergence and its final polishing are off, so that the
+asked for, drawn uniformly; its test of convergence and its final polishing are off, so that the
 budget is spent; a population that has shrunk to one cost starts afresh. SciPy draws the bounds'
 offenders anew.
 """

@@ -1,6 +1,6 @@
 """Ask/tell for libraries that only know how to call an objective.
 
-The library runs in a thread of its own and calls ``evaluate``; that call hands its points to
+The library runs in a separate thread and calls ``evaluate``; that call hands its points to
 ``ask`` and sleeps until ``tell`` has brought their costs. Only one of the two threads ever runs.
 """
 

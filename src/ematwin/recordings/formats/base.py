@@ -1,6 +1,6 @@
 """RecordedFile: an opened file of any format, with named channels to be read one by one.
 
-Each format is one subclass in a file of its own; `open_file` chooses it by the suffix. A
+Each format is one subclass in one file; `open_file` chooses it by the suffix. A
 format of someone else's is found by the entry point group ``ematwin.readers``, whose names are
 suffixes without the dot. `ematwin.testing.reader_contract` holds the tests that each must pass.
 """
@@ -57,9 +57,9 @@ class RecordedFile(ABC):
     Attributes
     ----------
     path : Path
-    given : Path, what the user gave: ``path``, or the packed file that holds it
+    given : Path that the user gave: ``path``, or the packed file that holds it
     metadata : dict, what ematwin itself wrote into the file; empty for files of others
-    assumed : list of str, sentences on what was taken for granted, for the provenance
+    assumed : list of str, sentences on assumptions, for the provenance
     start : datetime or None, the moment from which the times of `base_time` are counted
     clocks : dict, the moment of the first sample of each channel of calendar times that was read
     """
@@ -157,7 +157,7 @@ class RecordedFile(ABC):
 
 
 def open_file(path: Any, **options: Any) -> RecordedFile:
-    """Open a file by its suffix, or a DataFrame; ``options`` are those of text tables.
+    """Open a file by its suffix, or a DataFrame; ``options`` are for text tables.
 
     Raises
     ------
@@ -211,7 +211,7 @@ def open_file(path: Any, **options: Any) -> RecordedFile:
 
 
 def known_suffixes() -> list[str]:
-    """Suffixes that can be read, those of installed plug-ins included."""
+    """Suffixes that can be read, with installed plug-ins."""
     return [*_FORMATS, *_PACKED, *(f".{entry.name}" for entry in entry_points(group=ENTRY_POINTS))]
 
 
@@ -235,7 +235,7 @@ def load_library(module: str, package: str, purpose: str) -> Any:
 
 @contextmanager
 def complaints(*loggers: str, level: int = logging.WARNING) -> Iterator[list[str]]:
-    """Keep what a library logs off the screen, and collect what is at least of ``level``."""
+    """Keep the log of a library off the screen, and collect messages of at least ``level``."""
     found: list[str] = []
 
     def keep(entry: logging.LogRecord) -> bool:
@@ -273,7 +273,7 @@ def refusing(path: Path, kind: str) -> Iterator[None]:
 
 
 def name_given(error: EmatwinError, path: Path, given: Path) -> None:
-    """Let an error name the file that the user gave in place of what was unpacked from it."""
+    """Let an error name the file that the user gave, not the unpacked one."""
     if path != given:
         error.args = (str(error).replace(str(path), str(given)),)
 

@@ -1,7 +1,7 @@
 """How a text table is written: encoding, delimiter, decimal sign, header, units, first row.
 
 Looked for in the first lines and in a piece from the middle, because the first rows may hold
-zeros only and so show no decimal sign. What was recognised is said in the provenance.
+zeros only and so show no decimal sign. The provenance records the dialect.
 
 Libraries were tried on such tables and left out: clevercsv finds delimiters only, csv.Sniffer took
 a carriage return for one, and charset-normalizer took Windows-1252 for a code page of DOS.
@@ -73,7 +73,7 @@ def sniff(
     decimal: str | None = None,
     skip_rows: int | None = None,
 ) -> CsvDialect:
-    """Recognise how a text table is written; what is given is not guessed.
+    """Recognise the dialect of a text table; options that are given are not guessed.
 
     Raises
     ------

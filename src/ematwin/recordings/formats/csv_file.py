@@ -23,7 +23,7 @@ _BLOCK = 1 << 20  # bytes; pyarrow reads some dozens ahead: four times as much t
 
 
 class CsvFile(RecordedFile):
-    """A text table; options are those of `ematwin.recordings.channel_map.CsvOptions`."""
+    """A text table; options as in `ematwin.recordings.channel_map.CsvOptions`."""
 
     kind: ClassVar[str] = "csv"
 

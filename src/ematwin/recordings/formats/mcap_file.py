@@ -13,9 +13,9 @@ _MOST_ELEMENTS = 64  # of an array that is taken for channels side by side
 
 
 class McapFile(RecordedFile):
-    """An MCAP file; arrays give ``field[k]``, those of a joint state ``field[joint]``.
+    """An MCAP file; arrays give ``field[k]``, a joint state ``field[joint]``.
 
-    Times are those of the header of a message where it has one, else when it was logged.
+    Times come from the header of a message where it has one, else from the log.
     """
 
     kind: ClassVar[str] = "MCAP"

@@ -30,7 +30,7 @@ _VIRTUAL = {3, 6}  # channel types of version 4 without bytes in the record
 
 
 class MdfFile(RecordedFile):
-    """An MDF file: each channel group has a time base of its own."""
+    """An MDF file: each channel group has its time base."""
 
     kind: ClassVar[str] = "MDF"
 

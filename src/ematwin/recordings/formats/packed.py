@@ -1,6 +1,6 @@
 """Files in a file: a table in gzip or zip, and the sheet of an Excel workbook, as the table itself.
 
-What is inside is put into a temporary folder, which goes with the file, and read by its own reader.
+The content is unpacked into a temporary folder, deleted with the file, and read by its reader.
 """
 
 import csv
@@ -23,7 +23,7 @@ from ematwin.recordings.formats.base import (
 
 
 def open_packed(path: Path, **options: Any) -> RecordedFile:
-    """Open what a file in gzip or zip, or a workbook, holds; ``options`` are those of text tables.
+    """Open the content of a gzip or zip file or a workbook; ``options`` are for text tables.
 
     Raises
     ------
@@ -79,7 +79,7 @@ def _unzipped(path: Path, folder: Path) -> Path:
 
 
 def _sheet(path: Path, folder: Path) -> tuple[Path, str]:
-    """The longest sheet of a workbook as a text table, and what was assumed."""
+    """The longest sheet of a workbook as a text table, and a note on other sheets."""
     library = load_library("openpyxl", "openpyxl", "Reading Excel files")
     book = library.load_workbook(path, read_only=True, data_only=True)
     sheet = max(book.worksheets, key=lambda one: one.max_row or 0)

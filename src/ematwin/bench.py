@@ -2,11 +2,10 @@
 
 Each function measures one figure, some number of times. They time the work itself, compiled; what
 starts processes says so. Aims are those that the project set itself; a missed one is printed as
-such.
+such. Run by ``ematwin bench``, never by a test.
 """
 
 import os
-import platform
 import statistics
 import subprocess
 import sys
@@ -16,13 +15,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ematwin.benchmarking.execute import provenance
 from ematwin.estimation.problem import Problem
+from ematwin.models.bldc import batch
 from ematwin.models.bldc.comparison import BldcComparison
 from ematwin.models.bldc.constants import kernel_constants
 from ematwin.models.bldc.faults import HEALTHY
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.scenario import Scenario
 from ematwin.models.simulating import simulate
+from ematwin.numerics.lanes import LANES
 
 
 @dataclass(frozen=True)
@@ -38,69 +40,41 @@ class Figure:
     holds: bool
     detail: str
 
+    @classmethod
+    def of(
+        cls, name: str, values: list[float], unit: str, *, detail: str,
+        least: float | None = None, most: float = np.inf,
+    ) -> "Figure":  # fmt: skip
+        """The figure of repeated values; ``least`` or ``most`` is its aim."""
+        middle = statistics.median(values)
+        aim = f"at most {most:g}" if least is None else f"at least {least:g}"
+        holds = middle <= most if least is None else middle >= least
+        return cls(name, middle, min(values), max(values), unit, aim, holds, detail)
+
 
 def machine() -> dict[str, str | int]:
-    """What the figures were measured on."""
-    import numba
-
-    names = [
-        line.split(":", 1)[1].strip()
-        for line in _cpuinfo().splitlines()
-        if line.startswith("model name")
-    ]
+    """Processor and versions with which the figures were measured."""
+    known = provenance("none")
     return {
-        "processor": names[0] if names else platform.processor() or platform.machine(),
         "cores": os.cpu_count() or 1,
-        "python": platform.python_version(),
-        "numba": numba.__version__,
-        "numpy": np.__version__,
+        **{name: known[name] for name in ("processor", "python", "numba", "numpy")},
     }
 
 
-def _cpuinfo() -> str:
-    try:
-        with open("/proc/cpuinfo", encoding="utf-8") as file:
-            return file.read()
-    except OSError:
-        return ""
-
-
-def _seconds(work: Callable[[], object], repeats: int) -> list[float]:
-    """Times of repeated work, compiled and warm."""
-    work()
-    return [_once(work) for _ in range(repeats)]
-
-
-def _once(work: Callable[[], object]) -> float:
+def _seconds(work: Callable[[], object]) -> float:
     start = time.perf_counter()
     work()
     return time.perf_counter() - start
 
 
-def _figure(
-    name: str, values: list[float], unit: str, aim: float, *, at_least: bool, detail: str
-) -> Figure:
-    middle = statistics.median(values)
-    return Figure(
-        name, middle, min(values), max(values), unit,
-        f"{'at least' if at_least else 'at most'} {aim:g}",
-        middle >= aim if at_least else middle <= aim,
-        detail,
-    )  # fmt: skip
-
-
 def lanes_against_scalar(repeats: int) -> Figure:
     """Speed-up of the monitor model in lanes, a candidate."""
-    from ematwin.models.bldc import batch
-    from ematwin.numerics.lanes import LANES
-
     actuator = BldcActuator.load()
     record = simulate("monitor")
     problem = Problem.of(record, actuator, threads=1)
     comparison = problem.comparisons[0]
     assert isinstance(comparison, BldcComparison)
-    rng = np.random.default_rng(1)
-    k = rng.random((8 * LANES, 8))
+    k = np.random.default_rng(1).random((8 * LANES, 8))
     steps = (len(record) - 1) * comparison.substeps
     grid = np.linspace(0.0, record.time[-1], steps + 1)
     command, load = Scenario.load_file().histories(grid)
@@ -114,22 +88,20 @@ def lanes_against_scalar(repeats: int) -> Figure:
                 comparison.substeps, None,
             )  # fmt: skip
 
-    ratios = []
     problem.costs(k)
     one_at_a_time()
-    for _ in range(repeats):  # in turn, so that a change of the machine's speed meets both
-        scalar = _once(one_at_a_time) / 16
-        lanes = _once(lambda: problem.costs(k)) / len(k)
-        ratios.append(scalar / lanes)
-    return _figure(
-        "monitor model: scalar over lanes, a candidate", ratios, "times", 8.0, at_least=True,
+    ratios = [  # in turn, so that a change of the machine's speed meets both
+        _seconds(one_at_a_time) / 16 / (_seconds(lambda: problem.costs(k)) / len(k))
+        for _ in range(repeats)
+    ]
+    return Figure.of(
+        "monitor model: scalar over lanes, a candidate", ratios, "times", least=8.0,
         detail="one core; scalar keeps a trace, lanes filter and score",
     )  # fmt: skip
 
 
 def ten_thousand_scores(repeats: int) -> Figure:
     """Seconds for 10,000 scorings of the default scenario."""
-
     problem = Problem.of(simulate("reference"), "servo48")
     k = np.random.default_rng(2).random((50, 8))
 
@@ -138,10 +110,10 @@ def ten_thousand_scores(repeats: int) -> Figure:
             problem.costs(k)
 
     problem.costs(k)
-    return _figure(
+    return Figure.of(
         "10,000 scorings of the default scenario",
-        [_once(work) for _ in range(max(1, repeats // 2))],
-        "s", 3.0, at_least=False, detail="200 batches of 50, 0.5 s record at 20 kHz, all cores",
+        [_seconds(work) for _ in range(max(1, repeats // 2))],
+        "s", most=3.0, detail="200 batches of 50, 0.5 s record at 20 kHz, all cores",
     )  # fmt: skip
 
 
@@ -167,35 +139,35 @@ def memory_of_scores(_repeats: int) -> Figure:
     answer = subprocess.run(
         [sys.executable, "-c", _MEMORY_PROBE], capture_output=True, text=True, check=True
     )
-    return _figure(
-        "peak resident memory of 10,000 scorings", [float(answer.stdout)], "MB", 400.0,
-        at_least=False, detail="fresh process, imports included; one run",
+    return Figure.of(
+        "peak resident memory of 10,000 scorings", [float(answer.stdout)], "MB", most=400.0,
+        detail="fresh process, imports included; one run",
     )  # fmt: skip
 
 
 def reference_against_real_time(repeats: int) -> Figure:
     """Simulated seconds of the reference model in one second."""
-    times = _seconds(lambda: simulate("reference", faults=HEALTHY), repeats)
+
+    def work() -> object:
+        return simulate("reference", faults=HEALTHY)
+
+    work()
     duration = Scenario.load_file().duration
-    return _figure(
-        "reference model: simulated over real time", [duration / t for t in times], "times", 5.0,
-        at_least=True, detail="one core, step 1 us, record of 20 kHz",
+    return Figure.of(
+        "reference model: simulated over real time",
+        [duration / _seconds(work) for _ in range(repeats)],
+        "times", least=5.0, detail="one core, step 1 us, record of 20 kHz",
     )  # fmt: skip
 
 
 def help_page(repeats: int) -> Figure:
     """Seconds for ``ematwin --help``."""
-
-    def work() -> None:
-        subprocess.run(
-            [sys.executable, "-c", "from ematwin.cli import main; main()", "--help"],
-            capture_output=True,
-            check=True,
-        )
-
-    return _figure(
-        "ematwin --help", _seconds(work, repeats), "s", 0.5, at_least=False, detail="a process each"
-    )
+    command = [sys.executable, "-c", "from ematwin.cli import main; main()", "--help"]
+    times = [
+        _seconds(lambda: subprocess.run(command, capture_output=True, check=True))
+        for _ in range(repeats + 1)
+    ]
+    return Figure.of("ematwin --help", times[1:], "s", most=0.5, detail="a process each")
 
 
 MEASUREMENTS = (
