@@ -104,7 +104,11 @@ def corrected(
     spent, moved, many, least = 0, np.inf, _DEPTH, descent.least_noise
     for _ in range(rounds):
         point = chart.to_values(z[None])[0]
-        nearer = problem.corrected(point, nearer)
+        tried = problem.corrected(point, nearer)
+        if tried is None and known:  # the reference diverged: half way back
+            z = 0.5 * (z + known[-1][0])
+            continue
+        nearer = tried
         if nearer is None:
             return Corrected(
                 laplace(problem, start, descent, steps=steps), 0, np.zeros((1, len(z)))

@@ -6,16 +6,22 @@ the one that explains most first (forward selection; Miller 2002, Subset Selecti
 section 3.2), judged by cross-validation (Stone 1974, J. R. Statist. Soc. B 36, 111-147): recordings
 in turn, or stretches of a single one, are left out of the fit by its linearisation, and what is
 left of them has to fall by more than its scatter.
+
+Near their least squares the equations are linear in the logarithms of their parameters, so that
+all of them together give a normal distribution (`FoundForms.prior`), in which a parameter of two
+equations has one value. What an equation idealises (`Equation.alike`) may resemble the effect of a
+parameter throughout, and counts as one sample.
 """
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ematwin.errors import EmatwinError
 from ematwin.estimation.constants import AS_GOOD, TWO_SIGMA
+from ematwin.estimation.prior import Prior
 from ematwin.models.base import Model
 from ematwin.models.comparison import Comparison, correlation_time
 from ematwin.models.optional import Equation, Form, Values
@@ -29,8 +35,7 @@ _MATTERS = 0.1  # share of what is left that a form has to explain
 _STEP = 0.01  # of a logarithm, or of a radian, that is differenced
 _FRACTIONS = (1.0, 0.4, 0.1)  # of a step that are tried
 _LONGEST = 2.0  # of a step, in logarithms
-_SURE = 0.02  # least standard error of a form's parameter, for what the equations idealise
-_MOST = 2.0  # largest tolerance that a file may state
+_SURE = 0.004  # least standard error: simulators of other make differ by so much of a parameter
 _WIDE = 3.0  # standard deviation of the logarithm of what no file states
 
 
@@ -40,10 +45,12 @@ class FoundForms:
 
     Attributes
     ----------
-    actuator : template with their sections, and how well their values are known
+    actuator : template with their sections
     found : what was found, a phrase each
     absent : names of those that were tried and explain nothing
     before, after : share of the recordings' energy that the equations leave without and with them
+    prior : of all that the equations hold, forms and parameters of the file, by logarithms; None of
+        an actuator without any form
     """
 
     actuator: ParameterSet
@@ -51,6 +58,7 @@ class FoundForms:
     absent: tuple[str, ...] = ()
     before: float = 0.0
     after: float = 0.0
+    prior: Prior | None = None
 
     @property
     def said(self) -> str:
@@ -78,11 +86,55 @@ def find_forms(
         for equation in model.equations(one.recording, template):
             if equation.size > 0.0:
                 by_name.setdefault(equation.name, []).append(equation)
-    result = FoundForms(template)
+    result, fits = FoundForms(template), []
     for n, equations in enumerate(by_name.values()):
-        result = _Selection(result, equations).run()
+        result, fit = _Selection(result, equations).run()
+        fits.append(fit)
         progress((n + 1) / len(by_name))
-    return result
+    stated = (form.is_stated(template) for some in by_name.values() for form in some[0].forms)
+    has_forms = result.found or any(stated)
+    return replace(result, prior=_together(template, fits)) if has_forms else result
+
+
+def _together(template: ParameterSet, fits: Sequence["_Fit"]) -> Prior:
+    """What the tolerances of a template and the fits of several equations say together."""
+    places = list(dict.fromkeys(place for fit in fits for place in fit.places))
+    known = _known(template)
+    spreads = np.array([known[one][1] if one in known else _WIDE for one in places])
+    ends = {place: fit.actuator.value(place) for fit in fits for place in fit.places}
+    centre = np.array([
+        _coordinate(template, one, known[one][0] if one in known else ends[one]) for one in places
+    ])  # fmt: skip
+    curvature = np.diag(1.0 / spreads**2)
+    gradient = np.zeros(len(places))  # at the centre
+    for fit in fits:
+        own = [places.index(place) for place in fit.places]
+        end = [_coordinate(template, one, fit.actuator.value(one)) for one in fit.places]
+        data, slope = fit.information
+        curvature[np.ix_(own, own)] += data
+        gradient[own] += slope + data @ (centre[own] - end)
+    covariance = np.linalg.inv(curvature)
+    mean = centre - covariance @ gradient
+    return Prior(tuple(places), mean, covariance + _SURE**2 * np.eye(len(places)))
+
+
+def _known(template: ParameterSet) -> dict[str, tuple[float, float]]:
+    """Values of a file that are positive, and the spreads of their logarithms, by place."""
+    stated = ((place, x, template.tolerance(place)) for place, x, *_ in template.parameters())
+    return {
+        place: (value, math.log1p(tolerance) / TWO_SIGMA)
+        for place, value, tolerance in stated
+        if value > 0.0 and tolerance is not None
+    }
+
+
+def _coordinate(actuator: ParameterSet, place: str, value: float) -> float:
+    """The logarithm of what has a sign; else the value."""
+    return math.log(value) if _has_sign(actuator, place) else value
+
+
+def _has_sign(actuator: ParameterSet, place: str) -> bool:
+    return actuator.limits(place)[0] >= 0.0
 
 
 @dataclass(frozen=True)
@@ -97,6 +149,7 @@ class _Fit:
     slopes : of each recording (d, K), by the coordinates of the fit
     pull, prior : (d,) and (d, d), gradient and curvature of the prior, in the unit of the cost
     weight : float, the cost of an independent residual
+    alike : float, the same of what the equations idealise, all of which is one sample
     """
 
     actuator: ParameterSet
@@ -106,6 +159,7 @@ class _Fit:
     pull: np.ndarray
     prior: np.ndarray
     weight: float
+    alike: float = 0.0
 
     @property
     def cost(self) -> float:
@@ -118,11 +172,12 @@ class _Fit:
         return _step(self.left, self.slopes, self.prior, self.pull)
 
     @property
-    def errors(self) -> dict[str, float]:
-        """Standard errors of the coordinates, by place."""
-        curvature = self.prior + sum(one @ one.T for one in self.slopes)
-        variances = self.weight * np.diag(np.linalg.pinv(curvature))
-        return dict(zip(self.places, np.sqrt(variances).tolist(), strict=True))
+    def information(self) -> tuple[np.ndarray, np.ndarray]:
+        """Inverse covariance (d, d) and its gradient (d,) here, by the recordings alone."""
+        unit = self.weight + self.alike
+        data = sum((one @ one.T for one in self.slopes), np.zeros_like(self.prior))
+        slope = sum(one @ r for one, r in zip(self.slopes, self.left, strict=True))
+        return data / unit, np.asarray(slope) / unit
 
     def projected(self, left: Sequence[np.ndarray], scaled: bool) -> float:
         """What would be left of other residuals if all that is fitted were fitted anew.
@@ -165,19 +220,18 @@ class _Selection:
     def __init__(self, known: FoundForms, equations: Sequence[Equation]) -> None:
         self._known, self._equations = known, equations
         self._size = math.sqrt(sum(one.size**2 for one in equations))
-        stated = {place: value for place, value, *_ in known.actuator.parameters() if value > 0.0}
-        tolerances = {place: known.actuator.tolerance(place) for place in stated}
-        self._stated = {
-            place: (stated[place], math.log1p(tolerance) / TWO_SIGMA)
-            for place, tolerance in tolerances.items()
-            if tolerance is not None
-        }
+        self._stated = _known(known.actuator)
 
-    def run(self) -> FoundForms:
-        """What is known with the forms of this equation."""
+    def run(self) -> tuple[FoundForms, _Fit]:
+        """What is known with the forms of this equation, and its fit."""
         known, first = self._known, self._equations[0]
         stated = [form for form in first.forms if form.is_stated(known.actuator)]
-        places = (*first.fitted, *(place for form in stated for place in form.fitted))
+        wanted = (*first.fitted, *(place for form in stated for place in form.fitted))
+        places = [
+            one
+            for one in wanted
+            if known.actuator.value(one) > 0.0 or not _has_sign(known.actuator, one)
+        ]
         fit = plain = self._fitted(known.actuator, places)
         rest = [form for form in first.forms if form not in stated]
         found: list[Form] = []
@@ -196,7 +250,9 @@ class _Selection:
                 rest, absent = [*rest, *absent], []
             else:
                 absent.append(form)
-        return self._told(plain, fit, found, absent)
+        told = self._told(plain, fit, found, absent)
+        alike = sum((one.alike(fit.actuator) * one.size) ** 2 for one in self._equations)
+        return told, replace(fit, alike=alike / self._size**2)
 
     def _chosen(self, fit: _Fit, forms: Sequence[Form]) -> _Fit:
         """The fit with what is chosen from lists, form by form."""
@@ -215,18 +271,11 @@ class _Selection:
         every = (*known.absent, *(form.name for form in absent))
         if not found:
             return FoundForms(known.actuator, known.found, every, known.before, known.after)
-        own = [place for form in found for place in form.fitted]
         sections = {place.partition(".")[0] for form in found for place in form.places}
         values = {
             place: value
             for place, value, *_ in fit.actuator.parameters()
             if place.partition(".")[0] in sections
-        }
-        errors = fit.errors
-        tolerances = {
-            place: min(math.expm1(TWO_SIGMA * max(errors[place], _SURE)), _MOST)
-            for place in own
-            if known.actuator.tolerance(place) is not None
         }
         try:
             actuator = known.actuator.changed(values)
@@ -234,7 +283,7 @@ class _Selection:
             fitted = {place: fit.actuator.value(place) for place in fit.places}
             actuator = known.actuator.changed({**values, **fitted})
         return FoundForms(
-            actuator.with_tolerances(tolerances),
+            actuator,
             (*known.found, *(form.said(fit.actuator) for form in found)),
             every,
             known.before + plain.cost,
@@ -302,7 +351,8 @@ class _Selection:
 
         columns = side_by_side(beside, range(len(places)))
         slopes = [np.array([column[n] for column in columns]) for n in range(len(here))]
-        weight = _energy(here) / sum(r.size / correlation_time(r) for r in here)
+        cost = _energy(here)
+        weight = cost / sum(r.size / correlation_time(r) for r in here)
         away, spread = np.zeros(len(places)), np.full(len(places), _WIDE)
         for n, place in enumerate(places):
             if place in self._stated:
@@ -316,8 +366,8 @@ def _moved(actuator: ParameterSet, places: Sequence[str], step: np.ndarray) -> P
     """The actuator with parameters moved by steps (d,), of logarithms where they have a sign."""
     values = {}
     for place, one in zip(places, np.clip(step, -_LONGEST, _LONGEST).tolist(), strict=True):
-        value, has_sign = actuator.value(place), actuator.limits(place)[0] >= 0.0
-        values[place] = value * math.exp(one) if has_sign else value + one
+        value = actuator.value(place)
+        values[place] = value * math.exp(one) if _has_sign(actuator, place) else value + one
     return actuator.changed(values)
 
 

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ematwin.errors import ParameterError, RecordError
+from ematwin.errors import RecordError
 from ematwin.estimation.baseline import (
     Baseline,
     effective,
@@ -32,7 +32,7 @@ from ematwin.estimation.constants import (
     SAME_COMMAND,
     WORSE,
 )
-from ematwin.estimation.correction import Corrected, corrected, reweighed, with_model_error
+from ematwin.estimation.correction import ROUNDS, Corrected, corrected, reweighed, with_model_error
 from ematwin.estimation.descent import Descent
 from ematwin.estimation.forms import FoundForms, find_forms
 from ematwin.estimation.healthy_bias import healthy_bias, name_of
@@ -56,6 +56,7 @@ _BUDGET = 20_000  # an upper limit: a search takes 1,300
 _TRIED = 2  # ends of searches from which all recordings are fitted together
 _TOGETHER = 3.0  # times the misfit of one recording alone that several leave together
 _WITHOUT = 0.5  # times the misfit with it that recordings leave without an odd one
+_ROUNDS = 5  # at most, where equations have said where: each takes 4 s of CPU for three recordings
 _REACHES = (4.0,)  # standard errors at which the misfit along a parameter is looked at
 _TIED = 0.9  # correlation of two parameters of which only ratio or product is known
 _COMMANDS = 2  # different ones that the search looks at
@@ -115,13 +116,9 @@ def learn(
         baseline = Baseline.of_template(model, template)
         return Learnt(template, replace(baseline, recordings=len(comparisons)), [], [], [])
     forms = find_forms(model, template, comparisons, lambda share: progress(0.2 * share))
-    if not forms.found:
-        return _learnt(model, template, comparisons, forms, progress)
-    beside = [model.compare(one.recording, forms.actuator) for one in comparisons]
-    try:
-        return _learnt(model, template, beside, forms, progress)
-    except ParameterError:  # with these forms the fit ends in a loop that is unstable
-        return _learnt(model, template, comparisons, FoundForms(template), progress)
+    if forms.found:
+        comparisons = [model.compare(one.recording, forms.actuator) for one in comparisons]
+    return _learnt(model, template, comparisons, forms, progress)
 
 
 def _learnt(
@@ -134,7 +131,7 @@ def _learnt(
     """Fit an actuator with some forms to healthy recordings, which are compared with these."""
     nominals = uncertain(model, forms.actuator)
     floor = expected_misfit(comparisons, model.command)
-    fit = _Fit(model, forms.actuator, nominals, floor)
+    fit = _Fit(model, forms.actuator, nominals, floor, forms.prior)
     end, misfit, alone, jitter = fit.run(comparisons, lambda share: progress(0.2 + 0.75 * share))
     peak, problem = end.peak, end.peak.problem
     if misfit > max(_TOGETHER * alone, EXPLAINED) and len(comparisons) > 1:
@@ -225,12 +222,19 @@ class _Fitted(NamedTuple):
 
 @dataclass(frozen=True)
 class _Fit:
-    """Search and joint fit of some recordings."""
+    """Search and joint fit of some recordings.
+
+    ``prior`` is what equations along the recorded motion say of the parameters of an actuator that
+    has forms: then it takes the place of the search. They hold sample by sample, whereas two
+    simulations of a closed loop behind sampled loops scatter. What is left of the recording beside
+    either is no noise of sensors in the main, and not the same, so that both count.
+    """
 
     model: Model
     template: ParameterSet
     nominals: Sequence[Unknown]
     floor: float
+    prior: Prior | None = None
 
     def run(
         self, comparisons: Sequence[Comparison], tell: Progress = lambda share: None
@@ -241,12 +245,42 @@ class _Fit:
         own = [
             replace(one, spread=_LOAD_GAIN) if one.name == "load_gain" else one for one in nuisances
         ]
-        problem = Problem(beside, [*self.nominals, *own], own=[one.name for one in own])
+        mine = [one.name for one in own]
+        problem = Problem(beside, [*self.nominals, *own], own=mine)
+        if self.prior is None:
+            point, alone = self._searched(problem, comparisons, own, tell)
+        else:
+            known = self.prior.of(one.name for one in self.nominals)
+            rest = (one for one in problem.unknowns if one.name not in known.names)
+            means = dict(zip(known.names, np.exp(known.mean).tolist(), strict=True))
+            problem = Problem(
+                beside, [*self.nominals, *own], own=mine, start=means,
+                prior=known.and_(Prior.independent(rest)),
+            )  # fmt: skip
+            point, alone = problem.start, self.floor
+        # coarse to fine: what is learnt here is what faults are multiples of
+        scatter = problem.scatter(point) if problem.lacks_forms else 0.0
+        noise = problem.noise_at(scatter)
+        if self.prior is not None:  # what is left is alike throughout, and equations know better
+            noise *= problem.model_error
+        near = Descent(self._aliases, settled=np.inf, least_noise=noise)
+        rounds = ROUNDS if self.prior is None else _ROUNDS
+        end = corrected(problem.refined(), point, near, rounds=rounds)
+        left = end.peak.problem.relative_misfit(end.peak.cost)
+        return _Fitted(with_model_error(reweighed(end, near)), left, alone, scatter)
+
+    def _aliases(self, values: Mapping[str, float]) -> Sequence[Alias]:
+        return self.model.aliases(self.template, values)
+
+    def _searched(
+        self,
+        problem: Problem,
+        comparisons: Sequence[Comparison],
+        own: Sequence[Unknown],
+        tell: Progress,
+    ) -> tuple[np.ndarray, float]:
+        """The best point (d,) from which all fit, and the misfit of the recordings searched."""
         searched, ends = self._ends(comparisons, [o for o in own if o.name == "skew"], tell)
-
-        def aliases(values: Mapping[str, float]) -> Sequence[Alias]:
-            return self.model.aliases(self.template, values)
-
         best: Laplace | None = None
         for n, (cost, z) in enumerate(ends[:_TRIED]):
             point = searched.chart.to_values(z[None])[0]
@@ -258,21 +292,14 @@ class _Fit:
             # what a search has found fits as it is: smoothed currents hardly tell an inductance
             settled = AS_GOOD * searched.relative_misfit(cost)
             nearer = problem.corrected(np.array(first)) or problem
-            peak = laplace(nearer, np.array(first), Descent(aliases, settled=settled))
+            peak = laplace(nearer, np.array(first), Descent(self._aliases, settled=settled))
             tell(0.6 + 0.2 * (n + 1) / _TRIED)
             if best is None or peak.cost < best.cost:
                 best = peak
             if problem.relative_misfit(best.cost) < AS_GOOD * self.floor:
                 break
         assert best is not None
-        # coarse to fine: what is learnt here is what faults are multiples of
-        scatter = problem.scatter(best.point) if problem.lacks_forms else 0.0
-        near = Descent(aliases, settled=np.inf, least_noise=problem.noise_at(scatter))
-        fine = problem.refined()
-        end = corrected(fine, best.point, near)
-        left = end.peak.problem.relative_misfit(end.peak.cost)
-        alone = searched.relative_misfit(ends[0][0])
-        return _Fitted(with_model_error(reweighed(end, near)), left, alone, scatter)
+        return best.point, searched.relative_misfit(ends[0][0])
 
     def _ends(
         self, comparisons: Sequence[Comparison], clocks: Sequence[Unknown], tell: Progress

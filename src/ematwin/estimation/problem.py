@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ematwin.errors import InputError
+from ematwin.errors import InputError, ParameterError
 from ematwin.estimation.latest import Latest
 from ematwin.estimation.prior import Prior, coordinate
 from ematwin.models.base import Model
@@ -384,7 +384,10 @@ class Problem:
 
         def missed(n: int) -> Mapping[str, np.ndarray] | None:
             beside = {name: float(x[0]) for name, x in self.candidates(point[None], n).items()}
-            found = self.comparisons[n].missed({**beside, **moved})
+            try:
+                found = self.comparisons[n].missed({**beside, **moved})
+            except ParameterError:  # a sampled loop that is unstable there
+                return None
             if found is None or not all(np.isfinite(trace).all() for trace in found.values()):
                 return None
             return found

@@ -160,6 +160,8 @@ class Equation(NamedTuple):
     least : gives the share of it that noise and the error of the model leave of an actuator
     fitted : places that are fitted whatever the forms
     forms : that are looked for
+    alike : gives the share of it that the equation's own error leaves, alike throughout: standard
+        errors count it once, however many samples there are
     """
 
     name: str
@@ -168,3 +170,4 @@ class Equation(NamedTuple):
     least: Callable[[ParameterSet], float]
     fitted: tuple[str, ...]
     forms: tuple[Form, ...]
+    alike: Callable[[ParameterSet], float] = lambda actuator: 0.0

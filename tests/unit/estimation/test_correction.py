@@ -5,6 +5,7 @@ import copy
 import numpy as np
 import pytest
 
+from ematwin.errors import ParameterError
 from ematwin.estimation.correction import corrected, with_model_error
 from ematwin.estimation.descent import Descent
 from ematwin.estimation.laplace import laplace
@@ -103,6 +104,28 @@ def test_a_peak_stays_where_there_is_no_reference_or_it_diverges(comparison):
     first, end = ended(comparison)
     assert end.peak.point == pytest.approx(first.point)
     assert end.rounds == 0
+
+
+class Edge(TwoModels):
+    """A reference that diverges, or is an unstable loop, where the first round leads."""
+
+    error: Exception | None = None
+
+    def exact(self, values):
+        if values["wear"] < 0.3:
+            if self.error:
+                raise self.error
+            return {"y": np.full(SAMPLES, np.nan)}
+        return super().exact(values)
+
+
+@pytest.mark.parametrize("error", [None, ParameterError("the loop is unstable")])
+def test_where_the_reference_has_no_answer_a_round_goes_half_way_back(error):
+    comparison = Edge(slope=0.4)
+    comparison.error = error
+    _, end = ended(comparison)
+    assert not end.unsettled
+    assert end.peak.point == pytest.approx([WEAR, GAP], abs=0.01)
 
 
 def test_what_only_the_reference_depends_on_is_learnt_through_it():

@@ -61,12 +61,36 @@ def test_what_was_found_is_said_as_an_engineer_would(drive):
     assert "Together these explain 9" in drive.said
 
 
-def test_found_values_are_known_within_a_tolerance(drive):
-    assert 0.0 < drive.actuator.tolerance("speed_loop.integral_gain") < 0.4
+def test_equations_together_say_where_the_parameters_are_and_how_surely(drive):
+    true = {place: BUILT.value(place) for place in drive.prior.names if BUILT.parameter(place)}
+    true |= {"speed_loop.integral_gain": 0.1, "cogging.torque": 0.0015}
+    known = drive.prior.of(true)
+    away = known.mean - np.log([true[place] for place in known.names])
+    assert away @ np.linalg.solve(known.covariance, away) < 3.0 * len(away)
+    errors = dict(zip(known.names, np.sqrt(np.diag(known.covariance)).tolist(), strict=True))
+    assert errors["motor.emf_constant"] < 0.01  # the sheet has 3 %
+    assert errors["transmission.backlash"] < 0.02  # and 26 %
+    # the sum of both frictions is known better than its parts
+    both = known.of(("motor.friction_torque", "transmission.friction_torque")).covariance
+    shares = np.array([0.016, 0.015]) / 0.031
+    assert shares @ both @ shares < 0.1 * both.max()
+
+
+def test_what_a_file_states_of_its_loops_is_told_along_the_motion_as_well():
+    stated = SHEET.changed({
+        "speed_loop.integral_gain": 0.12, "speed_loop.sample_time": 0.0, "speed_loop.delay": 0.0
+    })  # fmt: skip
+    beside = compared(other.Structure(speed_integral=0.1, control_interval=1e-4))
+    found = find_forms(MODEL, stated, beside)
+    place = "speed_loop.integral_gain"
+    known = found.prior.of([place])
+    assert np.exp(known.mean[0]) == pytest.approx(0.1, rel=0.08)
+    assert known.covariance[0, 0] ** 0.5 < 0.1  # the file has 17 %
 
 
 def test_an_actuator_of_the_simple_structure_has_no_form():
-    assert find_forms(MODEL, SHEET, compared(other.Structure())).found == ()
+    found = find_forms(MODEL, SHEET, compared(other.Structure()))
+    assert (found.found, found.prior) == ((), None)
 
 
 def test_without_positions_nothing_is_looked_for():

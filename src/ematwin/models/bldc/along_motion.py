@@ -5,6 +5,7 @@ need a torque for the recorded motion (`TorqueBalance`). Neither is simulated in
 error of the one gets into the other, none moves an impact, and what is left of the recorded
 current belongs to one of them (direct identification; Ljung 1999, System Identification, section
 13.4; inverse dynamics, Gautier and Khalil 1990, IEEE Trans. Robotics and Automation 6(3), 368-373).
+The difference of both positions shows on which face of the gap the output lies (`Contact`).
 The equations are those of the reference model (docs/models.md).
 
 Positions lie on cubic splines through their samples, whose slopes are the speeds.
@@ -39,6 +40,7 @@ _LEAST = 0.001  # of the recorded current: what simulators of other make differ 
 _SLOW = 200.0  # Hz: below it the acceleration of an encoder's position is known
 _STANDS = 0.02  # of the largest speed: nearer to rest friction is not known
 _SETTLES = 0.01  # s after that, for the low-pass
+_SURELY = 0.5  # of the friction of the output: a torque whose sign the template knows
 _THIRD = 2.0 * math.pi / 3.0
 _SINE = 2.0 * math.pi / (3.0 * math.sqrt(3.0))  # as of `truer.motor`
 
@@ -159,15 +161,19 @@ class Controller:
         return self._equivalent(currents) - self._seen
 
     def least(self, actuator: Any) -> float:
-        """Share of the recorded current that noise and the ripple of a comparator leave.
+        """Share of the recorded current that noise and the error of the equation leave."""
+        noise = _noise(self._signed, self._low_pass, self._motion.rate, self._seen.size)
+        return math.hypot(noise / self.size, self.alike(actuator))
+
+    def alike(self, actuator: Any) -> float:
+        """Share that simulators of other make and the ripple of a comparator leave.
 
         The ripple of two simulations differs as that of a simulation and a recording does.
         """
-        noise = _noise(self._signed, self._low_pass, self._motion.rate, self._seen.size)
-        ripple = 0.0
-        if actuator.current_loop is None:
-            ripple = float(np.linalg.norm(self.left(actuator) - self.left(actuator, _FASTER)))
-        return math.hypot(_LEAST, noise / self.size, ripple / self.size)
+        if actuator.current_loop is not None:
+            return _LEAST
+        ripple = float(np.linalg.norm(self.left(actuator) - self.left(actuator, _FASTER)))
+        return math.hypot(_LEAST, ripple / self.size)
 
 
 class TorqueBalance:
@@ -177,6 +183,12 @@ class TorqueBalance:
 
         J_m dw_m/dt + J_o dw_o/dt + b w_m + T_m sgn w_m + T_o sgn w_o + T_load - T_cog
             = sum kappa_k i_k.
+
+    Attributes
+    ----------
+    size : float, norm of the recorded current, A
+    slides : (S,) array of bool, samples that count
+    moves_together : (S,) array of bool, where no mass crosses the gap
     """
 
     def __init__(self, motion: Motion) -> None:
@@ -191,39 +203,82 @@ class TorqueBalance:
         stands |= np.abs(self._w_o) < _STANDS * np.abs(self._w_o).max()
         stands |= self._w_m * self._w_o < 0.0
         stands[:2] = True
+        self.moves_together = np.abs(self._w_m - self._w_o) < _STANDS * np.abs(self._w_m).max()
         settles = np.ones(int(_SETTLES * motion.rate))
-        self._slides = np.convolve(stands, settles)[: len(stands)] == 0
+        self.slides = np.convolve(stands, settles)[: len(stands)] == 0
         self._signed = 0.5 * np.einsum("sk,sk->s", motion.currents, motion.shapes)
         self.size = float(np.linalg.norm(self._filtered(self._signed)))
 
+    def output_torque(self, actuator: Any) -> np.ndarray:
+        """Torque (S,) that the output needs, N m."""
+        gear, load, way = actuator.transmission, self._motion.load, np.sign(self._w_o)
+        share = np.where(
+            way * load > 0.0, 1.0 / gear.efficiency_opposing - 1.0, 1.0 - gear.efficiency_aiding
+        )
+        friction = (gear.friction_torque + share * np.abs(load)) * way
+        return np.asarray(gear.output_inertia * self._dw_o + friction + load)
+
     def _filtered(self, trace: np.ndarray) -> np.ndarray:
-        return self._low_pass.apply(trace, self._motion.rate)[self._slides]
+        return self._low_pass.apply(trace, self._motion.rate)[self.slides]
 
     def least(self, actuator: Any) -> float:
         """Share of the recorded current that noise leaves."""
-        seen = int(self._slides.sum())
+        seen = int(self.slides.sum())
         noise = _noise(self._signed, self._low_pass, self._motion.rate, seen)
         return math.hypot(_LEAST, noise / self.size)
 
     def left(self, actuator: Any) -> np.ndarray:
         """Needed less made torque, over the torque constant, (K,), A, where both slide."""
-        motor, gear = actuator.motor, actuator.transmission
+        motor = actuator.motor
         rounding = 0.0 if actuator.emf is None else actuator.emf.rounding
         shapes = (1.0 - rounding) * self._motion.shapes + rounding * self._sines
         made = 0.5 * motor.emf_constant * np.einsum("sk,sk->s", self._motion.currents, shapes)
         if actuator.cogging is not None:
             own = actuator.cogging
             made -= own.torque * np.sin(own.cycles * self._angle + own.phase)
-        way_m, way_o, load = np.sign(self._w_m), np.sign(self._w_o), self._motion.load
-        share = np.where(
-            way_o * load > 0.0, 1.0 / gear.efficiency_opposing - 1.0, 1.0 - gear.efficiency_aiding
-        )
         needed = (
-            motor.inertia * self._dw_m + gear.output_inertia * self._dw_o
-            + motor.viscous_damping * self._w_m + motor.friction_torque * way_m
-            + (gear.friction_torque + share * np.abs(load)) * way_o + load
-        )  # fmt: skip
+            motor.inertia * self._dw_m
+            + motor.viscous_damping * self._w_m
+            + motor.friction_torque * np.sign(self._w_m)
+            + self.output_torque(actuator)
+        )
         return self._filtered((needed - made) / motor.emf_constant)
+
+
+class Contact:
+    """The twist between motor and output, beside that of the face that pushes; while both slide.
+
+    With the torque T that the output needs, face sgn T and contact of stiffness k,
+
+        theta_m - theta_o = sgn T gap/2 + T/k.
+
+    The zero angles of both positions are known to less than the gap: only how far the two faces are
+    apart counts.
+    """
+
+    def __init__(self, motion: Motion, balance: TorqueBalance, actuator: Any) -> None:
+        self._balance = balance
+        torque = balance.output_torque(actuator)
+        sure = np.abs(torque) > _SURELY * actuator.transmission.friction_torque
+        self._pushes = balance.slides & balance.moves_together & sure
+        self._face = np.sign(torque)[self._pushes]
+        twist = motion.motor(motion.time) - motion.output(motion.time)
+        self._noise = white_noise(twist)
+        self._twist = twist[self._pushes]
+        self.size = float(np.linalg.norm(self._about_mean(self._twist)))
+
+    def _about_mean(self, twist: np.ndarray) -> np.ndarray:
+        return twist - twist.mean() if twist.size else twist
+
+    def least(self, actuator: Any) -> float:
+        """Share of the twist that noise leaves."""
+        return math.hypot(_LEAST, self._noise * math.sqrt(self._twist.size) / self.size)
+
+    def left(self, actuator: Any) -> np.ndarray:
+        """Twist by the twin less the recorded one (K,), rad on the motor shaft."""
+        torque = self._balance.output_torque(actuator)[self._pushes]
+        twin = 0.5 * actuator.transmission.backlash * self._face
+        return self._about_mean(twin + torque / actuator.contact.stiffness - self._twist)
 
 
 def _noise(current: np.ndarray, low_pass: LowPass, rate: float, samples: int) -> float:

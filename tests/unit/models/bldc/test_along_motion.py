@@ -56,7 +56,7 @@ def recorded(structure, actuator, duration=0.4):
     )
 
 
-def test_both_equations_hold_along_the_motion_of_a_simulator_of_other_make():
+def test_all_equations_hold_along_the_motion_of_a_simulator_of_other_make():
     loops = BOTH.current_loop
     structure = another_actuator.Structure(
         control_interval=1e-4, speed_integral=0.1, current_interval=5e-5,
@@ -71,6 +71,11 @@ def test_both_equations_hold_along_the_motion_of_a_simulator_of_other_make():
     motion = along_motion.Motion(recorded(structure, actuator), actuator)
     controller = along_motion.Controller(motion, LowPass())
     balance = along_motion.TorqueBalance(motion)
+    contact = along_motion.Contact(motion, balance, actuator)
+    wide = actuator.changed({"transmission.backlash": 1.05 * actuator.transmission.backlash})
+    share, without = (np.linalg.norm(contact.left(one)) / contact.size for one in (actuator, wide))
+    print(f"Contact: {100 * share:.2f} %, with a gap 5 % wider {100 * without:.1f} %")
+    assert share < 0.006 < 0.02 < without
     for one in (controller, balance):
         share = np.linalg.norm(one.left(actuator)) / one.size
         without = np.linalg.norm(one.left(PLAIN)) / one.size

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from itertools import product
 from typing import Any
 
-from ematwin.models.bldc.along_motion import Controller, Motion, TorqueBalance, has_motion
+from ematwin.models.bldc.along_motion import Contact, Controller, Motion, TorqueBalance, has_motion
 from ematwin.models.optional import Equation, Form, Values
 from ematwin.numerics.signals import LowPass
 from ematwin.recordings.recording import Recording
@@ -136,7 +136,7 @@ ROUNDED = Form(
 
 
 def equations(recording: Recording, actuator: Any) -> tuple[Equation, ...]:
-    """Controller of a recording with both positions; its torque balance where the load is known."""
+    """Controller of a recording with both positions; its mechanics where the load is known."""
     if not has_motion(recording):
         return ()
     motion = Motion(recording, actuator)
@@ -150,6 +150,7 @@ def equations(recording: Recording, actuator: Any) -> tuple[Equation, ...]:
         ("controller.position_gain", "controller.speed_gain", "motor.emf_constant",
          "motor.resistance"),
         (INTEGRAL, SAMPLED, CURRENT_LOOP),
+        controller.alike,
     )  # fmt: skip
     if "load" not in recording.channels:
         return (of_controller,)
@@ -163,4 +164,8 @@ def equations(recording: Recording, actuator: Any) -> tuple[Equation, ...]:
          "motor.viscous_damping", "motor.friction_torque", "transmission.friction_torque"),
         (COGGING, ROUNDED),
     )  # fmt: skip
-    return of_controller, of_mechanics
+    contact = Contact(motion, balance, actuator)
+    gap = ("transmission.backlash",)
+    gives = () if actuator.compliance is None else ("compliance.stiffness",)
+    of_contact = Equation("contact", contact.left, contact.size, contact.least, gap + gives, ())
+    return of_controller, of_mechanics, of_contact
