@@ -111,7 +111,7 @@ def obstacles_to(
             )
             + "Record it, or say what it was (load=0 if there was none)."
         )
-    limit = most_misfit(baseline.misfit)
+    limit = most_misfit(baseline.misfit, problem.comparisons[0].has_reference)
     if found.problem is not None:
         misfit = found.problem.relative_misfit(assessed.cost)
     if misfit > max(limit, WORSE * problem.expected_misfit):

@@ -64,14 +64,19 @@ class Verdict:
         }
 
 
-def most_misfit(healthy: float) -> float:
+def most_misfit(healthy: float, has_reference: bool = False) -> float:
     """The relative misfit up to which a fit is a ground for a verdict.
 
-    ``healthy`` is that of healthy recordings, NaN where there are none.
+    Parameters
+    ----------
+    healthy : of healthy recordings, NaN where there are none
+    has_reference : whether the twin is corrected by a reference model: what healthy recordings
+        leave is then all that is usual, and else no less than `EXPLAINED`
     """
     if math.isnan(healthy):
         return UNCALIBRATED
-    return min(max(EXPLAINED, WORSE * healthy), worst_misfit(healthy))
+    least = 0.0 if has_reference else EXPLAINED
+    return min(max(least, WORSE * healthy), worst_misfit(healthy))
 
 
 def worst_misfit(healthy: float) -> float:
