@@ -21,9 +21,10 @@ from ematwin.models.ball_screw.parameters import BallScrew
 from ematwin.models.ball_screw.twin import ball_screw_constants
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.registry import kind_of, load_actuator, models, shipped_actuators
-from ematwin.monitoring.calibration import FORMAT, Calibration, PopulationCalibration, Thresholds
+from ematwin.monitoring.calibration import FORMAT, Calibration
 from ematwin.monitoring.classification import Signature
 from ematwin.monitoring.population import Population
+from ematwin.monitoring.population_calibration import PopulationCalibration, Thresholds
 from refusals import refusal_of
 
 refusal = partial(refusal_of, kind=ParameterError)

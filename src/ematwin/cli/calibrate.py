@@ -9,7 +9,7 @@ from ematwin.cli import options
 from ematwin.cli.recordings import choice, known_fault, load, meant, remarks
 
 if TYPE_CHECKING:
-    from ematwin.monitoring.calibrate import CalibrationReport
+    from ematwin.monitoring.calibration_report import CalibrationReport
 
 _WIDE = 110  # columns of a terminal, from which a table has room for the template
 

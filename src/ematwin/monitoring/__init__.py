@@ -8,23 +8,24 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ematwin.monitoring.calibrate import CalibrationReport
-    from ematwin.monitoring.calibration import Calibration, PopulationCalibration, Thresholds
+    from ematwin.monitoring.calibration import Calibration
+    from ematwin.monitoring.calibration_report import CalibrationReport
     from ematwin.monitoring.classification import Signature
     from ematwin.monitoring.diagnosis import Detection, Diagnosis, Magnitude
     from ematwin.monitoring.index import health_index, prediction_bound
+    from ematwin.monitoring.population_calibration import PopulationCalibration, Thresholds
     from ematwin.monitoring.scores import Scores
 
 _HOMES = {
     "Calibration": "calibration",
-    "CalibrationReport": "calibrate",
+    "CalibrationReport": "calibration_report",
     "Detection": "diagnosis",
     "Diagnosis": "diagnosis",
     "Magnitude": "diagnosis",
-    "PopulationCalibration": "calibration",
+    "PopulationCalibration": "population_calibration",
     "Scores": "scores",
     "Signature": "classification",
-    "Thresholds": "calibration",
+    "Thresholds": "population_calibration",
     "health_index": "index",
     "prediction_bound": "index",
 }

@@ -20,7 +20,6 @@ import numpy as np
 from ematwin.estimation.constants import COVERAGE, EXPLAINED
 from ematwin.estimation.verdict import Grade, Verdict
 from ematwin.models.base import Reported
-from ematwin.monitoring.calibration import PopulationCalibration
 from ematwin.monitoring.classification import Name, named_by_physics, named_by_signature
 from ematwin.monitoring.diagnosis import (
     UNNAMED,
@@ -33,6 +32,7 @@ from ematwin.monitoring.diagnosis import (
 )
 from ematwin.monitoring.index import health_index, single_reach
 from ematwin.monitoring.measure import Measured, reported_values, statistics_of
+from ematwin.monitoring.population_calibration import PopulationCalibration
 from ematwin.recordings.recording import Recording
 from ematwin.showing.numbers import plain
 

@@ -4,162 +4,44 @@ One recording is enough for the twin. Kinds that one descent fits are judged by 
 as well, which takes three runs over one command.
 """
 
-import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ematwin import __version__
 from ematwin.errors import InputError, RecordError
-from ematwin.estimation.baseline import Baseline, frees_parameters
+from ematwin.estimation.baseline import frees_parameters
 from ematwin.estimation.learn import learn
-from ematwin.estimation.local import LocalDescent
-from ematwin.estimation.nominal import NominalParameter
 from ematwin.models.base import Model
 from ematwin.models.channels_agree import checked
 from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.registry import load_actuator, model_of
 from ematwin.monitoring.by_population import by_population
-from ematwin.monitoring.calibration import Calibration, PopulationCalibration, Thresholds
-from ematwin.monitoring.classification import REACH, Signature
-from ematwin.monitoring.features import Layout
+from ematwin.monitoring.calibration import Calibration
+from ematwin.monitoring.calibration_report import CalibrationReport
 from ematwin.monitoring.gather import Given, actuator_of, recordings_of
 from ematwin.monitoring.healthy import HealthyRuns, Learning, without_own_share
-from ematwin.monitoring.index import single_reach
-from ematwin.monitoring.measure import Bench, Fit, Measured
-from ematwin.monitoring.population import Population, fit_mean
+from ematwin.monitoring.learn_population import (
+    learnt_from,
+    mean_recordings,
+    report_on,
+    restated,
+    signature,
+    with_discrepancy,
+    with_spread,
+)
+from ematwin.monitoring.measure import Bench
+from ematwin.monitoring.population_calibration import PopulationCalibration
 from ematwin.monitoring.scores import FALSE_ALARM_RATE
 from ematwin.recordings.recording import Recording
-from ematwin.showing import markup
 from ematwin.showing.bars import told
-from ematwin.showing.drawing import page_written
-from ematwin.showing.frames import frame_of_rows
 
 Progress = Callable[[float], None]
-_MOST_MEANS = 24  # mean recordings that the nominal parameters are fitted to
 _MOST_LEARNT = 8  # recordings that the parameters of other kinds are fitted to
-_ROUNDS = 2  # of discrepancy and values in turn
 _MOST_LABELS = 20  # values of one label that are listed
-
-
-@dataclass(frozen=True)
-class CalibrationReport:
-    """What a calibration found.
-
-    Attributes
-    ----------
-    calibration : with the healthy population, where there is one (`PopulationCalibration`)
-    parameters : fitted ones, with what could not be determined; none where runs were added
-    tied : groups of parameters of which only ratios or products are known
-    learnt, held_back : names of the runs; none is held back where each was judged by the others
-    run_spread : of each quantity of the population, standard deviations within a run and between
-        runs; of logarithms for multiples of healthy, else SI
-    false_alarms : share of the recordings so judged above the threshold
-    notes : sentences on what to be careful of
-    """
-
-    calibration: Calibration
-    parameters: list[NominalParameter]
-    tied: list[tuple[str, ...]]
-    learnt: list[str]
-    held_back: list[str] = field(default_factory=list)
-    run_spread: dict[str, tuple[float, float]] = field(default_factory=dict)
-    false_alarms: float = 0.0
-    notes: tuple[str, ...] = ()
-
-    @property
-    def actuator(self) -> ParameterSet:
-        """With the values that were found."""
-        return self.calibration.actuator
-
-    @property
-    def baseline(self) -> Baseline:
-        """How well they are known."""
-        return self.calibration.baseline
-
-    @property
-    def sources(self) -> dict[str, str]:
-        """Where the value of each fitted parameter comes from, by place."""
-        runs = ", ".join(self.learnt)
-        return {
-            p.place: f"calibrated on healthy runs {runs} with ematwin {__version__}, standard "
-            f"error {p.standard_error:.3g}"
-            if p.determined
-            else f"not determined by the healthy runs; template {p.template:.4g}"
-            for p in self.parameters
-        }
-
-    def to_frame(self) -> Any:
-        """A pandas DataFrame with a row for each fitted parameter, by place; needs pandas."""
-        return frame_of_rows(
-            (
-                {"place": p.place, "value": p.value, "standard_error": p.standard_error,
-                 "template": p.template, "determined": p.determined}
-                for p in self.parameters
-            ),
-            "place",
-        )  # fmt: skip
-
-    to_dataframe = to_frame
-
-    def __str__(self) -> str:
-        lines = [f"{self.actuator.name}, calibrated on {len(self.learnt)} runs"]
-        for p in self.parameters:
-            error = f"standard error {p.standard_error:.2g}" if p.determined else "not determined"
-            lines.append(f"{p.place:<34} {p.value:>10.4g}  {error}")
-        return "\n".join([*lines, *self.notes])
-
-    def _repr_html_(self) -> str:
-        """From how many runs, then the fitted parameters, in a notebook."""
-        rows = [
-            (p.place, f"{p.value:.6g}" if p.determined else "not determined",
-             f"{p.standard_error:.2g}", f"{p.template:.6g}")
-            for p in self.parameters
-        ]  # fmt: skip
-        return "".join(
-            [
-                markup.heading(f"{self.actuator.name}, calibrated on {len(self.learnt)} runs"),
-                markup.table(("parameter", "value", "standard error", "template"), rows),
-                *(markup.note(text) for text in (self.baseline.forms, *self.notes) if text),
-            ]
-        )
-
-    def report(self, path: str | Path) -> None:
-        """Write its page (.html), which holds all that it shows."""
-        page_written(self, path, "calibration:calibration_page")
-
-    def save(self, path: str | Path) -> None:
-        """Write the calibrated actuator as a TOML file, with the sources of its parameters."""
-        self.calibration.save(path, self.sources)
-
-    def as_dict(self) -> dict[str, object]:
-        """For JSON."""
-        of_population: dict[str, object] = {"threshold": None, "signatures": []}
-        if isinstance(self.calibration, PopulationCalibration):
-            of_population = {
-                "threshold": vars(self.calibration.thresholds).copy(),
-                "signatures": [s.fault for s in self.calibration.signatures],
-            }
-        return {
-            "actuator": self.actuator.name,
-            "kind": self.actuator.kind,
-            "misfit": self.baseline.misfit if math.isfinite(self.baseline.misfit) else None,
-            "forms": self.baseline.forms,
-            "absent_forms": list(self.baseline.absent_forms),
-            "tied": [list(group) for group in self.tied],
-            "parameters": {p.place: vars(p).copy() for p in self.parameters},
-            "spread": {k: {"within": a, "between": b} for k, (a, b) in self.run_spread.items()},
-            "scatter": dict(self.baseline.scatter),
-            "learnt": self.learnt,
-            "held_back": self.held_back,
-            "false_alarms": self.false_alarms,
-            "notes": list(self.notes),
-            **of_population,
-        }
 
 
 def calibrate(
@@ -269,7 +151,7 @@ def _calibrated(
     means: list[Comparison] = []
     if not by_values:
         first = Bench(model, chosen, healthy, command, interval, settling)
-        means = _means(first, learning)
+        means = mean_recordings(first, learning)
     if model.recordings_differ:
         few_of_them, left_out = _sound(model, chosen, taught)
     else:
@@ -293,7 +175,7 @@ def _calibrated(
         )  # fmt: skip
     bench = Bench(model, actuator, healthy, command, interval, settling, first.layout.channels)
     layout = bench.layout
-    fit, discrepancy, scale = _with_discrepancy(bench, learning)
+    fit, discrepancy, scale = with_discrepancy(bench, learning)
     measured = bench.measured(fit)
     tell(0.8)
     of_run = [one.run for one in healthy]
@@ -311,7 +193,7 @@ def _calibrated(
         settling_time=settling,
         channels=layout.channels,
         discrepancy=discrepancy,
-        **_learnt(learning_runs, ~learning, rate),
+        **learnt_from(learning_runs, ~learning, rate),
         facts={
             "runs": learnt_runs,
             "held_back": back,
@@ -322,10 +204,10 @@ def _calibrated(
             "undetermined": [p.place for p in parameters if not p.determined],
         },
     )
-    calibration = replace(calibration, baseline=_with_population(calibration, measured))
+    calibration = replace(calibration, baseline=with_spread(calibration, measured))
     signatures = tuple(signature(calibration, fault, examples) for fault, examples in known.items())
     tell(1.0)
-    return _report(
+    return report_on(
         replace(calibration, signatures=signatures), parameters, learnt.tied, learnt.notes
     )
 
@@ -355,67 +237,6 @@ def _evenly(recordings: Sequence[Recording], most: int) -> list[Recording]:
     """So many of the recordings at most, evenly chosen."""
     places = np.linspace(0, len(recordings) - 1, min(len(recordings), most))
     return [recordings[n] for n in np.unique(np.round(places).astype(int))]
-
-
-def _with_population(calibration: PopulationCalibration, measured: Measured) -> Baseline:
-    """The baseline with how far healthy runs differ, as the population says."""
-    spread = calibration.population.spread.tolist()
-    return replace(
-        calibration.baseline,
-        scatter=dict(zip(calibration.layout.magnitudes, spread, strict=False)),
-        misfit=float(np.median([one.misfit for one in measured.estimates])),
-        recordings=len(calibration.facts["runs"]),
-    )
-
-
-def _learnt(learning: Learning, held_back: np.ndarray, rate: float) -> dict[str, Any]:
-    """What of a `Calibration` follows from its healthy runs.
-
-    ``held_back`` (N,) of bool: recordings that only set the thresholds.
-    """
-    kept = learning.healthy
-    population, reported = learning.populations(~held_back)
-    motion, run, size = learning.limits(*learning.tested(held_back), rate)
-    covariate = kept.covariate
-    return {
-        "population": population,
-        "reported": reported,
-        "thresholds": Thresholds(motion, run, size, rate),
-        "statistics": {
-            name: (float(found[~held_back].mean()), float(found[~held_back].std(ddof=1)))
-            for name, found in kept.statistics.items()
-        },
-        "covariate_range": None
-        if learning.scale is None
-        else (float(covariate.min()), float(covariate.max())),
-        "healthy": kept,
-    }
-
-
-def _report(
-    calibration: PopulationCalibration,
-    parameters: list[NominalParameter],
-    tied: list[tuple[str, ...]],
-    notes: list[str],
-) -> CalibrationReport:
-    """What is told of a calibration whose healthy runs are at hand."""
-    back = calibration.facts["held_back"]
-    over = calibration.tested().index() > calibration.thresholds.motion
-    reported = calibration.reported
-    runs = len(calibration.learning.healthy.names)
-    return CalibrationReport(
-        calibration,
-        parameters,
-        tied,
-        calibration.facts["runs"],
-        back,
-        {
-            one.name: (float(reported.within[n]), float(reported.between[n]))
-            for n, one in enumerate(calibration.quantities)
-        },
-        float(over.mean()),
-        (*notes, *_cautions(calibration.thresholds, calibration.layout, runs, len(back))),
-    )
 
 
 def _added(
@@ -467,7 +288,7 @@ def _added(
     after = replace(
         before,
         actuator=actuator,
-        **_learnt(learning, np.zeros(len(kept.runs), dtype=bool), rate),
+        **learnt_from(learning, np.zeros(len(kept.runs), dtype=bool), rate),
         signatures=(),
         facts={
             **before.facts,
@@ -478,45 +299,10 @@ def _added(
             "sources": sorted({*before.facts.get("sources", []), *(one.source for one in given)}),
         },
     )
-    signatures = [_restated(one, before.population, after.population) for one in before.signatures]
+    signatures = [restated(one, before.population, after.population) for one in before.signatures]
     signatures += [signature(after, fault, examples) for fault, examples in known.items()]
     tell(1.0)
-    return _report(replace(after, signatures=tuple(signatures)), [], [], [])
-
-
-def _restated(one: Signature, before: Population, after: Population) -> Signature:
-    """A signature in the scores of another population over the same covariate."""
-    raw = one.coefficients * before.spread + before.coefficients
-    return replace(one, coefficients=(raw - after.coefficients) / after.spread)
-
-
-def signature(calibration: PopulationCalibration, fault: str, recordings: Given) -> Signature:
-    """What recordings with a known fault look like; ``fault`` as in `calibrate`."""
-    given = recordings_of(recordings, calibration.actuator)
-    measured = calibration.measure(given)
-    scores = calibration.scores(measured).values
-    limited = np.clip(scores, -REACH, REACH)
-    runs = ", ".join(dict.fromkeys(one.run for one in given))
-    said, colon, remark = fault.partition(":")
-    return Signature(
-        said.strip(),
-        fit_mean(measured.covariate, calibration.population.scale, limited),
-        f"{len(given)} motions{colon}{remark}, runs {runs}",
-    )
-
-
-def _means(bench: Bench, learning: np.ndarray) -> list[Comparison]:
-    """The mean recording of each run and condition, evenly chosen where there are many.
-
-    More than `_MOST_MEANS` make the fit slow, not better.
-    """
-    groups = np.unique(bench.groups[learning])
-    places = np.linspace(0, len(groups) - 1, min(len(groups), _MOST_MEANS))
-    means = []
-    for group in groups[np.unique(np.round(places).astype(int))]:
-        members = [bench.comparisons[n] for n in np.flatnonzero(bench.groups == group)]
-        means.append(members[0].averaged(members[1:]))
-    return means
+    return report_on(replace(after, signatures=tuple(signatures)), [], [], [])
 
 
 def _held_back(runs: list[str], wanted: int | None) -> list[str]:
@@ -529,32 +315,6 @@ def _held_back(runs: list[str], wanted: int | None) -> list[str]:
             f"{wanted}."
         )
     return runs[-wanted:]
-
-
-def _with_discrepancy(bench: Bench, learning: np.ndarray) -> tuple[Fit, np.ndarray, float | None]:
-    """The last fit, the discrepancy of the twin over the covariate, and the covariate's scale."""
-    fit = bench.fit(search=LocalDescent())  # healthy ones lie in the valley of health
-    scale = None
-    if bench.model.monitoring.covariate is not None:
-        scale = float(np.sqrt((fit.covariate[learning] ** 2).mean())) or 1.0
-    discrepancy = np.zeros(1)
-    for _ in range(_ROUNDS):
-        left = np.concatenate(list(fit.residuals.values()), axis=1)[learning]
-        discrepancy = discrepancy + fit_mean(fit.covariate[learning], scale, left)
-        fit = bench.fit(discrepancy, scale, fit)
-    return fit, discrepancy, scale
-
-
-def _cautions(thresholds: Thresholds, layout: Layout, runs: int, back: int) -> list[str]:
-    reach = single_reach(layout.kinds)
-    if max(thresholds.motion, thresholds.run) < reach:
-        return []
-    said = f"{runs - back} runs to learn from and {back} held back" if back else f"{runs} runs"
-    return [
-        f"The thresholds ({thresholds.motion:.2f} for a motion, {thresholds.run:.2f} for a run) "
-        f"are so high that no single magnitude reaches them (at most {reach:.2f}): {said} say too "
-        "little about how far healthy runs differ. Record more healthy runs, on other days."
-    ]
 
 
 def _labels_of(recordings: Sequence[Recording]) -> str:

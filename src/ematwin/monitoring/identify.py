@@ -25,9 +25,10 @@ from ematwin.estimation.search import Progress, Search
 from ematwin.estimation.verdict import Verdict
 from ematwin.models.reading import read
 from ematwin.monitoring.by_population import by_population
-from ematwin.monitoring.calibration import Calibration, PopulationCalibration
+from ematwin.monitoring.calibration import Calibration
 from ematwin.monitoring.diagnosis import Detection, Diagnosis, Magnitude, name_of
 from ematwin.monitoring.gather import Given, actuator_of, is_one, recordings_of
+from ematwin.monitoring.population_calibration import PopulationCalibration
 from ematwin.monitoring.runs import Detections, Runs, is_table_of_runs, over_groups, read_runs
 from ematwin.numerics.side_by_side import cores
 from ematwin.optimizers.base import ITERATIONS, POPULATION, Optimizer

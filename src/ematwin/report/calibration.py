@@ -3,8 +3,8 @@
 import math
 from typing import Any
 
-from ematwin.monitoring.calibrate import CalibrationReport
-from ematwin.monitoring.calibration import PopulationCalibration
+from ematwin.monitoring.calibration_report import CalibrationReport
+from ematwin.monitoring.population_calibration import PopulationCalibration
 from ematwin.plots.style import BLUE, GREY, PALE, styled
 from ematwin.report.page import Row, Section, Table, render
 from ematwin.showing.numbers import in_unit, number_of, plain, said_between

@@ -1,9 +1,9 @@
 """Page: verdicts on recordings, value by value against the healthy band."""
 
 from ematwin.estimation.constants import CERTAIN, SMALLEST
-from ematwin.monitoring.calibration import PopulationCalibration
 from ematwin.monitoring.diagnosis import Detection, Diagnosis, counted, gathered_notes
 from ematwin.monitoring.index import DRIFT
+from ematwin.monitoring.population_calibration import PopulationCalibration
 from ematwin.monitoring.runs import Detections
 from ematwin.plots.detection import plot_trend
 from ematwin.report.page import Row, Section, Table, listed, render

@@ -2,7 +2,8 @@
 
 import pytest
 
-from ematwin.monitoring.calibrate import CalibrationReport, calibrate
+from ematwin.monitoring.calibrate import calibrate
+from ematwin.monitoring.calibration_report import CalibrationReport
 from made_up_rig import healthy_runs
 
 

@@ -16,8 +16,8 @@ from ematwin.estimation.baseline import Baseline
 from ematwin.models.registry import model_of
 from ematwin.monitoring import CalibrationReport, Detection, Diagnosis
 from ematwin.monitoring import identify as identifying
-from ematwin.monitoring.calibration import PopulationCalibration
 from ematwin.monitoring.gather import files_of
+from ematwin.monitoring.population_calibration import PopulationCalibration
 from ematwin.report.detection import detection_page
 from made_up_axis import TRUTH, axis, drifted, run
 from made_up_rig import healthy_runs

@@ -9,7 +9,6 @@ from ematwin.errors import InputError
 from ematwin.models.ball_screw.model import MODEL
 from ematwin.models.ball_screw.parameters import BallScrew
 from ematwin.models.base import Reported
-from ematwin.monitoring.calibration import Thresholds
 from ematwin.monitoring.classification import (
     Signature,
     named_by_physics,
@@ -25,6 +24,7 @@ from ematwin.monitoring.index import (
     single_reach,
 )
 from ematwin.monitoring.population import Population, basis, fit_mean
+from ematwin.monitoring.population_calibration import Thresholds
 from ematwin.monitoring.scores import Scores
 
 REPORTED = MODEL.monitoring.reported(MODEL, BallScrew.load())

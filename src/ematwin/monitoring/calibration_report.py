@@ -1,0 +1,132 @@
+"""What a calibration found: parameters, how well they are known, and what to be careful of."""
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ematwin import __version__
+from ematwin.estimation.baseline import Baseline
+from ematwin.estimation.nominal import NominalParameter
+from ematwin.models.parameter_set import ParameterSet
+from ematwin.monitoring.calibration import Calibration
+from ematwin.monitoring.population_calibration import PopulationCalibration
+from ematwin.showing import markup
+from ematwin.showing.drawing import page_written
+from ematwin.showing.frames import frame_of_rows
+
+
+@dataclass(frozen=True)
+class CalibrationReport:
+    """What a calibration found.
+
+    Attributes
+    ----------
+    calibration : with the healthy population, where there is one (`PopulationCalibration`)
+    parameters : fitted ones, with what could not be determined; none where runs were added
+    tied : groups of parameters of which only ratios or products are known
+    learnt, held_back : names of the runs; none is held back where each was judged by the others
+    run_spread : of each quantity of the population, standard deviations within a run and between
+        runs; of logarithms for multiples of healthy, else SI
+    false_alarms : share of the recordings so judged above the threshold
+    notes : sentences on what to be careful of
+    """
+
+    calibration: Calibration
+    parameters: list[NominalParameter]
+    tied: list[tuple[str, ...]]
+    learnt: list[str]
+    held_back: list[str] = field(default_factory=list)
+    run_spread: dict[str, tuple[float, float]] = field(default_factory=dict)
+    false_alarms: float = 0.0
+    notes: tuple[str, ...] = ()
+
+    @property
+    def actuator(self) -> ParameterSet:
+        """With the values that were found."""
+        return self.calibration.actuator
+
+    @property
+    def baseline(self) -> Baseline:
+        """How well they are known."""
+        return self.calibration.baseline
+
+    @property
+    def sources(self) -> dict[str, str]:
+        """Where the value of each fitted parameter comes from, by place."""
+        runs = ", ".join(self.learnt)
+        return {
+            p.place: f"calibrated on healthy runs {runs} with ematwin {__version__}, standard "
+            f"error {p.standard_error:.3g}"
+            if p.determined
+            else f"not determined by the healthy runs; template {p.template:.4g}"
+            for p in self.parameters
+        }
+
+    def to_frame(self) -> Any:
+        """A pandas DataFrame with a row for each fitted parameter, by place; needs pandas."""
+        return frame_of_rows(
+            (
+                {"place": p.place, "value": p.value, "standard_error": p.standard_error,
+                 "template": p.template, "determined": p.determined}
+                for p in self.parameters
+            ),
+            "place",
+        )  # fmt: skip
+
+    to_dataframe = to_frame
+
+    def __str__(self) -> str:
+        lines = [f"{self.actuator.name}, calibrated on {len(self.learnt)} runs"]
+        for p in self.parameters:
+            error = f"standard error {p.standard_error:.2g}" if p.determined else "not determined"
+            lines.append(f"{p.place:<34} {p.value:>10.4g}  {error}")
+        return "\n".join([*lines, *self.notes])
+
+    def _repr_html_(self) -> str:
+        """From how many runs, then the fitted parameters, in a notebook."""
+        rows = [
+            (p.place, f"{p.value:.6g}" if p.determined else "not determined",
+             f"{p.standard_error:.2g}", f"{p.template:.6g}")
+            for p in self.parameters
+        ]  # fmt: skip
+        return "".join(
+            [
+                markup.heading(f"{self.actuator.name}, calibrated on {len(self.learnt)} runs"),
+                markup.table(("parameter", "value", "standard error", "template"), rows),
+                *(markup.note(text) for text in (self.baseline.forms, *self.notes) if text),
+            ]
+        )
+
+    def report(self, path: str | Path) -> None:
+        """Write its page (.html), which holds all that it shows."""
+        page_written(self, path, "calibration:calibration_page")
+
+    def save(self, path: str | Path) -> None:
+        """Write the calibrated actuator as a TOML file, with the sources of its parameters."""
+        self.calibration.save(path, self.sources)
+
+    def as_dict(self) -> dict[str, object]:
+        """For JSON."""
+        of_population: dict[str, object] = {"threshold": None, "signatures": []}
+        if isinstance(self.calibration, PopulationCalibration):
+            of_population = {
+                "threshold": vars(self.calibration.thresholds).copy(),
+                "signatures": [s.fault for s in self.calibration.signatures],
+            }
+        return {
+            "actuator": self.actuator.name,
+            "kind": self.actuator.kind,
+            "misfit": self.baseline.misfit if math.isfinite(self.baseline.misfit) else None,
+            "forms": self.baseline.forms,
+            "absent_forms": list(self.baseline.absent_forms),
+            "tied": [list(group) for group in self.tied],
+            "parameters": {p.place: vars(p).copy() for p in self.parameters},
+            "spread": {k: {"within": a, "between": b} for k, (a, b) in self.run_spread.items()},
+            "scatter": dict(self.baseline.scatter),
+            "learnt": self.learnt,
+            "held_back": self.held_back,
+            "false_alarms": self.false_alarms,
+            "notes": list(self.notes),
+            **of_population,
+        }
