@@ -270,7 +270,7 @@ def without_own_share(
 ) -> np.ndarray:
     """Features (N, F) with the bands that are left of a discrepancy from the other runs alone.
 
-    Magnitudes and means need none of it: a run's contribution to the discrepancy is taken from the
+    Magnitudes and means need none of it: a run adds to the discrepancy as much as it takes from the
     mean of the population.
 
     Parameters
