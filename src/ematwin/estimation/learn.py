@@ -352,7 +352,7 @@ def _refuse_odd(fit: _Fit, comparisons: Sequence[Comparison], misfit: float) -> 
 def _prior(end: Corrected, places: Sequence[str]) -> Prior:
     """The distribution of the parameters afterwards, by logarithms.
 
-    The curvature takes the residual for noise. The error of the twin has the same sign throughout,
+    The curvature takes the residual for noise. The error of the twin biases all samples alike,
     so the data of a twin without a reference count less (`Problem.model_error`).
     """
     peak, problem = end.peak, end.peak.problem

@@ -41,7 +41,7 @@ class Group:
     Attributes
     ----------
     name : its serial number, else the name of the actuator
-    known : its calibration or parameters
+    known : its calibration
     recordings : in the order of the table
     """
 
