@@ -1,6 +1,6 @@
 """The errors that ematwin raises on purpose.
 
-Every message is one sentence or two that say what is wrong, what was received and what to do.
+Every message states the error, the value received and the remedy in one or two sentences.
 The command line prints it without a traceback and exits with code 2.
 """
 

@@ -173,8 +173,8 @@ def use_units(units: str | Mapping[str, str] | None = None) -> None:
 
     Parameters
     ----------
-    units : such as ``"angle=mrad, torque=mN m"``, or a mapping; "" for SI; None for those of the
-        user's settings
+    units : such as ``"angle=mrad, torque=mN m"``, or a mapping; "" for SI; None for units from
+        the user's settings
 
     Raises
     ------
@@ -239,7 +239,7 @@ def units_in_settings() -> dict[str, str]:
 
 @cache
 def preferred(unit: str) -> tuple[str, float]:
-    """The unit in which values in ``unit`` are shown, and by what they are multiplied for it."""
+    """The unit in which values in ``unit`` are shown, and the factor to it."""
     global _preferred
     if _preferred is None:
         _preferred = units_in_settings()

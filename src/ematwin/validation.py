@@ -39,7 +39,7 @@ def load_toml(path: Path, kind: str) -> dict[str, Any]:
 
 
 def checksum_of(table: Mapping[str, Any]) -> str:
-    """That of the values of a TOML file, whatever its name, its description and its comments."""
+    """Checksum of the values of a TOML file; name, description and comments do not count."""
     values = {key: one for key, one in table.items() if key not in ("name", "description")}
     return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:16]
 
@@ -102,7 +102,7 @@ def shortened(received: object) -> str:
 
 
 def unknown_name(place: str, what: str, meant: str = "") -> str:
-    """The sentence on a name that is none; ``meant`` is the one that it probably stands for."""
+    """The sentence on an unknown name; ``meant`` is the name that was probably meant."""
     advice = f"correct its spelling to {meant}" if meant else "remove it or correct its spelling"
     return f"{place} is not a name that {what} knows; {advice}."
 

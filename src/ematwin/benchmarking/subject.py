@@ -82,7 +82,7 @@ class Subject:
             raise one_sentence(error, f"actuator {values.get('name', '')} of the study") from None
 
     def plain(self) -> dict[str, Any]:
-        """The actuator as values for JSON; those of the default kind do not name it.
+        """The actuator as values for JSON; the kind is named unless it is the default.
 
         Where a file states the kind they are the content of that file.
         """

@@ -51,7 +51,7 @@ class _StandIn(NamedTuple):
 
     Attributes
     ----------
-    slope : float, change of the fault's logarithm over that of the parameter's
+    slope : float, change of the fault's logarithm per change of the parameter's logarithm
     against : float, the value of the fault that takes the parameter's growth back
     """
 

@@ -1,8 +1,8 @@
-"""Baseline: what is known of an actuator before a recording is judged.
+"""Baseline: the prior knowledge of an actuator before a recording is judged.
 
 The values of its parameters with their joint uncertainty, how well the twin explains it while it is
-healthy, and what may have drifted since. Without calibration the uncertainty is that of a data
-sheet: the tolerances of the parameter file, or those that the kind states.
+healthy, and what may have drifted since. Without calibration the uncertainty comes from a data
+sheet: the tolerances of the parameter file, or the defaults of the kind.
 """
 
 import math
@@ -32,7 +32,7 @@ _KNOWN = 1e-3  # share of its spread that is left of what counts as known
 
 @dataclass(frozen=True)
 class Baseline:
-    """What is known of an actuator.
+    """Prior knowledge of an actuator.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class Baseline:
     scatter : by fault, how far healthy recordings are found off healthy
     recordings : how many healthy ones
     has_load : whether they held the load
-    exact : whether parameters, load and sensors are exactly as given, as those of a simulation are
+    exact : whether parameters, load and sensors are exactly as given, as in a simulation
     known : what counts as known as good as exactly, and does not drift
     forms : a sentence on the forms that healthy recordings show and the file had left out; "" if
         there are none
@@ -67,12 +67,12 @@ class Baseline:
 
     @classmethod
     def of_simulation(cls) -> "Baseline":
-        """That of an actuator of which everything is known."""
+        """The baseline of an actuator that is known exactly."""
         return cls(Prior.independent([]), exact=True)
 
     @classmethod
     def of_template(cls, model: Model, actuator: ParameterSet) -> "Baseline":
-        """That of an actuator of which only the parameter file is known."""
+        """The baseline of an actuator with a parameter file only."""
         return cls(Prior.independent(uncertain(model, actuator)))
 
     def knowing(self, unknowns: Iterable[Unknown]) -> "Baseline":
@@ -117,7 +117,7 @@ class Baseline:
 
     @classmethod
     def from_table(cls, table: Any, what: str) -> "Baseline":
-        """From what `as_table` gave.
+        """Read the result of `as_table`.
 
         Raises
         ------
@@ -165,7 +165,7 @@ class Baseline:
 def baseline_of(given: Any, actuator: ParameterSet) -> Baseline:
     """The baseline of what `ematwin.identify` takes as an actuator.
 
-    That of a calibration or of its file; the tolerances of any other parameter set.
+    A calibration or its file holds its baseline; any other parameter set gives its tolerances.
     """
     held = getattr(given, "baseline", None)
     if isinstance(held, Baseline):
@@ -231,9 +231,9 @@ def with_all_free(
     baseline: Baseline,
     judged: Problem | None = None,
 ) -> Problem:
-    """The problem with parameters, load and sensors free as far as they are known.
+    """The problem with parameters, load and sensors free within their uncertainty.
 
-    ``judged`` holds the comparisons to take, where they are not those of the problem.
+    ``judged`` replaces the comparisons of the problem, where given.
     """
     judged = judged or problem
     if baseline.exact:

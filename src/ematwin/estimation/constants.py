@@ -1,8 +1,8 @@
 """The numbers by which answers are judged: one table, explained in docs/inference.md.
 
-Stated probabilities, what a user would call a fault, and what was counted: docs/trust.md says on
-which recordings. Steps, iterations and batches are not among them: they change how long an answer
-takes, and stand where they are used.
+They are stated probabilities, the sizes that a user would call a fault, and values counted on the
+recordings that docs/trust.md names. Steps, iterations and batches are not among them: they change
+how long an answer takes, and stand where they are used.
 """
 
 # stated probabilities

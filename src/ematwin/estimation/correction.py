@@ -1,6 +1,6 @@
 """Minima of the reference model, by a fast model that is corrected at the best point so far.
 
-A search needs thousands of answers, and only a fast model gives so many. What it misses of the
+A search needs thousands of answers, and only a fast model gives so many. Its difference from the
 reference model changes little from one point to the next, so it is taken off the recording at the
 minimum of the fast model, and the minimum is looked for again,
 
@@ -14,15 +14,15 @@ Where R - f changes with x the rounds converge slowly, or not at all. Then the l
 combined to the point from which a round would lead nowhere, if rounds were linear (Anderson 1965,
 J. ACM 12, 547-560, with steps measured in standard errors).
 
-The truth lies elsewhere within the width of the minimum, and what the fast model misses is another
-there: impacts and ripple differ, and slopes do. With J the slopes of the residuals r, noise s and
+The truth lies elsewhere within the width of the minimum, where the error of the fast model differs:
+impacts, ripple and slopes change. With J the slopes of the residuals r, noise s and
 covariance C, a correction at a point v in place of the minimum x moves the minimum by
 
     C J^T ([R(v) - f(v)] - [R(x) - f(x)]) / s^2
 
 in the first order. `with_model_error` measures that at points drawn from the width: the error of
-the model in this answer. What is left of the recording beyond its noise and this scatter is a
-discrepancy, and counts by the kind's `Problem.model_error`.
+the model in this answer. The residual beyond noise and this scatter is a discrepancy, and counts by
+the kind's `Problem.model_error`.
 """
 
 from dataclasses import dataclass, replace
@@ -52,7 +52,7 @@ class Corrected:
     rounds : int, answers of the reference model for each recording; 0 where the kind has none
     left : (m, d) array, how far the last round moved the peak, in coordinates of the chart; the
         last few, where rounds came to no end
-    model_error : (d, d) array, covariance of what is missed elsewhere within the width
+    model_error : (d, d) array, covariance from the model error elsewhere within the width
     """
 
     peak: Laplace
@@ -62,7 +62,7 @@ class Corrected:
 
     @property
     def covariance(self) -> np.ndarray:
-        """(d, d), with what the twin misses."""
+        """(d, d), with the model error."""
         sharp = self.peak.widened(self.peak.problem.model_error)
         return sharp + self.left.T @ self.left + self.model_error
 
@@ -87,8 +87,8 @@ def corrected(
     ----------
     problem : not corrected
     start : (d,) array, values, from which the first round descends
-    descent : how it does; later rounds begin in the valley that it found. Its least noise counts
-        where it is more than that of the corrected problem
+    descent : its settings; later rounds begin in the basin that it found. Its least noise counts
+        where it exceeds the noise of the corrected problem
     steps : (d,) array, as of `laplace`, of the first round
     rounds : at most
 
@@ -131,7 +131,7 @@ def corrected(
 
 
 def reweighed(found: Corrected, descent: Descent) -> Corrected:
-    """The minimum next to another, with each channel weighed by what that one leaves of it.
+    """The minimum next to another, with each channel weighed by the residual there.
 
     ``descent`` is as of `corrected`.
     """

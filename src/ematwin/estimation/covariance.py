@@ -5,9 +5,9 @@ cut into blocks b,
 
     cov = A^-1 (sum_b g_b g_b^T) A^-1 B/(B - 1),   g_b = J_b r_b,
 
-the cluster-robust ("sandwich") form (Liang and Zeger 1986): what is left over is not white noise
-but the twin's own error, alike from sample to sample, and independent samples would be counted far
-too often otherwise.
+the cluster-robust ("sandwich") form (Liang and Zeger 1986): the residual is not white noise but the
+twin's own error, alike from sample to sample, and independent samples would be counted far too
+often otherwise.
 
 That still leaves out an error of the twin which pulls the same way in every block. How much that
 is was measured for the brushless actuator where the truth is known: on records of the reference

@@ -1,8 +1,8 @@
 """All unknowns of a problem down together, those with priors included, from where a search ended.
 
-By stages of Levenberg-Marquardt: through the smoothed misfit first, unless the start lies in its
-valley already, then at full bandwidth for as long as a stage gains. What aliases hold stays; where
-data see nothing at all, evidence and priors have the last word.
+By stages of Levenberg-Marquardt: first on the smoothed misfit, unless the start lies in its basin
+already; then at full bandwidth for as long as a stage gains. Unknowns held by aliases stay; where
+the data have no effect at all, evidence and priors decide.
 """
 
 from collections.abc import Collection, Sequence
@@ -26,14 +26,14 @@ class TooFarError(Exception):
 
 @dataclass(frozen=True)
 class Descent:
-    """What a descent holds, where it begins, and when it ends.
+    """Settings of a descent: unknowns held, start, and end.
 
     Attributes
     ----------
     aliases : values by name -> directions in which the answer does not change
     held : unknowns that stay where they are
     least_noise : float, the noise is taken to be no less, in the unit of `Problem.noise`
-    settled : float, relative misfit at which a start lies in its valley already
+    settled : float, relative misfit at which a start lies in its basin already
     iterations : int, at most, of the first stage from such a start
     within : float, relative misfit of the smoothed data beyond which it is not worth going on
     least : float, squared standard deviations: an iteration that gains less ends a stage

@@ -1,4 +1,4 @@
-"""Estimate: what one or several recordings say of an actuator, as plain values.
+"""Estimate of an actuator from one or several recordings, as plain values.
 
 Verdicts, monitoring, trends and reports are functions of estimates; they need neither the
 recordings nor the twin. An estimate travels as JSON.
@@ -31,13 +31,13 @@ class Estimate:
     ranges : by name, upper less lower bound
     directions : by name of a direction, the name of its magnitude
     held : values that were held, by name
-    misfit : float, relative: root of the cost over that of a twin that does not answer
+    misfit : float, relative: root of the ratio of the cost to the cost of an unresponsive twin
     actuator, kind, fingerprint : name, kind and hash of the parameters of the twin
     labels : of the recording, as texts
     source : file or other origin of the recording
     when : time at which the recording began, ISO 8601, or None
     statistics : numbers measured on the recording beside the values, by name
-    warnings : sentences on what is doubtful
+    warnings : sentences on doubts
     """
 
     names: tuple[str, ...]
@@ -114,7 +114,7 @@ class Estimate:
         )
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain JSON values; what is infinite is null."""
+        """Plain JSON values; infinite ones are null."""
         return {
             "format": FORMAT,
             "names": list(self.names),
@@ -139,7 +139,7 @@ class Estimate:
 
     @classmethod
     def from_dict(cls, table: Mapping[str, Any]) -> Self:
-        """An estimate from what `as_dict` gave.
+        """Rebuild an estimate from the result of `as_dict`.
 
         Raises
         ------

@@ -1,11 +1,11 @@
 """Which forms an actuator has that its parameter file leaves out, from healthy recordings.
 
 A kind gives equations that hold along a recorded motion (`Model.equations`), and of each the forms
-that may be in it. A form is added where recordings that it was not fitted to are explained better,
-the one that explains most first (forward selection; Miller 2002, Subset Selection in Regression,
-section 3.2), judged by cross-validation (Stone 1974, J. R. Statist. Soc. B 36, 111-147): recordings
-in turn, or stretches of a single one, are left out of the fit by its linearisation, and what is
-left of them has to fall by more than its scatter.
+that may be in it. A form is added where recordings that it was not fitted to are explained better.
+The form that explains most comes first (forward selection; Miller 2002, Subset Selection in
+Regression, section 3.2). Cross-validation judges it (Stone 1974, J. R. Statist. Soc. B 36,
+111-147): recordings in turn, or stretches of a single one, are left out of the fit by its
+linearisation, and their residual has to fall by more than its scatter.
 
 Near their least squares the equations are linear in the logarithms of their parameters, so that
 all of them together give a normal distribution (`FoundForms.prior`), in which a parameter of two
@@ -46,7 +46,7 @@ class FoundForms:
     Attributes
     ----------
     actuator : template with their sections
-    found : what was found, a phrase each
+    found : the forms found, a phrase each
     absent : names of those that were tried and explain nothing
     before, after : share of the recordings' energy that the equations leave without and with them
     prior : of all that the equations hold, forms and parameters of the file, by logarithms; None of
@@ -62,7 +62,7 @@ class FoundForms:
 
     @property
     def said(self) -> str:
-        """A sentence on what was found; "" if that is nothing."""
+        """A sentence on the forms found; "" if there are none."""
         if not self.found:
             return ""
         listed = "; ".join(self.found)
@@ -97,7 +97,7 @@ def find_forms(
 
 
 def _together(template: ParameterSet, fits: Sequence["_Fit"]) -> Prior:
-    """What the tolerances of a template and the fits of several equations say together."""
+    """Combine the tolerances of a template with the fits of several equations."""
     places = list(dict.fromkeys(place for fit in fits for place in fit.places))
     known = _known(template)
     spreads = np.array([known[one][1] if one in known else _WIDE for one in places])
@@ -149,7 +149,7 @@ class _Fit:
     slopes : of each recording (d, K), by the coordinates of the fit
     pull, prior : (d,) and (d, d), gradient and curvature of the prior, in the unit of the cost
     weight : float, the cost of an independent residual
-    alike : float, the same of what the equations idealise, all of which is one sample
+    alike : float, the same for the idealisation error of the equations, one sample in all
     """
 
     actuator: ParameterSet
@@ -209,7 +209,7 @@ class _Fit:
         return np.array(found)
 
     def beats(self, other: "_Fit") -> bool:
-        """Whether what it has not seen is explained better, by more than that scatters."""
+        """Whether held-out data are explained better, by more than the scatter of the gain."""
         gain = np.log(other.held_back() / self.held_back())
         return bool(gain.mean() > TWO_SIGMA * gain.std(ddof=1) / math.sqrt(gain.size))
 
@@ -223,7 +223,7 @@ class _Selection:
         self._stated = _known(known.actuator)
 
     def run(self) -> tuple[FoundForms, _Fit]:
-        """What is known with the forms of this equation, and its fit."""
+        """Add the forms of this equation; return the forms so far and its fit."""
         known, first = self._known, self._equations[0]
         stated = [form for form in first.forms if form.is_stated(known.actuator)]
         wanted = (*first.fitted, *(place for form in stated for place in form.fitted))
@@ -255,7 +255,7 @@ class _Selection:
         return told, replace(fit, alike=alike / self._size**2)
 
     def _chosen(self, fit: _Fit, forms: Sequence[Form]) -> _Fit:
-        """The fit with what is chosen from lists, form by form."""
+        """The fit with the alternatives chosen from lists, form by form."""
         for form in forms:
             others = [(form, one) for one in form.alternatives(fit.actuator)]
             other = self._best(fit, others, new=False)

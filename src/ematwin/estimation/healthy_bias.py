@@ -3,7 +3,7 @@
 Recordings of one healthy actuator differ; and a twin that lacks a form of an actuator takes part of
 it for a fault, in all of them alike. Parameters and sensors, which are free beside the faults,
 can hide that from a calibration and not from a verdict: so healthy recordings are judged as
-`identify` would. What it finds then beyond its standard errors, it may find in any recording.
+`identify` would. Deviations beyond the standard errors there may occur in any recording.
 """
 
 from collections.abc import Mapping, Sequence
@@ -38,13 +38,13 @@ def healthy_bias(
 
     It is the larger of two. One is the root mean square of what `identify` finds, less the standard
     errors that explain it: the moment estimate of a variance between recordings (DerSimonian and
-    Laird 1986, Control. Clin. Trials 7, 177-188). The other is what the faults alone find, all else
-    as learnt: there they have to take what the twin lacks upon themselves.
+    Laird 1986, Control. Clin. Trials 7, 177-188). The other is estimated with the faults alone
+    free and all else as learnt: there the faults absorb the whole error of the twin.
 
     Parameters
     ----------
     model, actuator : as learnt
-    baseline : what is known of it, without this
+    baseline : prior knowledge of it, without this
     comparisons : the healthy recordings
     beside : load and sensors of each, by name, as learnt
 
@@ -104,7 +104,7 @@ def _refuse_odd(
     values: np.ndarray,
     errors: np.ndarray,
 ) -> None:
-    """Refuse a recording whose faults (R, d) are unlike those of the others."""
+    """Refuse a recording whose faults (R, d) are unlike the others."""
     width = np.array([one.width + one.slack for one in faults])
     away = np.abs(values - np.median(values, axis=0)) / width
     scatter = np.hypot(1.4826 * np.median(away, axis=0), errors / width)

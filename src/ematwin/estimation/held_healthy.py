@@ -1,7 +1,7 @@
 """How well a recording is explained without a fault, everything else free to take its place.
 
-A fault is no more certain than the best explanation that does without it. Its standard error is
-read from the curvature at the best point, and so from slopes there: those of a rough misfit may be
+A fault is no more certain than the best explanation that does without it. Its standard error comes
+from the curvature at the best point, and so from slopes there. Slopes of a rough misfit may be
 wrong, the way along which parameters take a fault's place may bend, and a search may have ended
 beside the best point. So each fault that would be named is held at healthy while all else descends,
 parameters within their tolerances included. What data and priors rise by then, in squared standard

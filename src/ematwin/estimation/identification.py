@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Identification:
-    """What a recording says of its actuator.
+    """Result of an identification from a recording.
 
     Attributes
     ----------
@@ -45,8 +45,8 @@ class Identification:
     algorithm, seed : what searched, and from which seed
     stopped : why it ended
     searched : names of the searched unknowns; the others were held
-    warnings : sentences on what is doubtful
-    assumed : sentences on what was assumed in reading the recording
+    warnings : sentences on doubts
+    assumed : sentences on assumptions made in reading the recording
     actuator : its parameters
     provenance : where the recording comes from
     intervals : by name, low and high end of what holds the true value in 95 %
@@ -56,8 +56,8 @@ class Identification:
     others : other answers that explain the recording nearly as well, values by name
     fitted : values of parameters, load and sensors with which the twin answers, by name
     calibrated : whether the twin was fitted to healthy recordings of the actuator
-    recording : what was identified from, for figures; None where it was not kept
-    uncertainty : what is sure of it, where that was asked for; None after an interruption
+    recording : the data, for figures; None where it was not kept
+    uncertainty : of the estimate, where that was asked for; None after an interruption
     probabilities : by searched fault, that it is as large as matters; none after an interruption
     """
 
@@ -107,7 +107,7 @@ class Identification:
 
     @property
     def relative_misfit(self) -> float:
-        """Root of the cost over that of a twin that does not answer; 0 is perfect."""
+        """Root of the ratio of the cost to the cost of an unresponsive twin; 0 is perfect."""
         return self.estimate.misfit
 
     @property

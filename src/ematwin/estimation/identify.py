@@ -61,7 +61,7 @@ def identified(
 ) -> Identification:
     """The values with which the twin answers as a prepared recording.
 
-    Other parameters are those of `ematwin.identify`.
+    Other parameters are as in `ematwin.identify`.
     """
     model, recording = model_of(actuator), ready.recording
     if compares_sets(model, algorithm, budget, uncertainty, thresholds):
@@ -205,7 +205,7 @@ class Prepared(NamedTuple):
     Attributes
     ----------
     recording : at the rate at which it is compared
-    warnings : sentences on what is doubtful about it
+    warnings : sentences on doubts about it
     barred : sentences on channels that forbid a verdict
     """
 

@@ -1,7 +1,7 @@
 """Estimate the initial rotor angle of a recording that does not state it.
 
-Shorted turns of one phase look like those of another where the twin's rotor stands a third of a
-turn off, and the conducting phases show where it stands only beside a twin that moves as recorded.
+A short in one phase looks like a short in another where the twin's rotor stands a third of a turn
+off, and the conducting phases show where it stands only beside a twin that moves as recorded.
 So the kind's default search is run, the recording is counted from the rotor angle that its answer
 shows, and again, until nothing is left to turn (`Comparison.placed`).
 """
@@ -28,8 +28,8 @@ class InitialAngle:
     ----------
     recording : Recording
     problem : of it
-    found : what the default search found there; None where none was needed
-    said : sentences on what was turned
+    found : result of the default search there; None where none was needed
+    said : sentences on the turns applied
     obstacles : sentences on why it cannot be placed
     """
 
@@ -49,7 +49,7 @@ def estimate_initial_angle(
     seed: int,
     progress: Progress | None,
 ) -> InitialAngle:
-    """Count a recording as the twin does, given its problem, and how to make that of another.
+    """Count rotor angles of a recording as the twin does.
 
     ``search`` should be quick.
     """

@@ -2,7 +2,7 @@
 
 Python raises KeyboardInterrupt wherever the main thread happens to be. Where that is a callback of
 a compiler or a destructor, the exception is printed and lost, and a search would go on to its end.
-Here the signal is also noted, and `InterruptNoted.check` raises again what was lost.
+Here the signal is also noted, and `InterruptNoted.check` raises the lost exception again.
 """
 
 import signal

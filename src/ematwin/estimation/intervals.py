@@ -79,7 +79,7 @@ class Draws:
 def conditional(
     covariance: np.ndarray, first: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A normal distribution (d, d) as that of some coordinates and of the others given those.
+    """Split a normal distribution (d, d) into a marginal and a conditional one.
 
     Parameters
     ----------
@@ -190,8 +190,8 @@ def contrasts_of(
 def deviations(one: Unknown, drawn: np.ndarray, value: float) -> np.ndarray:
     """Deviations (N,) of draws from a value.
 
-    Of a logarithmic unknown they are those of the logarithm, scaled such that the value is as far
-    from healthy as its logarithm is: halved is as far off as doubled.
+    A logarithmic unknown deviates by its logarithm, scaled such that the value is as far from
+    healthy as its logarithm is: halved deviates as much as doubled.
     """
     if one.direction_of is not None:
         turn = np.exp(2j * np.pi * drawn)
@@ -202,6 +202,6 @@ def deviations(one: Unknown, drawn: np.ndarray, value: float) -> np.ndarray:
 
 
 def mean_slope(value: float, healthy: float) -> float:
-    """The logarithmic mean: the difference of two values over that of their logarithms."""
+    """The logarithmic mean of two values: their difference per difference of logarithms."""
     away = math.log(value / healthy)
     return (value - healthy) / away if abs(away) > _ALIKE else healthy

@@ -16,7 +16,7 @@ count f^2 times less, because the error of the model is not independent from sam
 The prior is uniform over the declared range of each fault and of each direction. In the components
 (x, y) of a vector that is no uniform density; it is one where the length of the vector is the root
 of the magnitude, since dr dphi = 2 rho drho dphi for r = rho^2. `Joint.to_chart` turns these
-*even* coordinates into those of the chart.
+*even* coordinates into coordinates of the chart.
 """
 
 from collections.abc import Mapping
@@ -61,7 +61,7 @@ class Joint:
     ----------
     peaks : its maxima as `laplace` found them, the best first
     factor : times that the noise of the data is larger (`Problem.model_error`)
-    own : how many of the unknowns, the first ones, were searched: faults and what was asked for
+    own : how many of the unknowns, the first ones, were searched: faults and requested unknowns
     least_noise : float, in the unit of `Problem.noise`
     scatter : by fault, standard deviation of estimates on healthy recordings
     """

@@ -3,19 +3,19 @@
 From a point that a search found, all unknowns of a problem descend together (`Descent`); the
 curvature at the end is the inverse covariance. Two things keep it honest.
 
-The noise is not white: what the twin misses is alike from sample to sample. Its size comes from the
-residuals themselves, counted once for each independent sample; `Laplace.widened` allows for what
-the twin misses in the same way throughout.
+The noise is not white: the twin's error is alike from sample to sample. Its size comes from the
+residuals themselves, counted once for each independent sample; `Laplace.widened` allows for errors
+of the twin that are the same throughout.
 
 Impacts make residuals rough, and differences over short steps see that roughness where a change
 of parameters has no effect: unknowns that cannot be told apart would seem to be. Steps of one
 standard deviation, to both sides, look past most of it. Where two unknowns have the same effect,
-what is left of one column of the Jacobian beside the other is the error of their differences, and
-long columns make much of it. So the last differences are taken along the principal directions of
+their columns of the Jacobian differ only by the error of the differences, and long columns make
+much of it. So the last differences are taken along the principal directions of
 the width found before, each one standard deviation long (`_along`): what recordings do not see is
 then measured as the small change that it is. Directions that a kind knows
 (`ematwin.estimation.aliases`) are not differenced. At the end all move together by the linearised
-residuals, what aliases had held included, as far as that gains.
+residuals, unknowns that aliases had held included, for as long as that gains.
 """
 
 from collections.abc import Callable, Collection, Sequence
@@ -75,11 +75,11 @@ class Laplace:
         return self.problem.chart.to_values(self.z[None])[0]
 
     def widened(self, factor: float) -> np.ndarray:
-        """The covariance (d, d) where the noise of the data is so many times larger."""
+        """The covariance (d, d) with the noise of the data multiplied by a factor."""
         return inverse(self.data / factor**2 + self.priors)
 
     def unbounded(self, factor: float, held: Collection[str] = ()) -> np.ndarray:
-        """The mean (d,) of the normal distribution of which this is the peak within the bounds.
+        """The mean (d,) of the normal distribution whose peak within the bounds this is.
 
         Parameters
         ----------
@@ -125,7 +125,7 @@ def laplace(
     ----------
     problem : Problem
     start : (d,) array, values
-    descent : how the peak is gone to; what it holds only widens the peak
+    descent : to the peak; unknowns that it holds only widen the peak
     steps : (d,) array, as of `width_at`
 
     Raises
@@ -168,7 +168,7 @@ def width_at(
 ) -> Laplace:
     """The width of a peak that is known to lie at a point (d,), without a descent.
 
-    ``steps`` (d,), shares of the ranges, are those of the differences where they are known already,
+    ``steps`` (d,), shares of the ranges, are the lengths of the differences where known already,
     from a peak that is about as wide (`step_lengths`): one batch is enough then.
     """
     z = problem.chart.project(problem.chart.from_values(point[None]))[0]
@@ -198,7 +198,7 @@ class _Seen:
 def standard_errors(chart: Chart, z: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     """(d,) errors, in values, of a covariance (d, d) at ``z`` (d,), both in a chart's coordinates.
 
-    Of a logarithmic unknown that of the logarithm.
+    For a logarithmic unknown, the error of the logarithm.
     """
     errors = np.sqrt(np.diag(covariance)) * chart.widths
     for radius, direction in chart.pairs:
@@ -284,7 +284,7 @@ def _slopes(
     aliases: Aliases | None,
     known_steps: np.ndarray | None = None,
 ) -> _Slopes:
-    """Differences over steps as long as the peak is wide; known directions by what is known.
+    """Differences over steps as long as the peak is wide; known directions are not differenced.
 
     First of each unknown, then along principal directions; ``known_steps`` make the first enough.
     """
@@ -309,7 +309,7 @@ def _slopes(
 def _principal(information: np.ndarray) -> np.ndarray:
     """Principal directions (d, d), a row each, one standard deviation long.
 
-    As differences are: what the strongest component moves by is limited (`step_lengths`).
+    The step of the strongest component is limited, as for differences (`step_lengths`).
     """
     scale = np.sqrt(np.maximum(np.diag(information), 1e-12))
     values, vectors = eigen(information / np.outer(scale, scale))
@@ -335,7 +335,7 @@ def _along(seen: _Seen, z: np.ndarray, ways: np.ndarray, chart: Chart) -> np.nda
 def _is_better(problem: Problem, pair: np.ndarray) -> bool:
     """Whether the second of two points lies nearer to evidence and priors, and fits as well.
 
-    ``pair`` holds their residuals (2, K). What the data say of two points so near is rough.
+    ``pair`` holds their residuals (2, K). The data separate two points so near only roughly.
     """
     before, after = zip(*((part**2).sum(axis=1) for part in problem.split(pair)), strict=True)
     return bool(after[0] < _ROUGH * before[0] and sum(after[1:]) < sum(before[1:]))
@@ -351,8 +351,8 @@ def _stepped(
 ) -> tuple[np.ndarray, _Slopes]:
     """A point (d,) after steps of everything together, held pivots included, and slopes there.
 
-    A bound may forbid what looks like a pivot, as turns are missing and never added: then data tell
-    the pivot, and what it was held at has been forced on others.
+    A bound may forbid an apparent pivot, as turns are missing and never added: then the data
+    determine the pivot, and its held value has been forced on others.
     """
     chart = problem.chart
     for _ in range(_STEPS if np.isfinite(slopes.jacobian).all() else 0):

@@ -1,4 +1,4 @@
-"""What a comparison left of the latest few candidates, for a descent that asks for them again.
+"""Cache of the residuals of the latest few candidates, for a descent that asks for them again.
 
 Each stage of a descent begins where the one before it ended, with another noise or with differences
 of another length. One candidate takes as long as a whole block of them.

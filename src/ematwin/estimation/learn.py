@@ -1,13 +1,13 @@
-"""What healthy recordings say of an actuator whose parameters nobody knows exactly.
+"""Learn uncertain parameters of an actuator from healthy recordings.
 
 All parameters that a data sheet leaves uncertain are searched together, from all over the range
-that their tolerances allow: descents from the template end in wrong valleys whose misfit looks
+that their tolerances allow: descents from the template reach wrong local minima whose misfit looks
 fine. Searches are repeated until two end equally deep. Then all recordings are fitted together,
-each with its own sensors and load, and the curvature there says what is known and what is not.
+with sensors and load per recording, and the curvature there shows which parameters are determined.
 
-What no recording tells stays near the template, within the width of its tolerance. Of some
-parameters only ratios or products come out; that is enough for faults, which are judged against
-healthy, and is said where physical values are shown.
+Values that no recording determines stay near the template, within the width of its tolerance. Of
+some parameters only ratios or products come out; that is enough for faults, which are judged
+against healthy, and is said where physical values are shown.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -70,10 +70,10 @@ class Learnt:
     Attributes
     ----------
     actuator : template with the values that were found
-    baseline : what is known of it
-    parameters : fitted ones, with what is determined
-    tied : groups of places of which only ratios or products are known
-    notes : sentences on what is doubtful
+    baseline : knowledge of it after calibration
+    parameters : fitted ones, and whether they are determined
+    tied : groups of places whose ratios or products alone are known
+    notes : sentences on doubts
     """
 
     actuator: ParameterSet
@@ -98,7 +98,7 @@ def learn(
     model : its kind
     template : parameters to start from, with their tolerances
     comparisons : healthy recordings beside the twin of the template
-    means : of recordings that belong together, which a kind with one valley is fitted to instead
+    means : of recordings that belong together, which a kind with one minimum is fitted to instead
     progress : called with the share done
 
     Raises
@@ -210,7 +210,7 @@ class _Fitted(NamedTuple):
     ----------
     end : Corrected
     misfit : float, relative, of all recordings
-    alone : float, that of those that were searched
+    alone : float, misfit of the recordings searched
     scatter : float, of the reference from one candidate to the next (`Problem.scatter`)
     """
 
@@ -224,10 +224,10 @@ class _Fitted(NamedTuple):
 class _Fit:
     """Search and joint fit of some recordings.
 
-    ``prior`` is what equations along the recorded motion say of the parameters of an actuator that
-    has forms: then it takes the place of the search. They hold sample by sample, whereas two
-    simulations of a closed loop behind sampled loops scatter. What is left of the recording beside
-    either is no noise of sensors in the main, and not the same, so that both count.
+    ``prior`` comes from equations along the recorded motion, for an actuator that has forms; it
+    then takes the place of the search. The equations hold sample by sample, whereas two
+    simulations of a closed loop behind sampled loops scatter. The two residuals are mostly not
+    sensor noise and not the same, so that both count.
     """
 
     model: Model
@@ -350,10 +350,10 @@ def _refuse_odd(fit: _Fit, comparisons: Sequence[Comparison], misfit: float) -> 
 
 
 def _prior(end: Corrected, places: Sequence[str]) -> Prior:
-    """What is known of the parameters afterwards, by logarithms.
+    """The distribution of the parameters afterwards, by logarithms.
 
-    The curvature takes what is left for noise; what the twin misses pulls the same way throughout,
-    so that the data of a twin without a reference count less (`Problem.model_error`).
+    The curvature takes the residual for noise. The error of the twin biases all samples alike,
+    so the data of a twin without a reference count less (`Problem.model_error`).
     """
     peak, problem = end.peak, end.peak.problem
     chosen = [problem.names.index(place) for place in places]

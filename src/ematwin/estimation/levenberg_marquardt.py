@@ -85,7 +85,7 @@ class LevenbergMarquardt:
     ) -> None:
         """Move every point that is not finished by one Levenberg-Marquardt step.
 
-        Bounds are (d,), or (M, d) where each point has its own; a coordinate whose bounds are equal
+        Bounds are (d,), or (M, d), a row for each point; a coordinate whose bounds are equal
         stays where it is.
         """
         moving = np.flatnonzero(~self.finished)

@@ -1,7 +1,7 @@
 """Local descent: Levenberg-Marquardt from where the kind of actuator suggests.
 
-For problems with one valley, where samples all over the box would add nothing. Every start goes its
-way to the end; the best end is the answer.
+For problems with one minimum, where samples all over the box would add nothing. Every start is
+refined to convergence; the best end is the answer.
 """
 
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ class LocalDescent:
 
     Parameters
     ----------
-    starts : (M, d) array of points, or None for those of the problem
+    starts : (M, d) array of points, or None for the starts of the problem
     iterations : int
     """
 

@@ -1,7 +1,7 @@
 """The default method: Sobol sampling, then Levenberg-Marquardt descents thinned out on the way.
 
-Coarse to fine. A problem may have a smoothed version, whose misfit is smooth over wide valleys:
-sampling and the first descents use that. Where the misfit has separate valleys along an unknown
+Coarse to fine. A problem may have a smoothed version, whose misfit has wide basins: sampling and
+the first descents use that. Where the misfit has separate minima along an unknown
 (`Unknown.valleys`), descents start from the best samples of each range of it; directions are
 sampled all round. Every second iteration or so the worse half is dropped. The survivors go on with
 the full bandwidth.
@@ -51,10 +51,10 @@ def good_fit(problem: Problem) -> float:
 
 @dataclass
 class SearchState:
-    """What a search knows so far: the best point, its cost, the price, the way there.
+    """State of a search: the best point, its cost, the simulations spent, and the way there.
 
-    ``restarted`` is what the best point was judged by where not by the whole record; its cost is
-    of the whole record nevertheless. ``others`` are points of other valleys.
+    ``restarted`` is the problem that judged the best point where not the whole record did; its
+    cost is of the whole record nevertheless. ``others`` are points of other local minima.
     """
 
     best: np.ndarray
@@ -276,7 +276,7 @@ class MultistartDescent:
         return self._chart.from_values(x)
 
     def _starts(self, samples: np.ndarray, costs: np.ndarray, count: int) -> np.ndarray:
-        """The best samples, not too close to one another, from each range with its own valley."""
+        """The best samples, not too close to one another, from each range of separate minima."""
         ranges, total = np.zeros(len(samples), dtype=int), 1
         for n, unknown in enumerate(self._problem.unknowns):
             if unknown.valleys > 1:

@@ -48,7 +48,7 @@ class NominalParameter:
 def fit_nominal(
     model: Model, template: ParameterSet, comparisons: Sequence[Comparison]
 ) -> tuple[ParameterSet, list[NominalParameter]]:
-    """The actuator that answers as the healthy one did, and what was fitted.
+    """The actuator that answers as the healthy one did, and the fitted parameters.
 
     Parameters
     ----------
@@ -190,7 +190,7 @@ class _Fit:
 
 
 def searched(model: Model, actuator: ParameterSet) -> list[Unknown]:
-    """What a recording is asked for: faults, with their slack, and nuisances."""
+    """Unknowns of a search: faults, with their slack, and nuisances."""
     return [
         replace(one, lower=one.lower - one.slack) if one.slack else one
         for one in model.unknowns(actuator)

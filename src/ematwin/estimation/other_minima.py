@@ -8,7 +8,7 @@ starts as one batch of the lanes; then once more near the best of them; then it 
 that is soon far behind is given up.
 
 ``anew`` is for where that did not help: parameters then begin at the means of their priors, for
-what they took up belongs to the wrong minimum, and none is held.
+their values belong to the wrong minimum, and none is held.
 """
 
 from collections.abc import Collection
@@ -35,8 +35,8 @@ def other_minima(peak: Laplace, descent: Descent, anew: bool = False) -> list[La
     Parameters
     ----------
     peak : from which descents set out
-    descent : that went there; what it holds stays, and ends look for their valleys anew
-    anew : bool, parameters set out from what was known of them, and all are free
+    descent : that went there; unknowns that it holds stay, and each end searches its basin anew
+    anew : bool, parameters start at the means of their priors, and all are free
     """
     problem, found, held = peak.problem, [], set(descent.held)
     loose = {one.name for one in problem.unknowns if anew and one.role == "nominal"} - held
@@ -69,8 +69,8 @@ def _across(
 ) -> tuple[np.ndarray, int]:
     """The lowest of descents from ``start`` (d,) with an unknown held all over a range.
 
-    And the simulations that they took. What is ``still`` stays; ``wide`` ones go by the smoothed
-    misfit first.
+    And the simulations that they took. Unknowns in ``still`` stay; ``wide`` ones descend on the
+    smoothed misfit first.
     """
     names = list(problem.names)
     known = dict(zip(names, start.tolist(), strict=True))

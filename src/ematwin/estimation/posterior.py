@@ -52,7 +52,7 @@ class Diagnostics:
     ----------
     rhat, tau, effective : by name of the coordinate: split R-hat, autocorrelation time in steps,
         effective samples
-    steps, walkers : of what was kept
+    steps, walkers : numbers kept
     evaluations : int, simulations altogether
     acceptance : float, share of the proposals that were accepted
     wanted : float, effective samples that were asked for
@@ -87,7 +87,7 @@ class Diagnostics:
         )
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain JSON values; what is infinite is null."""
+        """Plain JSON values; infinite ones are null."""
         rhat = {name: one if np.isfinite(one) else None for name, one in self.rhat.items()}
         return {**vars(self), "rhat": rhat, "converged": self.converged}
 

@@ -1,4 +1,4 @@
-"""Priors: what is known of some unknowns together, a normal distribution of their coordinates."""
+"""Priors: joint normal distributions of the coordinates of some unknowns."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from ematwin.models.unknown import Unknown
 
 @dataclass(frozen=True)
 class Prior:
-    """What is known of some unknowns together: a normal distribution.
+    """A joint normal distribution of some unknowns.
 
     Parameters
     ----------

@@ -3,7 +3,7 @@
 The joint density takes each fault to be as likely anywhere in its range, as its interval wants it.
 For a probability that is too much: where a recording leaves a fault wide open, "anywhere" is nearly
 all outside of healthy, and a healthy gain would be faulty with 80 %. So a fault is also taken to be
-absent, within `SMALLEST` of its range, with a probability of its own beforehand: a spike and a slab
+absent, within `SMALLEST` of its range, with a separate prior probability: a spike and a slab
 (Mitchell and Beauchamp 1988, J. Am. Stat. Assoc. 83, 1023-1032), the spike as wide as that. Draws
 within it then count `weight` times.
 """
@@ -30,7 +30,7 @@ class Threshold:
     Attributes
     ----------
     unknown : the fault
-    value : in its own unit, or in `Unknown.physical_unit`
+    value : in the unit of the unknown, or in `Unknown.physical_unit`
     physical : whether the value is physical
     above : whether values above are beyond it; else those below are, because healthy lies above
     """

@@ -1,4 +1,4 @@
-"""Problem: recordings, the twin, and what is unknown: the seam under every search.
+"""Problem: recordings, the twin, and the unknowns: the seam under every search.
 
 Search, covariance, intervals and everything later are functions of a problem and know no actuator.
 A problem answers batches: `costs` and `residuals` of points (B, d), one row a candidate, over all
@@ -32,8 +32,8 @@ _BESIDE = 0.1  # standard deviations of the prior
 class Residuals(NamedTuple):
     """Residuals (..., K) by where they come from.
 
-    ``data`` are those that a search sees, ``evidence`` those of further channels
-    (`Comparison.with_evidence`), ``priors`` the distances from what was known before.
+    ``data`` are the residuals that a search sees, ``evidence`` the residuals of further channels
+    (`Comparison.with_evidence`), ``priors`` the distances from the prior means.
     """
 
     data: np.ndarray
@@ -57,17 +57,17 @@ class _Unseen(NamedTuple):
 
 
 class Problem:
-    """What is searched: free unknowns over one or several recordings.
+    """Free unknowns to be estimated from one or several recordings.
 
     Parameters
     ----------
     comparisons : one for each recording
     free : unknowns that are searched
-    held : values of others, by name; what is not named is healthy or nominal
+    held : values of others, by name; unnamed ones are healthy or nominal
     own : names of the free unknowns that each recording has for itself, such as its load; with
-        several recordings each becomes one unknown a recording, ``load@2`` that of the third
+        several recordings each becomes one unknown per recording: ``load@2`` for the third
     start : values, by name, of the first point that a search looks at; healthy if not given
-    starts : values, by name, from which a local search may set out; those of ``start`` if not named
+    starts : values, by name, from which a local search may start; as in ``start`` if not named
     prior : of free unknowns; by default their spreads, independent of one another
 
     Attributes
@@ -79,8 +79,8 @@ class Problem:
     noise : float, standard deviation of an independent residual: the unit in which priors count
     trust : float, how far evidence counts: one over its noise in the unit of that expected, 1 at
         most
-    model_error : float, factor on standard errors for what the fast model gets wrong in the same
-        way throughout a recording; where the reference corrects it, for its discrepancy alone
+    model_error : float, factor on standard errors for errors of the fast model that are the same
+        throughout a recording; where the reference corrects it, for its discrepancy alone
     """
 
     def __init__(
@@ -262,7 +262,7 @@ class Problem:
         return {**self.held, **dict(zip(self.names, point.tolist(), strict=True))}
 
     def relative_misfit(self, cost: float) -> float:
-        """Root of the cost over that of a twin that does not answer: 0 is a perfect fit."""
+        """Root of the ratio of the cost to the cost of an unresponsive twin: 0 is a perfect fit."""
         return float(np.sqrt(cost / sum(one.scale for one in self.comparisons)))
 
     def noise_at(self, misfit: float) -> float:
@@ -277,7 +277,7 @@ class Problem:
 
     @property
     def recorded_misfit(self) -> float:
-        """The same, with the noise that was measured on the recordings beside what is expected."""
+        """The same, with expected misfit and the noise that was measured on the recordings."""
         return self._mean_misfit(
             [math.hypot(one.expected_misfit, one.recorded_noise) for one in self.comparisons]
         )
@@ -288,7 +288,7 @@ class Problem:
         return float(np.sqrt(scales @ np.square(misfits) / scales.sum()))
 
     def smoothed(self) -> "Problem":
-        """The same problem with misfits that are smooth over wide valleys, or itself."""
+        """The same problem with smoothed misfits, whose basins are wide, or itself."""
         smooth = [one.smoothed() for one in self.comparisons]
         if any(one is None for one in smooth):
             return self
@@ -303,10 +303,10 @@ class Problem:
         return self._with([one.refined() for one in self.comparisons])
 
     def corrected(self, point: np.ndarray, like: "Problem | None" = None) -> "Problem | None":
-        """The same problem with what the fast model misses of the reference at a point (d,).
+        """The same problem, corrected by the reference minus the fast model at a point (d,).
 
-        Of unknowns that the fast model does not have, what it misses is taken to be linear; slopes
-        are those of ``like``, which was corrected before, or take an answer of the reference each.
+        The correction is linear in unknowns that the fast model does not have. Slopes come from
+        ``like``, which was corrected before, or take an answer of the reference each.
         The noise is what recordings are expected to leave beside the reference. None where a
         recording has no reference, or the reference diverged.
         """
@@ -339,7 +339,7 @@ class Problem:
         """The same problem as a search sees it.
 
         Where the fast model lacks forms of the actuator, it is corrected at healthy values first:
-        minima of the fast model alone are those of another actuator.
+        minima of the fast model alone belong to another actuator.
         """
         if not self.lacks_forms:
             return self
@@ -377,7 +377,7 @@ class Problem:
     def _missed(
         self, point: np.ndarray, moved: Mapping[str, float]
     ) -> list[Mapping[str, np.ndarray]] | None:
-        """What the fast model misses of each recording at a point (d,), some values ``moved``.
+        """Reference minus fast model, per recording, at a point (d,) with some values ``moved``.
 
         None where a recording has no reference, or the reference diverged.
         """
@@ -404,7 +404,7 @@ class Problem:
         return other.with_noise(other.comparisons[0].noise)
 
     def _changes(self, other: "Problem", point: np.ndarray, far: float) -> list[np.ndarray]:
-        """How residuals (K,) of each recording change to those of another problem, per ``far``."""
+        """Change of residuals (K,) of each recording from this problem to another, per ``far``."""
         return [
             (
                 other.comparisons[n].residuals(self.candidates(point[None], n), 1)[0]
@@ -496,7 +496,7 @@ class Problem:
     def weighed(self, residuals: np.ndarray, least_noise: float = 0.0) -> "Problem":
         """The same problem with the noise that residuals (K,) at a good point show.
 
-        Evidence counts by the noise of its own, where that is more than was expected.
+        Evidence counts by the noise of its channels, where that is more than was expected.
         """
         left = self.split(residuals)
         other = self.with_noise(max(self.noise_of(left.data), least_noise))

@@ -264,7 +264,7 @@ def _profile(tracer: Tracer, fault: int) -> Profile:
 
 
 def _partners(tracer: Tracer, n: int, near: np.ndarray) -> tuple[str, ...]:
-    """Names of what moves along at points (M, d), what is no fault first."""
+    """Names of unknowns that move along at points (M, d), those other than faults first."""
     if np.ptp(near[:, n]) == 0.0:
         return ()
     # in standard errors while the fault moves by one
@@ -294,7 +294,7 @@ def smoothed(u: np.ndarray, rise: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def _crossing(u: np.ndarray, root: np.ndarray) -> float | None:
-    """Where the root (n,) of the rise passes that of the limit, from the best point on."""
+    """Where the root (n,) of the rise passes the root of the limit, from the best point on."""
     limit = math.sqrt(LIMIT)
     beyond = np.flatnonzero(root[1:] >= limit)
     if not len(beyond):

@@ -1,10 +1,11 @@
 """Random effects: parameters that differ from one recording of an actuator to the next.
 
 Friction follows temperature and grease, a delay the bus: recordings of a healthy actuator differ by
-more than their noise. Each has parameters of its own, from a normal distribution around those of
-the actuator (Laird and Ware 1982, Biometrics 38, 963-974), of which healthy recordings tell mean
-and spread by expectation and maximisation. What is shared by all recordings, such as a fault, is
-fitted beside them; the recordings' own parameters are eliminated block by block.
+more than their noise. Parameters of each recording come from a normal distribution around the
+parameters of the actuator (Laird and Ware 1982, Biometrics 38, 963-974). Expectation and
+maximisation estimates its mean and spread from healthy recordings. Unknowns shared by all
+recordings, such as faults, are fitted beside them; the recordings' own parameters are eliminated
+block by block.
 
 All is normal in coordinates: the value of an unknown, or its logarithm.
 """
@@ -88,7 +89,7 @@ def coordinates(unknowns: Sequence[Unknown], values: np.ndarray) -> np.ndarray:
 
 
 class Curvature(NamedTuple):
-    """What a recording tells near a point, in the unit of its residuals.
+    """Curvature of a recording's cost near a point, in the unit of its residuals.
 
     Attributes
     ----------
@@ -114,7 +115,7 @@ class Peak:
     Attributes
     ----------
     shared, own : Normals, the distributions from before
-    z : (f,) array, coordinates of what is shared
+    z : (f,) array, coordinates of the shared unknowns
     each : (n, p) array, coordinates of what each recording has for itself
     curvatures : (n,), one for each recording
     noises : (n,) array, by which residuals were divided
@@ -135,7 +136,7 @@ class Peak:
         return np.array([math.sqrt(float(np.mean(one.residuals**2))) for one in self.curvatures])
 
     def weighed(self, noises: np.ndarray) -> "tuple[float, np.ndarray]":
-        """Logarithm of the evidence, but for a constant, and covariance (f, f) of what is shared.
+        """Logarithm of the evidence, but for a constant, and shared covariance (f, f).
 
         Laplace's approximation (MacKay 1992, Neural Computation 4, 415-447), with the noises (n,)
         given, so that evidence compares.
@@ -249,7 +250,7 @@ def _step(
     own: Normals,
     damping: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """A damped step of what is shared (f,) and of each recording (n, p)."""
+    """A damped step of the shared unknowns (f,) and of each recording (n, p)."""
     f = len(z)
     square = np.diag(shared.spread**-2.0)
     slope = (z - shared.mean) / shared.spread**2
@@ -270,9 +271,9 @@ def _step(
 
 
 def effects_of(model: Model, actuator: ParameterSet, baseline: Baseline) -> Normals:
-    """What a recording of a healthy actuator has for itself: what calibration learnt, or a file's.
+    """Distribution of the own parameters of a healthy actuator's recordings.
 
-    Without calibration it is what tolerances and stated drifts allow.
+    Calibration learnt it; without calibration, tolerances and stated drifts give it.
     """
     if baseline.exact:
         return Normals.of(())
@@ -286,7 +287,7 @@ def effects_of(model: Model, actuator: ParameterSet, baseline: Baseline) -> Norm
 
 
 class LearntEffects(NamedTuple):
-    """What healthy recordings tell of an actuator: values, baseline, parameters."""
+    """An actuator as learnt from healthy recordings: values, baseline, parameters."""
 
     actuator: ParameterSet
     baseline: Baseline
@@ -343,7 +344,7 @@ def learn_effects(
 
 
 def _alone(effects: Normals, comparison: Comparison) -> Peak:
-    """The peak of a recording with all parameters its own."""
+    """The peak of a single recording with all parameters free."""
     return fit([comparison], Normals.of(()), effects)
 
 

@@ -3,7 +3,7 @@
 A twin names the fault that comes nearest among those that it has. A kind knows forms that its file
 may leave out (`Model.other_forms`). Each is descended to from where the first answer puts it, with
 all free that was free there, and the heights of both peaks are compared: how far each lies from
-the recording and from what was known before, in squared standard deviations.
+the recording and from the priors, in squared standard deviations.
 """
 
 from collections.abc import Collection, Iterable, Mapping
@@ -41,7 +41,7 @@ class Rival:
     Attributes
     ----------
     form : OtherForm
-    present : names of the faults that are there, its own and those that it may be mistaken for
+    present : names of the faults that are there: with the form, and those it may be mistaken for
     said : str, the same with their values
     rise : float, how much further it is from recording and priors than the first answer, squared
         standard deviations; negative where it is nearer
@@ -122,7 +122,7 @@ def qualified(rivals: Iterable[Rival], verdict: Verdict) -> Verdict:
 
 
 def hints(rivals: Iterable[Rival], verdict: Verdict) -> list[str]:
-    """Sentences on other forms that leave the verdict what it is."""
+    """Sentences on other forms that do not change the verdict."""
     found = []
     if verdict.grade == "none":  # of several the nearest
         rivals = sorted(rivals, key=lambda one: one.rise)[:1]
@@ -146,7 +146,7 @@ def hints(rivals: Iterable[Rival], verdict: Verdict) -> list[str]:
 
 
 def _told(one: Rival) -> str:
-    """The form and what it finds, as a sentence begins."""
+    """The form and its values, as a sentence begins."""
     told = one.form.meaning[:1].upper() + one.form.meaning[1:]
     return f"{told} ({one.said})" if one.said else told
 
@@ -154,8 +154,8 @@ def _told(one: Rival) -> str:
 def _is_as_near(one: Rival, verdict: Verdict) -> bool:
     """Whether it says something else than the faults named, with no more of them, and as well.
 
-    Any shares of turns are an offset fixed in space and some turns missing from each phase: where
-    it takes such a mixture to explain what one short does, the short is the answer.
+    Any shares of turns are an offset fixed in space and some turns missing from each phase. Where
+    one short explains as much as such a mixture, the short is the answer.
     """
     if verdict.grade != "fault" or not one.present or _agrees(one, verdict):
         return False
@@ -236,7 +236,7 @@ def _compared(
 
 
 def _rival(model: Model, form: OtherForm, problem: Problem, end: Laplace, rise: float) -> Rival:
-    """What the other form says at its best, ``end``: the most probable set of faults with it."""
+    """The other form at its best point, ``end``, with its most probable set of faults."""
     factor, values = end.problem.model_error, end.problem.values(end.point)
     sets = fault_sets(end.problem.chart, end.unbounded(factor), end.widened(factor)).sets
     likely = next((one.faults for one in sets if one.faults & set(form.names)), frozenset[str]())
@@ -253,7 +253,7 @@ def _rival(model: Model, form: OtherForm, problem: Problem, end: Laplace, rise: 
 def _with_form(
     baseline: Baseline, model: Model, actuator: ParameterSet, form: OtherForm
 ) -> Baseline:
-    """What is known of the actuator, and of what the form adds to it."""
+    """The baseline of the actuator, extended by the parameters that the form adds."""
     if baseline.exact:
         return baseline
     known = {one.name for one in uncertain(model, actuator)}
@@ -291,7 +291,7 @@ def _descended(
     steps: np.ndarray | None = None,
     **known: Any,
 ) -> Laplace:
-    """The peak next to a start; ``known`` is what a `Descent` may be told beforehand."""
+    """The peak next to a start; ``known`` holds further options of `Descent`."""
     descent = Descent(
         partial(model.aliases, actuator),
         least_noise=full.comparisons[0].noise,

@@ -27,7 +27,7 @@ Report = Callable[[int, float], None]
 
 @dataclass(frozen=True)
 class Found:
-    """What a search found.
+    """Result of a search.
 
     Attributes
     ----------
@@ -38,8 +38,8 @@ class Found:
     stopped : why it ended
     method : name
     seed : int
-    problem : the problem that the point was judged by, where not by the one that was given
-    others : points (d,) of other valleys that the search went to the bottom of
+    problem : the problem that judged the point, where it differs from the given problem
+    others : points (d,) of other local minima, refined to convergence
     """
 
     point: np.ndarray
@@ -215,7 +215,7 @@ def methods() -> tuple[Method, ...]:
 
 
 def expanded(names: Iterable[str]) -> tuple[str, ...]:
-    """Names of methods, each once, with presets such as ``paper`` as what they stand for."""
+    """Names of methods, each once, with presets such as ``paper`` expanded."""
     from ematwin.optimizers.registry import PRESETS
 
     found = [one for name in names for one in PRESETS.get(name.strip().lower(), (name,))]

@@ -204,5 +204,5 @@ class Tracer:
         return descent.points, self.joint.deviance(descent.residuals)
 
     def _z(self, u: np.ndarray, chart: Chart) -> np.ndarray:
-        """Coordinates (B, d) of the problem's chart of those of another."""
+        """Convert coordinates (B, d) of another chart to the problem's chart."""
         return u if chart is self.chart else self.chart.from_values(chart.to_values(u))

@@ -67,7 +67,7 @@ class Uncertainty:
     intervals : by name, ends of the 95 % interval
     present : by fault, the probability that it deviates by `constants.SMALLEST` of its range,
         where it is as likely as not beforehand (`ematwin.estimation.probabilities`)
-    healthy : the probability that none does; None where the method, or so few draws, give that of
+    healthy : the probability that none does; None where the method, or so few draws, give one for
         each fault alone
     exceeds : by fault, the probability that it lies beyond its threshold
     thresholds : by fault, as it was given, with its unit
@@ -218,8 +218,8 @@ def predicted(
 
     Parameters
     ----------
-    drawn : of what is unknown
-    held : values of what was held, by name
+    drawn : of the unknowns
+    held : values of the others, by name
     comparison : beside the recording
     count : draws that are simulated
     """

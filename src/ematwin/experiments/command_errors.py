@@ -187,7 +187,7 @@ def expected_errors(
 def shown_by(
     experiment: Experiment, scenario: Scenario, vectors: Sequence[Faults], fault: str | None
 ) -> list[Faults]:
-    """Those fault vectors at which a command shows what it shows at others.
+    """Fault vectors at which a command determines the same faults as at the others.
 
     Where friction has become so large that nothing moves, no error is known of any command that
     is as strong; one such vector would outweigh all others in a mean. All are kept where none is
@@ -223,7 +223,7 @@ def identified_errors(
 
     Parameters
     ----------
-    experiment : the actuator, what is known of it, noise and sample rate
+    experiment : the actuator, its uncertainty, noise and sample rate
     scenarios : the commands, (C,); each actuator answers all of them
     recordings : N of each, every one of another actuator
     seed : of faults, parameters and noise

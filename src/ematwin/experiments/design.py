@@ -61,11 +61,11 @@ class Design:
     limits : that it keeps, by name, SI
     held : what counts as known while commands are compared, because none of them determines it
     draws, left_out : fault vectors over which the errors are averaged, and how many more were
-        drawn at which the given command does not show what it shows at others
+        drawn at which the given command does not determine the same faults
     evaluations, seconds, stopped, seed : of the search
-    experiment : the actuator, what is known of it, and the noise
-    checked : whether the errors observed are those of `check`; else they are of the recordings by
-        which the command was chosen
+    experiment : the actuator, its uncertainty, and the noise
+    checked : whether the errors observed come from `check`; else from the recordings by which the
+        command was chosen
     """
 
     promised: CommandErrors
@@ -333,7 +333,7 @@ def design(
 
 
 def _answered(errors: np.ndarray) -> np.ndarray:
-    """Errors (N, C, n) of the actuators of which no recording was refused."""
+    """Errors (N, C, n) of the actuators without a refused recording."""
     return errors[np.isfinite(errors).all(axis=(1, 2))]
 
 

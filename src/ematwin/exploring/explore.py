@@ -19,7 +19,7 @@ def explore(
     Parameters
     ----------
     record : a `Recording`, a file that `ematwin.read` knows, or None: a scenario, and the twin's
-        answer beside that of the healthy one
+        answer beside the healthy one's
     actuator : as `ematwin.identify` takes it
     scenario : where there is no recording; the kind's default if not given
 

@@ -165,7 +165,7 @@ class Explorer:
         ----------
         values : by name of `unknowns`; missing ones are healthy
         channel : one of `channels`
-        fitted : whether parameters, load and sensors are those of the last `verdict`
+        fitted : whether parameters, load and sensors are taken from the last `verdict`
         """
         one = self._batch(values, 1, fitted)
         answer = self._comparison.responses(one, 1)[channel][0]

@@ -59,7 +59,7 @@ class FleetActuator:
 
     @cached_property
     def magnitudes(self) -> tuple[str, ...]:
-        """Names of the faults of which it has estimates."""
+        """Names of the faults with estimates."""
         return tuple(n for n in self._unknowns if series_columns(self.rows, n))
 
     def unknown(self, name: str) -> Unknown:
@@ -223,7 +223,7 @@ class FleetActuator:
     # --- tables and pages ------------------------------------------------------------------------
 
     def row(self) -> dict[str, Any]:
-        """What is known of it, as a row of `Fleet.table`."""
+        """State of the actuator as a row of `Fleet.table`."""
         alarms, last = self.alarms(), self.rows[-1]
         first, life = worst(alarms), self.life_left()
         low, high = (math.inf, math.inf) if life is None else life.interval

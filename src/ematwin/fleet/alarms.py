@@ -7,8 +7,8 @@
 - plan, act: besides, its limit is passed within a planning or a lead time with a probability of
   10 %: the lower end of the 80 % interval of life left lies within it.
 
-An alarm falls back a step where its own probability is below half of what raised it, and clears
-where the magnitude is more likely too small to matter (hysteresis).
+An alarm falls back a step where its probability is below half of the value that raised it. It
+clears where the magnitude is more likely too small to matter (hysteresis).
 """
 
 import math

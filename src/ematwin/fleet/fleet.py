@@ -132,7 +132,7 @@ class Fleet:
     # --- what the whole fleet says ---------------------------------------------------------------
 
     def wear(self, kind: str, name: str) -> Wear:
-        """What the actuators of a kind say of a magnitude together."""
+        """Wear of a magnitude, from all actuators of a kind together."""
         if (kind, name) not in self._wear:
             alike = [one for one in self if one.kind == kind and name in one.magnitudes]
             unknown = alike[0].unknown(name)
@@ -164,7 +164,7 @@ class Fleet:
     def table(self) -> list[dict[str, Any]]:
         """A row for each actuator, the most urgent first; names of fields as in ISO 13374.
 
-        State detection (grade, faults), health assessment (what is furthest from healthy),
+        State detection (grade, faults), health assessment (the magnitude furthest from healthy),
         prognostic assessment (life left, days), advisory (what to do, and why).
         """
         rows = [one.row() for one in self]

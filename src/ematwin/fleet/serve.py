@@ -2,7 +2,7 @@
 
 Who may ask is decided as for the explorer (`ematwin.exploring.server`): loopback, a token in the
 address, the Host. A request names an actuator of the store or nothing; no path of it reaches the
-disk. Scripts run only if their hash is that of the page's own.
+disk. Only scripts whose hash the page states run.
 """
 
 import base64

@@ -157,7 +157,7 @@ class SimulatedFleet:
 
         Parameters
         ----------
-        every : days between those of an actuator
+        every : days between recordings of an actuator
 
         Returns
         -------

@@ -174,7 +174,7 @@ class FleetStore:
             ) from None
 
     def query(self, sql: str) -> Any:
-        """Ask DuckDB: the table is ``fleet``; gives a relation, of which ``.df()`` is a DataFrame.
+        """Ask DuckDB: the table is ``fleet``; gives a relation; its ``.df()`` is a DataFrame.
 
             store.query("select serial_number, count(*) from fleet group by all")
 
@@ -255,7 +255,7 @@ def _folder_name(serial_number: str) -> str:
 
 
 def id_of(content: str, motion: int, twin: str) -> str:
-    """What a row is known by."""
+    """The identifier of a row."""
     return digest(f"{content} {motion} {twin}")
 
 

@@ -11,7 +11,7 @@ the Kalman Filter, sec. 2.3; Durbin and Koopman 2012, Time Series Analysis by St
 recording shows. ``scale`` below one says that a part of ``s`` is the same in each recording. Start
 and slope of each actuator come from normal distributions of the fleet, learnt with all variances at
 the maximum of likelihood and weak priors (empirical Bayes): a new actuator begins with the fleet's
-(partial pooling). After a jump the slope starts anew, from what slopes after jumps are.
+(partial pooling). After a jump the slope starts anew, from the fleet's slopes after jumps.
 
 Jumps and outliers are found by the auxiliary residuals of the smoother (de Jong and Penzer 1998,
 J. Am. Stat. Assoc. 93, 796-806), here as Bayes factors of one normal shock.
@@ -54,7 +54,7 @@ class Series:
     overhauls: tuple[float, ...] = ()
 
     def until(self, moment: float) -> "Series":
-        """What was known at a moment, years."""
+        """The series up to a moment, years."""
         n = int(np.searchsorted(self.time, moment, side="right"))
         return Series(
             self.time[:n], self.value[:n], self.error[:n], self.covariates[:n],
@@ -72,7 +72,7 @@ class Series:
 
 @dataclass(frozen=True)
 class Wear:
-    """What is known of a magnitude from the whole fleet.
+    """Distribution of a magnitude over the whole fleet.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ class Trend:
 
     Attributes
     ----------
-    series : what it rests on
+    series : the data
     wear : the fleet's prior
     mean, covariance : (2,) and (2, 2) arrays, level and slope after the last estimate
     level, level_error : (n,) arrays, smoothed, and its standard error
@@ -294,7 +294,7 @@ def _first(fleet: Sequence[Series], healthy: float, size: float) -> Wear:
 def _climbed(fleet: Sequence[Series], shocks: Sequence[Trend], wear: Wear, before: Wear) -> Wear:
     """The four variances at the maximum of likelihood and prior.
 
-    Its slopes are those of the scores of the smoother (Koopman and Shephard 1992, Biometrika 79,
+    The gradient comes from the scores of the smoother (Koopman and Shephard 1992, Biometrika 79,
     823-826).
     """
     least = (1e-6 * wear.size) ** 2
@@ -364,6 +364,6 @@ def _maximised(fleet: Sequence[Series], passes: Sequence[_Pass], wear: Wear) -> 
 def _moments(
     means: Sequence[np.ndarray], variances: Sequence[np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and spread of what is known with some variance."""
+    """Mean and spread of quantities that are known with some variance."""
     mean = np.mean(means, axis=0)
     return mean, np.sqrt(np.mean(np.array(variances) + (np.array(means) - mean) ** 2, axis=0))

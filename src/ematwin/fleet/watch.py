@@ -253,7 +253,7 @@ class _Paths:
 def _changed(
     rows: Sequence[dict[str, Any]], twins: Twins, paths: _Paths, path: Path
 ) -> bool:  # fmt: skip
-    """Whether another twin judges a file now than the one that did."""
+    """Whether a file is now judged by another twin than before."""
     return any(
         twins.select(
             row["serial_number"] or paths.serial(path), row["time"] or paths.time(path)

@@ -9,7 +9,7 @@ from ematwin.quantities import base_units
 
 
 class Identity(NamedTuple):
-    """What an archive is called, and what it was made of."""
+    """Name and source of an archive."""
 
     identifier: str  # of the binary, a C identifier
     token: str

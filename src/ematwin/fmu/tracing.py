@@ -2,7 +2,7 @@
 
 A kind computes its constants from parameters and faults in Python, once for each batch. Where a
 simulator changes them, Python is not there. So the calculation is run once with `Unset` values,
-which note every operator and every function of numpy; what they noted is a function of scalars that
+which note every operator and every function of numpy. These notes form a function of scalars that
 numba compiles. The formula stands once, in the kind.
 """
 

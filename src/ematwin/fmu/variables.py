@@ -42,14 +42,14 @@ class Table(NamedTuple):
     constants_from: Any
 
     def of(self, *roles: str) -> list[Variable]:
-        """Those of some roles, in order."""
+        """Variables of some roles, in order."""
         return [one for one in self.variables if one.role in roles]
 
 
 def table_of(model: Model, actuator: Any, stepped: Stepped) -> Table:
     """Time, inputs, outputs, tunable faults, fixed parameters, and constants, in this order.
 
-    What the simulation takes but its constants do not depend on is no variable. Parameters that
+    An input of the simulation that its constants do not depend on is no variable. Parameters that
     set the grid of steps, or that a fault states in their place, are constants.
     """
     starts = [
@@ -82,7 +82,7 @@ def table_of(model: Model, actuator: Any, stepped: Stepped) -> Table:
 
 
 def _with_rest(constants: Any, free: Sequence[Variable], used: set[str]) -> Any:
-    """The calculation with what it does not depend on at its start values."""
+    """The calculation with all variables outside ``used`` at their start values."""
     rest = {one.name: one.start for one in free if one.name not in used}
     return lambda values: constants({**rest, **values})
 

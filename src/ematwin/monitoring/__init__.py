@@ -1,7 +1,7 @@
 """Condition monitoring: calibrate a twin on healthy recordings, then judge others against them.
 
-`ematwin.calibrate`, `ematwin.identify` and `ematwin.detect` are the way in; here stand the types of
-what they give, and the index and its threshold for analyses of one's own.
+`ematwin.calibrate`, `ematwin.identify` and `ematwin.detect` are the entry points; this package has
+the types of their results, and the index and its threshold for further analyses.
 """
 
 from importlib import import_module

@@ -1,14 +1,14 @@
 """The verdict of the healthy population, on recordings one by one and by the run.
 
-It judges kinds that one descent fits, where what the twin leaves of healthy recordings was learnt.
-``healthy``: the index is below its threshold, and no known fault explains what is left.
+It judges kinds that one descent fits, where residuals of healthy recordings were learnt.
+``healthy``: the index is below its threshold, and no known fault explains the residual.
 ``changed``: it is above, but nothing can be named. ``fault``: a fault is named, from physics where
 the index is above its threshold, or from a signature that explains a good part of the change.
-``none``: the recording is of another rig or far outside of what was learnt.
+``none``: the recording is of another rig or far outside of the learnt range.
 
 A fault raises an alarm. A change without a name does so only where the index is above what may
-drift between occasions as well, or where a magnitude is far off by itself: healthy runs of one
-occasion cannot show how far occasions differ.
+drift between occasions as well, or where a single magnitude is far from healthy: healthy runs of
+one occasion cannot show how far occasions differ.
 """
 
 from collections.abc import Sequence
@@ -50,9 +50,9 @@ def by_population(
     calibration: PopulationCalibration,
     measured: Measured | None = None,
 ) -> Detection:
-    """Diagnoses of recordings, and of those of each run together.
+    """Diagnoses of recordings one by one, and of each run together.
 
-    ``measured`` is what was measured on them, where that is at hand.
+    ``measured`` holds their measurements, where available.
 
     Raises
     ------
@@ -76,7 +76,7 @@ def by_population(
 
 
 class _Said(NamedTuple):
-    """What is said of some recordings: the verdict, and what stands in the row beside it."""
+    """The verdict on some recordings, and the other columns of the row."""
 
     grade: Grade
     reason: str
@@ -195,7 +195,7 @@ class _Judge:
         )
 
     def _is_strange(self, members: np.ndarray) -> bool:
-        """Whether what the twin leaves is so unlike health that no fault explains it.
+        """Whether the residual is so unlike health that no fault explains it.
 
         Healthy runs that differ by noise alone, as simulations do, leave so little that anything
         is unlike them. A twin that explains a recording well has found the fault that does.

@@ -1,4 +1,4 @@
-"""The name of a fault, from what a change is made of.
+"""Name a fault from the components of a change.
 
 Two ways. From physics alone: the quantity that has left its healthy spread furthest, in the sense
 in which wear moves it. From signatures, where recordings with known faults were given at
@@ -47,7 +47,7 @@ class Signature:
     ----------
     fault : its name
     coefficients : (3, F) or (1, F) array, as in `Population`
-    source : what it was learnt from
+    source : of the data it was learnt from
     """
 
     fault: str
@@ -60,7 +60,7 @@ def named_by_physics(scores: Mapping[str, float], reported: Sequence[Reported]) 
 
     Parameters
     ----------
-    scores : of what is reported, in healthy standard deviations, by name
+    scores : of the reported quantities, in healthy standard deviations, by name
     reported : says which fault each quantity names, and in which sense
     """
     clear = []

@@ -83,10 +83,10 @@ class Standing:
     index, threshold : health index, and the bound that healthy runs seldom exceed
     clear : the index from which a change without a name raises an alarm
     named_by : "physics", "signature" or ""
-    alone : magnitudes that raise the alarm by themselves, where the threshold lies beyond what a
-        single one can bring the index to
+    alone : magnitudes that raise the alarm by themselves, where the threshold lies beyond the index
+        that a single one can reach
     evidence : the features furthest from health: name to score
-    statistics : what was measured beside the twin, by name, SI
+    statistics : measurements beside the twin, by name, SI
     covariate : estimated with it, such as the load; None for a kind without one
     """
 
@@ -121,15 +121,15 @@ class Diagnosis:
     Attributes
     ----------
     name : of the recording or run
-    labels : what the file says of it
+    labels : from the file
     verdict : Verdict
-    magnitudes : faults, or what the kind reports
+    magnitudes : faults, or quantities that the kind reports
     motions : how many recordings it rests on
     alarm : whether somebody should look: at a fault, and at a change that is clear
     notes : sentences
     when : time at which its first recording began, ISO 8601, or None
     standing : beside the healthy population; None where that did not judge
-    identification : what the values come from; None where the population alone was asked
+    identification : source of the values; None where the population alone was asked
     """
 
     name: str
@@ -145,7 +145,7 @@ class Diagnosis:
 
     @property
     def grade(self) -> Grade:
-        """That of the verdict."""
+        """The grade of the verdict."""
         return self.verdict.grade
 
     @property
@@ -265,7 +265,7 @@ class Detection:
 
     @property
     def sentence(self) -> str:
-        """How many runs raise an alarm, and of which faults."""
+        """How many runs raise an alarm, and for which faults."""
         kind = "runs" if self.by_run else "recordings"
         return f"{said_of(self.runs, kind)}.{interrupted(self.missing)}"
 
@@ -288,7 +288,7 @@ class Detection:
         page_written(self, path, "detection:detection_page")
 
     def each(self, each: str) -> tuple[Diagnosis, ...]:
-        """Those of each "run" or of each "motion"."""
+        """Diagnoses of each "run" or of each "motion"."""
         if each not in ("run", "motion"):
             raise InputError(f"each must be run or motion, received {each!r}.")
         return self.runs if each == "run" else self.motions

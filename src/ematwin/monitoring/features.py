@@ -1,4 +1,4 @@
-"""Features of a recording: magnitudes of faults, and statistics of what the twin does not explain.
+"""Features of a recording: magnitudes of faults, and statistics of the residual.
 
 The first kind comes from the model. The second from statistics: means of the residual of each
 channel in each phase, and its power in bands of frequency where the phase is steady. Each feature

@@ -1,9 +1,9 @@
-"""What was measured on each healthy recording: kept, so that later runs can be added to it.
+"""Measurements of each healthy recording, kept so that later runs can be added to them.
 
 Every run both teaches and tests. The population is learnt from all of them, and the thresholds from
-each run judged by the others. Bands of the residual are those that a run leaves of a discrepancy
-learnt from the others: a share of its own noise in it would make them look quieter than those of a
-run that comes later.
+each run judged by the others. Bands of the residual of a run come from a discrepancy learnt from
+the other runs: a share of the run's noise in it would make its bands look quieter than the bands of
+a later run.
 """
 
 from collections.abc import Mapping, Sequence
@@ -33,12 +33,12 @@ class HealthyRuns:
     Attributes
     ----------
     features : (N, F) array
-    values : (N, R) array, of what is reported
+    values : (N, R) array, of the reported quantities
     errors : (N, M) array, standard errors of the magnitudes, at most their ranges
     covariate : (N,) array, SI; zeros for a kind that has none
     groups : (N,) array, number of the run (and condition) of each recording
     runs : name of the run of each recording
-    statistics : (N,) arrays by name, what was measured beside the twin
+    statistics : (N,) arrays by name, measurements beside the twin
     """
 
     features: np.ndarray
@@ -159,7 +159,7 @@ class Learning:
     scale: float | None
 
     def populations(self, members: np.ndarray) -> tuple[Population, Population]:
-        """Of the features, and of what is reported, from members (N,) of bool."""
+        """Of the features, and of the reported quantities, from members (N,) of bool."""
         magnitudes = self.layout.magnitudes
         unknowns = {one.name: one for one in self.model.faults(self.actuator)}
         on_bound = np.array([
@@ -191,7 +191,7 @@ class Learning:
         )  # fmt: skip
 
     def tested(self, held_back: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Scores (K, F) and groups (K,) of recordings that did not teach what they are judged by.
+        """Scores (K, F) and groups (K,) of recordings, each judged by a population without it.
 
         ``held_back`` (N,) of bool: those judged by all others; where there are none, each run is
         judged by the others.
@@ -270,8 +270,8 @@ def without_own_share(
 ) -> np.ndarray:
     """Features (N, F) with the bands that are left of a discrepancy from the other runs alone.
 
-    Magnitudes and means need none of it: what a run adds to the discrepancy, it takes from the mean
-    of the population.
+    Magnitudes and means need none of it: a run adds to the discrepancy as much as it takes from the
+    mean of the population.
 
     Parameters
     ----------

@@ -2,7 +2,7 @@
 
 Both ask `judge`. Where parameters are free beside the faults, the values of a recording decide
 (`ematwin.estimation.verdict`). Of kinds that one descent fits, the healthy population does, where
-the calibration has one: it knows what the twin leaves of healthy recordings.
+the calibration has one: it knows the residuals of healthy recordings.
 """
 
 import math
@@ -95,16 +95,16 @@ def identify(
     threads : threads that share the work; None takes one for each core
     columns : which channel of a file or DataFrame is which, as of `ematwin.read`
     load : the constant load, SI, of a recording that does not hold it; 0 for none
-    exact : the parameters are exactly those of the actuator, and the sensors are ideal but for
+    exact : the parameters of the actuator are known exactly, and the sensors are ideal but for
         noise, as in a simulation; no tolerances and no healthy recordings count
     backend : what simulates the candidates: "cpu"; or "cuda", a GPU, for brushless actuators
         (needs ``ematwin[gpu]``)
     uncertainty : how sure the answer is: "laplace", "profile" or "posterior" (docs/certainty.md),
-        or such a method with settings of its own, e.g. ``Posterior(most=50_000)``
+        or such a method with settings, e.g. ``Posterior(most=50_000)``
     thresholds : by fault, the value from which on it matters; a text with a unit is physical, e.g.
         ``"0.05 N*m"``. Tells the probability of each to be beyond; "laplace" if no method is given
-    together : several recordings are of one state of the actuator, as those of one day: faults have
-        one value for all of them, and one answer is given; for kinds whose recordings differ
+    together : several recordings are of one state of the actuator, for example of one day: faults
+        have one value for all of them, and one answer is given; for kinds whose recordings differ
 
     Returns
     -------
@@ -202,12 +202,12 @@ def detect(
     progress: Callable[[float], None] | bool | None = None,
     threads: int | None = None,
 ) -> Detection | Detections:
-    """Judge recordings against the healthy actuator: what `identify` says of each, as a table.
+    """Judge recordings against the healthy actuator: `identify` for each, as a table.
 
     Parameters
     ----------
     recordings : or the files, folders or globs that hold them, or a table of runs
-    calibration : what `calibrate` gave, or its file; a table of runs may name that of each row
+    calibration : result of `calibrate`, or its file; a table of runs may name one in each row
     load : the constant load, SI, of recordings that do not hold it; 0 for none
     progress : True shows a bar, in a terminal or a notebook; else called with the share done
     threads : threads that share the recordings; None takes one for each core

@@ -7,7 +7,7 @@ decide. The index of a run takes the mean scores of its recordings. The threshol
 runs, each judged by the others: a one-sided prediction bound for a new run, since runs differ by
 more than recordings within a run do.
 
-Runs of one occasion say nothing of how far occasions differ. What is added for that is an
+Runs of one occasion say nothing of how far occasions differ. The allowance for that is an
 assumption (`DRIFT`).
 """
 
@@ -48,7 +48,7 @@ def health_index(scores: np.ndarray, kinds: Sequence[str]) -> np.ndarray:
 def limit_of(kind: str, count: int) -> float:
     """The most that one score of ``count`` features of a kind counts.
 
-    That of a magnitude grows with their number, so that a single one always reaches as far.
+    The limit of a magnitude grows with their number, so that a single one always reaches as far.
     """
     limit = WEIGHTS[kind][1]
     return limit * float(np.sqrt(count / 3.0)) if kind == "model" else limit
@@ -82,8 +82,8 @@ def prediction_bound(index: np.ndarray, groups: np.ndarray, false_alarm_rate: fl
     """The index that a new healthy run exceeds with this probability.
 
     One-way random effects on the logarithm of the index. With few runs their scatter is hardly
-    known, and Student's t alone would put the bound where no fault reaches; so what is typical of a
-    real rig (`TYPICAL`) counts as much as `WORTH` runs.
+    known, and Student's t alone would put the bound where no fault reaches; so the typical scatter
+    of a real rig (`TYPICAL`) counts as much as `WORTH` runs.
 
     Parameters
     ----------
@@ -108,5 +108,5 @@ def prediction_bound(index: np.ndarray, groups: np.ndarray, false_alarm_rate: fl
 
 
 def _with_prior(squares: float, freedom: int, typical: float) -> float:
-    """Variance from a sum of squares and what is typical."""
+    """Variance from a sum of squares and a typical value."""
     return (squares + WORTH * typical**2) / (freedom + WORTH)

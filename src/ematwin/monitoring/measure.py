@@ -1,4 +1,4 @@
-"""What is measured on each recording, before any verdict: its estimate, and features.
+"""Measurements of each recording before any verdict: its estimate, and features.
 
 Nothing here knows a kind of actuator: the twin is asked through `Problem`, and whatever is
 particular to a kind comes from its `Model`.
@@ -57,7 +57,7 @@ class Fit:
     Attributes
     ----------
     problems, found : one for each recording
-    residuals : by channel, (N, S) arrays, what the twin leaves unexplained, SI
+    residuals : by channel, (N, S) arrays, SI
     covariate : (N,) array, SI; zeros for a kind that has none
     """
 
@@ -77,13 +77,13 @@ class Bench:
     recordings : all with the command and the interval given
     command : (S,) array, SI; ``interval`` in s
     settling_time : s, until a transient has died out
-    channels : that are compared; those of the first recording if not given
+    channels : that are compared; all of the first recording if not given
 
     Attributes
     ----------
     layout : phases and features
     comparisons : one for each recording
-    warnings : sentences on what is doubtful, for each recording
+    warnings : sentences on doubts, for each recording
     barred : sentences on channels that forbid a verdict, for each recording
     groups : (N,) array, number of the run (and condition) of each recording
     """
@@ -127,11 +127,11 @@ class Bench:
 
         Parameters
         ----------
-        discrepancy : (3, C S) or (1, C S) array over the covariate, what the twin misses of the
+        discrepancy : (3, C S) or (1, C S) array over the covariate, the error of the twin in the
             channels one after another; taken off first
         scale : of the covariate, as in `Population`
         before : fit without it, from which this one starts; needed with a discrepancy
-        search : method; that of the kind by default
+        search : method; the kind's by default
         """
         missed = None
         if discrepancy is not None and before is not None:
@@ -162,7 +162,7 @@ class Bench:
         discrepancy: np.ndarray | None,
         scale: float | None,
     ) -> Fit:
-        """What is left where each problem is at the point found."""
+        """Residuals of each problem at the point found."""
         name = self.model.monitoring.covariate
         covariate = np.array([
             0.0 if name is None else problem.values(one.point)[name]
@@ -227,7 +227,7 @@ def layout_of(
 def reported_values(
     model: Model, actuator: ParameterSet, layout: Layout, features: np.ndarray
 ) -> np.ndarray:
-    """Values (N, R) of what is reported, SI; logarithms where it is a multiple of healthy."""
+    """Reported values (N, R), SI; logarithms of values that are multiples of healthy."""
     by_name = dict(zip(layout.names, features.T, strict=True))
     derived = model.monitoring.derived(by_name)
     columns = []
@@ -252,7 +252,7 @@ def check_alike(
     command: np.ndarray,
     interval: float,
 ) -> tuple[list[str], list[str]]:
-    """What is doubtful about a recording, and what forbids a verdict (`checked`).
+    """Doubts about a recording, and reasons that forbid a verdict (`checked`).
 
     Raises
     ------

@@ -2,7 +2,7 @@
 
 Features may depend on a covariate that is unknown and estimated with each recording, such as the
 load; their healthy mean is a parabola in it. Their spread has two parts: between recordings of one
-run, and between runs, which is the larger and the one that thresholds must cover.
+run, and between runs. The latter is larger, and thresholds must cover it.
 """
 
 from dataclasses import dataclass

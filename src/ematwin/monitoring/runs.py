@@ -1,4 +1,4 @@
-"""Tables of runs: recordings of several actuators, each judged by its own.
+"""Tables of runs: recordings of several actuators, each judged by its twin.
 
 A table of runs is a CSV or Parquet file, or a DataFrame, with a column ``path``: a recording, a
 folder or a glob in each row. Further columns are optional: ``actuator`` (what judges it),
@@ -41,7 +41,7 @@ class Group:
     Attributes
     ----------
     name : its serial number, else the name of the actuator
-    known : what is known of it
+    known : its calibration
     recordings : in the order of the table
     """
 
@@ -52,13 +52,13 @@ class Group:
 
 @dataclass(frozen=True)
 class Runs:
-    """What a table of runs holds, as `ematwin.identify` and `ematwin.detect` take it."""
+    """Contents of a table of runs, as `ematwin.identify` and `ematwin.detect` take it."""
 
     groups: tuple[Group, ...]
 
     @property
     def recordings(self) -> list[Recording]:
-        """Those of all actuators."""
+        """Recordings of all actuators."""
         return [one for group in self.groups for one in group.recordings]
 
 
@@ -87,7 +87,7 @@ def read_runs(
     table : a CSV or Parquet file, relative to which its paths are, or a DataFrame
     actuator : of rows that name none
     columns : as of `ematwin.read`, or a function that gives it for an actuator
-    known_of : makes a calibration of what a row names, or of None, and the first file of the row
+    known_of : makes a calibration from the name in a row, or None, and the first file of the row
     options : further ones of `ematwin.read`
 
     Raises
@@ -181,7 +181,7 @@ class Detections:
         return f"{said} {said_of(self.runs, 'recordings')}.{interrupted(self.missing)}"
 
     def each(self, each: str) -> tuple[Diagnosis, ...]:
-        """Those of each "run" or of each "motion"; their names begin with the actuator."""
+        """Diagnoses of each "run" or each "motion"; their names begin with the actuator."""
         return tuple(
             replace(row, name=f"{name} {row.name}")
             for name, one in self.actuators.items()

@@ -94,7 +94,7 @@ def collect(
 def derive(found: Collected, channel_map: ChannelMap, time: np.ndarray | None = None) -> None:
     """Add the channels that follow from others of one time base; drop those that stood in.
 
-    ``time`` (S,) is that of all columns, once they have one: channels may follow from it.
+    ``time`` (S,) belongs to all columns, once they have one: channels may follow from it.
 
     Raises
     ------

@@ -1,12 +1,12 @@
-"""What a drive has to satisfy along a motion that was recorded.
+"""Equations that a drive satisfies along a recorded motion.
 
 The controller answers the recorded command and motion with a current (`Controller`); the mechanics
 need a torque for the recorded motion (`TorqueBalance`). Neither is simulated in a closed loop: no
-error of the one gets into the other, none moves an impact, and what is left of the recorded
+error of the one gets into the other, none moves an impact, and the residual of the recorded
 current belongs to one of them (direct identification; Ljung 1999, System Identification, section
 13.4; inverse dynamics, Gautier and Khalil 1990, IEEE Trans. Robotics and Automation 6(3), 368-373).
 The difference of both positions shows on which face of the gap the output lies (`Contact`).
-The equations are those of the reference model (docs/models.md).
+The reference model has the same equations (docs/models.md).
 
 Positions lie on cubic splines through their samples, whose slopes are the speeds.
 """
@@ -168,7 +168,7 @@ class Controller:
     def alike(self, actuator: Any) -> float:
         """Share that simulators of other make and the ripple of a comparator leave.
 
-        The ripple of two simulations differs as that of a simulation and a recording does.
+        The ripple of two simulations differs as much as the ripple of a simulation and a recording.
         """
         if actuator.current_loop is not None:
             return _LEAST

@@ -20,7 +20,7 @@ class Unit(NamedTuple):
 
 
 class Variable(NamedTuple):
-    """A scalar variable of an FMU; bounds and start are in its own unit."""
+    """A scalar variable of an FMU; bounds and start are in its unit."""
 
     reference: int
     causality: str

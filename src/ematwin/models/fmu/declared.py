@@ -1,4 +1,4 @@
-"""What a TOML file says of an FMU: which of its variables are what, checked against the FMU."""
+"""Declaration of an FMU's variables in a TOML file, checked against the FMU."""
 
 import difflib
 import json
@@ -61,7 +61,7 @@ class Inputs(Table):
 
 
 class Parameter(Signal):
-    """A parameter; value, source and tolerance are those of any parameter file."""
+    """A parameter; value, source and tolerance as in any parameter file."""
 
     lower: Finite | None = None
     upper: Finite | None = None
@@ -163,7 +163,7 @@ class Described:
     channels : by name, inputs first
     starts : by output, what sets its first value
     noise : by output, standard deviation of its sensor, SI; those that the file gives
-    settings : by name of the parameter (its place) or unknown, what a candidate sets
+    settings : by name of the parameter (its place) or unknown, the variables that a candidate sets
     bounds : of each parameter, SI
     factors : of each parameter, the faults that multiply it
     unknowns : faults and nuisances
@@ -236,7 +236,7 @@ class Described:
         return Used(one.variable, found, scale_of(self.archive, found, one.unit, what))
 
     def _bounds(self, one: Any, used: Used, place: str) -> tuple[float, float]:
-        """Bounds of a parameter or unknown, SI; those of the FMU if the file gives none."""
+        """Bounds of a parameter or unknown, SI; from the FMU if the file gives none."""
         (_, variable, scale), found = used, []
         for side, least in (("lower", variable.lower), ("upper", variable.upper)):
             own = getattr(one, side)

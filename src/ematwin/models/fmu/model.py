@@ -53,11 +53,11 @@ class FmuActuator(ParameterSet):
 
     @classmethod
     def shipped(cls) -> dict[str, Path]:
-        """None: each file states a kind of its own."""
+        """None: each file states another kind."""
         return {}
 
     def as_table(self, sources: Mapping[str, str] | None = None) -> dict[str, Any]:
-        """What a parameter file of it holds; the path of the FMU is absolute."""
+        """Contents of its parameter file; the path of the FMU is absolute."""
         table, own = super().as_table(sources), type(self).own_model
         stated = own.declared.model_dump(exclude_none=True, exclude_unset=True)
         for name, parameter in stated.pop("nominal").items():
@@ -69,7 +69,7 @@ class FmuActuator(ParameterSet):
 
     @cached_property
     def fingerprint(self) -> str:
-        """Hash of the values, of what the file states of the FMU, and of the FMU."""
+        """Hash of the values, of the file's declaration of the FMU, and of the FMU."""
         own = type(self).own_model
         stated = own.declared.simulated()
         parts = super().fingerprint, stated, own.described.archive.digest
@@ -135,7 +135,7 @@ class FmuModel(Model):
         ]
 
     def noise(self, actuator: Any, recording: Recording) -> dict[str, float]:
-        """That of the file, SI; a twentieth of the RMS of channels of which it gives none."""
+        """Noise stated in the file, SI; else a twentieth of the RMS of the channel."""
         usual = super().noise(actuator, recording)
         return {name: self.described.noise.get(name, value) for name, value in usual.items()}
 
@@ -166,7 +166,7 @@ class FmuModel(Model):
     def simulate(
         self, actuator: Any, scenario: Scenario, values: Values, **options: Any
     ) -> Recording:
-        """The response to a scenario; where it fails, with what the FMU says."""
+        """The response to a scenario; a failure cites the message of the FMU."""
         pool = pool_of(self.described.archive)
         pool.said = ""
         try:
@@ -188,7 +188,7 @@ class FmuModel(Model):
         return np.stack(found, axis=1)
 
     def _drive(self, inputs: Recording) -> dict[str, Any]:
-        """What a worker needs to follow a recording (`worker.Instance.run`)."""
+        """The drive by which a worker follows a recording (`worker.Instance.run`)."""
         channels, settings = self.described.channels, self.described.settings
         driven = [
             (name, channels[name])

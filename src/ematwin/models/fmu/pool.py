@@ -1,4 +1,4 @@
-"""Workers that run an FMU, each in a process of its own, for many candidates side by side.
+"""Workers that run an FMU, each in a separate process, for many candidates side by side.
 
 A worker that crashes or hangs is ended and replaced; its run costs an error of one sentence.
 """
@@ -37,7 +37,7 @@ class Worker:
     def run(
         self, drive: dict[str, Any], settings: np.ndarray, limit: float
     ) -> tuple[np.ndarray, str]:
-        """Outputs (S, K) of one candidate, and what the FMU said where it failed."""
+        """Outputs (S, K) of one candidate, and the FMU's message where it failed."""
         if self._process is None:
             self._process = subprocess.Popen(
                 [sys.executable, "-P", str(_PROGRAM)],
@@ -106,7 +106,7 @@ class Pool:
     Attributes
     ----------
     archive : Archive
-    said : what the FMU said last where a run failed
+    said : last message of the FMU where a run failed
     """
 
     def __init__(self, archive: Archive) -> None:
@@ -165,7 +165,7 @@ _making = threading.Lock()
 
 
 def pool_of(archive: Archive) -> Pool:
-    """The workers of an FMU in this process; those of what was at its place before are ended."""
+    """The workers of an FMU in this process; workers of an FMU replaced on disk are ended."""
     with _making:
         key = archive.path, os.getpid()
         found = _pools.get(key)

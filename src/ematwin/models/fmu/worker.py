@@ -71,7 +71,7 @@ class Instance:
         self._fmu.instantiate(callbacks=self._callbacks)
 
     def run(self, drive: dict[str, Any], settings: np.ndarray) -> tuple[np.ndarray, str]:
-        """Outputs (S, K) of one candidate, and what the FMU said where it failed.
+        """Outputs (S, K) of one candidate, and the FMU's message where it failed.
 
         Samples from the one on at which it failed are NaN.
 
@@ -162,7 +162,7 @@ def _text(said: Any) -> str:
 def serve(tasks: BinaryIO, answers: BinaryIO) -> None:
     """Answer tasks until they end: a setup, then ``(drive, settings)`` for each run.
 
-    ``drive`` is None where it is that of the run before. An answer is ``(rows, said)``, or a
+    ``drive`` is None where it equals the previous run's. An answer is ``(rows, said)``, or a
     sentence on why there is none.
     """
     instance, drive = None, None

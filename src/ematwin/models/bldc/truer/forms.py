@@ -2,10 +2,10 @@
 
 Of the controller an integral term and a sampled speed loop, and a sampled current loop; of the
 mechanics cogging and a rounded back-EMF. Sample times are chosen from those that drives have, and
-start values from what they are commonly set to: an integral time of 10 to 100 ms, a current loop of
+start values from common settings: an integral time of 10 to 100 ms, a current loop of
 2000 to 8000 rad/s that cancels the winding (technical optimum), voltage losses of a volt, cogging
 of a few per cent of the rated torque. Magnets are drawn to teeth as many times in a turn as both
-have in common; magnets that differ add the number of slots, and teeth that differ that of poles
+have in common; magnets that differ add the number of slots, teeth that differ the number of poles
 (Zhu and Howe 2000, IEEE Trans. Energy Conversion 15(4), 407-412).
 """
 
