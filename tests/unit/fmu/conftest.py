@@ -1,5 +1,6 @@
 """Archives of actuators, each exported once."""
 
+import os
 from functools import cache
 
 import pytest
@@ -27,13 +28,17 @@ def actuator_of(name):
 
 @pytest.fixture(scope="session")
 def archive(tmp_path_factory):
-    """Path of an archive, made once for each kind and fidelity."""
-    folder = tmp_path_factory.mktemp("fmus")
+    """Path of an archive, made once for each kind and fidelity; workers share them."""
+    folder = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent
 
     @cache
     def made(name, fidelity, fmi=3):
         path = folder / f"{name}-{fidelity}-{fmi}.fmu"
-        return ematwin.export_fmu(actuator_of(name), path, fidelity=fidelity, fmi=fmi)
+        if not path.exists():
+            ematwin.export_fmu(actuator_of(name), path, fidelity=fidelity, fmi=fmi)
+        return path
 
     return made
 
