@@ -127,8 +127,7 @@ class FaultSets:
         total = sum(s.probability for s in sets)
         rng = np.random.default_rng(_SEED)
         picked = [
-            s.values[rng.choice(len(s.values), max(1, round(_DRAWS * s.probability / total)))]
-            for s in sets
+            s.values[rng.choice(len(s.values), round(_DRAWS * s.probability / total))] for s in sets
         ]
         names = tuple(one.name for one in self.unknowns)
         directions = {one.name: one.direction_of for one in self.unknowns if one.direction_of}

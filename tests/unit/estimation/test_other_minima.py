@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import ematwin
-from ematwin.estimation import assess, rivals
+from ematwin.estimation import minima, rivals
 from ematwin.estimation.descent import Descent
 from ematwin.estimation.laplace import laplace
 from ematwin.estimation.other_minima import other_minima
@@ -86,7 +86,7 @@ def test_it_is_looked_for_where_more_is_left_than_the_noise_of_the_recording(
         calls.append(more)
         return other_minima(*arguments, **more)
 
-    monkeypatch.setattr(assess, "other_minima", counted)
+    monkeypatch.setattr(minima, "other_minima", counted)
     record = ematwin.simulate(
         "reference", faults={"friction": 0.2}, noise=ematwin.Noise(white=0.03, bits=12), seed=5
     )
@@ -97,7 +97,7 @@ def test_it_is_looked_for_where_more_is_left_than_the_noise_of_the_recording(
 
 def test_nothing_is_looked_for_where_the_twin_explains_nothing(monkeypatch):
     """Seconds for values that mean nothing: here the currents belong to another motion."""
-    monkeypatch.setattr(assess, "other_minima", lambda *a, **k: pytest.fail("looked for valleys"))
+    monkeypatch.setattr(minima, "other_minima", lambda *a, **k: pytest.fail("looked for valleys"))
     monkeypatch.setattr(rivals, "_compared", lambda *a: pytest.fail("looked for other forms"))
     record = ematwin.simulate("reference", faults={"short_b": 0.2})
     backwards = {name: record.channels[name][::-1] for name in PHASES}

@@ -157,3 +157,10 @@ def test_many_faults_take_no_sum_over_all_sets():
     named = {name for name, share in found.probabilities.items() if share > 0.95}
     assert named == {f"f{n}" for n in range(0, count, 6)}
     assert len(list(itertools.islice(found.sets, 1000))) <= 400
+
+
+def test_a_set_that_is_next_to_impossible_has_no_draws():
+    mean, errors = np.array([0.3, 0.4]), np.array([0.001, 0.002])
+    found = fault_sets(Chart([fault("a"), fault("b")]), mean, np.diag(errors**2))
+    for name, error in zip("ab", errors, strict=True):
+        assert found.given(name).of(name).std() == pytest.approx(error, rel=0.05)
