@@ -13,6 +13,8 @@ _ON_FIGURE = "Lines are 95 % intervals. Pale: not determined by these recordings
 _ROW = 26  # px of a parameter
 _SIDES = 1.96  # standard errors to both sides: 95 %
 
+_ROUNDING = 1e-9  # shares of a range: recordings without noise differ by no more
+
 
 def calibration_page(report: CalibrationReport) -> str:
     """HTML page: parameters beside their template, undetermined ones, spread of healthy runs."""
@@ -98,7 +100,7 @@ def spread_sentences(report: CalibrationReport) -> list[str]:
         scatter = report.baseline.scatter
         if not scatter:
             return []
-        off = [f"{name} {plain(value, 2)}" for name, value in scatter.items() if value > 0.0]
+        off = [f"{name} {plain(value, 2)}" for name, value in scatter.items() if value > _ROUNDING]
         if not off:
             return ["What is found of healthy recordings lies within its standard errors."]
         return [

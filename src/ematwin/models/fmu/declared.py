@@ -15,6 +15,7 @@ from ematwin.models.fmu.archive import Archive, Scale, Variable, archive_at, sca
 from ematwin.models.history import Finite, Hertz, Seconds
 from ematwin.models.unknown import Unknown
 from ematwin.quantities import parse_quantity, to_si
+from ematwin.showing.numbers import in_unit
 from ematwin.validation import all_at_once, findings
 
 TABLES = ("fmu", "inputs", "outputs", "nominal", "faults", "nuisances")
@@ -246,8 +247,9 @@ class Described:
             beyond = value < limit - slack if side == "lower" else value > limit + slack
             if beyond:
                 raise ParameterError(
-                    f"{self._what}: the {side} bound of {place} is {value:g} {scale.unit} and the "
-                    f"FMU allows {limit:g} {scale.unit}; bring it within."
+                    f"{self._what}: the {side} bound of {place} is "
+                    f"{in_unit(f'{value:g}', scale.unit)} and the FMU allows "
+                    f"{in_unit(f'{limit:g}', scale.unit)}; bring it within."
                 )
             found.append(value)
         return found[0], found[1]
