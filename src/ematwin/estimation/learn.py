@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ematwin.errors import RecordError
+from ematwin.errors import ParameterError, RecordError
 from ematwin.estimation.baseline import (
     Baseline,
     effective,
@@ -116,9 +116,13 @@ def learn(
         baseline = Baseline.of_template(model, template)
         return Learnt(template, replace(baseline, recordings=len(comparisons)), [], [], [])
     forms = find_forms(model, template, comparisons, lambda share: progress(0.2 * share))
-    if forms.found:
-        comparisons = [model.compare(one.recording, forms.actuator) for one in comparisons]
-    return _learnt(model, template, comparisons, forms, progress)
+    if not forms.found:
+        return _learnt(model, template, comparisons, forms, progress)
+    try:
+        beside = [model.compare(one.recording, forms.actuator) for one in comparisons]
+        return _learnt(model, template, beside, forms, progress)
+    except (ParameterError, RecordError):  # the loop is unstable with them, or they do not fit
+        return _learnt(model, template, comparisons, FoundForms(template), progress)
 
 
 def _learnt(

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from ematwin import BldcActuator, Noise, Recording, identify, simulate
-from ematwin.errors import RecordError
+from ematwin.errors import ParameterError, RecordError
+from ematwin.estimation import learn as learning
 from ematwin.estimation.baseline import frees_parameters
+from ematwin.estimation.forms import FoundForms
 from ematwin.estimation.learn import expected_misfit, learn, same_command
 from ematwin.models.registry import model_of
 from ematwin.models.scenario import Scenario
@@ -100,6 +102,20 @@ def test_a_torque_constant_that_drifted_on_a_healthy_actuator_is_no_fault(learnt
     told = [text for text in found.warnings if text.startswith(place)]
     assert len(told) == 1
     assert "% lower than calibrated" in told[0]
+
+
+@pytest.mark.parametrize("error", [ParameterError, RecordError])
+def test_found_forms_that_lead_to_no_calibration_are_left_out(healthy, monkeypatch, error) -> None:
+    forms = FoundForms(TEMPLATE, ("current loop of 5 ms",))
+    monkeypatch.setattr(learning, "find_forms", lambda *_: forms)
+
+    def fitted(model, template, comparisons, forms, progress):
+        if forms.found:
+            raise error("the loop is unstable")
+        return forms
+
+    monkeypatch.setattr(learning, "_learnt", fitted)
+    assert learnt_from(healthy) == FoundForms(TEMPLATE)
 
 
 def test_a_faulty_recording_among_healthy_ones_is_refused_by_name(healthy) -> None:
