@@ -13,7 +13,7 @@ import numpy as np
 from ematwin.errors import EmatwinError
 from ematwin.estimation.assess import Assessment
 from ematwin.estimation.baseline import Baseline
-from ematwin.estimation.constants import COVERAGE, HOPELESS, SIGMAS, SMALLEST, TELLING, WORSE
+from ematwin.estimation.constants import HOPELESS, TELLING, WORSE
 from ematwin.estimation.estimate import Estimate
 from ematwin.estimation.intervals import Interval
 from ematwin.estimation.problem import Problem
@@ -201,11 +201,9 @@ def range_of(one: Unknown, actuator: ParameterSet, value: float, ends: Interval)
     return f"{one.name.replace('_', ' ')}, {in_unit(between, preferred(row.unit)[0])}{healthy}"
 
 
-def remarks_on(
-    model: Model, actuator: ParameterSet, assessed: Assessment, baseline: Baseline
-) -> list[str]:
-    """What is clearly not as recorded or calibrated, and was taken into account."""
-    found = _drifts(model, actuator, assessed) if baseline.recordings else []
+def remarks_on(model: Model, actuator: ParameterSet, assessed: Assessment) -> list[str]:
+    """What is clearly not as recorded, and was taken into account."""
+    found = []
     for name, (value, ends) in assessed.nuisances.items():
         one = model.unknown(actuator, name)
         number, between = said_between(value, ends.low, ends.high, one.unit)
@@ -224,27 +222,6 @@ def remarks_on(
             "The recorded voltages or the current of the supply differ from the twin "
             f"{1.0 / assessed.trust:.0f} times as much as they should, and count accordingly less. "
             "Check their units, their signs and the order of the phases."
-        )
-    return found
-
-
-def _drifts(model: Model, actuator: ParameterSet, assessed: Assessment) -> list[str]:
-    """Sentences on parameters that are clearly not what they were at the calibration."""
-    found = []
-    for name, value in assessed.values.items():
-        ends = assessed.intervals[name]
-        if "." not in name or not 0.0 < ends.low < ends.high:
-            continue
-        one = model.unknown(actuator, name)
-        change = value / one.healthy - 1.0
-        error = math.log(ends.high / ends.low) / (2.0 * COVERAGE)
-        if abs(change) < SMALLEST or abs(math.log1p(change)) < SIGMAS * error:
-            continue
-        number, between = said_between(value, ends.low, ends.high, one.unit)
-        found.append(
-            f"{name} ({one.meaning}) is {100.0 * abs(change):.2g} % "
-            f"{'higher' if change > 0.0 else 'lower'} than calibrated ({number}, {between}): a "
-            "drift, which was taken into account."
         )
     return found
 

@@ -129,7 +129,7 @@ def identified(
         recording, dict(problem.comparisons[0].statistics),
     )  # fmt: skip
     warnings += doubts_of(estimate, found, problem, assessed.sharp_errors)
-    warnings += remarks_on(model, actuator, assessed, baseline)
+    warnings += remarks_on(model, actuator, assessed)
     obstacles = [
         *ready.barred,
         *model.excitation(recording, actuator),
