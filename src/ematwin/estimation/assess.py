@@ -255,8 +255,9 @@ def _values(
         if is_fault and sets.is_improbable(one.name):
             values[one.name] = float(given.of(one.name).mean())
         low, high = given.interval(one.name, one.lower, one.upper)
-        if is_fault and sets.presence(one.name) < CERTAIN:
-            low, high = min(low, one.healthy), max(high, one.healthy)
+        if is_fault:  # the best point, and healthy where it may be absent
+            ends = [values[one.name]] + [one.healthy] * (sets.presence(one.name) < CERTAIN)
+            low, high = min(low, *ends), max(high, *ends)
         intervals[one.name] = Interval(low, high)
         errors.append(_error(one, given.of(one.name), values[one.name]))
     covariance = np.diag(np.square(errors[:own]))

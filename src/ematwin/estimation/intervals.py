@@ -156,6 +156,7 @@ def in_physical_units(
                 if sets.is_improbable(one.name):
                     value = float(spread.mean())
                 low, high = Draws((one.name,), spread[:, None], {}).interval(one.name, least, most)
+                low, high = min(low, value), max(high, value)
         found[one.name] = (value, Interval(low, high))
     return found
 
