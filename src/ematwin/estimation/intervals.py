@@ -145,9 +145,8 @@ def in_physical_units(
             continue
         value = float(one.physical(best, values[one.name]))
         low, high = (float(one.physical(best, end)) for end in (ends.low, ends.high))
-        if one.direction_of is None:  # what is lost may be told by what is left
-            low, high = sorted((low, high))
         if one.direction_of is None:
+            low, high = sorted((low, high))  # what is lost may be told by what is left
             drawn = sets.given(one.name)
             varied = actuator.with_arrays({n: drawn.of(n) for n in drawn.names if "." in n})
             if _depends_on_parameters(one, varied):

@@ -120,8 +120,12 @@ class FaultSets:
 
     def given(self, name: str) -> Draws:
         """Draws over the sets with a fault: what it is if it is there; over all if it is none."""
-        own = [s for s in self.sets if name in s.faults]
-        return self._resampled(own) if own else self.drawn
+        return self._given.get(name, self.drawn)
+
+    @cached_property
+    def _given(self) -> dict[str, Draws]:
+        own = {one.name: [s for s in self.sets if one.name in s.faults] for one in self.faults}
+        return {name: self._resampled(sets) for name, sets in own.items() if sets}
 
     def _resampled(self, sets: Sequence[FaultSet]) -> Draws:
         total = sum(s.probability for s in sets)
@@ -156,7 +160,7 @@ def fault_sets(chart: Chart, mean: np.ndarray, covariance: np.ndarray) -> FaultS
     """
     space = _Space(chart, mean, covariance)
     logs = {names: space.evidence(names) for names in (frozenset[str](), frozenset(space.faults))}
-    waiting = list(logs)
+    waiting, best = list(logs), max(logs, key=lambda names: logs[names])
     while waiting and len(logs) < 100 * _MOST:
         names = waiting.pop()
         for name in space.faults:
@@ -164,9 +168,10 @@ def fault_sets(chart: Chart, mean: np.ndarray, covariance: np.ndarray) -> FaultS
             if other in logs:
                 continue
             logs[other] = space.evidence(other)
-            if logs[other] > max(logs.values()) - _WINDOW:
+            if logs[other] > logs[best]:
+                best = other
+            if logs[other] > logs[best] - _WINDOW:
                 waiting.append(other)
-    best = max(logs, key=lambda names: logs[names])
     near = [names for names in logs if logs[names] > logs[best] - _WINDOW]
     # those with a fault more or less tell how large each fault is, if it is there
     kept = sorted(near, key=lambda names: -logs[names])[:_MOST]

@@ -12,7 +12,6 @@ from ematwin.showing.numbers import in_unit, number_of, plain, said_between
 _ON_FIGURE = "Lines are 95 % intervals. Pale: not determined by these recordings."
 _ROW = 26  # px of a parameter
 _SIDES = 1.96  # standard errors to both sides: 95 %
-
 _ROUNDING = 1e-9  # shares of a range: recordings without noise differ by no more
 
 
