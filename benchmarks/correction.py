@@ -284,6 +284,8 @@ def main() -> None:
     )
     print("|---|--:|--:|--:|--:|--:|")
     for name, form in ROWS.items():
+        if asked.only not in (None, name):
+            continue
         actuator = drive.changed(form) if form else drive
         seeds = range(asked.first, asked.first + asked.mixtures)
         if asked.calibrated:

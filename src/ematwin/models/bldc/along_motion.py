@@ -24,11 +24,12 @@ from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.phase_sensors import balanced
 from ematwin.models.bldc.reference_step import ReferenceState
 from ematwin.models.bldc.simulate import INPUT_INTERVAL, TimeGrid
-from ematwin.models.bldc.state import fault_state
+from ematwin.models.bldc.state import FaultState, fault_state
 from ematwin.models.bldc.truer.reference_step import drive, more_after
 from ematwin.models.bldc.truer.state import NEUTRAL, REST, truer_state
 from ematwin.models.bldc.unknowns import UNKNOWNS
 from ematwin.models.bldc.zeros import counted
+from ematwin.models.optional import Values
 from ematwin.numerics.compile import loop
 from ematwin.numerics.signals import LowPass, white_noise
 from ematwin.recordings.recording import Recording
@@ -133,7 +134,6 @@ class Controller:
         rate = motion.rate
         count = min(len(motion.time), int(_LONGEST * rate) + 1)
         self._grid = grid = TimeGrid(_STEP, INPUT_INTERVAL, (count - 0.5) / rate, rate)
-        self._command = np.interp(grid.time, motion.time, motion.command)
         self._states = np.array([
             motion.motor(grid.time), motion.motor(grid.time, 1), motion.output(grid.time),
         ])  # fmt: skip
@@ -146,19 +146,22 @@ class Controller:
         signed = 0.5 * np.einsum("sk,sk->s", currents, self._motion.shapes[1 : len(currents) + 1])
         return self._low_pass.apply(signed, self._motion.rate)
 
-    def left(self, actuator: Any, faster: float = 1.0) -> np.ndarray:
+    def left(self, actuator: Any, values: Values | None = None, faster: float = 1.0) -> np.ndarray:
         """Simulated less recorded current (S - 1,), A; ``faster`` divides the step."""
-        grid = self._grid
+        grid, given = self._grid, values or {}
+        motion = self._motion
+        late = given.get("skew", 0.0)
+        command = np.interp(grid.time + late, motion.time, motion.command)
         # a comparator overshoots by what the current moves in a step
         step = actuator.steps.reference if actuator.current_loop is None else grid.step
         substeps = max(1, round(faster * grid.substeps * grid.step / step))
-        healthy = np.array([one.healthy for one in UNKNOWNS])
         currents = currents_along(
-            healthy, self._command, self._states, kernel_constants(actuator),
+            _vector(given), command, self._states, kernel_constants(actuator),
             grid.substeps * grid.step / substeps, substeps, grid.decimation,
             truer_constants(actuator) or NEUTRAL, np.array(REST),
         )  # fmt: skip
-        return self._equivalent(currents) - self._seen
+        gain, offset = given.get("current_gain", 1.0), given.get("current_offset", 0.0)
+        return gain * self._equivalent(currents) + offset - self._seen
 
     def least(self, actuator: Any) -> float:
         """Share of the recorded current that noise and the error of the equation leave."""
@@ -172,7 +175,7 @@ class Controller:
         """
         if actuator.current_loop is not None:
             return _LEAST
-        ripple = float(np.linalg.norm(self.left(actuator) - self.left(actuator, _FASTER)))
+        ripple = float(np.linalg.norm(self.left(actuator) - self.left(actuator, faster=_FASTER)))
         return math.hypot(_LEAST, ripple / self.size)
 
 
@@ -209,14 +212,18 @@ class TorqueBalance:
         self._signed = 0.5 * np.einsum("sk,sk->s", motion.currents, motion.shapes)
         self.size = float(np.linalg.norm(self._filtered(self._signed)))
 
-    def output_torque(self, actuator: Any) -> np.ndarray:
+    def output_torque(self, actuator: Any, values: Values | None = None) -> np.ndarray:
         """Torque (S,) that the output needs, N m."""
-        gear, load, way = actuator.transmission, self._motion.load, np.sign(self._w_o)
+        given, gear, way = values or {}, actuator.transmission, np.sign(self._w_o)
+        load = given.get("load_gain", 1.0) * self._motion.load
+        load = load + given.get("load_offset", 0.0) / gear.ratio
         share = np.where(
             way * load > 0.0, 1.0 / gear.efficiency_opposing - 1.0, 1.0 - gear.efficiency_aiding
         )
         friction = (gear.friction_torque + share * np.abs(load)) * way
-        return np.asarray(gear.output_inertia * self._dw_o + friction + load)
+        needed = gear.output_inertia * self._dw_o + load
+        needed = needed + state_of(given, actuator).friction * friction
+        return np.asarray(needed)
 
     def _filtered(self, trace: np.ndarray) -> np.ndarray:
         return self._low_pass.apply(trace, self._motion.rate)[self.slides]
@@ -227,22 +234,42 @@ class TorqueBalance:
         noise = _noise(self._signed, self._low_pass, self._motion.rate, seen)
         return math.hypot(_LEAST, noise / self.size)
 
-    def left(self, actuator: Any) -> np.ndarray:
-        """Needed less made torque, over the torque constant, (K,), A, where both slide."""
-        motor = actuator.motor
+    def left(self, actuator: Any, values: Values | None = None) -> np.ndarray:
+        """Needed less made torque, as recorded current (K,), A, where both slide.
+
+        As such it holds the noise of the recorded currents unscaled. Otherwise the least squares
+        would make that noise smaller by smaller torque constants.
+        """
+        given, motor = values or {}, actuator.motor
+        fault = state_of(given, actuator)
         rounding = 0.0 if actuator.emf is None else actuator.emf.rounding
         shapes = (1.0 - rounding) * self._motion.shapes + rounding * self._sines
-        made = 0.5 * motor.emf_constant * np.einsum("sk,sk->s", self._motion.currents, shapes)
-        if actuator.cogging is not None:
-            own = actuator.cogging
-            made -= own.torque * np.sin(own.cycles * self._angle + own.phase)
+        shapes = shapes * self._shares(actuator, fault)
+        scale = math.sqrt(np.mean(shapes**2) / np.mean(self._motion.shapes**2))
+        made = 0.5 * np.einsum("sk,sk->s", self._motion.currents, shapes) / scale
         needed = (
             motor.inertia * self._dw_m
             + motor.viscous_damping * self._w_m
-            + motor.friction_torque * np.sign(self._w_m)
-            + self.output_torque(actuator)
+            + fault.friction * motor.friction_torque * np.sign(self._w_m)
+            + self.output_torque(actuator, given)
         )
-        return self._filtered((needed - made) / motor.emf_constant)
+        if actuator.cogging is not None:
+            own = actuator.cogging
+            needed += own.torque * np.sin(own.cycles * self._angle + own.phase)
+        gain, offset = given.get("current_gain", 1.0), given.get("current_offset", 0.0)
+        current = gain * needed / (motor.emf_constant * scale)
+        return self._filtered(current + offset - made)
+
+    def _shares(self, actuator: Any, fault: FaultState) -> np.ndarray:
+        """Factors (S, 3) of the torque constants by missing turns and an eccentric rotor."""
+        offset = actuator.eccentricity
+        turning = 1.0 if offset is None else offset.turning_share
+        phases = _THIRD * np.arange(3)
+        turned = self._angle[:, None] - phases
+        along = turning * np.cos(turned) + (1.0 - turning) * np.cos(phases)
+        across = (1.0 - turning) * np.sin(phases) - turning * np.sin(turned)
+        gaps = 1.0 + fault.zeta_cos * along + fault.zeta_sin * across
+        return np.asarray(gaps * [fault.h_a, fault.h_b, fault.h_c])
 
 
 class Contact:
@@ -256,9 +283,11 @@ class Contact:
     apart counts.
     """
 
-    def __init__(self, motion: Motion, balance: TorqueBalance, actuator: Any) -> None:
+    def __init__(
+        self, motion: Motion, balance: TorqueBalance, actuator: Any, values: Values | None = None
+    ) -> None:
         self._balance = balance
-        torque = balance.output_torque(actuator)
+        torque = balance.output_torque(actuator, values)
         sure = np.abs(torque) > _SURELY * actuator.transmission.friction_torque
         self._pushes = balance.slides & balance.moves_together & sure
         self._face = np.sign(torque)[self._pushes]
@@ -274,11 +303,22 @@ class Contact:
         """Share of the twist that noise leaves."""
         return math.hypot(_LEAST, self._noise * math.sqrt(self._twist.size) / self.size)
 
-    def left(self, actuator: Any) -> np.ndarray:
+    def left(self, actuator: Any, values: Values | None = None) -> np.ndarray:
         """Twist by the twin less the recorded one (K,), rad on the motor shaft."""
-        torque = self._balance.output_torque(actuator)[self._pushes]
-        twin = 0.5 * actuator.transmission.backlash * self._face
+        torque = self._balance.output_torque(actuator, values)[self._pushes]
+        twin = state_of(values, actuator).half_gap * self._face
         return self._about_mean(twin + torque / actuator.contact.stiffness - self._twist)
+
+
+def state_of(values: Values | None, actuator: Any) -> FaultState:
+    """Physical magnitudes of faults by name, healthy where not named or none are given."""
+    half_gap = 0.5 * actuator.transmission.backlash
+    return FaultState(*fault_state.py_func(*_vector(values or {}), half_gap))
+
+
+def _vector(given: Values) -> np.ndarray:
+    """(8,) of faults by name, which may lie beyond their bounds while a healthy twin is judged."""
+    return np.array([given.get(one.name, one.healthy) for one in UNKNOWNS])
 
 
 def _noise(current: np.ndarray, low_pass: LowPass, rate: float, samples: int) -> float:

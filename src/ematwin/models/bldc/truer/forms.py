@@ -15,6 +15,7 @@ from itertools import product
 from typing import Any
 
 from ematwin.models.bldc.along_motion import Contact, Controller, Motion, TorqueBalance, has_motion
+from ematwin.models.bldc.unknowns import LOAD
 from ematwin.models.optional import Equation, Form, Values
 from ematwin.numerics.signals import LowPass
 from ematwin.recordings.recording import Recording
@@ -24,6 +25,8 @@ _SLOWER = (*_SAMPLED, 200e-6, 250e-6)  # of speed loops
 _INTEGRAL = (0.01, 0.03, 0.1)  # s
 _BANDWIDTH = (2000.0, 4000.0, 8000.0)  # rad/s
 _SLOTS = (3, 6, 9, 12, 15, 18, 24)
+_WINDINGS = ("short_a", "short_b", "short_c", "eccentricity", "eccentricity_phase")
+_SENSOR = ("current_gain", "current_offset")
 _PHASES = tuple(0.5 * math.pi * n for n in range(4))
 
 
@@ -135,9 +138,13 @@ ROUNDED = Form(
 )
 
 
-def equations(recording: Recording, actuator: Any) -> tuple[Equation, ...]:
-    """Controller of a recording with both positions; its mechanics where the load is known."""
-    if not has_motion(recording):
+def equations(recording: Recording, actuator: Any, values: Values | None) -> tuple[Equation, ...]:
+    """Controller of a recording with both positions; its mechanics where the load is known.
+
+    Currents in shorted turns brake, and are not recorded: an actuator with such has none.
+    """
+    brakes = values is not None and actuator.shorted_turns is not None
+    if not has_motion(recording) or brakes:
         return ()
     motion = Motion(recording, actuator)
     controller = Controller(motion, LowPass())
@@ -150,7 +157,8 @@ def equations(recording: Recording, actuator: Any) -> tuple[Equation, ...]:
         ("controller.position_gain", "controller.speed_gain", "motor.emf_constant",
          "motor.resistance"),
         (INTEGRAL, SAMPLED, CURRENT_LOOP),
-        controller.alike,
+        (*_WINDINGS, "gain", "skew", *_SENSOR),
+        alike=controller.alike,
     )  # fmt: skip
     if "load" not in recording.channels:
         return (of_controller,)
@@ -163,9 +171,13 @@ def equations(recording: Recording, actuator: Any) -> tuple[Equation, ...]:
         ("motor.emf_constant", "motor.inertia", "transmission.output_inertia",
          "motor.viscous_damping", "motor.friction_torque", "transmission.friction_torque"),
         (COGGING, ROUNDED),
+        ("friction", *_WINDINGS, *LOAD, *_SENSOR),
     )  # fmt: skip
-    contact = Contact(motion, balance, actuator)
+    contact = Contact(motion, balance, actuator, values)
     gap = ("transmission.backlash",)
     gives = () if actuator.compliance is None else ("compliance.stiffness",)
-    of_contact = Equation("contact", contact.left, contact.size, contact.least, gap + gives, ())
+    of_contact = Equation(
+        "contact", contact.left, contact.size, contact.least, gap + gives, (),
+        ("friction", "backlash", *LOAD), rests=True,
+    )  # fmt: skip
     return of_controller, of_mechanics, of_contact
