@@ -147,12 +147,10 @@ def _encoder(steps: tuple[float, float], ratio: float) -> Form:
     }
 
     def starts(actuator: Any) -> list[Values]:
-        own, every = _speed(actuator), _sampled("speed_loop", _SLOWER)
-        every = [own] if own["speed_loop.sample_time"] > 0.0 else [{**own, **x} for x in every]
-        return [
-            {**loop, **counts, "encoder.filter_time": time}
-            for loop, time in product(every, _FILTER)
-        ]
+        loop = _speed(actuator)
+        if loop["speed_loop.sample_time"] == 0.0:  # as most drives; others are tried then
+            loop = {**loop, "speed_loop.sample_time": 1e-4}
+        return [{**loop, **counts, "encoder.filter_time": time} for time in _FILTER]
 
     def said(actuator: Any) -> str:
         time = actuator.encoder.filter_time
