@@ -16,6 +16,7 @@ TRUER = {
     "current_loop.sample_time": 3e-5, "current_loop.delay": 1e-5,
     "current_loop.lost_voltage": 1.5,
     "compliance.stiffness": 5.0, "compliance.damping": 0.003,
+    "encoder.motor_steps": 4096, "encoder.output_steps": 2**20, "encoder.filter_time": 1e-5,
 }  # fmt: skip
 
 

@@ -8,23 +8,32 @@ current belongs to one of them (direct identification; Ljung 1999, System Identi
 The difference of both positions shows on which face of the gap the output lies (`Contact`).
 The reference model has the same equations (docs/models.md).
 
-Positions lie on cubic splines through their samples, whose slopes are the speeds.
+Positions lie on cubic splines through their samples, whose slopes are the speeds (`counts`).
 """
 
+import copy
 import math
+from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from ematwin.models.bldc.channels import phase_currents
 from ematwin.models.bldc.constants import kernel_constants, truer_constants
+from ematwin.models.bldc.counts import (
+    CUTOFF,
+    counted_anew,
+    smoothed,
+    spline_through,
+    steps_of,
+)
 from ematwin.models.bldc.envelope import trapezoid_shape
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.phase_sensors import balanced
 from ematwin.models.bldc.reference_step import ReferenceState
 from ematwin.models.bldc.simulate import INPUT_INTERVAL, TimeGrid
 from ematwin.models.bldc.state import FaultState, fault_state
+from ematwin.models.bldc.truer.loops import last_reading
 from ematwin.models.bldc.truer.reference_step import drive, more_after
 from ematwin.models.bldc.truer.state import NEUTRAL, REST, truer_state
 from ematwin.models.bldc.unknowns import UNKNOWNS
@@ -39,6 +48,8 @@ _LONGEST = 0.4  # s of a recording, of which a controller is simulated
 _FASTER = 1.3  # than the step of the reference: the ripple is another then
 _LEAST = 0.001  # of the recorded current: what simulators of other make differ by
 _SLOW = 200.0  # Hz: below it the acceleration of an encoder's position is known
+_STEEP = 500.0  # Hz, of counts before that: an acceleration's noise grows with f^2
+_FINE_STEP = 1e-9  # rad: of an encoder whose counts do not show
 _STANDS = 0.02  # of the largest speed: nearer to rest friction is not known
 _SETTLES = 0.01  # s after that, for the low-pass
 _SURELY = 0.5  # of the friction of the output: a torque whose sign the template knows
@@ -105,6 +116,7 @@ class Motion:
     motor, output : splines of the angles
     command, load : (S,) arrays, rad and N m
     currents : (S, 3) array, A
+    steps : of the encoders of motor and output, rad on the motor shaft; 0 where of none
     angles : (S, 3) array, electrical angle of each phase in the middle of its mean
     shapes : (S, 3) array, EMF shapes of a healthy motor
     """
@@ -115,15 +127,51 @@ class Motion:
         self.time = np.arange(len(recording)) / self.rate
         self.command = recording.channels["command"] * ratio
         self.load = recording.channels.get("load", np.zeros(len(recording))) / ratio
-        self.motor = CubicSpline(self.time, recording.channels["motor_position"])
-        self.output = CubicSpline(self.time, recording.channels["output_position"] * ratio)
         currents = phase_currents(recording)
         assert currents is not None
-        self.currents = currents
+        self.currents, self._pole_pairs = currents, actuator.motor.pole_pairs
+        self.steps = steps_of(recording, actuator)
+        motor = recording.channels["motor_position"]
+        self._move(motor, recording.channels["output_position"] * ratio, CUTOFF)
+
+    def _move(self, motor: np.ndarray, output: np.ndarray, cutoff: float) -> None:
+        """Lay splines through positions (S,), rad on the motor shaft; counts are smoothed."""
+        self.cutoff, self._recorded = cutoff, (motor, output)
+        self.motor = spline_through(self.time, motor, self.steps[0], cutoff)
+        self.output = spline_through(self.time, output, self.steps[1], cutoff)
         # a mean belongs to the middle of its interval
-        electrical = actuator.motor.pole_pairs * self.motor(self.time - 0.5 / self.rate)
+        electrical = self._pole_pairs * self.motor(self.time - 0.5 / self.rate)
         self.angles = electrical[:, None] - _THIRD * np.arange(3)
         self.shapes = trapezoid_shape(self.angles)
+
+    def twist(self) -> np.ndarray:
+        """Angle (S,) by which the motor is ahead of the output."""
+        return np.asarray(self.motor(self.time) - self.output(self.time))
+
+    def counted_anew(self) -> "Motion | None":
+        """The motion by encoders whose counts begin elsewhere; None if it comes in no counts.
+
+        It differs from this one as this one does from the truth.
+        """
+        if not any(self.steps):
+            return None
+        other, (of_motor, of_output) = copy.copy(self), self.steps
+        motor = counted_anew(self.motor(self.time), of_motor)
+        other._move(motor, counted_anew(self.output(self.time), of_output), self.cutoff)
+        return other
+
+    def smoother(self, cutoff: float) -> "Motion":
+        """The motion with counts smoothed further, Hz; itself if it comes in none."""
+        if not any(self.steps):
+            return self
+        other = copy.copy(self)
+        other._move(*self._recorded, cutoff)
+        return other
+
+    def alike(self, trace: np.ndarray) -> np.ndarray:
+        """A trace (S,) smoothed as the positions are."""
+        some = any(self.steps)
+        return np.asarray(smoothed(self.time, trace, self.cutoff)(self.time)) if some else trace
 
 
 class Controller:
@@ -134,6 +182,7 @@ class Controller:
         rate = motion.rate
         count = min(len(motion.time), int(_LONGEST * rate) + 1)
         self._grid = grid = TimeGrid(_STEP, INPUT_INTERVAL, (count - 0.5) / rate, rate)
+        self._steps = motion.steps
         self._states = np.array([
             motion.motor(grid.time), motion.motor(grid.time, 1), motion.output(grid.time),
         ])  # fmt: skip
@@ -146,19 +195,36 @@ class Controller:
         signed = 0.5 * np.einsum("sk,sk->s", currents, self._motion.shapes[1 : len(currents) + 1])
         return self._low_pass.apply(signed, self._motion.rate)
 
-    def left(self, actuator: Any, values: Values | None = None, faster: float = 1.0) -> np.ndarray:
-        """Simulated less recorded current (S - 1,), A; ``faster`` divides the step."""
-        grid, given = self._grid, values or {}
-        motion = self._motion
-        late = given.get("skew", 0.0)
-        command = np.interp(grid.time + late, motion.time, motion.command)
+    def left(
+        self,
+        actuator: Any,
+        values: Values | None = None,
+        *,
+        faster: float = 1.0,
+        counts: bool = False,
+    ) -> np.ndarray:
+        """Simulated less recorded current (S - 1,), A; ``faster`` divides the step.
+
+        With ``counts`` the loops know the motion by the counts of encoders. Where within a step
+        these begin, and at which instants, is not known: without, they know the mean speed of a
+        sample time and its filter alone.
+        """
+        grid, motion, given = self._grid, self._motion, values or {}
+        command = np.interp(grid.time + given.get("skew", 0.0), motion.time, motion.command)
         # a comparator overshoots by what the current moves in a step
         step = actuator.steps.reference if actuator.current_loop is None else grid.step
         substeps = max(1, round(faster * grid.substeps * grid.step / step))
+        truer = truer_constants(actuator) or NEUTRAL
+        if counts:
+            truer = truer._replace(motor_step=self._steps[0], output_step=self._steps[1])
+        elif truer.motor_step > 0.0:
+            truer = truer._replace(motor_step=_FINE_STEP, output_step=0.0)
+        angle, speed, _ = self._states[:, 0]
+        rest = REST._replace(read=last_reading(truer, angle, speed), speed_seen=speed)
         currents = currents_along(
             _vector(given), command, self._states, kernel_constants(actuator),
             grid.substeps * grid.step / substeps, substeps, grid.decimation,
-            truer_constants(actuator) or NEUTRAL, np.array(REST),
+            truer, np.array(rest),
         )  # fmt: skip
         gain, offset = given.get("current_gain", 1.0), given.get("current_offset", 0.0)
         return gain * self._equivalent(currents) + offset - self._seen
@@ -166,7 +232,23 @@ class Controller:
     def least(self, actuator: Any) -> float:
         """Share of the recorded current that noise and the error of the equation leave."""
         noise = _noise(self._signed, self._low_pass, self._motion.rate, self._seen.size)
+        noise = math.hypot(noise, self._of_counts(actuator))
         return math.hypot(noise / self.size, self.alike(actuator))
+
+    @cached_property
+    def _anew(self) -> "Controller | None":
+        other = self._motion.counted_anew()
+        return None if other is None else Controller(other, self._low_pass)
+
+    def _of_counts(self, actuator: Any) -> float:
+        """Norm of what the counts of an encoder leave, in positions and in the loops, A."""
+        if self._anew is None:
+            return 0.0
+        here, sampled = self.left(actuator), actuator.speed_loop
+        changes = [self._anew.left(actuator) - here]
+        if sampled is not None and sampled.sample_time > 0.0:
+            changes.append(self.left(actuator, counts=True) - here)
+        return float(np.linalg.norm(changes))
 
     def alike(self, actuator: Any) -> float:
         """Share that simulators of other make and the ripple of a comparator leave.
@@ -194,7 +276,8 @@ class TorqueBalance:
     moves_together : (S,) array of bool, where no mass crosses the gap
     """
 
-    def __init__(self, motion: Motion) -> None:
+    def __init__(self, motion: Motion, slides: np.ndarray | None = None) -> None:
+        motion = motion.smoother(_STEEP)
         self._motion, self._low_pass = motion, LowPass(_SLOW)
         middle = motion.time - 0.5 / motion.rate
         self._angle = motion.motor(middle)
@@ -209,6 +292,8 @@ class TorqueBalance:
         self.moves_together = np.abs(self._w_m - self._w_o) < _STANDS * np.abs(self._w_m).max()
         settles = np.ones(int(_SETTLES * motion.rate))
         self.slides = np.convolve(stands, settles)[: len(stands)] == 0
+        if slides is not None:
+            self.slides = slides
         self._signed = 0.5 * np.einsum("sk,sk->s", motion.currents, motion.shapes)
         self.size = float(np.linalg.norm(self._filtered(self._signed)))
 
@@ -232,7 +317,15 @@ class TorqueBalance:
         """Share of the recorded current that noise leaves."""
         seen = int(self.slides.sum())
         noise = _noise(self._signed, self._low_pass, self._motion.rate, seen)
+        anew = self._anew
+        if anew is not None:
+            noise = math.hypot(noise, np.linalg.norm(anew.left(actuator) - self.left(actuator)))
         return math.hypot(_LEAST, noise / self.size)
+
+    @cached_property
+    def _anew(self) -> "TorqueBalance | None":
+        other = self._motion.counted_anew()
+        return None if other is None else TorqueBalance(other, self.slides)
 
     def left(self, actuator: Any, values: Values | None = None) -> np.ndarray:
         """Needed less made torque, as recorded current (K,), A, where both slide.
@@ -258,7 +351,7 @@ class TorqueBalance:
             needed += own.torque * np.sin(own.cycles * self._angle + own.phase)
         gain, offset = given.get("current_gain", 1.0), given.get("current_offset", 0.0)
         current = gain * needed / (motor.emf_constant * scale)
-        return self._filtered(current + offset - made)
+        return self._filtered(current + offset - self._motion.alike(made))
 
     def _shares(self, actuator: Any, fault: FaultState) -> np.ndarray:
         """Factors (S, 3) of the torque constants by missing turns and an eccentric rotor."""
@@ -291,8 +384,9 @@ class Contact:
         sure = np.abs(torque) > _SURELY * actuator.transmission.friction_torque
         self._pushes = balance.slides & balance.moves_together & sure
         self._face = np.sign(torque)[self._pushes]
-        twist = motion.motor(motion.time) - motion.output(motion.time)
-        self._noise = white_noise(twist)
+        motion = motion.smoother(_STEEP)
+        twist, anew = motion.twist(), motion.counted_anew()
+        self._noise = white_noise(twist) if anew is None else float(np.std(anew.twist() - twist))
         self._twist = twist[self._pushes]
         self.size = float(np.linalg.norm(self._about_mean(self._twist)))
 

@@ -180,7 +180,7 @@ class SpeedLoop(Section):
     """
 
     example: ClassVar[dict[str, float]] = {
-        "integral_gain": 0.5, "sample_time": 1e-4, "delay": 0.0,
+        "integral_gain": 0.5, "sample_time": 4e-5, "delay": 0.0,
     }  # fmt: skip
 
     integral_gain: float = quantity(
@@ -225,6 +225,34 @@ class CurrentLoop(Section):
     @model_validator(mode="after")
     def _answers_before_the_next_sample(self) -> Self:
         return _not_later_than_the_next_sample(self)
+
+
+class Encoder(Section):
+    """Encoders of motor and output, of whose steps the loops and recorded positions are made.
+
+    The speed loop takes differences of the motor's angle over its sample time, and filters them.
+    Left out, it knows angle and speed as they are.
+    """
+
+    example: ClassVar[dict[str, float]] = {
+        "motor_steps": 10_000, "output_steps": 5_000_000, "filter_time": 0.0,
+    }  # fmt: skip
+
+    motor_steps: int = quantity("", "steps of the motor encoder in a turn", exact=True, ge=16)
+    output_steps: int = quantity("", "steps of the output encoder in a turn", exact=True, ge=16)
+    filter_time: float = quantity(
+        "s", "time constant of the low-pass of the speed; 0 is none", tolerance=0.1, ge=0
+    )
+
+    @property
+    def motor_step(self) -> float:
+        """Step of the motor encoder, rad."""
+        return 2.0 * math.pi / self.motor_steps
+
+    @property
+    def output_step(self) -> float:
+        """Step of the output encoder, rad on the output."""
+        return 2.0 * math.pi / self.output_steps
 
 
 class Compliance(Section):
@@ -273,6 +301,7 @@ class BldcActuator(ParameterSet):
     speed_loop: SpeedLoop | None = None
     current_loop: CurrentLoop | None = None
     compliance: Compliance | None = None
+    encoder: Encoder | None = None
 
     @property
     def contact(self) -> Compliance:
@@ -292,6 +321,13 @@ class BldcActuator(ParameterSet):
 
     @model_validator(mode="after")
     def _sampled_loops_are_stable(self) -> Self:
+        if self.encoder is not None and (
+            self.speed_loop is None or self.speed_loop.sample_time == 0.0
+        ):
+            raise ValueError(
+                "an encoder's speed is a difference over the sample time of the speed loop, which "
+                "is continuous; state speed_loop.sample_time above 0, or leave [encoder] out"
+            )
         check_speed_loop(self)
         check_current_loop(self)
         return self

@@ -24,13 +24,17 @@ class Truer(NamedTuple):
     current_sample: float  # s
     current_delay: float  # s
     lost_voltage: float  # V, across the pair
+    motor_step: float  # rad, of the motor's encoder; 0 reads angle and speed as they are
+    output_step: float  # rad on the motor shaft, of the output's
+    count_offset: float  # of a step, where counts begin
+    filter_share: float  # of a new speed that the filter passes with each sample
 
 
 NEUTRAL = Truer(
     loops=0.0, rounding=0.0, cogging=0.0, cogging_cycles=1.0, cogging_phase=0.0,
     integral_gain=0.0, sample_time=0.0, delay=0.0,
     current_gain=0.0, current_integral=0.0, current_sample=1.0, current_delay=0.0,
-    lost_voltage=0.0,
+    lost_voltage=0.0, motor_step=0.0, output_step=0.0, count_offset=0.5, filter_share=1.0,
 )  # fmt: skip
 
 
@@ -50,15 +54,17 @@ class TruerState(NamedTuple):
     voltage_integral: float  # V
     voltage_wait: float  # s, until the next sample of the current loop
     voltage_late: float  # s, until what is pending is applied
+    read: float  # rad, angle of the motor at the last sample of the speed loop
+    speed_seen: float  # rad/s, by differences of such angles, filtered
 
 
-REST = TruerState(*[0.0] * 13)
+REST = TruerState(*[0.0] * 15)
 
 
 @step
 def truer_state(values):
-    """The fields of `TruerState` from an array (13,)."""
+    """The fields of `TruerState` from an array (15,)."""
     return TruerState(
         values[0], values[1], values[2], values[3], values[4], values[5], values[6], values[7],
-        values[8], values[9], values[10], values[11], values[12],
+        values[8], values[9], values[10], values[11], values[12], values[13], values[14],
     )  # fmt: skip
