@@ -21,7 +21,7 @@ from ematwin.estimation.correction import corrected
 from ematwin.estimation.descent import Descent, TooFarError
 from ematwin.estimation.laplace import Laplace, step_lengths
 from ematwin.estimation.levenberg_marquardt import NOTHING
-from ematwin.estimation.minima import risen
+from ematwin.estimation.minima import height, risen
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.spike_and_slab import fault_sets
 from ematwin.estimation.verdict import Verdict
@@ -201,6 +201,8 @@ def _compared(
     start, as_found = starts[best], _start(full, full.names, {**own, **form.starts[best]})
     if along := informed(model, form.actuator, full, as_found):
         full, start = along
+        if not unexplained and _excluded(full, start, peak):
+            return None
     steps = _steps(peak, full)
     known = {
         "within": (1.0 if unexplained else _FAR) * _smooth_misfit(peak),
@@ -236,6 +238,18 @@ def _compared(
             if rise >= -DECIDES:
                 break
     return end, rise
+
+
+def _excluded(full: Problem, start: np.ndarray, peak: Laplace) -> bool:
+    """Whether equations along the motion exclude a form, however well it fits the closed loop.
+
+    ``start`` (d,) is where they and the priors have it best.
+    """
+    if not peak.problem.is_informed:
+        return False
+    noise = peak.problem.comparisons[0].model_error * peak.problem.noise
+    away = full.prior_distances(start[None])[0] / full.noise
+    return float(away @ away) - height(peak, noise) > DECIDES
 
 
 def _rival(model: Model, form: OtherForm, problem: Problem, end: Laplace, rise: float) -> Rival:
