@@ -234,6 +234,22 @@ def test_processes_that_start_at_once_compile_each_loop_once_and_do_not_mix_it_u
         assert run(package, code) == ("65.0", ["loaded"])
 
 
+def test_a_process_that_fails_to_compile_does_not_keep_others_waiting(package):
+    """Both are alive until both have failed."""
+    code = """
+import glob, time, theirs.loops
+try:
+    theirs.loops.distance("no constants", (10, 0.5))
+except Exception:
+    open(f"failed{os.getpid()}", "w").close()
+ends = time.monotonic() + 40.0
+while len(glob.glob("failed*")) < 2 and time.monotonic() < ends:
+    time.sleep(0.05)
+print(len(glob.glob("failed*")))
+"""
+    assert package.start("import os" + code, "import os" + code) == [("2", [])] * 2
+
+
 def test_a_process_that_was_killed_while_it_saved_leaves_nothing_that_is_loaded(package):
     run(package)
     (path,) = kept(package)

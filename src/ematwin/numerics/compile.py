@@ -22,8 +22,8 @@ cache is executed when it is loaded: the folders lie in one that only the user c
 Processes that need the same machine code at once, such as workers of a study, wait for the first
 of them, which compiles it.
 
-The only private parts of numba in this file are `Kept`, which stands in for the cache of a
-function, and the key of `_InOneFolder` (numba 0.61 to 0.68).
+The only private parts of numba in this file are the cache of a function, for which `Kept` stands
+in, and the key of `_InOneFolder` (numba 0.61 to 0.68).
 """
 
 import os
@@ -37,6 +37,7 @@ from pathlib import Path
 from typing import IO, Any
 
 import numba
+from numba.core import event
 from numba.core.caching import FunctionCache
 
 from ematwin.numerics import notice
@@ -99,7 +100,7 @@ class Kept:
             cache = self._of(signature)
             cache.save_overload(signature, compiled)
             _drop_stale(Path(cache.cache_path).parents[1])
-        self._end_turn()
+        self.end_turn()
 
     def flush(self) -> None:
         """Do nothing: machine code named by content is never out of date."""
@@ -112,7 +113,7 @@ class Kept:
 
     def _wait_for_others(self, signature: Any) -> None:
         """Wait until no other process compiles the same; a lock ends with its process."""
-        self._end_turn()
+        self.end_turn()
         if sys.platform == "win32":
             return
         place = self._place(signature)
@@ -127,7 +128,8 @@ class Kept:
             else:
                 return
 
-    def _end_turn(self) -> None:
+    def end_turn(self) -> None:
+        """Let others compile, or load what was kept."""
         if self._turn is not None:
             with suppress(OSError):
                 self._turn.close()
@@ -149,6 +151,23 @@ class Kept:
             return _InOneFolder(self._made.py_func)
         finally:
             config.CACHE_DIR = before
+
+
+class _Failures(event.Listener):
+    """Lets others compile where this process was interrupted or failed."""
+
+    def on_start(self, event: Any) -> None:
+        """Do nothing."""
+
+    def on_end(self, event: Any) -> None:
+        """End the turn of a loop that is not going to be saved."""
+        made = event.data["dispatcher"]
+        kept = getattr(made, "_cache", None)
+        if isinstance(kept, Kept) and tuple(event.data["args"]) not in made.overloads:
+            kept.end_turn()
+
+
+event.register("numba:compile", _Failures())
 
 
 class _InOneFolder(FunctionCache):
