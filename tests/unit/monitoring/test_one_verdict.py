@@ -79,7 +79,8 @@ def test_drift_of_a_servo_of_another_kind_is_no_fault_either():
     drifting = actuator.changed({place: f * actuator.value(place) for place, f in weak.items()})
     baseline = replace(Baseline.of_template(model_of(actuator), actuator), recordings=3)
     known = ematwin.Calibration(actuator, baseline)
-    (row,) = ematwin.detect([ematwin.simulate(None, None, None, drifting, seed=1)], known).motions
+    half = model_of(actuator).load_scenario(None).lasting(0.56)
+    (row,) = ematwin.detect([ematwin.simulate(None, half, None, drifting, seed=1)], known).motions
     assert not row.alarm
 
 
