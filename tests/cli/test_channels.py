@@ -33,7 +33,7 @@ def test_a_map_is_shown_and_written_and_can_be_read(ematwin, tmp_path: Path) -> 
     assert "Next: ematwin identify bench.csv --actuator servo48 --map map.toml" in answer.out
     table = tomllib.loads((tmp_path / "map.toml").read_text("utf-8"))
     assert table["columns"]["command"] == {"channel": "Sollwert [°]", "unit": "°"}
-    seen = seen_at(tmp_path / "page.html", tmp_path)
+    (seen,) = seen_at([tmp_path / "page.html"], tmp_path)
     for width, found in seen.items():
         assert found["figures"], width
         assert (found["wider"], found["cut"], found["out"]) == (0, 0, []), width

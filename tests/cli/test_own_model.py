@@ -167,7 +167,8 @@ def test_calibrate_learns_the_actuator_and_detect_judges_it(shell, recorded, hea
 def test_compare_runs_a_study_of_it_and_report_makes_its_page(shell, tmp_path):
     told = json.loads(
         shell("compare", "--actuator", "dcg25", "--algorithms", "multistart,pso", "--runs", 1,
-              "--population", 16, "--iterations", 20, "--store", "study.db", "--json")
+              "--population", 16, "--iterations", 6, "--workers", 1, "--store", "study.db",
+              "--json")
     )  # fmt: skip
     assert told["counts"] == {"done": 2 * 8}
     assert "wrote" in shell("report", "study.db", "--out", "study")

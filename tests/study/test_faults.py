@@ -42,7 +42,7 @@ def test_killed_main_process(
     assert not alive, "workers outlived their main process"
     done = len(numbers(where))
     assert 5 <= done < RUNS
-    answer = study("--store", where, "--workers", 2, **short_leases)
+    answer = study("--store", where, "--workers", 1, **short_leases)
     assert answer["found"] == done
     assert numbers(where) == undisturbed
 
@@ -55,7 +55,7 @@ def test_interrupted_main_process(tmp_path: Path, undisturbed: Numbers) -> None:
     _, err = main.communicate(timeout=30)
     assert main.returncode == 130
     assert "Traceback" not in err
-    study("--store", where, "--workers", 2)
+    study("--store", where, "--workers", 1)
     assert numbers(where) == undisturbed
 
 
@@ -98,7 +98,7 @@ def test_two_commands_share_postgres_and_one_is_killed(
 def test_postgres_gone_for_ten_seconds(
     postgres: Any, postgres_url: str, undisturbed: Numbers
 ) -> None:
-    main = start("--store", postgres_url, "--workers", 2)
+    main = start("--store", postgres_url, "--workers", 1)
     wait_for(postgres_url, 3, main)
     postgres.stop()
     time.sleep(10.0)
@@ -110,7 +110,7 @@ def test_postgres_gone_for_ten_seconds(
 
 def test_sqlite_locked_for_ten_seconds(tmp_path: Path, undisturbed: Numbers) -> None:
     where = tmp_path / "study.db"
-    main = start("--store", where, "--workers", 2)
+    main = start("--store", where, "--workers", 1)
     wait_for(where, 3, main)
     other = sqlite3.connect(where, timeout=30.0, isolation_level=None, check_same_thread=False)
     other.execute("BEGIN EXCLUSIVE")
@@ -127,7 +127,7 @@ def test_full_disk(tmp_path: Path, undisturbed: Numbers) -> None:
     disk, kept = tmp_path / "disk", tmp_path / "kept.db"
     disk.mkdir()
     where = disk / "study.db"
-    command = f"{sys.executable} -m ematwin compare {' '.join(SMALL)} --store {where} --workers 2"
+    command = f"{sys.executable} -m ematwin compare {' '.join(SMALL)} --store {where} --workers 1"
     script = f"""
         mount -t tmpfs -o size=60k ematwin {disk} || exit 90
         {command}; echo "first $?"
@@ -154,8 +154,9 @@ def test_runs_that_misbehave(tmp_path: Path, saboteurs: dict[str, str]) -> None:
     shape = ("--runs", 1, "--population", 8, "--iterations", 4, "--seed", 7)
     cases = tmp_path / "cases.toml"
     cases.write_text('[cases."Worn"]\nfriction = 0.3\nbacklash = 0.2\n')
-    asked = ("--cases", cases, *shape, "--workers", 2)
+    asked = ("--cases", cases, *shape)
     bad = ("--algorithms", "ga,raises,hangs,slow,nan,dies", "--time-limit", 1.5, "--patience", 2)
+    bad = (*bad, "--workers", 2)
     answer = study(*asked, *bad, "--store", where, **saboteurs)
     assert answer["counts"] == {"done": 1, "failed": 2, "timeout": 2, "not finite": 1}
     ends = {one[0].algorithm: one[1] for one in numbers(where).values()}
@@ -163,7 +164,7 @@ def test_runs_that_misbehave(tmp_path: Path, saboteurs: dict[str, str]) -> None:
         "ga": "done", "raises": "failed", "dies": "failed", "hangs": "timeout",
         "slow": "timeout", "nan": "not finite",
     }  # fmt: skip
-    study(*asked, "--algorithms", "ga", "--store", alone)
+    study(*asked, "--algorithms", "ga", "--workers", 1, "--store", alone)
     assert numbers(where, ["ga"]) == numbers(alone)
 
     again = study(*asked, *bad, "--store", where, **saboteurs)

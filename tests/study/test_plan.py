@@ -189,6 +189,7 @@ def test_a_run_repeats_bit_for_bit(spec: RunSpec) -> None:
 def test_runs_in_the_remapped_box(spec: RunSpec, algorithm: str) -> None:
     plain = execute(replace(spec, algorithm=algorithm))
     moved = execute(replace(spec, algorithm=algorithm, box="remapped"))
+    assert moved.id != plain.id
     assert moved.status == plain.status == "done"
     assert moved.faults != plain.faults
     assert all(0.0 <= k <= 1.0 for k in moved.faults)

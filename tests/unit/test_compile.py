@@ -1,11 +1,14 @@
 """Machine code on disk: used again, never out of date, the user's own, safe for several processes.
 
 Processes run a package of somebody else, whose loop compiles in a moment, with a cache of its own.
+Each is a fork of one that has loaded numba.
 """
 
+import json
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -53,46 +56,94 @@ print(theirs.loops.distance(c, (10, 0.5)))
 """
 
 
-@pytest.fixture
-def package(tmp_path: Path) -> Path:
+SERVER = """
+import json, os, sys, traceback
+import numba, ematwin.numerics.compile
+numba.njit(lambda x: x + 1.0)(1.0)  # loads the rest of the compiler
+sys.dont_write_bytecode = True  # Python takes a source of the same second and length for its own
+
+def answer(code, folder, out):
+    sys.path.insert(0, folder)
+    os.chdir(folder)
+    os.dup2(os.open(out, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), 1)
+    try:
+        exec(code, {"__name__": "__main__"})
+    except BaseException:
+        traceback.print_exc(file=sys.stdout)
+        return 1
+    finally:
+        sys.stdout.flush()
+    return 0
+
+for line in sys.stdin:
+    asked, children = json.loads(line), []
+    for code, out in asked["processes"]:
+        child = os.fork()
+        if not child:
+            os.environ.update(asked["environment"])
+            os._exit(answer(code, asked["folder"], out))
+        children.append(child)
+    print(json.dumps([os.waitpid(child, 0)[1] for child in children]), flush=True)
+"""
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator["subprocess.Popen[str]"]:
+    """Starts processes; numba is loaded once."""
+    with subprocess.Popen(
+        [sys.executable, "-c", SERVER],
+        env={**os.environ, "NUMBA_DEBUG_CACHE": "1"},
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+    ) as running:  # fmt: skip
+        yield running
+        running.stdin.close()
+
+
+class Package:
     """A folder with the package, and an empty cache beside it."""
+
+    def __init__(self, folder: Path, server: "subprocess.Popen[str]") -> None:
+        self.folder, self._server = folder, server
+        self.cache = folder / "cache"
+
+    def start(self, *codes: str, **changed: str) -> list[tuple[str, list[str]]]:
+        """The answer of each of some processes, and what was done with machine code.
+
+        They run at the same time. Machine code is saved or loaded.
+        """
+        outs = [str(self.folder / f"out{n}.txt") for n in range(len(codes))]
+        asked = {
+            "folder": str(self.folder),
+            "processes": list(zip(codes, outs, strict=True)),
+            "environment": {"NUMBA_CACHE_DIR": str(self.cache), **changed},
+        }
+        print(json.dumps(asked), file=self._server.stdin, flush=True)
+        statuses = json.loads(self._server.stdout.readline())
+        found = []
+        for status, out in zip(statuses, outs, strict=True):
+            text = Path(out).read_text()
+            assert status == 0, text
+            *log, answer = text.splitlines()
+            done = [line.split()[2] for line in log if line.startswith("[cache] data")]
+            found.append((answer, done))
+        return found
+
+
+@pytest.fixture
+def package(tmp_path: Path, server: "subprocess.Popen[str]") -> Package:
     folder = tmp_path / "theirs"
     folder.mkdir()
     for name, source in PACKAGE.items():
         (folder / name).write_text(source)
-    return tmp_path
+    return Package(tmp_path, server)
 
 
-def start(package: Path, code: str = USE, **changed: str) -> "subprocess.Popen[str]":
-    environment = {
-        **os.environ,
-        # Python takes a source of the same second and length for the one that it has byte code of
-        "PYTHONDONTWRITEBYTECODE": "1",
-        "PYTHONPATH": str(package),
-        "NUMBA_CACHE_DIR": str(package / "cache"),
-        "NUMBA_DEBUG_CACHE": "1",
-        **changed,
-    }
-    return subprocess.Popen(
-        [sys.executable, "-c", code],
-        env=environment, cwd=package, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+def run(package: Package, code: str = USE, **changed: str) -> tuple[str, list[str]]:
+    return package.start(code, **changed)[0]
 
 
-def finish(process: "subprocess.Popen[str]") -> tuple[str, list[str]]:
-    """The answer of a process, and what was done with machine code: saved or loaded."""
-    out, err = process.communicate(timeout=300)
-    assert process.returncode == 0, err
-    *log, answer = out.splitlines()
-    return answer, [line.split()[2] for line in log if line.startswith("[cache] data")]
-
-
-def run(package: Path, code: str = USE, **changed: str) -> tuple[str, list[str]]:
-    return finish(start(package, code, **changed))
-
-
-def kept(package: Path) -> list[Path]:
-    return sorted((package / "cache").rglob("*.nbc"))
+def kept(package: Package) -> list[Path]:
+    return sorted(package.cache.rglob("*.nbc"))
 
 
 def edit(path: Path, old: str, new: str) -> None:
@@ -116,7 +167,7 @@ def test_the_second_process_compiles_nothing_until_something_is_edited(package):
     assert run(package) == ("65.0", ["saved"])
     assert run(package) == ("65.0", ["loaded"])
     for what, (file, old, new, answer) in EDITS.items():
-        edit(package / "theirs" / file, old, new)
+        edit(package.folder / "theirs" / file, old, new)
         assert run(package) == (answer, ["saved"]), what
     assert run(package) == (answer, ["loaded"])
 
@@ -125,7 +176,7 @@ def test_a_file_that_is_edited_after_its_import_is_not_taken_for_what_runs(packa
     edit_first = f"""
 import theirs.loops
 from pathlib import Path
-path = Path({str(package / "theirs" / "steps.py")!r})
+path = Path({str(package.folder / "theirs" / "steps.py")!r})
 path.write_text(path.read_text().replace("x + GAIN", "x - GAIN"))
 """
     assert run(package, edit_first + USE) == ("65.0", ["saved"])
@@ -133,7 +184,7 @@ path.write_text(path.read_text().replace("x + GAIN", "x - GAIN"))
 
 
 def test_loops_made_around_different_steps_are_kept_side_by_side(package):
-    (package / "theirs" / "more.py").write_text(
+    (package.folder / "theirs" / "more.py").write_text(
         """
 from ematwin.numerics.compile import loop, step
 
@@ -171,14 +222,32 @@ print(theirs.loops.distance(c, (10, 0.5)) + 0.0)
 """
 
 
-def test_processes_that_start_at_once_on_an_empty_cache_do_not_mix_up_their_machine_code(package):
+def test_processes_that_start_at_once_compile_each_loop_once_and_do_not_mix_it_up(package):
     single, double = TYPES.format("np.float32"), TYPES.format("np.float64")
-    processes = [start(package, code) for code in (single, double)]
-    assert {finish(process)[0] for process in processes} == {"65.0"}
+    answers, done = zip(*package.start(single, double, single, double), strict=True)
+    assert set(answers) == {"65.0"}
+    for both in (done[::2], done[1::2]):
+        assert sorted(both) == [["loaded"], ["saved"]]
     # as many as there are types of arguments, each in a folder where there is nothing else
     assert [len(list(path.parent.iterdir())) for path in kept(package)] == [2, 2]
     for code in (single, double):
         assert run(package, code) == ("65.0", ["loaded"])
+
+
+def test_a_process_that_fails_to_compile_does_not_keep_others_waiting(package):
+    """Both are alive until both have failed."""
+    code = """
+import glob, time, theirs.loops
+try:
+    theirs.loops.distance("no constants", (10, 0.5))
+except Exception:
+    open(f"failed{os.getpid()}", "w").close()
+ends = time.monotonic() + 40.0
+while len(glob.glob("failed*")) < 2 and time.monotonic() < ends:
+    time.sleep(0.05)
+print(len(glob.glob("failed*")))
+"""
+    assert package.start("import os" + code, "import os" + code) == [("2", [])] * 2
 
 
 def test_a_process_that_was_killed_while_it_saved_leaves_nothing_that_is_loaded(package):
@@ -193,8 +262,8 @@ def test_a_process_that_was_killed_while_it_saved_leaves_nothing_that_is_loaded(
 
 
 def test_where_nothing_can_be_kept_it_compiles_each_time(package):
-    (package / "file").write_text("in the way")
-    assert run(package, NUMBA_CACHE_DIR=str(package / "file")) == ("65.0", [])
+    (package.folder / "file").write_text("in the way")
+    assert run(package, NUMBA_CACHE_DIR=str(package.folder / "file")) == ("65.0", [])
     full = "import os\ndef full(*_): raise OSError(28, 'full')\nos.replace = full\n"
     assert run(package, full + USE) == ("65.0", [])
     assert kept(package) == []

@@ -4,13 +4,14 @@ import json
 import re
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
 import pytest
 
 import ematwin
-from browser import browse, seen_at
+from browser import WIDTHS, browse, seen_at
 from ematwin.benchmarking.analysis import analyse
 from ematwin.benchmarking.page import study_page
 from ematwin.benchmarking.store import open_store
@@ -55,19 +56,30 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     }
 
 
+@pytest.fixture(scope="module")
+def seen(
+    pages: dict[str, str], tmp_path_factory: pytest.TempPathFactory
+) -> dict[str, dict[int, dict[str, Any]]]:
+    """What each page looks like at each width."""
+    folder = tmp_path_factory.mktemp("seen")
+    paths = [folder / f"{name}.html" for name in pages]
+    for path, text in zip(paths, pages.values(), strict=True):
+        path.write_text(text, encoding="utf-8")
+    return dict(zip(pages, seen_at(paths, folder), strict=True))
+
+
 @pytest.mark.parametrize(
     "name",
     ["identify", "identify, profile", "identify, posterior", "simulate", "detect", "compare",
      "calibrate", "identifiability", "design", "discriminate"],
 )  # fmt: skip
 def test_nothing_is_cut_or_wrong_at_any_width(
-    pages: dict[str, str], tmp_path: Path, name: str
+    pages: dict[str, str], seen: dict[str, dict[int, dict[str, Any]]], name: str
 ) -> None:
-    page = tmp_path / f"{name}.html"
-    page.write_text(pages[name], encoding="utf-8")
-    for width, seen in seen_at(page, tmp_path).items():
-        assert seen["figures"] >= 1, width
-        assert (seen["wider"], seen["cut"], seen["out"]) == (0, 0, []), width
+    assert seen[name].keys() == set(WIDTHS)
+    for width, told in seen[name].items():
+        assert told["figures"] >= 1, width
+        assert (told["wider"], told["cut"], told["out"]) == (0, 0, []), width
     assert len(pages[name]) < 1.5e6
     body = re.sub(r"<script.*?</script>", "", pages[name], flags=re.DOTALL)
     assert not re.search(r"\{(&#39;|'|&#34;)\w", body)  # no dictionary as Python prints it

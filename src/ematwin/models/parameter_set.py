@@ -305,10 +305,7 @@ class ParameterSet(BaseModel):
 
     def _repr_html_(self) -> str:
         """Name, kind and parameters, in a notebook."""
-        rows = [
-            (place, f"{value:.6g}", unit, meaning, source)
-            for place, value, unit, meaning, source in self.parameters()
-        ]
+        rows = [(place, f"{value:.6g}", *said) for place, value, *said in self.parameters()]
         title = f"{self.name} ({self.kind}): {self.description}"
         header = ("parameter", "value", "unit", "meaning", "source")
         return markup.heading(title) + markup.table(header, rows)

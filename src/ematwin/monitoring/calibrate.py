@@ -247,7 +247,7 @@ def _added(
     name: str | None,
     tell: Progress,
 ) -> CalibrationReport:
-    """A calibration with more healthy runs, such as those of a later occasion."""
+    """Add healthy runs to a calibration, such as runs of a later occasion."""
     before = add_to if isinstance(add_to, Calibration) else Calibration.load(add_to)
     if not isinstance(before, PopulationCalibration):
         raise InputError(

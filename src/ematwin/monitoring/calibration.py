@@ -1,8 +1,8 @@
-"""Calibration: an actuator, and what is known of it, as `calibrate` makes and `detect` takes it.
+"""Calibration: an actuator and its prior, as `calibrate` makes and `detect` takes it.
 
 It is one TOML file: a parameter file of the actuator with the table ``baseline`` (how well its
-parameters are known). Where a healthy population judges, the tables ``calibration`` (what was
-learnt from which runs) and ``signature`` (known faults) stand beside it.
+parameters are known). Where a healthy population judges, the file also has the tables
+``calibration`` (the population and its runs) and ``signature`` (known faults).
 """
 
 import tomllib
@@ -44,9 +44,9 @@ class Calibration:
 
     @classmethod
     def of(cls, given: Any) -> "Calibration":
-        """What is known by what `ematwin.identify` takes as an actuator.
+        """Calibration of anything that `ematwin.identify` takes as an actuator.
 
-        Of a parameter set without recordings that is what its tolerances say.
+        A parameter set without recordings is known to within its tolerances.
         """
         held = getattr(given, "calibration", given)  # a report holds one
         if isinstance(held, Calibration):
@@ -102,7 +102,7 @@ def is_as_written(path: Path) -> bool:
 
 
 def _stated_checksum(table: dict[str, Any], path: Path) -> str | None:
-    """Take the checksum out of the content of a file; None if it has none, as those of 0.2."""
+    """Take the checksum out of the content of a file; None if it has none, as in 0.2."""
     known = table.get("baseline")
     stated = known.pop("checksum", None) if isinstance(known, dict) else None
     if stated is not None and stated != checksum_of(table):

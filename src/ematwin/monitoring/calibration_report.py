@@ -1,4 +1,4 @@
-"""What a calibration found: parameters, how well they are known, and what to be careful of."""
+"""Result of a calibration: parameters, how well they are known, and warnings."""
 
 import math
 from dataclasses import dataclass, field
@@ -18,13 +18,13 @@ from ematwin.showing.frames import frame_of_rows
 
 @dataclass(frozen=True)
 class CalibrationReport:
-    """What a calibration found.
+    """Result of a calibration.
 
     Attributes
     ----------
     calibration : with the healthy population, where there is one (`PopulationCalibration`)
     parameters : fitted ones, with what could not be determined; none where runs were added
-    tied : groups of parameters of which only ratios or products are known
+    tied : groups of parameters, known only by their ratios or products
     learnt, held_back : names of the runs; none is held back where each was judged by the others
     run_spread : of each quantity of the population, standard deviations within a run and between
         runs; of logarithms for multiples of healthy, else SI

@@ -64,7 +64,7 @@ def report_on(
     tied: list[tuple[str, ...]],
     notes: list[str],
 ) -> CalibrationReport:
-    """What is told of a calibration whose healthy runs are at hand."""
+    """Report a calibration whose healthy runs were kept."""
     back = calibration.facts["held_back"]
     over = calibration.tested().index() > calibration.thresholds.motion
     reported = calibration.reported

@@ -45,8 +45,8 @@ class Thresholds:
     def of(self, motions: int) -> float:
         """The threshold for this many recordings of a run together.
 
-        The square of the index falls with their number n as B + W/n, since what is between runs
-        does not average out.
+        The square of the index falls with their number n as B + W/n, since differences between
+        runs do not average out.
         """
         if self.run_size <= 1.0 or self.run >= self.motion:
             return self.motion
@@ -65,17 +65,17 @@ class PopulationCalibration(Calibration):
     command : (S,) array, SI; ``interval`` s
     settling_time : s
     channels : names of the C channels that are compared
-    discrepancy : (3, C S) or (1, C S) array: what the twin misses of them on healthy recordings,
+    discrepancy : (3, C S) or (1, C S) array: mean residual of the twin on healthy recordings,
         one channel after another, SI, over the covariate
     population : of the features
     reported : population of the reported quantities (`Monitoring.reported`)
     thresholds : of the index
-    statistics : healthy mean and standard deviation of what is measured beside the twin, by name
+    statistics : healthy mean and standard deviation of measurements beside the twin, by name
     covariate_range : least and largest covariate of the healthy recordings, SI; None without one
     signatures : known faults
     facts : runs, files, version
-    healthy : what was measured on each healthy recording, to which later ones can be added; None
-        in calibrations of versions that did not keep it
+    healthy : features of each healthy recording, to which later ones can be added; None in
+        calibrations of versions that did not keep them
     """
 
     command: np.ndarray
@@ -121,7 +121,7 @@ class PopulationCalibration(Calibration):
     def clear_limit(self, motions: int) -> float:
         """The index from which a change without a name raises an alarm, for this many recordings.
 
-        It lies above the threshold by what may drift between occasions.
+        It lies above the threshold by the drift between occasions.
         """
         return clear_limit(self.thresholds.of(motions), self.layout.kinds, len(self.channels))
 
@@ -131,7 +131,7 @@ class PopulationCalibration(Calibration):
         Raises
         ------
         RecordError
-            If one of them follows another command, has another rate, or cannot be what it says.
+            If one of them follows another command, has another rate, or is implausible.
         """
         bench = Bench(
             self.model, self.actuator, recordings_of(recordings, self.actuator), self.command,
@@ -147,7 +147,7 @@ class PopulationCalibration(Calibration):
         return Scores(values, self.layout.names, self.layout.kinds, measured.groups)
 
     def tested(self) -> Scores:
-        """Scores of the healthy recordings that set the thresholds, none of which taught them.
+        """Scores of the healthy recordings that set the thresholds, each left out of learning.
 
         Raises
         ------
@@ -194,8 +194,8 @@ class PopulationCalibration(Calibration):
     ) -> None:
         """Raise `ValueError` unless all parts fit together, and to the kind as it is now.
 
-        ``magnitudes`` and ``quantities`` are the names of features and of what is reported with
-        which it was made.
+        ``magnitudes`` and ``quantities`` name the features and the reported quantities with which
+        it was made.
         """
         numbers = [self.interval, *vars(self.thresholds).values()]
         if not all(np.isfinite(x) and x > 0.0 for x in numbers):

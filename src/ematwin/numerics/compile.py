@@ -19,8 +19,11 @@ once may exchange them. So each loop has, for each signature, a folder that is n
 the machine code depends on (`ematwin.numerics.content`), where there is nothing to mistake. A
 cache is executed when it is loaded: the folders lie in one that only the user can write.
 
-The only private parts of numba in this file are `Kept`, which stands in for the cache of a
-function, and the key of `_InOneFolder` (numba 0.61 to 0.68).
+Processes that need the same machine code at once, such as workers of a study, wait for the first
+of them, which compiles it.
+
+The only private parts of numba in this file are the cache of a function, for which `Kept` stands
+in, and the key of `_InOneFolder` (numba 0.61 to 0.68).
 """
 
 import os
@@ -31,17 +34,22 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numba
+from numba.core import event
 from numba.core.caching import FunctionCache
 
 from ematwin.numerics import notice
 from ematwin.numerics.content import content_of, signature_of
 
 RELAXED = {"contract", "nsz", "arcp"}
+if sys.platform != "win32":
+    import fcntl
+
 _POSIX = os.name == "posix"
 _STALE = 30 * 86_400.0  # s, after which machine code of other sources is dropped
+_PATIENCE = 60.0  # s to wait for a process that compiles the same: it may have been stopped
 
 
 def step(function: Callable[..., Any]) -> Any:
@@ -74,14 +82,16 @@ class Kept:
 
     def __init__(self, made: Any) -> None:
         self._made = made
+        self._turn: IO[bytes] | None = None  # locked while this process compiles
 
     def load_overload(self, signature: Any, context: Any) -> Any:
         """Machine code for a signature, or None."""
-        found = None
-        with suppress(Exception):  # damaged (pickle raises anything): compile it again
-            found = self._of(signature).load_overload(signature, context)
+        found = self._found(signature, context)
         if found is None:
             notice.compiling()
+            with suppress(OSError, _NoFolderError):
+                self._wait_for_others(signature)
+                found = self._found(signature, context)
         return found
 
     def save_overload(self, signature: Any, compiled: Any) -> None:
@@ -90,23 +100,74 @@ class Kept:
             cache = self._of(signature)
             cache.save_overload(signature, compiled)
             _drop_stale(Path(cache.cache_path).parents[1])
+        self.end_turn()
 
     def flush(self) -> None:
         """Do nothing: machine code named by content is never out of date."""
 
-    def _of(self, signature: Any) -> "_InOneFolder":
-        """numba's cache in the folder for a signature."""
+    def _found(self, signature: Any, context: Any) -> Any:
+        """Machine code on disk, or None."""
+        with suppress(Exception):  # damaged (pickle raises anything): compile it again
+            return self._of(signature).load_overload(signature, context)
+        return None
+
+    def _wait_for_others(self, signature: Any) -> None:
+        """Wait until no other process compiles the same; a lock ends with its process."""
+        self.end_turn()
+        if sys.platform == "win32":
+            return
+        place = self._place(signature)
+        place.parent.mkdir(parents=True, exist_ok=True)
+        self._turn = turn = place.with_suffix(".lock").open("wb")
+        ends = time.monotonic() + _PATIENCE
+        while time.monotonic() < ends:
+            try:
+                fcntl.flock(turn, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                time.sleep(0.05)
+            else:
+                return
+
+    def end_turn(self) -> None:
+        """Let others compile, or load what was kept."""
+        if self._turn is not None:
+            with suppress(OSError):
+                self._turn.close()
+            self._turn = None
+
+    def _place(self, signature: Any) -> Path:
+        """The folder for the machine code of a signature."""
         function, folder = self._made.py_func, own_folder()
         if folder is None or not os.path.exists(function.__code__.co_filename):
             raise _NoFolderError
         name = f"{function.__module__}.{function.__qualname__}".replace("<locals>.", "")
-        place = folder / name / content_of(self._made) / signature_of(signature)
+        return folder / name / content_of(self._made) / signature_of(signature)
+
+    def _of(self, signature: Any) -> "_InOneFolder":
+        """numba's cache in the folder for a signature."""
         config: Any = numba.config
-        before, config.CACHE_DIR = config.CACHE_DIR, str(place)
+        before, config.CACHE_DIR = config.CACHE_DIR, str(self._place(signature))
         try:
-            return _InOneFolder(function)
+            return _InOneFolder(self._made.py_func)
         finally:
             config.CACHE_DIR = before
+
+
+class _Failures(event.Listener):
+    """Lets others compile where this process was interrupted or failed."""
+
+    def on_start(self, event: Any) -> None:
+        """Do nothing."""
+
+    def on_end(self, event: Any) -> None:
+        """End the turn of a loop that is not going to be saved."""
+        made = event.data["dispatcher"]
+        kept = getattr(made, "_cache", None)
+        if isinstance(kept, Kept) and tuple(event.data["args"]) not in made.overloads:
+            kept.end_turn()
+
+
+event.register("numba:compile", _Failures())
 
 
 class _InOneFolder(FunctionCache):

@@ -3,10 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 import ematwin
-from ematwin.estimation import minima, rivals
 from ematwin.estimation.descent import Descent
 from ematwin.estimation.laplace import laplace
 from ematwin.estimation.other_minima import other_minima
@@ -76,29 +74,8 @@ def test_anew_parameters_set_out_from_what_was_known_of_them():
     assert kept.point[2] == 1.5
 
 
-@pytest.mark.parametrize(("ripple", "looked"), [(0.0, False), (5.0, True)])
-def test_it_is_looked_for_where_more_is_left_than_the_noise_of_the_recording(
-    ripple, looked, monkeypatch
-):
-    calls = []
-
-    def counted(*arguments, **more):
-        calls.append(more)
-        return other_minima(*arguments, **more)
-
-    monkeypatch.setattr(minima, "other_minima", counted)
-    record = ematwin.simulate(
-        "reference", faults={"friction": 0.2}, noise=ematwin.Noise(white=0.03, bits=12), seed=5
-    )
-    unrecorded = ripple * np.sin(2.0 * np.pi * 15.0 * record.time)
-    ematwin.identify(record.changed(load=record.load + unrecorded), threads=1)
-    assert bool(calls) == looked
-
-
-def test_nothing_is_looked_for_where_the_twin_explains_nothing(monkeypatch):
+def test_nothing_is_looked_for_where_the_twin_explains_nothing():
     """Seconds for values that mean nothing: here the currents belong to another motion."""
-    monkeypatch.setattr(minima, "other_minima", lambda *a, **k: pytest.fail("looked for valleys"))
-    monkeypatch.setattr(rivals, "_compared", lambda *a: pytest.fail("looked for other forms"))
     record = ematwin.simulate("reference", faults={"short_b": 0.2})
     backwards = {name: record.channels[name][::-1] for name in PHASES}
     kept = {name: x for name, x in record.channels.items() if name in ("command", "load")}

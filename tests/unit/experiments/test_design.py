@@ -227,14 +227,12 @@ def test_wrong_input_gets_one_sentence(options: dict, said: str) -> None:
 
 
 def test_trials_err_as_identify_does() -> None:
-    setting = experiment()
-    (errors,) = identified_errors(setting, [GIVEN], 1, seed=3)
+    setting = screw()
+    (errors,) = identified_errors(setting, [STROKE], 1, seed=3)
     rng = np.random.default_rng(3)
     (faults,) = fault_vectors(setting, 1, rng, {}, even=False)
     real = setting.drawn_actuator(rng)
-    record = setting.model.simulate(
-        real, GIVEN, faults, fidelity="reference", noise=NOISE, seed=30_000
-    )
+    record = setting.model.simulate(real, STROKE, faults, seed=30_000)
     answer = identify(record, setting.actuator, exact=True, threads=1)
     expected = [answer.values[one.name] - faults[one.name] for one in setting.magnitudes]
     np.testing.assert_allclose(errors[0], expected, rtol=0.0, atol=1e-12)

@@ -91,6 +91,12 @@ def test_a_parameter_that_the_template_holds_at_zero_stays_there():
 # Calibration
 
 
+@pytest.fixture(scope="module")
+def three():
+    """From three runs, one motion a load."""
+    return calibrate(healthy_runs(3, motions=1))
+
+
 def test_the_calibrated_actuator_is_the_rig(report):
     """To 3 %, which is how far its healthy days differ."""
     found = {place: value for place, value, *_ in report.calibration.actuator.parameters()}
@@ -149,10 +155,9 @@ def test_a_calibration_that_was_saved_is_the_same(report, tmp_path):
     assert sources["screw.friction_force"] == report.sources["screw.friction_force"]
 
 
-def test_the_order_of_motions_within_runs_and_who_asks_for_progress_change_nothing():
-    motions = healthy_runs(3, motions=1)
+def test_the_order_of_motions_within_runs_and_who_asks_for_progress_change_nothing(three):
+    motions, first = healthy_runs(3, motions=1), three
     seen: list[float] = []
-    first = calibrate(motions)
     # each second one swapped with its neighbour: the runs stay in their order
     swapped = [motions[n ^ 1] for n in range(len(motions))]
     second = calibrate(swapped, progress=seen.append)
@@ -165,9 +170,9 @@ def test_the_order_of_motions_within_runs_and_who_asks_for_progress_change_nothi
     assert seen[-1] == 1.0
 
 
-def test_files_do_for_recordings(tmp_path):
+def test_files_do_for_recordings(three, tmp_path):
     """In one table, or a file for each run."""
-    motions = healthy_runs(3, motions=1)
+    motions, first = healthy_runs(3, motions=1), three
     ematwin.write(motions, tmp_path / "all.csv")
     paths = []
     for number in ("1", "2", "3"):
@@ -176,7 +181,7 @@ def test_files_do_for_recordings(tmp_path):
         own = [one.changed(labels=said) for one, said in zip(own, labels, strict=True)]
         paths.append(tmp_path / f"day{number}.parquet")
         ematwin.write(own, paths[-1])
-    first, table, files = calibrate(motions), calibrate(tmp_path / "all.csv"), calibrate(paths)
+    table, files = calibrate(tmp_path / "all.csv"), calibrate(paths)
     assert first.learnt == table.learnt == ["1", "2", "3"]
     assert files.learnt == ["day1.parquet", "day2.parquet", "day3.parquet"]
     for other in (table, files):
@@ -216,10 +221,9 @@ def test_all_runs_teach_and_each_is_judged_by_the_others():
     assert (tested.values**2).mean() > 1.2 * (own**2).mean()
 
 
-def test_left_out_bands_are_those_of_a_run_that_comes_later():
+def test_left_out_bands_are_those_of_a_run_that_comes_later(three):
     """A share of a run's own noise in the discrepancy would make its bands look quieter."""
-    motions = healthy_runs(3, motions=1)
-    calibration = calibrate(motions).calibration
+    motions, calibration = healthy_runs(3, motions=1), three.calibration
     bands = [n for n, kind in enumerate(calibration.layout.kinds) if kind == "band"]
     later = calibration.measure(healthy_runs(20, first=201, motions=1)).features[:, bands].mean()
     with_own = calibration.measure(motions).features[:, bands].mean()
@@ -274,9 +278,8 @@ def test_runs_of_a_drifted_occasion_are_healthy_once_they_were_added():
     assert np.mean([v.grade == "healthy" for v in after]) >= 0.8
 
 
-def test_what_cannot_be_added_is_refused(tmp_path):
-    motions = healthy_runs(3, motions=1)
-    first = calibrate(motions).calibration
+def test_what_cannot_be_added_is_refused(three):
+    motions, first = healthy_runs(3, motions=1), three.calibration
     assert "is among the healthy runs already" in refusal(motions[:2], add_to=first)
     text = refusal(run(66, friction=1.5), add_to=first)
     assert (
@@ -289,11 +292,10 @@ def test_what_cannot_be_added_is_refused(tmp_path):
     assert "does not keep its healthy runs" in text
 
 
-def test_runs_of_the_same_name_from_another_file_are_told_apart():
-    first = calibrate(healthy_runs(3, motions=1)).calibration
+def test_runs_of_the_same_name_from_another_file_are_told_apart(three):
     again = [m.changed(source="spring.csv") for m in run(41, motions=1)]
     again = [m.changed(labels={**m.labels, "run": "1"}) for m in again]
-    report = calibrate(again, add_to=first)
+    report = calibrate(again, add_to=three.calibration)
     assert report.learnt == ["1", "2", "3", "1 of spring.csv"]
 
 
@@ -315,8 +317,8 @@ def test_fewer_than_three_runs_make_a_twin_but_no_population(tmp_path):
 
 
 def test_one_faulty_motion_a_load_is_enough_to_name_its_run():
-    motions = [*healthy_runs(5, motions=1), *run(66, motions=1, friction=1.5)]
-    assert refusal(motions).startswith("Run 66 is unlike the other 5 healthy runs")
+    motions = [*healthy_runs(4, motions=1), *run(66, motions=1, friction=1.5)]
+    assert refusal(motions).startswith("Run 66 is unlike the other 4 healthy runs")
 
 
 def test_runs_too_few_to_see_a_fault_are_said_to_be():
@@ -337,9 +339,9 @@ def test_eight_runs_set_a_threshold_that_a_third_more_friction_passes():
 
 
 def test_a_faulty_run_among_the_healthy_is_named():
-    motions = [*healthy_runs(4), *run(66, roughness=0.4), *healthy_runs(1, 5)]
+    motions = [*healthy_runs(3), *run(66, roughness=0.4), *healthy_runs(1, 5)]
     text = refusal(motions)
-    assert text.startswith("Run 66 is unlike the other 5 healthy runs")
+    assert text.startswith("Run 66 is unlike the other 4 healthy runs")
     assert "leave it out" in text
 
 

@@ -52,9 +52,9 @@ def found(report, recordings) -> Detection:
 
 
 def test_identify_and_detect_say_the_same_of_each_recording(report, recordings, found):
-    some = recordings[::2]
+    some = recordings[::3]
     together = ematwin.identify(some, report)
-    for recording, row, other in zip(some, found.motions[::2], together.motions, strict=True):
+    for recording, row, other in zip(some, found.motions[::3], together.motions, strict=True):
         alone = ematwin.identify(recording, report)
         assert row.verdict == other.verdict == alone.verdict
         assert row.magnitudes == other.magnitudes
@@ -79,13 +79,18 @@ def test_drift_of_a_servo_of_another_kind_is_no_fault_either():
     drifting = actuator.changed({place: f * actuator.value(place) for place, f in weak.items()})
     baseline = replace(Baseline.of_template(model_of(actuator), actuator), recordings=3)
     known = ematwin.Calibration(actuator, baseline)
-    (row,) = ematwin.detect([ematwin.simulate(None, None, None, drifting, seed=1)], known).motions
+    half = model_of(actuator).load_scenario(None).lasting(0.56)
+    (row,) = ematwin.detect([ematwin.simulate(None, half, None, drifting, seed=1)], known).motions
     assert not row.alarm
 
 
-def test_a_healthy_population_judges_for_both_commands():
+@pytest.fixture(scope="module")
+def calibration() -> ematwin.Calibration:
     """Of a ball screw: what the twin leaves of healthy recordings was learnt."""
-    calibration = ematwin.calibrate(healthy_runs(4)).calibration
+    return ematwin.calibrate(healthy_runs(4)).calibration
+
+
+def test_a_healthy_population_judges_for_both_commands(calibration):
     assert isinstance(calibration, PopulationCalibration)
     motions = [*rig_run(60, friction=1.3), *rig_run(61, roughness=0.1), *healthy_runs(1, first=101)]
     found = ematwin.detect(motions, calibration)
@@ -100,9 +105,7 @@ def test_a_healthy_population_judges_for_both_commands():
     assert ematwin.identify(motions[0], calibration, exact=True).verdict.faults == ("friction",)
 
 
-def test_an_interrupt_of_the_healthy_population_keeps_what_was_found(monkeypatch):
-    calibration = ematwin.calibrate(healthy_runs(3)).calibration
-
+def test_an_interrupt_of_the_healthy_population_keeps_what_was_found(calibration, monkeypatch):
     def pressed(*_):
         raise KeyboardInterrupt
 
@@ -170,10 +173,10 @@ def test_a_folder_a_glob_and_a_list_are_several_recordings(report, tmp_path):
     (tmp_path / "notes.md").write_text("no recording")
     tables = [
         ematwin.identify(given, report)
-        for given in (tmp_path, str(tmp_path / "*.parquet"), [tmp_path / "day2.parquet"])
+        for given in (tmp_path, str(tmp_path / "*2.parquet"), [tmp_path / "day2.parquet"])
     ]
     names = [[row.name for row in table.motions] for table in tables]
-    assert names == [["day2.parquet", "day10.parquet"]] * 2 + [["day2.parquet"]]
+    assert names == [["day2.parquet", "day10.parquet"], ["day2.parquet"], ["day2.parquet"]]
     assert [row.grade for row in tables[0].motions] == ["healthy", "fault"]
     assert tables[0].motions[1].identification.verdict.faults == ("friction",)
     alone = ematwin.identify(tmp_path / "day2.parquet", report)

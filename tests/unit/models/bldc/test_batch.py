@@ -165,21 +165,6 @@ def test_costs_within_their_limits_are_the_same_bit_for_bit_and_the_others_infin
     np.testing.assert_array_equal(costs, scoring(k, keep=True, by_candidate=constants)[0])
 
 
-def test_candidates_above_their_limits_are_not_simulated_to_the_end(monkeypatch):
-    """After the first segment nobody is left: what follows may be anything."""
-    monkeypatch.setattr(batch, "monitor_scores", batch.monitor_scores.py_func)
-    monkeypatch.setattr(batch, "wide_vectors", lambda: None)
-    steps = []
-
-    def counted(now, *_):  # no current ever flows, which costs something
-        steps.append(1)
-        return now, 0.0
-
-    monkeypatch.setattr(batch, "monitor_step", counted)
-    scoring(random_faults(LANES), keep=False, limits=np.zeros(LANES))
-    assert len(steps) == LANES * batch.SEGMENT * SUBSTEPS
-
-
 # Constants by candidate
 
 
