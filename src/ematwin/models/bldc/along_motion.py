@@ -8,7 +8,8 @@ current belongs to one of them (direct identification; Ljung 1999, System Identi
 The difference of both positions shows on which face of the gap the output lies (`Contact`).
 The reference model has the same equations (docs/models.md).
 
-Positions lie on cubic splines through their samples, whose slopes are the speeds (`counts`).
+Positions lie on cubic splines through their samples, whose slopes are the speeds; counts of an
+encoder on smoothing splines (`counts`).
 """
 
 import copy
@@ -272,7 +273,7 @@ class TorqueBalance:
         motion = motion.smoother(_STEEP)
         self._motion, self._low_pass = motion, LowPass(_SLOW)
         middle = motion.time - 0.5 / motion.rate
-        self._angle = motion.motor(middle)
+        self._angle, self._load = motion.motor(middle), motion.alike(motion.load)
         self._w_m, self._dw_m = motion.motor(middle, 1), motion.motor(middle, 2)
         self._w_o, self._dw_o = motion.output(middle, 1), motion.output(middle, 2)
         self._sines = _SINE * np.sin(motion.angles)
@@ -291,7 +292,7 @@ class TorqueBalance:
 
     def output_torque(self, actuator: Any) -> np.ndarray:
         """Torque (S,) that the output needs, N m."""
-        gear, load, way = actuator.transmission, self._motion.load, np.sign(self._w_o)
+        gear, load, way = actuator.transmission, self._load, np.sign(self._w_o)
         share = np.where(
             way * load > 0.0, 1.0 / gear.efficiency_opposing - 1.0, 1.0 - gear.efficiency_aiding
         )
