@@ -183,7 +183,6 @@ class Controller:
         count = min(len(motion.time), int(_LONGEST * rate) + 1)
         self._grid = grid = TimeGrid(_STEP, INPUT_INTERVAL, (count - 0.5) / rate, rate)
         self._command = np.interp(grid.time, motion.time, motion.command)
-        self._steps = motion.steps
         self._states = np.array([
             motion.motor(grid.time), motion.motor(grid.time, 1), motion.output(grid.time),
         ])  # fmt: skip
@@ -196,12 +195,11 @@ class Controller:
         signed = 0.5 * np.einsum("sk,sk->s", currents, self._motion.shapes[1 : len(currents) + 1])
         return self._low_pass.apply(signed, self._motion.rate)
 
-    def left(self, actuator: Any, faster: float = 1.0, counts: bool = False) -> np.ndarray:
+    def left(self, actuator: Any, faster: float = 1.0) -> np.ndarray:
         """Simulated less recorded current (S - 1,), A; ``faster`` divides the step.
 
-        With ``counts`` the loops know the motion by the counts of encoders. Where within a step
-        these begin, and at which instants, is not known: without, they know the mean speed of a
-        sample time and its filter alone.
+        At which instants an encoder is read, and where its counts begin, is not known: the loops
+        know the mean speed of a sample time and its filter, without the counts.
         """
         grid = self._grid
         # a comparator overshoots by what the current moves in a step
@@ -209,9 +207,7 @@ class Controller:
         substeps = max(1, round(faster * grid.substeps * grid.step / step))
         healthy = np.array([one.healthy for one in UNKNOWNS])
         truer = truer_constants(actuator) or NEUTRAL
-        if counts:
-            truer = truer._replace(motor_step=self._steps[0], output_step=self._steps[1])
-        elif truer.motor_step > 0.0:
+        if truer.motor_step > 0.0:
             truer = truer._replace(motor_step=_FINE_STEP, output_step=0.0)
         angle, speed, _ = self._states[:, 0]
         rest = REST._replace(read=last_reading(truer, angle, speed), speed_seen=speed)
@@ -234,14 +230,10 @@ class Controller:
         return None if other is None else Controller(other, self._low_pass)
 
     def _of_counts(self, actuator: Any) -> float:
-        """Norm of what the counts of an encoder leave, in positions and in the loops, A."""
+        """Norm of what the counts of recorded positions leave, A."""
         if self._anew is None:
             return 0.0
-        here, sampled = self.left(actuator), actuator.speed_loop
-        changes = [self._anew.left(actuator) - here]
-        if sampled is not None and sampled.sample_time > 0.0:
-            changes.append(self.left(actuator, counts=True) - here)
-        return float(np.linalg.norm(changes))
+        return float(np.linalg.norm(self._anew.left(actuator) - self.left(actuator)))
 
     def alike(self, actuator: Any) -> float:
         """Share that simulators of other make and the ripple of a comparator leave.
