@@ -8,7 +8,8 @@ current belongs to one of them (direct identification; Ljung 1999, System Identi
 The difference of both positions shows on which face of the gap the output lies (`Contact`).
 The reference model has the same equations (docs/models.md).
 
-Positions lie on cubic splines through their samples, whose slopes are the speeds (`counts`).
+Positions lie on cubic splines through their samples, whose slopes are the speeds; counts of an
+encoder on smoothing splines (`counts`).
 """
 
 import copy
@@ -182,7 +183,6 @@ class Controller:
         rate = motion.rate
         count = min(len(motion.time), int(_LONGEST * rate) + 1)
         self._grid = grid = TimeGrid(_STEP, INPUT_INTERVAL, (count - 0.5) / rate, rate)
-        self._steps = motion.steps
         self._states = np.array([
             motion.motor(grid.time), motion.motor(grid.time, 1), motion.output(grid.time),
         ])  # fmt: skip
@@ -196,18 +196,12 @@ class Controller:
         return self._low_pass.apply(signed, self._motion.rate)
 
     def left(
-        self,
-        actuator: Any,
-        values: Values | None = None,
-        *,
-        faster: float = 1.0,
-        counts: bool = False,
+        self, actuator: Any, values: Values | None = None, *, faster: float = 1.0
     ) -> np.ndarray:
         """Simulated less recorded current (S - 1,), A; ``faster`` divides the step.
 
-        With ``counts`` the loops know the motion by the counts of encoders. Where within a step
-        these begin, and at which instants, is not known: without, they know the mean speed of a
-        sample time and its filter alone.
+        At which instants an encoder is read, and where its counts begin, is not known: the loops
+        know the mean speed of a sample time and its filter, without the counts.
         """
         grid, motion, given = self._grid, self._motion, values or {}
         command = np.interp(grid.time + given.get("skew", 0.0), motion.time, motion.command)
@@ -215,9 +209,7 @@ class Controller:
         step = actuator.steps.reference if actuator.current_loop is None else grid.step
         substeps = max(1, round(faster * grid.substeps * grid.step / step))
         truer = truer_constants(actuator) or NEUTRAL
-        if counts:
-            truer = truer._replace(motor_step=self._steps[0], output_step=self._steps[1])
-        elif truer.motor_step > 0.0:
+        if truer.motor_step > 0.0:
             truer = truer._replace(motor_step=_FINE_STEP, output_step=0.0)
         angle, speed, _ = self._states[:, 0]
         rest = REST._replace(read=last_reading(truer, angle, speed), speed_seen=speed)
@@ -241,14 +233,10 @@ class Controller:
         return None if other is None else Controller(other, self._low_pass)
 
     def _of_counts(self, actuator: Any) -> float:
-        """Norm of what the counts of an encoder leave, in positions and in the loops, A."""
+        """Norm of what the counts of recorded positions leave, A."""
         if self._anew is None:
             return 0.0
-        here, sampled = self.left(actuator), actuator.speed_loop
-        changes = [self._anew.left(actuator) - here]
-        if sampled is not None and sampled.sample_time > 0.0:
-            changes.append(self.left(actuator, counts=True) - here)
-        return float(np.linalg.norm(changes))
+        return float(np.linalg.norm(self._anew.left(actuator) - self.left(actuator)))
 
     def alike(self, actuator: Any) -> float:
         """Share that simulators of other make and the ripple of a comparator leave.
@@ -280,7 +268,7 @@ class TorqueBalance:
         motion = motion.smoother(_STEEP)
         self._motion, self._low_pass = motion, LowPass(_SLOW)
         middle = motion.time - 0.5 / motion.rate
-        self._angle = motion.motor(middle)
+        self._angle, self._load = motion.motor(middle), motion.alike(motion.load)
         self._w_m, self._dw_m = motion.motor(middle, 1), motion.motor(middle, 2)
         self._w_o, self._dw_o = motion.output(middle, 1), motion.output(middle, 2)
         self._sines = _SINE * np.sin(motion.angles)
@@ -300,7 +288,7 @@ class TorqueBalance:
     def output_torque(self, actuator: Any, values: Values | None = None) -> np.ndarray:
         """Torque (S,) that the output needs, N m."""
         given, gear, way = values or {}, actuator.transmission, np.sign(self._w_o)
-        load = given.get("load_gain", 1.0) * self._motion.load
+        load = given.get("load_gain", 1.0) * self._load
         load = load + given.get("load_offset", 0.0) / gear.ratio
         share = np.where(
             way * load > 0.0, 1.0 / gear.efficiency_opposing - 1.0, 1.0 - gear.efficiency_aiding

@@ -49,8 +49,8 @@ def said_of_steps(recording: Recording, actuator: Any) -> list[str]:
     """A sentence on each position that comes in counts."""
     ratios = (("motor", 1.0), ("output", actuator.transmission.ratio))
     return [
-        f"The {side} position comes in steps, {2.0 * math.pi * ratio / size:,.0f} in a turn: it is "
-        "read as an encoder's, and smoothed."
+        f"The {side} position comes in steps, {2.0 * math.pi * ratio / size:,.0f} in a turn (of an "
+        "encoder, or digits of a file): it is smoothed where speeds are taken from it."
         for (side, ratio), size in zip(ratios, steps_of(recording, actuator), strict=True)
         if size > 0.0
     ]

@@ -187,7 +187,8 @@ def reference_answer(
     so that what follows from it counts as scatter of the reference, in the error of the model and
     where a calibration is judged.
     """
-    drawn = zlib.crc32(repr((len(recording), sorted(values.items()))).encode()) / 2.0**32
+    key = [len(recording), *sorted((name, float(value)) for name, value in values.items())]
+    drawn = zlib.crc32(repr(key).encode()) / 2.0**32
     actuator = actuator.with_arrays({name: x for name, x in values.items() if "." in name})
     ratio, step = actuator.transmission.ratio, actuator.steps.reference
     rate, count = recording.sample_rate, len(recording)

@@ -113,7 +113,8 @@ def test_all_equations_hold_along_the_motion_of_a_simulator_of_other_make(lines,
             f"{type(one).__name__}: {100 * share:.2f} %, noise {100 * least:.2f} %, without its "
             f"forms {100 * without:.1f} %"
         )
-        assert share < (1.5 * least if lines else 0.006)
+        # the loop's own counts come on top of those of the recorded positions
+        assert share < (3.0 * least if lines else 0.006)
         assert max(0.015, share) < without
 
 

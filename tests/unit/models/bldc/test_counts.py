@@ -57,11 +57,7 @@ def test_speed_between_counts_errs_far_less_than_differences_of_counts():
 def test_a_drive_records_its_counts_and_is_told_so():
     actuator = load_actuator("servo48-drive")
     record = simulate("reference", "step", actuator=actuator)
-    said = said_of_steps(record, actuator)
-    assert said == [
-        "The motor position comes in steps, 10,000 in a turn: it is read as an encoder's, and "
-        "smoothed.",
-        "The output position comes in steps, 8,388,608 in a turn: it is read as an encoder's, and "
-        "smoothed.",
-    ]
+    of_motor, of_output = said_of_steps(record, actuator)
+    assert of_motor.startswith("The motor position comes in steps, 10,000 in a turn (of an encoder")
+    assert of_output.startswith("The output position comes in steps, 8,388,608 in a turn")
     assert said_of_steps(simulate("reference", "step"), actuator) == []

@@ -150,10 +150,14 @@ def _encoder(steps: tuple[float, float], ratio: float) -> Form:
     }
 
     def starts(actuator: Any) -> list[Values]:
-        loop = _speed(actuator)
-        if loop["speed_loop.sample_time"] == 0.0:  # as most drives; others are tried then
-            loop = {**loop, "speed_loop.sample_time": 1e-4}
-        return [{**loop, **counts, "encoder.filter_time": time} for time in _FILTER]
+        own = _speed(actuator)
+        # a delay that was found may be the filter's lag
+        prompt = {**own, "speed_loop.sample_time": 1e-4, "speed_loop.delay": 0.0}
+        loops = [own, prompt] if own["speed_loop.sample_time"] > 0.0 else [prompt]
+        return [
+            {**loop, **counts, "encoder.filter_time": time}
+            for loop, time in product(loops, _FILTER)
+        ]
 
     def said(actuator: Any) -> str:
         time = actuator.encoder.filter_time
