@@ -177,6 +177,16 @@ def _learnt(
     )  # fmt: skip
 
 
+def healthy_nuisances(
+    model: Model, actuator: ParameterSet, comparisons: Sequence[Comparison]
+) -> list[Unknown]:
+    """Load and sensors that matter to healthy recordings; the load as a load cell states it."""
+    return [
+        replace(one, spread=_LOAD_GAIN) if one.name == "load_gain" else one
+        for one in effective(model.unknowns(actuator), comparisons)
+    ]
+
+
 def _is_of(n: int, name: str, places: Sequence[str]) -> bool:
     """Whether an unknown is load or sensor of the nth recording."""
     return name not in places and name.partition("@")[2] in ("", str(n))
@@ -245,10 +255,7 @@ class _Fit:
     ) -> "_Fitted":
         """The minimum of all recordings together."""
         beside = [one.with_evidence() for one in comparisons]
-        nuisances = effective(self.model.unknowns(self.template), beside)
-        own = [
-            replace(one, spread=_LOAD_GAIN) if one.name == "load_gain" else one for one in nuisances
-        ]
+        own = healthy_nuisances(self.model, self.template, beside)
         mine = [one.name for one in own]
         problem = Problem(beside, [*self.nominals, *own], own=mine)
         if self.prior is None:

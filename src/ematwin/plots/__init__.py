@@ -12,7 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ematwin.plots.channels import plot_channels, plot_recording
-    from ematwin.plots.design import plot_command, plot_errors
+    from ematwin.plots.design import (
+        plot_command,
+        plot_errors,
+        plot_healthy_tests,
+        plot_learnt_errors,
+    )
     from ematwin.plots.detection import plot_trend
     from ematwin.plots.identifiability import plot_correlation, plot_smallest
     from ematwin.plots.identification import plot_convergence, plot_faults, plot_fit
@@ -28,6 +33,8 @@ _HOMES = {
     "plot_errors": "design",
     "plot_faults": "identification",
     "plot_fit": "identification",
+    "plot_healthy_tests": "design",
+    "plot_learnt_errors": "design",
     "plot_posterior": "uncertainty",
     "plot_profile": "uncertainty",
     "plot_recording": "channels",
@@ -45,6 +52,8 @@ __all__ = [
     "plot_errors",
     "plot_faults",
     "plot_fit",
+    "plot_healthy_tests",
+    "plot_learnt_errors",
     "plot_posterior",
     "plot_profile",
     "plot_recording",

@@ -1,8 +1,10 @@
 """Page: a calibration. The shell shows its table and sentences."""
 
 import math
+import shlex
 from typing import Any
 
+from ematwin.models.registry import model_of
 from ematwin.monitoring.calibration_report import CalibrationReport
 from ematwin.monitoring.population_calibration import PopulationCalibration
 from ematwin.plots.style import BLUE, GREY, PALE, styled
@@ -72,8 +74,11 @@ def forms_sentences(report: CalibrationReport) -> list[str]:
     return [*([known.forms] if known.forms else []), *([absent] if known.absent_forms else [])]
 
 
-def open_sentences(report: CalibrationReport) -> list[str]:
-    """Which parameters are not determined, known together only, or not fitted."""
+def open_sentences(report: CalibrationReport, file: str = "CALIBRATED.toml") -> list[str]:
+    """Which parameters are not determined, known together only, or not fitted.
+
+    ``file`` is that of the calibration, for the command that proposes tests.
+    """
     if not report.parameters:
         return []
     fitted = {p.place for p in report.parameters}
@@ -87,7 +92,15 @@ def open_sentences(report: CalibrationReport) -> list[str]:
         said.insert(
             0,
             f"These recordings do not determine {', '.join(missing)}: they stay within the "
-            "tolerances of the template.",
+            "tolerances of the template."
+            + (
+                ""
+                if model_of(report.actuator).recordings_differ
+                else (
+                    " Tests that would: "
+                    f"ematwin design --learn --actuator {shlex.quote(file)} --out test.toml"
+                )
+            ),
         )
     return [*said, f"Not fitted, as in the template: {', '.join(fixed)}."]
 
