@@ -141,16 +141,15 @@ def _learnt(
     floor = expected_misfit(comparisons, model.command)
     fit = _Fit(model, forms.actuator, nominals, floor, forms.prior)
     found = fit.run(comparisons, lambda share: progress(0.2 + 0.5 * share))
-    beyond = _beyond_tolerance(found, nominals, template)
+    beyond = _beyond_tolerance(found.values, nominals, template)
     if beyond and not found.explains(floor):
         # the sheet may be of another motor: anew without its word on what contradicts it
         wide = [replace(o, spread=_WRONG) if o.name in beyond else o for o in nominals]
         other = replace(fit, nominals=wide)
         again = other.run(comparisons, lambda share: progress(0.7 + 0.1 * share))
         if again.misfit < found.misfit:
-            fit, found, beyond = other, again, _beyond_tolerance(again, nominals, template)
+            fit, found, beyond = other, again, _beyond_tolerance(again.values, nominals, template)
     end, misfit, alone, jitter = found
-    peak, problem = end.peak, end.peak.problem
     if misfit > max(_TOGETHER * alone, EXPLAINED) and len(comparisons) > 1:
         _refuse_odd(fit, comparisons, misfit)
     progress(0.8)
@@ -163,7 +162,7 @@ def _learnt(
             "another actuator or a worn one, which identify judges by the template, or the "
             "template lacks something that this actuator has, such as its loops."
         )
-    values = dict(zip(problem.names, peak.point.tolist(), strict=True))
+    values = found.values
     actuator = forms.actuator.changed({place: values[place] for place in places})
     prior = _prior(end, places)
     baseline = Baseline(
@@ -244,6 +243,11 @@ class _Fitted(NamedTuple):
     misfit: float
     alone: float
     scatter: float
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Values of all unknowns by name."""
+        return self.end.peak.problem.values(self.end.peak.point)
 
     def explains(self, floor: float) -> bool:
         """Whether little more is left than a misfit (``floor``) and the scatter do."""
@@ -390,14 +394,15 @@ def _prior(end: Corrected, places: Sequence[str]) -> Prior:
 
 
 def _beyond_tolerance(
-    found: _Fitted, nominals: Sequence[Unknown], template: ParameterSet
+    values: Mapping[str, float], nominals: Sequence[Unknown], template: ParameterSet
 ) -> dict[str, str]:
     """Sentences by place on parameters beyond their tolerances, the furthest first."""
     told = []
-    for one, value in zip(nominals, found.end.peak.point.tolist(), strict=False):
+    for one in nominals:
         if template.parameter(one.name) is None:  # of a form that was found
             continue
         assert one.spread is not None
+        value = values[one.name]
         away = abs(math.log(value / one.healthy)) / one.spread
         if away > IMPLAUSIBLE:
             told.append((
@@ -412,8 +417,8 @@ def _beyond_tolerance(
 def _as_finding(sentence: str) -> str:
     """What to do about a parameter beyond its tolerance where the recordings are explained."""
     return (
-        f"{sentence} The twin explains them so: check the sheet and what is built in. If this "
-        "actuator may be worn, do not learn from it: identify judges it by the template."
+        f"{sentence} Check the sheet and what is built in. If this actuator may be worn, do not "
+        "learn from it: identify judges it by the template."
     )
 
 

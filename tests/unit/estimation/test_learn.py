@@ -128,7 +128,7 @@ def test_a_sheet_of_another_motor_is_a_finding_where_the_twin_explains_the_rest(
     found = next(one for one in learnt.parameters if one.place == place)
     assert found.determined
     assert abs(found.value - TEMPLATE.value(place)) < 2.0 * found.standard_error
-    assert any(f"{place} at" in note and "check the sheet" in note for note in learnt.notes)
+    assert any(f"{place} at" in note and "Check the sheet" in note for note in learnt.notes)
 
 
 # What needs no search

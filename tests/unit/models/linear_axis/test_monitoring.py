@@ -40,5 +40,5 @@ def test_asymmetry_of_all_friction_is_known_better_than_that_of_its_parts():
 def test_calibrating_on_a_worn_axis_says_what_to_do_instead():
     worn = [run(n, dry_asymmetry=1.3, viscous_asymmetry=1.3) for n in range(3)]
     said = " ".join(ematwin.calibrate(worn, AXIS).notes)
-    assert re.search(r"put friction\.\w+_ratio at 1\.\d+, where the template has", said)
+    assert re.search(r"put friction\.\w+_ratio at 1\.\d+, 1\.\d+ times the 1 of the template", said)
     assert "may be worn, do not learn from it: identify" in said
