@@ -32,7 +32,9 @@ from ematwin.estimation.constants import (
     IMPLAUSIBLE,
     SAME_COMMAND,
     SEARCHED,
+    TWO_SIGMA,
     WORSE,
+    WORST,
 )
 from ematwin.estimation.correction import ROUNDS, Corrected, corrected, reweighed, with_model_error
 from ematwin.estimation.descent import Descent
@@ -78,6 +80,8 @@ class Learnt:
     parameters : fitted ones, and whether they are determined
     tied : groups of places whose ratios or products alone are known
     notes : sentences on doubts
+    forms : that were looked for; None of kinds without
+    nuisances : values of load and sensors by name, of each recording; empty of kinds without
     """
 
     actuator: ParameterSet
@@ -85,6 +89,8 @@ class Learnt:
     parameters: list[NominalParameter]
     tied: list[tuple[str, ...]]
     notes: list[str]
+    forms: FoundForms | None = None
+    nuisances: Sequence[Mapping[str, float]] = ()
 
 
 def learn(
@@ -142,13 +148,17 @@ def _learnt(
     fit = _Fit(model, forms.actuator, nominals, floor, forms.prior)
     found = fit.run(comparisons, lambda share: progress(0.2 + 0.5 * share))
     beyond = _beyond_tolerance(found.values, nominals, template)
-    if beyond and not found.explains(floor):
+    # as it is, the twin would judge nothing: what a tolerance holds back may be what is wrong
+    hopeless = found.misfit > WORST
+    pulled = _beyond_tolerance(found.values, nominals, template, TWO_SIGMA) if hopeless else beyond
+    if pulled and not found.explains(floor):
         # the sheet may be of another motor: anew without its word on what contradicts it
-        wide = [replace(o, spread=_WRONG) if o.name in beyond else o for o in nominals]
+        wide = [replace(one, spread=_WRONG) if one.name in pulled else one for one in nominals]
         other = replace(fit, nominals=wide)
         again = other.run(comparisons, lambda share: progress(0.7 + 0.1 * share))
         if again.misfit < found.misfit:
-            fit, found, beyond = other, again, _beyond_tolerance(again.values, nominals, template)
+            fit, found = other, again
+            beyond = _beyond_tolerance(again.values, nominals, template)
     end, misfit, alone, jitter = found
     if misfit > max(_TOGETHER * alone, EXPLAINED) and len(comparisons) > 1:
         _refuse_odd(fit, comparisons, misfit)
@@ -185,6 +195,8 @@ def _learnt(
         _parameters(forms.actuator, fit.nominals, prior),
         _tied(prior),
         [*map(_as_finding, beyond.values()), *_notes(misfit, floor)],
+        forms,
+        beside,
     )  # fmt: skip
 
 
@@ -394,9 +406,12 @@ def _prior(end: Corrected, places: Sequence[str]) -> Prior:
 
 
 def _beyond_tolerance(
-    values: Mapping[str, float], nominals: Sequence[Unknown], template: ParameterSet
+    values: Mapping[str, float],
+    nominals: Sequence[Unknown],
+    template: ParameterSet,
+    sigmas: float = IMPLAUSIBLE,
 ) -> dict[str, str]:
-    """Sentences by place on parameters beyond their tolerances, the furthest first."""
+    """Sentences by place on parameters further than ``sigmas`` off, the furthest first."""
     told = []
     for one in nominals:
         if template.parameter(one.name) is None:  # of a form that was found
@@ -404,7 +419,7 @@ def _beyond_tolerance(
         assert one.spread is not None
         value = values[one.name]
         away = abs(math.log(value / one.healthy)) / one.spread
-        if away > IMPLAUSIBLE:
+        if away > sigmas:
             told.append((
                 away, one.name,
                 f"The recordings put {one.name} at {said(value, one.unit)}, "
