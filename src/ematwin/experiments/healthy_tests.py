@@ -113,7 +113,7 @@ class HealthyTests:
         if not self.tests:
             return (
                 "No test within the limits tells more of the parameters than is known. Raise a "
-                "limit with --limit, or take a longer --duration."
+                "limit, or take a longer duration."
             )
         before, left, count = (
             self.open_after(self.known), self.open_after(self.after), len(self.known)
@@ -133,8 +133,8 @@ class HealthyTests:
         if not left:
             return ""
         return (
-            f"No test within the limits determines {', '.join(left)}: they stay within their "
-            "tolerances. Higher limits, a longer test or further recorded channels may."
+            f"Not determined by any test within the limits: {', '.join(left)}. Higher limits, a "
+            "longer test or further recorded channels may do it."
         )
 
     @property

@@ -113,7 +113,7 @@ def test_each_test_lowers_errors_and_keeps_the_limits(proposed) -> None:
 
 def test_what_nothing_depends_on_stays_open(proposed) -> None:
     assert proposed.open_after(proposed.after) == ["drag.unseen"]
-    assert "determines drag.unseen: " in proposed.open_sentence
+    assert "any test within the limits: drag.unseen." in proposed.open_sentence
     page = healthy_tests_page(proposed)
     assert proposed.tests[0].scenario.description in page
     assert proposed.plot("errors").data
