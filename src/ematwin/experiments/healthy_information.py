@@ -2,8 +2,10 @@
 
 The recording is simulated. The covariance C that the parameters would have after it is that which a
 calibration states (`ematwin.estimation.correction`): by the Jacobian and the noise, with load and
-sensors integrated out, and with the error of the fast model within that width. With P the inverse
-covariance of what is known now, the information is C^-1 - P. That of several recordings adds up.
+sensors integrated out, and with the error of the fast model within that width. The scatter of the
+reference from one candidate to the next counts as discrepancy (`Problem.scatter`, `model_error`).
+With P the inverse covariance of what is known, the information is C^-1 - P. That of several
+recordings adds up.
 """
 
 import math
@@ -120,9 +122,11 @@ def _seen(experiment: Experiment, known: Knowledge, recording: Recording) -> np.
     corrected = problem.corrected(problem.start)
     near = corrected or problem
     left = near.noise_at(misfit) if math.isfinite(misfit) else 0.0  # what the twin leaves of others
+    # behind impacts the reference changes from one candidate to the next: no calibration gets below
+    scatter = problem.model_error * near.noise_at(problem.scatter(problem.start))
     peak = width_at(
         near, near.start, aliases=aliases_of(model, actuator, near, near.start),
-        least_noise=max(near.noise, left),
+        least_noise=max(near.noise, left, scatter),
     )  # fmt: skip
     end = Corrected(peak, 0 if corrected is None else 1, np.zeros((1, len(peak.z))))
     mine = slice(len(known.unknowns))
