@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from ematwin.errors import EmatwinError
     from ematwin.experiments.design import design
     from ematwin.experiments.discriminate import discriminate
+    from ematwin.experiments.healthy_tests import healthy_tests
     from ematwin.experiments.identifiability import identifiability
     from ematwin.exploring.explore import explore
     from ematwin.fleet.fleet import Fleet
@@ -53,6 +54,7 @@ _HOMES = {
     "discriminate": "ematwin.experiments.discriminate",
     "explore": "ematwin.exploring.explore",
     "export_fmu": "ematwin.fmu.export",
+    "healthy_tests": "ematwin.experiments.healthy_tests",
     "identifiability": "ematwin.experiments.identifiability",
     "identify": "ematwin.monitoring.identify",
     "load_actuator": "ematwin.models.registry",
@@ -104,6 +106,7 @@ __all__ = [
     "discriminate",
     "explore",
     "export_fmu",
+    "healthy_tests",
     "identifiability",
     "identify",
     "load_actuator",

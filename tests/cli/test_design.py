@@ -58,6 +58,7 @@ def test_what_identify_leaves_is_taken_from_its_answer(ematwin, tmp_path: Path) 
         (["--limit", "current=3 V"], "--limit current must have a unit of the kind A"),
         (["--discriminate", "friction=1"], "needs two explanations"),
         (["--duration", "0 s"], "--duration must be a positive number"),
+        (["--learn"], "--learn proposes tests of the healthy actuator and takes no --exact"),
     ],
 )
 def test_wrong_input_gets_one_sentence(
@@ -67,4 +68,20 @@ def test_wrong_input_gets_one_sentence(
     assert answer.code == 2
     assert re.fullmatch(r"Error: [^\n]*[.?]\n", answer.err), answer.err
     assert said in answer.err
+    assert not (tmp_path / "test.toml").exists()
+
+
+def test_healthy_tests_are_written_numbered(ematwin, tmp_path: Path) -> None:
+    learn = ("design", "--learn", "--actuator", "rm1605", "--duration", "4 s", "--out", "test.toml")
+    answer = ematwin(*learn, "--report", "page.html")
+    assert answer.code == 0, answer.err
+    assert "screw.friction_force" in answer.out
+    assert "give ematwin calibrate all healthy recordings" in " ".join(answer.out.split())
+    for name in ("test.toml", "test-2.toml", "test-3.toml"):
+        assert Scenario.load_file(tmp_path / name).duration == 4.0
+    assert "Expected standard error" in (tmp_path / "page.html").read_text(encoding="utf-8")
+    (tmp_path / "test.toml").unlink()
+    again = ematwin(*learn)
+    assert again.code == 2
+    assert "test-2.toml exists" in again.err
     assert not (tmp_path / "test.toml").exists()

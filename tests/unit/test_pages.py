@@ -17,7 +17,7 @@ from ematwin.benchmarking.page import study_page
 from ematwin.benchmarking.store import open_store
 from ematwin.report.calibration import calibration_page
 from ematwin.report.comparison import comparison_page
-from ematwin.report.design import design_page, discrimination_page
+from ematwin.report.design import design_page, discrimination_page, healthy_tests_page
 from ematwin.report.detection import detection_page
 from ematwin.report.identifiability import identifiability_page
 from ematwin.report.identification import identification_page
@@ -33,6 +33,7 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     faulty = ematwin.simulate(actuator="rm1605", faults={"friction": 2.0})
     healthy = ematwin.simulate(actuator="rm1605")
     found = ematwin.identify(faulty, "rm1605", exact=True)
+    axis = ematwin.calibrate(ematwin.simulate(actuator="emps", noise=0.01), "emps")
     shutil.copy(STORE, folder / "study.db")
     with open_store(folder / "study.db") as store:
         study = analyse(store.runs())
@@ -51,7 +52,8 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
         ),
         "simulate": comparison_page(faulty, healthy, {"friction": 2.0}, found.actuator),
         "detect": detection_page(detection(30)),
-        "calibrate": calibration_page(ematwin.calibrate(healthy, "rm1605")),
+        "calibrate": calibration_page(axis),
+        "learn": healthy_tests_page(ematwin.healthy_tests(axis)),
         "compare": study_page(study),
     }
 
@@ -71,7 +73,7 @@ def seen(
 @pytest.mark.parametrize(
     "name",
     ["identify", "identify, profile", "identify, posterior", "simulate", "detect", "compare",
-     "calibrate", "identifiability", "design", "discriminate"],
+     "calibrate", "learn", "identifiability", "design", "discriminate"],
 )  # fmt: skip
 def test_nothing_is_cut_or_wrong_at_any_width(
     pages: dict[str, str], seen: dict[str, dict[int, dict[str, Any]]], name: str

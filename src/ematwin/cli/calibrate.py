@@ -102,14 +102,14 @@ def calibrate(
             {**found.as_dict(), "out": out, "assumed": assumed, "warnings": doubtful}
         )
         return
-    print_calibration(found)
+    print_calibration(found, out)
     options.print_notes("Assumed", assumed)
     options.print_notes("Warning", doubtful)
     options.print_written(out, report)
 
 
-def print_calibration(report: "CalibrationReport") -> None:
-    """Print fitted parameters, undetermined ones, and the spread between runs."""
+def print_calibration(report: "CalibrationReport", out: Path) -> None:
+    """Print fitted parameters, undetermined ones, and the spread of runs; ``out`` was written."""
     from ematwin.report.calibration import (
         forms_sentences,
         misfit_sentence,
@@ -125,7 +125,7 @@ def print_calibration(report: "CalibrationReport") -> None:
         rows = [row.cells[:columns] for row in shown.rows]
         options.print_table("Parameters", shown.header[:columns], rows, texts=("",), width=110)
     for sentence in (
-        *forms_sentences(report), *open_sentences(report), misfit_sentence(report),
+        *forms_sentences(report), *open_sentences(report, str(out)), misfit_sentence(report),
         *spread_sentences(report)
     ):  # fmt: skip
         if sentence:

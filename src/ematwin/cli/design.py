@@ -1,5 +1,5 @@
-"""``ematwin design``: the test command with the smallest errors, or that tells two explanations
-apart.
+"""``ematwin design``: the test command with the smallest errors, that tells two explanations apart,
+or from which the parameters of the healthy actuator can be learnt.
 """
 
 import json as json_text
@@ -12,6 +12,7 @@ from ematwin.cli import options
 
 if TYPE_CHECKING:
     from ematwin.experiments.design import Design
+    from ematwin.experiments.healthy_tests import HealthyTests
     from ematwin.models.parameter_set import ParameterSet
 
 _RECORDED = (".csv", ".parquet")
@@ -59,6 +60,14 @@ def design(
             "and motor.emf_constant=0.071; or once, an answer of identify --json or a recording."
         ),
     ] = None,
+    learn: Annotated[
+        bool,
+        typer.Option(
+            "--learn",
+            help="Propose tests of the healthy actuator instead, which determine the parameters "
+            "that its calibration, or its data sheet, leaves open.",
+        ),
+    ] = False,
     budget: Annotated[
         int | None, typer.Option(help="Commands to look at; a minute's worth if not given.", min=1)
     ] = None,
@@ -68,7 +77,7 @@ def design(
     units: options.UnitsOption = None,
     json: options.JsonOption = False,
 ) -> None:
-    """Find the test command with which the faults of an actuator are identified best."""
+    """Find the test command with which faults, or parameters, of an actuator are found best."""
     from ematwin.errors import InputError
     from ematwin.files import check_target, write_text
     from ematwin.models.registry import load_actuator
@@ -82,11 +91,39 @@ def design(
         "scenario": scenario,
         "duration": None if duration is None else parse_quantity(duration, "s", "--duration"),
         "noise": None if noise is None else Noise.parse(noise),
-        "exact": exact,
         "seed": seed,
-        "budget": budget,
         **_limits(limit or [], chosen),
     }
+    if learn:
+        given = {
+            "--fault": fault is not None, "--at": at, "--check": check, "--exact": exact,
+            "--trials": trials is not None, "--budget": budget is not None,
+            "--discriminate": discriminate,
+        }  # fmt: skip
+        wrong = [name for name, wanted in given.items() if wanted]
+        if wrong:
+            raise InputError(
+                f"--learn proposes tests of the healthy actuator and takes no {wrong[0]}; leave it "
+                "out."
+            )
+        from ematwin.experiments.healthy_tests import TESTS, healthy_tests, numbered
+        from ematwin.report.design import healthy_tests_page
+
+        for one in numbered(out, TESTS):
+            check_target(one, (".toml",), replace=force)
+
+        with options.progress_bar("Comparing tests", not json) as share:
+            tests = healthy_tests(actuator, progress=share, **settings)
+        written = tests.save(out, replace=force)
+        if report is not None:
+            write_text(report, healthy_tests_page(tests))
+        if json:
+            options.print_json({**tests.as_dict(), "out": written, "report": report})
+            return
+        _print_tests(tests, written)
+        options.print_written(*written, report)
+        return
+    settings |= {"exact": exact, "budget": budget}
     if discriminate:
         if fault is not None or at or check or trials is not None:
             raise InputError(
@@ -199,6 +236,22 @@ def _answer(path: Path) -> tuple[dict[str, float], list[dict[str, float]]]:
         raise InputError(
             f"{path} is no answer of ematwin identify --json; write one with it."
         ) from None
+
+
+def _print_tests(found: "HealthyTests", written: list[Path]) -> None:
+    from ematwin.report.design import LEARNT, learnt_table, tests_table
+
+    typer.echo(found.sentence)
+    if not found.tests:
+        return
+    shown = tests_table(found, [path.name for path in written])
+    rows = [row.cells for row in shown.rows]
+    options.print_table("Tests", shown.header, rows, texts=("test", "improves most"), width=170)
+    shown = learnt_table(found)
+    options.print_table(LEARNT, shown.header, [row.cells for row in shown.rows])
+    for sentence in (found.open_sentence, found.next_sentence):
+        if sentence:
+            typer.echo(sentence)
 
 
 def _print(found: "Design") -> None:

@@ -47,6 +47,7 @@ class FoundForms:
     ----------
     actuator : template with their sections
     found : the forms found, a phrase each
+    explained : what each lowers the share that is left, when it joins
     absent : names of those that were tried and explain nothing
     before, after : share of the recordings' energy that the equations leave without and with them
     prior : of all that the equations hold, forms and parameters of the file, by logarithms; None of
@@ -55,6 +56,7 @@ class FoundForms:
 
     actuator: ParameterSet
     found: tuple[str, ...] = ()
+    explained: tuple[float, ...] = ()
     absent: tuple[str, ...] = ()
     before: float = 0.0
     after: float = 0.0
@@ -235,6 +237,7 @@ class _Selection:
         fit = plain = self._fitted(known.actuator, places)
         rest = [form for form in first.forms if form not in stated]
         found: list[Form] = []
+        gains: list[float] = []
         absent: list[Form] = []
         while rest and fit.cost > AS_GOOD**2 * self._least(fit.actuator):
             starts = [(form, one) for form in rest for one in form.starts(fit.actuator)]
@@ -245,12 +248,14 @@ class _Selection:
             rest.remove(form)
             more = self._chosen(self._fitted(start, (*fit.places, *form.fitted)), [*found, form])
             if more.cost < (1.0 - _MATTERS) * fit.cost and more.beats(fit):
+                gains.append(fit.cost - more.cost)
                 fit = more
                 found.append(form)
                 rest, absent = [*rest, *absent], []
             else:
                 absent.append(form)
         told = self._told(plain, fit, found, absent)
+        told = replace(told, explained=(*self._known.explained, *gains))
         alike = sum((one.alike(fit.actuator) * one.size) ** 2 for one in self._equations)
         return told, replace(fit, alike=alike / self._size**2)
 
@@ -270,7 +275,7 @@ class _Selection:
         known = self._known
         every = (*known.absent, *(form.name for form in absent))
         if not found:
-            return FoundForms(known.actuator, known.found, every, known.before, known.after)
+            return replace(known, absent=every)
         sections = {place.partition(".")[0] for form in found for place in form.places}
         values = {
             place: value
@@ -282,12 +287,13 @@ class _Selection:
         except EmatwinError:  # unstable with the file's gains, and not with those fitted beside
             fitted = {place: fit.actuator.value(place) for place in fit.places}
             actuator = known.actuator.changed({**values, **fitted})
-        return FoundForms(
-            actuator,
-            (*known.found, *(form.said(fit.actuator) for form in found)),
-            every,
-            known.before + plain.cost,
-            known.after + fit.cost,
+        return replace(
+            known,
+            actuator=actuator,
+            found=(*known.found, *(form.said(fit.actuator) for form in found)),
+            absent=every,
+            before=known.before + plain.cost,
+            after=known.after + fit.cost,
         )
 
     def _left(self, actuator: ParameterSet) -> list[np.ndarray]:

@@ -10,6 +10,7 @@ some parameters only ratios or products come out; that is enough for faults, whi
 against healthy, and is said where physical values are shown.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -30,7 +31,10 @@ from ematwin.estimation.constants import (
     EXPLAINED,
     IMPLAUSIBLE,
     SAME_COMMAND,
+    SEARCHED,
+    TWO_SIGMA,
     WORSE,
+    WORST,
 )
 from ematwin.estimation.correction import ROUNDS, Corrected, corrected, reweighed, with_model_error
 from ematwin.estimation.descent import Descent
@@ -47,6 +51,7 @@ from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Alias, Unknown
 from ematwin.recordings.recording import Recording
+from ematwin.showing.numbers import said
 
 Progress = Callable[[float], None]
 
@@ -60,6 +65,7 @@ _ROUNDS = 5  # at most, where equations have said where: each takes 4 s of CPU f
 _REACHES = (4.0,)  # standard errors at which the misfit along a parameter is looked at
 _TIED = 0.9  # correlation of two parameters of which only ratio or product is known
 _COMMANDS = 2  # different ones that the search looks at
+_WRONG = math.log(3.0) / SEARCHED  # width of what a sheet may have wrong: to three times
 _LOAD_GAIN = 0.01  # while calibrating the load is taken as a load cell states it
 
 
@@ -74,6 +80,8 @@ class Learnt:
     parameters : fitted ones, and whether they are determined
     tied : groups of places whose ratios or products alone are known
     notes : sentences on doubts
+    forms : that were looked for; None of kinds without
+    nuisances : values of load and sensors by name, of each recording; empty of kinds without
     """
 
     actuator: ParameterSet
@@ -81,6 +89,8 @@ class Learnt:
     parameters: list[NominalParameter]
     tied: list[tuple[str, ...]]
     notes: list[str]
+    forms: FoundForms | None = None
+    nuisances: Sequence[Mapping[str, float]] = ()
 
 
 def learn(
@@ -136,22 +146,33 @@ def _learnt(
     nominals = uncertain(model, forms.actuator)
     floor = expected_misfit(comparisons, model.command)
     fit = _Fit(model, forms.actuator, nominals, floor, forms.prior)
-    end, misfit, alone, jitter = fit.run(comparisons, lambda share: progress(0.2 + 0.75 * share))
-    peak, problem = end.peak, end.peak.problem
+    found = fit.run(comparisons, lambda share: progress(0.2 + 0.5 * share))
+    beyond = _beyond_tolerance(found.values, nominals, template)
+    # as it is, the twin would judge nothing: what a tolerance holds back may be what is wrong
+    hopeless = found.misfit > WORST
+    pulled = _beyond_tolerance(found.values, nominals, template, TWO_SIGMA) if hopeless else beyond
+    if pulled and not found.explains(floor):
+        # the sheet may be of another motor: anew without its word on what contradicts it
+        wide = [replace(one, spread=_WRONG) if one.name in pulled else one for one in nominals]
+        other = replace(fit, nominals=wide)
+        again = other.run(comparisons, lambda share: progress(0.7 + 0.1 * share))
+        if again.misfit < found.misfit:
+            fit, found = other, again
+            beyond = _beyond_tolerance(again.values, nominals, template)
+    end, misfit, alone, jitter = found
     if misfit > max(_TOGETHER * alone, EXPLAINED) and len(comparisons) > 1:
         _refuse_odd(fit, comparisons, misfit)
     progress(0.8)
     places = [one.name for one in nominals]
     floor = float(np.hypot(floor, jitter))
-    beyond = _beyond_tolerance(problem, peak, nominals, template)
     if beyond and misfit > WORSE * floor:
         raise RecordError(
-            f"{beyond[0]} Even so the twin leaves {100.0 * misfit:.1f} % of the recordings "
-            f"unexplained, where noise would leave {100.0 * floor:.1f} %. They are of another "
-            "actuator or a worn one, which identify judges by the template, or the template lacks "
-            "something that this actuator has, such as its loops."
+            f"{next(iter(beyond.values()))} Even so the twin leaves {100.0 * misfit:.1f} % of the "
+            f"recordings unexplained, where noise would leave {100.0 * floor:.1f} %. They are of "
+            "another actuator or a worn one, which identify judges by the template, or the "
+            "template lacks something that this actuator has, such as its loops."
         )
-    values = dict(zip(problem.names, peak.point.tolist(), strict=True))
+    values = found.values
     actuator = forms.actuator.changed({place: values[place] for place in places})
     prior = _prior(end, places)
     baseline = Baseline(
@@ -171,10 +192,22 @@ def _learnt(
     progress(1.0)
     return Learnt(
         actuator, replace(baseline, scatter=scatter),
-        _parameters(forms.actuator, nominals, prior),
+        _parameters(forms.actuator, fit.nominals, prior),
         _tied(prior),
-        [*map(_as_finding, beyond), *_notes(misfit, floor)],
+        [*map(_as_finding, beyond.values()), *_notes(misfit, floor)],
+        forms,
+        beside,
     )  # fmt: skip
+
+
+def healthy_nuisances(
+    model: Model, actuator: ParameterSet, comparisons: Sequence[Comparison]
+) -> list[Unknown]:
+    """Load and sensors that matter to healthy recordings; the load as a load cell states it."""
+    return [
+        replace(one, spread=_LOAD_GAIN) if one.name == "load_gain" else one
+        for one in effective(model.unknowns(actuator), comparisons)
+    ]
 
 
 def _is_of(n: int, name: str, places: Sequence[str]) -> bool:
@@ -223,6 +256,15 @@ class _Fitted(NamedTuple):
     alone: float
     scatter: float
 
+    @property
+    def values(self) -> dict[str, float]:
+        """Values of all unknowns by name."""
+        return self.end.peak.problem.values(self.end.peak.point)
+
+    def explains(self, floor: float) -> bool:
+        """Whether little more is left than a misfit (``floor``) and the scatter do."""
+        return self.misfit <= WORSE * math.hypot(floor, self.scatter)
+
 
 @dataclass(frozen=True)
 class _Fit:
@@ -245,10 +287,7 @@ class _Fit:
     ) -> "_Fitted":
         """The minimum of all recordings together."""
         beside = [one.with_evidence() for one in comparisons]
-        nuisances = effective(self.model.unknowns(self.template), beside)
-        own = [
-            replace(one, spread=_LOAD_GAIN) if one.name == "load_gain" else one for one in nuisances
-        ]
+        own = healthy_nuisances(self.model, self.template, beside)
         mine = [one.name for one in own]
         problem = Problem(beside, [*self.nominals, *own], own=mine)
         if self.prior is None:
@@ -367,30 +406,34 @@ def _prior(end: Corrected, places: Sequence[str]) -> Prior:
 
 
 def _beyond_tolerance(
-    problem: Problem, peak: Laplace, nominals: Sequence[Unknown], template: ParameterSet
-) -> list[str]:
-    """Sentences on parameters that the tolerances of a template exclude, the furthest first."""
-    found = []
-    for n, one in enumerate(nominals):
+    values: Mapping[str, float],
+    nominals: Sequence[Unknown],
+    template: ParameterSet,
+    sigmas: float = IMPLAUSIBLE,
+) -> dict[str, str]:
+    """Sentences by place on parameters further than ``sigmas`` off, the furthest first."""
+    told = []
+    for one in nominals:
         if template.parameter(one.name) is None:  # of a form that was found
             continue
         assert one.spread is not None
-        away = abs(np.log(peak.point[n] / one.healthy)) / one.spread
-        if away > IMPLAUSIBLE:
-            unit = f" {one.unit}".rstrip()
-            found.append((
-                away,
-                f"The recordings put {one.name} at {peak.point[n]:.4g}{unit}, where the template "
-                f"has {one.healthy:.4g}{unit} within {100.0 * np.expm1(2 * one.spread):.0f} %.",
+        value = values[one.name]
+        away = abs(math.log(value / one.healthy)) / one.spread
+        if away > sigmas:
+            told.append((
+                away, one.name,
+                f"The recordings put {one.name} at {said(value, one.unit)}, "
+                f"{value / one.healthy:.2g} times the {said(one.healthy, one.unit)} of the "
+                f"template, whose tolerance is {100.0 * math.expm1(2 * one.spread):.0f} %.",
             ))  # fmt: skip
-    return [text for _, text in sorted(found, reverse=True)]
+    return {name: text for _, name, text in sorted(told, reverse=True)}
 
 
 def _as_finding(sentence: str) -> str:
     """What to do about a parameter beyond its tolerance where the recordings are explained."""
     return (
-        f"{sentence} The twin explains them so; check the sheet and what is built in. If this "
-        "actuator may be worn, do not learn from it: identify judges it by the template."
+        f"{sentence} Check the sheet and what is built in. If this actuator may be worn, do not "
+        "learn from it: identify judges it by the template."
     )
 
 

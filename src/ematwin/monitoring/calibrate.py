@@ -21,7 +21,7 @@ from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.registry import load_actuator, model_of
 from ematwin.monitoring.by_population import by_population
 from ematwin.monitoring.calibration import Calibration
-from ematwin.monitoring.calibration_report import CalibrationReport
+from ematwin.monitoring.calibration_report import Basis, CalibrationReport
 from ematwin.monitoring.gather import Given, actuator_of, recordings_of
 from ematwin.monitoring.healthy import HealthyRuns, Learning, without_own_share
 from ematwin.monitoring.learn_population import (
@@ -171,7 +171,7 @@ def _calibrated(
             notes.append(f"{few} Without that, ematwin detect cannot judge.")
         return CalibrationReport(
             Calibration(actuator, learnt.baseline), parameters, learnt.tied, learnt_runs,
-            notes=tuple(notes),
+            notes=tuple(notes), basis=Basis(chosen, few_of_them, learnt.nuisances, learnt.forms),
         )  # fmt: skip
     bench = Bench(model, actuator, healthy, command, interval, settling, first.layout.channels)
     layout = bench.layout

@@ -1,19 +1,40 @@
 """Result of a calibration: parameters, how well they are known, and warnings."""
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from ematwin import __version__
 from ematwin.estimation.baseline import Baseline
+from ematwin.estimation.forms import FoundForms
 from ematwin.estimation.nominal import NominalParameter
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.monitoring.calibration import Calibration
 from ematwin.monitoring.population_calibration import PopulationCalibration
+from ematwin.recordings.recording import Recording
 from ematwin.showing import markup
-from ematwin.showing.drawing import page_written
+from ematwin.showing.drawing import drawn, page_written
 from ematwin.showing.frames import frame_of_rows
+
+
+@dataclass(frozen=True)
+class Basis:
+    """Template and recordings of a calibration, for its page.
+
+    Attributes
+    ----------
+    template : ParameterSet
+    recordings : healthy ones that the parameters were fitted to
+    nuisances : values of load and sensors by name, of each recording
+    forms : that were looked for; None of kinds without
+    """
+
+    template: ParameterSet
+    recordings: Sequence[Recording]
+    nuisances: Sequence[Mapping[str, float]]
+    forms: FoundForms | None
 
 
 @dataclass(frozen=True)
@@ -30,6 +51,7 @@ class CalibrationReport:
         runs; of logarithms for multiples of healthy, else SI
     false_alarms : share of the recordings so judged above the threshold
     notes : sentences on what to be careful of
+    basis : None of kinds with a healthy population
     """
 
     calibration: Calibration
@@ -40,6 +62,7 @@ class CalibrationReport:
     run_spread: dict[str, tuple[float, float]] = field(default_factory=dict)
     false_alarms: float = 0.0
     notes: tuple[str, ...] = ()
+    basis: Basis | None = field(default=None, repr=False)
 
     @property
     def actuator(self) -> ParameterSet:
@@ -97,6 +120,14 @@ class CalibrationReport:
                 *(markup.note(text) for text in (self.baseline.forms, *self.notes) if text),
             ]
         )
+
+    def plot(self, kind: str = "parameters") -> Any:
+        """A figure of plotly: "parameters", "fit" (before and after), or "residuals"."""
+        return drawn(
+            self, kind,
+            {"parameters": "plot_learnt", "fit": "plot_before_and_after",
+             "residuals": "plot_residuals"},
+        )  # fmt: skip
 
     def report(self, path: str | Path) -> None:
         """Write its page (.html), which holds all that it shows."""

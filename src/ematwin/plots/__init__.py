@@ -11,8 +11,14 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from ematwin.plots.calibration import plot_before_and_after, plot_learnt, plot_residuals
     from ematwin.plots.channels import plot_channels, plot_recording
-    from ematwin.plots.design import plot_command, plot_errors
+    from ematwin.plots.design import (
+        plot_command,
+        plot_errors,
+        plot_healthy_tests,
+        plot_learnt_errors,
+    )
     from ematwin.plots.detection import plot_trend
     from ematwin.plots.identifiability import plot_correlation, plot_smallest
     from ematwin.plots.identification import plot_convergence, plot_faults, plot_fit
@@ -21,6 +27,7 @@ if TYPE_CHECKING:
     from ematwin.plots.uncertainty import plot_posterior, plot_profile
 
 _HOMES = {
+    "plot_before_and_after": "calibration",
     "plot_channels": "channels",
     "plot_command": "design",
     "plot_convergence": "identification",
@@ -28,9 +35,13 @@ _HOMES = {
     "plot_errors": "design",
     "plot_faults": "identification",
     "plot_fit": "identification",
+    "plot_healthy_tests": "design",
+    "plot_learnt": "calibration",
+    "plot_learnt_errors": "design",
     "plot_posterior": "uncertainty",
     "plot_profile": "uncertainty",
     "plot_recording": "channels",
+    "plot_residuals": "calibration",
     "plot_response": "simulation",
     "plot_smallest": "identifiability",
     "plot_study": "study",
@@ -38,6 +49,7 @@ _HOMES = {
 }
 
 __all__ = [
+    "plot_before_and_after",
     "plot_channels",
     "plot_command",
     "plot_convergence",
@@ -45,9 +57,13 @@ __all__ = [
     "plot_errors",
     "plot_faults",
     "plot_fit",
+    "plot_healthy_tests",
+    "plot_learnt",
+    "plot_learnt_errors",
     "plot_posterior",
     "plot_profile",
     "plot_recording",
+    "plot_residuals",
     "plot_response",
     "plot_smallest",
     "plot_study",

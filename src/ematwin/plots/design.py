@@ -1,4 +1,6 @@
-"""Figures of a designed command: the command beside the given one, and the errors of both."""
+"""Figures of designed commands: a command beside the given one, and the errors of both; healthy
+tests, and how well parameters are known after each.
+"""
 
 from typing import Any
 
@@ -6,11 +8,13 @@ import numpy as np
 
 from ematwin.experiments.design import Design
 from ematwin.experiments.discriminate import Discrimination
+from ematwin.experiments.healthy_tests import HealthyTests
 from ematwin.models.registry import model_of
-from ematwin.plots.style import BLUE, GREEN, GREY, ORANGE, line, stacked, styled
+from ematwin.plots.style import BLUE, GREEN, GREY, ORANGE, PALE, line, stacked, styled
 from ematwin.quantities import preferred
 
 _POINTS = 2000  # of a curve
+_ROW = 26  # px of a parameter
 
 
 def plot_command(found: Design | Discrimination) -> Any:
@@ -68,3 +72,53 @@ def plot_errors(found: Design) -> Any:
             )  # fmt: skip
     figure.update_yaxes(title_text="error, % of the range", rangemode="tozero")
     return styled(figure, 360)
+
+
+def plot_healthy_tests(found: HealthyTests) -> Any:
+    """Command and load of each test."""
+    model = model_of(found.actuator)
+    channels = [name for name in (model.command, model.disturbed) if name]
+    shown = [preferred(model.channel(name).unit) for name in channels]
+    titles = [model.channel(name).meaning for name in channels]
+    titles = [title[:1].upper() + title[1:] for title in titles]
+    figure = stacked(titles, [unit for unit, _ in shown], "time, s", height=220 * len(titles))
+    colors = (BLUE, ORANGE, GREEN)
+    for n, scenario in enumerate(found.scenarios):
+        time = np.linspace(0.0, scenario.duration, _POINTS)
+        histories = scenario.histories(time)[: len(channels)]
+        for row, (values, (_, factor)) in enumerate(zip(histories, shown, strict=True), 1):
+            line(figure, row, time, factor * values, f"test {n + 1}", colors[n % len(colors)])
+    return figure
+
+
+def plot_learnt_errors(found: HealthyTests) -> Any:
+    """Standard error of each parameter by its tolerance, now and after each test, %."""
+    from plotly.graph_objects import Figure
+
+    places = list(found.known)[::-1]  # plotly draws from below
+    figure = Figure()
+    for place in places:
+        ends = [100.0 * found.known[place], 100.0 * found.after[place]]
+        figure.add_scatter(
+            x=ends, y=[place, place], mode="lines", showlegend=False,
+            line={"color": PALE, "width": 2}, hoverinfo="skip",
+        )  # fmt: skip
+    steps = [
+        ("by tolerance", found.tolerances, GREY, "line-ns-open"),
+        ("now", found.known, GREY, "circle"),
+        *(
+            (f"after test {n}", one.errors, (BLUE, ORANGE, GREEN)[(n - 1) % 3], "circle")
+            for n, one in enumerate(found.tests, 1)
+        ),
+        (f"{len(found.tests)} x {found.given.name}", found.repeated, GREY, "x-thin-open"),
+    ]
+    for name, errors, color, symbol in steps:
+        figure.add_scatter(
+            x=[100.0 * errors[place] for place in places], y=places, name=name, mode="markers",
+            marker={"color": color, "size": 9, "symbol": symbol, "line": {"width": 2}},
+            hovertemplate="%{y}: %{x:.2g} %",
+        )  # fmt: skip
+    figure.update_xaxes(title_text="standard error, %", type="log")
+    figure = styled(figure, 130 + _ROW * len(places))
+    figure.update_layout(hovermode="closest", margin_l=20)
+    return figure

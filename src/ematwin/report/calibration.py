@@ -1,16 +1,16 @@
 """Page: a calibration. The shell shows its table and sentences."""
 
 import math
-from typing import Any
+import shlex
 
+from ematwin.models.registry import model_of
 from ematwin.monitoring.calibration_report import CalibrationReport
 from ematwin.monitoring.population_calibration import PopulationCalibration
-from ematwin.plots.style import BLUE, GREY, PALE, styled
+from ematwin.plots.calibration import plot_before_and_after, plot_learnt, plot_residuals
 from ematwin.report.page import Row, Section, Table, render
 from ematwin.showing.numbers import in_unit, number_of, plain, said_between
 
 _ON_FIGURE = "Lines are 95 % intervals. Pale: not determined by these recordings."
-_ROW = 26  # px of a parameter
 _SIDES = 1.96  # standard errors to both sides: 95 %
 _ROUNDING = 1e-9  # shares of a range: recordings without noise differ by no more
 
@@ -25,18 +25,49 @@ def calibration_page(report: CalibrationReport) -> str:
     )
     sections = [
         *(
-            [Section("Change from the template", _ON_FIGURE, figure=_figure(report))]
+            [Section("Change from the template", _ON_FIGURE, figure=plot_learnt(report))]
             if told
             else []
         ),
-        Section("How it is built", points=forms_sentences(report)),
+        Section("How it is built", points=forms_sentences(report), table=_forms_table(report)),
         *([Section("Parameters", table=parameter_table(report))] if report.parameters else []),
         Section("What they leave open", points=open_sentences(report)),
+        *_fit_sections(report),
         Section("How healthy runs differ", points=spread_sentences(report)),
         Section("Learnt from", facts={"runs": ", ".join(report.learnt), "kind": actuator.kind}),
     ]
     shown = [one for one in sections if one.figure or one.table or one.points or one.facts]
     return render(f"{actuator.name}: calibration", lead.rstrip(), shown, list(report.notes))
+
+
+def _forms_table(report: CalibrationReport) -> Table | None:
+    """Each form found, and how much of what the file leaves it explains."""
+    forms = None if report.basis is None else report.basis.forms
+    if forms is None or not forms.found:
+        return None
+    parts = [*zip(forms.found, forms.explained, strict=True), ("nothing yet", forms.after)]
+    rows = [Row([said, f"{100.0 * share / forms.before:.3g}"]) for said, share in parts]
+    return Table(["form", "explains, %"], rows)
+
+
+def _fit_sections(report: CalibrationReport) -> list[Section]:
+    """Recordings beside the twin before and after, and residuals; none where that is not known."""
+    if report.basis is None or not report.basis.nuisances:
+        return []
+    return [
+        Section(
+            "Before and after",
+            "A healthy recording of each command beside the template and the calibrated twin.",
+            figure=plot_before_and_after(report),
+        ),
+        Section(
+            "What is left, by angle, speed and time",
+            "Root mean square of the difference in each of 48 parts. What depends on the angle is "
+            "cogging or the winding, on the speed friction or back-EMF, on the time warming or a "
+            "load.",
+            figure=plot_residuals(report),
+        ),
+    ]
 
 
 def parameter_table(report: CalibrationReport) -> Table:
@@ -72,8 +103,11 @@ def forms_sentences(report: CalibrationReport) -> list[str]:
     return [*([known.forms] if known.forms else []), *([absent] if known.absent_forms else [])]
 
 
-def open_sentences(report: CalibrationReport) -> list[str]:
-    """Which parameters are not determined, known together only, or not fitted."""
+def open_sentences(report: CalibrationReport, file: str = "CALIBRATED.toml") -> list[str]:
+    """Which parameters are not determined, known together only, or not fitted.
+
+    ``file`` is that of the calibration, for the command that proposes tests.
+    """
     if not report.parameters:
         return []
     fitted = {p.place for p in report.parameters}
@@ -87,7 +121,15 @@ def open_sentences(report: CalibrationReport) -> list[str]:
         said.insert(
             0,
             f"These recordings do not determine {', '.join(missing)}: they stay within the "
-            "tolerances of the template.",
+            "tolerances of the template."
+            + (
+                ""
+                if model_of(report.actuator).recordings_differ
+                else (
+                    " Tests that would: "
+                    f"ematwin design --learn --actuator {shlex.quote(file)} --out test.toml"
+                )
+            ),
         )
     return [*said, f"Not fitted, as in the template: {', '.join(fixed)}."]
 
@@ -123,27 +165,3 @@ def spread_sentences(report: CalibrationReport) -> list[str]:
         f"({limits.motion:.2f} for a motion, {limits.run:.2f} for a run of {limits.run_size:.3g})",
         *(f"known fault: {one.fault}, from {one.source}" for one in calibration.signatures),
     ]
-
-
-def _figure(report: CalibrationReport) -> Any:
-    """Change of each parameter from the template, with its 95 % interval."""
-    from plotly.graph_objects import Figure
-
-    shown = [p for p in report.parameters if p.template][::-1]  # plotly draws from below
-    figure = Figure()
-    figure.add_scatter(
-        y=[p.place for p in shown],
-        x=[100.0 * (p.value / p.template - 1.0) for p in shown],
-        mode="markers",
-        marker={"size": 9, "color": [BLUE if p.determined else PALE for p in shown]},
-        error_x={
-            "type": "data", "thickness": 1.6, "width": 4, "color": GREY,
-            "array": [abs(100.0 * _SIDES * p.standard_error / p.template) for p in shown],
-        },
-        hovertemplate="%{y}: %{x:.2f} %<extra></extra>",
-    )  # fmt: skip
-    figure.update_xaxes(title_text="change, %",
-                        zeroline=True, zerolinewidth=2)  # fmt: skip
-    figure = styled(figure, 110 + _ROW * len(shown))
-    figure.update_layout(hovermode="closest", margin_l=20, margin_t=20, showlegend=False)
-    return figure

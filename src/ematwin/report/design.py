@@ -1,14 +1,21 @@
 """Pages: a designed command with its errors beside the given command's, and its price."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from ematwin.experiments.command_errors import CommandErrors
 from ematwin.experiments.design import Design
 from ematwin.experiments.discriminate import Discrimination
+from ematwin.experiments.healthy_tests import HealthyTests
 from ematwin.models.base import Demand
+from ematwin.models.registry import model_of
 from ematwin.models.scenario import Scenario
-from ematwin.plots.design import plot_command, plot_errors
+from ematwin.plots.design import (
+    plot_command,
+    plot_errors,
+    plot_healthy_tests,
+    plot_learnt_errors,
+)
 from ematwin.report.identifiability import told_table
 from ematwin.report.page import Row, Section, Table, render
 from ematwin.showing.numbers import number_of, said
@@ -86,6 +93,62 @@ def discrimination_page(found: Discrimination) -> str:
             Section("How it was found", facts=facts),
         ],
     )
+
+
+LEARNT = "Expected standard error, %"
+
+
+def healthy_tests_page(found: HealthyTests) -> str:
+    """HTML page of healthy tests: commands, and how well parameters are known after each."""
+    text = (
+        "Standard errors by what is known now and by the information of the simulated recordings. "
+        "Marked: after all tests still more than half the error that the tolerance states."
+    )
+    facts = {
+        "compared": f"{found.compared} commands, of which {found.refused} exceed a limit or move "
+        "too little",
+        "limits": _listed(found.limits),
+    }
+    sections = [
+        Section("Tests", table=tests_table(found, []), figure=plot_healthy_tests(found)),
+        Section("Parameters", text=text, figure=plot_learnt_errors(found)),
+        Section(LEARNT, table=learnt_table(found)),
+        Section("How they were found", facts=facts),
+    ]
+    lead = " ".join(filter(None, (found.sentence, found.open_sentence, found.next_sentence)))
+    return render(
+        f"{found.actuator.name}: healthy tests", lead, sections if found.tests else sections[-1:]
+    )
+
+
+def tests_table(found: HealthyTests, files: Sequence[str]) -> Table:
+    """Each test with what it improves, its duration and demands, and the file that it is in."""
+    demands = [one for one in model_of(found.actuator).limited if one.name in found.limits]
+    rows = []
+    for n, test in enumerate(found.tests):
+        asked = [said(test.demands.get(one.name, 0.0), one.unit, 3) for one in demands]
+        what = test.scenario.description or test.scenario.name
+        rows.append(Row([
+            str(n + 1), what, ", ".join(found.improves(n)), f"{test.scenario.duration:g} s", *asked,
+            *files[n : n + 1],
+        ]))  # fmt: skip
+    limits = [said(found.limits[one.name], one.unit, 3) for one in demands]
+    rows.append(Row(["", "limit", "", "", *limits, *([""] if files else [])]))
+    header = ["", "test", "improves most", "duration", *(one.name for one in demands)]
+    return Table([*header, *(["file"] if files else [])], rows, texts=(1, 2))
+
+
+def learnt_table(found: HealthyTests) -> Table:
+    """Standard error of each parameter, %, now and after each test."""
+    count = len(found.tests)
+    header = ["parameter", "by tolerance", "now", *(f"after {n + 1}" for n in range(count))]
+    left = found.open_after(found.after)
+    rows = []
+    for place, now in found.known.items():
+        errors = [found.tolerances[place], now, *(one.errors[place] for one in found.tests)]
+        cells = [f"{100.0 * x:.2g}" for x in (*errors, found.repeated[place])]
+        rows.append(Row([place, *cells], marked=place in left))
+    return Table([*header, f"{count} x {found.given.name}"], rows)
 
 
 def errors_table(found: Design) -> Table:

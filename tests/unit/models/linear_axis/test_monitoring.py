@@ -40,5 +40,16 @@ def test_asymmetry_of_all_friction_is_known_better_than_that_of_its_parts():
 def test_calibrating_on_a_worn_axis_says_what_to_do_instead():
     worn = [run(n, dry_asymmetry=1.3, viscous_asymmetry=1.3) for n in range(3)]
     said = " ".join(ematwin.calibrate(worn, AXIS).notes)
-    assert re.search(r"put friction\.\w+_ratio at 1\.\d+, where the template has", said)
+    assert re.search(r"put friction\.\w+_ratio at 1\.\d+, 1\.\d+ times the 1 of the template", said)
     assert "may be worn, do not learn from it: identify" in said
+
+
+def test_a_mass_three_times_the_sheets_is_found_and_said_and_little_is_left():
+    sheet = AXIS.changed({"carriage.mass": 3.0 * AXIS.carriage.mass})
+    found = ematwin.calibrate([run(n) for n in range(2)], sheet)
+    assert abs(found.actuator.carriage.mass / AXIS.carriage.mass - 1.0) < 0.02
+    assert any("carriage.mass at" in note and "0.33 times" in note for note in found.notes)
+    left = {trace.name: trace.y for trace in found.plot("residuals").data}  # over the time
+    before, after = (left[f"measured - {twin}"] for twin in ("template", "calibrated"))
+    assert np.nanmean(after) < 0.05 * np.nanmean(before)
+    assert {"template", "calibrated"} <= {trace.name for trace in found.plot("fit").data}

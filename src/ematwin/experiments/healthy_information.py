@@ -1,0 +1,135 @@
+"""Information of a healthy recording on the parameters of an actuator.
+
+The recording is simulated. The covariance C that the parameters would have after it is that which a
+calibration states (`ematwin.estimation.correction`): by the Jacobian and the noise, with load and
+sensors integrated out, and with the error of the fast model within that width. The scatter of the
+reference from one candidate to the next counts as discrepancy (`Problem.scatter`, `model_error`).
+With P the inverse covariance of what is known, the information is C^-1 - P. That of several
+recordings adds up.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ematwin.errors import DivergedError, InputError, ParameterError, RecordError
+from ematwin.estimation.aliases import aliases_of
+from ematwin.estimation.baseline import frees_parameters, uncertain
+from ematwin.estimation.correction import Corrected, with_model_error
+from ematwin.estimation.laplace import eigen, inverse, width_at
+from ematwin.estimation.learn import healthy_nuisances
+from ematwin.estimation.prior import Prior
+from ematwin.estimation.problem import Problem
+from ematwin.experiments.expected import Experiment
+from ematwin.models.scenario import Scenario
+from ematwin.models.unknown import Unknown
+from ematwin.recordings.recording import Recording
+
+
+@dataclass(frozen=True)
+class Knowledge:
+    """The d parameters that a calibration fits, as they are known.
+
+    Attributes
+    ----------
+    unknowns : list of d
+    spreads : (d,) array, standard deviations of their logarithms by their tolerances
+    prior : of their logarithms
+    """
+
+    unknowns: list[Unknown]
+    spreads: np.ndarray
+    prior: Prior
+
+    @classmethod
+    def of(cls, experiment: Experiment) -> "Knowledge":
+        """Knowledge of the actuator of an experiment.
+
+        Raises
+        ------
+        InputError
+            If nothing of it is uncertain.
+        """
+        model, actuator = experiment.model, experiment.actuator
+        tolerated = {one.name: one for one in uncertain(model, actuator)}
+        fitted = tolerated if frees_parameters(model) else model.nominal
+        prior = experiment.baseline.prior
+        prior = prior.of(name for name in prior.names if name in fitted and name in tolerated)
+        if not prior.names:
+            raise InputError(
+                f"Nothing of {actuator.name} is uncertain: no parameter that can be fitted has a "
+                "tolerance."
+            )
+        unknowns = [tolerated[name] for name in prior.names]
+        return cls(unknowns, np.array([one.spread for one in unknowns], dtype=float), prior)
+
+    @cached_property
+    def precision(self) -> np.ndarray:
+        """Inverse covariance (d, d)."""
+        return np.linalg.inv(self.prior.covariance)
+
+    def information(self, covariance: np.ndarray) -> np.ndarray:
+        """Information (d, d) that leads from what is known to this covariance (d, d).
+
+        The model error may exceed what a recording tells in some direction: then it adds nothing.
+        """
+        root = np.linalg.cholesky(self.prior.covariance)
+        values, vectors = eigen(root.T @ inverse(covariance) @ root)
+        back = np.linalg.solve(root.T, vectors)
+        return np.asarray(back * np.maximum(values - 1.0, 0.0) @ back.T)
+
+    def errors(self, precision: np.ndarray) -> dict[str, float]:
+        """Standard errors of the logarithms by place, of an inverse covariance (d, d)."""
+        found = np.sqrt(np.diag(inverse(precision))).tolist()
+        return dict(zip(self.prior.names, found, strict=True))
+
+    def left(self, precision: np.ndarray) -> float:
+        """Mean variance, in units of the tolerances, of an inverse covariance (d, d)."""
+        return float(np.mean(np.diag(inverse(precision)) / self.spreads**2))
+
+
+def information_of(
+    experiment: Experiment, known: Knowledge, scenario: Scenario, limits: Mapping[str, float]
+) -> tuple[np.ndarray, dict[str, float]] | None:
+    """Information (d, d) of a test, and its demands by name.
+
+    None where it is beyond the limits, moves too little or cannot be simulated.
+    """
+    if experiment.move(scenario, limits).obstacle:  # the fast model: it refuses most at little cost
+        return None
+    motion = experiment.move(scenario, limits, fast=False)
+    if motion.obstacle or motion.recording is None:
+        return None
+    try:
+        return _seen(experiment, known, motion.recording), motion.demands
+    except (DivergedError, ParameterError, RecordError):
+        return None
+
+
+def _seen(experiment: Experiment, known: Knowledge, recording: Recording) -> np.ndarray:
+    """Information (d, d) of a recording."""
+    model, actuator, misfit = experiment.model, experiment.actuator, experiment.baseline.misfit
+    comparison = model.compare(recording, actuator, threads=1).with_evidence()
+    own = healthy_nuisances(model, actuator, [comparison])
+    if not frees_parameters(model):  # a load that was not recorded
+        own += [o for o in model.unknowns(actuator) if o.role == "nuisance" and not o.marginal]
+    problem = Problem(
+        [comparison], [*known.unknowns, *own], prior=known.prior.and_(Prior.independent(own))
+    )
+    corrected = problem.corrected(problem.start)
+    near = corrected or problem
+    left = near.noise_at(misfit) if math.isfinite(misfit) else 0.0  # what the twin leaves of others
+    # behind impacts the reference changes from one candidate to the next: no calibration gets below
+    scatter = problem.model_error * near.noise_at(problem.scatter(problem.start))
+    peak = width_at(
+        near, near.start, aliases=aliases_of(model, actuator, near, near.start),
+        least_noise=max(near.noise, left, scatter),
+    )  # fmt: skip
+    end = Corrected(peak, 0 if corrected is None else 1, np.zeros((1, len(peak.z))))
+    mine = slice(len(known.unknowns))
+    widths = near.chart.widths[mine]
+    covariance = with_model_error(end, threads=1).covariance[mine, mine]
+    return known.information(covariance * np.outer(widths, widths))

@@ -1,0 +1,317 @@
+"""Healthy tests from which the parameters that recordings leave open can be learnt.
+
+They are chosen from the motions of `ematwin.experiments.candidates` one after another (greedy),
+each with the smallest mean variance that then is left, in units of the tolerances: weighted
+A-optimality (Atkinson, Donev and Tobias 2007, Optimum Experimental Designs, with SAS, sections 10.1
+and 11.5). `ematwin.experiments.healthy_information` has the information of each.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import count
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ematwin.errors import InputError
+from ematwin.estimation.constants import DETERMINED
+from ematwin.experiments.candidates import candidates
+from ematwin.experiments.expected import Experiment
+from ematwin.experiments.healthy_information import Knowledge, information_of
+from ematwin.files import check_target
+from ematwin.models.parameter_set import ParameterSet
+from ematwin.models.scenario import Scenario
+from ematwin.numerics.side_by_side import cores, side_by_side
+from ematwin.recordings.noise import Noise
+from ematwin.showing.drawing import drawn
+from ematwin.showing.frames import frame_of_rows
+
+TESTS = 3
+_NAMED = 3  # parameters that a test is said to improve most
+_ADDS = 0.9  # ratio of standard errors: a further test has to lower one so far
+
+Progress = Callable[[float], object]
+
+
+def numbered(path: str | Path, count: int) -> list[Path]:
+    """The names of so many tests: ``test.toml``, ``test-2.toml``, ..."""
+    first = Path(path)
+    return [first if n == 1 else first.with_stem(f"{first.stem}-{n}") for n in range(1, count + 1)]
+
+
+@dataclass(frozen=True)
+class HealthyTest:
+    """A healthy test and what it adds.
+
+    Attributes
+    ----------
+    scenario : the command; its description says what it is
+    errors : expected standard error of the logarithm of each parameter after this test and those
+        before it, by place
+    demands : of the motion, by name, SI
+    """
+
+    scenario: Scenario
+    errors: dict[str, float]
+    demands: dict[str, float]
+
+
+@dataclass(frozen=True)
+class HealthyTests:
+    """Healthy tests, the most informative first.
+
+    Attributes
+    ----------
+    actuator : on which they were simulated
+    tolerances : standard deviation of the logarithm of each parameter by the data sheet, by place
+    known : the same as it is known now
+    tests : tuple of HealthyTest
+    repeated : expected standard errors after the given command was recorded as many times instead
+    given : the given command
+    limits : that the tests keep, by name, SI
+    compared, refused : commands that were compared, and those beyond the limits or without motion
+    """
+
+    actuator: ParameterSet
+    tolerances: dict[str, float]
+    known: dict[str, float]
+    tests: tuple[HealthyTest, ...]
+    repeated: dict[str, float]
+    given: Scenario
+    limits: dict[str, float]
+    compared: int
+    refused: int
+
+    @property
+    def scenarios(self) -> list[Scenario]:
+        """Commands of the tests."""
+        return [one.scenario for one in self.tests]
+
+    @property
+    def after(self) -> dict[str, float]:
+        """Expected standard errors after all tests."""
+        return self.tests[-1].errors if self.tests else self.known
+
+    def open_after(self, errors: Mapping[str, float]) -> list[str]:
+        """Places of the parameters that would not be determined with such standard errors."""
+        return [
+            place for place, error in errors.items()
+            if not error < DETERMINED * self.tolerances[place]
+        ]  # fmt: skip
+
+    def improves(self, test: int) -> list[str]:
+        """Places that a test improves most, counted from 0: of which it lowers the error most."""
+        before = self.tests[test - 1].errors if test else self.known
+        ratios = {place: error / before[place] for place, error in self.tests[test].errors.items()}
+        found = sorted((place for place in ratios if ratios[place] < _ADDS), key=ratios.__getitem__)
+        return found[:_NAMED]
+
+    @property
+    def sentence(self) -> str:
+        """How many parameters the tests determine, and which they add."""
+        if not self.tests:
+            return (
+                "No test within the limits tells more of the parameters than is known. Raise a "
+                "limit, or take a longer duration."
+            )
+        before, left, count = (
+            self.open_after(self.known), self.open_after(self.after), len(self.known)
+        )  # fmt: skip
+        gained = [place for place in before if place not in left]
+        tests = f"{len(self.tests)} test" + ("s" if len(self.tests) > 1 else "")
+        told = (
+            f"With {tests} {count - len(left)} of {count} parameters are determined, "
+            f"{count - len(before)} now."
+        )
+        return f"{told} New: {', '.join(gained)}." if gained else told
+
+    @property
+    def open_sentence(self) -> str:
+        """Parameters that stay open after all tests; "" if there are none."""
+        left = self.open_after(self.after)
+        if not left:
+            return ""
+        return (
+            f"Not determined by any test within the limits: {', '.join(left)}. Higher limits, a "
+            "longer test or further recorded channels may do it."
+        )
+
+    @property
+    def next_sentence(self) -> str:
+        """What to do with the tests."""
+        return (
+            "Record them on the healthy actuator, and give ematwin calibrate all healthy "
+            "recordings, those so far included."
+        )
+
+    def to_frame(self) -> Any:
+        """A pandas DataFrame with a row for each parameter, by place; needs pandas."""
+        return frame_of_rows(
+            (
+                {
+                    "place": place, "tolerance": self.tolerances[place], "now": now,
+                    **{f"after_{n}": one.errors[place] for n, one in enumerate(self.tests, 1)},
+                    "repeated": self.repeated[place],
+                }
+                for place, now in self.known.items()
+            ),
+            "place",
+        )  # fmt: skip
+
+    to_dataframe = to_frame
+
+    def plot(self, kind: str = "errors") -> Any:
+        """A figure of plotly: "errors" (of each parameter) or "commands"."""
+        return drawn(self, kind, {"errors": "plot_learnt_errors", "commands": "plot_healthy_tests"})
+
+    def save(self, path: str | Path, *, replace: bool = True) -> list[Path]:
+        """Write scenario files: the first test as ``path``, further ones numbered beside it.
+
+        Raises
+        ------
+        InputError
+            If a name does not end in .toml, or a file is there and is not to be replaced.
+        """
+        paths = numbered(path, len(self.tests))
+        for one in paths:
+            check_target(one, (".toml",), replace=replace)
+        for one, scenario in zip(paths, self.scenarios, strict=True):
+            scenario.save(one)
+        return paths
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain JSON values."""
+        return {
+            "actuator": self.actuator.name,
+            "sentence": self.sentence,
+            "tolerances": self.tolerances,
+            "known": self.known,
+            "tests": [
+                {
+                    "scenario": one.scenario.model_dump(mode="json", exclude_none=True),
+                    "errors": one.errors,
+                    "demands": one.demands,
+                }
+                for one in self.tests
+            ],
+            "repeated": self.repeated,
+            "open": self.open_after(self.after),
+            "limits": self.limits,
+            "compared": self.compared,
+            "refused": self.refused,
+        }
+
+
+def healthy_tests(
+    actuator: ParameterSet | str | Path | Any | None = None,
+    *,
+    scenario: Scenario | str | Path | None = None,
+    duration: float | None = None,
+    tests: int = TESTS,
+    noise: Noise | None = None,
+    sample_rate: float | None = None,
+    seed: int = 1,
+    threads: int | None = None,
+    progress: Progress | None = None,
+    **limits: float,
+) -> HealthyTests:
+    """Tests of the healthy actuator that determine the parameters which recordings leave open.
+
+    Parameters
+    ----------
+    actuator : a calibration or its file, which says what is known already; or a parameter set of
+        any kind, its name or file, of which its tolerances are known
+    scenario : a command that is compared with the others, and whose demands are the limits where
+        none are given; None takes the kind's default
+    duration : float, s, of each test; None takes the scenario's
+    tests : how many are chosen at most; fewer where a further one lowers no standard error by a
+        tenth
+    noise : of the sensors; None for that which the kind simulates by itself
+    sample_rate : float, Hz; None takes the kind's
+    seed : of the noise
+    threads : of the simulations; None takes one for each core
+    progress : called with the share done
+    limits : the largest travel, speed, current, load, in SI; others are limited by the demands of
+        the scenario. `Model.demands` has the names
+
+    Raises
+    ------
+    InputError
+        If an argument cannot be used, the kind's recordings differ by more than noise, nothing is
+        uncertain, or no command within the limits moves the actuator enough.
+    """
+    if tests < 1:
+        raise InputError(f"tests must be at least 1, received {tests}.")
+    experiment = Experiment.of(actuator, noise=noise, sample_rate=sample_rate, seed=seed, threads=1)
+    model, chosen = experiment.model, experiment.actuator
+    if model.recordings_differ:
+        raise InputError(
+            f"Recordings of a healthy actuator of the kind {model.kind} differ by more than noise; "
+            "no single test determines its parameters. Calibrate on several recordings of the "
+            "motions that it makes in use."
+        )
+    known = Knowledge.of(experiment)
+    given = experiment.started(scenario, duration)
+    # both models: they differ by a little, and a command keeps its own limits
+    first = [experiment.move(given, fast=fast).demands for fast in (True, False)]
+    within = experiment.limits(
+        {name: max(one.get(name, 0.0) for one in first) for name in first[-1]}, limits
+    )
+    commands, done = [given, *candidates(model, given, within)], count(1)
+
+    def seen(one: Scenario) -> tuple[np.ndarray, dict[str, float]] | None:
+        found = information_of(experiment, known, one, within)
+        if progress is not None:
+            progress(next(done) / len(commands))
+        return found
+
+    found = side_by_side(seen, commands, threads or cores())
+    usable = [
+        _Usable(one, *answer)
+        for one, answer in zip(commands, found, strict=True)
+        if answer is not None
+    ]
+    if not usable:
+        told = ", ".join(f"{name} {value:g}" for name, value in within.items())
+        raise InputError(
+            f"No healthy test of {chosen.name} keeps the limits ({told}) and moves enough. Raise "
+            "the limits, or leave some out."
+        )
+    best = _best(known, usable, tests)
+    repeated = sum(one.information for one in usable if one.scenario is given)
+    return HealthyTests(
+        actuator=chosen,
+        tolerances=dict(zip(known.prior.names, known.spreads.tolist(), strict=True)),
+        known=known.errors(known.precision),
+        tests=best,
+        repeated=known.errors(known.precision + max(1, len(best)) * repeated),
+        given=given,
+        limits=within,
+        compared=len(commands),
+        refused=len(commands) - len(usable),
+    )
+
+
+class _Usable(NamedTuple):
+    """A test within the limits, its information (d, d) and demands."""
+
+    scenario: Scenario
+    information: np.ndarray
+    demands: dict[str, float]
+
+
+def _best(known: Knowledge, usable: Sequence[_Usable], most: int) -> tuple[HealthyTest, ...]:
+    """The tests, one after another."""
+    precision, errors = known.precision, known.errors(known.precision)
+    rest = list(usable)
+    found: list[HealthyTest] = []
+    while rest and len(found) < most:
+        best = min(rest, key=lambda one: known.left(precision + one.information))
+        rest = [one for one in rest if one is not best]
+        precision = precision + best.information
+        before, errors = errors, known.errors(precision)
+        if not any(errors[place] < _ADDS * before[place] for place in errors):
+            break
+        found.append(HealthyTest(best.scenario, errors, best.demands))
+    return tuple(found)

@@ -1,0 +1,186 @@
+"""Figures of a calibration: parameters, recordings before and after, and residuals."""
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ematwin.errors import InputError
+from ematwin.estimation.learn import same_command
+from ematwin.models.base import Model
+from ematwin.models.comparison import Comparison
+from ematwin.models.registry import model_of
+from ematwin.monitoring.calibration_report import CalibrationReport
+from ematwin.plots.style import BLUE, GREY, ORANGE, PALE, line, stacked, styled
+from ematwin.quantities import preferred
+from ematwin.recordings.recording import Recording
+
+_ROW = 26  # px of a parameter
+_SIDES = 1.96  # standard errors to both sides: 95 %
+_SHOWN = 3  # recordings, of different commands
+_PARTS = 48  # of a turn, of the speeds and of the time
+
+
+def plot_learnt(report: CalibrationReport) -> Any:
+    """Change of each parameter from the template, with its 95 % interval."""
+    from plotly.graph_objects import Figure
+
+    shown = [p for p in report.parameters if p.template][::-1]  # plotly draws from below
+    figure = Figure()
+    figure.add_scatter(
+        y=[p.place for p in shown],
+        x=[100.0 * (p.value / p.template - 1.0) for p in shown],
+        mode="markers",
+        marker={"size": 9, "color": [BLUE if p.determined else PALE for p in shown]},
+        error_x={
+            "type": "data", "thickness": 1.6, "width": 4, "color": GREY,
+            "array": [abs(100.0 * _SIDES * p.standard_error / p.template) for p in shown],
+        },
+        hovertemplate="%{y}: %{x:.2f} %<extra></extra>",
+    )  # fmt: skip
+    figure.update_xaxes(title_text="change, %",
+                        zeroline=True, zerolinewidth=2)  # fmt: skip
+    figure = styled(figure, 110 + _ROW * len(shown))
+    figure.update_layout(hovermode="closest", margin_l=20, margin_t=20, showlegend=False)
+    return figure
+
+
+class _Beside(NamedTuple):
+    """A recording beside the twin: (S,) arrays by compared channel, in SI."""
+
+    recording: Recording
+    captions: dict[str, tuple[str, str]]
+    measured: dict[str, np.ndarray]
+    before: dict[str, np.ndarray]
+    after: dict[str, np.ndarray]
+
+
+def plot_before_and_after(report: CalibrationReport) -> Any:
+    """Healthy recordings of different commands beside the template and the calibrated twin."""
+    shown = list(_beside(report))
+    titles, units = [], []
+    for one in shown:
+        for title, unit in one.captions.values():
+            titles += [f"{_capital(title)}, {one.recording.name}", "Residual"]
+            units += [preferred(unit)[0]] * 2
+    figure = stacked(titles, units, "time, s", height=110 + 200 * len(titles))
+    row = 1
+    for one in shown:
+        for name in one.measured:
+            factor, time = preferred(one.captions[name][1])[1], one.recording.time
+            target, before, after = (
+                factor * x[name] for x in (one.measured, one.before, one.after)
+            )
+            line(figure, row, time, target, "measured", PALE, width=5)
+            line(figure, row, time, before, "template", BLUE, dash="dot")
+            line(figure, row, time, after, "calibrated", ORANGE)
+            line(figure, row + 1, time, target - before, "measured - template", BLUE, dash="dot")
+            line(figure, row + 1, time, target - after, "measured - calibrated", GREY)
+            row += 2
+    return figure
+
+
+def plot_residuals(report: CalibrationReport) -> Any:
+    """Residual before and after by angle (or position), speed and time, of the first channel."""
+    from plotly.subplots import make_subplots
+
+    shown, model = list(_beside(report)), model_of(report.actuator)
+    name = next(iter(shown[0].measured))
+    title, unit = shown[0].captions[name]
+    unit, factor = preferred(unit)
+    rows = []
+    for one in shown:
+        where, what, speed = _motion(model, one.recording)
+        gaps = [factor * (one.measured[name] - x[name]) for x in (one.before, one.after)]
+        time = one.recording.time
+        rows.append((where, speed, (time - time[0]) / (time[-1] - time[0]), *gaps))
+    columns = [np.concatenate(x) for x in zip(*rows, strict=True)]
+    figure = make_subplots(
+        rows=1, cols=3, shared_yaxes=True, horizontal_spacing=0.03, subplot_titles=[_capital(title)]
+    )
+    axes = (what, f"speed, {_rate_unit(model, shown[0].recording)}", "share of the recording")
+    for n, (axis, values) in enumerate(zip(axes, columns[:3], strict=True), start=1):
+        for label, color, gap in (
+            ("measured - template", BLUE, columns[3]), ("measured - calibrated", ORANGE, columns[4])
+        ):  # fmt: skip
+            middle, size = _by_parts(values, gap)
+            figure.add_scatter(
+                x=middle, y=size, name=label, legendgroup=label, showlegend=n == 1,
+                mode="lines+markers", marker={"size": 4}, line={"color": color, "width": 1.6},
+                row=1, col=n,
+            )  # fmt: skip
+        figure.update_xaxes(title_text=axis, row=1, col=n)
+    figure.update_yaxes(title_text=f"RMS, {unit}", rangemode="tozero", row=1, col=1)
+    return styled(figure, 360)
+
+
+def _beside(report: CalibrationReport) -> Iterator[_Beside]:
+    """Yield a recording of each command, beside the twin before and after."""
+    basis = report.basis
+    if basis is None or not basis.nuisances:
+        raise InputError("This calibration keeps no recordings that a twin was fitted to.")
+    model = model_of(report.actuator)
+    known: list[Recording] = []
+    for recording, nuisances in zip(basis.recordings, basis.nuisances, strict=True):
+        if any(same_command(recording, other, model.command) for other in known):
+            continue
+        if len(known) == _SHOWN:
+            return
+        known.append(recording)
+        before = model.compare(recording, basis.template)
+        after = model.compare(recording, report.actuator)
+        yield _Beside(
+            recording, after.captions(), after.measured(), _answer(before, {}),
+            _answer(after, dict(nuisances)),
+        )  # fmt: skip
+
+
+def _answer(comparison: Comparison, values: dict[str, float]) -> dict[str, np.ndarray]:
+    """Response of the reference, or of the only model, on the compared channels."""
+    exact = comparison.exact(values)
+    if exact is not None:
+        return exact
+    found = comparison.responses({name: np.array([x]) for name, x in values.items()}, 1)
+    return {name: trace[0] for name, trace in found.items()}
+
+
+def _position(model: Model, recording: Recording) -> str:
+    """The recorded position nearest to the motor, else the command."""
+    places = [
+        one.name for one in model.channels
+        if one.unit in ("rad", "m") and one.name in recording.channels and one.name != model.command
+    ]  # fmt: skip
+    return next((name for name in places if "motor" in name), next(iter(places), model.command))
+
+
+def _motion(model: Model, recording: Recording) -> tuple[np.ndarray, str, np.ndarray]:
+    """Angle of the motor, or position, what it is called, and speed."""
+    name = _position(model, recording)
+    unit, factor = preferred(model.channel(name).unit)
+    place = recording.channels[name]
+    speed = factor * np.gradient(place, recording.time)
+    if "motor" in name and model.channel(name).unit == "rad":
+        return place / (2.0 * np.pi) % 1.0, "motor angle, turns", speed
+    return factor * place, f"{name.replace('_', ' ')}, {unit}", speed
+
+
+def _rate_unit(model: Model, recording: Recording) -> str:
+    return f"{preferred(model.channel(_position(model, recording)).unit)[0]}/s"
+
+
+def _by_parts(values: np.ndarray, gap: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Middles of equal parts of the range of values (N,), and the root mean square of a gap (N,).
+
+    Of parts with few samples, such as the fastest speeds, it is NaN.
+    """
+    edges = np.linspace(values.min(), values.max(), _PARTS + 1)
+    part = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, _PARTS - 1)
+    counts = np.bincount(part, minlength=_PARTS)
+    squares = np.bincount(part, weights=gap**2, minlength=_PARTS)
+    kept = counts > max(3, 0.1 * values.size / _PARTS)
+    sizes = np.sqrt(squares / np.maximum(counts, 1))
+    return 0.5 * (edges[1:] + edges[:-1]), np.where(kept, sizes, np.nan)
+
+
+def _capital(title: str) -> str:
+    return title[:1].upper() + title[1:]
