@@ -254,6 +254,8 @@ class _Selection:
                 rest, absent = [*rest, *absent], []
             else:
                 absent.append(form)
+        if found and fit.cost > AS_GOOD**2 * self._least(fit.actuator):
+            fit = self._together(fit)
         told = self._told(plain, fit, found, absent)
         told = replace(told, explained=(*self._known.explained, *gains))
         alike = sum((one.alike(fit.actuator) * one.size) ** 2 for one in self._equations)
@@ -267,6 +269,17 @@ class _Selection:
             if other is not None:
                 fit = min(fit, self._fitted(other[1], fit.places), key=lambda one: one.cost)
         return fit
+
+    def _together(self, fit: _Fit) -> _Fit:
+        """The fit with what several forms hold chosen together."""
+        fits = [fit]
+        for values in self._equations[0].together(fit.actuator):
+            try:
+                actuator = fit.actuator.changed(dict(values))
+            except EmatwinError:  # a loop that would be unstable
+                continue
+            fits.append(self._fitted(actuator, fit.places))
+        return min(fits, key=lambda one: one.cost)
 
     def _told(
         self, plain: _Fit, fit: _Fit, found: Sequence[Form], absent: Sequence[Form]

@@ -50,6 +50,16 @@ def _sampled(section: str, times: Sequence[float]) -> list[Values]:
     ]
 
 
+def _delays(actuator: Any) -> list[Values]:
+    """Each loop answers at once or with its next sample."""
+    loops = {"speed_loop": actuator.speed_loop, "current_loop": actuator.current_loop}
+    sampled = [(name, own.sample_time) for name, own in loops.items() if own is not None]
+    return [
+        {f"{name}.delay": late * time for (name, time), late in zip(sampled, each, strict=True)}
+        for each in product((0.0, 1.0), repeat=len(sampled))
+    ]
+
+
 def _integrals(actuator: Any) -> list[Values]:
     gain = actuator.controller.speed_gain
     return [
@@ -197,7 +207,7 @@ def equations(recording: Recording, actuator: Any, values: Values | None) -> tup
          "motor.resistance"),
         (INTEGRAL, SAMPLED, CURRENT_LOOP, *encoder),
         (*_WINDINGS, "gain", "skew", *_SENSOR),
-        alike=controller.alike,
+        together=_delays, alike=controller.alike,
     )  # fmt: skip
     if "load" not in recording.channels:
         return (of_controller,)
