@@ -43,7 +43,7 @@ def position(servo, faults, time, goal, load):
 
     def slope(t, state):
         theta, w = state
-        error = np.interp(t, fine, target) - theta
+        error = np.interp(t, fine, target) - (theta - 0.5 * servo["controller.interval"] * w)
         startup = servo["controller.startup"] * np.clip(error / step, -1.0, 1.0)
         duty = np.clip(gain * error + startup, -1.0, 1.0)
         gravity = weight * np.sin(theta)

@@ -17,7 +17,8 @@ from ematwin.recordings.recording import Recording
 CHANNELS = (
     Channel("goal_position", "rad", "commanded position, 0 where a pendulum hangs down",
             ("goal", "command", "target_position", "present_goal")),
-    Channel("position", "rad", "position of the output", ("present_position",), "output"),
+    Channel("position", "rad", "position of the output", ("present_position",), "output",
+            refreshed=0.008),
     Channel("supply_voltage", "V", "supply voltage of the servo",
             ("voltage", "present_voltage", "present_input_voltage"), may_rest=True),
     Channel("temperature", "", "temperature register of the servo, degC",
@@ -31,6 +32,7 @@ CHANNELS = (
 _NEIGHBOURS = 7  # samples, of which a false read is one or two
 _WIDENED = 2  # samples next to a false read, into which interpolation carries it
 _SHORTEST = 20  # samples that are compared
+_SUPPLY = 0.5  # of the usual voltage, off which no servo runs on
 _LASTS = 0.25  # s: an arm that overshoots has turned round by then
 _FALL = 0.3  # share of the no-load speed
 _REST = 0.02  # share of the same
@@ -78,6 +80,9 @@ def stretch(recording: Recording, actuator: Any) -> Stretch:
             f"{len(reads)} false read{'s' if len(reads) > 1 else ''} of the position, the first at "
             f"{time[first + reads[0][0]]:.2f} s, left out."
         )
+    voltage = supply(recording)
+    if voltage is not None and voltage[1]:
+        said.append(f"The supply voltage is false in {voltage[1]} samples: the usual one counts.")
     moved = smooth(recording, false, first, stop)
     rests = _runs_of(actuator, recording, moved, _rests, 2.0 * _LASTS)
     if rests is not None:
@@ -102,6 +107,19 @@ def stretch(recording: Recording, actuator: Any) -> Stretch:
         stop = min(size, first + _SHORTEST)
         first = stop - _SHORTEST
     return Stretch(first, stop, false, said, obstacles)
+
+
+def supply(recording: Recording) -> tuple[np.ndarray, int] | None:
+    """Supply voltage (S,), V, with the usual one for false reads, and their number.
+
+    None where it was not recorded.
+    """
+    voltage = recording.channels.get("supply_voltage")
+    if voltage is None:
+        return None
+    usual = float(np.median(voltage))
+    false = np.abs(voltage - usual) > _SUPPLY * usual
+    return np.where(false, usual, voltage), int(false.sum())
 
 
 def false_reads(position: np.ndarray, most: float) -> np.ndarray:

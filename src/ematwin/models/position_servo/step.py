@@ -4,7 +4,7 @@ All on the output shaft: a torque of the motor times the gear ratio, its inertia
 squared.
 
     target = rate_limit(goal(t - delay))                       at most ``speed_limit``
-    error  = target - output - offset                          encoder on the output
+    error  = target - output(t - T_c/2) - offset               encoder on the output
     duty   = clip(gain error + startup sign(error), 1)         pulse width, 0 where released
     torque = T_s duty V/V_rated - (T_s/w_0) w                  stall torque, no-load speed
     F      = F_c + F_s exp(-|w|/w_s) + k_load |load|           friction of motor and gear
@@ -18,7 +18,9 @@ physics simulation of servo actuators (BAM): Coulomb and Stribeck as in their M2
 grows with the external torque as in M3 to M5; measurements here showed no more of these
 (docs/lab/position-servo.md). Their viscous part is not apart from the back-EMF where the supply is
 constant, and belongs to it here. The play is the rigid, inelastic contact of
-`ematwin.numerics.backlash`.
+`ematwin.numerics.backlash`. A controller that samples every T_c and holds its duty acts on the
+position of T_c/2 ago in the mean (Astrom and Wittenmark 1997, Computer-Controlled Systems); over so
+short a time the output moves on a straight line.
 """
 
 import math
@@ -40,6 +42,7 @@ class Constants(NamedTuple):
     startup: float  # duty
     delay: float  # s
     speed_limit: float  # rad/s
+    late: float  # s, age of the position that the controller acts on
     offset: float  # rad
     stall_torque: float  # N m
     back_emf: float  # N m s/rad
@@ -73,9 +76,9 @@ def friction(w, load, c):
 
 
 @part
-def duty_of(target, theta, c):
+def duty_of(target, theta, w, c):
     """Pulse width that the controller asks for, -1 to 1."""
-    error = target - theta - c.offset
+    error = target - (theta - c.late * w) - c.offset
     # the sign is smoothed over a step of the encoder: in a jump the duty would chatter at the goal
     startup = c.startup * clip(error / ENCODER_STEP, -1.0, 1.0)
     return clip(c.gain * error + startup, -1.0, 1.0)
@@ -91,7 +94,7 @@ def servo_step(now, goal, supply, c, dt):
     target = now.target + clip(goal - now.target, -most, most)
     middle = now.theta + 0.5 * dt * now.w  # torques act in the middle of the step
     load = c.gravity * sincos(middle)[0] + c.load_torque
-    torque = c.stall_torque * duty_of(0.5 * (now.target + target), middle, c) * supply
+    torque = c.stall_torque * duty_of(0.5 * (now.target + target), middle, now.w, c) * supply
     back_emf = c.back_emf if supply > 0.0 else 0.0
     act = torque - back_emf * now.w_m
     # the trapezoidal rule for the back-EMF: stable however long the step
@@ -149,10 +152,11 @@ def traces(constants, goal, supply, start, speed, interval, substeps):
     for n in range(count):
         c = Constants(
             constants.gain[n], constants.startup[n], constants.delay[n], constants.speed_limit[n],
-            constants.offset[n], constants.stall_torque[n], constants.back_emf[n],
-            constants.inertia[n], constants.half_gap[n], constants.coulomb[n],
-            constants.stribeck[n], constants.stribeck_speed[n], constants.load_share[n],
-            constants.gravity[n], constants.load_inertia[n], constants.load_torque[n],
+            constants.late[n], constants.offset[n], constants.stall_torque[n],
+            constants.back_emf[n], constants.inertia[n], constants.half_gap[n],
+            constants.coulomb[n], constants.stribeck[n], constants.stribeck_speed[n],
+            constants.load_share[n], constants.gravity[n], constants.load_inertia[n],
+            constants.load_torque[n],
         )  # fmt: skip
         nothing = 0.0
         for value in c:

@@ -34,6 +34,7 @@ def servo_constants(
         startup=controller.startup,
         delay=controller.delay * values["delay"],
         speed_limit=controller.speed_limit,
+        late=0.5 * controller.interval,
         offset=values["offset"],
         stall_torque=torque,
         back_emf=torque / motor.no_load_speed * weak,
