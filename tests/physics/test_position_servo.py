@@ -53,6 +53,7 @@ def test_halving_the_step_changes_little():
 def test_arm_that_is_held_hangs_by_load_over_stiffness():
     quiet = FREE.changed({
         "friction.coulomb": 1e-6, "friction.stribeck": 1e-6, "friction.load_share": 1e-6,
+        "friction.static_share": 1e-6,
         "controller.startup": 1e-9,
     })  # fmt: skip
     _, held = moved(np.full(600, 0.5), quiet)

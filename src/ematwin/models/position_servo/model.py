@@ -8,7 +8,7 @@ import numpy as np
 from ematwin.models.base import Demand, Model, Signal, Values
 from ematwin.models.comparison import Candidates, TraceComparison
 from ematwin.models.position_servo.parameters import PositionServo
-from ematwin.models.position_servo.recorded import CHANNELS, stretch, supply
+from ematwin.models.position_servo.recorded import CHANNELS, check_units, stretch, supply
 from ematwin.models.position_servo.unknowns import aliases, unknowns
 from ematwin.models.unknown import Alias, Unknown
 from ematwin.recordings.recording import Recording
@@ -121,6 +121,7 @@ class PositionServoModel(Model):
     def check(self, recording: Recording, actuator: Any) -> list[str]:
         """What of a recording is not compared."""
         self.check_channels(recording)
+        check_units(recording, actuator)
         return stretch(recording, actuator).said
 
     def excitation(self, recording: Recording, actuator: Any) -> list[str]:

@@ -67,6 +67,9 @@ class ServoFriction(Section):
     load_share: float = quantity(
         "", "further friction for each N m of load", tolerance=1.0, drift=0.2, gt=0
     )
+    static_share: float = quantity(
+        "", "further static friction for each N m of load", tolerance=1.0, drift=0.5, gt=0
+    )
 
 
 class ServoArm(Section):

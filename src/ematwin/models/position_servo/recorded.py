@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ematwin.errors import RecordError
 from ematwin.recordings.channel import Channel
 from ematwin.recordings.cleaning import runs
 from ematwin.recordings.recording import Recording
@@ -33,6 +34,9 @@ _NEIGHBOURS = 7  # samples, of which a false read is one or two
 _WIDENED = 2  # samples next to a false read, into which interpolation carries it
 _SHORTEST = 20  # samples that are compared
 _SUPPLY = 0.5  # of the usual voltage, off which no servo runs on
+_RATED = 2.5  # times the rated voltage, or its inverse: no supply of this servo
+_TURNS = 2.0  # of travel: more is another unit
+_AGAINST = -0.8  # correlation of goal and position where one has the wrong sign
 _LASTS = 0.25  # s: an arm that overshoots has turned round by then
 _FALL = 0.3  # share of the no-load speed
 _REST = 0.02  # share of the same
@@ -80,6 +84,13 @@ def stretch(recording: Recording, actuator: Any) -> Stretch:
             f"{len(reads)} false read{'s' if len(reads) > 1 else ''} of the position, the first at "
             f"{time[first + reads[0][0]]:.2f} s, left out."
         )
+    sound = np.flatnonzero(~false[first:stop]) + first
+    goal, moves = channels["goal_position"][sound], position[sound]
+    moving = sound.size > _SHORTEST and min(np.ptp(goal), np.ptp(moves)) > 0.0
+    if moving and np.corrcoef(goal, moves)[0, 1] < _AGAINST:
+        obstacles.append(
+            "position falls where goal_position rises: one of them has the wrong sign. Reverse it."
+        )
     voltage = supply(recording)
     if voltage is not None and voltage[1]:
         said.append(f"The supply voltage is false in {voltage[1]} samples: the usual one counts.")
@@ -107,6 +118,27 @@ def stretch(recording: Recording, actuator: Any) -> Stretch:
         stop = min(size, first + _SHORTEST)
         first = stop - _SHORTEST
     return Stretch(first, stop, false, said, obstacles)
+
+
+def check_units(recording: Recording, actuator: Any) -> None:
+    """Raise `RecordError` where values are those of registers, not in SI."""
+    columns = recording.provenance.get("columns", {})
+    travel = float(np.ptp(np.percentile(recording.channels["position"], [1, 99])))
+    stated = columns.get("position", {}).get("unit_from", "stated") != "assumed"
+    if travel > 2.0 * np.pi * _TURNS and not stated:
+        raise RecordError(
+            f"{recording.name}: position travels {travel:.4g} rad, {travel / (2 * np.pi):.0f} "
+            'turns, and nobody stated its unit. Name degrees as "position [deg]"; for steps of '
+            "the encoder give (steps - step where the arm hangs down) * 2 pi / steps of a turn."
+        )
+    found = supply(recording)
+    rated = actuator.motor.rated_voltage
+    usual = rated if found is None else float(np.median(found[0]))
+    if not rated / _RATED <= usual <= rated * _RATED:
+        raise RecordError(
+            f"{recording.name}: supply_voltage is {usual:.4g} V, and {actuator.name} is rated for "
+            f"{rated:.4g} V. Registers of servos often hold tenths of a volt; give volts."
+        )
 
 
 def supply(recording: Recording) -> tuple[np.ndarray, int] | None:

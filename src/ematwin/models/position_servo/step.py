@@ -7,16 +7,16 @@ squared.
     error  = target - output(t - T_c/2) - offset               encoder on the output
     duty   = clip(gain error + startup sign(error), 1)         pulse width, 0 where released
     torque = T_s duty V/V_rated - (T_s/w_0) w                  stall torque, no-load speed
-    F      = F_c + F_s exp(-|w|/w_s) + k_load |load|           friction of motor and gear
+    F      = F_c + k |load| + (F_s + k_s |load|)/(1 + (w/w_s)^2)  friction
     load   = (m + m_arm/2) g L sin(output) + constant torque
 
     J dw/dt = torque - F sign(w) - contact                     motor and gear
     (J_load + (m + m_arm/3) L^2) dw_o/dt = contact - load      output, with play in between
 
 Friction as in Duclusaud, Passault and Padois (2025), Extended friction models for the
-physics simulation of servo actuators (BAM): Coulomb and Stribeck as in their M2, and a part that
-grows with the external torque as in M3 to M5; measurements here showed no more of these
-(docs/lab/position-servo.md). Their viscous part is not apart from the back-EMF where the supply is
+physics simulation of servo actuators (BAM): Coulomb and Stribeck, both with a part that grows with
+the load, as in their M4, by the external torque alone (docs/lab/position-servo.md). The fade is
+that of Hess and Soom (1990). Their viscous part is not apart from the back-EMF where the supply is
 constant, and belongs to it here. The play is the rigid, inelastic contact of
 `ematwin.numerics.backlash`. A controller that samples every T_c and holds its duty acts on the
 position of T_c/2 ago in the mean (Astrom and Wittenmark 1997, Computer-Controlled Systems); over so
@@ -52,6 +52,7 @@ class Constants(NamedTuple):
     stribeck: float  # N m
     stribeck_speed: float  # rad/s
     load_share: float
+    static_share: float
     gravity: float  # N m at a horizontal arm
     load_inertia: float  # kg m^2
     load_torque: float  # N m against positive motion
@@ -71,8 +72,9 @@ class State(NamedTuple):
 @part
 def friction(w, load, c):
     """Dry friction of motor and gear at a speed, N m."""
-    fading = c.stribeck / (1.0 + (w / c.stribeck_speed) * (w / c.stribeck_speed))
-    return c.coulomb + fading + c.load_share * abs(load)
+    fading = 1.0 / (1.0 + (w / c.stribeck_speed) * (w / c.stribeck_speed))
+    sliding = c.coulomb + c.load_share * abs(load)
+    return sliding + fading * (c.stribeck + c.static_share * abs(load))
 
 
 @part
@@ -155,8 +157,8 @@ def traces(constants, goal, supply, start, speed, interval, substeps):
             constants.late[n], constants.offset[n], constants.stall_torque[n],
             constants.back_emf[n], constants.inertia[n], constants.half_gap[n],
             constants.coulomb[n], constants.stribeck[n], constants.stribeck_speed[n],
-            constants.load_share[n], constants.gravity[n], constants.load_inertia[n],
-            constants.load_torque[n],
+            constants.load_share[n], constants.static_share[n], constants.gravity[n],
+            constants.load_inertia[n], constants.load_torque[n],
         )  # fmt: skip
         nothing = 0.0
         for value in c:

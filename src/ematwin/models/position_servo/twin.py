@@ -44,6 +44,7 @@ def servo_constants(
         stribeck=friction.stribeck * rubs,
         stribeck_speed=friction.stribeck_speed,
         load_share=friction.load_share * rubs,
+        static_share=friction.static_share * rubs,
         gravity=payload * (mass + 0.5 * arm_mass) * GRAVITY * length,
         load_inertia=payload * ((mass + arm_mass / 3.0) * length**2 + arm.inertia),
         load_torque=payload * arm.torque,
