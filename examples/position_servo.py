@@ -173,12 +173,13 @@ def row_of(run: Recording, found: Identification, twin: Calibration) -> dict[str
 
 
 def position_mae(run: Recording, found: Identification, twin: Calibration) -> float:
-    """Mean error of the calibrated twin while torque is on, rad, with the faults that are named.
+    """Mean error of the calibrated twin while torque is on, rad, with its likely faults.
 
     Nothing else is fitted to the run; false reads do not count.
     """
     comparison = twin.model.compare(run, twin.actuator)
-    faults = {name: np.array([found.values[name]]) for name in found.verdict.faults}
+    likely = [name for name, share in found.probabilities.items() if share > 0.5]
+    faults = {name: np.array([found.values[name]]) for name in likely}
     answer = comparison.responses(faults, 1)["position"][0]
     error = np.abs(answer - comparison.measured()["position"])
     part = stretch(run, twin.actuator)

@@ -131,6 +131,28 @@ def test_one_run_that_cannot_be_read_leaves_the_others(tables, tmp_path):
     assert "10 samples" in second["sentence"]
 
 
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"position": np.degrees, "goal_position": np.degrees}, "nobody stated its unit"),
+        ({"position": lambda x: 2048 + x / made_up.COUNT}, "steps of the encoder"),
+        ({"supply_voltage": lambda x: 10.0 * x}, "tenths of a volt"),
+        ({"position": np.negative}, "wrong sign"),
+    ],
+)
+def test_values_of_registers_get_no_verdict(changes, said):
+    pandas = pytest.importorskip("pandas")
+    table = made_up.run(18) | {"supply_voltage": np.full(made_up.SAMPLES, 12.0)}
+    table |= {name: change(table[name]) for name, change in changes.items()}
+    run = ematwin.read(pandas.DataFrame(table), actuator="sts3215")
+    try:
+        text = ematwin.identify(run, "sts3215", only="gain").verdict.sentence
+    except RecordError as error:
+        text = f"No verdict: {error}"
+    assert text.startswith("No verdict")
+    assert said in text
+
+
 def test_nothing_is_learnt_from_overloaded_runs():
     time = np.arange(300) * 0.01
     rises = 1.2 * np.minimum(time / 0.5, 1.0)

@@ -43,12 +43,14 @@ def position(servo, faults, time, goal, load):
 
     def slope(t, state):
         theta, w = state
-        error = np.interp(t, fine, target) - theta
+        error = np.interp(t, fine, target) - (theta - 0.5 * servo["controller.interval"] * w)
         startup = servo["controller.startup"] * np.clip(error / step, -1.0, 1.0)
         duty = np.clip(gain * error + startup, -1.0, 1.0)
         gravity = weight * np.sin(theta)
-        fading = servo["friction.stribeck"] / (1.0 + (w / servo["friction.stribeck_speed"]) ** 2)
-        dry = servo["friction.coulomb"] + fading + servo["friction.load_share"] * abs(gravity)
+        fading = 1.0 / (1.0 + (w / servo["friction.stribeck_speed"]) ** 2)
+        coulomb = servo["friction.coulomb"] + servo["friction.load_share"] * abs(gravity)
+        static = servo["friction.stribeck"] + servo["friction.static_share"] * abs(gravity)
+        dry = coulomb + fading * static
         torque = stall * duty - back_emf * w - gravity
         return [w, (torque - rubs * dry * np.tanh(w / _STICK)) / inertia]
 

@@ -53,6 +53,7 @@ def test_halving_the_step_changes_little():
 def test_arm_that_is_held_hangs_by_load_over_stiffness():
     quiet = FREE.changed({
         "friction.coulomb": 1e-6, "friction.stribeck": 1e-6, "friction.load_share": 1e-6,
+        "friction.static_share": 1e-6,
         "controller.startup": 1e-9,
     })  # fmt: skip
     _, held = moved(np.full(600, 0.5), quiet)
@@ -122,3 +123,26 @@ def test_arm_falls_through_the_play_where_its_load_changes_side():
     assert np.abs(loose - tight).max() > 0.2 * servo.gear.backlash * 10.0
     # the encoder sits on the output: where the load keeps to one side the loop hides the play
     assert abs(loose[-1] - tight[-1]) < 2e-3
+
+
+def test_false_reads_of_the_supply_do_not_reach_the_twin():
+    goal = swing()
+    time, true = moved(goal)
+    voltage = np.full(len(goal), 12.0)
+    false = voltage.copy()
+    false[[50, 200]] = 0.0, 24.7
+    found = []
+    for supply in (voltage, false):
+        run = Recording(time, {"goal_position": goal, "position": true, "supply_voltage": supply})
+        found.append(MODEL.compare(run, FREE).responses({}, 1)["position"])
+    assert np.array_equal(*found)
+    assert any("supply voltage is false in 2 samples" in text for text in MODEL.check(run, FREE))
+
+
+def test_gain_that_acts_on_older_positions_damps_less():
+    step = np.r_[np.zeros(5), np.full(300, 0.3)]
+    overshoot = [
+        np.ptp(moved(step, FREE.changed({"controller.interval": late}), gain=2.5)[1])
+        for late in (0.0, 0.008, 0.016)
+    ]
+    assert overshoot[0] < overshoot[1] < overshoot[2]

@@ -20,7 +20,7 @@ import numpy as np
 
 from ematwin.errors import InputError
 from ematwin.estimation.baseline import Baseline
-from ematwin.estimation.constants import BEFOREHAND, IMPLAUSIBLE, WORSE
+from ematwin.estimation.constants import BEFOREHAND, IMPLAUSIBLE, WORSE, WORST
 from ematwin.estimation.findings import verdict_on
 from ematwin.estimation.identification import Identification
 from ematwin.estimation.identify import Prepared, estimate_of
@@ -252,11 +252,13 @@ def _obstacles(peak: Peak, baseline: Baseline, comparisons: Sequence[Comparison]
     """Sentences on what of a fit forbids a verdict."""
     told = []
     left = float(np.max(peak.misfits * [one.expected_misfit for one in comparisons]))
-    if baseline.recordings and left > WORSE * baseline.misfit:
+    most = WORSE * baseline.misfit if baseline.recordings else WORST
+    if left > most:
+        usual = f", and {100.0 * baseline.misfit:.1f} % of the worst healthy one"
         told.append(
-            f"The twin leaves {100.0 * left:.1f} % of this recording unexplained, and "
-            f"{100.0 * baseline.misfit:.1f} % of the worst healthy one: it does something that the "
-            "twin cannot. Check channels, units, the load and the actuator."
+            f"The twin leaves {100.0 * left:.1f} % of this recording unexplained"
+            f"{usual if baseline.recordings else ''}: it does something that the twin cannot. "
+            "Check channels, units, the load and the actuator."
         )
     if not peak.own.names:
         return told

@@ -154,14 +154,10 @@ class Peak:
         height -= float(np.sum(np.log(self.shared.spread)))
         return height, np.linalg.inv(precision)
 
-    def own_variances(self) -> np.ndarray:
-        """(n, p) variances of what each recording has for itself, where nothing is shared."""
-        return np.array(
-            [
-                np.diag(np.linalg.inv(one.own / noise**2 + np.diag(self.own.spread**-2.0)))
-                for one, noise in zip(self.curvatures, self.noises, strict=True)
-            ]
-        )
+    def own_covariances(self) -> np.ndarray:
+        """(n, p, p) covariances of what each recording has for itself, where nothing is shared."""
+        told = [one.own / s**2 for one, s in zip(self.curvatures, self.noises, strict=True)]
+        return np.linalg.inv(np.array(told) + np.diag(self.own.spread**-2.0))
 
 
 def fit(
@@ -313,17 +309,17 @@ def learn_effects(
     for n in range(_ROUNDS):
         each = side_by_side(partial(_alone, effects), comparisons)
         points = np.array([one.each[0] for one in each])
-        unsure = np.array([one.own_variances()[0] for one in each])
+        unsure = np.array([one.own_covariances()[0] for one in each])
         variance = effects.spread**2
         weight = count / variance
         mean = (weight * points.mean(axis=0) + before[0] / before[1] ** 2) / (
             weight + before[1] ** -2.0
         )
-        squares = np.sum((points - mean) ** 2 + unsure, axis=0)
+        squares = np.sum((points - mean) ** 2 + np.diagonal(unsure, axis1=1, axis2=2), axis=0)
         spread = np.sqrt((squares + _STATED * stated**2) / (count + _STATED))
         effects = Normals(unknowns, mean, spread)
         tell(0.3 + 0.7 * (n + 1) / _ROUNDS)
-    error = np.sqrt((effects.spread**2 + unsure.mean(axis=0)) / count)
+    error = errors_of_mean(unsure, variance, before[1])
     places = known.names
     values = dict(zip(places, np.exp(effects.mean[: len(places)]).tolist(), strict=True))
     covariance = np.diag(effects.spread**2 + error**2)
@@ -341,6 +337,23 @@ def learn_effects(
         for place, e, spread in zip(places, error, known.spread, strict=False)
     ]  # fmt: skip
     return LearntEffects(template.changed(values), baseline, parameters)
+
+
+def errors_of_mean(unsure: np.ndarray, variance: np.ndarray, prior: np.ndarray) -> np.ndarray:
+    """Standard errors (d,) of the mean of parameters that differ between recordings.
+
+    A recording tells the mean with the precision ``(C + V)^-1`` (Laird and Ware 1982), where C is
+    the error of its own estimate and V the variance between recordings; parameters that only their
+    combination determines stay unknown, however many recordings there are.
+
+    Parameters
+    ----------
+    unsure : (n, d, d), covariances of each recording's parameters, ``(C^-1 + V^-1)^-1``
+    variance : (d,), diagonal of V
+    prior : (d,), standard deviations of the mean before
+    """
+    told = np.sum(np.diag(1.0 / variance) - unsure / np.outer(variance, variance), axis=0)
+    return np.asarray(np.sqrt(np.diag(np.linalg.inv(told + np.diag(prior**-2.0)))))
 
 
 def _alone(effects: Normals, comparison: Comparison) -> Peak:

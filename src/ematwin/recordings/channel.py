@@ -39,6 +39,8 @@ class Channel:
         converter gives it; else the value at that time
     derived : how it follows from others; None if it has to be recorded
     may_rest : one value throughout is no sign of a dead sensor: a current that is held at zero
+    refreshed : s, period at which the device samples what a host reads in between; 0 if a read is
+        a sample
     stands_in_for : the channel that this one is only there to derive: files may have it instead,
         and recordings read from them hold the other
     """
@@ -52,6 +54,7 @@ class Channel:
     derived: Derivation | None = None
     stands_in_for: str | None = None
     may_rest: bool = False
+    refreshed: float = 0.0
 
     def __post_init__(self) -> None:
         NAMED.add(self.name)

@@ -19,6 +19,7 @@ from ematwin.recordings.channel_map import ChannelMap, Columns
 from ematwin.recordings.checksums import FORMAT
 from ematwin.recordings.cleaning import (
     Policy,
+    Sound,
     check_policy,
     saturation_warnings,
     sentence,
@@ -30,6 +31,7 @@ from ematwin.recordings.formats.csv_dialect import ROUTINE
 from ematwin.recordings.matching import Needs, is_met
 from ematwin.recordings.motions import Choice, check_single, fitting, pieces
 from ematwin.recordings.recording import Recording, label_text
+from ematwin.recordings.refreshed import sampled
 from ematwin.recordings.sampling import check_rate, onto, tidy_time, to_constant_rate
 
 _MOVED = 1.0  # s: tidying moves times by less, unless it counts calendar times from the first
@@ -147,6 +149,9 @@ def _cleaned(
     time = _bring_to_one_base(found, means, inputs, what)
     derive(found, channel_map, time)
     sound = sound_samples(time, found.columns, gaps, what, inputs)
+    for channel in channel_map.channels:
+        if channel.refreshed and channel.name in sound.columns:
+            _put_at_samples(sound, channel)
     time, columns, changed = to_constant_rate(sound.time, sound.columns, rate, what, means)
     provenance: dict[str, Any] = {
         "source": "file",
@@ -173,6 +178,17 @@ def _cleaned(
         source=file.given.name,
         provenance=provenance,
     )
+
+
+def _put_at_samples(sound: Sound, channel: Channel) -> None:
+    """Values of a channel at the times of the reads, each read being a sample of before."""
+    moved = sampled(sound.time, sound.columns[channel.name], channel.refreshed)
+    if moved is not None:
+        sound.columns[channel.name], period = moved
+        sound.changed.append(
+            f"{channel.name} is read up to {1e3 * period:.3g} ms after it was sampled, as its "
+            "steps show; it was brought to the times of the reads"
+        )
 
 
 def _bring_to_one_base(

@@ -7,7 +7,13 @@ import numpy as np
 import pytest
 
 from ematwin.estimation.mixed_effects import assessed_sets
-from ematwin.estimation.random_effects import Normals, effects_of, fit, learn_effects
+from ematwin.estimation.random_effects import (
+    Normals,
+    effects_of,
+    errors_of_mean,
+    fit,
+    learn_effects,
+)
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet, Section, quantity
 from ematwin.models.unknown import Unknown
@@ -169,3 +175,15 @@ def test_more_recordings_of_one_state_narrow_the_interval():
         for given in (some[:1], some)
     )
     assert together < 0.6 * alone
+
+
+def test_recordings_that_tell_a_combination_leave_its_parts_unknown():
+    variance, prior = np.array([0.01, 0.02]), np.array([0.3, 0.3])
+    along, noise, count = np.array([1.0, 1.0]) / np.sqrt(2.0), 1e-4, 50
+    one = np.linalg.inv(np.outer(along, along) / noise + np.diag(1.0 / variance))
+    found = errors_of_mean(np.tile(one, (count, 1, 1)), variance, prior)
+    # each recording gives the mean of the combination, with its own noise and spread
+    told = count * np.outer(along, along) / (noise + along @ (variance * along))
+    expected = np.linalg.inv(told + np.diag(prior**-2.0))
+    assert found == pytest.approx(np.sqrt(np.diag(expected)))
+    assert np.sqrt(along @ expected @ along) < 0.02 < 0.2 < found.min()

@@ -8,13 +8,13 @@ import numpy as np
 from ematwin.models.base import Demand, Model, Signal, Values
 from ematwin.models.comparison import Candidates, TraceComparison
 from ematwin.models.position_servo.parameters import PositionServo
-from ematwin.models.position_servo.recorded import CHANNELS, stretch
+from ematwin.models.position_servo.recorded import CHANNELS, check_units, stretch, supply
 from ematwin.models.position_servo.unknowns import aliases, unknowns
 from ematwin.models.unknown import Alias, Unknown
 from ematwin.recordings.recording import Recording
 
 _READ = 0.004
-_LATE = 0.006  # s, by which reads on a bus come sooner or later
+_LATE = 0.003  # s, by which reads on a bus come sooner or later
 _NO_WEIGHT = 1e6  # times the noise
 
 
@@ -113,11 +113,15 @@ class PositionServoModel(Model):
         if part.stop - part.first < len(recording):
             time = recording.time
             cut = recording.between(time[part.first], time[part.stop - 1])
+        voltage = supply(cut)
+        if voltage is not None and voltage[1]:
+            cut = cut.changed(supply_voltage=voltage[0])
         return TraceComparison(self, cut, actuator)
 
     def check(self, recording: Recording, actuator: Any) -> list[str]:
         """What of a recording is not compared."""
         self.check_channels(recording)
+        check_units(recording, actuator)
         return stretch(recording, actuator).said
 
     def excitation(self, recording: Recording, actuator: Any) -> list[str]:

@@ -32,6 +32,7 @@ class ServoController(Section):
     speed_limit: float = quantity(
         "rad/s", "speed limit of the target", tolerance=0.2, drift=0.05, gt=0
     )
+    interval: float = quantity("s", "from one sample of the position to the next", exact=True, ge=0)
 
 
 class ServoMotor(Section):
@@ -65,6 +66,9 @@ class ServoFriction(Section):
     )
     load_share: float = quantity(
         "", "further friction for each N m of load", tolerance=1.0, drift=0.2, gt=0
+    )
+    static_share: float = quantity(
+        "", "further static friction for each N m of load", tolerance=1.0, drift=0.5, gt=0
     )
 
 

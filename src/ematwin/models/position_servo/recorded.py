@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ematwin.errors import RecordError
 from ematwin.recordings.channel import Channel
 from ematwin.recordings.cleaning import runs
 from ematwin.recordings.recording import Recording
@@ -17,7 +18,8 @@ from ematwin.recordings.recording import Recording
 CHANNELS = (
     Channel("goal_position", "rad", "commanded position, 0 where a pendulum hangs down",
             ("goal", "command", "target_position", "present_goal")),
-    Channel("position", "rad", "position of the output", ("present_position",), "output"),
+    Channel("position", "rad", "position of the output", ("present_position",), "output",
+            refreshed=0.008),
     Channel("supply_voltage", "V", "supply voltage of the servo",
             ("voltage", "present_voltage", "present_input_voltage"), may_rest=True),
     Channel("temperature", "", "temperature register of the servo, degC",
@@ -31,6 +33,10 @@ CHANNELS = (
 _NEIGHBOURS = 7  # samples, of which a false read is one or two
 _WIDENED = 2  # samples next to a false read, into which interpolation carries it
 _SHORTEST = 20  # samples that are compared
+_SUPPLY = 0.5  # of the usual voltage, off which no servo runs on
+_RATED = 2.5  # times the rated voltage, or its inverse: no supply of this servo
+_TURNS = 2.0  # of travel: more is another unit
+_AGAINST = -0.8  # correlation of goal and position where one has the wrong sign
 _LASTS = 0.25  # s: an arm that overshoots has turned round by then
 _FALL = 0.3  # share of the no-load speed
 _REST = 0.02  # share of the same
@@ -78,6 +84,16 @@ def stretch(recording: Recording, actuator: Any) -> Stretch:
             f"{len(reads)} false read{'s' if len(reads) > 1 else ''} of the position, the first at "
             f"{time[first + reads[0][0]]:.2f} s, left out."
         )
+    sound = np.flatnonzero(~false[first:stop]) + first
+    goal, moves = channels["goal_position"][sound], position[sound]
+    moving = sound.size > _SHORTEST and min(np.ptp(goal), np.ptp(moves)) > 0.0
+    if moving and np.corrcoef(goal, moves)[0, 1] < _AGAINST:
+        obstacles.append(
+            "position falls where goal_position rises: one of them has the wrong sign. Reverse it."
+        )
+    voltage = supply(recording)
+    if voltage is not None and voltage[1]:
+        said.append(f"The supply voltage is false in {voltage[1]} samples: the usual one counts.")
     moved = smooth(recording, false, first, stop)
     rests = _runs_of(actuator, recording, moved, _rests, 2.0 * _LASTS)
     if rests is not None:
@@ -102,6 +118,40 @@ def stretch(recording: Recording, actuator: Any) -> Stretch:
         stop = min(size, first + _SHORTEST)
         first = stop - _SHORTEST
     return Stretch(first, stop, false, said, obstacles)
+
+
+def check_units(recording: Recording, actuator: Any) -> None:
+    """Raise `RecordError` where values are those of registers, not in SI."""
+    columns = recording.provenance.get("columns", {})
+    travel = float(np.ptp(np.percentile(recording.channels["position"], [1, 99])))
+    stated = columns.get("position", {}).get("unit_from", "stated") != "assumed"
+    if travel > 2.0 * np.pi * _TURNS and not stated:
+        raise RecordError(
+            f"{recording.name}: position travels {travel:.4g} rad, {travel / (2 * np.pi):.0f} "
+            'turns, and nobody stated its unit. Name degrees as "position [deg]"; for steps of '
+            "the encoder give (steps - step where the arm hangs down) * 2 pi / steps of a turn."
+        )
+    found = supply(recording)
+    rated = actuator.motor.rated_voltage
+    usual = rated if found is None else float(np.median(found[0]))
+    if not rated / _RATED <= usual <= rated * _RATED:
+        raise RecordError(
+            f"{recording.name}: supply_voltage is {usual:.4g} V, and {actuator.name} is rated for "
+            f"{rated:.4g} V. Registers of servos often hold tenths of a volt; give volts."
+        )
+
+
+def supply(recording: Recording) -> tuple[np.ndarray, int] | None:
+    """Supply voltage (S,), V, with the usual one for false reads, and their number.
+
+    None where it was not recorded.
+    """
+    voltage = recording.channels.get("supply_voltage")
+    if voltage is None:
+        return None
+    usual = float(np.median(voltage))
+    false = np.abs(voltage - usual) > _SUPPLY * usual
+    return np.where(false, usual, voltage), int(false.sum())
 
 
 def false_reads(position: np.ndarray, most: float) -> np.ndarray:

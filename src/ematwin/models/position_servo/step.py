@@ -4,21 +4,23 @@ All on the output shaft: a torque of the motor times the gear ratio, its inertia
 squared.
 
     target = rate_limit(goal(t - delay))                       at most ``speed_limit``
-    error  = target - output - offset                          encoder on the output
+    error  = target - output(t - T_c/2) - offset               encoder on the output
     duty   = clip(gain error + startup sign(error), 1)         pulse width, 0 where released
     torque = T_s duty V/V_rated - (T_s/w_0) w                  stall torque, no-load speed
-    F      = F_c + F_s exp(-|w|/w_s) + k_load |load|           friction of motor and gear
+    F      = F_c + k |load| + (F_s + k_s |load|)/(1 + (w/w_s)^2)  friction
     load   = (m + m_arm/2) g L sin(output) + constant torque
 
     J dw/dt = torque - F sign(w) - contact                     motor and gear
     (J_load + (m + m_arm/3) L^2) dw_o/dt = contact - load      output, with play in between
 
 Friction as in Duclusaud, Passault and Padois (2025), Extended friction models for the
-physics simulation of servo actuators (BAM): Coulomb and Stribeck as in their M2, and a part that
-grows with the external torque as in M3 to M5; measurements here showed no more of these
-(docs/lab/position-servo.md). Their viscous part is not apart from the back-EMF where the supply is
+physics simulation of servo actuators (BAM): Coulomb and Stribeck, both with a part that grows with
+the load, as in their M4, by the external torque alone (docs/lab/position-servo.md). The fade is
+that of Hess and Soom (1990). Their viscous part is not apart from the back-EMF where the supply is
 constant, and belongs to it here. The play is the rigid, inelastic contact of
-`ematwin.numerics.backlash`.
+`ematwin.numerics.backlash`. A controller that samples every T_c and holds its duty acts on the
+position of T_c/2 ago in the mean (Astrom and Wittenmark 1997, Computer-Controlled Systems); over so
+short a time the output moves on a straight line.
 """
 
 import math
@@ -40,6 +42,7 @@ class Constants(NamedTuple):
     startup: float  # duty
     delay: float  # s
     speed_limit: float  # rad/s
+    late: float  # s, age of the position that the controller acts on
     offset: float  # rad
     stall_torque: float  # N m
     back_emf: float  # N m s/rad
@@ -49,6 +52,7 @@ class Constants(NamedTuple):
     stribeck: float  # N m
     stribeck_speed: float  # rad/s
     load_share: float
+    static_share: float
     gravity: float  # N m at a horizontal arm
     load_inertia: float  # kg m^2
     load_torque: float  # N m against positive motion
@@ -68,14 +72,15 @@ class State(NamedTuple):
 @part
 def friction(w, load, c):
     """Dry friction of motor and gear at a speed, N m."""
-    fading = c.stribeck / (1.0 + (w / c.stribeck_speed) * (w / c.stribeck_speed))
-    return c.coulomb + fading + c.load_share * abs(load)
+    fading = 1.0 / (1.0 + (w / c.stribeck_speed) * (w / c.stribeck_speed))
+    sliding = c.coulomb + c.load_share * abs(load)
+    return sliding + fading * (c.stribeck + c.static_share * abs(load))
 
 
 @part
-def duty_of(target, theta, c):
+def duty_of(target, theta, w, c):
     """Pulse width that the controller asks for, -1 to 1."""
-    error = target - theta - c.offset
+    error = target - (theta - c.late * w) - c.offset
     # the sign is smoothed over a step of the encoder: in a jump the duty would chatter at the goal
     startup = c.startup * clip(error / ENCODER_STEP, -1.0, 1.0)
     return clip(c.gain * error + startup, -1.0, 1.0)
@@ -91,7 +96,7 @@ def servo_step(now, goal, supply, c, dt):
     target = now.target + clip(goal - now.target, -most, most)
     middle = now.theta + 0.5 * dt * now.w  # torques act in the middle of the step
     load = c.gravity * sincos(middle)[0] + c.load_torque
-    torque = c.stall_torque * duty_of(0.5 * (now.target + target), middle, c) * supply
+    torque = c.stall_torque * duty_of(0.5 * (now.target + target), middle, now.w, c) * supply
     back_emf = c.back_emf if supply > 0.0 else 0.0
     act = torque - back_emf * now.w_m
     # the trapezoidal rule for the back-EMF: stable however long the step
@@ -149,10 +154,11 @@ def traces(constants, goal, supply, start, speed, interval, substeps):
     for n in range(count):
         c = Constants(
             constants.gain[n], constants.startup[n], constants.delay[n], constants.speed_limit[n],
-            constants.offset[n], constants.stall_torque[n], constants.back_emf[n],
-            constants.inertia[n], constants.half_gap[n], constants.coulomb[n],
-            constants.stribeck[n], constants.stribeck_speed[n], constants.load_share[n],
-            constants.gravity[n], constants.load_inertia[n], constants.load_torque[n],
+            constants.late[n], constants.offset[n], constants.stall_torque[n],
+            constants.back_emf[n], constants.inertia[n], constants.half_gap[n],
+            constants.coulomb[n], constants.stribeck[n], constants.stribeck_speed[n],
+            constants.load_share[n], constants.static_share[n], constants.gravity[n],
+            constants.load_inertia[n], constants.load_torque[n],
         )  # fmt: skip
         nothing = 0.0
         for value in c:

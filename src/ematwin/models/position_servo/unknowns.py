@@ -42,6 +42,7 @@ def aliases() -> list[Alias]:
         Alias("motor.stall_torque", {"torque": 1.0, "motor.no_load_speed": 1.0}),
         Alias(
             "friction.coulomb",
-            {"friction": 1.0, "friction.stribeck": -1.0, "friction.load_share": -1.0},
+            {"friction": 1.0}
+            | {f"friction.{name}": -1.0 for name in ("stribeck", "load_share", "static_share")},
         ),
     ]
