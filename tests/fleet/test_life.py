@@ -56,7 +56,9 @@ def test_life_counts_from_the_moment_and_downwards_too(process):
 
 
 def test_what_is_beyond_its_limit_has_no_life_left_and_what_rests_lives_on():
-    assert life_left("x", known(0.6), LIMIT, 0.0).interval == (0.0, 0.0)
+    passed = life_left("x", known(0.6), LIMIT, 0.0)
+    assert passed.interval == (0.0, 0.0)
+    assert str(passed) == "none: beyond the limit"
     resting = life_left("x", known(0.1, 0.0, 1e-9), LIMIT, 0.0)
     assert str(resting) == "more than 10 years"
 

@@ -67,6 +67,8 @@ class Life:
 
     def __str__(self) -> str:
         low, high = self.interval
+        if high == 0.0:
+            return "none: beyond the limit"
         if math.isinf(self.median):
             least = "" if math.isinf(low) else f", {spoken(low)} at the least (90 %)"
             return f"more than {self.horizon:g} years{least}"

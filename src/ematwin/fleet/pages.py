@@ -1,6 +1,5 @@
 """Pages of a fleet: all actuators by urgency, and the history of one. Each is one file."""
 
-import math
 from html import escape
 from typing import Any
 from urllib.parse import quote
@@ -108,11 +107,7 @@ def _row(unit: FleetActuator, row: dict[str, Any], link: str) -> Row:
         f"{_ADVICE[row['advisory']]}{seen}</span>"
     )
     spark = _spark(unit, row["health_magnitude"], _COLORS[row["advisory"]])
-    low, median = row["life_left_low_days"] / 365.25, row["life_left_days"] / 365.25
-    high = row["life_left_high_days"] / 365.25
-    left = "" if unit.life_left() is None else f"{spoken(median)} ({spoken(low)} to {spoken(high)})"
-    if math.isinf(low):
-        left = spoken(low)
+    left = str(unit.life_left() or "")
     return Row(
         [Markup(f'<a href="{address}">{name}</a>'), Markup(advice), left, Markup(spark),
          _upper(row["advisory_reason"]), row["last_recording"][:10]],
