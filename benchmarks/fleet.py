@@ -253,13 +253,14 @@ def size(actuators=60, per_year=1000 / 3):
     with tempfile.TemporaryDirectory() as folder:
         store = Fleet(folder).store
         SimulatedFleet(actuators, 3.0, per_year, 1, END).fill(store)
-        begin = time.perf_counter()
+        begin, used = time.perf_counter(), time.process_time()
         fleet = Fleet(folder, now=END)
         page = Path(folder) / "fleet.html"
         fleet.report(page)
         return {
             "recordings": sum(len(one.rows) for one in fleet),
             "seconds": time.perf_counter() - begin,
+            "cpu_seconds": time.process_time() - used,
             "peak_GB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6,
             "page_MB": page.stat().st_size / 1e6,
         }

@@ -17,7 +17,7 @@ from ematwin.estimation.probabilities import thresholds_of
 from ematwin.files import check_target, write_text
 from ematwin.fleet.alarms import STEPS, Alarm, Before, judge, worst
 from ematwin.fleet.life import Life, Requirement, job_left, life_left, sooner
-from ematwin.fleet.store import moment_of, series_columns, years
+from ematwin.fleet.store import columns_of, moment_of, years
 from ematwin.fleet.trend import Series, Trend, trend
 from ematwin.models.unknown import Unknown
 from ematwin.monitoring.calibration import Calibration
@@ -62,7 +62,11 @@ class FleetActuator:
     @cached_property
     def magnitudes(self) -> tuple[str, ...]:
         """Names of the faults with estimates."""
-        return tuple(n for n in self._unknowns if series_columns(self.rows, n))
+        return tuple(n for n in self._unknowns if n in self._columns)
+
+    @cached_property
+    def _columns(self) -> dict[str, list[tuple[Any, ...]]]:
+        return columns_of(self.rows)
 
     def unknown(self, name: str) -> Unknown:
         """A magnitude as the table of its kind has it.
@@ -82,7 +86,7 @@ class FleetActuator:
     def series(self, name: str) -> Series:
         """Estimates of a magnitude with their standard errors, by time."""
         self.unknown(name)
-        columns = np.array(series_columns(self.rows, name), dtype=float)
+        columns = np.array(self._columns[name], dtype=float)
         covariates = np.nan_to_num((columns[:, 3:] - self._usual[0]) / self._usual[1])
         renewed = [one["time"] for one in self.events if one["what"] == "overhaul"]
         # a calibration takes the actuator for healthy: the same as an overhaul

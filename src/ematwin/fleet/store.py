@@ -301,17 +301,17 @@ def moment_at(time: float) -> datetime:
     return datetime.fromtimestamp(time * YEAR, UTC)
 
 
-def series_columns(rows: Sequence[Mapping[str, Any]], name: str) -> list[tuple[Any, ...]]:
-    """Time, value, standard error, temperature and load of a magnitude, of rows with a verdict."""
-    found = []
+def columns_of(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[tuple[Any, ...]]]:
+    """By magnitude, of rows with a verdict: time, value, standard error, temperature and load."""
+    found: dict[str, list[tuple[Any, ...]]] = {}
     for row in rows:
-        if row["grade"] in (SET_ASIDE, "none") or name not in (row["names"] or ()):
+        if row["grade"] in (SET_ASIDE, "none"):
             continue
-        d, at = len(row["names"]), row["names"].index(name)
-        variance = row["covariance"][at * d + at]
-        if variance is None or not 0.0 <= variance < float("inf"):
-            continue
-        found.append(
-            (years(row["time"]), row["values"][at], variance**0.5, row["temperature"], row["load"])
-        )
+        names, time = row["names"] or (), years(row["time"])
+        for n, name in enumerate(names):
+            variance = row["covariance"][n * len(names) + n]
+            if variance is not None and 0.0 <= variance < float("inf"):
+                found.setdefault(name, []).append(
+                    (time, row["values"][n], variance**0.5, row["temperature"], row["load"])
+                )
     return found
