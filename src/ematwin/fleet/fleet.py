@@ -19,13 +19,14 @@ from ematwin.errors import EmatwinError, InputError
 from ematwin.files import check_target, write_text
 from ematwin.fleet.actuator import FleetActuator
 from ematwin.fleet.alarms import Policy
+from ematwin.fleet.learning import learn
 from ematwin.fleet.life import Requirement, process_of
 from ematwin.fleet.store import (
     SET_ASIDE,
     FleetStore,
     moment_of,
 )
-from ematwin.fleet.trend import Wear, learn
+from ematwin.fleet.trend import Wear
 from ematwin.monitoring.calibration import Calibration
 from ematwin.quantities import parse_quantity
 from ematwin.validation import load_toml

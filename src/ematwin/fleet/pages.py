@@ -233,7 +233,7 @@ def panel(unit: FleetActuator, name: str, alarm: Alarm, wide: bool = False) -> s
 def _forecast(unit: FleetActuator, one: Trend, name: str) -> tuple[np.ndarray, np.ndarray]:
     """Times and quantiles (3, K) of the level to come: lower end, median, upper end."""
     now = years(unit.fleet.now)
-    ahead, level = paths(
+    ahead, level, _ = paths(
         one, now, unit.fleet.process(unit.kind, name), horizon=_AHEAD, draws=200
     )  # fmt: skip
     every = slice(None, None, 8)
