@@ -43,6 +43,13 @@ def watch(
         float | None,
         typer.Option(help="Look again every so many seconds, until Ctrl-C; else once."),
     ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            help="Judge on the workers of a Dask scheduler, e.g. tcp://host:8786, which see the "
+            "same folders."
+        ),
+    ] = None,
     report: options.ReportOption = None,
     table: options.TableOption = None,
     fail_on: StepOption = None,
@@ -56,6 +63,7 @@ def watch(
     """
     from ematwin.cli.channels import map_of
     from ematwin.fleet.fleet import Fleet
+    from ematwin.fleet.paths import Hashes
     from ematwin.fleet.watch import watch as run
     from ematwin.models.registry import load_actuator
 
@@ -66,12 +74,12 @@ def watch(
     columns = None
     if column or map_file:
         columns = map_of(column, map_file, load_actuator(actuator))
-    known = Fleet(fleet)
+    known, hashes = Fleet(fleet), Hashes()
     while True:
         with options.progress_bar("Judging", not json) as progress:
             found = run(
                 known.store, recordings, actuator, columns=columns, progress=progress,
-                pattern=serial_number or known.pattern,
+                pattern=serial_number or known.pattern, scheduler=scheduler, hashes=hashes,
             )  # fmt: skip
         known.refresh()
         known.update()

@@ -31,7 +31,7 @@ from ematwin.monitoring.calibration import Calibration
 from ematwin.quantities import parse_quantity
 from ematwin.validation import load_toml
 
-_SETTINGS = ("limits", "alarms", "requirement", "serial_number")
+_SETTINGS = ("limits", "alarms", "requirement", "serial_number", "store")
 
 
 class Fleet:
@@ -126,8 +126,7 @@ class Fleet:
     def twin(self, fingerprint: str) -> Calibration:
         """The twin that judged a row."""
         if fingerprint not in self._twins:
-            path = self.store.folder / "twins" / f"{fingerprint}.toml"
-            self._twins[fingerprint] = Calibration.of(path)
+            self._twins[fingerprint] = Calibration.of(self.store.twin(fingerprint))
         return self._twins[fingerprint]
 
     # --- what the whole fleet says ---------------------------------------------------------------
