@@ -172,18 +172,19 @@ def exported(seed, actuators, per_year, every):
             if len(kept) < 3:
                 continue
             shares = np.linspace(0.005, 0.995, 100)
+            few = [
+                Prediction(one.moment, np.quantile(one.draws, shares, method="inverted_cdf"))
+                for one in kept
+            ]
             middle = time[inside][0] + 0.5 * (ends - time[inside][0])
-            after = next((one for one in kept if one.moment >= middle), kept[-1])
+            after = next((one for one in few if one.moment >= middle), few[-1])
             told.append(
                 {
                     "end": ends, "limit": LIMITS[name], "time": time[inside].tolist(),
                     "value": series.value[inside].tolist(),
-                    "moments": [one.moment for one in kept],
+                    "moments": [one.moment for one in few],
                     "draws": [
-                        [x if np.isfinite(x) else None for x in q.tolist()]
-                        for q in (
-                            np.quantile(one.draws, shares, method="inverted_cdf") for one in kept
-                        )
+                        [x if np.isfinite(x) else None for x in one.draws.tolist()] for one in few
                     ],
                     "alpha_lambda": is_accurate(after, ends),
                 }

@@ -110,7 +110,8 @@ def _row(unit: FleetActuator, row: dict[str, Any], link: str) -> Row:
     left = str(unit.life_left() or "")
     return Row(
         [Markup(f'<a href="{address}">{name}</a>'), Markup(advice), left, Markup(spark),
-         _upper(row["advisory_reason"]), row["last_recording"][:10]],
+         _upper(row["advisory_reason"]),
+         Markup(f'<span style="white-space:nowrap">{row["last_recording"][:10]}</span>')],
         marked=level == 3,
     )  # fmt: skip
 
