@@ -65,7 +65,7 @@ class FleetActuator:
         return tuple(n for n in self._unknowns if n in self._columns)
 
     @cached_property
-    def _columns(self) -> dict[str, list[tuple[Any, ...]]]:
+    def _columns(self) -> dict[str, np.ndarray]:
         return columns_of(self.rows)
 
     def unknown(self, name: str) -> Unknown:
@@ -86,7 +86,7 @@ class FleetActuator:
     def series(self, name: str) -> Series:
         """Estimates of a magnitude with their standard errors, by time."""
         self.unknown(name)
-        columns = np.array(self._columns[name], dtype=float)
+        columns = self._columns[name]
         covariates = np.nan_to_num((columns[:, 3:] - self._usual[0]) / self._usual[1])
         renewed = [one["time"] for one in self.events if one["what"] == "overhaul"]
         # a calibration takes the actuator for healthy: the same as an overhaul

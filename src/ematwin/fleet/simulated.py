@@ -33,8 +33,8 @@ LIMITS = {
     "friction": 0.4, "backlash": 0.3, "short_a": 0.2, "short_b": 0.2, "short_c": 0.2,
     "demagnetisation": 0.25,
 }  # fmt: skip
-# Standard errors of `identify` on the default command of the calibrated actuator, 2 % noise, as
-# `python benchmarks/fleet.py errors` prints them.
+# Standard errors of `identify` on the default command of the calibrated actuator, 2 % noise, about
+# as `python benchmarks/fleet.py errors` prints them; those of shorts have become smaller since.
 ERRORS = {
     "friction": 0.0009, "backlash": 0.0005, "short_a": 0.014, "short_b": 0.014, "short_c": 0.014,
     "demagnetisation": 0.03,

@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
@@ -370,8 +371,8 @@ def moment_at(time: float) -> datetime:
     return datetime.fromtimestamp(time * YEAR, UTC)
 
 
-def columns_of(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[tuple[Any, ...]]]:
-    """By magnitude, of rows with a verdict: time, value, standard error, temperature and load."""
+def columns_of(rows: Sequence[Mapping[str, Any]]) -> dict[str, np.ndarray]:
+    """By magnitude, of n rows with a verdict, (n, 5): time, value, error, temperature, load."""
     found: dict[str, list[tuple[Any, ...]]] = {}
     for row in rows:
         if row["grade"] in (SET_ASIDE, "none"):
@@ -383,4 +384,4 @@ def columns_of(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[tuple[Any, .
                 found.setdefault(name, []).append(
                     (time, row["values"][n], variance**0.5, row["temperature"], row["load"])
                 )
-    return found
+    return {name: np.array(several, dtype=float) for name, several in found.items()}

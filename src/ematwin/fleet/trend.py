@@ -19,7 +19,7 @@ J. Am. Stat. Assoc. 93, 796-806), here as Bayes factors of one normal shock.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -134,7 +134,6 @@ class Trend:
     outliers: tuple[int, ...]
     jumps: tuple[int, ...]
     evidence: float
-    _pass: "Pass" = field(repr=False)
 
     @cached_property
     def states(self) -> list[tuple[Wear, np.ndarray, np.ndarray]]:
@@ -258,7 +257,7 @@ def trend(series: Series, wear: Wear) -> Trend:
         series, wear, done.mean[-1, :2], done.cov[-1, :2, :2],
         done.smooth[:, _LEVEL], np.sqrt(np.maximum(done.error[:, _LEVEL], 0.0)),
         done.smooth[:, SLOPE], series.value - effect,
-        tuple(sorted(outliers)), tuple(sorted(jumps)), done.told, done,
+        tuple(sorted(outliers)), tuple(sorted(jumps)), done.told,
     )  # fmt: skip
 
 
