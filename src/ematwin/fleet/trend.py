@@ -141,7 +141,8 @@ class Trend:
         if not self.wear.others:
             return [(self.wear, self.mean, self.covariance)]
         passes = [(one, again(self.series, self, one)) for one in self.wear.others]
-        return [(one, done.mean[-1, :2], done.cov[-1, :2, :2]) for one, done in passes]
+        # copies: a view would keep all moments of the pass
+        return [(w, one.mean[-1, :2].copy(), one.cov[-1, :2, :2].copy()) for w, one in passes]
 
     @property
     def time(self) -> float:
@@ -254,7 +255,7 @@ def trend(series: Series, wear: Wear) -> Trend:
         done = Pass(series, wear, outliers, jumps)
     effect = (done.smooth[:, _EFFECTS:] * series.covariates).sum(axis=1)
     return Trend(
-        series, wear, done.mean[-1, :2], done.cov[-1, :2, :2],
+        series, wear, done.mean[-1, :2].copy(), done.cov[-1, :2, :2].copy(),
         done.smooth[:, _LEVEL], np.sqrt(np.maximum(done.error[:, _LEVEL], 0.0)),
         done.smooth[:, SLOPE], series.value - effect,
         tuple(sorted(outliers)), tuple(sorted(jumps)), done.told,
