@@ -2,6 +2,7 @@
 
     python benchmarks/fleet.py alarms --seeds 101 102 103
     python benchmarks/fleet.py screw ../shared/data/xjtu_ball_screw/friction_torque.csv
+    python benchmarks/fleet.py paths --seeds $(seq 300 399)
     python benchmarks/fleet.py predictions --seeds 104 --actuators 15 > predictions.json
     python benchmarks/fleet.py kill
     python benchmarks/fleet.py size
@@ -25,6 +26,8 @@ import numpy as np
 
 from ematwin.estimation.constants import SMALLEST
 from ematwin.fleet.fleet import Fleet
+from ematwin.fleet.learning import learn
+from ematwin.fleet.life import paths
 from ematwin.fleet.metrics import (
     Prediction,
     cumulative_relative_accuracy,
@@ -33,7 +36,7 @@ from ematwin.fleet.metrics import (
 )
 from ematwin.fleet.simulated import LIMITS, SimulatedFleet
 from ematwin.fleet.store import years
-from ematwin.fleet.trend import Series, learn, trend
+from ematwin.fleet.trend import Series, trend
 
 END = datetime(2026, 1, 1, tzinfo=UTC)
 
@@ -169,18 +172,19 @@ def exported(seed, actuators, per_year, every):
             if len(kept) < 3:
                 continue
             shares = np.linspace(0.005, 0.995, 100)
+            few = [
+                Prediction(one.moment, np.quantile(one.draws, shares, method="inverted_cdf"))
+                for one in kept
+            ]
             middle = time[inside][0] + 0.5 * (ends - time[inside][0])
-            after = next((one for one in kept if one.moment >= middle), kept[-1])
+            after = next((one for one in few if one.moment >= middle), few[-1])
             told.append(
                 {
                     "end": ends, "limit": LIMITS[name], "time": time[inside].tolist(),
                     "value": series.value[inside].tolist(),
-                    "moments": [one.moment for one in kept],
+                    "moments": [one.moment for one in few],
                     "draws": [
-                        [x if np.isfinite(x) else None for x in q.tolist()]
-                        for q in (
-                            np.quantile(one.draws, shares, method="inverted_cdf") for one in kept
-                        )
+                        [x if np.isfinite(x) else None for x in one.draws.tolist()] for one in few
                     ],
                     "alpha_lambda": is_accurate(after, ends),
                 }
@@ -221,30 +225,51 @@ def killed(times=20):
                 "twice": table.num_rows - len(set(table["content"].to_pylist()))}  # fmt: skip
 
 
-def screw(path, upto=(1 / 3, 1 / 2, 2 / 3)):
+def forecast(test, value, share):
+    """Of the rest of one path of wear: which points lie within the 80 % interval, (m,) bools."""
+    n = round(share * len(test))
+    # no standard errors are stated: the scatter is learnt; a year stands for 100 tests
+    one = Series(test / 100.0, value, np.zeros(len(test)), np.zeros((len(test), 2)))
+    known = one.until(one.time[n - 1])
+    wear = learn([known], float(value[0]), float(value[0]))
+    to_come = paths(trend(known, wear), known.time[-1], "wiener", horizon=2.0, draws=2000)
+    noise = np.sqrt(wear.variance(np.zeros(1))[0])
+    level = to_come.level + noise * np.random.default_rng(1).standard_normal(to_come.level.shape)
+    low, high = (
+        np.interp(one.time[n:] - known.time[-1], to_come.ahead, np.quantile(level, q, axis=0))
+        for q in (0.1, 0.9)
+    )
+    return (value[n:] >= low) & (value[n:] <= high)
+
+
+def screw(path):
     """Forecasts of a real wear path, the friction torque of a ball screw, from parts of it."""
     with open(path, encoding="utf-8") as file:
         rows = [(float(r["test"]), float(r["friction_torque"])) for r in csv.DictReader(file)]
-    test, value = np.array(rows).T
-    from ematwin.fleet.life import paths
+    return counted([np.array(rows).T])
 
+
+def made_up(seed):
+    """Tests and values of a path of 30 points: a power of time, Wiener or gamma increments."""
+    random = np.random.default_rng(seed)
+    test = np.linspace(3.0, 100.0, 30)
+    dt = np.diff(test, prepend=0.0) / 100.0
+    value = 1.0 + random.uniform(0.1, 0.8) * (test / 100.0) ** random.uniform(0.7, 2.2)
+    spread, law = random.uniform(0.0, 0.1), random.integers(3)
+    if law == 1:
+        value = value + np.cumsum(random.normal(0.0, spread * np.sqrt(dt)))
+    elif law == 2:
+        mean, variance = np.diff(value, prepend=1.0), spread**2 * dt + 1e-9
+        value = 1.0 + np.cumsum(random.gamma(mean**2 / variance, variance / mean))
+    return test, value + random.normal(0.0, random.uniform(0.003, 0.04), test.size)
+
+
+def counted(several):
+    """Points of paths within the intervals of forecasts from parts of each."""
     told = []
-    for share in upto:
-        n = round(share * len(test))
-        # no standard errors are stated: the scatter is learnt; a year stands for 100 tests
-        one = Series(test / 100.0, value, np.zeros(len(test)), np.zeros((len(test), 2)))
-        known = one.until(one.time[n - 1])
-        wear = learn([known], float(value[0]), float(value[0]))
-        posterior = trend(known, wear)
-        ahead, level = paths(posterior, known.time[-1], "wiener", horizon=2.0, draws=2000)
-        noise = np.sqrt(wear.variance(np.zeros(1))[0])
-        level = level + noise * np.random.default_rng(1).standard_normal(level.shape)
-        low, high = (
-            np.interp(one.time[n:] - known.time[-1], ahead, np.quantile(level, q, axis=0))
-            for q in (0.1, 0.9)
-        )
-        inside = (value[n:] >= low) & (value[n:] <= high)
-        told.append({"share": share, "held": int(inside.sum()), "of": int(inside.size)})
+    for share in (1 / 3, 1 / 2, 2 / 3):
+        inside = np.concatenate([forecast(*one, share) for one in several])
+        told.append({"share": share, "held": int(inside.sum()), "of": inside.size})
     return told
 
 
@@ -253,13 +278,14 @@ def size(actuators=60, per_year=1000 / 3):
     with tempfile.TemporaryDirectory() as folder:
         store = Fleet(folder).store
         SimulatedFleet(actuators, 3.0, per_year, 1, END).fill(store)
-        begin = time.perf_counter()
+        begin, used = time.perf_counter(), time.process_time()
         fleet = Fleet(folder, now=END)
         page = Path(folder) / "fleet.html"
         fleet.report(page)
         return {
             "recordings": sum(len(one.rows) for one in fleet),
             "seconds": time.perf_counter() - begin,
+            "cpu_seconds": time.process_time() - used,
             "peak_GB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6,
             "page_MB": page.stat().st_size / 1e6,
         }
@@ -284,7 +310,7 @@ def main():
     """Read the command, and print its answer as JSON."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(
-        "what", choices=("alarms", "predictions", "screw", "size", "kill", "errors")
+        "what", choices=("alarms", "predictions", "screw", "paths", "size", "kill", "errors")
     )
     parser.add_argument("path", nargs="?")
     parser.add_argument("--seeds", type=int, nargs="+", default=[101])
@@ -302,6 +328,8 @@ def main():
         print(json.dumps([one for seed in given.seeds for one in exported(seed, *settings)]))
     elif given.what == "screw":
         print(json.dumps(screw(given.path)))
+    elif given.what == "paths":
+        print(json.dumps(counted([made_up(seed) for seed in given.seeds])))
     else:
         print(json.dumps({"size": size, "kill": killed, "errors": errors}[given.what]()))
 

@@ -169,20 +169,62 @@ def test_alarms_neither_chatter_nor_come_back_within_a_year(fleet):
     assert told.step == "none"
 
 
-def test_an_alarm_is_seen_and_silenced(tmp_path):
-    SimulatedFleet(2, 3.0, 40.0, seed=3, end=END).fill(FleetStore(tmp_path))
-    fleet = Fleet(tmp_path, now=END)
+@pytest.fixture(scope="module")
+def alarmed(tmp_path_factory):
+    """A fleet with alarms, and the first of them."""
+    folder = tmp_path_factory.mktemp("alarmed")
+    SimulatedFleet(2, 3.0, 40.0, seed=3, end=END).fill(FleetStore(folder))
+    fleet = Fleet(folder, now=END)
     changed = fleet.update()
     assert changed
     assert fleet.update() == []  # nothing has changed since
-    serial, name = changed[0]["serial_number"], changed[0]["magnitude"]
-    fleet[serial].acknowledge(name, "seen by Kim")
+    return folder, changed[0]["serial_number"], changed[0]["magnitude"]
+
+
+def test_an_alarm_is_seen_and_silenced(alarmed):
+    folder, serial, name = alarmed
+    fleet = Fleet(folder, now=END)
+    assert name in fleet[serial].acknowledge(note="seen by Kim")
     assert fleet[serial].alarms()[name].acknowledged
     fleet[serial].silence(name, END + timedelta(days=30))
     assert fleet[serial].alarms()[name].silenced
-    assert not Fleet(tmp_path, now=END + timedelta(days=31))[serial].alarms()[name].silenced
+    later = Fleet(folder, now=END + timedelta(days=1))[serial]
+    later.silence(name, END)  # ends it
+    assert not later.fleet[serial].alarms()[name].silenced
     with pytest.raises(InputError, match="There is no estimate of 'rust'"):
         fleet[serial].acknowledge("rust")
+
+
+def test_maintainers_answer_in_the_shell(alarmed, ematwin):
+    folder, serial, name = alarmed
+    answer = ematwin("fleet", "acknowledge", folder, serial, name, "--note", "Kim")
+    assert (answer.code, answer.out) == (0, f"{serial}: {name} acknowledged.\n"), answer.err
+    answer = ematwin("fleet", "silence", folder, serial, name, "--until", "2126-01-01")
+    assert answer.out == f"{serial}: {name} silenced until 2126-01-01.\n"
+    assert Fleet(folder)[serial].alarms()[name].silenced
+    answer = ematwin("fleet", "overhaul", folder, serial, "--on", "2025-06-01", "--note", "new")
+    assert answer.out == f"{serial}: overhaul on 2025-06-01 recorded.\n"
+    assert years(datetime(2025, 6, 1, tzinfo=UTC)) in Fleet(folder)[serial].series(name).overhauls
+    for wrong, said in (
+        (("overhaul", folder, "EMA-99"), "no judged recording of 'EMA-99'"),
+        (("overhaul", folder, serial, "--on", "soon"), "received 'soon'"),
+        (("silence", folder, serial), "Missing option '--until'"),
+        (("acknowledge", folder, serial, "rust"), "There is no estimate of 'rust'"),
+        (("status", folder.parent / "none"), "There is no fleet in"),
+    ):
+        answer = ematwin("fleet", *wrong)
+        assert (answer.code, answer.out) == (2, "")
+        assert said in answer.err
+
+
+def test_the_state_of_a_fleet_is_asked_without_recordings(alarmed, tmp_path, ematwin):
+    answer = ematwin("fleet", "status", alarmed[0], "--json", "--fail-on", "watch",
+                     "--recordings", tmp_path / "all.csv")  # fmt: skip
+    rows = json.loads(answer.out)["actuators"]
+    assert answer.code == int(any(row["advisory"] != "none" for row in rows))
+    assert {row["serial_number"] for row in rows} == {"EMA-01", "EMA-02"}
+    lines = (tmp_path / "all.csv").read_text().splitlines()
+    assert len(lines) == 1 + sum(row["recordings"] for row in rows)
 
 
 def test_parts_are_merged_and_read_the_same(tmp_path):

@@ -7,7 +7,16 @@ import pytest
 from scipy.stats import gamma, invgauss
 
 from ematwin.errors import InputError
-from ematwin.fleet.life import Life, Requirement, job_left, life_left, process_of, sooner
+from ematwin.fleet.learning import learn
+from ematwin.fleet.life import (
+    Life,
+    Requirement,
+    job_left,
+    life_left,
+    paths,
+    process_of,
+    sooner,
+)
 from ematwin.fleet.metrics import (
     Prediction,
     alpha_lambda,
@@ -19,7 +28,7 @@ from ematwin.fleet.metrics import (
     prognostic_horizon,
     trendability,
 )
-from ematwin.fleet.trend import Series, Wear, learn, trend
+from ematwin.fleet.trend import Series, Wear, trend
 from ematwin.models.registry import load_actuator
 
 LIMIT, SPEED, Q = 0.5, 0.2, 4e-3
@@ -56,7 +65,9 @@ def test_life_counts_from_the_moment_and_downwards_too(process):
 
 
 def test_what_is_beyond_its_limit_has_no_life_left_and_what_rests_lives_on():
-    assert life_left("x", known(0.6), LIMIT, 0.0).interval == (0.0, 0.0)
+    passed = life_left("x", known(0.6), LIMIT, 0.0)
+    assert passed.interval == (0.0, 0.0)
+    assert str(passed) == "none: beyond the limit"
     resting = life_left("x", known(0.1, 0.0, 1e-9), LIMIT, 0.0)
     assert str(resting) == "more than 10 years"
 
@@ -73,6 +84,23 @@ def test_the_sooner_of_two_lives_is_shorter_than_both():
     assert both.draws.tolist() == [1.0, 1.0, 1.0]
     assert both.name == "b"
     assert sooner([]) is None
+
+
+def test_intervals_of_forecasts_from_a_few_estimates_hold_what_follows():
+    held = []
+    for seed in range(10):  # wear by powers of time, which no process here assumes
+        random = np.random.default_rng(seed)
+        time = np.linspace(0.0, 1.0, 30)
+        value = random.uniform(0.1, 0.8) * time ** random.uniform(0.7, 2.2)
+        value += random.normal(0.0, 0.02, 30)
+        series = Series(time, value, np.zeros(30), np.zeros((30, 2)))
+        known = series.until(time[14])
+        ahead, level, _ = paths(trend(known, learn([known], 0.0, 1.0)), time[14], "wiener")
+        low, high = np.quantile(level, [0.1, 0.9], axis=0)
+        at = time[19::5] - time[14]
+        held += list(np.interp(at, ahead, low) - 0.02 < value[19::5])
+        held += list(value[19::5] < np.interp(at, ahead, high) + 0.02)
+    assert 0.75 < np.mean(held) < 0.97  # 90 % on either side
 
 
 @pytest.mark.parametrize("process", ["wiener", "gamma"])

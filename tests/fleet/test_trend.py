@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import ruptures
 
-from ematwin.fleet.trend import Series, Wear, learn, trend
+from ematwin.fleet.learning import learn
+from ematwin.fleet.trend import Series, Wear, trend
 from naive.trend import dense
 
 WEAR = Wear(

@@ -13,6 +13,7 @@ import pytest
 import ematwin
 from ematwin import Fleet
 from ematwin.errors import InputError
+from ematwin.fleet.paths import Hashes
 from ematwin.fleet.watch import watch
 from ematwin.models.reading import write
 
@@ -167,3 +168,15 @@ def test_a_killed_watch_loses_nothing_and_two_do_nothing_twice(tmp_path):
     assert before <= {row["id"] for row in rows}
     assert sorted({row["time"].day for row in rows}) == list(range(1, 13))
     assert len(rows) == 12
+
+
+def test_files_that_have_not_changed_are_not_read_again(tmp_path, monkeypatch):
+    path = tmp_path / "a.csv"
+    path.write_text("1")
+    hashes = Hashes()
+    first = hashes.of(path)
+    with monkeypatch.context() as other:
+        other.setattr("pathlib.Path.open", None)
+        assert hashes.of(path) == first
+    path.write_text("12")
+    assert hashes.of(path) != first

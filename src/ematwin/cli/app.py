@@ -23,6 +23,7 @@ from ematwin.cli import (
     detect,
     explore,
     export_fmu,
+    fleet,
     identifiability,
     identify,
     report,
@@ -62,6 +63,7 @@ app.command("identify")(identify.identify)
 app.command("calibrate")(calibrate.calibrate)
 app.command("detect")(detect.detect)
 app.command("watch")(watch.watch)
+app.add_typer(fleet.fleet, name="fleet")
 app.command("serve")(explore.serve)
 app.command("explore")(explore.explore)
 app.command("identifiability")(identifiability.identifiability)

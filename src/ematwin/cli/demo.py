@@ -116,7 +116,7 @@ def demo(
 
 def _fleet(folder: Path, seed: int, json: bool) -> None:
     """Fill a fleet with simulated estimates, and write its page."""
-    from ematwin.cli.watch import print_fleet
+    from ematwin.cli.fleet import print_fleet
     from ematwin.errors import InputError
     from ematwin.fleet.fleet import Fleet
     from ematwin.fleet.simulated import SimulatedFleet

@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ematwin.cli import options
+from ematwin.cli.fleet import StepOption, check_step, fail, plain_rows, print_fleet
 from ematwin.errors import InputError
 
 if TYPE_CHECKING:
     from ematwin.fleet.fleet import Fleet
     from ematwin.fleet.watch import Watched
-
-_MOST = 20  # actuators in the terminal; the page has all
 
 
 def watch(
@@ -44,14 +43,16 @@ def watch(
         float | None,
         typer.Option(help="Look again every so many seconds, until Ctrl-C; else once."),
     ] = None,
-    report: options.ReportOption = None,
-    table: options.TableOption = None,
-    fail_on: Annotated[
+    scheduler: Annotated[
         str | None,
         typer.Option(
-            help="End with exit code 1 if an actuator has reached this step: watch, plan or act."
+            help="Judge on the workers of a Dask scheduler, e.g. tcp://host:8786, which see the "
+            "same folders."
         ),
     ] = None,
+    report: options.ReportOption = None,
+    table: options.TableOption = None,
+    fail_on: StepOption = None,
     units: options.UnitsOption = None,
     json: options.JsonOption = False,
 ) -> None:
@@ -61,25 +62,24 @@ def watch(
     or a crash loses nothing: the same command goes on.
     """
     from ematwin.cli.channels import map_of
-    from ematwin.fleet.alarms import STEPS
     from ematwin.fleet.fleet import Fleet
+    from ematwin.fleet.paths import Hashes
     from ematwin.fleet.watch import watch as run
     from ematwin.models.registry import load_actuator
 
-    if fail_on is not None and fail_on not in STEPS[1:]:
-        raise InputError(f"--fail-on takes watch, plan or act, received {fail_on!r}.")
+    check_step(fail_on)
     if every is not None and not every > 0.0:
         raise InputError(f"--every needs seconds above 0, received {every:g}.")
     options.check_outputs(report, table)
     columns = None
     if column or map_file:
         columns = map_of(column, map_file, load_actuator(actuator))
-    known = Fleet(fleet)
+    known, hashes = Fleet(fleet), Hashes()
     while True:
         with options.progress_bar("Judging", not json) as progress:
             found = run(
                 known.store, recordings, actuator, columns=columns, progress=progress,
-                pattern=serial_number or known.pattern,
+                pattern=serial_number or known.pattern, scheduler=scheduler, hashes=hashes,
             )  # fmt: skip
         known.refresh()
         known.update()
@@ -93,46 +93,19 @@ def watch(
         if every is None:
             break
         time.sleep(every)
-    if fail_on is not None and any(
-        row["advisory_level"] >= STEPS.index(fail_on) for row in known.table()
-    ):
-        raise typer.Exit(1)
+    fail(known, fail_on)
 
 
 def _answer(fleet: "Fleet", found: "Watched", json: bool) -> None:
-    import math
-
-    rows = fleet.table()
     if json:
-        plain = [
-            {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in r.items()}
-            for r in rows
-        ]
         options.print_json(
             {
                 "judged": found.judged, "known": found.known, "duplicates": found.duplicates,
                 "set_aside": [{"source": a, "reason": b} for a, b in found.set_aside],
-                "actuators": plain,
+                "actuators": plain_rows(fleet),
             }
         )  # fmt: skip
         return
     typer.echo(str(found))
     options.print_notes("Set aside", [f"{path}: {reason}" for path, reason in found.set_aside])
-    print_fleet(fleet, rows)
-
-
-def print_fleet(fleet: "Fleet", rows: list[dict[str, object]] | None = None) -> None:
-    """The actuators for people, the most urgent first."""
-    rows = fleet.table() if rows is None else rows
-    if not rows:
-        return
-    cells = []
-    for row in rows[:_MOST]:
-        life = fleet[str(row["serial_number"])].life_left()
-        named = (row["serial_number"], row["advisory"], life or "", row["advisory_reason"])
-        cells.append([str(one) for one in named])
-    headings = ("actuator", "what to do", "life left", "why")
-    bold = [n for n, row in enumerate(rows[:_MOST]) if row["advisory_level"] == 3]
-    options.print_table("", headings, cells, texts=headings, bold=bold, width=200)
-    if len(rows) > _MOST:
-        typer.echo(f"and {len(rows) - _MOST} more actuators; --report shows all")
+    print_fleet(fleet)

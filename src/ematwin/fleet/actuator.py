@@ -1,6 +1,8 @@
 """One actuator of a fleet: its history, trends, life left and alarms."""
 
 import math
+from collections.abc import Sequence
+from dataclasses import replace
 from datetime import datetime
 from functools import cached_property
 from itertools import pairwise
@@ -15,7 +17,7 @@ from ematwin.estimation.probabilities import thresholds_of
 from ematwin.files import check_target, write_text
 from ematwin.fleet.alarms import STEPS, Alarm, Before, judge, worst
 from ematwin.fleet.life import Life, Requirement, job_left, life_left, sooner
-from ematwin.fleet.store import moment_of, series_columns, years
+from ematwin.fleet.store import columns_of, moment_of, years
 from ematwin.fleet.trend import Series, Trend, trend
 from ematwin.models.unknown import Unknown
 from ematwin.monitoring.calibration import Calibration
@@ -60,7 +62,11 @@ class FleetActuator:
     @cached_property
     def magnitudes(self) -> tuple[str, ...]:
         """Names of the faults with estimates."""
-        return tuple(n for n in self._unknowns if series_columns(self.rows, n))
+        return tuple(n for n in self._unknowns if n in self._columns)
+
+    @cached_property
+    def _columns(self) -> dict[str, np.ndarray]:
+        return columns_of(self.rows)
 
     def unknown(self, name: str) -> Unknown:
         """A magnitude as the table of its kind has it.
@@ -80,7 +86,7 @@ class FleetActuator:
     def series(self, name: str) -> Series:
         """Estimates of a magnitude with their standard errors, by time."""
         self.unknown(name)
-        columns = np.array(series_columns(self.rows, name), dtype=float)
+        columns = self._columns[name]
         covariates = np.nan_to_num((columns[:, 3:] - self._usual[0]) / self._usual[1])
         renewed = [one["time"] for one in self.events if one["what"] == "overhaul"]
         # a calibration takes the actuator for healthy: the same as an overhaul
@@ -188,16 +194,12 @@ class FleetActuator:
                 unknown=self.unknown(name), count=len(self.magnitudes), before=self.before(name),
             )  # fmt: skip
             seen = [one for one in self.events if one.get("magnitude") == name]
-            fresh = [e for e in seen if years(e["time"]) >= alarm.since - 1e-9]
-            found[name] = Alarm(
-                **{
-                    **vars(alarm),
-                    "acknowledged": any(e["what"] == "acknowledged" for e in fresh),
-                    "silenced": any(
-                        e["what"] == "silenced" and moment_of(e["until"]) > self.fleet.now
-                        for e in seen
-                    ),
-                }
+            since = [e["what"] for e in seen if years(e["time"]) >= alarm.since - 1e-9]
+            until = [moment_of(e["until"]) for e in seen if e["what"] == "silenced"][-1:]
+            found[name] = replace(
+                alarm,
+                acknowledged="acknowledged" in since,
+                silenced=bool(until) and until[0] > self.fleet.now,
             )
         return found
 
@@ -205,20 +207,45 @@ class FleetActuator:
         """State that it was repaired or exchanged: from then on it begins as the fleet does."""
         self._note("overhaul", moment_of(when), note=note)
 
-    def acknowledge(self, magnitude: str, note: str = "") -> None:
-        """State that an alarm was seen; it is shown as such until its step changes."""
-        self._note("acknowledged", self.fleet.now, magnitude=magnitude, note=note)
+    def acknowledge(self, magnitude: str | None = None, note: str = "") -> tuple[str, ...]:
+        """State that an alarm, or all of them, were seen; gives the magnitudes.
 
-    def silence(self, magnitude: str, until: str | datetime, note: str = "") -> None:
-        """Hear no more of an alarm until a moment."""
+        It is shown as acknowledged until its step changes.
+
+        Raises
+        ------
+        InputError
+            If there is no such alarm.
+        """
+        alarmed = [name for name, one in self.alarms().items() if one.step != "none"]
+        names = [one for one in alarmed if magnitude in (None, one)]
+        if not names:
+            if magnitude is not None:
+                self.unknown(magnitude)
+            raise InputError(
+                f"{self.serial_number} has no alarm{f' of {magnitude}' if magnitude else ''} to "
+                f"acknowledge; alarms: {', '.join(alarmed) or 'none'}."
+            )
+        return self._note("acknowledged", self.fleet.now, names, note=note)
+
+    def silence(
+        self, magnitude: str | None = None, until: str | datetime = "", note: str = ""
+    ) -> tuple[str, ...]:
+        """Hear no more of an alarm, or of all, until a moment; gives the magnitudes.
+
+        The latest silence counts: one until a moment that has passed ends it.
+        """
+        names = self.magnitudes if magnitude is None else [self.unknown(magnitude).name]
         end = moment_of(until).isoformat()
-        self._note("silenced", self.fleet.now, magnitude=magnitude, until=end, note=note)
+        return self._note("silenced", self.fleet.now, names, until=end, note=note)
 
-    def _note(self, what: str, when: datetime, **more: Any) -> None:
-        if "magnitude" in more:
-            self.unknown(more["magnitude"])
-        self.fleet.store.note(self.serial_number, what, when, **more)
+    def _note(
+        self, what: str, when: datetime, names: Sequence[str] = (), **more: Any
+    ) -> tuple[str, ...]:
+        for given in [{"magnitude": name} for name in names] or [{}]:
+            self.fleet.store.note(self.serial_number, what, when, **given, **more)
         self.fleet.refresh()
+        return tuple(names)
 
     # --- tables and pages ------------------------------------------------------------------------
 

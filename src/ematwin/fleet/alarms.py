@@ -169,7 +169,8 @@ def _why(one: Trend, life: Life | None, moment: float, unknown: Any, step: Step)
     elif step != "none":
         said += f" and changes by {100 * slope / unknown.width:+.1f} % a year"
     if life is not None and step in ("plan", "act"):
-        said += f"; life left {life}"
+        passed = life.interval[1] == 0.0
+        said += "; it is beyond its limit" if passed else f"; it passes its limit in {life}"
     return f"{said}."
 
 

@@ -19,18 +19,19 @@ from ematwin.errors import EmatwinError, InputError
 from ematwin.files import check_target, write_text
 from ematwin.fleet.actuator import FleetActuator
 from ematwin.fleet.alarms import Policy
+from ematwin.fleet.learning import learn
 from ematwin.fleet.life import Requirement, process_of
 from ematwin.fleet.store import (
     SET_ASIDE,
     FleetStore,
     moment_of,
 )
-from ematwin.fleet.trend import Wear, learn
+from ematwin.fleet.trend import Wear
 from ematwin.monitoring.calibration import Calibration
 from ematwin.quantities import parse_quantity
 from ematwin.validation import load_toml
 
-_SETTINGS = ("limits", "alarms", "requirement", "serial_number")
+_SETTINGS = ("limits", "alarms", "requirement", "serial_number", "store")
 
 
 class Fleet:
@@ -125,8 +126,7 @@ class Fleet:
     def twin(self, fingerprint: str) -> Calibration:
         """The twin that judged a row."""
         if fingerprint not in self._twins:
-            path = self.store.folder / "twins" / f"{fingerprint}.toml"
-            self._twins[fingerprint] = Calibration.of(path)
+            self._twins[fingerprint] = Calibration.of(self.store.twin(fingerprint))
         return self._twins[fingerprint]
 
     # --- what the whole fleet says ---------------------------------------------------------------

@@ -10,7 +10,7 @@ Syst. Saf. 94, 2-21). The evidence of the fleet's increments decides which.
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.stats import gamma, norm
@@ -67,6 +67,8 @@ class Life:
 
     def __str__(self) -> str:
         low, high = self.interval
+        if high == 0.0:
+            return "none: beyond the limit"
         if math.isinf(self.median):
             least = "" if math.isinf(low) else f", {spoken(low)} at the least (90 %)"
             return f"more than {self.horizon:g} years{least}"
@@ -86,6 +88,21 @@ def spoken(years: float) -> str:
     return f"{12.0 * years:.0f} months" if years < 2.0 else f"{years:.1f} years"
 
 
+class Paths(NamedTuple):
+    """Levels to come.
+
+    Attributes
+    ----------
+    ahead : (K,) array, years after the moment, the first 0
+    level : (draws, K) array
+    variance : (draws, 1) array, of the increments per year
+    """
+
+    ahead: np.ndarray
+    level: np.ndarray
+    variance: np.ndarray
+
+
 def paths(
     one: Trend,
     moment: float,
@@ -94,39 +111,42 @@ def paths(
     horizon: float = HORIZON,
     draws: int = DRAWS,
     seed: int = 1,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Levels to come.
-
-    Returns
-    -------
-    ahead : (K,) array, years after ``moment``, the first 0
-    level : (draws, K) array
-    """
+) -> Paths:
+    """Levels to come after a moment, years, with what the fleet's variances may be."""
     generator = np.random.default_rng(seed)
-    gap = max(0.0, moment - one.time)
-    mean, cov = one.later(gap)
-    root = np.linalg.cholesky(cov + 1e-15 * np.trace(cov) * np.eye(2))
-    start = mean[:, None] + root @ generator.standard_normal((2, draws))
+    states = one.later(max(0.0, moment - one.time))
+    which = np.arange(draws) % len(states)
+    means = np.array([mean for _, mean, _ in states])
+    roots = np.array(
+        [np.linalg.cholesky(cov + 1e-15 * np.trace(cov) * np.eye(2)) for _, _, cov in states]
+    )
+    start = means[which] + np.einsum(
+        "nij,nj->ni", roots[which], generator.standard_normal((draws, 2))
+    )  # fmt: skip
+    q_level, q_slope = (
+        np.array([getattr(wear, name) for wear, _, _ in states])[which, None]
+        for name in ("q_level", "q_slope")
+    )
     ahead = np.concatenate([[0.0], np.geomspace(1.0 / 365.25, horizon, _STEPS)])
     dt = np.diff(ahead)
-    wander = math.sqrt(one.wear.q_slope) * generator.standard_normal((draws, dt.size))
-    drift = start[1][:, None] + np.cumsum(wander * np.sqrt(dt), axis=1)
+    wander = np.sqrt(q_slope * dt) * generator.standard_normal((draws, dt.size))
+    drift = start[:, 1:] + np.cumsum(wander, axis=1)
     drift += one.wear.acceleration * 0.5 * (ahead[:-1] + ahead[1:])
-    direction = 1.0 if mean[1] >= 0.0 else -1.0
-    speed = np.maximum(direction * drift, 0.0)  # what is worn does not heal
-    variance = one.wear.q_level * dt
+    variance = q_level * dt
     if process == "gamma":
+        direction = 1.0 if one.mean[1] >= 0.0 else -1.0
+        speed = np.maximum(direction * drift, 0.0)  # what is worn does not heal
         shape = (speed * dt) ** 2 / variance
         with np.errstate(divide="ignore", invalid="ignore"):
             scale = np.where(speed > 0.0, variance / (speed * dt), 0.0)
-        steps = generator.standard_gamma(np.maximum(shape, 1e-12)) * scale
+        steps = direction * generator.standard_gamma(np.maximum(shape, 1e-12)) * scale
     elif process == "wiener":
         noise = generator.standard_normal((draws, dt.size))
-        steps = speed * dt + np.sqrt(variance) * noise
+        steps = drift * dt + np.sqrt(variance) * noise
     else:
         raise InputError(f"A process is wiener or gamma, received {process!r}.")
-    steps = np.concatenate([np.zeros((draws, 1)), direction * np.cumsum(steps, axis=1)], axis=1)
-    return ahead, start[0][:, None] + steps
+    steps = np.concatenate([np.zeros((draws, 1)), np.cumsum(steps, axis=1)], axis=1)
+    return Paths(ahead, start[:, :1] + steps, q_level)
 
 
 def life_left(
@@ -153,14 +173,14 @@ def life_left(
     upwards : whether values above the limit are beyond it
     horizon, draws, seed : of the simulated paths
     """
-    ahead, level = paths(one, moment, process, horizon=horizon, draws=draws, seed=seed)
+    ahead, level, q = paths(one, moment, process, horizon=horizon, draws=draws, seed=seed)
     sign = 1.0 if upwards else -1.0
     room = sign * (limit - level)
     generator = np.random.default_rng([seed, 1])
     beyond = room <= 0.0
     if process == "wiener":
         # between two moments a Wiener path may pass the limit and come back (Brownian bridge)
-        variance = max(one.wear.q_level, 1e-300) * np.diff(ahead)
+        variance = np.maximum(q, 1e-300) * np.diff(ahead)
         with np.errstate(over="ignore", under="ignore"):
             chance = np.exp(-2.0 * np.clip(room[:, :-1] * room[:, 1:], 0.0, None) / variance)
         beyond[:, 1:] |= generator.random(chance.shape) < chance
@@ -318,12 +338,12 @@ def job_left(
         name: paths(one, moment, process[name], horizon=horizon, draws=draws, seed=seed + n)
         for n, (name, one) in enumerate(trends.items())
     }
-    ahead = next(iter(drawn.values()))[0]
+    ahead = next(iter(drawn.values())).ahead
 
     def fails(draw: int, step: int) -> bool:
         faults = {
-            name: float(np.clip(level[draw, step], *bounds(name)))
-            for name, (_, level) in drawn.items()
+            name: float(np.clip(to_come.level[draw, step], *bounds(name)))
+            for name, to_come in drawn.items()
         }
         return requirement.value(actuator, faults) > requirement.limit
 

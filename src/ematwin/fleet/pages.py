@@ -1,6 +1,5 @@
 """Pages of a fleet: all actuators by urgency, and the history of one. Each is one file."""
 
-import math
 from html import escape
 from typing import Any
 from urllib.parse import quote
@@ -108,14 +107,11 @@ def _row(unit: FleetActuator, row: dict[str, Any], link: str) -> Row:
         f"{_ADVICE[row['advisory']]}{seen}</span>"
     )
     spark = _spark(unit, row["health_magnitude"], _COLORS[row["advisory"]])
-    low, median = row["life_left_low_days"] / 365.25, row["life_left_days"] / 365.25
-    high = row["life_left_high_days"] / 365.25
-    left = "" if unit.life_left() is None else f"{spoken(median)} ({spoken(low)} to {spoken(high)})"
-    if math.isinf(low):
-        left = spoken(low)
+    left = str(unit.life_left() or "")
     return Row(
         [Markup(f'<a href="{address}">{name}</a>'), Markup(advice), left, Markup(spark),
-         _upper(row["advisory_reason"]), row["last_recording"][:10]],
+         _upper(row["advisory_reason"]),
+         Markup(f'<span style="white-space:nowrap">{row["last_recording"][:10]}</span>')],
         marked=level == 3,
     )  # fmt: skip
 
@@ -238,7 +234,7 @@ def panel(unit: FleetActuator, name: str, alarm: Alarm, wide: bool = False) -> s
 def _forecast(unit: FleetActuator, one: Trend, name: str) -> tuple[np.ndarray, np.ndarray]:
     """Times and quantiles (3, K) of the level to come: lower end, median, upper end."""
     now = years(unit.fleet.now)
-    ahead, level = paths(
+    ahead, level, _ = paths(
         one, now, unit.fleet.process(unit.kind, name), horizon=_AHEAD, draws=200
     )  # fmt: skip
     every = slice(None, None, 8)

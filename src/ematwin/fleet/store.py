@@ -5,6 +5,9 @@
     fleet/calibrations/<serial number>[@from].toml   which twin judges whom, and from when on
     fleet/twins/<fingerprint>.toml               each twin that has judged
 
+With ``store = "postgresql://user@host/name"`` in ``fleet.toml`` rows and events are in tables of
+that database (`ematwin.fleet.tables`).
+
 A row is known by the hash of its recording and of the twin that judged it. A part is written whole,
 under the hash of its rows, and is on the disk before its name appears: a process that is killed
 leaves a row or none, and two that judge the same recording leave it once. So several may write to
@@ -22,6 +25,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
@@ -29,6 +33,7 @@ import pyarrow.parquet as pq
 from ematwin.errors import FileError, InputError, MissingExtraError
 from ematwin.files import written_whole
 from ematwin.numerics.content import digest
+from ematwin.validation import load_toml
 
 YEAR = 365.25 * 86_400.0  # s
 SET_ASIDE = "set aside"  # grade of what could not be judged
@@ -88,16 +93,19 @@ class FleetStore:
                 f"Cannot make the fleet {self.folder}: {error.strerror}. Choose a folder that is "
                 "yours."
             ) from None
+        settings = self.folder / "fleet.toml"
+        url = load_toml(settings, "settings").get("store") if settings.exists() else None
+        self._held: Any = FolderRows(self.folder)
+        if url is not None:
+            from ematwin.fleet.tables import TableRows
+
+            self._held = TableRows(url, self.folder, SCHEMA)
 
     # --- rows ----------------------------------------------------------------------------------
 
     def add(self, rows: Iterable[Mapping[str, Any]]) -> None:
         """Keep rows, of each actuator in one file; those that are there already stay once."""
-        by: dict[str, list[Mapping[str, Any]]] = {}
-        for row in rows:
-            by.setdefault(row["serial_number"], []).append(row)
-        for serial, several in by.items():
-            self._write(serial, pa.Table.from_pylist([dict(r) for r in several], schema=SCHEMA))
+        self._held.add(rows)
 
     def rows(self, serial_number: str | None = None) -> pa.Table:
         """The rows of all actuators or of one, by serial number and time; each recording once.
@@ -109,8 +117,7 @@ class FleetStore:
         FileError
             If a file of the store is damaged; the message names it.
         """
-        parts = [self._read(path) for path in self._files(serial_number)]
-        whole = pa.concat_tables([SCHEMA.empty_table(), *(p for p in parts if p is not None)])
+        whole = pa.concat_tables([SCHEMA.empty_table(), *self._held.rows(serial_number)])
         order = [("content", "ascending"), ("motion", "ascending"), ("judged", "descending")]
         whole = whole.sort_by(order)
         if whole.num_rows > 1:
@@ -131,47 +138,25 @@ class FleetStore:
 
     def merge(self) -> None:
         """Merge the files of actuators that have many; what another process moves is left."""
-        for folder in (self.folder / "rows").iterdir():
-            files = sorted(folder.glob("[!.]*.parquet"))  # not what a killed process left
-            if len(files) <= _PARTS:
-                continue
-            parts = [self._read(path) for path in files]
-            table = pa.concat_tables(p for p in parts if p is not None)
-            kept = self._write(table["serial_number"][0].as_py(), table)
-            for path in files:
-                if path != kept:
-                    path.unlink(missing_ok=True)
+        self._held.merge()
 
     def has(self, serial_number: str, ids: Iterable[str]) -> bool:
-        """Whether somebody has kept these rows as one part meanwhile."""
-        return self._part(serial_number, ids).exists()
+        """Whether somebody has kept these rows meanwhile."""
+        return self._held.has(serial_number, ids)
 
-    def _part(self, serial: str, ids: Iterable[str]) -> Path:
-        folder = self.folder / "rows" / _folder_name(serial)
-        return folder / f"{digest(json.dumps(sorted(ids)))}.parquet"
+    def twin(self, fingerprint: str) -> Path:
+        """The file of a twin that has judged."""
+        return self._held.twin(fingerprint)
 
-    def _write(self, serial: str, table: pa.Table) -> Path:
-        path = self._part(serial, table["id"].to_pylist())
-        path.parent.mkdir(exist_ok=True)
-        with written_whole(path, durable=True) as draft:
-            pq.write_table(table, draft)
-        return path
-
-    def _files(self, serial: str | None) -> list[Path]:
-        inside = "*" if serial is None else _folder_name(serial)
-        return sorted((self.folder / "rows").glob(f"{inside}/[!.]*.parquet"))
-
-    def _read(self, path: Path) -> pa.Table | None:
-        """A part; None where it was merged into another meanwhile."""
-        try:
-            return pq.ParquetFile(path).read().cast(SCHEMA)
-        except FileNotFoundError:
-            return None
-        except (pa.ArrowInvalid, OSError, ValueError) as error:
-            raise FileError(
-                f"{path} is damaged ({str(error).splitlines()[0][:80]}). Remove it, and watch its "
-                "recordings again."
-            ) from None
+    def keep_twin(self, path: Path) -> str:
+        """Keep a file as a twin that judges; gives its fingerprint."""
+        fingerprint = content_of(path)
+        kept = self._held.twin(fingerprint)
+        if not kept.exists():
+            with written_whole(kept, durable=True) as draft:
+                draft.write_bytes(path.read_bytes())
+        self._held.keep_twin(fingerprint)
+        return fingerprint
 
     def query(self, sql: str) -> Any:
         """Ask DuckDB: the table is ``fleet``; gives a relation; its ``.df()`` is a DataFrame.
@@ -201,33 +186,118 @@ class FleetStore:
     def note(self, serial_number: str, what: str, when: datetime, **more: Any) -> None:
         """Keep an event; the same one again is kept once."""
         event = {"serial_number": serial_number, "what": what, "time": when.isoformat(), **more}
-        text = json.dumps(event, sort_keys=True, default=str)
-        with written_whole(self.folder / "events" / f"{digest(text)}.json", durable=True) as draft:
-            draft.write_text(text, encoding="utf-8")
+        self._held.note(json.dumps(event, sort_keys=True, default=str))
 
     def events(self) -> list[dict[str, Any]]:
         """All events by time, each with ``time`` as a datetime."""
         found = []
-        for path in (self.folder / "events").glob("[!.]*.json"):
-            with suppress(FileNotFoundError):
-                try:
-                    event = json.loads(path.read_text("utf-8"))
-                    event["time"] = moment_of(event["time"])
-                except (ValueError, KeyError, TypeError):
-                    raise FileError(f"{path} is damaged. Remove it.") from None
-                found.append(event)
+        for place, text in self._held.events():
+            try:
+                event = json.loads(text)
+                event["time"] = moment_of(event["time"])
+            except (ValueError, KeyError, TypeError):
+                raise FileError(f"{place} is damaged. Remove it.") from None
+            found.append(event)
         return sorted(found, key=lambda one: (one["time"], one["serial_number"], one["what"]))
 
     def version(self) -> tuple[str, ...]:
-        """Names of all files, and the age of the settings: changes when anything does."""
+        """What is kept, and the age of the settings: changes when anything does."""
         settings = self.folder / "fleet.toml"
         age = str(settings.stat().st_mtime_ns) if settings.exists() else ""
+        return (age, *self._held.version())
+
+
+class FolderRows:
+    """Rows and events as files in the folder of a fleet."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def add(self, rows: Iterable[Mapping[str, Any]]) -> None:
+        """Keep rows, of each actuator in one file; those that are there already stay once."""
+        by: dict[str, list[Mapping[str, Any]]] = {}
+        for row in rows:
+            by.setdefault(row["serial_number"], []).append(row)
+        for serial, several in by.items():
+            self._write(serial, pa.Table.from_pylist([dict(r) for r in several], schema=SCHEMA))
+
+    def rows(self, serial_number: str | None) -> list[pa.Table]:
+        """The rows of all actuators or of one."""
+        parts = [self._read(path) for path in self._files(serial_number)]
+        return [one for one in parts if one is not None]
+
+    def merge(self) -> None:
+        """Merge the files of actuators that have many; what another process moves is left."""
+        for folder in (self.folder / "rows").iterdir():
+            files = sorted(folder.glob("[!.]*.parquet"))  # not what a killed process left
+            if len(files) <= _PARTS:
+                continue
+            parts = [self._read(path) for path in files]
+            table = pa.concat_tables(p for p in parts if p is not None)
+            kept = self._write(table["serial_number"][0].as_py(), table)
+            for path in files:
+                if path != kept:
+                    path.unlink(missing_ok=True)
+
+    def has(self, serial_number: str, ids: Iterable[str]) -> bool:
+        """Whether these rows are kept as one part."""
+        return self._part(serial_number, ids).exists()
+
+    def note(self, text: str) -> None:
+        """Keep an event, JSON; the same one again is kept once."""
+        with written_whole(self.folder / "events" / f"{digest(text)}.json", durable=True) as draft:
+            draft.write_text(text, encoding="utf-8")
+
+    def events(self) -> list[tuple[str, str]]:
+        """Places and texts of all events."""
+        found = []
+        for path in (self.folder / "events").glob("[!.]*.json"):
+            with suppress(FileNotFoundError):
+                found.append((str(path), path.read_text("utf-8", errors="replace")))
+        return found
+
+    def version(self) -> tuple[str, ...]:
+        """Names of all files."""
         names = (
             str(path.relative_to(self.folder))
             for name in ("rows", "events")
             for path in (self.folder / name).rglob("[!.]*.*")
         )
-        return (age, *sorted(names))
+        return tuple(sorted(names))
+
+    def twin(self, fingerprint: str) -> Path:
+        """The file of a twin."""
+        return self.folder / "twins" / f"{fingerprint}.toml"
+
+    def keep_twin(self, fingerprint: str) -> None:
+        """Nothing is to be done: the folder has it."""
+
+    def _part(self, serial: str, ids: Iterable[str]) -> Path:
+        folder = self.folder / "rows" / _folder_name(serial)
+        return folder / f"{digest(json.dumps(sorted(ids)))}.parquet"
+
+    def _write(self, serial: str, table: pa.Table) -> Path:
+        path = self._part(serial, table["id"].to_pylist())
+        path.parent.mkdir(exist_ok=True)
+        with written_whole(path, durable=True) as draft:
+            pq.write_table(table, draft)
+        return path
+
+    def _files(self, serial: str | None) -> list[Path]:
+        inside = "*" if serial is None else _folder_name(serial)
+        return sorted((self.folder / "rows").glob(f"{inside}/[!.]*.parquet"))
+
+    def _read(self, path: Path) -> pa.Table | None:
+        """A part; None where it was merged into another meanwhile."""
+        try:
+            return pq.ParquetFile(path).read().cast(SCHEMA)
+        except FileNotFoundError:
+            return None
+        except (pa.ArrowInvalid, OSError, ValueError) as error:
+            raise FileError(
+                f"{path} is damaged ({str(error).splitlines()[0][:80]}). Remove it, and watch its "
+                "recordings again."
+            ) from None
 
 
 def row_of(
@@ -301,17 +371,17 @@ def moment_at(time: float) -> datetime:
     return datetime.fromtimestamp(time * YEAR, UTC)
 
 
-def series_columns(rows: Sequence[Mapping[str, Any]], name: str) -> list[tuple[Any, ...]]:
-    """Time, value, standard error, temperature and load of a magnitude, of rows with a verdict."""
-    found = []
+def columns_of(rows: Sequence[Mapping[str, Any]]) -> dict[str, np.ndarray]:
+    """By magnitude, of n rows with a verdict, (n, 5): time, value, error, temperature, load."""
+    found: dict[str, list[tuple[Any, ...]]] = {}
     for row in rows:
-        if row["grade"] in (SET_ASIDE, "none") or name not in (row["names"] or ()):
+        if row["grade"] in (SET_ASIDE, "none"):
             continue
-        d, at = len(row["names"]), row["names"].index(name)
-        variance = row["covariance"][at * d + at]
-        if variance is None or not 0.0 <= variance < float("inf"):
-            continue
-        found.append(
-            (years(row["time"]), row["values"][at], variance**0.5, row["temperature"], row["load"])
-        )
-    return found
+        names, time = row["names"] or (), years(row["time"])
+        for n, name in enumerate(names):
+            variance = row["covariance"][n * len(names) + n]
+            if variance is not None and 0.0 <= variance < float("inf"):
+                found.setdefault(name, []).append(
+                    (time, row["values"][n], variance**0.5, row["temperature"], row["load"])
+                )
+    return {name: np.array(several, dtype=float) for name, several in found.items()}

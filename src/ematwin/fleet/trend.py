@@ -9,9 +9,9 @@ the Kalman Filter, sec. 2.3; Durbin and Koopman 2012, Time Series Analysis by St
 
 ``s`` is the standard error of an estimate, ``occasion`` the scatter between occasions that no
 recording shows. ``scale`` below one says that a part of ``s`` is the same in each recording. Start
-and slope of each actuator come from normal distributions of the fleet, learnt with all variances at
-the maximum of likelihood and weak priors (empirical Bayes): a new actuator begins with the fleet's
-(partial pooling). After a jump the slope starts anew, from the fleet's slopes after jumps.
+and slope of each actuator come from normal distributions of the fleet, learnt by
+`ematwin.fleet.learning` (empirical Bayes): a new actuator begins with the fleet's (partial
+pooling). After a jump the slope starts anew, from the fleet's slopes after jumps.
 
 Jumps and outliers are found by the auxiliary residuals of the smoother (de Jong and Penzer 1998,
 J. Am. Stat. Assoc. 93, 796-806), here as Bayes factors of one normal shock.
@@ -19,20 +19,16 @@ J. Am. Stat. Assoc. 93, 796-806), here as Bayes factors of one normal shock.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from scipy.optimize import minimize
 
 from ematwin.fleet.kalman import filtered, smoothed
 
-_ROUNDS, _CLIMB, _EM = 3, 12, 3  # iterations: variances by slopes, then means by EM
-_FACTOR = 2.0  # standard deviation of the logarithm of a variance beforehand: of few estimates
-# the likelihood alone makes variances nothing, and life left too certain
-_FEW = 3  # jumps that say what slopes are after them; with fewer the start of the iteration does
 _MOST = 30  # shocks in one series
 _TAUGHT = 200  # estimates of an actuator that teach the fleet: all of them teach no more
-_LEVEL, _SLOPE, _EFFECTS = 0, 1, 2
+_LEVEL, SLOPE, _EFFECTS = 0, 1, 2
 
 
 @dataclass(frozen=True)
@@ -84,6 +80,7 @@ class Wear:
     size : standard deviation of jumps and of outliers, the range of the unknown
     jump_rate : jumps per actuator and year beforehand
     outlier_share : of estimates beforehand
+    others : draws of what the four variances may be besides
     """
 
     mean: np.ndarray
@@ -97,6 +94,7 @@ class Wear:
     size: float
     jump_rate: float = 0.1
     outlier_share: float = 0.01
+    others: tuple["Wear", ...] = ()
 
     def variance(self, error: np.ndarray) -> np.ndarray:
         """Of the part of an estimate's error that differs between recordings."""
@@ -136,7 +134,15 @@ class Trend:
     outliers: tuple[int, ...]
     jumps: tuple[int, ...]
     evidence: float
-    _pass: "_Pass" = field(repr=False)
+
+    @cached_property
+    def states(self) -> list[tuple[Wear, np.ndarray, np.ndarray]]:
+        """Mean and covariance of the state after the last estimate, for each draw of the wear."""
+        if not self.wear.others:
+            return [(self.wear, self.mean, self.covariance)]
+        passes = [(one, again(self.series, self, one)) for one in self.wear.others]
+        # copies: a view would keep all moments of the pass
+        return [(w, one.mean[-1, :2].copy(), one.cov[-1, :2, :2].copy()) for w, one in passes]
 
     @property
     def time(self) -> float:
@@ -151,16 +157,20 @@ class Trend:
     def at(self, moment: float) -> tuple[float, float, float]:
         """Level, its standard error and the slope at a later moment, years."""
         ahead = max(0.0, moment - self.time)
-        mean, cov = self.later(ahead)
+        mean, cov = self._later(ahead, self.wear, self.mean, self.covariance)
         return float(mean[0]), math.sqrt(cov[0, 0]), float(mean[1])
 
-    def later(self, ahead: float) -> tuple[np.ndarray, np.ndarray]:
-        """Mean and covariance of level and slope some years after the last estimate."""
-        wear = self.wear
+    def later(self, ahead: float) -> list[tuple[Wear, np.ndarray, np.ndarray]]:
+        """`states` some years after the last estimate."""
+        return [(one, *self._later(ahead, one, mean, cov)) for one, mean, cov in self.states]
+
+    def _later(
+        self, ahead: float, wear: Wear, mean: np.ndarray, cov: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         move = np.array([[1.0, ahead], [0.0, 1.0]])
-        mean = move @ self.mean + wear.acceleration * np.array([0.5 * ahead**2, ahead])
-        cov = move @ self.covariance @ move.T
-        cov[0, 0] += wear.q_level * ahead + self.constant_variance
+        mean = move @ mean + wear.acceleration * np.array([0.5 * ahead**2, ahead])
+        cov = move @ cov @ move.T
+        cov[0, 0] += wear.q_level * ahead + wear.constant_variance(self.series.error)
         cov[0, 0] += wear.q_slope * ahead**3 / 3.0
         cov[0, 1] += wear.q_slope * ahead**2 / 2.0
         cov[1, 0] = cov[0, 1]
@@ -168,7 +178,7 @@ class Trend:
         return mean, cov
 
 
-class _Pass:
+class Pass:
     """One filter and smoother over a series, with shocks at given places."""
 
     def __init__(self, series: Series, wear: Wear, outliers: Sequence[int], jumps: Sequence[int]):
@@ -230,7 +240,7 @@ def trend(series: Series, wear: Wear) -> Trend:
     """
     outliers: list[int] = []
     jumps: list[int] = []
-    done = _Pass(series, wear, outliers, jumps)
+    done = Pass(series, wear, outliers, jumps)
     for _ in range(_MOST):
         apart, jump = done.odds(series, wear)
         i, k = int(np.argmax(apart)), int(np.argmax(jump))
@@ -242,128 +252,16 @@ def trend(series: Series, wear: Wear) -> Trend:
             outliers = [one for one in outliers if one < k]
         else:
             outliers.append(i)
-        done = _Pass(series, wear, outliers, jumps)
+        done = Pass(series, wear, outliers, jumps)
     effect = (done.smooth[:, _EFFECTS:] * series.covariates).sum(axis=1)
     return Trend(
-        series, wear, done.mean[-1, :2], done.cov[-1, :2, :2],
+        series, wear, done.mean[-1, :2].copy(), done.cov[-1, :2, :2].copy(),
         done.smooth[:, _LEVEL], np.sqrt(np.maximum(done.error[:, _LEVEL], 0.0)),
-        done.smooth[:, _SLOPE], series.value - effect,
-        tuple(sorted(outliers)), tuple(sorted(jumps)), done.told, done,
+        done.smooth[:, SLOPE], series.value - effect,
+        tuple(sorted(outliers)), tuple(sorted(jumps)), done.told,
     )  # fmt: skip
 
 
-def learn(fleet: Sequence[Series], healthy: float, size: float) -> Wear:
-    """Priors and variances of a magnitude from all actuators, by maximum likelihood.
-
-    Parameters
-    ----------
-    fleet : one series for each actuator
-    healthy : value of a healthy one
-    size : range of the unknown
-    """
-    wear = before = _first(fleet, healthy, size)
-    known = [one.thinned() for one in fleet if one.time.size]
-    if not known:
-        return wear
-    for _ in range(_ROUNDS):
-        shocks = [trend(one, wear) for one in known]
-        wear = _climbed(known, shocks, wear, before)
-        for _ in range(_EM):
-            passes = [_again(s, t, wear) for s, t in zip(known, shocks, strict=True)]
-            wear = _maximised(known, passes, wear)
-    return wear
-
-
-def _again(series: Series, shocks: Trend, wear: Wear) -> _Pass:
-    return _Pass(series, wear, shocks.outliers, shocks.jumps)
-
-
-def _first(fleet: Sequence[Series], healthy: float, size: float) -> Wear:
-    """A start of the iteration: scatter from differences of neighbours, rates of a whole range."""
-    steps = [np.diff(one.value) for one in fleet if one.time.size > 1]
-    every = np.concatenate([*steps, np.zeros(0)])
-    scatter = 1.4826 * float(np.median(np.abs(every))) / math.sqrt(2.0) if every.size else 0.0
-    scatter = max(scatter, 1e-6 * size)
-    return Wear(
-        np.array([healthy, 0.0, 0.0, 0.0]), size * np.array([0.02, 0.1, 0.02, 0.02]),
-        size * np.array([0.0, 0.1]), 0.0, (0.02 * size) ** 2, (0.05 * size) ** 2, scatter, 0.5,
-        size,
-    )  # fmt: skip
-
-
-def _climbed(fleet: Sequence[Series], shocks: Sequence[Trend], wear: Wear, before: Wear) -> Wear:
-    """The four variances at the maximum of likelihood and prior.
-
-    The gradient comes from the scores of the smoother (Koopman and Shephard 1992, Biometrika 79,
-    823-826).
-    """
-    least = (1e-6 * wear.size) ** 2
-
-    def with_logs(x: np.ndarray) -> Wear:
-        q_level, q_slope, occasion, scale = np.exp(x).tolist()
-        return replace(
-            wear, q_level=q_level, q_slope=q_slope, occasion=occasion**0.5, scale=scale**0.5
-        )
-
-    def told(x: np.ndarray) -> tuple[float, np.ndarray]:
-        tried, total, slopes = with_logs(x), 0.0, np.zeros(4)
-        for one, found in zip(fleet, shocks, strict=True):
-            done = _again(one, found, tried)
-            total += done.told
-            dt = np.diff(one.time)
-            for place, free in ((0, ~done.reset[1:]), (1, ~done.reset[1:] & (done.jump[1:] == 0))):
-                surprise = done.score[1:, place] ** 2 - done.weight[1:, place, place]
-                slopes[place] += 0.5 * (dt * surprise)[free].sum()
-            seen = done.precision > 0.0
-            surprise = done.residual[seen] ** 2 - done.precision[seen]
-            slopes[2] += 0.5 * surprise.sum()
-            slopes[3] += 0.5 * (one.error[seen] ** 2 * surprise).sum()
-        away = (x - usual) / _FACTOR
-        return 0.5 * away @ away - total, away / _FACTOR - slopes * np.exp(x)
-
-    def logs(of: Wear) -> np.ndarray:
-        return np.log(np.maximum([of.q_level, of.q_slope, of.occasion**2, of.scale**2], least))
-
-    usual, begin = logs(before), logs(wear)
-    bounds = [(math.log(least), math.log(10.0 * wear.size**2))] * 3 + [(-20.0, 5.0)]
-    end = minimize(
-        told, np.clip(begin, *np.transpose(bounds)), jac=True, method="L-BFGS-B", bounds=bounds,
-        options={"maxiter": _CLIMB},
-    )  # fmt: skip
-    return with_logs(end.x)
-
-
-def _maximised(fleet: Sequence[Series], passes: Sequence[_Pass], wear: Wear) -> Wear:
-    """Means and spreads after a step of expectation and maximisation (Shumway and Stoffer 1982)."""
-    mean, spread = _moments(
-        [done.smooth[0] for done in passes], [done.error[0] for done in passes]
-    )  # fmt: skip
-    pushed, lasted = 0.0, 1.0  # a year speaks against an acceleration
-    after: list[np.ndarray] = []
-    unsure: list[np.ndarray] = []
-    for one, done in zip(fleet, passes, strict=True):
-        jumps = np.flatnonzero(done.jump > 0.0)
-        after += list(done.smooth[jumps, 1:2])
-        unsure += list(done.error[jumps, 1:2])
-        dt = np.diff(one.time)
-        free = ~done.reset[1:] & (done.jump[1:] == 0.0)
-        moved = wear.acceleration + wear.q_slope * done.score[1:, _SLOPE]
-        pushed += float((dt * moved)[free].sum())
-        lasted += float(dt[free].sum())
-    least = 1e-6 * wear.size
-    following = wear.after
-    if len(after) >= _FEW:
-        following = np.concatenate(_moments(after, unsure))
-    return replace(
-        wear, mean=mean, spread=np.maximum(spread, least), after=following,
-        # one actuator cannot tell what its kind does from how its own slope wanders
-        acceleration=pushed / lasted * (1.0 - 1.0 / len(fleet)),
-    )  # fmt: skip
-
-
-def _moments(
-    means: Sequence[np.ndarray], variances: Sequence[np.ndarray]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and spread of quantities that are known with some variance."""
-    mean = np.mean(means, axis=0)
-    return mean, np.sqrt(np.mean(np.array(variances) + (np.array(means) - mean) ** 2, axis=0))
+def again(series: Series, shocks: Trend, wear: Wear) -> Pass:
+    """Filter and smoother with another wear, and the shocks of a trend."""
+    return Pass(series, wear, shocks.outliers, shocks.jumps)

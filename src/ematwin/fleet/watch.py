@@ -9,8 +9,15 @@ the reason, and tried again once another twin is there for it.
 import os
 import random
 import re
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor, as_completed
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import (
+    CancelledError,
+    Executor,
+    Future,
+    ThreadPoolExecutor,
+    as_completed,
+)
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -18,8 +25,8 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.errors import EmatwinError, InputError, RecordError
-from ematwin.files import written_whole
+from ematwin.errors import EmatwinError, RecordError
+from ematwin.fleet.paths import Hashes, Paths
 from ematwin.fleet.store import SET_ASIDE, FleetStore, content_of, id_of, moment_of, row_of
 from ematwin.models.reading import read
 from ematwin.models.registry import model_of
@@ -27,11 +34,9 @@ from ematwin.monitoring.calibration import Calibration
 from ematwin.monitoring.identify import identify
 from ematwin.numerics.content import digest
 from ematwin.numerics.side_by_side import cores
-from ematwin.recordings.formats.base import known_suffixes
 from ematwin.recordings.recording import Recording
 from ematwin.showing.bars import told
 
-_DATE = re.compile(r"\d{4}-\d{2}-\d{2}(?:[T_ ]\d{2}[-:]?\d{2}(?:[-:]?\d{2})?)?")
 _EARLIEST = datetime(1990, 1, 1, tzinfo=UTC)  # clocks that were never set begin in 1970 or 1980
 _AHEAD = timedelta(days=1)  # zones and clocks may be off by as much
 
@@ -90,13 +95,12 @@ class Twins:
             draft.unlink()
 
     def _keep(self, path: Path) -> str:
-        fingerprint = content_of(path)
-        kept = self._store.folder / "twins" / f"{fingerprint}.toml"
-        if not kept.exists():
+        if not self._store.twin(content_of(path)).exists():
             Calibration.of(path)  # what cannot be read is said now
-            with written_whole(kept, durable=True) as draft:
-                draft.write_bytes(path.read_bytes())
-        return fingerprint
+        return self._store.keep_twin(path)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**vars(self), "_known": {}}  # a worker of a cluster loads what it needs
 
     def select(self, serial: str, time: datetime | None) -> str:
         """Fingerprint of the twin that judges an actuator at a time; "" if there is none."""
@@ -110,8 +114,7 @@ class Twins:
     def load(self, fingerprint: str) -> Calibration:
         """A twin."""
         if fingerprint not in self._known:
-            path = self._store.folder / "twins" / f"{fingerprint}.toml"
-            self._known[fingerprint] = Calibration.of(path)
+            self._known[fingerprint] = Calibration.of(self._store.twin(fingerprint))
         return self._known[fingerprint]
 
 
@@ -123,6 +126,8 @@ def watch(
     pattern: str | None = None,
     columns: Any = None,
     threads: int | None = None,
+    scheduler: str | None = None,
+    hashes: Hashes | None = None,
     progress: Callable[[float], None] | bool | None = None,
 ) -> Watched:
     """Judge the recordings that are not in the store yet, on all cores, and keep each at once.
@@ -135,6 +140,9 @@ def watch(
     pattern : regular expression for paths with a group ``serial``, and perhaps one ``time``
     columns : as of `ematwin.read`
     threads : threads that share the work; None takes one for each core
+    scheduler : address of a Dask scheduler, tcp://host:8786, whose workers share the work instead;
+        they see the folders of recordings and fleet under the same paths
+    hashes : of files that were seen before, by this process
     progress : True shows a bar; else called with the share done
 
     Returns
@@ -145,13 +153,19 @@ def watch(
     ------
     InputError
         If there is no such folder, or the pattern cannot be used.
+    EngineError
+        If the scheduler or its workers are lost; what was judged is kept.
     """
-    paths = _Paths(recordings, pattern)
+    if scheduler is not None:  # its workers have other working directories
+        several = [recordings] if isinstance(recordings, str | Path) else recordings
+        store, recordings = FleetStore(store.folder.resolve()), [Path(p).resolve() for p in several]
+    paths = Paths(recordings, pattern)
     twins, known, found = Twins(store, actuator), store.known(), Watched()
+    hashes = hashes or Hashes()
     seen: dict[str, str] = {}
     todo: list[tuple[Path, str]] = []
     for path in paths.files:
-        content = content_of(path)
+        content = hashes.of(path)
         if content in seen:
             found.duplicates.append(str(path))
             continue
@@ -164,7 +178,7 @@ def watch(
     random.Random(os.urandom(8)).shuffle(todo)
     latest = _latest(known)
     lent = max(1, min(threads or cores(), len(todo)))
-    with told(progress, "judging") as tell, ThreadPoolExecutor(lent) as pool:
+    with told(progress, "judging") as tell, _workers(lent, scheduler if todo else None) as pool:
         tasks: dict[Future[Any], Path] = {}
         for path, content in todo:
             work = pool.submit(_judged, store, path, content, twins, paths, columns, latest)
@@ -181,77 +195,40 @@ def watch(
                 if tell is not None:
                     tell(done / len(todo))
         except BaseException:
-            pool.shutdown(cancel_futures=True)
+            for task in tasks:
+                task.cancel()
             raise
     store.merge()
     return found
 
 
-class _Paths:
-    """Files of recordings, and what their paths say."""
+@contextmanager
+def _workers(threads: int, scheduler: str | None) -> Iterator[Executor]:
+    """Threads here, or the workers of a Dask scheduler."""
+    if scheduler is None:
+        with ThreadPoolExecutor(threads) as pool:
+            yield pool
+        return
+    from ematwin.benchmarking.engines.base import EngineError
+    from ematwin.benchmarking.engines.dask import DaskEngine
 
-    def __init__(self, given: str | Path | Iterable[str | Path], pattern: str | None) -> None:
-        items = [Path(given)] if isinstance(given, str | Path) else [Path(one) for one in given]
-        self.roots = [one for one in items if one.is_dir()]
-        self.files: list[Path] = []
-        for one in items:
-            if one.is_dir():
-                known = set(known_suffixes())
-                self.files += sorted(
-                    path
-                    for path in one.rglob("*")
-                    if path.suffix.lower() in known
-                    and path.is_file()
-                    and not any(part.startswith(".") for part in path.relative_to(one).parts)
-                )
-            elif one.is_file():
-                self.files.append(one)
-            else:
-                raise InputError(f"There is no file or folder {one}. Give one with recordings.")
-        try:
-            self._pattern = None if pattern is None else re.compile(pattern)
-        except re.error as error:
-            raise InputError(
-                f"The pattern {pattern!r} is no regular expression: {error}."
-            ) from None
-        if self._pattern is not None and "serial" not in self._pattern.groupindex:
-            raise InputError(
-                f"The pattern {pattern!r} has no group serial. Write for example "
-                r"(?P<serial>EMA-\d+)."
-            )
+    engine = DaskEngine(scheduler, threads)
+    engine.start()
+    from distributed import KilledWorker
 
-    def serial(self, path: Path) -> str:
-        """Serial number that a path says; "" for none."""
-        if self._pattern is not None:
-            match = self._pattern.search(str(path))
-            return match["serial"] if match else ""
-        for root in self.roots:
-            if path.is_relative_to(root):
-                inside = path.relative_to(root).parts[:-1]
-                return inside[0] if inside else ""
-        return ""
-
-    def time(self, path: Path) -> datetime | None:
-        """Time that a path says, UTC."""
-        text = None
-        if self._pattern is not None and "time" in self._pattern.groupindex:
-            match = self._pattern.search(str(path))
-            text = match["time"] if match else None
-        else:
-            match = _DATE.search(path.name)
-            text = match[0] if match else None
-        if text is None:
-            return None
-        day, clock = text[:10], re.sub(r"\D", "", text[10:])
-        parts = ":".join(clock[n : n + 2] for n in range(0, len(clock), 2))
-        try:
-            return moment_of(f"{day}T{parts}" if parts else day)
-        except InputError:
-            return None
+    try:
+        yield engine.client.get_executor(pure=False, retries=3)
+    except (CancelledError, KilledWorker, OSError):
+        raise EngineError(
+            f"The scheduler at {scheduler} was lost, or its workers were. What was judged is kept; "
+            "start them, and give the same command again."
+        ) from None
+    finally:
+        engine.close()
 
 
 def _changed(
-    rows: Sequence[dict[str, Any]], twins: Twins, paths: _Paths, path: Path
+    rows: Sequence[dict[str, Any]], twins: Twins, paths: Paths, path: Path
 ) -> bool:  # fmt: skip
     """Whether a file is now judged by another twin than before."""
     return any(
@@ -274,7 +251,7 @@ def _latest(known: dict[str, list[dict[str, Any]]]) -> dict[str, datetime]:
 
 
 def _judged(
-    store: FleetStore, path: Path, content: str, twins: Twins, paths: _Paths, columns: Any,
+    store: FleetStore, path: Path, content: str, twins: Twins, paths: Paths, columns: Any,
     latest: dict[str, datetime],
 ) -> list[dict[str, Any]]:  # fmt: skip
     """The rows of a file, which are kept before they are given."""

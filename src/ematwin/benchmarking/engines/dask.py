@@ -91,6 +91,11 @@ class DaskEngine(Engine):
             time.sleep(0.2)
 
     @property
+    def client(self) -> Any:
+        """The client of `distributed`, once started, for work other than runs."""
+        return self._client
+
+    @property
     def busy(self) -> int:  # noqa: D102
         return len(self._flights) + len(self._again)
 

@@ -1,0 +1,178 @@
+"""``ematwin fleet``: what a fleet needs, and what maintainers tell it."""
+
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ematwin.cli import options
+from ematwin.errors import InputError
+
+if TYPE_CHECKING:
+    from ematwin.fleet.actuator import FleetActuator
+    from ematwin.fleet.fleet import Fleet
+
+_MOST = 20  # actuators in the terminal; the page has all
+
+FleetArgument = Annotated[Path, typer.Argument(help="The folder of `ematwin watch --fleet`.")]
+SerialArgument = Annotated[str, typer.Argument(help="Serial number of the actuator.")]
+MagnitudeArgument = Annotated[
+    str | None, typer.Argument(help="The magnitude of the alarm, e.g. friction; else all of them.")
+]
+NoteOption = Annotated[str, typer.Option(help="A remark that is kept, e.g. who and why.")]
+StepOption = Annotated[
+    str | None,
+    typer.Option(
+        help="End with exit code 1 if an actuator has reached this step: watch, plan or act."
+    ),
+]
+
+fleet = typer.Typer(
+    help="Show a fleet, record overhauls, acknowledge and silence alarms.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+
+
+@fleet.callback()
+def fleets() -> None:
+    """Show a fleet, record overhauls, acknowledge and silence alarms."""
+
+
+@fleet.command("status")
+def status(
+    fleet: FleetArgument,
+    report: options.ReportOption = None,
+    table: Annotated[
+        Path | None,
+        typer.Option(help="Write a row for each actuator as a table (.csv or .parquet)."),
+    ] = None,
+    recordings: Annotated[
+        Path | None,
+        typer.Option(help="Write a row for each recording as a table (.csv or .parquet)."),
+    ] = None,
+    fail_on: StepOption = None,
+    units: options.UnitsOption = None,
+    json: options.JsonOption = False,
+) -> None:
+    """Say which actuator needs what, and when, from the recordings that are judged."""
+    check_step(fail_on)
+    options.check_outputs(report, table)
+    options.check_outputs(None, recordings)
+    known = _opened(fleet)
+    if table is not None:
+        known.export(table, "advisory")
+    if recordings is not None:
+        known.export(recordings)
+    if report is not None:
+        known.report(report)
+    if json:
+        options.print_json({"actuators": plain_rows(known)})
+    else:
+        print_fleet(known)
+        options.print_written(table, recordings, report)
+    fail(known, fail_on)
+
+
+@fleet.command("overhaul")
+def overhaul(
+    fleet: FleetArgument,
+    serial: SerialArgument,
+    on: Annotated[
+        str | None, typer.Option(help="Day or time, e.g. 2026-05-01; now if not given.")
+    ] = None,
+    note: NoteOption = "",
+) -> None:
+    """Record that an actuator was repaired or exchanged: its wear begins anew."""
+    from ematwin.fleet.store import moment_of
+
+    when = datetime.now(UTC) if on is None else moment_of(on)
+    _opened(fleet)[serial].overhaul(when, note)
+    typer.echo(f"{serial}: overhaul on {when:%Y-%m-%d} recorded.")
+
+
+@fleet.command("acknowledge")
+def acknowledge(
+    fleet: FleetArgument,
+    serial: SerialArgument,
+    magnitude: MagnitudeArgument = None,
+    note: NoteOption = "",
+) -> None:
+    """Acknowledge alarms of an actuator: shown as such until their step changes."""
+    _told(fleet, serial, "acknowledged", lambda one: one.acknowledge(magnitude, note))
+
+
+@fleet.command("silence")
+def silence(
+    fleet: FleetArgument,
+    serial: SerialArgument,
+    until: Annotated[
+        str, typer.Option(help="Day or time, e.g. 2026-06-01; one that has passed ends a silence.")
+    ],
+    magnitude: MagnitudeArgument = None,
+    note: NoteOption = "",
+) -> None:
+    """Silence alarms of an actuator until a day."""
+    _told(fleet, serial, f"silenced until {until}", lambda one: one.silence(magnitude, until, note))
+
+
+def _opened(folder: Path) -> "Fleet":
+    from ematwin.fleet.fleet import Fleet
+
+    return Fleet(folder, create=False)
+
+
+def _told(
+    folder: Path, serial: str, how: str, tell: Callable[["FleetActuator"], tuple[str, ...]]
+) -> None:
+    names = tell(_opened(folder)[serial])
+    typer.echo(f"{serial}: {', '.join(names)} {how}.")
+
+
+def check_step(fail_on: str | None) -> None:
+    """Refuse a ``--fail-on`` that is no step of an alarm."""
+    from ematwin.fleet.alarms import STEPS
+
+    if fail_on is not None and fail_on not in STEPS[1:]:
+        raise InputError(f"--fail-on takes watch, plan or act, received {fail_on!r}.")
+
+
+def fail(fleet: "Fleet", fail_on: str | None) -> None:
+    """End with exit code 1 where an actuator has reached a step."""
+    from ematwin.fleet.alarms import STEPS
+
+    if fail_on is not None and any(
+        row["advisory_level"] >= STEPS.index(fail_on) for row in fleet.table()
+    ):
+        raise typer.Exit(1)
+
+
+def plain_rows(fleet: "Fleet") -> list[dict[str, object]]:
+    """Rows of `Fleet.table` for JSON, which knows no infinity."""
+    import math
+
+    return [
+        {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in row.items()}
+        for row in fleet.table()
+    ]
+
+
+def print_fleet(fleet: "Fleet") -> None:
+    """The actuators for people, the most urgent first."""
+    rows = fleet.table()
+    if not rows:
+        typer.echo("No recording is judged yet.")
+        return
+    cells = []
+    for row in rows[:_MOST]:
+        life = fleet[row["serial_number"]].life_left()
+        seen = " (acknowledged)" if row["acknowledged"] else ""
+        named = (row["serial_number"], row["advisory"] + seen, life or "", row["advisory_reason"])
+        cells.append([str(one) for one in named])
+    headings = ("actuator", "what to do", "life left", "why")
+    bold = [n for n, row in enumerate(rows[:_MOST]) if row["advisory_level"] == 3]
+    options.print_table("", headings, cells, texts=headings, bold=bold, width=200)
+    if len(rows) > _MOST:
+        typer.echo(f"and {len(rows) - _MOST} more actuators; --report shows all")

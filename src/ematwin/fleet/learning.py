@@ -1,0 +1,184 @@
+"""What a fleet teaches of a magnitude: priors and variances of its trends.
+
+Means and spreads by expectation and maximisation (Shumway and Stoffer 1982, J. Time Ser. Anal. 3,
+253-264), the four variances by the slope of the likelihood, both with weak priors. What the
+variances may be besides is drawn from a normal distribution of their logarithms with the curvature
+at the maximum (Laplace): forecasts are made with each draw, so that few estimates give wide ones.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.optimize import minimize
+from scipy.special import wrightomega
+
+from ematwin.fleet.trend import SLOPE, Pass, Series, Trend, Wear, again, trend
+
+_ROUNDS, _CLIMB, _EM = 3, 12, 3  # iterations: variances by slopes, then means by EM
+_FACTOR = 2.0  # standard deviation of the logarithm of a variance beforehand: of few estimates
+# the likelihood alone makes variances nothing, and life left too certain
+_OTHERS = 12  # draws of the variances
+
+
+def learn(fleet: Sequence[Series], healthy: float, size: float) -> Wear:
+    """Priors and variances of a magnitude from all actuators, by maximum likelihood.
+
+    Parameters
+    ----------
+    fleet : one series for each actuator
+    healthy : value of a healthy one
+    size : range of the unknown
+    """
+    wear = before = _first(fleet, healthy, size)
+    known = [one.thinned() for one in fleet if one.time.size]
+    if not known:
+        return wear
+    for _ in range(_ROUNDS):
+        shocks = [trend(one, wear) for one in known]
+        likelihood = _Likelihood(known, shocks, wear, before)
+        wear = likelihood.climbed()
+        for _ in range(_EM):
+            passes = [again(s, t, wear) for s, t in zip(known, shocks, strict=True)]
+            wear = _maximised(known, passes, wear, before)
+    return replace(wear, others=_Likelihood(known, shocks, wear, before).draws())
+
+
+def _first(fleet: Sequence[Series], healthy: float, size: float) -> Wear:
+    """A start of the iteration, and the centre of the priors.
+
+    Scatter from differences of neighbours; slopes of the whole range in ten years, or as straight
+    lines show them; over the time of the record a slope changes by half of it, and a level wanders
+    by a fifth of what it wears.
+    """
+    steps = [np.diff(one.value) for one in fleet if one.time.size > 1]
+    every = np.concatenate([*steps, np.zeros(0)])
+    scatter = 1.4826 * float(np.median(np.abs(every))) / math.sqrt(2.0) if every.size else 0.0
+    scatter = max(scatter, 1e-6 * size)
+    lines = [one for one in fleet if one.time.size > 2 and np.ptp(one.time) > 0.0]
+    span = float(np.median([np.ptp(one.time) for one in lines])) if lines else 1.0
+    seen = [float(np.polyfit(one.time - one.time[0], one.value, 1)[0]) for one in lines]
+    slope = math.sqrt((0.1 * size) ** 2 + float(np.mean(np.square(seen or [0.0]))))
+    return Wear(
+        np.array([healthy, 0.0, 0.0, 0.0]), np.array([0.02 * size, slope, *[0.02 * size] * 2]),
+        np.array([0.0, slope]), 0.0, (0.2 * slope) ** 2 * span, (0.5 * slope) ** 2 / span, scatter,
+        0.5, size,
+    )  # fmt: skip
+
+
+class _Likelihood:
+    """Likelihood and prior of the four variances, as functions of their logarithms.
+
+    The gradient comes from the scores of the smoother (Koopman and Shephard 1992, Biometrika 79,
+    823-826).
+    """
+
+    def __init__(
+        self, fleet: Sequence[Series], shocks: Sequence[Trend], wear: Wear, before: Wear
+    ) -> None:
+        self._fleet, self._shocks, self._wear = fleet, shocks, wear
+        least = (1e-6 * wear.size) ** 2
+        self._usual, self._begin = (
+            np.log(np.maximum([one.q_level, one.q_slope, one.occasion**2, one.scale**2], least))
+            for one in (before, wear)
+        )
+        self._bounds = np.array(
+            [(math.log(least), math.log(10.0 * wear.size**2))] * 3 + [(-20.0, 5.0)]
+        )
+
+    def climbed(self) -> Wear:
+        """The variances at the maximum."""
+        end = minimize(
+            self._told, np.clip(self._begin, *self._bounds.T), jac=True, method="L-BFGS-B",
+            bounds=self._bounds, options={"maxiter": _CLIMB},
+        )  # fmt: skip
+        return self._with(end.x)
+
+    def draws(self) -> tuple[Wear, ...]:
+        """Draws of the variances, with the curvature at the present ones."""
+        step = 0.1
+        slopes = [
+            (self._told(self._begin + move)[1] - self._told(self._begin - move)[1]) / (2.0 * step)
+            for move in step * np.eye(4)
+        ]
+        values, vectors = np.linalg.eigh(0.5 * (np.array(slopes) + np.transpose(slopes)))
+        # beyond what the prior says nothing is known less
+        spread = np.maximum(values, _FACTOR**-2) ** -0.5
+        random = np.random.default_rng(1).standard_normal((_OTHERS // 2, 4))
+        points = self._begin + np.concatenate([random, -random]) * spread @ vectors.T
+        return tuple(self._with(np.clip(one, *self._bounds.T)) for one in points)
+
+    def _with(self, x: np.ndarray) -> Wear:
+        q_level, q_slope, occasion, scale = np.exp(x).tolist()
+        return replace(
+            self._wear, q_level=q_level, q_slope=q_slope, occasion=occasion**0.5, scale=scale**0.5
+        )
+
+    def _told(self, x: np.ndarray) -> tuple[float, np.ndarray]:
+        tried, total, slopes = self._with(x), 0.0, np.zeros(4)
+        for one, found in zip(self._fleet, self._shocks, strict=True):
+            done = again(one, found, tried)
+            total += done.told
+            dt = np.diff(one.time)
+            for place, free in ((0, ~done.reset[1:]), (1, ~done.reset[1:] & (done.jump[1:] == 0))):
+                surprise = done.score[1:, place] ** 2 - done.weight[1:, place, place]
+                slopes[place] += 0.5 * (dt * surprise)[free].sum()
+            seen = done.precision > 0.0
+            surprise = done.residual[seen] ** 2 - done.precision[seen]
+            slopes[2] += 0.5 * surprise.sum()
+            slopes[3] += 0.5 * (one.error[seen] ** 2 * surprise).sum()
+        away = (x - self._usual) / _FACTOR
+        return 0.5 * float(away @ away) - total, away / _FACTOR - slopes * np.exp(x)
+
+
+def _maximised(
+    fleet: Sequence[Series], passes: Sequence[Pass], wear: Wear, before: Wear
+) -> Wear:  # fmt: skip
+    """Means and spreads after a step of expectation and maximisation (Shumway and Stoffer 1982)."""
+    mean, spread = _moments(
+        [done.smooth[0] for done in passes], [done.error[0] for done in passes],
+        before.mean, before.spread,
+    )  # fmt: skip
+    pushed, lasted = 0.0, 1.0  # a year speaks against an acceleration
+    after: list[np.ndarray] = []
+    unsure: list[np.ndarray] = []
+    for one, done in zip(fleet, passes, strict=True):
+        jumps = np.flatnonzero(done.jump > 0.0)
+        after += list(done.smooth[jumps, 1:2])
+        unsure += list(done.error[jumps, 1:2])
+        dt = np.diff(one.time)
+        free = ~done.reset[1:] & (done.jump[1:] == 0.0)
+        moved = wear.acceleration + wear.q_slope * done.score[1:, SLOPE]
+        pushed += float((dt * moved)[free].sum())
+        lasted += float(dt[free].sum())
+    least = 1e-6 * wear.size
+    following = wear.after
+    if after:
+        following = np.concatenate(_moments(after, unsure, *np.reshape(before.after, (2, 1))))
+    return replace(
+        wear, mean=mean, spread=np.maximum(spread, least), after=following,
+        # one actuator cannot tell what its kind does from how its own slope wanders
+        acceleration=pushed / lasted * (1.0 - 1.0 / len(fleet)),
+    )  # fmt: skip
+
+
+def _moments(
+    means: Sequence[np.ndarray], variances: Sequence[np.ndarray], usual: np.ndarray,
+    spread: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Mean and spread of N quantities that are known with some variance, with weak priors.
+
+    The mean has a normal prior with mean ``usual`` and deviation ``spread``; the logarithm x of the
+    squared spread one with the mean x0 = log spread^2 and the deviation F = `_FACTOR`, so that
+
+        (x - x0) / F^2 = N (S exp(-x) - 1) / 2
+
+    for the mean square S, which the Wright omega function solves.
+    """
+    count, found = len(means), np.mean(means, axis=0)
+    square = np.mean(np.array(variances) + (np.array(means) - found) ** 2, axis=0)
+    x0, weight = 2.0 * np.log(spread), 0.5 * count * _FACTOR**2
+    x = x0 - weight + wrightomega(np.log(weight * np.maximum(square, 1e-300)) - x0 + weight).real
+    share = spread**2 / (spread**2 + np.exp(x) / count)
+    return usual + share * (found - usual), np.exp(0.5 * x)

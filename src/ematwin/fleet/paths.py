@@ -1,0 +1,94 @@
+"""Files of recordings: which there are, what their paths say, and their hashes."""
+
+import re
+from collections.abc import Iterable
+from datetime import datetime
+from pathlib import Path
+
+from ematwin.errors import InputError
+from ematwin.fleet.store import content_of, moment_of
+from ematwin.recordings.formats.base import known_suffixes
+
+_DATE = re.compile(r"\d{4}-\d{2}-\d{2}(?:[T_ ]\d{2}[-:]?\d{2}(?:[-:]?\d{2})?)?")
+
+
+class Hashes:
+    """Hashes of files, read again only where size or time of a file has changed."""
+
+    def __init__(self) -> None:
+        self._known: dict[Path, tuple[int, int, str]] = {}
+
+    def of(self, path: Path) -> str:
+        """The hash of a file, as `ematwin.fleet.store.content_of` gives it."""
+        try:
+            now = path.stat()
+        except OSError:
+            return content_of(path)  # which says why
+        size, time, content = self._known.get(path, (-1, -1, ""))
+        if (size, time) != (now.st_size, now.st_mtime_ns):
+            content = content_of(path)
+            self._known[path] = now.st_size, now.st_mtime_ns, content
+        return content
+
+
+class Paths:
+    """Files of recordings, and what their paths say."""
+
+    def __init__(self, given: str | Path | Iterable[str | Path], pattern: str | None) -> None:
+        items = [Path(given)] if isinstance(given, str | Path) else [Path(one) for one in given]
+        self.roots = [one for one in items if one.is_dir()]
+        self.files: list[Path] = []
+        for one in items:
+            if one.is_dir():
+                known = set(known_suffixes())
+                self.files += sorted(
+                    path
+                    for path in one.rglob("*")
+                    if path.suffix.lower() in known
+                    and path.is_file()
+                    and not any(part.startswith(".") for part in path.relative_to(one).parts)
+                )
+            elif one.is_file():
+                self.files.append(one)
+            else:
+                raise InputError(f"There is no file or folder {one}. Give one with recordings.")
+        try:
+            self._pattern = None if pattern is None else re.compile(pattern)
+        except re.error as error:
+            raise InputError(
+                f"The pattern {pattern!r} is no regular expression: {error}."
+            ) from None
+        if self._pattern is not None and "serial" not in self._pattern.groupindex:
+            raise InputError(
+                f"The pattern {pattern!r} has no group serial. Write for example "
+                r"(?P<serial>EMA-\d+)."
+            )
+
+    def serial(self, path: Path) -> str:
+        """Serial number that a path says; "" for none."""
+        if self._pattern is not None:
+            match = self._pattern.search(str(path))
+            return match["serial"] if match else ""
+        for root in self.roots:
+            if path.is_relative_to(root):
+                inside = path.relative_to(root).parts[:-1]
+                return inside[0] if inside else ""
+        return ""
+
+    def time(self, path: Path) -> datetime | None:
+        """Time that a path says, UTC."""
+        text = None
+        if self._pattern is not None and "time" in self._pattern.groupindex:
+            match = self._pattern.search(str(path))
+            text = match["time"] if match else None
+        else:
+            match = _DATE.search(path.name)
+            text = match[0] if match else None
+        if text is None:
+            return None
+        day, clock = text[:10], re.sub(r"\D", "", text[10:])
+        parts = ":".join(clock[n : n + 2] for n in range(0, len(clock), 2))
+        try:
+            return moment_of(f"{day}T{parts}" if parts else day)
+        except InputError:
+            return None
