@@ -16,6 +16,11 @@ TRUER = {
     "current_loop.sample_time": 3e-5, "current_loop.delay": 1e-5,
     "current_loop.lost_voltage": 1.5,
     "compliance.stiffness": 5.0, "compliance.damping": 0.003,
+    "emf.harmonic_5": 0.06, "emf.harmonic_7": -0.04, "torque_ripple.share": 0.05,
+    "torque_ripple.cycles": 6, "torque_ripple.phase": 0.4, "presliding.motor_stiffness": 100.0,
+    "presliding.output_stiffness": 150.0, "presliding.damping": 0.01,
+    "presliding.stribeck_speed": 2.0, "winding_heat.thermal_resistance": 2.0,
+    "winding_heat.time_constant": 0.2, "supply.resistance": 1.0, "supply.capacitance": 0.001,
 }  # fmt: skip
 
 

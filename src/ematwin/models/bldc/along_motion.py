@@ -78,7 +78,7 @@ def currents_along(k, command, motion, c, dt, substeps, decimation, truer, more)
                 command_now = command[g] + s * (command[g + 1] - command[g])
                 done = drive(now, now_more, command_now, fault, c, truer, dt)
                 i_a, i_b, i_c = done.currents[0], done.currents[1], done.currents[2]
-                pair_sign, now_more = done.pair_sign, more_after(done)
+                pair_sign, now_more = done.pair_sign, more_after(done, 0.0, 0.0)
                 sum_a += done.means[0]
                 sum_b += done.means[1]
                 sum_c += done.means[2]

@@ -42,7 +42,10 @@ SMOOTH_CUTOFF = 100.0  # Hz: misfits of currents low-passed there are smooth ove
 _TWIN_ERROR = 0.003  # relative misfit of the twin to healthy records of the reference model
 _REFERENCE_ERROR = 0.002  # of the reference model to simulators of other make: 0.0 to 0.18 %
 # sections of forms that the reference model alone has (docs/models.md, "Truer forms")
-_REFERENCE_ALONE = ("emf.", "cogging.", "speed_loop.", "current_loop.", "compliance.")
+_REFERENCE_ALONE = (
+    "emf.", "torque_ripple.", "cogging.", "presliding.", "winding_heat.", "supply.", "speed_loop.",
+    "current_loop.", "compliance.",
+)  # fmt: skip
 KEPT = 5_000  # samples of a response: more are thinned, as far as the low-pass allows
 _KEPT_SMOOTH = 1_000  # the same of smoothed currents
 _OVERSAMPLING = 8.0  # rate of kept samples over the cutoff, at least

@@ -121,7 +121,8 @@ def simulated(
         rest = MonitorState(0.0, w_m, theta_m, w_o, theta_o, 0.0, 0.0)
     state = np.array(rest)
     constants = kernel_constants(actuator)
-    first = [getattr(rest, _STATE_OF.get(name, ""), 0.0) for name in names]
+    at_rest = {"bus_voltage": actuator.drive.supply_voltage}
+    first = [at_rest.get(name, getattr(rest, _STATE_OF.get(name, ""), 0.0)) for name in names]
     pieces = [np.array([first])]
     # In slices, so that a long simulation shows progress and can be interrupted.
     stride = grid.decimation * max(1, round(SLICE_STEPS / (grid.substeps * grid.decimation)))
@@ -148,8 +149,6 @@ def simulated(
     found = {name: trace[:, n].copy() for n, name in enumerate(names) if name in UNITS}
     for name in ("output_position", "output_speed"):
         found[name] /= actuator.transmission.ratio
-    if model == "reference":
-        found["bus_voltage"] = np.full(len(trace), actuator.drive.supply_voltage)
     return found
 
 
