@@ -6,6 +6,7 @@ motors give the thermal resistance from winding to housing and the thermal time 
 winding; motors differ from them by how they are mounted, here by 30 %, which is judgement.
 """
 
+import math
 from typing import Any, ClassVar
 
 from ematwin.models.parameter_set import Section, quantity
@@ -29,13 +30,11 @@ class TorqueRipple(Section):
 class Presliding(Section):
     """Friction that gives before it slides (LuGre); left out, it sticks without giving.
 
-    Each side of the gear has its bristles, which bend up to the dry friction of that side. Static
-    friction is `Transmission.static_ratio` times as high, and falls with speed.
+    Each side of the gear has its bristles, which bend up to the dry friction of that side.
     """
 
     example: ClassVar[dict[str, float]] = {
         "motor_stiffness": 100.0, "output_stiffness": 100.0, "damping": 0.01,
-        "stribeck_speed": 2.0,
     }  # fmt: skip
 
     motor_stiffness: float = quantity(
@@ -48,10 +47,16 @@ class Presliding(Section):
     damping: float = quantity(
         "N*m*s/rad", "damping of friction before it slides, on the motor shaft", ge=0
     )
-    stribeck_speed: float = quantity(
-        "rad/s", "motor speed at which 1/e of the excess of static friction is left",
-        tolerance=1.0, gt=0,
-    )  # fmt: skip
+
+    def longest_step(self, motor_inertia: float, output_inertia: float) -> float:
+        """Longest step that follows the swing of either mass on its bristles, s."""
+        limits = [
+            math.sqrt(motor_inertia / self.motor_stiffness),
+            math.sqrt(output_inertia / self.output_stiffness),
+        ]
+        if self.damping > 0.0:
+            limits.append(min(motor_inertia, output_inertia) / self.damping)
+        return min(limits)
 
 
 class WindingHeat(Section):

@@ -24,11 +24,19 @@ TRUER = {
 }  # fmt: skip
 
 
+TRUER_400 = {
+    "presliding.motor_stiffness": 20.0, "presliding.output_stiffness": 30.0,
+    "presliding.damping": 0.01, "winding_heat.thermal_resistance": 4.0,
+    "winding_heat.time_constant": 0.1,
+}  # fmt: skip
+
+
 def actuator_of(name):
-    """A shipped actuator, or "truer": servo48 with all forms."""
-    if name == "truer":
-        return ematwin.load_actuator("servo48").changed(TRUER)
-    return ematwin.load_actuator(name)
+    """A shipped actuator; "truer" and "truer400" are servo48 and servo400 with all forms."""
+    shipped, forms = {"truer": ("servo48", TRUER), "truer400": ("servo400", TRUER_400)}.get(
+        name, (name, {})
+    )
+    return ematwin.load_actuator(shipped).changed(forms)
 
 
 @pytest.fixture(scope="session")

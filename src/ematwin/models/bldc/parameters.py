@@ -236,6 +236,17 @@ class CurrentLoop(Section):
         return _not_later_than_the_next_sample(self)
 
 
+class StribeckPresliding(Presliding):
+    """As `Presliding`; static friction, `Transmission.static_ratio` as high, falls with speed."""
+
+    example: ClassVar[dict[str, float]] = {**Presliding.example, "stribeck_speed": 2.0}
+
+    stribeck_speed: float = quantity(
+        "rad/s", "motor speed at which 1/e of the excess of static friction is left",
+        tolerance=1.0, gt=0,
+    )  # fmt: skip
+
+
 class Compliance(Section):
     """A gear that gives under torque; it takes the place of the contact.
 
@@ -283,7 +294,7 @@ class BldcActuator(ParameterSet):
     current_loop: CurrentLoop | None = None
     compliance: Compliance | None = None
     torque_ripple: TorqueRipple | None = None
-    presliding: Presliding | None = None
+    presliding: StribeckPresliding | None = None
     winding_heat: WindingHeat | None = None
     supply: Supply | None = None
 
@@ -342,10 +353,7 @@ class BldcActuator(ParameterSet):
         if self.contact.damping > 0.0:
             limits.append(1.0 / (self.contact.damping * compliance))
         if self.presliding is not None:
-            own = self.presliding
-            limits += [math.sqrt(j_m / own.motor_stiffness), math.sqrt(j_o / own.output_stiffness)]
-            if own.damping > 0.0:
-                limits.append(min(j_m, j_o) / own.damping)
+            limits.append(self.presliding.longest_step(j_m, j_o))
         limits.append(self.motor.inductance / self.motor.resistance)
         if self.speed_loop is not None and self.speed_loop.sample_time > 0.0:
             limits.append(self.speed_loop.sample_time)
