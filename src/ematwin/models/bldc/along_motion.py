@@ -25,6 +25,7 @@ from ematwin.models.bldc.phase_sensors import balanced
 from ematwin.models.bldc.reference_step import ReferenceState
 from ematwin.models.bldc.simulate import INPUT_INTERVAL, TimeGrid
 from ematwin.models.bldc.state import fault_state
+from ematwin.models.bldc.truer.motor import KEPT_5, KEPT_7, SINE
 from ematwin.models.bldc.truer.reference_step import drive, more_after
 from ematwin.models.bldc.truer.state import NEUTRAL, REST, truer_state
 from ematwin.models.bldc.unknowns import UNKNOWNS
@@ -42,7 +43,6 @@ _STANDS = 0.02  # of the largest speed: nearer to rest friction is not known
 _SETTLES = 0.01  # s after that, for the low-pass
 _SURELY = 0.5  # of the friction of the output: a torque whose sign the template knows
 _THIRD = 2.0 * math.pi / 3.0
-_SINE = 2.0 * math.pi / (3.0 * math.sqrt(3.0))  # as of `truer.motor`
 
 
 @loop
@@ -105,7 +105,7 @@ class Motion:
     command, load : (S,) arrays, rad and N m
     currents : (S, 3) array, A
     angles : (S, 3) array, electrical angle of each phase in the middle of its mean
-    shapes : (S, 3) array, EMF shapes of a healthy motor
+    trapezoids : (S, 3) array, EMF shapes of a healthy motor by the paper
     """
 
     def __init__(self, recording: Recording, actuator: BldcActuator) -> None:
@@ -122,7 +122,22 @@ class Motion:
         # a mean belongs to the middle of its interval
         electrical = actuator.motor.pole_pairs * self.motor(self.time - 0.5 / self.rate)
         self.angles = electrical[:, None] - _THIRD * np.arange(3)
-        self.shapes = trapezoid_shape(self.angles)
+        self.trapezoids = trapezoid_shape(self.angles)
+
+    def shapes(self, actuator: Any) -> np.ndarray:
+        """EMF shapes (S, 3) of a healthy motor with all that the file states of them."""
+        emf, ripple, found = actuator.emf, actuator.torque_ripple, self.trapezoids
+        if emf is not None:
+            kept = 1.0 + KEPT_5 * emf.harmonic_5 + KEPT_7 * emf.harmonic_7
+            found = kept * (
+                (1.0 - emf.rounding) * found + emf.rounding * SINE * np.sin(self.angles)
+            )
+            found += emf.harmonic_5 * np.sin(5.0 * self.angles)
+            found += emf.harmonic_7 * np.sin(7.0 * self.angles)
+        if ripple is not None:
+            turned = self.angles[:, :1] / actuator.motor.pole_pairs
+            found = found * (1.0 + ripple.share * np.sin(ripple.cycles * turned + ripple.phase))
+        return found
 
 
 class Controller:
@@ -137,13 +152,14 @@ class Controller:
         self._states = np.array([
             motion.motor(grid.time), motion.motor(grid.time, 1), motion.output(grid.time),
         ])  # fmt: skip
-        self._signed = 0.5 * np.einsum("sk,sk->s", motion.currents, motion.shapes)[1:count]
+        self._signed = 0.5 * np.einsum("sk,sk->s", motion.currents, motion.trapezoids)[1:count]
         self._seen = self._equivalent(motion.currents[1:count])
         self.size = float(np.linalg.norm(self._seen))
 
     def _equivalent(self, currents: np.ndarray) -> np.ndarray:
         """The filtered equivalent current (S - 1,), A."""
-        signed = 0.5 * np.einsum("sk,sk->s", currents, self._motion.shapes[1 : len(currents) + 1])
+        shapes = self._motion.trapezoids[1 : len(currents) + 1]
+        signed = 0.5 * np.einsum("sk,sk->s", currents, shapes)
         return self._low_pass.apply(signed, self._motion.rate)
 
     def left(self, actuator: Any, faster: float = 1.0) -> np.ndarray:
@@ -197,7 +213,6 @@ class TorqueBalance:
         self._angle = motion.motor(middle)
         self._w_m, self._dw_m = motion.motor(middle, 1), motion.motor(middle, 2)
         self._w_o, self._dw_o = motion.output(middle, 1), motion.output(middle, 2)
-        self._sines = _SINE * np.sin(motion.angles)
         # impacts and reversals are left out until the low-pass has forgotten them
         stands = np.abs(self._w_m) < _STANDS * np.abs(self._w_m).max()
         stands |= np.abs(self._w_o) < _STANDS * np.abs(self._w_o).max()
@@ -206,7 +221,7 @@ class TorqueBalance:
         self.moves_together = np.abs(self._w_m - self._w_o) < _STANDS * np.abs(self._w_m).max()
         settles = np.ones(int(_SETTLES * motion.rate))
         self.slides = np.convolve(stands, settles)[: len(stands)] == 0
-        self._signed = 0.5 * np.einsum("sk,sk->s", motion.currents, motion.shapes)
+        self._signed = 0.5 * np.einsum("sk,sk->s", motion.currents, motion.trapezoids)
         self.size = float(np.linalg.norm(self._filtered(self._signed)))
 
     def output_torque(self, actuator: Any) -> np.ndarray:
@@ -216,6 +231,7 @@ class TorqueBalance:
             way * load > 0.0, 1.0 / gear.efficiency_opposing - 1.0, 1.0 - gear.efficiency_aiding
         )
         friction = (gear.friction_torque + share * np.abs(load)) * way
+        friction = friction * _excess(actuator, self._w_o)
         return np.asarray(gear.output_inertia * self._dw_o + friction + load)
 
     def _filtered(self, trace: np.ndarray) -> np.ndarray:
@@ -230,8 +246,7 @@ class TorqueBalance:
     def left(self, actuator: Any) -> np.ndarray:
         """Needed less made torque, over the torque constant, (K,), A, where both slide."""
         motor = actuator.motor
-        rounding = 0.0 if actuator.emf is None else actuator.emf.rounding
-        shapes = (1.0 - rounding) * self._motion.shapes + rounding * self._sines
+        shapes = self._motion.shapes(actuator)
         made = 0.5 * motor.emf_constant * np.einsum("sk,sk->s", self._motion.currents, shapes)
         if actuator.cogging is not None:
             own = actuator.cogging
@@ -239,10 +254,18 @@ class TorqueBalance:
         needed = (
             motor.inertia * self._dw_m
             + motor.viscous_damping * self._w_m
-            + motor.friction_torque * np.sign(self._w_m)
+            + motor.friction_torque * np.sign(self._w_m) * _excess(actuator, self._w_m)
             + self.output_torque(actuator)
         )
         return self._filtered((needed - made) / motor.emf_constant)
+
+
+def _excess(actuator: Any, speed: np.ndarray) -> np.ndarray | float:
+    """Friction in steady sliding over that of fast sliding (Stribeck)."""
+    if actuator.presliding is None:
+        return 1.0
+    fades = np.exp(-((speed / actuator.presliding.stribeck_speed) ** 2))
+    return np.asarray(1.0 + (actuator.transmission.static_ratio - 1.0) * fades)
 
 
 class Contact:

@@ -62,11 +62,14 @@ def test_all_equations_hold_along_the_motion_of_a_simulator_of_other_make():
         control_interval=1e-4, speed_integral=0.1, current_interval=5e-5,
         current_bandwidth=loops.proportional_gain / BOTH.motor.inductance, lost_voltage=0.5,
         cogging=0.0015, cogging_cycles=12, cogging_phase=0.4, emf_rounding=0.2,
+        bristle_stiffness=100.0, stribeck_speed=10.0,
     )  # fmt: skip
     actuator = BOTH.changed({
         "current_loop.integral_gain": structure.current_bandwidth * BOTH.motor.resistance,
         "speed_loop.delay": 0.0, "emf.rounding": 0.2, "cogging.torque": 0.0015,
-        "cogging.cycles": 12, "cogging.phase": 0.4,
+        "cogging.cycles": 12, "cogging.phase": 0.4, "presliding.motor_stiffness": 100.0,
+        "presliding.output_stiffness": 100.0, "presliding.damping": 0.01,
+        "presliding.stribeck_speed": 10.0,
     })  # fmt: skip
     motion = along_motion.Motion(recorded(structure, actuator), actuator)
     controller = along_motion.Controller(motion, LowPass())

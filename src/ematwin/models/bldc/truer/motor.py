@@ -24,10 +24,10 @@ from ematwin.numerics.compile import part
 from ematwin.numerics.scalar import sincos
 
 _HALF_SQRT3 = 0.5 * math.sqrt(3.0)
-_SINE = 2.0 * math.pi / (3.0 * math.sqrt(3.0))
+SINE = 2.0 * math.pi / (3.0 * math.sqrt(3.0))
 _THIRD = 2.0 * math.pi / 3.0
-_KEPT_5 = 3.0 * math.sqrt(3.0) / (10.0 * math.pi)
-_KEPT_7 = 3.0 * math.sqrt(3.0) / (14.0 * math.pi)
+KEPT_5 = 3.0 * math.sqrt(3.0) / (10.0 * math.pi)
+KEPT_7 = 3.0 * math.sqrt(3.0) / (14.0 * math.pi)
 
 
 @part
@@ -36,10 +36,10 @@ def truer_shapes(theta_e, rounding, h_5, h_7):
     s, c = sincos(theta_e)
     s_5, c_5 = sincos(5.0 * theta_e)
     s_7, c_7 = sincos(7.0 * theta_e)
-    kept = 1.0 + _KEPT_5 * h_5 + _KEPT_7 * h_7
+    kept = 1.0 + KEPT_5 * h_5 + KEPT_7 * h_7
     flat = kept * (1.0 - rounding)
     # a fifth harmonic runs backwards: 5 (theta - 120 degrees) is 5 theta + 120 degrees
-    sine = kept * rounding * _SINE
+    sine = kept * rounding * SINE
     first = sine * s + h_5 * s_5 + h_7 * s_7
     across = _HALF_SQRT3 * (sine * c - h_5 * c_5 + h_7 * c_7)
     return (
