@@ -203,6 +203,7 @@ class TorqueBalance:
     Attributes
     ----------
     size : float, norm of the recorded current, A
+    angles : pair of (S,) arrays, of motor and output in the middle of a sample, rad
     slides : (S,) array of bool, samples that count
     moves_together : (S,) array of bool, where no mass crosses the gap
     """
@@ -210,7 +211,7 @@ class TorqueBalance:
     def __init__(self, motion: Motion) -> None:
         self._motion, self._low_pass = motion, LowPass(_SLOW)
         middle = motion.time - 0.5 / motion.rate
-        self._angle = motion.motor(middle)
+        self.angles = motion.motor(middle), motion.output(middle)
         self._w_m, self._dw_m = motion.motor(middle, 1), motion.motor(middle, 2)
         self._w_o, self._dw_o = motion.output(middle, 1), motion.output(middle, 2)
         # impacts and reversals are left out until the low-pass has forgotten them
@@ -222,48 +223,65 @@ class TorqueBalance:
         settles = np.ones(int(_SETTLES * motion.rate))
         self.slides = np.convolve(stands, settles)[: len(stands)] == 0
         self._signed = 0.5 * np.einsum("sk,sk->s", motion.currents, motion.trapezoids)
-        self.size = float(np.linalg.norm(self._filtered(self._signed)))
+        self.size = float(np.linalg.norm(self.filtered(self._signed)[self.slides]))
 
     def output_torque(self, actuator: Any) -> np.ndarray:
         """Torque (S,) that the output needs, N m."""
-        gear, load, way = actuator.transmission, self._motion.load, np.sign(self._w_o)
-        share = np.where(
-            way * load > 0.0, 1.0 / gear.efficiency_opposing - 1.0, 1.0 - gear.efficiency_aiding
+        friction = self.sliding(actuator)[1] * np.sign(self._w_o)
+        return np.asarray(
+            actuator.transmission.output_inertia * self._dw_o + friction + self._motion.load
         )
-        friction = (gear.friction_torque + share * np.abs(load)) * way
-        friction = friction * _excess(actuator, self._w_o)
-        return np.asarray(gear.output_inertia * self._dw_o + friction + load)
 
-    def _filtered(self, trace: np.ndarray) -> np.ndarray:
-        return self._low_pass.apply(trace, self._motion.rate)[self.slides]
+    def sliding(self, actuator: Any) -> tuple[np.ndarray, np.ndarray]:
+        """Magnitudes (S,) of the friction in steady sliding, of motor and output, N m."""
+        gear, load = actuator.transmission, self._motion.load
+        share = np.where(
+            self._w_o * load > 0.0, 1.0 / gear.efficiency_opposing - 1.0,
+            1.0 - gear.efficiency_aiding,
+        )  # fmt: skip
+        of_output = (gear.friction_torque + share * np.abs(load)) * _excess(actuator, self._w_o)
+        return actuator.motor.friction_torque * _excess(actuator, self._w_m), of_output
+
+    def filtered(self, trace: np.ndarray) -> np.ndarray:
+        """A trace (S,) as far as an encoder knows accelerations."""
+        return self._low_pass.apply(trace, self._motion.rate)
+
+    def noise(self, samples: int) -> float:
+        """Norm of the noise of the current in so many samples, A."""
+        return _noise(self._signed, self._low_pass, self._motion.rate, samples)
 
     def least(self, actuator: Any) -> float:
         """Share of the recorded current that noise leaves."""
-        seen = int(self.slides.sum())
-        noise = _noise(self._signed, self._low_pass, self._motion.rate, seen)
-        return math.hypot(_LEAST, noise / self.size)
+        return math.hypot(_LEAST, self.noise(int(self.slides.sum())) / self.size)
 
     def left(self, actuator: Any) -> np.ndarray:
         """Needed less made torque, over the torque constant, (K,), A, where both slide."""
-        motor = actuator.motor
+        of_motor, of_output = self.sliding(actuator)
+        friction = of_motor * np.sign(self._w_m) + of_output * np.sign(self._w_o)
+        return self.filtered(self.missing(actuator, friction))[self.slides]
+
+    def missing(self, actuator: Any, friction: np.ndarray) -> np.ndarray:
+        """Needed less made torque, over the torque constant, (S,), A, with a friction (S,), N m."""
+        motor, gear = actuator.motor, actuator.transmission
         shapes = self._motion.shapes(actuator)
         made = 0.5 * motor.emf_constant * np.einsum("sk,sk->s", self._motion.currents, shapes)
         if actuator.cogging is not None:
             own = actuator.cogging
-            made -= own.torque * np.sin(own.cycles * self._angle + own.phase)
+            made -= own.torque * np.sin(own.cycles * self.angles[0] + own.phase)
         needed = (
             motor.inertia * self._dw_m
             + motor.viscous_damping * self._w_m
-            + motor.friction_torque * np.sign(self._w_m) * _excess(actuator, self._w_m)
-            + self.output_torque(actuator)
+            + gear.output_inertia * self._dw_o
+            + friction
+            + self._motion.load
         )
-        return self._filtered((needed - made) / motor.emf_constant)
+        return np.asarray((needed - made) / motor.emf_constant)
 
 
-def _excess(actuator: Any, speed: np.ndarray) -> np.ndarray | float:
+def _excess(actuator: Any, speed: np.ndarray) -> np.ndarray:
     """Friction in steady sliding over that of fast sliding (Stribeck)."""
     if actuator.presliding is None:
-        return 1.0
+        return np.ones(speed.size)
     fades = np.exp(-((speed / actuator.presliding.stribeck_speed) ** 2))
     return np.asarray(1.0 + (actuator.transmission.static_ratio - 1.0) * fades)
 

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from ematwin.models.bldc import along_motion
+from ematwin.models.bldc import along_motion, near_rest
 from ematwin.models.bldc.constants import kernel_constants, truer_constants
 from ematwin.models.bldc.faults import Faults
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.truer.state import NEUTRAL, REST
 from ematwin.numerics.signals import LowPass
 from naive import along_motion as naive
-from naive import another_actuator
+from naive import another_actuator, truer
 
 PLAIN = BldcActuator.load().changed(
     {"controller.position_gain": 60.0, "controller.speed_gain": 0.004}
@@ -84,6 +84,35 @@ def test_all_equations_hold_along_the_motion_of_a_simulator_of_other_make():
         without = np.linalg.norm(one.left(PLAIN)) / one.size
         print(f"{type(one).__name__}: {100 * share:.2f} %, without its forms {100 * without:.1f} %")
         assert share < 0.006 < 0.02 < without
+
+
+def test_bristles_along_angles_are_those_of_small_steps():
+    time = np.linspace(0.0, 1.0, 201)
+    angle = 2e-3 * np.sin(2.0 * np.pi * time) + 3e-4 * np.sin(14.0 * np.pi * time)
+    sliding, stiffness, parts = np.full(201, 0.02), 60.0, 200
+    bent, slow = 0.0, [0.0]
+    for moved in np.diff(angle):
+        for _ in range(parts):
+            part = moved / parts
+            bent += stiffness * (part - abs(part) * bent / 0.02)
+        slow.append(bent)
+    fast = near_rest.bristle_torque(angle, sliding, stiffness, np.zeros(201))
+    np.testing.assert_allclose(fast, slow, atol=1e-4)
+    damped = near_rest.bristle_torque(angle, sliding, stiffness, np.full(201, 0.5))
+    np.testing.assert_allclose(damped[1:], fast[1:] + 0.5 * np.diff(fast), atol=1e-12)
+    assert not near_rest.bristle_torque(angle, 0.0 * sliding, stiffness, np.zeros(201)).any()
+
+
+def test_shapes_along_a_motion_are_those_of_the_naive_windings():
+    actuator = BOTH.changed({
+        "emf.rounding": 0.3, "emf.harmonic_5": 0.04, "emf.harmonic_7": -0.02,
+        "torque_ripple.share": 0.05, "torque_ripple.cycles": 6, "torque_ripple.phase": 0.4,
+    })  # fmt: skip
+    motion = along_motion.Motion(recorded(another_actuator.Structure(), PLAIN, 0.02), actuator)
+    windings = truer.Windings(actuator, Faults.of({}))
+    turned = motion.angles[::40, 0] / actuator.motor.pole_pairs
+    slow = 2.0 * np.array([windings.kappa(x) for x in turned]) / actuator.motor.emf_constant
+    np.testing.assert_allclose(motion.shapes(actuator)[::40], slow, atol=1e-6)
 
 
 def test_a_motion_needs_both_positions():
