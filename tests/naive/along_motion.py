@@ -29,7 +29,7 @@ def currents(actuator, faults, command, motion, dt):
         sector = motor.sector(actuator.motor.pole_pairs * theta)
         pair = motor.gates(sector, 1)
         limit = drive.current_limit
-        wanted = max(-limit, min(limit, speed_loop.demand(asked, output, speed)))
+        wanted = max(-limit, min(limit, speed_loop.demand(asked, output, speed, theta)))
         along = float(np.dot(pair, now))
         if modulated:
             volts = current_loop.answer(wanted, along / 2)

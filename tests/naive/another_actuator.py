@@ -6,7 +6,7 @@ hysteresis regulation, two masses, backlash, dry friction, and the eight faults.
 field of `Structure` switches on something that the twin does not have:
 
 cogging, rounded back-EMF, LuGre friction, a compliant gear, a position and speed loop that is
-sampled, a current loop that is a sampled PI, an inverter that loses voltage.
+sampled, a current loop that is a sampled PI, an inverter that loses voltage, encoders that count.
 
 Sources: textbook electrical drives; Canudas de Wit, Olsson, Astrom and Lischinsky (1995), IEEE
 Trans. Automatic Control 40(3), 419-425 (LuGre); Barabanov and Ortega (2000), ibid. 45(4), 675-680
@@ -66,6 +66,12 @@ class Structure:
     current_delay : intervals from a sample of the current to the voltage that answers it, 0 or 1
     current_bandwidth : rad/s, of that loop
     lost_voltage : V, that each conducting leg of the inverter loses to dead time and switches
+    sampling_phase : share of the control interval from the start of the recording to a sample
+    encoder_lines : counts of the motor's encoder in a turn; 0 is a perfect one. Positions are
+        recorded in counts, and a sampled speed loop has no speed but their difference
+    output_lines : counts of the output's encoder in a turn of the motor; 0 is a perfect one
+    encoder_phase : share of a count at which both begin
+    speed_lag : s, time constant of a first-order filter of that speed
     """
 
     cogging: float = 0.0
@@ -83,6 +89,11 @@ class Structure:
     current_delay: int = 1
     current_bandwidth: float = 4000.0
     lost_voltage: float = 0.0
+    sampling_phase: float = 0.0
+    encoder_lines: float = 0.0
+    output_lines: float = 0.0
+    encoder_phase: float = 0.0
+    speed_lag: float = 0.0
 
     @classmethod
     def realistic(cls) -> Self:
@@ -178,6 +189,11 @@ class Plant(NamedTuple):
     k_proportional: float  # V/A
     k_integral: float  # V/(A s)
     lost: float
+    late: int  # steps, by which samples come after the start
+    lines: float  # counts of the motor's encoder in a radian; 0 is a perfect one
+    output_lines: float
+    count_phase: float
+    speed_lag: float  # s
 
 
 def parameters_of(actuator: Any) -> dict[str, float]:
@@ -333,6 +349,11 @@ def _plant(
         k_proportional=structure.current_bandwidth * p["motor.inductance"],
         k_integral=structure.current_bandwidth * p["motor.resistance"],
         lost=structure.lost_voltage,
+        late=round(structure.sampling_phase * structure.control_interval / dt),
+        lines=structure.encoder_lines / (2.0 * math.pi),
+        output_lines=structure.output_lines / (2.0 * math.pi),
+        count_phase=structure.encoder_phase,
+        speed_lag=structure.speed_lag,
     )
 
 
@@ -352,6 +373,12 @@ def emf_shape(angle, rounding):
     else:
         flat = (x - 2.0 * math.pi) / sixth
     return (1.0 - rounding) * flat + rounding * _ROUNDED * math.sin(x)
+
+
+@njit(cache=True)
+def counted(angle, lines, phase):
+    """Angle (rad) of the count at ``angle`` by an encoder with so many ``lines`` in a radian."""
+    return math.floor(angle * lines + phase) / lines if lines > 0.0 else angle
 
 
 @njit(cache=True)
@@ -435,15 +462,28 @@ def _run(plant, command, load, start, samples, substeps, dt):
     on, driven = np.zeros(3, dtype=np.bool_), np.zeros(3, dtype=np.bool_)
     theta_m, theta_o, w_m, w_o, z_m, z_o = start, start, 0.0, 0.0, 0.0, 0.0
     i_ref, u, u_next, integral, wound = 0.0, plant.v_supply, 0.0, 0.0, 0.0
+    last, speed = counted(start, plant.lines, plant.count_phase), 0.0
     if plant.current_every > 0:
         u = 0.0
     for n in range(samples - 1):
         for now in range(n * substeps, (n + 1) * substeps):
+            clock = now - plant.late
             # position and speed loop
-            if plant.control_every == 0 or now % plant.control_every == 0:
-                w_ref = plant.k_position * (command[now] - theta_o)
+            if plant.control_every == 0 or clock % plant.control_every == 0:
+                output_now = counted(theta_o, plant.output_lines, plant.count_phase)
+                w_ref = plant.k_position * (command[now] - output_now)
                 w_ref = min(max(w_ref, -plant.w_max), plant.w_max)
-                late = w_ref - w_m
+                if plant.lines > 0.0 and plant.control_every > 0:
+                    span, angle = (
+                        plant.control_every * dt,
+                        counted(theta_m, plant.lines, plant.count_phase),
+                    )
+                    fresh = (angle - last) / span
+                    stays = math.exp(-span / plant.speed_lag) if plant.speed_lag > 0.0 else 0.0
+                    speed, last = stays * speed + (1.0 - stays) * fresh, angle
+                else:
+                    speed = w_m
+                late = w_ref - speed
                 more = wound + plant.speed_integral * max(plant.control_every, 1) * dt * late
                 asked = (plant.k_speed * late + more) / (2.0 * plant.k_e)
                 i_ref = min(max(asked, -plant.i_max), plant.i_max)
@@ -462,7 +502,7 @@ def _run(plant, command, load, start, samples, substeps, dt):
                     u = -plant.v_supply
                 elif seen < i_ref - plant.half_band:
                     u = plant.v_supply
-            elif now % plant.current_every == 0:
+            elif clock % plant.current_every == 0:
                 u = u_next
                 error = i_ref - 0.5 * (i[first] - i[second])
                 wish = plant.k_proportional * error + integral
@@ -521,5 +561,6 @@ def _run(plant, command, load, start, samples, substeps, dt):
                 theta_o, w_o = plant.low, max(w_o, 0.0)
             elif theta_o >= plant.high:
                 theta_o, w_o = plant.high, min(w_o, 0.0)
-        motor[n + 1], output[n + 1] = theta_m, theta_o
+        motor[n + 1] = counted(theta_m, plant.lines, plant.count_phase)
+        output[n + 1] = counted(theta_o, plant.output_lines, plant.count_phase)
     return currents, motor, output

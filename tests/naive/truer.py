@@ -101,9 +101,12 @@ def advance_phases(windings, currents, voltages, emf, dt):
 
 
 class SpeedLoop:
-    """The controller with an integral term, sampled each few steps and late by some of them."""
+    """The controller with an integral term, sampled each few steps and late by some of them.
 
-    def __init__(self, actuator, faults, dt):
+    ``begins`` is where within a step encoders count on, and the motor has stood at zero.
+    """
+
+    def __init__(self, actuator, faults, dt, begins=0.5):
         self.actuator, self.dt = actuator, dt
         self.gain = actuator.controller.position_gain * (0.5 + faults.gain)
         own = actuator.speed_loop
@@ -113,11 +116,30 @@ class SpeedLoop:
         self.delay = round(own.delay / dt) if self.sampled else 0
         self.answers = {}  # by the step from which they hold
         self.asked, self.integral, self.now = 0.0, 0.0, 0
+        self.begins = begins
+        counts = actuator.encoder is not None
+        self.angle, self.seen = self.shown(0.0, "motor") if counts else 0.0, 0.0
 
-    def demand(self, command, output, speed):
+    def shown(self, angle, side):
+        """The middle of the step of an encoder in which an angle on the motor shaft lies."""
+        encoder = self.actuator.encoder
+        steps = encoder.motor_steps
+        if side == "output":
+            steps = encoder.output_steps / self.actuator.transmission.ratio
+        turns = angle / (2 * math.pi)
+        return 2 * math.pi / steps * (math.floor(turns * steps + self.begins) + 0.5 - self.begins)
+
+    def demand(self, command, output, speed, angle):
         """Current asked for in the next step, A, before its limit."""
         control, drive = self.actuator.controller, self.actuator.drive
         if self.now % self.every == 0:
+            if self.actuator.encoder is not None:
+                output, now = self.shown(output, "output"), self.shown(angle, "motor")
+                speed = (now - self.angle) / (self.every * self.dt)
+                lag = self.actuator.encoder.filter_time
+                stays = math.exp(-self.every * self.dt / lag) if lag > 0 else 0.0
+                speed = stays * self.seen + (1 - stays) * speed
+                self.angle, self.seen = now, speed
             wanted = self.gain * (command - output)
             error = max(-control.speed_limit, min(control.speed_limit, wanted)) - speed
             grown = self.integral + self.k_i * self.every * self.dt * error

@@ -20,6 +20,7 @@ from ematwin.models.bldc.state import fault_state
 from ematwin.models.bldc.truer.motor import cogging_torque, truer_shapes
 from ematwin.models.bldc.truer.shorted_turns import loop_answer
 from ematwin.models.bldc.truer.state import REST
+from ematwin.models.registry import load_actuator
 from ematwin.models.scenario import Scenario, Step
 from ematwin.models.simulating import simulate
 from ematwin.numerics.signals import LowPass
@@ -255,6 +256,37 @@ def test_a_warming_winding_and_a_sagging_supply_are_those_of_an_integrator():
     seen = np.abs(np.array([record.channels[f"current_{x}"] for x in "abc"])).max(axis=0)
     np.testing.assert_allclose(seen[1:], i, atol=2e-3 * i.max())
     np.testing.assert_allclose(record.channels["bus_voltage"][1:], link, atol=0.02)
+
+
+def test_a_loop_that_counts_moves_as_that_of_a_simulator_of_other_make():
+    """Whose counts and impacts scatter: the speed filter alone moves the current by far more."""
+    drive = load_actuator("servo48-drive")
+    encoder, speed, current = drive.encoder, drive.speed_loop, drive.current_loop
+    structure = another_actuator.Structure(
+        control_interval=speed.sample_time, speed_integral=speed.integral_gain,
+        current_interval=current.sample_time, lost_voltage=0.5 * current.lost_voltage,
+        current_bandwidth=current.proportional_gain / drive.motor.inductance,
+        cogging=drive.cogging.torque, cogging_cycles=drive.cogging.cycles,
+        encoder_lines=encoder.motor_steps, speed_lag=encoder.filter_time, encoder_phase=0.5,
+        output_lines=encoder.output_steps / drive.transmission.ratio,
+    )  # fmt: skip
+    command = [{"type": "sine", "amplitude": 0.01, "frequency": 10.0}]
+    scenario = Scenario(name="sine", duration=0.1, command=command)
+    time = np.linspace(0.0, 0.1, 10_001)
+    other = another_actuator.simulate(
+        another_actuator.parameters_of(drive), time, *scenario.histories(time), {}, structure,
+        noise=0.0, bits=None,
+    )  # fmt: skip
+    unfiltered = drive.changed({"encoder.filter_time": 0.0})
+    own, without = (
+        simulate("reference", scenario, actuator=one) for one in (drive, unfiltered)
+    )  # fmt: skip
+    gap, far = (misfit(equivalent(one), equivalent(other)) for one in (own, without))
+    print(f"counts: {100.0 * gap:.2f} %, without a filter {100.0 * far:.2f} %")
+    assert gap < 0.01
+    assert far > 2.0 * gap
+    steps = (own.motor_position - other.motor_position) / encoder.motor_step
+    assert np.abs(steps - np.round(steps)).max() < 1e-6  # counts alike
 
 
 def test_a_gear_that_gives_as_its_contact_does_is_the_rigid_one():

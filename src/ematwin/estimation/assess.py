@@ -111,7 +111,7 @@ def assess(
     spent, cost = found.evaluations, found.cost
     best = with_model_error(found.best, threads)
     errors, held = np.ones(len(full.names)), set[str]()
-    again = found.descent.afresh(settled=math.inf, least_noise=full.comparisons[0].noise)
+    again = found.descent.afresh(settled=math.inf, least_noise=full.least_noise)
     for left in reversed(range(_ANEW)):
         sets = _sets(best, own, baseline, errors, held)
         improbable = _improbable(sets, best.peak)

@@ -139,7 +139,7 @@ def reweighed(found: Corrected, descent: Descent) -> Corrected:
     problem = peak.problem.reweighed(peak.point)
     if problem is None:
         return found
-    near = descent.afresh(settled=np.inf, least_noise=problem.noise)
+    near = descent.afresh(settled=np.inf, least_noise=problem.least_noise)
     end = corrected(problem, peak.point, near, steps=step_lengths(peak.covariance))
     spent = peak.evaluations + end.peak.evaluations
     return replace(end, peak=replace(end.peak, evaluations=spent), rounds=found.rounds + end.rounds)

@@ -293,7 +293,7 @@ class _Selection:
         )
 
     def _left(self, actuator: ParameterSet) -> list[np.ndarray]:
-        return [one.left(actuator) / self._size for one in self._equations]
+        return [one.left(actuator, {}) / self._size for one in self._equations]
 
     def _least(self, actuator: ParameterSet) -> float:
         """Energy that noise and the errors of the equation leave."""

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ematwin.estimation.aliases import aliases_of
+from ematwin.estimation.along_motion import informed
 from ematwin.estimation.baseline import Baseline, frees_parameters, with_all_free
 from ematwin.estimation.constants import AS_GOOD, HOPELESS, IMPLAUSIBLE
 from ematwin.estimation.correction import Corrected, corrected, reweighed
@@ -71,13 +72,17 @@ def minima(
     if baseline.exact:
         settled, iterations = math.inf, _KNOWN
 
+    ends = (end.point, *_worth_a_look(full, end, problem))
+    starts = [_placed(full, problem, point) for point in ends]
+    if along := informed(model, actuator, full, starts[0]):  # which has one minimum
+        full, starts = along[0], [along[1]]
     descent = Descent(
-        aliases_of(model, actuator, full, _placed(full, problem, end.point)), still,
-        full.comparisons[0].noise, settled=settled, iterations=iterations,
+        aliases_of(model, actuator, full, starts[0]), still,
+        full.least_noise, settled=settled, iterations=iterations,
     )  # fmt: skip
 
     def peak_from(point: np.ndarray) -> Corrected:
-        return corrected(full, _placed(full, problem, point), descent)
+        return corrected(full, point, descent)
 
     def beside_it(near: Corrected, anew: bool = False) -> list[Corrected]:
         near_it = descent.afresh(settled=math.inf)
@@ -85,7 +90,6 @@ def minima(
             corrected(full, one.point, near_it) for one in other_minima(near.peak, descent, anew)
         ]
 
-    starts = [end.point, *_worth_a_look(full, end, problem)]
     # each may use all cores: most of its batches are one block
     best, *others = side_by_side(peak_from, starts, threads)
     misfit = full.relative_misfit(min(one.peak.cost for one in (best, *others)))
@@ -140,9 +144,12 @@ def _worth_a_look(full: Problem, found: Found, problem: Problem) -> list[np.ndar
     ]
 
 
-def height(peak: Laplace, noise: float) -> float:
-    """How far a peak lies from the recording and from the priors, squared standard deviations."""
-    distances = peak.problem.prior_distances(peak.point[None])[0] / peak.problem.noise
+def height(peak: Laplace, noise: float, informed: bool = True) -> float:
+    """How far a peak lies from the recording and from the priors, squared standard deviations.
+
+    Not ``informed`` leaves out what is known besides priors (`Problem.informed`).
+    """
+    distances = peak.problem.prior_distances(peak.point[None], informed)[0] / peak.problem.noise
     data = (peak.cost + peak.evidence) / noise**2
     return data + float(distances @ distances)
 
@@ -155,7 +162,8 @@ def risen(first: Laplace, other: Laplace) -> float:
     a fast model misses counts as noise here.
     """
     noise = first.problem.comparisons[0].model_error * min(first.problem.noise, other.problem.noise)
-    return height(other, noise) - height(first, noise)
+    both = first.problem.is_informed and other.problem.is_informed
+    return height(other, noise, both) - height(first, noise, both)
 
 
 def strained(peak: Laplace) -> dict[str, float]:

@@ -56,6 +56,29 @@ class _Unseen(NamedTuple):
     slopes: list[np.ndarray]
 
 
+class Information(NamedTuple):
+    """What is known of unknowns: the density exp(-|left + root (z - z_0)|^2/2).
+
+    Its last row is what stays of the residuals wherever the unknowns lie.
+
+    Attributes
+    ----------
+    chart : Chart, of the unknowns
+    z : (d,) array, coordinates z_0
+    root : (k, d) array
+    left : (k,) array
+    """
+
+    chart: Chart
+    z: np.ndarray
+    root: np.ndarray
+    left: np.ndarray
+
+    def distances(self, points: np.ndarray) -> np.ndarray:
+        """(B, k), standard deviations, of points (B, d)."""
+        return np.asarray(self.left + (self.chart.from_values(points) - self.z) @ self.root.T)
+
+
 class Problem:
     """Free unknowns to be estimated from one or several recordings.
 
@@ -120,6 +143,7 @@ class Problem:
         self._whiten = np.linalg.inv(np.linalg.cholesky(known.covariance)).T
         self._latest = Latest()
         self._unseen: list[_Unseen] = []
+        self._information: Information | None = None
         given = dict(start or {})
         self.start = np.array([given.get(one.name, one.healthy) for one in self.unknowns])
         self.starts = np.array(
@@ -331,6 +355,15 @@ class Problem:
         return other
 
     @property
+    def least_noise(self) -> float:
+        """The least noise of the data: where equations are known besides, these know better.
+
+        What a closed loop leaves beyond sensor noise is alike throughout the recording.
+        """
+        factor = self.comparisons[0].model_error if self.is_informed else 1.0
+        return factor * self.comparisons[0].noise
+
+    @property
     def lacks_forms(self) -> bool:
         """Whether only the reference has some forms of the actuator."""
         return any(one.unseen for one in self.comparisons)
@@ -426,12 +459,36 @@ class Problem:
         other.comparisons, other._unseen = tuple(comparisons), []
         return other
 
-    def prior_distances(self, points: np.ndarray) -> np.ndarray:
-        """Distances (B, P) from the means of the priors, in the unit of the residuals."""
+    def prior_distances(self, points: np.ndarray, informed: bool = True) -> np.ndarray:
+        """Distances (B, P) from the means of the priors, in the unit of the residuals.
+
+        And those of what is known besides, unless not ``informed``.
+        """
         away = points[:, self._priors]
         if self._logarithmic.any():
             away[:, self._logarithmic] = np.log(away[:, self._logarithmic])
-        return np.asarray(self.noise * ((away - self._prior_mean) @ self._whiten))
+        distances = self.noise * ((away - self._prior_mean) @ self._whiten)
+        if self._information is not None and informed:
+            every = self._every(self._information.chart, points)
+            distances = np.hstack([distances, self.noise * self._information.distances(every)])
+        return np.asarray(distances)
+
+    def _every(self, chart: Chart, points: np.ndarray) -> np.ndarray:
+        """Values (B, n) of the unknowns of a chart, free and held ones, at points (B, d)."""
+        free = dict(zip(self.names, points.T, strict=True))
+        held = {name: np.full(len(points), value) for name, value in self.held.items()}
+        return np.array([{**held, **free}[one.name] for one in chart.unknowns]).T
+
+    @property
+    def is_informed(self) -> bool:
+        """Whether something is known of the unknowns besides their priors."""
+        return self._information is not None
+
+    def informed(self, information: Information) -> "Problem":
+        """The same problem with what is known of its unknowns besides; it counts as a prior."""
+        other = copy.copy(self)
+        other._information = information
+        return other
 
     @property
     def has_evidence(self) -> bool:
@@ -440,7 +497,8 @@ class Problem:
 
     def split(self, residuals: np.ndarray) -> Residuals:
         """Residuals (..., K) by where they come from; recordings in their order."""
-        priors = residuals.shape[-1] - len(self._priors)
+        known = 0 if self._information is None else self._information.left.size
+        priors = residuals.shape[-1] - len(self._priors) - known
         data = priors - sum(one.evidence for one in self.comparisons)
         return Residuals(
             residuals[..., :data], residuals[..., data:priors], residuals[..., priors:]
@@ -466,7 +524,7 @@ class Problem:
         )  # fmt: skip
         other.noise, other.trust, other._latest = self.noise, self.trust, self._latest
         other.model_error = self.model_error
-        other._unseen = self._unseen
+        other._unseen, other._information = self._unseen, self._information
         return other
 
     def with_noise(self, noise: float) -> "Problem":

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from ematwin.estimation.along_motion import informed
 from ematwin.estimation.assess import Assessment
 from ematwin.estimation.baseline import Baseline, uncertain, with_all_free, with_nuisances
 from ematwin.estimation.constants import AS_GOOD, DECIDES, EXPLAINED, HOPELESS
@@ -20,7 +21,7 @@ from ematwin.estimation.correction import corrected
 from ematwin.estimation.descent import Descent, TooFarError
 from ematwin.estimation.laplace import Laplace, step_lengths
 from ematwin.estimation.levenberg_marquardt import NOTHING
-from ematwin.estimation.minima import risen
+from ematwin.estimation.minima import height, risen
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.spike_and_slab import fault_sets
 from ematwin.estimation.verdict import Verdict
@@ -197,7 +198,11 @@ def _compared(
     # a start that follows from the first answer is right, and others may be far from their valley
     if len(starts) > 1 and not costs[best] < _FAR**2 * peak.cost:
         return None
-    as_found = _start(full, full.names, {**own, **form.starts[best]})
+    start, as_found = starts[best], _start(full, full.names, {**own, **form.starts[best]})
+    if along := informed(model, form.actuator, full, as_found):
+        full, start = along
+        if not unexplained and _excluded(full, start, peak):
+            return None
     steps = _steps(peak, full)
     known = {
         "within": (1.0 if unexplained else _FAR) * _smooth_misfit(peak),
@@ -212,10 +217,10 @@ def _compared(
             return None
         return end, risen(peak, end)
 
-    ends = [descended_from(starts[best])]
+    ends = [descended_from(start)]
     short = ends[0] is None or ends[0][1] > DECIDES
     # it may have stopped short: it gets the parameters of the first answer
-    if short and not unexplained and not np.array_equal(as_found, starts[best]):
+    if short and not unexplained and not np.array_equal(as_found, start):
         ends.append(descended_from(as_found))
     near = [one for one in ends if one is not None]
     if not near:
@@ -233,6 +238,18 @@ def _compared(
             if rise >= -DECIDES:
                 break
     return end, rise
+
+
+def _excluded(full: Problem, start: np.ndarray, peak: Laplace) -> bool:
+    """Whether equations along the motion exclude a form, however well it fits the closed loop.
+
+    ``start`` (d,) is where they and the priors have it best.
+    """
+    if not peak.problem.is_informed:
+        return False
+    noise = peak.problem.comparisons[0].model_error * peak.problem.noise
+    away = full.prior_distances(start[None])[0] / full.noise
+    return float(away @ away) - height(peak, noise) > DECIDES
 
 
 def _rival(model: Model, form: OtherForm, problem: Problem, end: Laplace, rise: float) -> Rival:
@@ -294,7 +311,7 @@ def _descended(
     """The peak next to a start; ``known`` holds further options of `Descent`."""
     descent = Descent(
         partial(model.aliases, actuator),
-        least_noise=full.comparisons[0].noise,
+        least_noise=full.least_noise,
         **known,
     )
     return corrected(full, start, descent, steps=steps).peak

@@ -285,8 +285,14 @@ class Model(ABC):
         """
         return ()
 
-    def equations(self, recording: Recording, actuator: Any) -> tuple[Equation, ...]:
-        """What holds along a recorded motion, by which forms that the file leaves out are found."""
+    def equations(
+        self, recording: Recording, actuator: Any, values: Values | None = None
+    ) -> tuple[Equation, ...]:
+        """What holds along a recorded motion, by which forms that the file leaves out are found.
+
+        ``values`` are about those of the recording's faults, load and sensors, by name; it is
+        healthy if there are none.
+        """
         return ()
 
     def excitation(self, recording: Recording, actuator: Any) -> list[str]:

@@ -155,19 +155,24 @@ class Equation(NamedTuple):
     Parameters
     ----------
     name : str, such as "controller"
-    left : gives what an actuator leaves of the recording, (K,) array
+    left : gives what an actuator leaves of the recording, (K,) array, with faults, load and sensors
+        by name, as they usually are if not named
     size : float, norm of the trace to be explained, in the same unit
     least : gives the share of it that noise and the error of the model leave of an actuator
     fitted : places that are fitted whatever the forms
     forms : that are looked for
+    unknowns : names of faults, load and sensors that matter to it
+    rests : whether it rests on the values of these for which it was made
     alike : gives the share of it that the equation's own error leaves, alike throughout: standard
         errors count it once, however many samples there are
     """
 
     name: str
-    left: Callable[[ParameterSet], np.ndarray]
+    left: Callable[[ParameterSet, Values], np.ndarray]
     size: float
     least: Callable[[ParameterSet], float]
     fitted: tuple[str, ...]
     forms: tuple[Form, ...]
+    unknowns: tuple[str, ...] = ()
+    rests: bool = False
     alike: Callable[[ParameterSet], float] = lambda actuator: 0.0

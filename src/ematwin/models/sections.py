@@ -59,6 +59,17 @@ class Presliding(Section):
         return min(limits)
 
 
+class StribeckPresliding(Presliding):
+    """As `Presliding`; static friction, `Transmission.static_ratio` as high, falls with speed."""
+
+    example: ClassVar[dict[str, float]] = {**Presliding.example, "stribeck_speed": 2.0}
+
+    stribeck_speed: float = quantity(
+        "rad/s", "motor speed at which 1/e of the excess of static friction is left",
+        tolerance=1.0, gt=0,
+    )  # fmt: skip
+
+
 class WindingHeat(Section):
     """A winding that the recording warms; left out, its resistance stays as at the start."""
 

@@ -21,6 +21,7 @@ TRUER = {
     "presliding.output_stiffness": 150.0, "presliding.damping": 0.01,
     "presliding.stribeck_speed": 2.0, "winding_heat.thermal_resistance": 2.0,
     "winding_heat.time_constant": 0.2, "supply.resistance": 1.0, "supply.capacitance": 0.001,
+    "encoder.motor_steps": 4096, "encoder.output_steps": 2**20, "encoder.filter_time": 1e-5,
 }  # fmt: skip
 
 

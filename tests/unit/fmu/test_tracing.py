@@ -21,7 +21,9 @@ def with_all_forms(actuator):
 
 
 @pytest.mark.parametrize("forms", [False, True])
-@pytest.mark.parametrize("name", ["emps", "rm1605", "sts3215", "servo48", "servo400"])
+@pytest.mark.parametrize(
+    "name", ["emps", "rm1605", "sts3215", "servo48", "servo48-drive", "servo400"]
+)
 def test_constants_of_a_kind_are_followed_exactly(name, forms):
     actuator, random = load_actuator(name), np.random.default_rng(1)
     actuator = with_all_forms(actuator) if forms else actuator

@@ -8,28 +8,38 @@ current belongs to one of them (direct identification; Ljung 1999, System Identi
 The difference of both positions shows on which face of the gap the output lies (`Contact`).
 The reference model has the same equations (docs/models.md).
 
-Positions lie on cubic splines through their samples, whose slopes are the speeds.
+Positions lie on cubic splines through their samples, whose slopes are the speeds (`counts`).
 """
 
+import copy
 import math
+from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from ematwin.models.bldc.channels import phase_currents
 from ematwin.models.bldc.constants import kernel_constants, truer_constants
+from ematwin.models.bldc.counts import (
+    CUTOFF,
+    counted_anew,
+    smoothed,
+    spline_through,
+    steps_of,
+)
 from ematwin.models.bldc.envelope import trapezoid_shape
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.phase_sensors import balanced
 from ematwin.models.bldc.reference_step import ReferenceState
 from ematwin.models.bldc.simulate import INPUT_INTERVAL, TimeGrid
-from ematwin.models.bldc.state import fault_state
+from ematwin.models.bldc.state import FaultState, fault_state
+from ematwin.models.bldc.truer.loops import last_reading
 from ematwin.models.bldc.truer.motor import KEPT_5, KEPT_7, SINE
 from ematwin.models.bldc.truer.reference_step import drive, more_after
 from ematwin.models.bldc.truer.state import NEUTRAL, REST, truer_state
 from ematwin.models.bldc.unknowns import UNKNOWNS
 from ematwin.models.bldc.zeros import counted
+from ematwin.models.optional import Values
 from ematwin.numerics.compile import loop
 from ematwin.numerics.signals import LowPass, white_noise
 from ematwin.recordings.recording import Recording
@@ -39,6 +49,8 @@ _LONGEST = 0.4  # s of a recording, of which a controller is simulated
 _FASTER = 1.3  # than the step of the reference: the ripple is another then
 _LEAST = 0.001  # of the recorded current: what simulators of other make differ by
 _SLOW = 200.0  # Hz: below it the acceleration of an encoder's position is known
+_STEEP = 500.0  # Hz, of counts before that: an acceleration's noise grows with f^2
+_FINE_STEP = 1e-9  # rad: of an encoder whose counts do not show
 _STANDS = 0.02  # of the largest speed: nearer to rest friction is not known
 _SETTLES = 0.01  # s after that, for the low-pass
 _SURELY = 0.5  # of the friction of the output: a torque whose sign the template knows
@@ -104,6 +116,7 @@ class Motion:
     motor, output : splines of the angles
     command, load : (S,) arrays, rad and N m
     currents : (S, 3) array, A
+    steps : of the encoders of motor and output, rad on the motor shaft; 0 where of none
     angles : (S, 3) array, electrical angle of each phase in the middle of its mean
     trapezoids : (S, 3) array, EMF shapes of a healthy motor by the paper
     """
@@ -114,13 +127,20 @@ class Motion:
         self.time = np.arange(len(recording)) / self.rate
         self.command = recording.channels["command"] * ratio
         self.load = recording.channels.get("load", np.zeros(len(recording))) / ratio
-        self.motor = CubicSpline(self.time, recording.channels["motor_position"])
-        self.output = CubicSpline(self.time, recording.channels["output_position"] * ratio)
         currents = phase_currents(recording)
         assert currents is not None
-        self.currents = currents
+        self.currents, self._pole_pairs = currents, actuator.motor.pole_pairs
+        self.steps = steps_of(recording, actuator)
+        motor = recording.channels["motor_position"]
+        self._move(motor, recording.channels["output_position"] * ratio, CUTOFF)
+
+    def _move(self, motor: np.ndarray, output: np.ndarray, cutoff: float) -> None:
+        """Lay splines through positions (S,), rad on the motor shaft; counts are smoothed."""
+        self.cutoff, self._recorded = cutoff, (motor, output)
+        self.motor = spline_through(self.time, motor, self.steps[0], cutoff)
+        self.output = spline_through(self.time, output, self.steps[1], cutoff)
         # a mean belongs to the middle of its interval
-        electrical = actuator.motor.pole_pairs * self.motor(self.time - 0.5 / self.rate)
+        electrical = self._pole_pairs * self.motor(self.time - 0.5 / self.rate)
         self.angles = electrical[:, None] - _THIRD * np.arange(3)
         self.trapezoids = trapezoid_shape(self.angles)
 
@@ -139,6 +159,35 @@ class Motion:
             found = found * (1.0 + ripple.share * np.sin(ripple.cycles * turned + ripple.phase))
         return found
 
+    def twist(self) -> np.ndarray:
+        """Angle (S,) by which the motor is ahead of the output."""
+        return np.asarray(self.motor(self.time) - self.output(self.time))
+
+    def counted_anew(self) -> "Motion | None":
+        """The motion by encoders whose counts begin elsewhere; None if it comes in no counts.
+
+        It differs from this one as this one does from the truth.
+        """
+        if not any(self.steps):
+            return None
+        other, (of_motor, of_output) = copy.copy(self), self.steps
+        motor = counted_anew(self.motor(self.time), of_motor)
+        other._move(motor, counted_anew(self.output(self.time), of_output), self.cutoff)
+        return other
+
+    def smoother(self, cutoff: float) -> "Motion":
+        """The motion with counts smoothed further, Hz; itself if it comes in none."""
+        if not any(self.steps):
+            return self
+        other = copy.copy(self)
+        other._move(*self._recorded, cutoff)
+        return other
+
+    def alike(self, trace: np.ndarray) -> np.ndarray:
+        """A trace (S,) smoothed as the positions are."""
+        some = any(self.steps)
+        return np.asarray(smoothed(self.time, trace, self.cutoff)(self.time)) if some else trace
+
 
 class Controller:
     """The current that controller and windings make along a motion, beside the recorded one."""
@@ -148,7 +197,7 @@ class Controller:
         rate = motion.rate
         count = min(len(motion.time), int(_LONGEST * rate) + 1)
         self._grid = grid = TimeGrid(_STEP, INPUT_INTERVAL, (count - 0.5) / rate, rate)
-        self._command = np.interp(grid.time, motion.time, motion.command)
+        self._steps = motion.steps
         self._states = np.array([
             motion.motor(grid.time), motion.motor(grid.time, 1), motion.output(grid.time),
         ])  # fmt: skip
@@ -162,24 +211,60 @@ class Controller:
         signed = 0.5 * np.einsum("sk,sk->s", currents, shapes)
         return self._low_pass.apply(signed, self._motion.rate)
 
-    def left(self, actuator: Any, faster: float = 1.0) -> np.ndarray:
-        """Simulated less recorded current (S - 1,), A; ``faster`` divides the step."""
-        grid = self._grid
+    def left(
+        self,
+        actuator: Any,
+        values: Values | None = None,
+        *,
+        faster: float = 1.0,
+        counts: bool = False,
+    ) -> np.ndarray:
+        """Simulated less recorded current (S - 1,), A; ``faster`` divides the step.
+
+        With ``counts`` the loops know the motion by the counts of encoders. Where within a step
+        these begin, and at which instants, is not known: without, they know the mean speed of a
+        sample time and its filter alone.
+        """
+        grid, motion, given = self._grid, self._motion, values or {}
+        command = np.interp(grid.time + given.get("skew", 0.0), motion.time, motion.command)
         # a comparator overshoots by what the current moves in a step
         step = actuator.steps.reference if actuator.current_loop is None else grid.step
         substeps = max(1, round(faster * grid.substeps * grid.step / step))
-        healthy = np.array([one.healthy for one in UNKNOWNS])
+        truer = truer_constants(actuator) or NEUTRAL
+        if counts:
+            truer = truer._replace(motor_step=self._steps[0], output_step=self._steps[1])
+        elif truer.motor_step > 0.0:
+            truer = truer._replace(motor_step=_FINE_STEP, output_step=0.0)
+        angle, speed, _ = self._states[:, 0]
+        rest = REST._replace(read=last_reading(truer, angle, speed), speed_seen=speed)
         currents = currents_along(
-            healthy, self._command, self._states, kernel_constants(actuator),
+            _vector(given), command, self._states, kernel_constants(actuator),
             grid.substeps * grid.step / substeps, substeps, grid.decimation,
-            truer_constants(actuator) or NEUTRAL, np.array(REST),
+            truer, np.array(rest),
         )  # fmt: skip
-        return self._equivalent(currents) - self._seen
+        gain, offset = given.get("current_gain", 1.0), given.get("current_offset", 0.0)
+        return gain * self._equivalent(currents) + offset - self._seen
 
     def least(self, actuator: Any) -> float:
         """Share of the recorded current that noise and the error of the equation leave."""
         noise = _noise(self._signed, self._low_pass, self._motion.rate, self._seen.size)
+        noise = math.hypot(noise, self._of_counts(actuator))
         return math.hypot(noise / self.size, self.alike(actuator))
+
+    @cached_property
+    def _anew(self) -> "Controller | None":
+        other = self._motion.counted_anew()
+        return None if other is None else Controller(other, self._low_pass)
+
+    def _of_counts(self, actuator: Any) -> float:
+        """Norm of what the counts of an encoder leave, in positions and in the loops, A."""
+        if self._anew is None:
+            return 0.0
+        here, sampled = self.left(actuator), actuator.speed_loop
+        changes = [self._anew.left(actuator) - here]
+        if sampled is not None and sampled.sample_time > 0.0:
+            changes.append(self.left(actuator, counts=True) - here)
+        return float(np.linalg.norm(changes))
 
     def alike(self, actuator: Any) -> float:
         """Share that simulators of other make and the ripple of a comparator leave.
@@ -188,7 +273,7 @@ class Controller:
         """
         if actuator.current_loop is not None:
             return _LEAST
-        ripple = float(np.linalg.norm(self.left(actuator) - self.left(actuator, _FASTER)))
+        ripple = float(np.linalg.norm(self.left(actuator) - self.left(actuator, faster=_FASTER)))
         return math.hypot(_LEAST, ripple / self.size)
 
 
@@ -208,7 +293,8 @@ class TorqueBalance:
     moves_together : (S,) array of bool, where no mass crosses the gap
     """
 
-    def __init__(self, motion: Motion) -> None:
+    def __init__(self, motion: Motion, slides: np.ndarray | None = None) -> None:
+        motion = motion.smoother(_STEEP)
         self._motion, self._low_pass = motion, LowPass(_SLOW)
         middle = motion.time - 0.5 / motion.rate
         self.angles = motion.motor(middle), motion.output(middle)
@@ -222,25 +308,34 @@ class TorqueBalance:
         self.moves_together = np.abs(self._w_m - self._w_o) < _STANDS * np.abs(self._w_m).max()
         settles = np.ones(int(_SETTLES * motion.rate))
         self.slides = np.convolve(stands, settles)[: len(stands)] == 0
+        if slides is not None:
+            self.slides = slides
         self._signed = 0.5 * np.einsum("sk,sk->s", motion.currents, motion.trapezoids)
         self.size = float(np.linalg.norm(self.filtered(self._signed)[self.slides]))
 
-    def output_torque(self, actuator: Any) -> np.ndarray:
+    def output_torque(self, actuator: Any, values: Values | None = None) -> np.ndarray:
         """Torque (S,) that the output needs, N m."""
-        friction = self.sliding(actuator)[1] * np.sign(self._w_o)
-        return np.asarray(
-            actuator.transmission.output_inertia * self._dw_o + friction + self._motion.load
-        )
+        friction = self.sliding(actuator, values)[1] * np.sign(self._w_o)
+        needed = actuator.transmission.output_inertia * self._dw_o + friction
+        return np.asarray(needed + self._load(actuator, values))
 
-    def sliding(self, actuator: Any) -> tuple[np.ndarray, np.ndarray]:
+    def sliding(self, actuator: Any, values: Values | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Magnitudes (S,) of the friction in steady sliding, of motor and output, N m."""
-        gear, load = actuator.transmission, self._motion.load
+        gear, load = actuator.transmission, self._load(actuator, values)
         share = np.where(
             self._w_o * load > 0.0, 1.0 / gear.efficiency_opposing - 1.0,
             1.0 - gear.efficiency_aiding,
         )  # fmt: skip
-        of_output = (gear.friction_torque + share * np.abs(load)) * _excess(actuator, self._w_o)
-        return actuator.motor.friction_torque * _excess(actuator, self._w_m), of_output
+        worn = state_of(values, actuator).friction
+        of_motor = worn * actuator.motor.friction_torque * _excess(actuator, self._w_m)
+        of_output = worn * (gear.friction_torque + share * np.abs(load))
+        return of_motor, of_output * _excess(actuator, self._w_o)
+
+    def _load(self, actuator: Any, values: Values | None) -> np.ndarray:
+        """The load (S,) as it is, N m."""
+        given = values or {}
+        offset = given.get("load_offset", 0.0) / actuator.transmission.ratio
+        return np.asarray(given.get("load_gain", 1.0) * self._motion.load + offset)
 
     def filtered(self, trace: np.ndarray) -> np.ndarray:
         """A trace (S,) as far as an encoder knows accelerations."""
@@ -252,30 +347,59 @@ class TorqueBalance:
 
     def least(self, actuator: Any) -> float:
         """Share of the recorded current that noise leaves."""
-        return math.hypot(_LEAST, self.noise(int(self.slides.sum())) / self.size)
+        noise = self.noise(int(self.slides.sum()))
+        anew = self._anew
+        if anew is not None:
+            noise = math.hypot(noise, np.linalg.norm(anew.left(actuator) - self.left(actuator)))
+        return math.hypot(_LEAST, noise / self.size)
 
-    def left(self, actuator: Any) -> np.ndarray:
-        """Needed less made torque, over the torque constant, (K,), A, where both slide."""
-        of_motor, of_output = self.sliding(actuator)
+    @cached_property
+    def _anew(self) -> "TorqueBalance | None":
+        other = self._motion.counted_anew()
+        return None if other is None else TorqueBalance(other, self.slides)
+
+    def left(self, actuator: Any, values: Values | None = None) -> np.ndarray:
+        """Needed less made torque, as recorded current (K,), A, where both slide."""
+        of_motor, of_output = self.sliding(actuator, values)
         friction = of_motor * np.sign(self._w_m) + of_output * np.sign(self._w_o)
-        return self.filtered(self.missing(actuator, friction))[self.slides]
+        return self.filtered(self.missing(actuator, friction, values))[self.slides]
 
-    def missing(self, actuator: Any, friction: np.ndarray) -> np.ndarray:
-        """Needed less made torque, over the torque constant, (S,), A, with a friction (S,), N m."""
-        motor, gear = actuator.motor, actuator.transmission
-        shapes = self._motion.shapes(actuator)
-        made = 0.5 * motor.emf_constant * np.einsum("sk,sk->s", self._motion.currents, shapes)
-        if actuator.cogging is not None:
-            own = actuator.cogging
-            made -= own.torque * np.sin(own.cycles * self.angles[0] + own.phase)
+    def missing(
+        self, actuator: Any, friction: np.ndarray, values: Values | None = None
+    ) -> np.ndarray:
+        """Needed less made torque, as recorded current (S,), A, with a friction (S,), N m.
+
+        As such it holds the noise of the recorded currents unscaled. Otherwise the least squares
+        would make that noise smaller by smaller torque constants.
+        """
+        given, motor = values or {}, actuator.motor
+        shapes = self._motion.shapes(actuator) * self._shares(actuator, state_of(given, actuator))
+        scale = math.sqrt(np.mean(shapes**2) / np.mean(self._motion.trapezoids**2))
+        made = 0.5 * np.einsum("sk,sk->s", self._motion.currents, shapes) / scale
         needed = (
             motor.inertia * self._dw_m
             + motor.viscous_damping * self._w_m
-            + gear.output_inertia * self._dw_o
+            + actuator.transmission.output_inertia * self._dw_o
             + friction
-            + self._motion.load
+            + self._load(actuator, given)
         )
-        return np.asarray((needed - made) / motor.emf_constant)
+        if actuator.cogging is not None:
+            own = actuator.cogging
+            needed += own.torque * np.sin(own.cycles * self.angles[0] + own.phase)
+        gain, offset = given.get("current_gain", 1.0), given.get("current_offset", 0.0)
+        current = gain * needed / (motor.emf_constant * scale)
+        return np.asarray(current + offset - self._motion.alike(made))
+
+    def _shares(self, actuator: Any, fault: FaultState) -> np.ndarray:
+        """Factors (S, 3) of the torque constants by missing turns and an eccentric rotor."""
+        offset = actuator.eccentricity
+        turning = 1.0 if offset is None else offset.turning_share
+        phases = _THIRD * np.arange(3)
+        turned = self.angles[0][:, None] - phases
+        along = turning * np.cos(turned) + (1.0 - turning) * np.cos(phases)
+        across = (1.0 - turning) * np.sin(phases) - turning * np.sin(turned)
+        gaps = 1.0 + fault.zeta_cos * along + fault.zeta_sin * across
+        return np.asarray(gaps * [fault.h_a, fault.h_b, fault.h_c])
 
 
 def _excess(actuator: Any, speed: np.ndarray) -> np.ndarray:
@@ -297,14 +421,17 @@ class Contact:
     apart counts.
     """
 
-    def __init__(self, motion: Motion, balance: TorqueBalance, actuator: Any) -> None:
+    def __init__(
+        self, motion: Motion, balance: TorqueBalance, actuator: Any, values: Values | None = None
+    ) -> None:
         self._balance = balance
-        torque = balance.output_torque(actuator)
+        torque = balance.output_torque(actuator, values)
         sure = np.abs(torque) > _SURELY * actuator.transmission.friction_torque
         self._pushes = balance.slides & balance.moves_together & sure
         self._face = np.sign(torque)[self._pushes]
-        twist = motion.motor(motion.time) - motion.output(motion.time)
-        self._noise = white_noise(twist)
+        motion = motion.smoother(_STEEP)
+        twist, anew = motion.twist(), motion.counted_anew()
+        self._noise = white_noise(twist) if anew is None else float(np.std(anew.twist() - twist))
         self._twist = twist[self._pushes]
         self.size = float(np.linalg.norm(self._about_mean(self._twist)))
 
@@ -315,11 +442,22 @@ class Contact:
         """Share of the twist that noise leaves."""
         return math.hypot(_LEAST, self._noise * math.sqrt(self._twist.size) / self.size)
 
-    def left(self, actuator: Any) -> np.ndarray:
+    def left(self, actuator: Any, values: Values | None = None) -> np.ndarray:
         """Twist by the twin less the recorded one (K,), rad on the motor shaft."""
-        torque = self._balance.output_torque(actuator)[self._pushes]
-        twin = 0.5 * actuator.transmission.backlash * self._face
+        torque = self._balance.output_torque(actuator, values)[self._pushes]
+        twin = state_of(values, actuator).half_gap * self._face
         return self._about_mean(twin + torque / actuator.contact.stiffness - self._twist)
+
+
+def state_of(values: Values | None, actuator: Any) -> FaultState:
+    """Physical magnitudes of faults by name, healthy where not named or none are given."""
+    half_gap = 0.5 * actuator.transmission.backlash
+    return FaultState(*fault_state.py_func(*_vector(values or {}), half_gap))
+
+
+def _vector(given: Values) -> np.ndarray:
+    """(8,) of faults by name, which may lie beyond their bounds while a healthy twin is judged."""
+    return np.array([given.get(one.name, one.healthy) for one in UNKNOWNS])
 
 
 def _noise(current: np.ndarray, low_pass: LowPass, rate: float, samples: int) -> float:

@@ -75,7 +75,7 @@ def reference_trace(k, command, load, state, c, dt, substeps, decimation, truer,
     decimation : int, grid intervals from one sample to the next
     truer : None for the paper's forms; or `Truer`, constants of the truer ones. numba compiles the
         two cases apart
-    more : None; or (17,) array, the fields of `TruerState`, kept like ``state``
+    more : None; or array of the fields of `TruerState`, kept like ``state``
 
     Returns
     -------

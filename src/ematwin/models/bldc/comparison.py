@@ -44,7 +44,7 @@ _REFERENCE_ERROR = 0.002  # of the reference model to simulators of other make: 
 # sections of forms that the reference model alone has (docs/models.md, "Truer forms")
 _REFERENCE_ALONE = (
     "emf.", "torque_ripple.", "cogging.", "presliding.", "winding_heat.", "supply.", "speed_loop.",
-    "current_loop.", "compliance.",
+    "current_loop.", "compliance.", "encoder.",
 )  # fmt: skip
 KEPT = 5_000  # samples of a response: more are thinned, as far as the low-pass allows
 _KEPT_SMOOTH = 1_000  # the same of smoothed currents

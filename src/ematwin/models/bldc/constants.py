@@ -11,6 +11,8 @@ from ematwin.models.bldc.truer.state import NEUTRAL, Truer
 from ematwin.models.bldc.unknowns import FIXED, LOAD
 from ematwin.numerics.side_by_side import by_candidate
 
+_NO_LAG = 1e-9  # s: a filter so fast is none
+
 
 def kernel_constants(
     actuator: BldcActuator,
@@ -65,8 +67,10 @@ def kernel_constants(
     )
 
 
-def truer_constants(actuator: BldcActuator) -> Truer | None:
+def truer_constants(actuator: BldcActuator, count_offset: float = 0.5) -> Truer | None:
     """Constants of the forms that the reference model alone has; None without any of them.
+
+    ``count_offset`` says where within a step the counts of encoders begin.
 
     A gear that gives and a share of the eccentricity that turns are in `kernel_constants`.
     """
@@ -115,6 +119,14 @@ def truer_constants(actuator: BldcActuator) -> Truer | None:
             "current_gain": current.proportional_gain, "current_integral": current.integral_gain,
             "current_sample": current.sample_time, "current_delay": current.delay,
             "lost_voltage": current.lost_voltage,
+        }  # fmt: skip
+    encoder = actuator.encoder
+    if encoder is not None and speed is not None:
+        lag = np.maximum(encoder.filter_time, _NO_LAG)
+        found |= {
+            "motor_step": encoder.motor_step, "count_offset": count_offset,
+            "output_step": encoder.output_step * actuator.transmission.ratio,
+            "filter_share": -np.expm1(-speed.sample_time / lag),
         }  # fmt: skip
     return NEUTRAL._replace(**found) if found else None
 

@@ -91,11 +91,13 @@ class BldcModel(ServoModel):
 
         return other_forms(actuator, found)
 
-    def equations(self, recording: Recording, actuator: Any) -> tuple[Equation, ...]:
+    def equations(
+        self, recording: Recording, actuator: Any, values: Values | None = None
+    ) -> tuple[Equation, ...]:
         """Controller and torque balance, where positions of motor and output were recorded."""
         from ematwin.models.bldc.truer.forms import equations
 
-        return equations(recording, actuator)
+        return equations(recording, actuator, values)
 
     def laws(self, recording: Recording, actuator: Any) -> list[Law]:
         """Phases of a star, sides of the gear, and speeds beside positions."""

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from ematwin.models.bldc.along_motion import Motion, TorqueBalance
+from ematwin.models.optional import Values
 from ematwin.numerics.compile import loop
 from ematwin.numerics.signals import white_noise
 
@@ -69,13 +70,13 @@ class NearRest:
         """Share of the recorded current that noise leaves."""
         return math.hypot(_LEAST, self._balance.noise(int(self._counts.sum())) / self.size)
 
-    def left(self, actuator: Any) -> np.ndarray:
-        """Needed less made torque, over the torque constant, (K,), A."""
+    def left(self, actuator: Any, values: Values | None = None) -> np.ndarray:
+        """Needed less made torque, as recorded current (K,), A."""
         own = actuator.presliding
         stiffness = (0.0, 0.0) if own is None else (own.motor_stiffness, own.output_stiffness)
         friction = np.zeros(self._rests.size)
         for angle, sliding, stiff in zip(
-            self._balance.angles, self._balance.sliding(actuator), stiffness, strict=True
+            self._balance.angles, self._balance.sliding(actuator, values), stiffness, strict=True
         ):
             moved = np.gradient(angle)
             if own is None:
@@ -84,7 +85,7 @@ class NearRest:
                 fades = np.exp(-((moved * self._rate / own.stribeck_speed) ** 2))
                 delay = own.damping * fades * self._rate / stiff
                 friction += bristle_torque(angle, sliding, stiff, delay)
-        missing = self._balance.missing(actuator, friction)
+        missing = self._balance.missing(actuator, friction, values)
         missing[self._rests] = 0.0
         return self._balance.filtered(missing)[self._counts]
 

@@ -26,7 +26,7 @@ from pydantic import model_validator
 from ematwin.errors import ParameterError
 from ematwin.models.bldc.stability import check_current_loop, check_speed_loop
 from ematwin.models.parameter_set import ParameterSet, Section, quantity
-from ematwin.models.sections import Presliding, Supply, TorqueRipple, WindingHeat
+from ematwin.models.sections import StribeckPresliding, Supply, TorqueRipple, WindingHeat
 from ematwin.models.servo import check_stops
 
 DEFAULT_ACTUATOR = "servo48"
@@ -189,7 +189,7 @@ class SpeedLoop(Section):
     """
 
     example: ClassVar[dict[str, float]] = {
-        "integral_gain": 0.5, "sample_time": 1e-4, "delay": 0.0,
+        "integral_gain": 0.5, "sample_time": 4e-5, "delay": 0.0,
     }  # fmt: skip
 
     integral_gain: float = quantity(
@@ -236,15 +236,32 @@ class CurrentLoop(Section):
         return _not_later_than_the_next_sample(self)
 
 
-class StribeckPresliding(Presliding):
-    """As `Presliding`; static friction, `Transmission.static_ratio` as high, falls with speed."""
+class Encoder(Section):
+    """Encoders of motor and output, of whose steps the loops and recorded positions are made.
 
-    example: ClassVar[dict[str, float]] = {**Presliding.example, "stribeck_speed": 2.0}
+    The speed loop takes differences of the motor's angle over its sample time, and filters them.
+    Left out, it knows angle and speed as they are.
+    """
 
-    stribeck_speed: float = quantity(
-        "rad/s", "motor speed at which 1/e of the excess of static friction is left",
-        tolerance=1.0, gt=0,
-    )  # fmt: skip
+    example: ClassVar[dict[str, float]] = {
+        "motor_steps": 10_000, "output_steps": 5_000_000, "filter_time": 0.0,
+    }  # fmt: skip
+
+    motor_steps: int = quantity("", "steps of the motor encoder in a turn", exact=True, ge=16)
+    output_steps: int = quantity("", "steps of the output encoder in a turn", exact=True, ge=16)
+    filter_time: float = quantity(
+        "s", "time constant of the low-pass of the speed; 0 is none", tolerance=0.1, ge=0
+    )
+
+    @property
+    def motor_step(self) -> float:
+        """Step of the motor encoder, rad."""
+        return 2.0 * math.pi / self.motor_steps
+
+    @property
+    def output_step(self) -> float:
+        """Step of the output encoder, rad on the output."""
+        return 2.0 * math.pi / self.output_steps
 
 
 class Compliance(Section):
@@ -297,6 +314,7 @@ class BldcActuator(ParameterSet):
     presliding: StribeckPresliding | None = None
     winding_heat: WindingHeat | None = None
     supply: Supply | None = None
+    encoder: Encoder | None = None
 
     @property
     def contact(self) -> Compliance:
@@ -316,6 +334,13 @@ class BldcActuator(ParameterSet):
 
     @model_validator(mode="after")
     def _sampled_loops_are_stable(self) -> Self:
+        if self.encoder is not None and (
+            self.speed_loop is None or self.speed_loop.sample_time == 0.0
+        ):
+            raise ValueError(
+                "an encoder's speed is a difference over the sample time of the speed loop, which "
+                "is continuous; state speed_loop.sample_time above 0, or leave [encoder] out"
+            )
         check_speed_loop(self)
         check_current_loop(self)
         return self

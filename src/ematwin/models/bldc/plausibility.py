@@ -12,6 +12,7 @@ import numpy as np
 from ematwin.errors import RecordError
 from ematwin.models.bldc.agreement import check_agreement
 from ematwin.models.bldc.channels import CURRENTS, PHASES, VOLTAGES
+from ematwin.models.bldc.counts import said_of_steps
 from ematwin.models.bldc.envelope import current_envelope
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.phase_sensors import phase_sensors
@@ -63,6 +64,8 @@ def check_plausible(
         record = sensors.corrected(record)
     warnings += check_sum(record)
     if actuator is not None:
+        if actuator.encoder is None:
+            warnings += said_of_steps(record, actuator)
         angles = zeros(record, actuator)
         if angles is not None:
             warnings += angles.said(actuator)

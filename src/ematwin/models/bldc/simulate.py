@@ -1,6 +1,7 @@
 """Simulate a brushless actuator: over a scenario, or over a recorded command and load."""
 
 import math
+import zlib
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
@@ -88,6 +89,7 @@ def simulated(
     actuator: BldcActuator,
     grid: "TimeGrid",
     progress: Progress | None = None,
+    count_offset: float = 0.5,
 ) -> dict[str, np.ndarray]:
     """Columns (S,) of a trace; the phases carry no current at first.
 
@@ -99,11 +101,13 @@ def simulated(
     start : speed and angle of motor and output, on the motor shaft
     actuator, grid
     progress : called with the share done
+    count_offset : where within a step the counts of encoders begin
     """
     from ematwin.models.bldc import batch  # compiles, or loads what an earlier process compiled
     from ematwin.models.bldc.constants import kernel_constants, truer_constants
     from ematwin.models.bldc.monitor_step import MonitorState
     from ematwin.models.bldc.reference_step import ReferenceState
+    from ematwin.models.bldc.truer.loops import last_reading, read_angle
     from ematwin.models.bldc.truer.state import REST
 
     rest: ReferenceState | MonitorState
@@ -112,8 +116,11 @@ def simulated(
     w_m, theta_m, w_o, theta_o = start
     if model == "reference":
         run, names = batch.reference_trace, batch.REFERENCE_COLUMNS
-        truer = truer_constants(actuator)
-        further = truer, None if truer is None else np.array(REST)
+        truer = truer_constants(actuator, count_offset)
+        further = truer, None
+        if truer is not None:
+            seen = {"read": last_reading(truer, theta_m, w_m), "speed_seen": w_m}
+            further = truer, np.array(REST._replace(**seen))
         rest = ReferenceState(0.0, 0.0, 0.0, w_m, theta_m, w_o, theta_o, 1.0, 0.0, 0.0, 0.0)
     else:
         run, names = batch.monitor_trace, batch.MONITOR_COLUMNS
@@ -149,6 +156,13 @@ def simulated(
     found = {name: trace[:, n].copy() for n, name in enumerate(names) if name in UNITS}
     for name in ("output_position", "output_speed"):
         found[name] /= actuator.transmission.ratio
+    if model == "reference" and actuator.encoder is not None:
+        sizes = {
+            "motor_position": actuator.encoder.motor_step,
+            "output_position": actuator.encoder.output_step,
+        }
+        for name, size in sizes.items():
+            found[name] = read_angle(found[name], size, count_offset)
     return found
 
 
@@ -167,7 +181,12 @@ def reference_answer(
     values : faults, corrections of the load, and parameters of one candidate; all others are
         healthy or nominal
     start : (4,) array, speed and angle of motor and output, on the motor shaft
+
+    Nobody knows where within a step the counts of encoders begin: each candidate has another place,
+    so that what follows from it counts as scatter of the reference, in the error of the model and
+    where a calibration is judged.
     """
+    drawn = zlib.crc32(repr((len(recording), sorted(values.items()))).encode()) / 2.0**32
     actuator = actuator.with_arrays({name: x for name, x in values.items() if "." in name})
     ratio, step = actuator.transmission.ratio, actuator.steps.reference
     rate, count = recording.sample_rate, len(recording)
@@ -179,7 +198,10 @@ def reference_answer(
     load = values.get("load_gain", 1.0) * load + values.get("load_offset", 0.0)
     faults = np.array([values.get(one.name, one.healthy) for one in UNKNOWNS])
     command = np.interp(grid.time, time, recording.command)
-    columns = simulated("reference", faults, command * ratio, load / ratio, start, actuator, grid)
+    columns = simulated(
+        "reference", faults, command * ratio, load / ratio, start, actuator, grid,
+        count_offset=drawn,
+    )  # fmt: skip
     return Recording(time, {"command": recording.command, **columns}, units=UNITS)
 
 

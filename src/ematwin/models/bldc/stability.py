@@ -42,22 +42,32 @@ def check_current_loop(actuator: Any) -> None:
 
 
 def _speed_settles(actuator: Any, share: float) -> bool:
-    """Whether the speed loop settles at a share of its sample time and delay."""
+    """Whether the speed loop settles at a share of its sample time and delay.
+
+    With an encoder it knows the mean speed of the last sample time, filtered.
+    """
     loop, control, inertia = actuator.speed_loop, actuator.controller, actuator.motor.inertia
     span, delay = share * loop.sample_time, share * loop.delay
     if span == 0.0:
         return True
     k_i = loop.integral_gain * span
     k_p = control.speed_gain + k_i
-    answer = np.array([-k_p * control.position_gain, -k_p, 0.0, 1.0])
-    # position, speed, torque asked for before, integral
-    system = np.zeros((4, 4))
-    system[0] = 1.0, span, 0.0, 0.0
-    system[1] = np.array([0.0, 1.0, delay / inertia, 0.0]) + (span - delay) / inertia * answer
-    system[2] = answer
-    system[3] = -k_i * control.position_gain, -k_i, 0.0, 1.0
-    size = 4 if loop.integral_gain > 0.0 else 3
-    return spectral_radius(system[:size, :size]) < 1.0
+    position, speed, asked, integral, before, seen = np.eye(6)
+    known, encoder = speed, actuator.encoder
+    if encoder is not None:
+        tau = encoder.filter_time
+        passed = -math.expm1(-span / tau) if tau > 0.0 else 1.0
+        known = seen + passed * ((position - before) / span - seen)
+    error = -control.position_gain * position - known
+    answer = k_p * error + integral
+    # position, speed, torque asked for before, integral, position and speed known before
+    system = np.array([
+        position + span * speed,
+        speed + (delay * asked + (span - delay) * answer) / inertia,
+        answer, integral + k_i * error, position, known,
+    ])  # fmt: skip
+    kept = [0, 1, 2, *([3] if k_i > 0.0 else []), *([] if encoder is None else [4, 5])]
+    return spectral_radius(system[np.ix_(kept, kept)]) < 1.0
 
 
 def _current_settles(actuator: Any, share: float) -> bool:

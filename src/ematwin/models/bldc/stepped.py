@@ -16,6 +16,7 @@ from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.reference_step import ReferenceState, phase_constants, reference_step
 from ematwin.models.bldc.simulate import INPUT_INTERVAL, TimeGrid
 from ematwin.models.bldc.state import Constants, FaultState, fault_state
+from ematwin.models.bldc.truer.loops import last_reading, read_angle
 from ematwin.models.bldc.truer.monitor_step import looped_monitor_step
 from ematwin.models.bldc.truer.reference_step import truer_reference_step
 from ematwin.models.bldc.truer.state import NEUTRAL, Truer, TruerState
@@ -29,6 +30,7 @@ _START = _K + len(FAULTS)
 _TRUER = _START + 1
 _FAULT = _TRUER + len(Truer._fields)
 _PHASES = _FAULT + len(FaultState._fields)
+_READ = TruerState._fields.index("read")
 
 
 def stepped(actuator: BldcActuator, fidelity: str, rate: float) -> Stepped:
@@ -134,8 +136,10 @@ def _reference(actuator: BldcActuator, dt: float, substeps: int, truer: bool) ->
     @part
     def begin(c, u, x):
         x[:, 0] = 0.0
-        x[4, 0] = x[6, 0] = c[_START, 0] * ratio
+        start = c[_START, 0] * ratio
+        x[4, 0] = x[6, 0] = start
         x[7, 0] = 1.0
+        x[more + _READ, 0] = last_reading(read_truer(c[_TRUER:], 0), start, 0.0)
 
     @part
     def sample(c, x, u, n, y):
@@ -143,8 +147,10 @@ def _reference(actuator: BldcActuator, dt: float, substeps: int, truer: bool) ->
         for m in range(3):
             y[m, 0] = x[total + m, 0]
             x[total + m, 0] = 0.0
-        y[3, 0], y[4, 0] = now.theta_m, now.w_m
-        y[5, 0], y[6, 0] = now.theta_o / ratio, now.w_o / ratio
+        forms = read_truer(c[_TRUER:], 0)
+        y[3, 0] = read_angle(now.theta_m, forms.motor_step, forms.count_offset)
+        y[5, 0] = read_angle(now.theta_o, forms.output_step, forms.count_offset) / ratio
+        y[4, 0], y[6, 0] = now.w_m, now.w_o / ratio
 
     @part
     def advance(c, x, u):

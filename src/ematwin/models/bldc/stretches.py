@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ematwin.models.bldc.counts import steps_of
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.power import Power
 from ematwin.models.bldc.state import V_SUPPLY, Constants
@@ -267,11 +268,14 @@ def initial_state(
 ) -> np.ndarray:
     """State (7,) of the monitor model at a sample.
 
-    Recorded positions and speeds are taken where they are known. Else the motor stands where the
+    Recorded positions and speeds are taken where they are known, speeds of counts as slopes over a
+    millisecond. Else the motor stands where the
     output is, the output where the command is, and speeds are the slopes of the positions.
     """
     ratio = actuator.transmission.ratio
     dt = recording.interval
+    if recording.motor_speed is None and any(steps_of(recording, actuator)):
+        recording = with_speeds(recording)
     output, motor = recording.output_position, recording.motor_position
     if output is not None:
         theta_o = float(output[first]) * ratio

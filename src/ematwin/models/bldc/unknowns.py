@@ -162,7 +162,7 @@ CONTRASTS = (
 FIXED = (
     "motor.pole_pairs", "motor.turns_per_phase", "transmission.ratio", "steps.reference",
     "steps.monitor", "speed_loop.sample_time", "speed_loop.delay", "current_loop.sample_time",
-    "current_loop.delay",
+    "current_loop.delay", "encoder.motor_steps", "encoder.output_steps",
 )  # fmt: skip
 
 

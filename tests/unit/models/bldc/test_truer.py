@@ -11,7 +11,7 @@ from ematwin.models.bldc.constants import kernel_constants, truer_constants
 from ematwin.models.bldc.faults import Faults
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.state import fault_state
-from ematwin.models.bldc.truer.loops import advance_current_loop, advance_speed_loop
+from ematwin.models.bldc.truer.loops import advance_current_loop, advance_speed_loop, last_reading
 from ematwin.models.bldc.truer.motor import truer_emf_constants
 from ematwin.models.bldc.truer.reference_step import advance_shorted_bridge
 from ematwin.models.bldc.truer.state import NEUTRAL, REST
@@ -58,7 +58,10 @@ SLOW = {
     "current_loop.sample_time": 1e-4, "current_loop.delay": 1e-4,
     "current_loop.lost_voltage": 0.0,
 }  # fmt: skip
-ALL = {place: value for form in FORMS.values() for place, value in form.items()}
+ENCODER = {
+    "encoder.motor_steps": 2_000, "encoder.output_steps": 400_000, "encoder.filter_time": 1e-4,
+}  # fmt: skip
+ALL = {place: value for form in (*FORMS.values(), ENCODER) for place, value in form.items()}
 TRUER = PLAIN.changed(ALL)
 MODEL = model_of(PLAIN)
 
@@ -118,14 +121,16 @@ def test_rounded_emf_constants_are_those_of_the_naive_version():
 
 def test_sampled_loops_answer_as_the_naive_ones_do():
     rng, faults, dt = np.random.default_rng(9), Faults(gain=0.7), 1e-6
-    c, truer = kernel_constants(TRUER), truer_constants(TRUER)
-    speed, current = naive.SpeedLoop(TRUER, faults, dt), naive.CurrentLoop(TRUER, dt)
-    asked, volts = (0.0,) * 5, (0.0,) * 5
+    c, truer = kernel_constants(TRUER), truer_constants(TRUER, 0.3)
+    speed, current = naive.SpeedLoop(TRUER, faults, dt, 0.3), naive.CurrentLoop(TRUER, dt)
+    asked, volts = (0.0,) * 5 + (last_reading(truer, 0.0, 0.0), 0.0), (0.0,) * 5
     steps = 2_000  # limits of current, voltage and speed among them
-    inputs = np.repeat(rng.normal(size=(steps // 20, 4)) * [2.0, 0.5, 100.0, 15.0], 20, axis=0)
-    for command, output, w_m, i in inputs:
-        asked = advance_speed_loop(*asked, command, output, w_m, c.k_position * 1.2, c, truer, dt)
-        assert asked[0] == pytest.approx(speed.demand(command, output, w_m), rel=1e-9)
+    inputs = np.repeat(rng.normal(size=(steps // 20, 5)) * [2, 0.01, 0.5, 100, 15], 20, axis=0)
+    for command, angle, output, w_m, i in inputs:
+        asked = advance_speed_loop(
+            *asked, command, angle, output, w_m, c.k_position * 1.2, c, truer, dt
+        )
+        assert asked[0] == pytest.approx(speed.demand(command, output, w_m, angle), rel=1e-9)
         i_ref = min(max(asked[0], -c.i_max), c.i_max)
         volts = advance_current_loop(*volts, i_ref, i, c.v_supply, truer, dt)
         assert volts[0] == pytest.approx(current.answer(i_ref, i), rel=1e-9)
@@ -238,7 +243,7 @@ def test_a_gpu_refuses_what_it_does_not_know(comparison):
 def test_sections_that_are_left_out_leave_no_trace():
     assert truer_constants(PLAIN) is None
     assert PLAIN.changed({"steps.monitor": 25 * 1e-6}).fingerprint == "28230fd0bc8ee55b"
-    for form in FORMS.values():
+    for form in (*FORMS.values(), ENCODER | FORMS["speed_loop"]):
         one = PLAIN.changed(form)
         assert one.fingerprint != PLAIN.fingerprint
         assert {place for place, *_ in one.parameters()} - {
@@ -287,6 +292,11 @@ def test_a_template_shows_what_is_left_out_as_comments_that_can_be_used(tmp_path
             "the current loop is unstable with .*: sample faster or lower its gains",
         ),
         (SLOW | {"current_loop.proportional_gain": 0.0}, "must be greater than 0"),
+        (ENCODER, "speed loop, which is continuous; state speed_loop.sample_time above 0"),
+        (
+            LATE | ENCODER | {"encoder.filter_time": 1e-3},
+            "the speed loop is unstable at speed_loop.sample_time",
+        ),
     ],
 )
 def test_impossible_values_are_refused(form, said):

@@ -1,13 +1,13 @@
 """Forms that healthy recordings of a drive may show though its file leaves them out.
 
-Of the controller an integral term and a sampled speed loop, and a sampled current loop; of the
-mechanics cogging, a rounded back-EMF and friction that gives before it slides. Sample times are
-chosen from those that drives have, and start values from common settings: an integral time of 10 to
-100 ms, a current loop of 2000 to 8000 rad/s that cancels the winding (technical optimum), voltage
-losses of a volt, cogging of a few per cent of the rated torque, friction that gives 0.1 to 1 mrad.
-Magnets are drawn to teeth as many times in a turn as both have in common; magnets that differ add
-the number of slots, teeth that differ the number of poles (Zhu and Howe 2000, IEEE Trans. Energy
-Conversion 15(4), 407-412).
+Of the controller an integral term and a sampled speed loop, a sampled current loop, and a filtered
+speed where positions come in counts; of the mechanics cogging, a rounded back-EMF and friction that
+gives before it slides. Sample times are chosen from those that drives have, and start values from
+common settings: an integral time of 10 to 100 ms, a current loop of 2000 to 8000 rad/s that cancels
+the winding (technical optimum), voltage losses of a volt, cogging of a few per cent of the rated
+torque, friction that gives by 1 mrad or less. Magnets are drawn to teeth as many times in a turn as
+both have in common; magnets that differ add the number of slots, teeth that differ that of poles
+(Zhu and Howe 2000, IEEE Trans. Energy Conversion 15(4), 407-412).
 """
 
 import math
@@ -16,7 +16,9 @@ from itertools import product
 from typing import Any
 
 from ematwin.models.bldc.along_motion import Contact, Controller, Motion, TorqueBalance, has_motion
+from ematwin.models.bldc.counts import comparable_cutoff
 from ematwin.models.bldc.near_rest import NEAR_REST_ERROR, NearRest
+from ematwin.models.bldc.unknowns import LOAD
 from ematwin.models.optional import Equation, Form, Values
 from ematwin.numerics.signals import LowPass
 from ematwin.recordings.recording import Recording
@@ -24,11 +26,14 @@ from ematwin.recordings.recording import Recording
 _SAMPLED = (50e-6, 62.5e-6, 80e-6, 100e-6, 125e-6)  # s, of current loops: 20 to 8 kHz
 _SLOWER = (*_SAMPLED, 200e-6, 250e-6)  # of speed loops
 _INTEGRAL = (0.01, 0.03, 0.1)  # s
+_FILTER = (5e-5, 2e-4, 5e-4, 1e-3)  # s, of speeds
 _BANDWIDTH = (2000.0, 4000.0, 8000.0)  # rad/s
 _SLOTS = (3, 6, 9, 12, 15, 18, 24)
 _GIVES = (1e-4, 3e-4, 1e-3)  # rad on the motor shaft, at the dynamic torque
 _STRIBECK = (1.0, 4.0)  # rad/s
 _DAMPED = 0.6  # 0.3 of critical: currents hardly show it
+_WINDINGS = ("short_a", "short_b", "short_c", "eccentricity", "eccentricity_phase")
+_SENSOR = ("current_gain", "current_offset")
 _PHASES = tuple(0.5 * math.pi * n for n in range(4))
 
 
@@ -170,12 +175,48 @@ BRISTLES = Form(
 )  # fmt: skip
 
 
-def equations(recording: Recording, actuator: Any) -> tuple[Equation, ...]:
-    """Controller of a recording with both positions; its mechanics where the load is known."""
-    if not has_motion(recording):
+def _encoder(steps: tuple[float, float], ratio: float) -> Form:
+    """Speed by differences of the counts in which positions (rad on the motor shaft) come."""
+    of_motor, of_output = steps[0], steps[1] or steps[0]
+    counts = {
+        "encoder.motor_steps": round(2.0 * math.pi / of_motor),
+        "encoder.output_steps": round(2.0 * math.pi * ratio / of_output),
+    }
+
+    def starts(actuator: Any) -> list[Values]:
+        loop = _speed(actuator)
+        if loop["speed_loop.sample_time"] == 0.0:  # as most drives; others are tried then
+            loop = {**loop, "speed_loop.sample_time": 1e-4}
+        return [{**loop, **counts, "encoder.filter_time": time} for time in _FILTER]
+
+    def said(actuator: Any) -> str:
+        time = actuator.encoder.filter_time
+        how = f"filtered by {1e3 * time:.2g} ms" if time > _FILTER[0] else "not filtered"
+        return f"speed from {actuator.encoder.motor_steps:,} counts a turn, {how}"
+
+    return Form(
+        "speed from counts of an encoder",
+        lambda a: a.encoder is not None,
+        ("encoder.filter_time", "speed_loop.sample_time"),
+        starts,
+        lambda a: _sampled("speed_loop", _SLOWER),
+        ("encoder.filter_time",),
+        said,
+    )
+
+
+def equations(recording: Recording, actuator: Any, values: Values | None) -> tuple[Equation, ...]:
+    """Controller of a recording with both positions; its mechanics where the load is known.
+
+    Currents in shorted turns brake, and are not recorded: an actuator with such has none.
+    """
+    brakes = values is not None and actuator.shorted_turns is not None
+    if not has_motion(recording) or brakes:
         return ()
     motion = Motion(recording, actuator)
-    controller = Controller(motion, LowPass())
+    controller = Controller(motion, LowPass(comparable_cutoff(motion.steps[0])))
+    counted = motion.steps[0] > 0.0
+    encoder = (_encoder(motion.steps, actuator.transmission.ratio),) if counted else ()
     of_controller = Equation(
         "controller",
         controller.left,
@@ -184,8 +225,9 @@ def equations(recording: Recording, actuator: Any) -> tuple[Equation, ...]:
         # torques are told by currents: gains come with the torque constant
         ("controller.position_gain", "controller.speed_gain", "motor.emf_constant",
          "motor.resistance"),
-        (INTEGRAL, SAMPLED, CURRENT_LOOP),
-        controller.alike,
+        (INTEGRAL, SAMPLED, CURRENT_LOOP, *encoder),
+        (*_WINDINGS, "gain", "skew", *_SENSOR),
+        alike=controller.alike,
     )  # fmt: skip
     if "load" not in recording.channels:
         return (of_controller,)
@@ -198,16 +240,22 @@ def equations(recording: Recording, actuator: Any) -> tuple[Equation, ...]:
         ("motor.emf_constant", "motor.inertia", "transmission.output_inertia",
          "motor.viscous_damping", "motor.friction_torque", "transmission.friction_torque"),
         (COGGING, ROUNDED),
+        ("friction", *_WINDINGS, *LOAD, *_SENSOR),
     )  # fmt: skip
+    contact = Contact(motion, balance, actuator, values)
+    gap = ("transmission.backlash",)
+    gives = () if actuator.compliance is None else ("compliance.stiffness",)
+    of_contact = Equation(
+        "contact", contact.left, contact.size, contact.least, gap + gives, (),
+        ("friction", "backlash", *LOAD), rests=True,
+    )  # fmt: skip
+    if values is not None or any(motion.steps):  # counts hide how far friction gives
+        return of_controller, of_mechanics, of_contact
     near_rest = NearRest(motion, balance)
     of_friction = Equation(
         "friction", near_rest.left, near_rest.size, near_rest.least, of_mechanics.fitted,
         (BRISTLES,),
         # as of dry friction it is no equation: static friction answers whatever acts
-        lambda a: math.inf if getattr(a, "presliding", None) is None else NEAR_REST_ERROR,
+        alike=lambda a: math.inf if getattr(a, "presliding", None) is None else NEAR_REST_ERROR,
     )  # fmt: skip
-    contact = Contact(motion, balance, actuator)
-    gap = ("transmission.backlash",)
-    gives = () if actuator.compliance is None else ("compliance.stiffness",)
-    of_contact = Equation("contact", contact.left, contact.size, contact.least, gap + gives, ())
     return of_controller, of_mechanics, of_friction, of_contact

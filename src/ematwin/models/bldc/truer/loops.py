@@ -9,6 +9,17 @@ which the drive is asked for ``delay`` later and until the next one (zero-order 
 stands still while the current limit is passed and e points beyond it. A sample time of zero is the
 continuous loop, each step a sample. Textbook form of a sampled PI controller.
 
+Encoders. An angle theta is read in steps q that begin anywhere, at a share s of one,
+
+    theta_read = q (floor(theta/q + s) + 1/2 - s),
+
+which is at most half a step off. Of the motor the loop knows these angles alone: the new speed is
+their difference over a sample time, and passes a filter of the time constant tau, step-invariant,
+
+    w_new = (theta_read - theta_before)/T,   w <- w + (1 - exp(-T/tau)) (w_new - w).
+
+Textbook speed by differences of position, and first-order low-pass.
+
 Current loop, with pulse-width modulation by its mean.
 At each sample, with the error e = i_ref - i of the current of the pair,
 
@@ -27,6 +38,8 @@ here). A comparator, which sees the shared leg, does not let it fall.
 Dead time and switches take a voltage that has the sign of the current (`left_of_voltage`).
 """
 
+import numpy as np
+
 from ematwin.numerics.compile import part
 from ematwin.numerics.scalar import clip
 
@@ -35,28 +48,49 @@ _SMALL = 0.1  # A: below it dead time takes less, as the ripple changes the sign
 
 
 @part
-def advance_speed_loop(
-    asked, pending, integral, wait, late, command, theta_o, w_m, gain, c, truer, dt
-):
-    """The loop over a step: ``asked`` (A), ``pending``, ``integral``, ``wait`` and ``late`` after.
+def read_angle(theta, size, offset):
+    """Angle that an encoder with steps of ``size`` (rad) shows; as it is where that is 0."""
+    some = size if size > 0.0 else 1.0
+    shown = some * (np.floor(theta / some + offset) + 0.5 - offset)
+    return shown if size > 0.0 else theta
 
-    ``wait`` is the time until the next sample, ``late`` until ``pending`` is asked for, s; ``gain``
-    of the position loop in 1/s.
+
+@part
+def last_reading(truer, theta_m, w_m):
+    """Angle (rad) read a sample time ago by the encoder of a motor that turns at ``w_m``."""
+    return read_angle(theta_m - truer.sample_time * w_m, truer.motor_step, truer.count_offset)
+
+
+@part
+def advance_speed_loop(
+    asked, pending, integral, wait, late, read, speed_seen,
+    command, theta_m, theta_o, w_m, gain, c, truer, dt,
+):  # fmt: skip
+    """The loop over a step: its first seven arguments afterwards.
+
+    ``asked`` is in A, ``wait`` the time until the next sample, ``late`` until ``pending`` is asked
+    for, s; ``read`` and ``speed_seen`` are of the encoder; ``gain`` of the position loop in 1/s.
     """
     soon = _SOON * dt
     asked = pending if late <= soon else asked
-    error = clip(gain * (command - theta_o), -c.w_max, c.w_max) - w_m
     span = truer.sample_time if truer.sample_time > 0.0 else dt
+    due = wait <= soon
+    now = read_angle(theta_m, truer.motor_step, truer.count_offset)
+    counted = speed_seen + truer.filter_share * ((now - read) / span - speed_seen)
+    behind = command - read_angle(theta_o, truer.output_step, truer.count_offset)
+    speed = counted if truer.motor_step > 0.0 else w_m
+    error = clip(gain * behind, -c.w_max, c.w_max) - speed
     grown = integral + truer.integral_gain * span * error
     wish = (c.k_speed * error + grown) / (2.0 * c.k_e)
     beyond = (abs(wish) > c.i_max) & (wish * error > 0.0)
-    due = wait <= soon
     pending = wish if due else pending
+    read = now if due else read
+    speed_seen = counted if due else speed_seen
     integral = integral if beyond | (not due) else grown
     late = truer.delay if due else late
     wait = wait + span if due else wait
     asked = pending if late <= soon else asked
-    return asked, pending, integral, wait - dt, late - dt
+    return asked, pending, integral, wait - dt, late - dt, read, speed_seen
 
 
 @part

@@ -114,7 +114,7 @@ class Driven(NamedTuple):
     taken: float  # J
     lost: float  # J
     pair_sign: float
-    asked: tuple[float, float, float, float, float]  # of `advance_speed_loop`
+    asked: tuple[float, float, float, float, float, float, float]  # of `advance_speed_loop`
     voltage: tuple[float, float, float, float, float]  # of `advance_current_loop`
     warmer: float
     sagged: float  # V
@@ -131,8 +131,8 @@ def drive(state, more, command, fault, c, truer, dt):
     sector = hall_sector(c.pole_pairs * state.theta_m)
 
     asked = advance_speed_loop(
-        more.asked, more.pending, more.integral, more.wait, more.late,
-        command, state.theta_o, state.w_m, c.k_position * fault.gain, c, truer, dt,
+        more.asked, more.pending, more.integral, more.wait, more.late, more.read, more.speed_seen,
+        command, state.theta_m, state.theta_o, state.w_m, c.k_position * fault.gain, c, truer, dt,
     )  # fmt: skip
     i_ref = clip(asked[0], -c.i_max, c.i_max)
     i_seen = pair_current(sector, state.i_a, state.i_b, state.i_c)
@@ -216,10 +216,10 @@ def truer_reference_step(state, more, command, load, fault, c, truer, dt):
 def more_after(driven, bent_m, bent_o):
     """State of the truer forms at the end of a step, with bristles bent by so much (rad)."""
     _, _, _, loop_a, loop_b, loop_c = driven.currents
-    asked, pending, integral, wait, late = driven.asked
+    asked, pending, integral, wait, late, read, speed_seen = driven.asked
     voltage, voltage_pending, voltage_integral, voltage_wait, voltage_late = driven.voltage
     return TruerState(
         loop_a, loop_b, loop_c, asked, pending, integral, wait, late,
         voltage, voltage_pending, voltage_integral, voltage_wait, voltage_late,
-        driven.warmer, driven.sagged, bent_m, bent_o,
+        driven.warmer, driven.sagged, bent_m, bent_o, read, speed_seen,
     )  # fmt: skip

@@ -37,6 +37,10 @@ class Truer(NamedTuple):
     heating_time: float  # s
     supply_resistance: float  # ohm
     link_time: float  # s, of its link behind that resistance
+    motor_step: float  # rad, of the motor's encoder; 0 reads angle and speed as they are
+    output_step: float  # rad on the motor shaft, of the output's
+    count_offset: float  # of a step, where counts begin
+    filter_share: float  # of a new speed that the filter passes with each sample
 
 
 NEUTRAL = Truer(
@@ -46,6 +50,7 @@ NEUTRAL = Truer(
     current_gain=0.0, current_integral=0.0, current_sample=1.0, current_delay=0.0,
     lost_voltage=0.0, bristles_m=0.0, bristles_o=0.0, bristle_damping=0.0, w_stribeck=1.0,
     heating=0.0, heating_time=1.0, supply_resistance=0.0, link_time=0.0,
+    motor_step=0.0, output_step=0.0, count_offset=0.5, filter_share=1.0,
 )  # fmt: skip
 
 
@@ -69,16 +74,18 @@ class TruerState(NamedTuple):
     sagged: float  # V, that the supply has less than without current
     bent_m: float  # rad, of the bristles between motor and housing
     bent_o: float
+    read: float  # rad, angle of the motor at the last sample of the speed loop
+    speed_seen: float  # rad/s, by differences of such angles, filtered
 
 
-REST = TruerState(*[0.0] * 17)
+REST = TruerState(*[0.0] * 19)
 
 
 @step
 def truer_state(values):
-    """The fields of `TruerState` from an array (17,)."""
+    """The fields of `TruerState` from an array (19,)."""
     return TruerState(
         values[0], values[1], values[2], values[3], values[4], values[5], values[6], values[7],
         values[8], values[9], values[10], values[11], values[12], values[13], values[14],
-        values[15], values[16],
+        values[15], values[16], values[17], values[18],
     )  # fmt: skip

@@ -1,0 +1,160 @@
+"""What the equations along a recorded motion say of faults and parameters.
+
+A closed loop makes the misfit curved and rough: behind sampled loops, which the fast model lacks,
+corrections by the reference lead from afar to other local minima. Along the recorded motion
+(`Model.equations`) nothing is fed back. The residuals of the equations are nearly linear in
+faults and parameters and have one minimum, and there they give a normal distribution
+
+    exp(-|r + J (z - z_0)|^2/2),   r in standard deviations,
+
+in the coordinates z of the problem's chart (`Information`). It counts beside the priors while the
+closed loop is fitted, as the equations of healthy recordings do in a calibration
+(`ematwin.estimation.forms`).
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ematwin.errors import EmatwinError
+from ematwin.estimation.levenberg_marquardt import NOTHING
+from ematwin.estimation.problem import Information, Problem
+from ematwin.models.base import Model
+from ematwin.models.comparison import correlation_time
+from ematwin.models.optional import Equation
+from ematwin.models.parameter_set import ParameterSet
+from ematwin.numerics.bounded_squares import bounded_squares
+from ematwin.numerics.side_by_side import side_by_side
+
+_ROUNDS = 8  # at most: mostly three, as the equations are nearly linear
+_FRACTIONS = (1.0, 0.3)  # of a step that are tried
+_STEP = 1e-3  # of a coordinate: the equations are smooth
+
+
+def informed(
+    model: Model, actuator: ParameterSet, problem: Problem, start: np.ndarray
+) -> tuple[Problem, np.ndarray] | None:
+    """A problem with what the equations along the motion say, and the point (d,) they lead to.
+
+    Parameters
+    ----------
+    problem : of one recording, with everything free
+    start : (d,) array, values from which to descend
+
+    None where only the fast model is needed, or where the recording has no equations: it lacks
+    positions.
+    """
+    if not problem.lacks_forms:
+        return None
+    recording, chart = problem.comparisons[0].recording, problem.chart
+    z = chart.project(chart.from_values(start[None]))
+    for rests in (False, True):  # those that rest on the faults are made for what others found
+        values = problem.values(chart.to_values(z)[0])
+        every = model.equations(recording, actuator, values)
+        some = [one for one in every if one.size > 0.0 and (rests or not one.rests)]
+        if not some:
+            return None
+        z, known = _Fit(actuator, problem, some, z).run(z)
+    return problem.informed(known), chart.to_values(z)[0]
+
+
+class _Fit:
+    """Some equations with their priors."""
+
+    def __init__(
+        self, actuator: ParameterSet, problem: Problem, equations: Sequence[Equation], z: np.ndarray
+    ) -> None:
+        self._actuator, self._problem, self._equations = actuator, problem, equations
+        self._matters = [_matters(one, actuator, problem) for one in equations]
+        values = problem.values(problem.chart.to_values(z)[0])
+        self._scales = [
+            self._scale(one, self._left(one, {name: values[name] for name in names}))
+            for one, names in zip(equations, self._matters, strict=True)
+        ]
+        matters = {name for some in self._matters for name in some}
+        self._free = np.array([n for n, name in enumerate(problem.names) if name in matters])
+
+    def run(self, z: np.ndarray) -> tuple[np.ndarray, Information]:
+        """Coordinates (1, d) of least squares next to others, by Gauss-Newton steps within bounds.
+
+        And what the equations say there.
+        """
+        chart, free = self._problem.chart, self._free
+        here = self.residuals(z)[0]
+        for _ in range(_ROUNDS):
+            slopes = self._slopes(z, here)
+            low, high = chart.lower - z[0], chart.upper - z[0]
+            step = np.zeros(z.shape[1])
+            step[free] = bounded_squares(slopes.T, -here, low[free], high[free])
+            tried = chart.project(z + np.outer(_FRACTIONS, step))
+            left = self.residuals(tried)
+            costs = np.einsum("bk,bk->b", left, left)
+            best, before = int(np.argmin(costs)), float(here @ here)
+            if costs[best] < before:
+                z, here = tried[best : best + 1], left[best]
+            if not costs[best] < before - NOTHING:
+                break
+        equations = here.size - self._problem.prior_distances(chart.to_values(z)).shape[1]
+        rotation, root = np.linalg.qr(slopes[:, :equations].T)
+        every = np.zeros((free.size + 1, z.shape[1]))
+        every[:-1, free] = root
+        moved = rotation.T @ here[:equations]
+        rest = math.sqrt(max(0.0, float(here[:equations] @ here[:equations] - moved @ moved)))
+        return z, Information(chart, z[0], every, np.append(moved, rest))
+
+    def _slopes(self, z: np.ndarray, here: np.ndarray) -> np.ndarray:
+        """(f, K), of residuals (K,) at coordinates (1, d), by those that matter."""
+        steps = np.where(z[0] + _STEP <= self._problem.chart.upper, _STEP, -_STEP)[self._free]
+        beside = np.tile(z, (self._free.size, 1))
+        beside[np.arange(self._free.size), self._free] += steps
+        return np.asarray((self.residuals(beside) - here) / steps[:, None])
+
+    def _scale(self, one: Equation, left: np.ndarray) -> float:
+        """One over the standard deviation of a residual, such that independent ones count once."""
+        independent = left.size / correlation_time(left)
+        least = one.least(self._actuator) * one.size
+        alike = one.alike(self._actuator) * one.size
+        return 1.0 / math.sqrt(least**2 / independent + alike**2)
+
+    def _left(self, equation: Equation, values: Mapping[str, float]) -> np.ndarray:
+        places = {name: value for name, value in values.items() if "." in name}
+        beside = {name: value for name, value in values.items() if "." not in name}
+        return equation.left(self._actuator.changed(places), beside)
+
+    def residuals(self, z: np.ndarray) -> np.ndarray:
+        """(B, K), in standard deviations, at coordinates (B, d); those of the priors come last."""
+        points = self._problem.chart.to_values(z)
+        priors = self._problem.prior_distances(points) / self._problem.noise
+        return np.hstack([self._of_equations(points), priors])
+
+    def _of_equations(self, points: np.ndarray) -> np.ndarray:
+        """(B, K) of the equations at points (B, d); infinite where a loop is unstable."""
+        asked: dict[tuple[int, tuple[float, ...]], Mapping[str, float]] = {}
+        rows = []
+        for point in points:  # most columns of a Jacobian leave most equations as they are
+            values = self._problem.values(point)
+            each = [{name: values[name] for name in names} for names in self._matters]
+            rows.append([(n, tuple(one.values())) for n, one in enumerate(each)])
+            asked |= dict(zip(rows[-1], each, strict=True))
+
+        def answered(key: tuple[int, tuple[float, ...]]) -> np.ndarray | None:
+            try:
+                return self._scales[key[0]] * self._left(self._equations[key[0]], asked[key])
+            except EmatwinError:  # a loop that is unstable
+                return None
+
+        found = dict(zip(asked, side_by_side(answered, asked), strict=True))
+        sizes = {key[0]: left.size for key, left in found.items() if left is not None}
+        known = {
+            key: np.full(sizes[key[0]], np.inf) if left is None else left
+            for key, left in found.items()
+        }
+        return np.array([np.concatenate([known[key] for key in row]) for row in rows])
+
+
+def _matters(equation: Equation, actuator: ParameterSet, problem: Problem) -> list[str]:
+    """Names of the free unknowns on which an equation depends."""
+    stated = (place for form in equation.forms if form.is_stated(actuator) for place in form.fitted)
+    mine = {*equation.fitted, *stated, *equation.unknowns}
+    return [name for name in problem.names if name in mine]

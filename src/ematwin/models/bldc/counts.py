@@ -1,0 +1,89 @@
+"""Positions that come in the counts of an encoder.
+
+A position of n counts lies between n and n + 1 steps, evenly distributed, and at usual speeds
+one sample errs independently of the next: white noise of the variance step^2/12 (Widrow and Kollar
+2008, Quantization Noise, chapter 5). Its second derivative is noise of very high frequencies, which
+a low-pass of the current is too flat to remove. A cubic smoothing spline (Reinsch 1967, Numer.
+Math. 10, 177-183) removes it without delay: samples a sine of frequency f pass by the share
+
+    1/(1 + (f/f_c)^4).
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ematwin.numerics.signals import LowPass
+from ematwin.recordings.recording import Recording
+
+_FINEST = 2.0 * math.pi / 100_000  # rad on the motor shaft: finer steps leave < 0.1 % of a current
+_USUAL = 2.0 * math.pi / 10_000  # rad
+CUTOFF = 2000.0  # Hz, of smoothed counts: at 500 Hz, where currents are compared, 0.4 % are lost
+_OFF = 0.05  # of a step, that readings may be off whole ones: digits of a file
+_ELSEWHERE = 0.5 * (math.sqrt(5.0) - 1.0)  # of a step, at which counts begin anew
+
+
+def step_of(position: np.ndarray) -> float:
+    """Step (rad) of an encoder whose counts a position (S,) on the motor shaft is; 0 if of none."""
+    shown = np.unique(position)
+    gaps = np.diff(shown)
+    gaps = gaps[gaps > _OFF * _FINEST]
+    if gaps.size < 2 or (size := float(gaps.min())) < _FINEST:
+        return 0.0
+    counts = np.cumsum(np.r_[0.0, np.round(np.diff(shown) / size)])
+    size = float(np.polyfit(counts, shown, 1)[0])
+    return size if np.abs(gaps / size - np.round(gaps / size)).max() < _OFF else 0.0
+
+
+def steps_of(recording: Recording, actuator: Any) -> tuple[float, float]:
+    """Steps (rad on the motor shaft) of the positions of motor and output; 0 if of no encoder."""
+    motor, output = recording.motor_position, recording.output_position
+    return (
+        0.0 if motor is None else step_of(motor),
+        0.0 if output is None else step_of(output * actuator.transmission.ratio),
+    )
+
+
+def said_of_steps(recording: Recording, actuator: Any) -> list[str]:
+    """A sentence on each position that comes in counts."""
+    ratios = (("motor", 1.0), ("output", actuator.transmission.ratio))
+    return [
+        f"The {side} position comes in steps, {2.0 * math.pi * ratio / size:,.0f} in a turn: it is "
+        "read as an encoder's, and smoothed."
+        for (side, ratio), size in zip(ratios, steps_of(recording, actuator), strict=True)
+        if size > 0.0
+    ]
+
+
+def smoothed(time: np.ndarray, trace: np.ndarray, cutoff: float) -> Any:
+    """Smoothing spline through a trace (S,) at uniform times (s); ``cutoff`` in Hz."""
+    from scipy.interpolate import make_smoothing_spline
+
+    rate = (len(time) - 1) / (time[-1] - time[0])
+    return make_smoothing_spline(time, trace, lam=rate / (2.0 * math.pi * cutoff) ** 4)
+
+
+def spline_through(
+    time: np.ndarray, position: np.ndarray, size: float, cutoff: float = CUTOFF
+) -> Any:
+    """The motion (rad) over time (s) of a recorded position (S,); ``size`` is that of its steps."""
+    from scipy.interpolate import CubicSpline
+
+    return smoothed(time, position, cutoff) if size > 0.0 else CubicSpline(time, position)
+
+
+def comparable_cutoff(size: float) -> float:
+    """Cutoff (Hz) of a low-pass of currents that follow from speeds by steps of ``size`` (rad).
+
+    The noise of such a speed grows with the size, and with f^1.5: coarse counts leave as much below
+    this cutoff as 10,000 below the usual one, about 1 % of a current.
+    """
+    return LowPass().cutoff * min(1.0, (_USUAL / max(size, _FINEST)) ** (2.0 / 3.0))
+
+
+def counted_anew(motion: np.ndarray, size: float) -> np.ndarray:
+    """Positions (S,) that an encoder would have shown whose counts begin elsewhere."""
+    if size == 0.0:
+        return motion
+    return np.asarray(size * (np.floor(motion / size + _ELSEWHERE) + 0.5 - _ELSEWHERE))

@@ -1,0 +1,85 @@
+"""What equations along a recorded motion say of faults, beside the truth of a simulation."""
+
+import numpy as np
+import pytest
+
+from ematwin import Noise, simulate
+from ematwin.estimation.along_motion import informed
+from ematwin.estimation.baseline import Baseline, with_all_free
+from ematwin.estimation.problem import Problem
+from ematwin.models.registry import load_actuator, model_of
+
+DRIVE = load_actuator("servo48").changed({
+    "controller.position_gain": 60.0, "controller.speed_gain": 0.004,
+    "speed_loop.integral_gain": 0.1, "speed_loop.sample_time": 1e-4, "speed_loop.delay": 1e-4,
+    "current_loop.proportional_gain": 7.0, "current_loop.integral_gain": 12_000.0,
+    "current_loop.sample_time": 5e-5, "current_loop.delay": 5e-5, "current_loop.lost_voltage": 1.0,
+})  # fmt: skip
+MODEL = model_of(DRIVE)
+FAULTS = {"friction": 0.3, "backlash": 0.1, "short_b": 0.25, "eccentricity": 0.2, "gain": 0.3}
+
+
+def everything_free(recording, actuator=DRIVE):
+    problem = Problem.of(recording, actuator)
+    return with_all_free(MODEL, actuator, problem, Baseline.of_template(MODEL, actuator))
+
+
+@pytest.fixture(scope="module")
+def recording():
+    return simulate("reference", actuator=DRIVE, faults=FAULTS, noise=Noise(white=0.02), seed=3)
+
+
+def test_equations_lead_from_healthy_to_the_faults_within_standard_errors(recording):
+    problem = everything_free(recording)
+    found = informed(MODEL, DRIVE, problem, problem.healthy)
+    assert found is not None
+    known, point = found
+    chart = problem.chart
+    z = chart.from_values(point[None])
+    step = 1e-4 * np.eye(len(point))
+    rows = known.prior_distances(chart.to_values(z + step)) - known.prior_distances(point[None])
+    covariance = np.linalg.inv(rows @ rows.T / (1e-4 * known.noise) ** 2)
+    truth = np.array([FAULTS.get(one.name, one.healthy) for one in problem.unknowns])
+    away = (z - chart.from_values(truth[None]))[0]
+    faults = [n for n, one in enumerate(problem.unknowns) if one.role == "fault"]
+    errors = np.sqrt(np.diag(covariance))
+    print({problem.names[n]: (away[n] / errors[n]).round(2).item() for n in faults})
+    print({problem.names[n]: errors[n].round(4).item() for n in faults})
+    assert (np.abs(away[faults]) < 4.0 * errors[faults] + 1e-3).all()
+    assert (errors[faults] < 0.1).all()
+
+
+def test_what_is_known_counts_in_costs_also_where_some_unknowns_are_held(recording):
+    problem = everything_free(recording)
+    known, point = informed(MODEL, DRIVE, problem, problem.healthy)
+    beside = np.clip(point + 0.01 * (problem.upper - problem.lower), None, problem.upper)
+    points = np.stack([point, beside])
+    residuals = known.residuals(points)
+    np.testing.assert_allclose(known.costs(points), (residuals**2).sum(axis=1), rtol=1e-3)
+    more = (
+        known.split(residuals).priors.shape[1]
+        - problem.split(problem.residuals(points)).priors.shape[1]
+    )
+    assert more > 8
+    held = {"friction": float(point[0]), "gain": float(point[problem.names.index("gain")])}
+    small = known.holding(held)
+    own = [problem.names.index(name) for name in small.names]
+    np.testing.assert_allclose(
+        small.split(small.residuals(point[None, own])).data,
+        known.split(known.residuals(point[None])).data,
+    )
+    tail = slice(-more, None)
+    np.testing.assert_allclose(
+        small.prior_distances(point[None, own])[:, tail],
+        known.prior_distances(point[None])[:, tail],
+    )
+
+
+def test_without_positions_or_forms_there_is_nothing_to_know(recording):
+    left = {name: x for name, x in recording.channels.items() if name != "output_position"}
+    blind = type(recording)(recording.time, left, units=recording.units)
+    problem = everything_free(blind)
+    assert informed(MODEL, DRIVE, problem, problem.healthy) is None
+    simple = load_actuator("servo48")
+    problem = everything_free(recording, simple)
+    assert informed(MODEL, simple, problem, problem.healthy) is None

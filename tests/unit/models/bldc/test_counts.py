@@ -1,0 +1,67 @@
+"""Positions in counts: recognised, said, and smoothed without delay."""
+
+import numpy as np
+import pytest
+
+from ematwin.models.bldc.counts import said_of_steps, smoothed, spline_through, step_of
+from ematwin.models.registry import load_actuator
+from ematwin.models.simulating import simulate
+
+TIME = np.arange(8_000) / 20_000.0
+ANGLE = 3.0 * np.sin(2.0 * np.pi * 12.0 * TIME) + 0.4 * np.sin(2.0 * np.pi * 90.0 * TIME)
+
+
+@pytest.mark.parametrize("steps", [500, 2_000, 10_000, 20_000])
+@pytest.mark.parametrize("offset", [0.0, 0.37])
+def test_counts_are_recognised_wherever_they_begin(steps, offset):
+    size = 2.0 * np.pi / steps
+    counted = size * np.floor(ANGLE / size + 0.2) + offset * size
+    assert step_of(counted) == pytest.approx(size, rel=1e-6)
+    assert step_of(np.round(counted, 6)) == pytest.approx(size, rel=1e-3)  # digits of a file
+    assert step_of(counted.astype(np.float32).astype(float)) == pytest.approx(size, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    "position",
+    [
+        ANGLE,
+        ANGLE + 1e-3 * np.random.default_rng(1).standard_normal(ANGLE.size),
+        ANGLE.astype(np.float32).astype(float),
+        np.round(ANGLE, 6),
+        np.zeros(100),
+    ],
+    ids=["smooth", "noisy", "single precision", "six digits", "at rest"],
+)
+def test_other_positions_are_no_counts(position):
+    assert step_of(position) == 0.0
+
+
+def test_a_smoothing_spline_passes_the_share_that_its_cutoff_says():
+    for frequency in (100.0, 500.0, 1000.0):
+        sine = np.sin(2.0 * np.pi * frequency * TIME)
+        inner = slice(1000, -1000)
+        passed = (
+            smoothed(TIME, sine, 500.0)(TIME)[inner] @ sine[inner] / (sine[inner] @ sine[inner])
+        )
+        assert passed == pytest.approx(1.0 / (1.0 + (frequency / 500.0) ** 4), rel=1e-3)
+
+
+def test_speed_between_counts_errs_far_less_than_differences_of_counts():
+    size = 2.0 * np.pi / 2_000
+    counted = size * np.floor(ANGLE / size) + 0.5 * size
+    speed = np.gradient(ANGLE, TIME)
+    error = np.std(spline_through(TIME, counted, size, 500.0)(TIME, 1) - speed)
+    assert error < 0.1 * np.std(np.gradient(counted, TIME) - speed)
+
+
+def test_a_drive_records_its_counts_and_is_told_so():
+    actuator = load_actuator("servo48-drive")
+    record = simulate("reference", "step", actuator=actuator)
+    said = said_of_steps(record, actuator)
+    assert said == [
+        "The motor position comes in steps, 10,000 in a turn: it is read as an encoder's, and "
+        "smoothed.",
+        "The output position comes in steps, 8,388,608 in a turn: it is read as an encoder's, and "
+        "smoothed.",
+    ]
+    assert said_of_steps(simulate("reference", "step"), actuator) == []
