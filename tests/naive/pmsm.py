@@ -156,7 +156,10 @@ def run(coils, drive, m, command, load, steps):
     voltage at the terminals (complex), the mean over the tick before.
 
     ``m`` are the parameters of mechanics and sensors, ``command`` and ``load`` values at the ticks.
+    Bristles (``bristles`` above 0) have the exact deflection at a held speed.
     """
+    cold, warmer = coils.p["resistance"], 0.0
+    z_m = z_o = 0.0
     x = np.zeros(3)
     w_m = th_m = w_o = th_o = 0.0
     dt = drive.s["dt"] / steps
@@ -192,10 +195,26 @@ def run(coils, drive, m, command, load, steps):
             def dry(t, w):
                 return t * (1.0 + (m["static_ratio"] - 1.0) / (1.0 + (w / m["w_stribeck"]) ** 2))
 
-            w_m = next_speed(w_m, act_m, m["j_m"], m["static_ratio"] * m["friction_m"],
-                             dry(m["friction_m"], w_m), dt)  # fmt: skip
-            w_o = next_speed(w_o, act_o, m["j_o"], m["static_ratio"] * m["friction_o"],
-                             dry(m["friction_o"], w_o), dt)  # fmt: skip
+            def bristles(z, w, level):
+                decay = m["bristles"] * abs(w) / level
+                bends = dt * w if decay == 0.0 else w / decay * (1.0 - math.exp(-decay * dt))
+                after = z * math.exp(-decay * dt) + bends
+                damping = m["bristle_damping"] / (1.0 + (w / m["w_stribeck"]) ** 2)
+                return after, m["bristles"] * after + damping * (after - z) / dt
+
+            if m["bristles"] > 0.0:
+                z_m, held_m = bristles(z_m, w_m, dry(m["friction_m"], w_m))
+                z_o, held_o = bristles(z_o, w_o, dry(m["friction_o"], w_o))
+                w_m += dt * (act_m - held_m) / m["j_m"]
+                w_o += dt * (act_o - held_o) / m["j_o"]
+            else:
+                w_m = next_speed(w_m, act_m, m["j_m"], m["static_ratio"] * m["friction_m"],
+                                 dry(m["friction_m"], w_m), dt)  # fmt: skip
+                w_o = next_speed(w_o, act_o, m["j_o"], m["static_ratio"] * m["friction_o"],
+                                 dry(m["friction_o"], w_o), dt)  # fmt: skip
+            loss = coils.p["resistance"] * (x[0] ** 2 + x[1] ** 2 + (x[0] + x[1]) ** 2)
+            warmer += dt / m["time_constant"] * (m["thermal_resistance"] * loss - warmer)
+            coils.p["resistance"] = cold * (1.0 + 0.00393 * warmer)
             th_m += dt * w_m
             th_o += dt * w_o
     return [np.array(column) for column in zip(*logged, strict=True)]

@@ -13,10 +13,21 @@ from . import monitor, motor
 
 
 def shape(theta, actuator):
-    """EMF shape with a share of a sine that has the trapezoid's mean torque in six steps."""
-    share = 0.0 if actuator.emf is None else actuator.emf.rounding
-    sine = 2 * math.pi / (3 * math.sqrt(3)) * math.sin(theta)
-    return (1 - share) * motor.trapezoid(theta) + share * sine
+    """EMF shape with a share of a sine and harmonics, of the trapezoid's mean torque in six steps.
+
+    The mean over the 120 degrees in which a phase conducts is taken by quadrature.
+    """
+    own = actuator.emf
+    if own is None:
+        return motor.trapezoid(theta)
+    angles = math.pi / 6 + (np.arange(20_000) + 0.5) / 20_000 * 2 * math.pi / 3
+    sine = math.sin(theta) / np.sin(angles).mean()
+    base = (1 - own.rounding) * motor.trapezoid(theta) + own.rounding * sine
+
+    def added(x):
+        return own.harmonic_5 * np.sin(5 * x) + own.harmonic_7 * np.sin(7 * x)
+
+    return (1 - added(angles).mean()) * base + added(theta)
 
 
 class Windings:
@@ -38,10 +49,14 @@ class Windings:
         theta_e = self.actuator.motor.pole_pairs * theta_m
         k_e = self.actuator.motor.emf_constant / 2
         return [
-            h * k_e * shape(theta_e - 2 * math.pi * k / 3, self.actuator)
+            h * k_e * shape(theta_e - 2 * math.pi * k / 3, self.actuator) * self.ripple(theta_m)
             * motor.gap_factor(theta_m, k, self.faults, self.actuator)
             for k, h in enumerate(self.h)
         ]  # fmt: skip
+
+    def ripple(self, theta_m):
+        own = self.actuator.torque_ripple
+        return 1 if own is None else 1 + own.share * math.sin(own.cycles * theta_m + own.phase)
 
     def matrices(self):
         """M and R, (6, 6), of v = M d(i)/dt + R i + e: three phases, then their loops."""

@@ -37,7 +37,9 @@ def round_rotor(actuator):
 @njit(error_model="numpy")
 def run_windings(c, steps):
     """Terminal currents and that which the loop draws, (steps, 4), at an imposed speed."""
-    now = ReferenceState(0.0, 0.0, 0.0, 0.0, 0.0, SPEED, 0.0, SPEED, 0.0, 0.0, 0.0, 0.0)
+    now = ReferenceState(
+        0.0, 0.0, 0.0, 0.0, 0.0, SPEED, 0.0, SPEED, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    )
     found = np.empty((steps, 4))
     third = 2.0943951023931953
     for n in range(steps):
@@ -48,7 +50,7 @@ def run_windings(c, steps):
         now = reference_step(now, v_a, v_b, v_c, 0.0, c, DT)
         seen = windings(
             now.psi_alpha, now.psi_beta, now.j_a, now.j_b, now.j_c, SPEED, now.theta_m, v_a, v_b,
-            v_c, c,
+            v_c, c.resistance, c,
         )  # fmt: skip
         found[n] = seen.i_a, seen.i_b, seen.i_c, now.j_a + now.j_b + now.j_c
     return found

@@ -19,6 +19,7 @@ from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.scenario import Scenario
 from ematwin.numerics.backlash import advance_rigid_play
 from ematwin.numerics.friction import advance_through_rest
+from ematwin.numerics.lugre import advance_on_bristles, fading, sliding_torque
 from naive import motor as naive_motor
 from naive.hybrid import Mass, TwoMasses
 
@@ -74,6 +75,46 @@ def test_stick_slip_of_one_mass_is_that_of_an_integrator_with_events():
     print("stick-slip", errors)
     assert errors[0] < 0.003
     assert errors[-1] < 0.3 * errors[0]
+
+
+@njit
+def on_bristles(dt, substeps, samples, stiffness, damping, w_stribeck):
+    states = np.zeros((samples, 2))
+    w, bent, t = 0.0, 0.0, 0.0
+    for sample in range(1, samples):
+        for _ in range(substeps):
+            fade = fading(w, w_stribeck)
+            w, bent = advance_on_bristles(
+                w, bent, 0.7 * torque_of_time(t + 0.5 * dt), 1.0 / INERTIA,
+                sliding_torque(DYNAMIC, STATIC / DYNAMIC, fade), stiffness, fade * damping, dt,
+            )  # fmt: skip
+            t += dt
+        states[sample] = w, bent
+    return states
+
+
+def test_a_mass_on_bristles_is_that_of_an_integrator():
+    stiffness, damping, w_stribeck = 20.0, 0.002, 1.5
+
+    def slopes(t, x):
+        w, z = x
+        gone = math.exp(-((w / w_stribeck) ** 2))
+        dz = w - stiffness * abs(w) * z / (DYNAMIC + (STATIC - DYNAMIC) * gone)
+        act = 0.7 * torque_of_time.py_func(t)
+        return (act - stiffness * z - damping * gone * dz) / INERTIA, dz
+
+    times = np.arange(1001) * INTERVAL
+    exact = solve_ivp(
+        slopes, (0.0, times[-1]), [0.0, 0.0], method="LSODA", t_eval=times, rtol=1e-8, atol=1e-10
+    ).y.T
+    bends = np.array([abs(slopes(0.0, x)[1]) > 0.5 * abs(x[0]) for x in exact])
+    assert 0.1 < bends.mean() < 0.9  # it gives, and it slides
+    runs = [on_bristles(INTERVAL / n, n, times.size, stiffness, damping, w_stribeck)
+            for n in (100, 200)]  # fmt: skip
+    errors = [[relative(run[:, n], exact[:, n]) for n in (0, 1)] for run in runs]
+    print("bristles", errors)
+    assert max(errors[0]) < 0.01
+    assert np.less(errors[1], np.multiply(0.6, errors[0])).all()
 
 
 # Two masses with a gap, inelastic impacts and friction, under a torque on the motor

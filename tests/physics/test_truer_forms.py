@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import ematwin
 from ematwin.errors import ParameterError
@@ -16,11 +17,11 @@ from ematwin.models.bldc.faults import FAULTS, Faults, error_percent
 from ematwin.models.bldc.motor import gap_factors
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.state import fault_state
-from ematwin.models.bldc.truer.motor import cogging_torque, rounded_shapes
+from ematwin.models.bldc.truer.motor import cogging_torque, truer_shapes
 from ematwin.models.bldc.truer.shorted_turns import loop_answer
 from ematwin.models.bldc.truer.state import REST
 from ematwin.models.registry import load_actuator
-from ematwin.models.scenario import Scenario
+from ematwin.models.scenario import Scenario, Step
 from ematwin.models.simulating import simulate
 from ematwin.numerics.signals import LowPass
 from ematwin.recordings.noise import Noise
@@ -32,6 +33,13 @@ FIXED = PLAIN.changed({"eccentricity.turning_share": 0.0})
 COGGING = {"cogging.torque": 0.002, "cogging.cycles": 12, "cogging.phase": 0.7}
 COGGED = PLAIN.changed(COGGING)
 ROUNDED = PLAIN.changed({"emf.rounding": 0.5})
+PRESLIDING = {
+    "presliding.motor_stiffness": 100.0, "presliding.output_stiffness": 100.0,
+    "presliding.damping": 0.01, "presliding.stribeck_speed": 2.0,
+}  # fmt: skip
+HEAT = {"winding_heat.thermal_resistance": 0.2, "winding_heat.time_constant": 0.05}
+SUPPLY = {"supply.resistance": 0.3, "supply.capacitance": 0.001}
+RIPPLE = {"torque_ripple.share": 0.05, "torque_ripple.cycles": 6, "torque_ripple.phase": 0.4}
 SOFT = PLAIN.changed({"compliance.stiffness": 1.0, "compliance.damping": 0.005})
 SAMPLED = PLAIN.changed(
     {"speed_loop.integral_gain": 0.5, "speed_loop.sample_time": 5e-5, "speed_loop.delay": 0.0}
@@ -44,7 +52,12 @@ REGULATED = PLAIN.changed(
     }
 )  # fmt: skip
 BOTH = LOOP.changed({"eccentricity.turning_share": 0.0})
-EVERYTHING = BOTH.changed({"emf.rounding": 0.5, **COGGING})
+EVERYTHING = BOTH.changed(
+    {
+        "emf.rounding": 0.5, "emf.harmonic_5": 0.03, "emf.harmonic_7": -0.02, **COGGING,
+        **PRESLIDING, **HEAT, **SUPPLY, **RIPPLE,
+    }
+)  # fmt: skip
 RATE = 20_000.0
 SHORT = {"short_a": 0.15}
 OFFSET = {"eccentricity": 0.2, "eccentricity_phase": 0.3}
@@ -84,12 +97,14 @@ def test_both_models_agree_within_one_per_cent_on_the_forms_that_both_have(actua
 
 @pytest.mark.parametrize("faults", [{}, SHORT, {"short_a": 0.6, "short_c": 0.2, **OFFSET}], ids=str)
 def test_electrical_input_is_copper_loss_and_mechanical_work_and_stored_energy(faults):
-    dt, gear = 1e-6, LOOP.transmission
+    actuator = LOOP.changed(HEAT | SUPPLY | RIPPLE)
+    dt, gear = 1e-6, actuator.transmission
     time = np.arange(round(0.25 / dt) + 1) * dt
     command, load = Scenario.load_file("default").histories(time)
     state, more = np.zeros(11), np.array(REST)
     state[7] = 1.0
-    k, c, truer = Faults(**faults).vector, kernel_constants(LOOP), truer_constants(LOOP)
+    k, c = Faults(**faults).vector, kernel_constants(actuator)
+    truer = truer_constants(actuator)
     trace = batch.reference_trace(
         k, command * gear.ratio, load / gear.ratio, state, c, dt, 1, 1, truer, more
     )
@@ -148,10 +163,11 @@ def test_a_fixed_offset_gives_each_phase_a_constant_of_its_own():
 
 def test_a_rounded_shape_makes_the_mean_torque_of_the_trapezoid_in_six_steps():
     theta = math.pi / 6.0 + (np.arange(6000) + 0.5) * math.pi / 3.0 / 6000  # the pair (a, b)
-    shapes = np.array([rounded_shapes(x, 1.0) for x in theta])
-    assert np.mean(shapes[:, 0] - shapes[:, 1]) == pytest.approx(2.0, rel=1e-6)
-    assert np.ptp(shapes[:, 0] - shapes[:, 1]) > 0.2
-    flat = np.array([rounded_shapes(x, 0.0) for x in theta])
+    for form in ((1.0, 0.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.1), (0.3, -0.1, 0.05)):
+        shapes = np.array([truer_shapes(x, *form) for x in theta])
+        assert np.mean(shapes[:, 0] - shapes[:, 1]) == pytest.approx(2.0, rel=1e-6)
+        assert np.ptp(shapes[:, 0] - shapes[:, 1]) > 0.05
+    flat = np.array([truer_shapes(x, 0.0, 0.0, 0.0) for x in theta])
     np.testing.assert_allclose(flat[:, 0] - flat[:, 1], 2.0, rtol=1e-12)
 
 
@@ -182,6 +198,10 @@ def test_cogging_does_no_work_over_a_turn():
             {"current_interval": 5e-5, "current_bandwidth": 6000.0, "lost_voltage": 0.5}, REGULATED,
             {"short_b": 0.2}, id="regulated",
         ),
+        pytest.param(
+            {"bristle_stiffness": 100.0, "bristle_damping": 0.01, "stribeck_speed": 2.0},
+            PLAIN.changed(PRESLIDING), {"friction": 0.25}, id="presliding",
+        ),
     ],
 )  # fmt: skip
 def test_the_reference_model_is_the_independent_actuator_with_the_same_form(
@@ -199,6 +219,43 @@ def test_the_reference_model_is_the_independent_actuator_with_the_same_form(
     print(f"{structure}: {100.0 * gap:.3f} %, without the form {100.0 * without:.2f} %")
     assert gap < 0.003
     assert without > 2.0 * gap
+
+
+def test_friction_that_is_stiff_before_it_slides_sticks():
+    stiff = {**PRESLIDING, "presliding.motor_stiffness": 3e4, "presliding.output_stiffness": 3e4}
+    stiff |= {"presliding.damping": 0.3, "presliding.stribeck_speed": 0.01}
+    faults = {"friction": 0.3}
+    sticks = answer("reference", faults, PLAIN, 1e-6)
+    assert misfit(answer("reference", faults, PLAIN.changed(stiff), 1e-6), sticks) < 0.01
+
+
+def test_a_warming_winding_and_a_sagging_supply_are_those_of_an_integrator():
+    """With a locked rotor a pair is an R-L circuit at the link, and all copper loss warms it."""
+    locked = PLAIN.changed(
+        HEAT | SUPPLY | {"motor.friction_torque": 1e3, "drive.current_limit": 1e3}
+    )
+    scenario = Scenario(duration=0.1, command=[Step(value=0.2)])
+    record = simulate("reference", scenario, actuator=locked, also=("bus_voltage",))
+    motor, heat, supply = locked.motor, locked.winding_heat, locked.supply
+
+    def slopes(_, x):
+        i, link, warmer = x
+        resistance = motor.resistance * (1.0 + 0.00393 * warmer)
+        return [
+            (link - resistance * i) / motor.inductance,
+            ((locked.drive.supply_voltage - link) / supply.resistance - i) / supply.capacitance,
+            (heat.thermal_resistance * resistance * i**2 - warmer) / heat.time_constant,
+        ]
+
+    start = [0.0, locked.drive.supply_voltage, 0.0]
+    exact = solve_ivp(slopes, (0.0, 0.1), start, method="LSODA", rtol=1e-8, dense_output=True)
+    middles = record.time[1:] - 0.5 / RATE  # samples are means
+    i, link, warmer = exact.sol(middles)
+    assert warmer[-1] > 50.0
+    assert link.min() < 44.0
+    seen = np.abs(np.array([record.channels[f"current_{x}"] for x in "abc"])).max(axis=0)
+    np.testing.assert_allclose(seen[1:], i, atol=2e-3 * i.max())
+    np.testing.assert_allclose(record.channels["bus_voltage"][1:], link, atol=0.02)
 
 
 def test_a_loop_that_counts_moves_as_that_of_a_simulator_of_other_make():

@@ -185,7 +185,7 @@ class _Fit:
         """What would be left of other residuals if all that is fitted were fitted anew.
 
         With ``scaled`` the change from this fit's residuals to them may be of any size, as that by
-        a parameter of a form is.
+        a parameter of a form is; infinite where the size would be negative, which no form has.
         """
         slopes, prior, pull = self.slopes, self.prior, self.pull
         if scaled:
@@ -195,6 +195,8 @@ class _Fit:
             ]
             prior, pull = np.pad(prior, (0, 1)), np.pad(pull, (0, 1))
         step = _step(left, slopes, prior, pull)
+        if scaled and step[-1] < -1.0:
+            return math.inf
         return _energy([r + step @ one for r, one in zip(left, slopes, strict=True)])
 
     def held_back(self) -> np.ndarray:

@@ -47,6 +47,12 @@ def sincos(x):
 
 
 @step
+def lag(x, towards, time, dt):
+    """First-order lag with a time constant (s), by backward Euler; 0 follows at once."""
+    return (time * x + dt * towards) / (time + dt)
+
+
+@step
 def biquad(x, z1, z2, taps):
     """Output of a second-order filter and its next state, by ``b0 b1 b2 a1 a2``.
 

@@ -30,7 +30,7 @@ SHIPPED = {
     ("servo48", "reference"): {"backlash": 0.1, "eccentricity": 0.3, "eccentricity_phase": 0.7},
     ("truer", "reference"): {"backlash": 0.1, "short_a": 0.2, "eccentricity": 0.3},
     ("servo400", "monitor"): {"short_a": 0.1, "sensor_gain_b": 0.7, "dynamic_eccentricity": 0.2},
-    ("servo400", "reference"): {"connector_b": 0.2, "resolver_offset": 0.6, "friction": 0.3},
+    ("truer400", "reference"): {"connector_b": 0.2, "resolver_offset": 0.6, "friction": 0.3},
 }
 LINES = {
     ("servo48", "reference"): 5,

@@ -1,12 +1,10 @@
 """Equations that a drive satisfies along a recorded motion.
 
 The controller answers the recorded command and motion with a current (`Controller`); the mechanics
-need a torque for the recorded motion (`TorqueBalance`). Neither is simulated in a closed loop: no
-error of the one gets into the other, none moves an impact, and the residual of the recorded
-current belongs to one of them (direct identification; Ljung 1999, System Identification, section
-13.4; inverse dynamics, Gautier and Khalil 1990, IEEE Trans. Robotics and Automation 6(3), 368-373).
-The difference of both positions shows on which face of the gap the output lies (`Contact`).
-The reference model has the same equations (docs/models.md).
+need a torque for the recorded motion (`ematwin.models.bldc.balance`). Neither is simulated in a
+closed loop: no error of the one gets into the other, none moves an impact, and the residual of the
+recorded current belongs to one of them (direct identification; Ljung 1999, System Identification,
+section 13.4). The reference model has the same equations (docs/models.md).
 
 Positions lie on cubic splines through their samples, whose slopes are the speeds; counts of an
 encoder on smoothing splines (`counts`).
@@ -33,8 +31,9 @@ from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.phase_sensors import balanced
 from ematwin.models.bldc.reference_step import ReferenceState
 from ematwin.models.bldc.simulate import INPUT_INTERVAL, TimeGrid
-from ematwin.models.bldc.state import FaultState, fault_state
+from ematwin.models.bldc.state import fault_state
 from ematwin.models.bldc.truer.loops import last_reading
+from ematwin.models.bldc.truer.motor import KEPT_5, KEPT_7, SINE
 from ematwin.models.bldc.truer.reference_step import drive, more_after
 from ematwin.models.bldc.truer.state import NEUTRAL, REST, truer_state
 from ematwin.models.bldc.unknowns import UNKNOWNS
@@ -47,15 +46,9 @@ from ematwin.recordings.recording import Recording
 _STEP = 2.5e-6  # s, of a modulated voltage; sample times of 50 and 62.5 us are whole ones
 _LONGEST = 0.4  # s of a recording, of which a controller is simulated
 _FASTER = 1.3  # than the step of the reference: the ripple is another then
-_LEAST = 0.001  # of the recorded current: what simulators of other make differ by
-_SLOW = 200.0  # Hz: below it the acceleration of an encoder's position is known
-_STEEP = 500.0  # Hz, of counts before that: an acceleration's noise grows with f^2
+LEAST = 0.001  # of the recorded current: what simulators of other make differ by
 _FINE_STEP = 1e-9  # rad: of an encoder whose counts do not show
-_STANDS = 0.02  # of the largest speed: nearer to rest friction is not known
-_SETTLES = 0.01  # s after that, for the low-pass
-_SURELY = 0.5  # of the friction of the output: a torque whose sign the template knows
 _THIRD = 2.0 * math.pi / 3.0
-_SINE = 2.0 * math.pi / (3.0 * math.sqrt(3.0))  # as of `truer.motor`
 
 
 @loop
@@ -91,7 +84,7 @@ def currents_along(k, command, motion, c, dt, substeps, decimation, truer, more)
                 command_now = command[g] + s * (command[g + 1] - command[g])
                 done = drive(now, now_more, command_now, fault, c, truer, dt)
                 i_a, i_b, i_c = done.currents[0], done.currents[1], done.currents[2]
-                pair_sign, now_more = done.pair_sign, more_after(done)
+                pair_sign, now_more = done.pair_sign, more_after(done, 0.0, 0.0)
                 sum_a += done.means[0]
                 sum_b += done.means[1]
                 sum_c += done.means[2]
@@ -119,7 +112,7 @@ class Motion:
     currents : (S, 3) array, A
     steps : of the encoders of motor and output, rad on the motor shaft; 0 where of none
     angles : (S, 3) array, electrical angle of each phase in the middle of its mean
-    shapes : (S, 3) array, EMF shapes of a healthy motor
+    trapezoids : (S, 3) array, EMF shapes of a healthy motor by the paper
     """
 
     def __init__(self, recording: Recording, actuator: BldcActuator) -> None:
@@ -143,7 +136,22 @@ class Motion:
         # a mean belongs to the middle of its interval
         electrical = self._pole_pairs * self.motor(self.time - 0.5 / self.rate)
         self.angles = electrical[:, None] - _THIRD * np.arange(3)
-        self.shapes = trapezoid_shape(self.angles)
+        self.trapezoids = trapezoid_shape(self.angles)
+
+    def shapes(self, actuator: Any) -> np.ndarray:
+        """EMF shapes (S, 3) of a healthy motor with all that the file states of them."""
+        emf, ripple, found = actuator.emf, actuator.torque_ripple, self.trapezoids
+        if emf is not None:
+            kept = 1.0 + KEPT_5 * emf.harmonic_5 + KEPT_7 * emf.harmonic_7
+            found = kept * (
+                (1.0 - emf.rounding) * found + emf.rounding * SINE * np.sin(self.angles)
+            )
+            found += emf.harmonic_5 * np.sin(5.0 * self.angles)
+            found += emf.harmonic_7 * np.sin(7.0 * self.angles)
+        if ripple is not None:
+            turned = self.angles[:, :1] / actuator.motor.pole_pairs
+            found = found * (1.0 + ripple.share * np.sin(ripple.cycles * turned + ripple.phase))
+        return found
 
     def twist(self) -> np.ndarray:
         """Angle (S,) by which the motor is ahead of the output."""
@@ -186,13 +194,14 @@ class Controller:
         self._states = np.array([
             motion.motor(grid.time), motion.motor(grid.time, 1), motion.output(grid.time),
         ])  # fmt: skip
-        self._signed = 0.5 * np.einsum("sk,sk->s", motion.currents, motion.shapes)[1:count]
+        self._signed = 0.5 * np.einsum("sk,sk->s", motion.currents, motion.trapezoids)[1:count]
         self._seen = self._equivalent(motion.currents[1:count])
         self.size = float(np.linalg.norm(self._seen))
 
     def _equivalent(self, currents: np.ndarray) -> np.ndarray:
         """The filtered equivalent current (S - 1,), A."""
-        signed = 0.5 * np.einsum("sk,sk->s", currents, self._motion.shapes[1 : len(currents) + 1])
+        shapes = self._motion.trapezoids[1 : len(currents) + 1]
+        signed = 0.5 * np.einsum("sk,sk->s", currents, shapes)
         return self._low_pass.apply(signed, self._motion.rate)
 
     def left(
@@ -214,7 +223,7 @@ class Controller:
         angle, speed, _ = self._states[:, 0]
         rest = REST._replace(read=last_reading(truer, angle, speed), speed_seen=speed)
         currents = currents_along(
-            _vector(given), command, self._states, kernel_constants(actuator),
+            fault_vector(given), command, self._states, kernel_constants(actuator),
             grid.substeps * grid.step / substeps, substeps, grid.decimation,
             truer, np.array(rest),
         )  # fmt: skip
@@ -223,7 +232,7 @@ class Controller:
 
     def least(self, actuator: Any) -> float:
         """Share of the recorded current that noise and the error of the equation leave."""
-        noise = _noise(self._signed, self._low_pass, self._motion.rate, self._seen.size)
+        noise = noise_of(self._signed, self._low_pass, self._motion.rate, self._seen.size)
         noise = math.hypot(noise, self._of_counts(actuator))
         return math.hypot(noise / self.size, self.alike(actuator))
 
@@ -244,165 +253,16 @@ class Controller:
         The ripple of two simulations differs as much as the ripple of a simulation and a recording.
         """
         if actuator.current_loop is not None:
-            return _LEAST
+            return LEAST
         ripple = float(np.linalg.norm(self.left(actuator) - self.left(actuator, faster=_FASTER)))
-        return math.hypot(_LEAST, ripple / self.size)
+        return math.hypot(LEAST, ripple / self.size)
 
 
-class TorqueBalance:
-    """The torque that a motion needs, beside that of the recorded currents; while both slide.
-
-    Added up over motor and output, where the torque of the contact is none of it:
-
-        J_m dw_m/dt + J_o dw_o/dt + b w_m + T_m sgn w_m + T_o sgn w_o + T_load - T_cog
-            = sum kappa_k i_k.
-
-    Attributes
-    ----------
-    size : float, norm of the recorded current, A
-    slides : (S,) array of bool, samples that count
-    moves_together : (S,) array of bool, where no mass crosses the gap
-    """
-
-    def __init__(self, motion: Motion, slides: np.ndarray | None = None) -> None:
-        motion = motion.smoother(_STEEP)
-        self._motion, self._low_pass = motion, LowPass(_SLOW)
-        middle = motion.time - 0.5 / motion.rate
-        self._angle, self._load = motion.motor(middle), motion.alike(motion.load)
-        self._w_m, self._dw_m = motion.motor(middle, 1), motion.motor(middle, 2)
-        self._w_o, self._dw_o = motion.output(middle, 1), motion.output(middle, 2)
-        self._sines = _SINE * np.sin(motion.angles)
-        # impacts and reversals are left out until the low-pass has forgotten them
-        stands = np.abs(self._w_m) < _STANDS * np.abs(self._w_m).max()
-        stands |= np.abs(self._w_o) < _STANDS * np.abs(self._w_o).max()
-        stands |= self._w_m * self._w_o < 0.0
-        stands[:2] = True
-        self.moves_together = np.abs(self._w_m - self._w_o) < _STANDS * np.abs(self._w_m).max()
-        settles = np.ones(int(_SETTLES * motion.rate))
-        self.slides = np.convolve(stands, settles)[: len(stands)] == 0
-        if slides is not None:
-            self.slides = slides
-        self._signed = 0.5 * np.einsum("sk,sk->s", motion.currents, motion.shapes)
-        self.size = float(np.linalg.norm(self._filtered(self._signed)))
-
-    def output_torque(self, actuator: Any, values: Values | None = None) -> np.ndarray:
-        """Torque (S,) that the output needs, N m."""
-        given, gear, way = values or {}, actuator.transmission, np.sign(self._w_o)
-        load = given.get("load_gain", 1.0) * self._load
-        load = load + given.get("load_offset", 0.0) / gear.ratio
-        share = np.where(
-            way * load > 0.0, 1.0 / gear.efficiency_opposing - 1.0, 1.0 - gear.efficiency_aiding
-        )
-        friction = (gear.friction_torque + share * np.abs(load)) * way
-        needed = gear.output_inertia * self._dw_o + load
-        needed = needed + state_of(given, actuator).friction * friction
-        return np.asarray(needed)
-
-    def _filtered(self, trace: np.ndarray) -> np.ndarray:
-        return self._low_pass.apply(trace, self._motion.rate)[self.slides]
-
-    def least(self, actuator: Any) -> float:
-        """Share of the recorded current that noise leaves."""
-        seen = int(self.slides.sum())
-        noise = _noise(self._signed, self._low_pass, self._motion.rate, seen)
-        anew = self._anew
-        if anew is not None:
-            noise = math.hypot(noise, np.linalg.norm(anew.left(actuator) - self.left(actuator)))
-        return math.hypot(_LEAST, noise / self.size)
-
-    @cached_property
-    def _anew(self) -> "TorqueBalance | None":
-        other = self._motion.counted_anew()
-        return None if other is None else TorqueBalance(other, self.slides)
-
-    def left(self, actuator: Any, values: Values | None = None) -> np.ndarray:
-        """Needed less made torque, as recorded current (K,), A, where both slide.
-
-        As such it holds the noise of the recorded currents unscaled. Otherwise the least squares
-        would make that noise smaller by smaller torque constants.
-        """
-        given, motor = values or {}, actuator.motor
-        fault = state_of(given, actuator)
-        rounding = 0.0 if actuator.emf is None else actuator.emf.rounding
-        shapes = (1.0 - rounding) * self._motion.shapes + rounding * self._sines
-        shapes = shapes * self._shares(actuator, fault)
-        scale = math.sqrt(np.mean(shapes**2) / np.mean(self._motion.shapes**2))
-        made = 0.5 * np.einsum("sk,sk->s", self._motion.currents, shapes) / scale
-        needed = (
-            motor.inertia * self._dw_m
-            + motor.viscous_damping * self._w_m
-            + fault.friction * motor.friction_torque * np.sign(self._w_m)
-            + self.output_torque(actuator, given)
-        )
-        if actuator.cogging is not None:
-            own = actuator.cogging
-            needed += own.torque * np.sin(own.cycles * self._angle + own.phase)
-        gain, offset = given.get("current_gain", 1.0), given.get("current_offset", 0.0)
-        current = gain * needed / (motor.emf_constant * scale)
-        return self._filtered(current + offset - self._motion.alike(made))
-
-    def _shares(self, actuator: Any, fault: FaultState) -> np.ndarray:
-        """Factors (S, 3) of the torque constants by missing turns and an eccentric rotor."""
-        offset = actuator.eccentricity
-        turning = 1.0 if offset is None else offset.turning_share
-        phases = _THIRD * np.arange(3)
-        turned = self._angle[:, None] - phases
-        along = turning * np.cos(turned) + (1.0 - turning) * np.cos(phases)
-        across = (1.0 - turning) * np.sin(phases) - turning * np.sin(turned)
-        gaps = 1.0 + fault.zeta_cos * along + fault.zeta_sin * across
-        return np.asarray(gaps * [fault.h_a, fault.h_b, fault.h_c])
-
-
-class Contact:
-    """The twist between motor and output, beside that of the face that pushes; while both slide.
-
-    With the torque T that the output needs, face sgn T and contact of stiffness k,
-
-        theta_m - theta_o = sgn T gap/2 + T/k.
-
-    The zero angles of both positions are known to less than the gap: only how far the two faces are
-    apart counts.
-    """
-
-    def __init__(
-        self, motion: Motion, balance: TorqueBalance, actuator: Any, values: Values | None = None
-    ) -> None:
-        self._balance = balance
-        torque = balance.output_torque(actuator, values)
-        sure = np.abs(torque) > _SURELY * actuator.transmission.friction_torque
-        self._pushes = balance.slides & balance.moves_together & sure
-        self._face = np.sign(torque)[self._pushes]
-        motion = motion.smoother(_STEEP)
-        twist, anew = motion.twist(), motion.counted_anew()
-        self._noise = white_noise(twist) if anew is None else float(np.std(anew.twist() - twist))
-        self._twist = twist[self._pushes]
-        self.size = float(np.linalg.norm(self._about_mean(self._twist)))
-
-    def _about_mean(self, twist: np.ndarray) -> np.ndarray:
-        return twist - twist.mean() if twist.size else twist
-
-    def least(self, actuator: Any) -> float:
-        """Share of the twist that noise leaves."""
-        return math.hypot(_LEAST, self._noise * math.sqrt(self._twist.size) / self.size)
-
-    def left(self, actuator: Any, values: Values | None = None) -> np.ndarray:
-        """Twist by the twin less the recorded one (K,), rad on the motor shaft."""
-        torque = self._balance.output_torque(actuator, values)[self._pushes]
-        twin = state_of(values, actuator).half_gap * self._face
-        return self._about_mean(twin + torque / actuator.contact.stiffness - self._twist)
-
-
-def state_of(values: Values | None, actuator: Any) -> FaultState:
-    """Physical magnitudes of faults by name, healthy where not named or none are given."""
-    half_gap = 0.5 * actuator.transmission.backlash
-    return FaultState(*fault_state.py_func(*_vector(values or {}), half_gap))
-
-
-def _vector(given: Values) -> np.ndarray:
+def fault_vector(given: Values) -> np.ndarray:
     """(8,) of faults by name, which may lie beyond their bounds while a healthy twin is judged."""
     return np.array([given.get(one.name, one.healthy) for one in UNKNOWNS])
 
 
-def _noise(current: np.ndarray, low_pass: LowPass, rate: float, samples: int) -> float:
+def noise_of(current: np.ndarray, low_pass: LowPass, rate: float, samples: int) -> float:
     """Norm of the white noise of a current in so many of its filtered samples, A."""
     return white_noise(current) * math.sqrt(low_pass.noise_gain(rate) * samples)

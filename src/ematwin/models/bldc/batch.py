@@ -35,7 +35,7 @@ SEGMENT = 128  # samples after which ranks are closed; 64 saves no more, 512 les
 REFERENCE_COLUMNS = (
     "current_a", "current_b", "current_c", "motor_position", "motor_speed", "output_position",
     "output_speed", "e_electrical", "e_copper", "e_mechanical",
-    "voltage_a", "voltage_b", "voltage_c", "bus_current",
+    "voltage_a", "voltage_b", "voltage_c", "bus_current", "bus_voltage",
 )  # fmt: skip
 MONITOR_COLUMNS = (
     "current", "motor_position", "motor_speed", "output_position", "output_speed", "power",
@@ -79,7 +79,7 @@ def reference_trace(k, command, load, state, c, dt, substeps, decimation, truer,
 
     Returns
     -------
-    ((G - 1) // decimation, 14) array, columns as in `REFERENCE_COLUMNS`, the samples after the
+    ((G - 1) // decimation, 15) array, columns as in `REFERENCE_COLUMNS`, the samples after the
         start; a current or voltage is the mean over the interval that ends at its sample
     """
     fault = fault_state(k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7], c.half_gap)
@@ -91,7 +91,7 @@ def reference_trace(k, command, load, state, c, dt, substeps, decimation, truer,
     if truer is not None:
         now_more = truer_state(more)
     samples = (command.size - 1) // decimation
-    trace = np.empty((samples, 14))
+    trace = np.empty((samples, 15))
     share = 1.0 / (substeps * decimation)
     for sample in range(samples):
         sum_a = 0.0
@@ -101,6 +101,7 @@ def reference_trace(k, command, load, state, c, dt, substeps, decimation, truer,
         sum_vb = 0.0
         sum_vc = 0.0
         sum_bus = 0.0
+        sum_vbus = 0.0
         for g in range(sample * decimation, (sample + 1) * decimation):
             d_command = (command[g + 1] - command[g]) / substeps
             d_load = (load[g + 1] - load[g]) / substeps
@@ -122,6 +123,7 @@ def reference_trace(k, command, load, state, c, dt, substeps, decimation, truer,
                 sum_vb += supply.v_b
                 sum_vc += supply.v_c
                 sum_bus += supply.i_bus
+                sum_vbus += supply.v_bus
         trace[sample, 0] = sum_a * share
         trace[sample, 1] = sum_b * share
         trace[sample, 2] = sum_c * share
@@ -136,6 +138,7 @@ def reference_trace(k, command, load, state, c, dt, substeps, decimation, truer,
         trace[sample, 11] = sum_vb * share
         trace[sample, 12] = sum_vc * share
         trace[sample, 13] = sum_bus * share
+        trace[sample, 14] = sum_vbus * share
     for n, value in enumerate(now):
         state[n] = value
     if truer is not None:

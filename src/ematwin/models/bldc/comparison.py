@@ -43,7 +43,8 @@ _TWIN_ERROR = 0.003  # relative misfit of the twin to healthy records of the ref
 _REFERENCE_ERROR = 0.002  # of the reference model to simulators of other make: 0.0 to 0.18 %
 # sections of forms that the reference model alone has (docs/models.md, "Truer forms")
 _REFERENCE_ALONE = (
-    "emf.", "cogging.", "speed_loop.", "current_loop.", "compliance.", "encoder.",
+    "emf.", "torque_ripple.", "cogging.", "presliding.", "winding_heat.", "supply.", "speed_loop.",
+    "current_loop.", "compliance.", "encoder.",
 )  # fmt: skip
 KEPT = 5_000  # samples of a response: more are thinned, as far as the low-pass allows
 _KEPT_SMOOTH = 1_000  # the same of smoothed currents

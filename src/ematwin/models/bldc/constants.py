@@ -79,7 +79,30 @@ def truer_constants(actuator: BldcActuator, count_offset: float = 0.5) -> Truer 
     if actuator.shorted_turns is not None:
         found |= {"loops": 1.0}
     if emf is not None:
-        found |= {"rounding": emf.rounding}
+        found |= {
+            "rounding": emf.rounding, "harmonic_5": emf.harmonic_5, "harmonic_7": emf.harmonic_7,
+        }  # fmt: skip
+    if actuator.torque_ripple is not None:
+        ripple = actuator.torque_ripple
+        found |= {
+            "ripple": ripple.share, "ripple_cycles": 1.0 * ripple.cycles,
+            "ripple_phase": ripple.phase,
+        }  # fmt: skip
+    if actuator.presliding is not None:
+        bristles = actuator.presliding
+        found |= {
+            "bristles_m": bristles.motor_stiffness, "bristles_o": bristles.output_stiffness,
+            "bristle_damping": bristles.damping, "w_stribeck": bristles.stribeck_speed,
+        }  # fmt: skip
+    if actuator.winding_heat is not None:
+        heat = actuator.winding_heat
+        found |= {"heating": heat.gain_per_watt, "heating_time": heat.time_constant}
+    if actuator.supply is not None:
+        supply = actuator.supply
+        found |= {
+            "supply_resistance": supply.resistance,
+            "link_time": supply.resistance * supply.capacitance,
+        }  # fmt: skip
     if cogging is not None:
         found |= {
             "cogging": cogging.torque, "cogging_cycles": 1.0 * cogging.cycles,

@@ -26,6 +26,7 @@ from pydantic import model_validator
 from ematwin.errors import ParameterError
 from ematwin.models.bldc.stability import check_current_loop, check_speed_loop
 from ematwin.models.parameter_set import ParameterSet, Section, quantity
+from ematwin.models.sections import StribeckPresliding, Supply, TorqueRipple, WindingHeat
 from ematwin.models.servo import check_stops
 
 DEFAULT_ACTUATOR = "servo48"
@@ -147,11 +148,19 @@ class Eccentricity(Section):
 class Emf(Section):
     """Shape of the back-EMF; left out, a trapezoid with flats of 120 degrees."""
 
-    example: ClassVar[dict[str, float]] = {"rounding": 0.3}
+    example: ClassVar[dict[str, float]] = {
+        "rounding": 0.3, "harmonic_5": 0.02, "harmonic_7": -0.01,
+    }  # fmt: skip
 
     rounding: float = quantity(
         "", "share of a sine of the same mean torque in the trapezoid", exact=True, ge=0, le=1
     )
+    harmonic_5: float = quantity(
+        "", "fifth harmonic beyond that, over the flat of the trapezoid", default=0.0, ge=-1, le=1
+    )
+    harmonic_7: float = quantity(
+        "", "seventh harmonic, likewise", default=0.0, ge=-1, le=1
+    )  # fmt: skip
 
 
 class Cogging(Section):
@@ -301,6 +310,10 @@ class BldcActuator(ParameterSet):
     speed_loop: SpeedLoop | None = None
     current_loop: CurrentLoop | None = None
     compliance: Compliance | None = None
+    torque_ripple: TorqueRipple | None = None
+    presliding: StribeckPresliding | None = None
+    winding_heat: WindingHeat | None = None
+    supply: Supply | None = None
     encoder: Encoder | None = None
 
     @property
@@ -364,6 +377,8 @@ class BldcActuator(ParameterSet):
         limits = [speed_loop, 1.0 / math.sqrt(self.contact.stiffness * compliance)]
         if self.contact.damping > 0.0:
             limits.append(1.0 / (self.contact.damping * compliance))
+        if self.presliding is not None:
+            limits.append(self.presliding.longest_step(j_m, j_o))
         limits.append(self.motor.inductance / self.motor.resistance)
         if self.speed_loop is not None and self.speed_loop.sample_time > 0.0:
             limits.append(self.speed_loop.sample_time)

@@ -61,6 +61,7 @@ class Supply(NamedTuple):
     v_b: float
     v_c: float
     i_bus: float  # A, out of the supply
+    v_bus: float  # V
 
 
 @step
@@ -96,7 +97,7 @@ def _conduct(i_a, i_b, i_c, e_a, e_b, e_c, g_a, g_b, g_c, phases, c, dt):
         + m_b * clip(v_b / c.v_supply, 0.0, 1.0)
         + m_c * clip(v_c / c.v_supply, 0.0, 1.0)
     )
-    return share, n_a, n_b, n_c, taken, lost, Supply(v_a, v_b, v_c, i_bus)
+    return share, n_a, n_b, n_c, taken, lost, Supply(v_a, v_b, v_c, i_bus, c.v_supply)
 
 
 @part
@@ -124,27 +125,40 @@ def advance_bridge(i_a, i_b, i_c, e_a, e_b, e_c, g_a, g_b, g_c, phases, c, dt):
             share * supply.v_b + rest * then.v_b,
             share * supply.v_c + rest * then.v_c,
             share * supply.i_bus + rest * then.i_bus,
+            c.v_supply,
         )
     return n_a, n_b, n_c, m_a, m_b, m_c, taken, lost, supply
 
 
 @part
-def move_masses(state, torque, load, fault, c, dt):
-    """Speeds and positions ``w_m, theta_m, w_o, theta_o`` after a torque on the motor."""
+def torques_on_masses(state, torque, load, fault, c):
+    """Torques but friction on motor and output, and the dynamic friction of both, N m."""
     contact = contact_torque(
         state.theta_m, state.w_m, state.theta_o, state.w_o, fault.half_gap,
         c.contact_stiffness, c.contact_damping,
     )  # fmt: skip
     act_m = torque - c.viscous * state.w_m - contact
     act_o = contact - load
-    td_m = fault.friction * c.t_m
-    w_m = advance_mobile(state.w_m, act_m, c.mobility_m, c.static_ratio * td_m, td_m, dt)
     direction = state.w_o if state.w_o != 0.0 else act_o
+    td_m = fault.friction * c.t_m
     td_o = fault.friction * loaded_friction(direction, -load, c.t_o, c.c_opposing, c.c_aiding)
-    w_o = advance_mobile(state.w_o, act_o, c.mobility_o, c.static_ratio * td_o, td_o, dt)
-    theta_m = state.theta_m + dt * w_m
+    return act_m, act_o, td_m, td_o
+
+
+@part
+def moved(state, w_m, w_o, c, dt):
+    """Speeds and positions ``w_m, theta_m, w_o, theta_o`` after a step with these speeds."""
     theta_o, w_o = stop_at_ends(state.theta_o + dt * w_o, w_o, c.travel_low, c.travel_high)
-    return w_m, theta_m, w_o, theta_o
+    return w_m, state.theta_m + dt * w_m, w_o, theta_o
+
+
+@part
+def move_masses(state, torque, load, fault, c, dt):
+    """Speeds and positions ``w_m, theta_m, w_o, theta_o`` after a torque on the motor."""
+    act_m, act_o, td_m, td_o = torques_on_masses(state, torque, load, fault, c)
+    w_m = advance_mobile(state.w_m, act_m, c.mobility_m, c.static_ratio * td_m, td_m, dt)
+    w_o = advance_mobile(state.w_o, act_o, c.mobility_o, c.static_ratio * td_o, td_o, dt)
+    return moved(state, w_m, w_o, c, dt)
 
 
 @part

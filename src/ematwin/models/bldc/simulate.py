@@ -128,7 +128,8 @@ def simulated(
         rest = MonitorState(0.0, w_m, theta_m, w_o, theta_o, 0.0, 0.0)
     state = np.array(rest)
     constants = kernel_constants(actuator)
-    first = [getattr(rest, _STATE_OF.get(name, ""), 0.0) for name in names]
+    at_rest = {"bus_voltage": actuator.drive.supply_voltage}
+    first = [at_rest.get(name, getattr(rest, _STATE_OF.get(name, ""), 0.0)) for name in names]
     pieces = [np.array([first])]
     # In slices, so that a long simulation shows progress and can be interrupted.
     stride = grid.decimation * max(1, round(SLICE_STEPS / (grid.substeps * grid.decimation)))
@@ -155,15 +156,13 @@ def simulated(
     found = {name: trace[:, n].copy() for n, name in enumerate(names) if name in UNITS}
     for name in ("output_position", "output_speed"):
         found[name] /= actuator.transmission.ratio
-    if model == "reference":
-        if actuator.encoder is not None:
-            sizes = {
-                "motor_position": actuator.encoder.motor_step,
-                "output_position": actuator.encoder.output_step,
-            }
-            for name, size in sizes.items():
-                found[name] = read_angle(found[name], size, count_offset)
-        found["bus_voltage"] = np.full(len(trace), actuator.drive.supply_voltage)
+    if model == "reference" and actuator.encoder is not None:
+        sizes = {
+            "motor_position": actuator.encoder.motor_step,
+            "output_position": actuator.encoder.output_step,
+        }
+        for name, size in sizes.items():
+            found[name] = read_angle(found[name], size, count_offset)
     return found
 
 

@@ -80,8 +80,9 @@ def reference_trace(command, load, state, control, c, dt, substeps, ticks, quant
     ----------
     command, load : (K + 1,) arrays, at the ticks of the current loops, rad and N m on the motor
         shaft; the load runs in straight lines between
-    state, control : (12,) arrays, the fields of `ReferenceState`; the fields of `ControlState` and
-        the voltages at the terminals in the tick before; they hold the last ones afterwards
+    state : (15,) array, the fields of `ReferenceState`
+    control : (12,) array, the fields of `ControlState` and the voltages at the terminals in the
+        tick before; both hold the last ones afterwards
     c : Constants, for the step
     dt, substeps : step (s), and how many make a tick
     ticks : (2,) integer array, ticks of the speed and the position loop
@@ -98,7 +99,7 @@ def reference_trace(command, load, state, control, c, dt, substeps, ticks, quant
     """
     now = ReferenceState(
         state[0], state[1], state[2], state[3], state[4], state[5], state[6], state[7], state[8],
-        state[9], state[10], state[11],
+        state[9], state[10], state[11], state[12], state[13], state[14],
     )  # fmt: skip
     loops = ControlState(
         control[0], control[1], control[2], control[3], control[4], control[5], control[6],
@@ -183,7 +184,7 @@ def monitor_scores(
 
     Parameters
     ----------
-    constants : (B, 59) array, the fields of `Constants`; B a multiple of `LANES`
+    constants : (B, 64) array, the fields of `Constants`; B a multiple of `LANES`
     command, load : (P + K + 1,) arrays, at the ticks of the current loops, rad and N m on the
         motor shaft; the load runs in straight lines between
     before : int, P, ticks that settle the start and are not compared; whole samples of all loops

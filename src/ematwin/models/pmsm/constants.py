@@ -28,7 +28,7 @@ _LEAST = 1e-9  # share of shorted turns that stands for none
 def constants_of(
     actuator: PmsmActuator, candidates: Mapping[str, Any], count: int, step: float
 ) -> np.ndarray:
-    """(B, 59) array, the fields of `Constants` of B candidates.
+    """(B, 64) array, the fields of `Constants` of B candidates.
 
     ``candidates`` are values (B,) of unknowns and, by place, of parameters; all others are
     healthy. ``step`` is that over which the currents of shorted loops decay, s.
@@ -48,7 +48,7 @@ def fields_of(actuator: PmsmActuator, candidates: Mapping[str, Any], step: float
 
 def _constants(actuator: PmsmActuator, k: Mapping[str, Any], step: float) -> Constants:
     motor, drive, control = actuator.motor, actuator.drive, actuator.controller
-    gear = actuator.transmission
+    gear, bristles, heat = actuator.transmission, actuator.presliding, actuator.winding_heat
     loops = [_loop(motor, k[f"short_{x}"], k["short_resistance"], step) for x in "abc"]
     static = motor.gap_share * k["static_eccentricity"]
     dynamic = motor.gap_share * k["dynamic_eccentricity"]
@@ -113,6 +113,11 @@ def _constants(actuator: PmsmActuator, k: Mapping[str, Any], step: float) -> Con
         damping=gear.damping,
         travel_low=gear.travel_low * gear.ratio,
         travel_high=gear.travel_high * gear.ratio,
+        bristles_m=0.0 if bristles is None else bristles.motor_stiffness,
+        bristles_o=0.0 if bristles is None else bristles.output_stiffness,
+        bristle_damping=0.0 if bristles is None else bristles.damping,
+        heating=0.0 if heat is None else heat.gain_per_watt,
+        heating_time=1.0 if heat is None else heat.time_constant,
         load_gain=k["load_gain"],
         load_offset=k["load_offset"] / gear.ratio,
     )

@@ -17,6 +17,7 @@ from pydantic import model_validator
 
 from ematwin.errors import ParameterError
 from ematwin.models.parameter_set import ParameterSet, Section, quantity
+from ematwin.models.sections import Presliding, WindingHeat
 from ematwin.models.servo import check_stops
 
 _WHOLE = 1e-6  # of a ratio that has to be a whole number
@@ -141,6 +142,8 @@ class PmsmActuator(ParameterSet):
     controller: Controller
     transmission: Transmission
     steps: Steps
+    presliding: Presliding | None = None
+    winding_heat: WindingHeat | None = None
 
     @model_validator(mode="after")
     def _leakage_is_a_part(self) -> Self:
@@ -194,6 +197,8 @@ class PmsmActuator(ParameterSet):
         ]
         if gear.damping > 0.0:
             limits.append(1.0 / (gear.damping * compliance))
+        if self.presliding is not None:
+            limits.append(self.presliding.longest_step(self.motor.inertia, gear.output_inertia))
         return min(limits)
 
     def check_step(self, model: str, step: float) -> None:

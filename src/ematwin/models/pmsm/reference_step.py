@@ -9,9 +9,9 @@ import math
 from typing import NamedTuple
 
 from ematwin.models.pmsm.controller import ROOT_3
-from ematwin.models.pmsm.mechanics import Motion, advance_motion
+from ematwin.models.pmsm.mechanics import Motion, advance_with_bristles
 from ematwin.numerics.compile import step
-from ematwin.numerics.scalar import clip
+from ematwin.numerics.scalar import clip, lag
 
 _THIRD = 2.0943951023931953  # 2 pi/3
 
@@ -31,6 +31,9 @@ class ReferenceState(NamedTuple):
     e_electrical: float  # J, taken in at the terminals
     e_copper: float  # J, lost in windings, connectors and shorts
     e_mechanical: float  # J, torque of the gap times speed
+    bent_m: float  # rad, of the bristles between motor and housing
+    bent_o: float
+    warmer: float  # share of the resistance at the start that windings have gained
 
 
 class Windings(NamedTuple):
@@ -73,8 +76,8 @@ def currents_of(psi_alpha, psi_beta, theta_e, c):
 
 
 @step
-def windings(psi_alpha, psi_beta, j_a, j_b, j_c, w_m, theta_m, v_a, v_b, v_c, c):
-    """`Windings` at a state, under leg voltages."""
+def windings(psi_alpha, psi_beta, j_a, j_b, j_c, w_m, theta_m, v_a, v_b, v_c, resistance, c):
+    """`Windings` at a state, under leg voltages, with the present ``resistance`` of a phase."""
     x, y, i_d, i_q = currents_of(psi_alpha, psi_beta, c.pole_pairs * theta_m, c)
     drawn = (j_a + j_b + j_c) / 3.0
     # of all turns, weighed by their number; they add up to -3 drawn
@@ -96,19 +99,19 @@ def windings(psi_alpha, psi_beta, j_a, j_b, j_c, w_m, theta_m, v_a, v_b, v_c, c)
     n_c = w_c - c.added_c * i_c
     mean = (n_a + n_b + n_c) / 3.0
     k_0 = (k_a + k_b + k_c) / 3.0
-    d_alpha = n_a - mean - w_m * (k_a - k_0) - c.resistance * x
-    d_beta = (n_b - n_c - w_m * (k_b - k_c)) / ROOT_3 - c.resistance * y
+    d_alpha = n_a - mean - w_m * (k_a - k_0) - resistance * x
+    d_beta = (n_b - n_c - w_m * (k_b - k_c)) / ROOT_3 - resistance * y
     torque = (
         k_a * t_a + k_b * t_b + k_c * t_c
         + 1.5 * c.pole_pairs * (c.l_d - c.l_q) * i_d * i_q
     )  # fmt: skip
     taken = w_a * i_a + w_b * i_b + w_c * i_c
     lost = (
-        (c.resistance + c.added_a) * i_a * i_a - 2.0 * c.resistance * i_a * j_a
+        (resistance + c.added_a) * i_a * i_a - 2.0 * resistance * i_a * j_a
         + c.loss_a * j_a * j_a
-        + (c.resistance + c.added_b) * i_b * i_b - 2.0 * c.resistance * i_b * j_b
+        + (resistance + c.added_b) * i_b * i_b - 2.0 * resistance * i_b * j_b
         + c.loss_b * j_b * j_b
-        + (c.resistance + c.added_c) * i_c * i_c - 2.0 * c.resistance * i_c * j_c
+        + (resistance + c.added_c) * i_c * i_c - 2.0 * resistance * i_c * j_c
         + c.loss_c * j_c * j_c
     )  # fmt: skip
     zero = w_m * k_0 - mean
@@ -135,9 +138,10 @@ def leg_errors(now, c):
 def reference_step(now, v_a, v_b, v_c, load, c, dt):
     """Advance by ``dt`` under leg voltages (V) and a load (N m); `ReferenceState`."""
     half = 0.5 * dt
+    resistance = (1.0 + now.warmer) * c.resistance
     first = windings(
         now.psi_alpha, now.psi_beta, now.j_a, now.j_b, now.j_c, now.w_m, now.theta_m,
-        v_a, v_b, v_c, c,
+        v_a, v_b, v_c, resistance, c,
     )  # fmt: skip
     j_a = now.j_a + (1.0 - c.decay_a) * (c.loop_a * first.u_a - now.j_a)
     j_b = now.j_b + (1.0 - c.decay_b) * (c.loop_b * first.u_b - now.j_b)
@@ -145,11 +149,16 @@ def reference_step(now, v_a, v_b, v_c, load, c, dt):
     then = windings(
         now.psi_alpha + half * first.d_alpha, now.psi_beta + half * first.d_beta,
         0.5 * (now.j_a + j_a), 0.5 * (now.j_b + j_b), 0.5 * (now.j_c + j_c),
-        now.w_m, now.theta_m + half * now.w_m, v_a, v_b, v_c, c,
+        now.w_m, now.theta_m + half * now.w_m, v_a, v_b, v_c, resistance, c,
     )  # fmt: skip
-    motion = advance_motion(
-        Motion(now.w_m, now.theta_m, now.w_o, now.theta_o), then.torque, load, c, dt
-    )
+    motion, bent_m, bent_o = advance_with_bristles(
+        Motion(now.w_m, now.theta_m, now.w_o, now.theta_o), now.bent_m, now.bent_o, then.torque,
+        load, c, dt,
+    )  # fmt: skip
+    heat = (
+        then.lost - c.added_a * then.i_a * then.i_a - c.added_b * then.i_b * then.i_b
+        - c.added_c * then.i_c * then.i_c
+    )  # fmt: skip
     return ReferenceState(
         now.psi_alpha + dt * then.d_alpha,
         now.psi_beta + dt * then.d_beta,
@@ -160,6 +169,7 @@ def reference_step(now, v_a, v_b, v_c, load, c, dt):
         now.e_electrical + dt * then.taken,
         now.e_copper + dt * then.lost,
         now.e_mechanical + dt * then.torque * now.w_m,
+        bent_m, bent_o, lag(now.warmer, c.heating * heat, c.heating_time, dt),
     )  # fmt: skip
 
 

@@ -117,13 +117,13 @@ def quanta_of(actuator: PmsmActuator) -> np.ndarray:
 def reference_states(
     actuator: PmsmActuator, values: Mapping[str, float], theta: float, step: float
 ) -> tuple[Any, np.ndarray, np.ndarray]:
-    """Constants, and the states (12,) of plant and drive at rest at an angle of the motor."""
+    """Constants, and the states (15,) and (12,) of plant and drive at rest at an angle."""
     from ematwin.models.pmsm.constants import constants_of
     from ematwin.models.pmsm.state import Constants
 
     one = {name: np.array([value]) for name, value in values.items()}
     c = Constants(*constants_of(actuator, one, 1, step)[0].tolist())
-    state, control = np.zeros(12), np.zeros(12)
+    state, control = np.zeros(15), np.zeros(12)
     state[6] = state[8] = theta
     control[3] = theta + c.resolver / c.pole_pairs
     return c, state, control

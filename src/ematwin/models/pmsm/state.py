@@ -76,6 +76,11 @@ class Constants(NamedTuple):
     damping: float  # N m s/rad
     travel_low: float  # rad
     travel_high: float  # rad
+    bristles_m: float  # N m/rad, stiffness on the motor side; 0: friction sticks without giving
+    bristles_o: float
+    bristle_damping: float  # N m s/rad, at rest
+    heating: float  # 1/W, resistance gained by a steady loss, of that at the start
+    heating_time: float  # s
     load_gain: float  # actual over recorded load
     load_offset: float  # N m
 

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from ematwin.models.bldc import along_motion
+from ematwin.models.bldc import along_motion, near_rest
+from ematwin.models.bldc.balance import Contact, TorqueBalance
 from ematwin.models.bldc.channels import PHASES
 from ematwin.models.bldc.constants import kernel_constants, truer_constants
 from ematwin.models.bldc.faults import Faults
@@ -11,7 +12,7 @@ from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.truer.state import NEUTRAL, REST
 from ematwin.numerics.signals import LowPass
 from naive import along_motion as naive
-from naive import another_actuator
+from naive import another_actuator, truer
 
 PLAIN = BldcActuator.load().changed(
     {"controller.position_gain": 60.0, "controller.speed_gain": 0.004}
@@ -67,12 +68,14 @@ def as_built(lines=0):
         current_bandwidth=7.0 / BOTH.motor.inductance, lost_voltage=0.5, cogging=0.0015,
         cogging_cycles=12, cogging_phase=0.4, emf_rounding=0.2, encoder_lines=lines,
         output_lines=lines, encoder_phase=0.3, sampling_phase=0.6,
-        speed_lag=2e-4 if lines else 0.0,
+        speed_lag=2e-4 if lines else 0.0, bristle_stiffness=100.0, stribeck_speed=10.0,
     )  # fmt: skip
     actuator = BOTH.changed({
         "current_loop.integral_gain": structure.current_bandwidth * BOTH.motor.resistance,
         "speed_loop.delay": 0.0, "emf.rounding": 0.2, "cogging.torque": 0.0015,
-        "cogging.cycles": 12, "cogging.phase": 0.4,
+        "cogging.cycles": 12, "cogging.phase": 0.4, "presliding.motor_stiffness": 100.0,
+        "presliding.output_stiffness": 100.0, "presliding.damping": 0.01,
+        "presliding.stribeck_speed": 10.0,
     })  # fmt: skip
     counts = {
         "encoder.motor_steps": lines, "encoder.output_steps": 500 * lines,
@@ -96,8 +99,8 @@ def test_all_equations_hold_along_the_motion_of_a_simulator_of_other_make(lines,
     motion = along_motion.Motion(recorded(structure, actuator, faults=faults), actuator)
     assert 2.0 * np.pi / lines == pytest.approx(motion.steps[0]) if lines else motion.steps[0] == 0
     controller = along_motion.Controller(motion, LowPass())
-    balance = along_motion.TorqueBalance(motion)
-    contact = along_motion.Contact(motion, balance, actuator, faults)
+    balance = TorqueBalance(motion)
+    contact = Contact(motion, balance, actuator, faults)
     wide = actuator.changed({"transmission.backlash": 1.05 * actuator.transmission.backlash})
     share, without = (
         np.linalg.norm(contact.left(one, faults)) / contact.size for one in (actuator, wide)
@@ -134,10 +137,10 @@ def test_equations_see_each_fault_and_sensor(name):
     elif name == "current_gain":
         channels |= {k: sensors[name] * x for k, x in channels.items() if k in PHASES}
     motion = along_motion.Motion(type(record)(record.time, channels, units=record.units), actuator)
-    balance = along_motion.TorqueBalance(motion)
+    balance = TorqueBalance(motion)
     every = [
         along_motion.Controller(motion, LowPass()), balance,
-        along_motion.Contact(motion, balance, actuator, values),
+        Contact(motion, balance, actuator, values),
     ]  # fmt: skip
     left, without = (
         np.array([np.linalg.norm(one.left(actuator, given)) / one.size for one in every])
@@ -146,6 +149,35 @@ def test_equations_see_each_fault_and_sensor(name):
     print(name, left, without)
     assert (left < 0.008).all()
     assert (without > 1.3 * left).any()
+
+
+def test_bristles_along_angles_are_those_of_small_steps():
+    time = np.linspace(0.0, 1.0, 201)
+    angle = 2e-3 * np.sin(2.0 * np.pi * time) + 3e-4 * np.sin(14.0 * np.pi * time)
+    sliding, stiffness, parts = np.full(201, 0.02), 60.0, 200
+    bent, slow = 0.0, [0.0]
+    for moved in np.diff(angle):
+        for _ in range(parts):
+            part = moved / parts
+            bent += stiffness * (part - abs(part) * bent / 0.02)
+        slow.append(bent)
+    fast = near_rest.bristle_torque(angle, sliding, stiffness, np.zeros(201))
+    np.testing.assert_allclose(fast, slow, atol=1e-4)
+    damped = near_rest.bristle_torque(angle, sliding, stiffness, np.full(201, 0.5))
+    np.testing.assert_allclose(damped[1:], fast[1:] + 0.5 * np.diff(fast), atol=1e-12)
+    assert not near_rest.bristle_torque(angle, 0.0 * sliding, stiffness, np.zeros(201)).any()
+
+
+def test_shapes_along_a_motion_are_those_of_the_naive_windings():
+    actuator = BOTH.changed({
+        "emf.rounding": 0.3, "emf.harmonic_5": 0.04, "emf.harmonic_7": -0.02,
+        "torque_ripple.share": 0.05, "torque_ripple.cycles": 6, "torque_ripple.phase": 0.4,
+    })  # fmt: skip
+    motion = along_motion.Motion(recorded(another_actuator.Structure(), PLAIN, 0.02), actuator)
+    windings = truer.Windings(actuator, Faults.of({}))
+    turned = motion.angles[::40, 0] / actuator.motor.pole_pairs
+    slow = 2.0 * np.array([windings.kappa(x) for x in turned]) / actuator.motor.emf_constant
+    np.testing.assert_allclose(motion.shapes(actuator)[::40], slow, atol=1e-6)
 
 
 def test_a_motion_needs_both_positions():

@@ -25,7 +25,16 @@ PLAIN = BldcActuator.load()
 FORMS = {
     "shorted_turns": {"shorted_turns.resistance": 0.1},
     "eccentricity": {"eccentricity.turning_share": 0.3},
-    "emf": {"emf.rounding": 0.4},
+    "emf": {"emf.rounding": 0.4, "emf.harmonic_5": 0.06, "emf.harmonic_7": -0.04},
+    "torque_ripple": {
+        "torque_ripple.share": 0.05, "torque_ripple.cycles": 6, "torque_ripple.phase": 0.4,
+    },
+    "presliding": {
+        "presliding.motor_stiffness": 100.0, "presliding.output_stiffness": 150.0,
+        "presliding.damping": 0.01, "presliding.stribeck_speed": 2.0,
+    },
+    "winding_heat": {"winding_heat.thermal_resistance": 2.0, "winding_heat.time_constant": 0.2},
+    "supply": {"supply.resistance": 1.0, "supply.capacitance": 0.001},
     "cogging": {"cogging.torque": 0.003, "cogging.cycles": 12, "cogging.phase": 0.7},
     "speed_loop": {
         "speed_loop.integral_gain": 0.5,
@@ -40,7 +49,7 @@ FORMS = {
         "current_loop.lost_voltage": 1.5,
     },
     "compliance": {"compliance.stiffness": 5.0, "compliance.damping": 0.003},
-}
+}  # fmt: skip
 LATE = {
     "speed_loop.integral_gain": 0.0, "speed_loop.sample_time": 5e-5, "speed_loop.delay": 0.0,
 }  # fmt: skip
@@ -107,7 +116,7 @@ def test_rounded_emf_constants_are_those_of_the_naive_version():
     fault = fault_state.py_func(*faults.vector, c.half_gap)
     for theta in rng.uniform(-10.0, 10.0, 50):
         found = truer_emf_constants(theta, *windings.h, fault, c, truer)
-        assert found == pytest.approx(windings.kappa(theta), abs=1e-12)
+        assert found == pytest.approx(windings.kappa(theta), abs=1e-10)
 
 
 def test_sampled_loops_answer_as_the_naive_ones_do():
@@ -208,7 +217,7 @@ def test_costs_are_the_same_however_a_batch_is_run(comparison):
     assert np.isposinf(comparison.costs({**CANDIDATES, **own}, len(VECTORS))[2])
 
 
-@pytest.mark.parametrize("section", ["emf", "cogging", "speed_loop", "current_loop", "compliance"])
+@pytest.mark.parametrize("section", sorted(FORMS.keys() - {"shorted_turns", "eccentricity"}))
 def test_a_form_of_the_reference_alone_changes_its_answer_and_not_that_of_the_lanes(section):
     record = simulate("reference", "step", sample_rate=5e3)
     with_it, without = (

@@ -42,9 +42,9 @@ def motion():
     return np.concatenate([half, half[::-1][1:]]), np.full(2 * half.size - 1, 0.3)
 
 
-def naive(values, command, load):
+def naive(values, command, load, actuator=ACTUATOR):
     """What the drive logs, by name; the faults' laws are those of docs/pmsm.md."""
-    a, k = ACTUATOR, values
+    a, k, bristles, heat = actuator, values, actuator.presliding, actuator.winding_heat
     motor, gear, drive, control = a.motor, a.transmission, a.drive, a.controller
     shorts = [k[f"short_{x}"] for x in "abc"]
     shorted = int(np.argmax(shorts))
@@ -75,6 +75,10 @@ def naive(values, command, load):
         "friction_o": worn * gear.friction_torque, "static_ratio": gear.static_ratio,
         "w_stribeck": gear.stribeck_speed, "cogging": motor.cogging_torque,
         "cogging_periods": motor.cogging_periods,
+        "bristles": 0.0 if bristles is None else bristles.motor_stiffness,
+        "bristle_damping": 0.0 if bristles is None else bristles.damping,
+        "thermal_resistance": 0.0 if heat is None else heat.thermal_resistance,
+        "time_constant": 1.0 if heat is None else heat.time_constant,
     }  # fmt: skip
     loops = settings(a)
     loops["k_position"] *= 0.5 + k["gain"]
@@ -151,6 +155,22 @@ def test_both_models_are_the_naive_servo(faults):
             assert gap < 0.01, f"current of the loop in phase {'abc'[n]} differs by {gap:.3f}"
         else:
             assert np.all(drawn == 0.0)
+
+
+def test_reference_with_bristles_in_a_warming_winding_is_the_naive_servo():
+    actuator = ACTUATOR.changed({
+        "presliding.motor_stiffness": 20.0, "presliding.output_stiffness": 20.0,
+        "presliding.damping": 0.01, "winding_heat.thermal_resistance": 4.0,
+        "winding_heat.time_constant": 0.01,
+    })  # fmt: skip
+    values, (command, load) = healthy(friction=0.3), motion()
+    slow = naive(values, command, load, actuator)
+    fine = reference(actuator, values, command, load)
+    without = gaps(reference(ACTUATOR, values, command, load), slow)
+    for name, gap in gaps(fine, slow).items():
+        print(f"{name}: {gap:.2f} %, without the forms {without[name]:.2f} %")
+        assert gap < 1.0, f"{name} differs by {gap:.2f} %"
+        assert without[name] > 2.0 * gap
 
 
 def test_the_case_with_a_short_draws_a_current_worth_the_name():

@@ -1,11 +1,16 @@
-"""Motor of the reference model beyond the paper: a rounded EMF, and cogging.
+"""Motor of the reference model beyond the paper: shape of the EMF, torque ripple, cogging.
 
 In place of the trapezoid f of `ematwin.models.bldc.motor`,
 
-    f_r = (1 - r) f + r A sin,   A = 2 pi/(3 sqrt(3)).
+    f_r = (1 + 3 sqrt(3)/(10 pi) h_5 + 3 sqrt(3)/(14 pi) h_7) ((1 - r) f + r A sin)
+          + h_5 sin(5 .) + h_7 sin(7 .),   A = 2 pi/(3 sqrt(3)).
 
-``A`` gives the sine the mean torque of the trapezoid over the 120 degrees in which a pair conducts,
-so that ``r`` changes the shape and not the torque constant. Derived here.
+The factors give each shape the mean of the trapezoid over the 120 degrees in which a phase
+conducts, so that ``r``, ``h_5`` and ``h_7`` change the shape and not the torque constant. Derived
+here.
+
+What a turn of the rotor does to the flux of all phases alike changes EMF and torque in the same
+proportion, as no energy comes from it: kappa_k (1 + rho sin(M theta_m + phi_r)).
 
 Magnets are drawn to teeth with as many cycles in a turn as both have in common:
 T_cog = -A sin(N theta_m + phi_c) does no work over a turn, whether a current flows or not. The
@@ -19,21 +24,28 @@ from ematwin.numerics.compile import part
 from ematwin.numerics.scalar import sincos
 
 _HALF_SQRT3 = 0.5 * math.sqrt(3.0)
-_SINE = 2.0 * math.pi / (3.0 * math.sqrt(3.0))
+SINE = 2.0 * math.pi / (3.0 * math.sqrt(3.0))
 _THIRD = 2.0 * math.pi / 3.0
+KEPT_5 = 3.0 * math.sqrt(3.0) / (10.0 * math.pi)
+KEPT_7 = 3.0 * math.sqrt(3.0) / (14.0 * math.pi)
 
 
 @part
-def rounded_shapes(theta_e, rounding):
+def truer_shapes(theta_e, rounding, h_5, h_7):
     """EMF shapes f_r of the three phases."""
     s, c = sincos(theta_e)
-    flat = 1.0 - rounding
-    sine = rounding * _SINE
-    across = _HALF_SQRT3 * c
+    s_5, c_5 = sincos(5.0 * theta_e)
+    s_7, c_7 = sincos(7.0 * theta_e)
+    kept = 1.0 + KEPT_5 * h_5 + KEPT_7 * h_7
+    flat = kept * (1.0 - rounding)
+    # a fifth harmonic runs backwards: 5 (theta - 120 degrees) is 5 theta + 120 degrees
+    sine = kept * rounding * SINE
+    first = sine * s + h_5 * s_5 + h_7 * s_7
+    across = _HALF_SQRT3 * (sine * c - h_5 * c_5 + h_7 * c_7)
     return (
-        flat * trapezoid(theta_e) + sine * s,
-        flat * trapezoid(theta_e - _THIRD) + sine * (-0.5 * s - across),
-        flat * trapezoid(theta_e - 2.0 * _THIRD) + sine * (-0.5 * s + across),
+        flat * trapezoid(theta_e) + first,
+        flat * trapezoid(theta_e - _THIRD) - 0.5 * first - across,
+        flat * trapezoid(theta_e - 2.0 * _THIRD) - 0.5 * first + across,
     )
 
 
@@ -41,8 +53,12 @@ def rounded_shapes(theta_e, rounding):
 def truer_emf_constants(theta_m, h_a, h_b, h_c, fault, c, truer):
     """kappa_k of the three phases, V s/rad; ``h_k`` is the share of their turns that is left."""
     gap_a, gap_b, gap_c = gap_factors(theta_m, fault.zeta_cos, fault.zeta_sin, c.turning)
-    f_a, f_b, f_c = rounded_shapes(c.pole_pairs * theta_m, truer.rounding)
-    return h_a * c.k_e * gap_a * f_a, h_b * c.k_e * gap_b * f_b, h_c * c.k_e * gap_c * f_c
+    f_a, f_b, f_c = truer_shapes(
+        c.pole_pairs * theta_m, truer.rounding, truer.harmonic_5, truer.harmonic_7
+    )
+    s, _ = sincos(truer.ripple_cycles * theta_m + truer.ripple_phase)
+    k_e = (1.0 + truer.ripple * s) * c.k_e
+    return h_a * k_e * gap_a * f_a, h_b * k_e * gap_b * f_b, h_c * k_e * gap_c * f_c
 
 
 @part

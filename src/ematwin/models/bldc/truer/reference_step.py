@@ -1,6 +1,7 @@
 """One step of the reference model with the truer forms.
 
-As `reference_step`, but with the EMF shapes as they are, cogging, and a loop current in each phase.
+As `reference_step`, but with the EMF shapes as they are, torque ripple, cogging, friction that
+gives before it slides, a winding that warms, a supply that sags, and a loop current in each phase.
 With backward Euler for the loops a phase looks to the bridge like one with another inductance and
 EMF, so that the bridge, its diodes included, is the same.
 """
@@ -14,6 +15,8 @@ from ematwin.models.bldc.reference_step import (
     Supply,
     advance_bridge,
     move_masses,
+    moved,
+    torques_on_masses,
 )
 from ematwin.models.bldc.truer.loops import (
     advance_current_loop,
@@ -24,9 +27,21 @@ from ematwin.models.bldc.truer.motor import cogging_torque, truer_emf_constants
 from ematwin.models.bldc.truer.shorted_turns import loop_answer, split_short
 from ematwin.models.bldc.truer.state import TruerState
 from ematwin.numerics.compile import part
-from ematwin.numerics.scalar import clip
+from ematwin.numerics.lugre import advance_on_bristles, fading, sliding_torque
+from ematwin.numerics.scalar import clip, lag
 
 _HALF = 1e-12  # of the supply across the pair: a drive of 0 would mean that a leg is off
+
+
+class Electrical(NamedTuple):
+    """Constants of windings and bridge over a step."""
+
+    resistance: float  # ohm, one phase
+    inductance: float  # H, one phase
+    leakage: float
+    short_resistance: float  # ohm
+    v_supply: float  # V
+    v_diode: float  # V
 
 
 class SeenPhase(NamedTuple):
@@ -101,6 +116,8 @@ class Driven(NamedTuple):
     pair_sign: float
     asked: tuple[float, float, float, float, float, float, float]  # of `advance_speed_loop`
     voltage: tuple[float, float, float, float, float]  # of `advance_current_loop`
+    warmer: float
+    sagged: float  # V
     supply: Supply
 
 
@@ -121,12 +138,16 @@ def drive(state, more, command, fault, c, truer, dt):
     i_seen = pair_current(sector, state.i_a, state.i_b, state.i_c)
     pair_sign = hysteresis(i_seen, i_ref, c.half_band, state.pair_sign)
     g_a, g_b, g_c = gate_signals(sector, 1.0)
+    now = Electrical(
+        (1.0 + more.warmer) * c.resistance, c.inductance, c.leakage, c.short_resistance,
+        c.v_supply - more.sagged, c.v_diode,
+    )  # fmt: skip
     i_pair = 0.5 * (g_a * state.i_a + g_b * state.i_b + g_c * state.i_c)
     voltage = advance_current_loop(
         more.voltage, more.voltage_pending, more.voltage_integral, more.voltage_wait,
-        more.voltage_late, i_ref, i_pair, c.v_supply, truer, dt,
+        more.voltage_late, i_ref, i_pair, now.v_supply, truer, dt,
     )  # fmt: skip
-    modulated = left_of_voltage(voltage[0], i_pair, truer) / c.v_supply
+    modulated = left_of_voltage(voltage[0], i_pair, truer) / now.v_supply
     share = modulated if truer.current_gain > 0.0 else pair_sign
     share = _HALF if share == 0.0 else share
     g_a, g_b, g_c = g_a * share, g_b * share, g_c * share
@@ -134,7 +155,7 @@ def drive(state, more, command, fault, c, truer, dt):
     currents, means, taken, lost, supply = advance_shorted_bridge(
         state.i_a, state.i_b, state.i_c, more.loop_a, more.loop_b, more.loop_c,
         kappa_a * state.w_m, kappa_b * state.w_m, kappa_c * state.w_m,
-        g_a, g_b, g_c, (h_a, h_b, h_c, mu_a, mu_b, mu_c), c, dt,
+        g_a, g_b, g_c, (h_a, h_b, h_c, mu_a, mu_b, mu_c), now, dt,
     )  # fmt: skip
     m_a, m_b, m_c, mean_a, mean_b, mean_c = means
     torque = (
@@ -142,7 +163,30 @@ def drive(state, more, command, fault, c, truer, dt):
         + kappa_b * (m_b - mu_b * mean_b)
         + kappa_c * (m_c - mu_c * mean_c)
     )
-    return Driven(currents, (m_a, m_b, m_c), torque, taken, lost, pair_sign, asked, voltage, supply)
+    warmer = lag(more.warmer, truer.heating * lost / dt, truer.heating_time, dt)
+    sagged = lag(more.sagged, truer.supply_resistance * supply.i_bus, truer.link_time, dt)
+    return Driven(
+        currents, (m_a, m_b, m_c), torque, taken, lost, pair_sign, asked, voltage, warmer, sagged,
+        supply,
+    )  # fmt: skip
+
+
+@part
+def slide(state, more, torque, load, fault, c, truer, dt):
+    """Speeds and positions as of `move_masses`, and how far bristles are bent, ``m`` and ``o``."""
+    if truer.bristles_m == 0.0:
+        return move_masses(state, torque, load, fault, c, dt), 0.0, 0.0
+    act_m, act_o, td_m, td_o = torques_on_masses(state, torque, load, fault, c)
+    fade_m, fade_o = fading(state.w_m, truer.w_stribeck), fading(state.w_o, truer.w_stribeck)
+    w_m, bent_m = advance_on_bristles(
+        state.w_m, more.bent_m, act_m, c.mobility_m, sliding_torque(td_m, c.static_ratio, fade_m),
+        truer.bristles_m, fade_m * truer.bristle_damping, dt,
+    )  # fmt: skip
+    w_o, bent_o = advance_on_bristles(
+        state.w_o, more.bent_o, act_o, c.mobility_o, sliding_torque(td_o, c.static_ratio, fade_o),
+        truer.bristles_o, fade_o * truer.bristle_damping, dt,
+    )  # fmt: skip
+    return moved(state, w_m, w_o, c, dt), bent_m, bent_o
 
 
 @part
@@ -153,8 +197,9 @@ def truer_reference_step(state, more, command, load, fault, c, truer, dt):
     and the `Supply`.
     """
     driven = drive(state, more, command, fault, c, truer, dt)
-    w_m, theta_m, w_o, theta_o = move_masses(
-        state, driven.torque + cogging_torque(state.theta_m, truer), load, fault, c, dt
+    torque = driven.torque + cogging_torque(state.theta_m, truer)
+    (w_m, theta_m, w_o, theta_o), bent_m, bent_o = slide(
+        state, more, torque, load, fault, c, truer, dt
     )
     i_a, i_b, i_c, _, _, _ = driven.currents
     after = ReferenceState(
@@ -164,16 +209,17 @@ def truer_reference_step(state, more, command, load, fault, c, truer, dt):
         state.e_mechanical + dt * driven.torque * state.w_m,
     )  # fmt: skip
     m_a, m_b, m_c = driven.means
-    return after, more_after(driven), m_a, m_b, m_c, driven.supply
+    return after, more_after(driven, bent_m, bent_o), m_a, m_b, m_c, driven.supply
 
 
 @part
-def more_after(driven):
-    """State of the truer forms at the end of a step."""
+def more_after(driven, bent_m, bent_o):
+    """State of the truer forms at the end of a step, with bristles bent by so much (rad)."""
     _, _, _, loop_a, loop_b, loop_c = driven.currents
     asked, pending, integral, wait, late, read, speed_seen = driven.asked
     voltage, voltage_pending, voltage_integral, voltage_wait, voltage_late = driven.voltage
     return TruerState(
         loop_a, loop_b, loop_c, asked, pending, integral, wait, late,
-        voltage, voltage_pending, voltage_integral, voltage_wait, voltage_late, read, speed_seen,
+        voltage, voltage_pending, voltage_integral, voltage_wait, voltage_late,
+        driven.warmer, driven.sagged, bent_m, bent_o, read, speed_seen,
     )  # fmt: skip

@@ -1,0 +1,204 @@
+"""Balance of torques along a recorded motion, and the twist of the gear.
+
+The mechanics need a torque for the recorded motion, which the recorded currents make
+(`TorqueBalance`; inverse dynamics, Gautier and Khalil 1990, IEEE Trans. Robotics and Automation
+6(3), 368-373). The difference of both positions shows on which face of the gap the output lies
+(`Contact`). Equations as in docs/models.md.
+"""
+
+import math
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ematwin.models.bldc.along_motion import LEAST, Motion, fault_vector, noise_of
+from ematwin.models.bldc.state import FaultState, fault_state
+from ematwin.models.optional import Values
+from ematwin.numerics.signals import LowPass, white_noise
+
+_SLOW = 200.0  # Hz: below it the acceleration of an encoder's position is known
+_STEEP = 500.0  # Hz, of counts before that: an acceleration's noise grows with f^2
+_STANDS = 0.02  # of the largest speed: nearer to rest friction is not known
+_SETTLES = 0.01  # s after that, for the low-pass
+_SURELY = 0.5  # of the friction of the output: a torque whose sign the template knows
+_THIRD = 2.0 * math.pi / 3.0
+
+
+class TorqueBalance:
+    """The torque that a motion needs, beside that of the recorded currents; while both slide.
+
+    Added up over motor and output, where the torque of the contact is none of it:
+
+        J_m dw_m/dt + J_o dw_o/dt + b w_m + T_m sgn w_m + T_o sgn w_o + T_load - T_cog
+            = sum kappa_k i_k.
+
+    Attributes
+    ----------
+    size : float, norm of the recorded current, A
+    angles : pair of (S,) arrays, of motor and output in the middle of a sample, rad
+    slides : (S,) array of bool, samples that count
+    moves_together : (S,) array of bool, where no mass crosses the gap
+    """
+
+    def __init__(self, motion: Motion, slides: np.ndarray | None = None) -> None:
+        motion = motion.smoother(_STEEP)
+        self._motion, self._low_pass = motion, LowPass(_SLOW)
+        middle = motion.time - 0.5 / motion.rate
+        self.angles = motion.motor(middle), motion.output(middle)
+        self._recorded_load = motion.alike(motion.load)
+        self._w_m, self._dw_m = motion.motor(middle, 1), motion.motor(middle, 2)
+        self._w_o, self._dw_o = motion.output(middle, 1), motion.output(middle, 2)
+        # impacts and reversals are left out until the low-pass has forgotten them
+        stands = np.abs(self._w_m) < _STANDS * np.abs(self._w_m).max()
+        stands |= np.abs(self._w_o) < _STANDS * np.abs(self._w_o).max()
+        stands |= self._w_m * self._w_o < 0.0
+        stands[:2] = True
+        self.moves_together = np.abs(self._w_m - self._w_o) < _STANDS * np.abs(self._w_m).max()
+        settles = np.ones(int(_SETTLES * motion.rate))
+        self.slides = np.convolve(stands, settles)[: len(stands)] == 0
+        if slides is not None:
+            self.slides = slides
+        self._signed = 0.5 * np.einsum("sk,sk->s", motion.currents, motion.trapezoids)
+        self.size = float(np.linalg.norm(self.filtered(self._signed)[self.slides]))
+
+    def output_torque(self, actuator: Any, values: Values | None = None) -> np.ndarray:
+        """Torque (S,) that the output needs, N m."""
+        friction = self.sliding(actuator, values)[1] * np.sign(self._w_o)
+        needed = actuator.transmission.output_inertia * self._dw_o + friction
+        return np.asarray(needed + self._load(actuator, values))
+
+    def sliding(self, actuator: Any, values: Values | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Magnitudes (S,) of the friction in steady sliding, of motor and output, N m."""
+        gear, load = actuator.transmission, self._load(actuator, values)
+        share = np.where(
+            self._w_o * load > 0.0, 1.0 / gear.efficiency_opposing - 1.0,
+            1.0 - gear.efficiency_aiding,
+        )  # fmt: skip
+        worn = state_of(values, actuator).friction
+        of_motor = worn * actuator.motor.friction_torque * _excess(actuator, self._w_m)
+        of_output = worn * (gear.friction_torque + share * np.abs(load))
+        return of_motor, of_output * _excess(actuator, self._w_o)
+
+    def _load(self, actuator: Any, values: Values | None) -> np.ndarray:
+        """The load (S,) as it is, N m."""
+        given = values or {}
+        offset = given.get("load_offset", 0.0) / actuator.transmission.ratio
+        return np.asarray(given.get("load_gain", 1.0) * self._recorded_load + offset)
+
+    def filtered(self, trace: np.ndarray) -> np.ndarray:
+        """A trace (S,) as far as an encoder knows accelerations."""
+        return self._low_pass.apply(trace, self._motion.rate)
+
+    def noise(self, samples: int) -> float:
+        """Norm of the noise of the current in so many samples, A."""
+        return noise_of(self._signed, self._low_pass, self._motion.rate, samples)
+
+    def least(self, actuator: Any) -> float:
+        """Share of the recorded current that noise leaves."""
+        noise = self.noise(int(self.slides.sum()))
+        anew = self._anew
+        if anew is not None:
+            noise = math.hypot(noise, np.linalg.norm(anew.left(actuator) - self.left(actuator)))
+        return math.hypot(LEAST, noise / self.size)
+
+    @cached_property
+    def _anew(self) -> "TorqueBalance | None":
+        other = self._motion.counted_anew()
+        return None if other is None else TorqueBalance(other, self.slides)
+
+    def left(self, actuator: Any, values: Values | None = None) -> np.ndarray:
+        """Needed less made torque, as recorded current (K,), A, where both slide."""
+        of_motor, of_output = self.sliding(actuator, values)
+        friction = of_motor * np.sign(self._w_m) + of_output * np.sign(self._w_o)
+        return self.filtered(self.missing(actuator, friction, values))[self.slides]
+
+    def missing(
+        self, actuator: Any, friction: np.ndarray, values: Values | None = None
+    ) -> np.ndarray:
+        """Needed less made torque, as recorded current (S,), A, with a friction (S,), N m.
+
+        As such it holds the noise of the recorded currents unscaled. Otherwise the least squares
+        would make that noise smaller by smaller torque constants.
+        """
+        given, motor = values or {}, actuator.motor
+        shapes = self._motion.shapes(actuator) * self._shares(actuator, state_of(given, actuator))
+        scale = math.sqrt(np.mean(shapes**2) / np.mean(self._motion.trapezoids**2))
+        made = 0.5 * np.einsum("sk,sk->s", self._motion.currents, shapes) / scale
+        needed = (
+            motor.inertia * self._dw_m
+            + motor.viscous_damping * self._w_m
+            + actuator.transmission.output_inertia * self._dw_o
+            + friction
+            + self._load(actuator, given)
+        )
+        if actuator.cogging is not None:
+            own = actuator.cogging
+            needed += own.torque * np.sin(own.cycles * self.angles[0] + own.phase)
+        gain, offset = given.get("current_gain", 1.0), given.get("current_offset", 0.0)
+        current = gain * needed / (motor.emf_constant * scale)
+        return np.asarray(current + offset - self._motion.alike(made))
+
+    def _shares(self, actuator: Any, fault: FaultState) -> np.ndarray:
+        """Factors (S, 3) of the torque constants by missing turns and an eccentric rotor."""
+        offset = actuator.eccentricity
+        turning = 1.0 if offset is None else offset.turning_share
+        phases = _THIRD * np.arange(3)
+        turned = self.angles[0][:, None] - phases
+        along = turning * np.cos(turned) + (1.0 - turning) * np.cos(phases)
+        across = (1.0 - turning) * np.sin(phases) - turning * np.sin(turned)
+        gaps = 1.0 + fault.zeta_cos * along + fault.zeta_sin * across
+        return np.asarray(gaps * [fault.h_a, fault.h_b, fault.h_c])
+
+
+def _excess(actuator: Any, speed: np.ndarray) -> np.ndarray:
+    """Friction in steady sliding over that of fast sliding (Stribeck)."""
+    if actuator.presliding is None:
+        return np.ones(speed.size)
+    fades = np.exp(-((speed / actuator.presliding.stribeck_speed) ** 2))
+    return np.asarray(1.0 + (actuator.transmission.static_ratio - 1.0) * fades)
+
+
+class Contact:
+    """The twist between motor and output, beside that of the face that pushes; while both slide.
+
+    With the torque T that the output needs, face sgn T and contact of stiffness k,
+
+        theta_m - theta_o = sgn T gap/2 + T/k.
+
+    The zero angles of both positions are known to less than the gap: only how far the two faces are
+    apart counts.
+    """
+
+    def __init__(
+        self, motion: Motion, balance: TorqueBalance, actuator: Any, values: Values | None = None
+    ) -> None:
+        self._balance = balance
+        torque = balance.output_torque(actuator, values)
+        sure = np.abs(torque) > _SURELY * actuator.transmission.friction_torque
+        self._pushes = balance.slides & balance.moves_together & sure
+        self._face = np.sign(torque)[self._pushes]
+        motion = motion.smoother(_STEEP)
+        twist, anew = motion.twist(), motion.counted_anew()
+        self._noise = white_noise(twist) if anew is None else float(np.std(anew.twist() - twist))
+        self._twist = twist[self._pushes]
+        self.size = float(np.linalg.norm(self._about_mean(self._twist)))
+
+    def _about_mean(self, twist: np.ndarray) -> np.ndarray:
+        return twist - twist.mean() if twist.size else twist
+
+    def least(self, actuator: Any) -> float:
+        """Share of the twist that noise leaves."""
+        return math.hypot(LEAST, self._noise * math.sqrt(self._twist.size) / self.size)
+
+    def left(self, actuator: Any, values: Values | None = None) -> np.ndarray:
+        """Twist by the twin less the recorded one (K,), rad on the motor shaft."""
+        torque = self._balance.output_torque(actuator, values)[self._pushes]
+        twin = state_of(values, actuator).half_gap * self._face
+        return self._about_mean(twin + torque / actuator.contact.stiffness - self._twist)
+
+
+def state_of(values: Values | None, actuator: Any) -> FaultState:
+    """Physical magnitudes of faults by name, healthy where not named or none are given."""
+    half_gap = 0.5 * actuator.transmission.backlash
+    return FaultState(*fault_state.py_func(*fault_vector(values or {}), half_gap))

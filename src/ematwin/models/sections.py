@@ -1,0 +1,100 @@
+"""Optional sections of motors, their friction and their supply, for kinds that follow them.
+
+Stiffness and Stribeck speed of friction are in no catalogue: their tolerance of a factor of two is
+judgement, as are those of torque ripple and of the resistance of supply and cable. Catalogues of
+motors give the thermal resistance from winding to housing and the thermal time constant of the
+winding; motors differ from them by how they are mounted, here by 30 %, which is judgement.
+"""
+
+import math
+from typing import Any, ClassVar
+
+from ematwin.models.parameter_set import Section, quantity
+
+COPPER = 0.00393  # 1/K at 20 degrees Celsius: change of the resistance of copper (IEC 60028)
+
+
+class TorqueRipple(Section):
+    """Torque and EMF that vary alike with the angle of the rotor; left out, they do not.
+
+    Slots and magnets that differ do so; commutation makes ripple without this section.
+    """
+
+    example: ClassVar[dict[str, float]] = {"share": 0.02, "cycles": 2, "phase": 0.0}
+
+    share: float = quantity("", "amplitude, of the torque", tolerance=1.0, ge=0, lt=1)
+    cycles: int = quantity("", "cycles in a turn of the motor", exact=True, ge=1)
+    phase: float = quantity("rad", "angle of the sine where the motor stands at zero")
+
+
+class Presliding(Section):
+    """Friction that gives before it slides (LuGre); left out, it sticks without giving.
+
+    Each side of the gear has its bristles, which bend up to the dry friction of that side.
+    """
+
+    example: ClassVar[dict[str, float]] = {
+        "motor_stiffness": 100.0, "output_stiffness": 100.0, "damping": 0.01,
+    }  # fmt: skip
+
+    motor_stiffness: float = quantity(
+        "N*m/rad", "stiffness of friction before it slides, motor side", tolerance=1.0, gt=0
+    )
+    output_stiffness: float = quantity(
+        "N*m/rad", "stiffness of friction before it slides, output side, on the motor shaft",
+        tolerance=1.0, gt=0,
+    )  # fmt: skip
+    damping: float = quantity(
+        "N*m*s/rad", "damping of friction before it slides, on the motor shaft", ge=0
+    )
+
+    def longest_step(self, motor_inertia: float, output_inertia: float) -> float:
+        """Longest step that follows the swing of either mass on its bristles, s."""
+        limits = [
+            math.sqrt(motor_inertia / self.motor_stiffness),
+            math.sqrt(output_inertia / self.output_stiffness),
+        ]
+        if self.damping > 0.0:
+            limits.append(min(motor_inertia, output_inertia) / self.damping)
+        return min(limits)
+
+
+class StribeckPresliding(Presliding):
+    """As `Presliding`; static friction, `Transmission.static_ratio` as high, falls with speed."""
+
+    example: ClassVar[dict[str, float]] = {**Presliding.example, "stribeck_speed": 2.0}
+
+    stribeck_speed: float = quantity(
+        "rad/s", "motor speed at which 1/e of the excess of static friction is left",
+        tolerance=1.0, gt=0,
+    )  # fmt: skip
+
+
+class WindingHeat(Section):
+    """A winding that the recording warms; left out, its resistance stays as at the start."""
+
+    example: ClassVar[dict[str, float]] = {"thermal_resistance": 1.5, "time_constant": 20.0}
+
+    thermal_resistance: float = quantity(
+        "K/W", "thermal resistance from winding to housing", tolerance=0.3, gt=0
+    )
+    time_constant: float = quantity(
+        "s", "thermal time constant of the winding", tolerance=0.3, gt=0
+    )  # fmt: skip
+
+    @property
+    def gain_per_watt(self) -> Any:
+        """Share of its resistance that the winding gains by a steady loss of 1 W."""
+        return COPPER * self.thermal_resistance
+
+
+class Supply(Section):
+    """A supply that sags under current; left out, its voltage is constant.
+
+    It takes current back, as a battery does. `Drive.supply_voltage` is that without current.
+    """
+
+    example: ClassVar[dict[str, float]] = {"resistance": 0.2, "capacitance": 0.001}
+
+    resistance: float = quantity("ohm", "of supply and cable", tolerance=1.0, ge=0)
+    capacitance: float = quantity("F", "of the link at the bridge", ge=0)
