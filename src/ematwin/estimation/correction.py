@@ -12,7 +12,8 @@ until it stays where it is: defect correction (Boehmer, Hemker and Stetter 1984,
 
 Where R - f changes with x the rounds converge slowly, or not at all. Then the last ones are
 combined to the point from which a round would lead nowhere, if rounds were linear (Anderson 1965,
-J. ACM 12, 547-560, with steps measured in standard errors).
+J. ACM 12, 547-560, with steps measured in standard errors). Where the fast model lacks forms of the
+actuator, that leads from afar to other points; `_nearer` comes first.
 
 The truth lies elsewhere within the width of the minimum, where the error of the fast model differs:
 impacts, ripple and slopes change. With J the slopes of the residuals r, noise s and
@@ -25,6 +26,7 @@ the model in this answer. The residual beyond noise and this scatter is a discre
 the kind's `Problem.model_error`.
 """
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -39,6 +41,7 @@ _STAYS = 0.25  # standard errors: adds 3 % to an error that it widens
 _NEAR = 1.0  # standard errors, within which scatter of the reference may be all that moves a peak
 _SHRINKS = 0.5  # of the step before: less is progress
 _DEPTH = 3  # rounds that are combined
+_FALLS = 0.9  # of the cost before: less is progress, from afar
 _ELSEWHERE = 6  # points within the width at which the error of the model is measured
 
 
@@ -99,9 +102,13 @@ def corrected(
     """
     chart = problem.chart
     z = chart.project(chart.from_values(start[None]))[0]
+    spent = 0
+    begins_afar = math.isfinite(descent.settled)
+    if problem.lacks_forms and begins_afar and not problem.is_informed:
+        z, descent, steps, spent = _nearer(problem, z, descent, steps)
     known: list[tuple[np.ndarray, np.ndarray]] = []  # where rounds began, and how far they led
     nearer: Problem | None = None
-    spent, moved, many, least = 0, np.inf, _DEPTH, descent.least_noise
+    moved, many, least = np.inf, _DEPTH, descent.least_noise
     for _ in range(rounds):
         point = chart.to_values(z[None])[0]
         tried = problem.corrected(point, nearer)
@@ -128,6 +135,38 @@ def corrected(
         z = chart.project(_combined(known[-_DEPTH - 1 :], errors)[None])[0]
     left = np.array([step for _, step in known[-many:]])
     return Corrected(replace(peak, evaluations=spent), len(known), left)
+
+
+def _nearer(
+    problem: Problem, z: np.ndarray, descent: Descent, steps: np.ndarray | None
+) -> tuple[np.ndarray, Descent, np.ndarray | None, int]:
+    """Coordinates (d,) nearer to a peak by the reference, from afar.
+
+    Secants of the residuals follow the error of the fast model as it changes (manifold mapping;
+    Echeverria and Hemker 2005, Comput. Methods Appl. Math. 5, 107-136). Close to a peak they follow
+    the scatter of the reference: they end where the misfit falls no further.
+    """
+    chart, spent, cost = problem.chart, 0, np.inf
+    errors = np.ones(len(z))
+    seen: list[tuple[np.ndarray, Problem]] = []
+    here: Problem | None = None
+    for _ in range(ROUNDS):
+        point = chart.to_values(z[None])[0]
+        here = problem.corrected(point, here)
+        before, cost = cost, np.inf
+        if here is not None:
+            cost = here.data_cost(here.residuals(point[None])[0])
+        if here is None or cost > _FALLS * before:
+            if seen and cost >= before:
+                z = seen[-1][0]
+            break
+        nearer = here.with_secants(z, seen[-_DEPTH:], errors) if seen else here
+        seen.append((z, here))
+        least = max(here.noise, descent.least_noise)
+        peak = laplace(nearer, point, replace(descent, least_noise=least), steps=steps)
+        errors, steps = np.sqrt(np.diag(peak.covariance)), step_lengths(peak.covariance)
+        descent, z, spent = descent.afresh(settled=np.inf), peak.z, spent + peak.evaluations
+    return z, descent, steps, spent
 
 
 def reweighed(found: Corrected, descent: Descent) -> Corrected:

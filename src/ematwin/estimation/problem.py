@@ -79,6 +79,23 @@ class Information(NamedTuple):
         return np.asarray(self.left + (self.chart.from_values(points) - self.z) @ self.root.T)
 
 
+class _Secants(NamedTuple):
+    """How the error of the fast model changes, by its values at other points.
+
+    Attributes
+    ----------
+    chart : Chart, of the unknowns of the points
+    z : (d,) array, coordinates of the point at which it is corrected
+    shares : (d, m) array, of each other point in a step
+    changes : of each recording (m, K), changes of residuals from here to the other points
+    """
+
+    chart: Chart
+    z: np.ndarray
+    shares: np.ndarray
+    changes: list[np.ndarray]
+
+
 class Problem:
     """Free unknowns to be estimated from one or several recordings.
 
@@ -144,6 +161,7 @@ class Problem:
         self._latest = Latest()
         self._unseen: list[_Unseen] = []
         self._information: Information | None = None
+        self._secants: _Secants | None = None
         given = dict(start or {})
         self.start = np.array([given.get(one.name, one.healthy) for one in self.unknowns])
         self.starts = np.array(
@@ -204,7 +222,7 @@ class Problem:
 
         Costs above ``limits`` (B,) may be given as infinite.
         """
-        if self.has_evidence or self._unseen:
+        if self.has_evidence or self._unseen or self._secants:
             residuals = self.residuals(points)
             squares = np.einsum("bk,bk->b", residuals, residuals)
             return np.where(np.isfinite(squares), squares, np.inf)
@@ -250,7 +268,39 @@ class Problem:
         for one, around, slopes in self._unseen:
             moved = coordinate(one, candidates[one.name]) - around
             found = found + np.outer(moved, slopes[n])
+        if self._secants is not None:
+            chart, z, shares, changes = self._secants
+            steps = (chart.from_values(self._every(chart, points)) - z) @ shares
+            found = found + steps @ changes[n]
         return found
+
+    def with_secants(
+        self, z: np.ndarray, others: "Sequence[tuple[np.ndarray, Problem]]", errors: np.ndarray
+    ) -> "Problem":
+        """The same problem, in which the error of the fast model changes as it did elsewhere.
+
+        Parameters
+        ----------
+        z : (d,) array, coordinates where it is corrected
+        others : coordinates and problems that are corrected there
+        errors : (d,) array, in which steps are measured
+        """
+        away = np.array([(there - z) / errors for there, _ in others])
+        points = self.chart.to_values(np.array([there for there, _ in others]))
+        changes = [
+            np.array(
+                [
+                    one._residuals_of(n, one.comparisons[n], point[None])[0]
+                    - self._residuals_of(n, self.comparisons[n], point[None])[0]
+                    for (_, one), point in zip(others, points, strict=True)
+                ]
+            )
+            for n in range(len(self.comparisons))
+        ]
+        other = copy.copy(self)
+        shares = np.linalg.pinv(away, rcond=1e-3) / errors[:, None]
+        other._secants = _Secants(self.chart, z, shares, changes)
+        return other
 
     def _seen_of(
         self, n: int, comparison: Comparison, points: np.ndarray, candidates: dict[str, np.ndarray]
@@ -456,7 +506,7 @@ class Problem:
 
     def _with(self, comparisons: Sequence[Comparison]) -> "Problem":
         other = copy.copy(self)
-        other.comparisons, other._unseen = tuple(comparisons), []
+        other.comparisons, other._unseen, other._secants = tuple(comparisons), [], None
         return other
 
     def prior_distances(self, points: np.ndarray, informed: bool = True) -> np.ndarray:
@@ -525,6 +575,7 @@ class Problem:
         other.noise, other.trust, other._latest = self.noise, self.trust, self._latest
         other.model_error = self.model_error
         other._unseen, other._information = self._unseen, self._information
+        other._secants = self._secants
         return other
 
     def with_noise(self, noise: float) -> "Problem":
