@@ -33,7 +33,7 @@ from typing import Any
 import numpy as np
 from joblib import Parallel, delayed
 
-from ematwin import Calibration, Noise, Scenario, calibrate, identify, simulate
+from ematwin import Calibration, Noise, Recording, Scenario, calibrate, identify, simulate
 from ematwin.errors import EmatwinError
 from ematwin.estimation.forms import find_forms
 from ematwin.models.bldc.model import MODEL
@@ -179,8 +179,13 @@ def forms_of(actuator: BldcActuator) -> set[str]:
     return {name for name, section in has.items() if section is not None}
 
 
-def of_unstated(name: str, seed: int, mixtures: int) -> dict[str, Any]:
-    """What calibration finds of a drive whose file states no form, and what follows."""
+def of_unstated(
+    name: str, seed: int, mixtures: int, without: tuple[str, ...] = ()
+) -> dict[str, Any]:
+    """What calibration finds of a drive whose file states no form, and what follows.
+
+    Judged recordings are ``without`` some channels.
+    """
     from naive import another_actuator as other
 
     rng = np.random.default_rng([seed, 42])
@@ -216,7 +221,10 @@ def of_unstated(name: str, seed: int, mixtures: int) -> dict[str, Any]:
     }  # fmt: skip
     for n in range(mixtures):
         values = mixture(seed + n)
-        seen = identify(record("default", values, 100 + n), report.calibration, threads=1)
+        judged = record("default", values, 100 + n)
+        left = {k: x for k, x in judged.channels.items() if k not in without}
+        judged = Recording(judged.time, left, units=judged.units)
+        seen = identify(judged, report.calibration, threads=1)
         err = MODEL.study.error_percent(MODEL.faults(truth), seen.values, values, wrapped=True)
         outside = {
             one: max(
@@ -267,9 +275,11 @@ def main() -> None:
     parser.add_argument("--calibrated", type=int, default=0, help="actuators off their sheet")
     parser.add_argument("--unstated", type=int, default=0, help="drives whose file has no form")
     parser.add_argument("--only", help="the row of this name alone")
+    parser.add_argument("--without", default="", help="channels that judged recordings lack")
     parser.add_argument("--workers", type=int, default=2)
     asked = parser.parse_args()
     if asked.unstated:
+        without = tuple(asked.without.split(","))
         print(
             "| the drive has | forms found | not there | calibration refused | verdicts | silently "
             "wrong | Err%, median / P90 | intervals that hold, % | calibration, CPU s |"
@@ -279,7 +289,7 @@ def main() -> None:
             if asked.only in (None, name):
                 seeds = [asked.first + 1000 * (1 + n) for n in range(asked.unstated)]
                 found = Parallel(asked.workers)(
-                    delayed(of_unstated)(name, seed, asked.mixtures) for seed in seeds
+                    delayed(of_unstated)(name, seed, asked.mixtures, without) for seed in seeds
                 )
                 for one in found:
                     print(one, file=sys.stderr)
