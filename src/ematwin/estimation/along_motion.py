@@ -68,10 +68,12 @@ class _Fit:
         self._actuator, self._problem, self._equations = actuator, problem, equations
         self._matters = [_matters(one, actuator, problem) for one in equations]
         values = problem.values(problem.chart.to_values(z)[0])
-        self._scales = [
-            self._scale(one, self._left(one, {name: values[name] for name in names}))
+        left = [
+            self._left(one, {name: values[name] for name in names})
             for one, names in zip(equations, self._matters, strict=True)
         ]
+        self._counts = [each.size for each in left]
+        self._scales = [self._scale(one, each) for one, each in zip(equations, left, strict=True)]
         matters = {name for some in self._matters for name in some}
         self._free = np.array([n for n, name in enumerate(problem.names) if name in matters])
 
@@ -95,13 +97,24 @@ class _Fit:
                 z, here = tried[best : best + 1], left[best]
             if not costs[best] < before - NOTHING:
                 break
-        equations = here.size - self._problem.prior_distances(chart.to_values(z)).shape[1]
-        rotation, root = np.linalg.qr(slopes[:, :equations].T)
+        weights = self._weights(here)
+        here = weights * here[: weights.size]
+        rotation, root = np.linalg.qr((weights * slopes[:, : weights.size]).T)
         every = np.zeros((free.size + 1, z.shape[1]))
         every[:-1, free] = root
-        moved = rotation.T @ here[:equations]
-        rest = math.sqrt(max(0.0, float(here[:equations] @ here[:equations] - moved @ moved)))
+        moved = rotation.T @ here
+        rest = math.sqrt(max(0.0, float(here @ here - moved @ moved)))
         return z, Information(chart, z[0], every, np.append(moved, rest))
+
+    def _weights(self, here: np.ndarray) -> np.ndarray:
+        """Factors (K,) on residuals of the equations by what these leave, where that is more."""
+        found, first = [], 0
+        for one, count, scale in zip(self._equations, self._counts, self._scales, strict=True):
+            left = here[first : first + count] / scale
+            new = self._scale(one, left, float(np.linalg.norm(left)))
+            found.append(np.full(count, new / scale))
+            first += count
+        return np.concatenate(found)
 
     def _slopes(self, z: np.ndarray, here: np.ndarray) -> np.ndarray:
         """(f, K), of residuals (K,) at coordinates (1, d), by those that matter."""
@@ -110,10 +123,13 @@ class _Fit:
         beside[np.arange(self._free.size), self._free] += steps
         return np.asarray((self.residuals(beside) - here) / steps[:, None])
 
-    def _scale(self, one: Equation, left: np.ndarray) -> float:
-        """One over the standard deviation of a residual, such that independent ones count once."""
+    def _scale(self, one: Equation, left: np.ndarray, noise: float = 0.0) -> float:
+        """One over the standard deviation of a residual, such that independent ones count once.
+
+        ``noise`` is the norm of the noise, where it is more than an equation leaves at least.
+        """
         independent = left.size / correlation_time(left)
-        least = one.least(self._actuator) * one.size
+        least = max(one.least(self._actuator) * one.size, noise)
         alike = one.alike(self._actuator) * one.size
         return 1.0 / math.sqrt(least**2 / independent + alike**2)
 
@@ -145,9 +161,8 @@ class _Fit:
                 return None
 
         found = dict(zip(asked, side_by_side(answered, asked), strict=True))
-        sizes = {key[0]: left.size for key, left in found.items() if left is not None}
         known = {
-            key: np.full(sizes[key[0]], np.inf) if left is None else left
+            key: np.full(self._counts[key[0]], np.inf) if left is None else left
             for key, left in found.items()
         }
         return np.array([np.concatenate([known[key] for key in row]) for row in rows])

@@ -21,9 +21,10 @@ from ematwin.models.bldc.channels import phase_currents
 from ematwin.models.bldc.constants import kernel_constants, truer_constants
 from ematwin.models.bldc.counts import (
     CUTOFF,
-    counted_anew,
+    recorded_anew,
     smoothed,
     spline_through,
+    step_by_noise,
     steps_of,
 )
 from ematwin.models.bldc.envelope import trapezoid_shape
@@ -110,7 +111,8 @@ class Motion:
     motor, output : splines of the angles
     command, load : (S,) arrays, rad and N m
     currents : (S, 3) array, A
-    steps : of the encoders of motor and output, rad on the motor shaft; 0 where of none
+    counts : steps of the encoders of motor and output, rad on the motor shaft; 0 where of none
+    steps : the same, or steps of counts as noisy as the positions; 0 where they hardly are
     angles : (S, 3) array, electrical angle of each phase in the middle of its mean
     trapezoids : (S, 3) array, EMF shapes of a healthy motor by the paper
     """
@@ -124,12 +126,17 @@ class Motion:
         currents = phase_currents(recording)
         assert currents is not None
         self.currents, self._pole_pairs = currents, actuator.motor.pole_pairs
-        self.steps = steps_of(recording, actuator)
         motor = recording.channels["motor_position"]
-        self._move(motor, recording.channels["output_position"] * ratio, CUTOFF)
+        output = recording.channels["output_position"] * ratio
+        self.counts = steps_of(recording, actuator)
+        self.steps = tuple(
+            counts or step_by_noise(position)
+            for counts, position in zip(self.counts, (motor, output), strict=True)
+        )
+        self._move(motor, output, CUTOFF)
 
     def _move(self, motor: np.ndarray, output: np.ndarray, cutoff: float) -> None:
-        """Lay splines through positions (S,), rad on the motor shaft; counts are smoothed."""
+        """Lay splines through positions (S,), rad on the motor shaft; noisy ones are smoothed."""
         self.cutoff, self._recorded = cutoff, (motor, output)
         self.motor = spline_through(self.time, motor, self.steps[0], cutoff)
         self.output = spline_through(self.time, output, self.steps[1], cutoff)
@@ -157,20 +164,25 @@ class Motion:
         """Angle (S,) by which the motor is ahead of the output."""
         return np.asarray(self.motor(self.time) - self.output(self.time))
 
-    def counted_anew(self) -> "Motion | None":
-        """The motion by encoders whose counts begin elsewhere; None if it comes in no counts.
+    def recorded_anew(self) -> "Motion | None":
+        """The motion by encoders whose counts begin elsewhere, or with other noise; None if clean.
 
         It differs from this one as this one does from the truth.
         """
         if not any(self.steps):
             return None
-        other, (of_motor, of_output) = copy.copy(self), self.steps
-        motor = counted_anew(self.motor(self.time), of_motor)
-        other._move(motor, counted_anew(self.output(self.time), of_output), self.cutoff)
+        other = copy.copy(self)
+        motor, output = (
+            recorded_anew(spline(self.time), size, counts > 0.0)
+            for spline, size, counts in zip(
+                (self.motor, self.output), self.steps, self.counts, strict=True
+            )
+        )
+        other._move(motor, output, self.cutoff)
         return other
 
     def smoother(self, cutoff: float) -> "Motion":
-        """The motion with counts smoothed further, Hz; itself if it comes in none."""
+        """The motion with noise smoothed further, Hz; itself if it has none."""
         if not any(self.steps):
             return self
         other = copy.copy(self)
@@ -238,7 +250,7 @@ class Controller:
 
     @cached_property
     def _anew(self) -> "Controller | None":
-        other = self._motion.counted_anew()
+        other = self._motion.recorded_anew()
         return None if other is None else Controller(other, self._low_pass)
 
     def _of_counts(self, actuator: Any) -> float:

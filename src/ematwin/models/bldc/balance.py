@@ -104,7 +104,7 @@ class TorqueBalance:
 
     @cached_property
     def _anew(self) -> "TorqueBalance | None":
-        other = self._motion.counted_anew()
+        other = self._motion.recorded_anew()
         return None if other is None else TorqueBalance(other, self.slides)
 
     def left(self, actuator: Any, values: Values | None = None) -> np.ndarray:
@@ -179,7 +179,7 @@ class Contact:
         self._pushes = balance.slides & balance.moves_together & sure
         self._face = np.sign(torque)[self._pushes]
         motion = motion.smoother(_STEEP)
-        twist, anew = motion.twist(), motion.counted_anew()
+        twist, anew = motion.twist(), motion.recorded_anew()
         self._noise = white_noise(twist) if anew is None else float(np.std(anew.twist() - twist))
         self._twist = twist[self._pushes]
         self.size = float(np.linalg.norm(self._about_mean(self._twist)))

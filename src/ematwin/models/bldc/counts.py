@@ -14,10 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.numerics.signals import LowPass
+from ematwin.numerics.signals import LowPass, white_noise
 from ematwin.recordings.recording import Recording
 
 _FINEST = 2.0 * math.pi / 100_000  # rad on the motor shaft: finer steps leave < 0.1 % of a current
+_CLEAN = 2.0 * math.pi / 1_000_000  # rad: noise of finer steps is none in an acceleration
 _USUAL = 2.0 * math.pi / 10_000  # rad
 CUTOFF = 2000.0  # Hz, of smoothed counts: at 500 Hz, where currents are compared, 0.4 % are lost
 _OFF = 0.05  # of a step, that readings may be off whole ones: digits of a file
@@ -43,6 +44,12 @@ def steps_of(recording: Recording, actuator: Any) -> tuple[float, float]:
         0.0 if motor is None else step_of(motor),
         0.0 if output is None else step_of(output * actuator.transmission.ratio),
     )
+
+
+def step_by_noise(position: np.ndarray) -> float:
+    """Step (rad) of counts as noisy as a position (S,) on the motor shaft; 0 if it hardly is."""
+    size = math.sqrt(12.0) * white_noise(position)
+    return size if size > _CLEAN else 0.0
 
 
 def said_of_steps(recording: Recording, actuator: Any) -> list[str]:
@@ -82,8 +89,14 @@ def comparable_cutoff(size: float) -> float:
     return LowPass().cutoff * min(1.0, (_USUAL / max(size, _FINEST)) ** (2.0 / 3.0))
 
 
-def counted_anew(motion: np.ndarray, size: float) -> np.ndarray:
-    """Positions (S,) that an encoder would have shown whose counts begin elsewhere."""
+def recorded_anew(motion: np.ndarray, size: float, counts: bool) -> np.ndarray:
+    """Positions (S,) as an encoder would show them whose counts begin elsewhere.
+
+    Without ``counts`` they have noise as large in place of its steps.
+    """
     if size == 0.0:
         return motion
+    if not counts:
+        noise = np.random.default_rng(0).standard_normal(motion.size)
+        return np.asarray(motion + size / math.sqrt(12.0) * noise)
     return np.asarray(size * (np.floor(motion / size + _ELSEWHERE) + 0.5 - _ELSEWHERE))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ematwin.models.bldc import along_motion, near_rest
+from ematwin.models.bldc import along_motion
 from ematwin.models.bldc.balance import Contact, TorqueBalance
 from ematwin.models.bldc.channels import PHASES
 from ematwin.models.bldc.constants import kernel_constants, truer_constants
@@ -149,23 +149,6 @@ def test_equations_see_each_fault_and_sensor(name):
     print(name, left, without)
     assert (left < 0.008).all()
     assert (without > 1.3 * left).any()
-
-
-def test_bristles_along_angles_are_those_of_small_steps():
-    time = np.linspace(0.0, 1.0, 201)
-    angle = 2e-3 * np.sin(2.0 * np.pi * time) + 3e-4 * np.sin(14.0 * np.pi * time)
-    sliding, stiffness, parts = np.full(201, 0.02), 60.0, 200
-    bent, slow = 0.0, [0.0]
-    for moved in np.diff(angle):
-        for _ in range(parts):
-            part = moved / parts
-            bent += stiffness * (part - abs(part) * bent / 0.02)
-        slow.append(bent)
-    fast = near_rest.bristle_torque(angle, sliding, stiffness, np.zeros(201))
-    np.testing.assert_allclose(fast, slow, atol=1e-4)
-    damped = near_rest.bristle_torque(angle, sliding, stiffness, np.full(201, 0.5))
-    np.testing.assert_allclose(damped[1:], fast[1:] + 0.5 * np.diff(fast), atol=1e-12)
-    assert not near_rest.bristle_torque(angle, 0.0 * sliding, stiffness, np.zeros(201)).any()
 
 
 def test_shapes_along_a_motion_are_those_of_the_naive_windings():

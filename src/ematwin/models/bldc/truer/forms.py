@@ -1,13 +1,12 @@
 """Forms that healthy recordings of a drive may show though its file leaves them out.
 
 Of the controller an integral term and a sampled speed loop, a sampled current loop, and a filtered
-speed where positions come in counts; of the mechanics cogging, a rounded back-EMF and friction that
-gives before it slides. Sample times are chosen from those that drives have, and start values from
-common settings: an integral time of 10 to 100 ms, a current loop of 2000 to 8000 rad/s that cancels
-the winding (technical optimum), voltage losses of a volt, cogging of a few per cent of the rated
-torque, friction that gives by 1 mrad or less. Magnets are drawn to teeth as many times in a turn as
-both have in common; magnets that differ add the number of slots, teeth that differ that of poles
-(Zhu and Howe 2000, IEEE Trans. Energy Conversion 15(4), 407-412).
+speed where positions come in counts; of the mechanics cogging and a rounded back-EMF. Sample times
+are chosen from those that drives have, and start values from common settings: an integral time of
+10 to 100 ms, a current loop of 2000 to 8000 rad/s that cancels the winding (technical optimum),
+voltage losses of a volt, cogging of a few per cent of the rated torque. Magnets are drawn to teeth
+as many times in a turn as both have in common; magnets that differ add the number of slots, teeth
+that differ that of poles (Zhu and Howe 2000, IEEE Trans. Energy Conversion 15(4), 407-412).
 """
 
 import math
@@ -18,7 +17,6 @@ from typing import Any
 from ematwin.models.bldc.along_motion import Controller, Motion, has_motion
 from ematwin.models.bldc.balance import Contact, TorqueBalance
 from ematwin.models.bldc.counts import comparable_cutoff
-from ematwin.models.bldc.near_rest import NEAR_REST_ERROR, NearRest
 from ematwin.models.bldc.unknowns import LOAD
 from ematwin.models.optional import Equation, Form, Values
 from ematwin.numerics.signals import LowPass
@@ -30,8 +28,6 @@ _INTEGRAL = (0.01, 0.03, 0.1)  # s
 _FILTER = (5e-5, 2e-4, 5e-4, 1e-3)  # s, of speeds
 _BANDWIDTH = (2000.0, 4000.0, 8000.0)  # rad/s
 _SLOTS = (3, 6, 9, 12, 15, 18, 24)
-_GIVES = (1e-4, 3e-4, 1e-3)  # rad on the motor shaft, at the dynamic torque
-_STRIBECK = (1.0, 4.0)  # rad/s
 _DAMPED = 0.6  # 0.3 of critical: currents hardly show it
 _WINDINGS = ("short_a", "short_b", "short_c", "eccentricity", "eccentricity_phase")
 _SENSOR = ("current_gain", "current_offset")
@@ -105,24 +101,6 @@ def _coggings(actuator: Any) -> list[Values]:
     ]
 
 
-def _bristles(actuator: Any) -> list[Values]:
-    motor, gear = actuator.motor.friction_torque, actuator.transmission.friction_torque
-    return [
-        {
-            "presliding.motor_stiffness": motor / gives,
-            "presliding.output_stiffness": gear / gives,
-            "presliding.damping": 0.3 * 2.0 * math.sqrt(actuator.motor.inertia * motor / gives),
-            "presliding.stribeck_speed": slow,
-        }
-        for gives, slow in product(_GIVES, _STRIBECK)
-    ]
-
-
-def _said_of_bristles(actuator: Any) -> str:
-    gives = actuator.motor.friction_torque / actuator.presliding.motor_stiffness
-    return f"friction gives {1e3 * gives:.2g} mrad before it slides"
-
-
 def _nothing(actuator: Any) -> list[Values]:
     return []
 
@@ -174,18 +152,6 @@ ROUNDED = Form(
 )
 
 
-BRISTLES = Form(
-    "friction that gives before it slides",
-    lambda a: a.presliding is not None,
-    ("presliding.damping",),
-    _bristles,
-    _nothing,
-    ("presliding.motor_stiffness", "presliding.output_stiffness", "presliding.damping",
-     "presliding.stribeck_speed", "transmission.static_ratio"),
-    _said_of_bristles,
-)  # fmt: skip
-
-
 def _encoder(steps: tuple[float, float], ratio: float) -> Form:
     """Speed by differences of the counts in which positions (rad on the motor shaft) come."""
     of_motor, of_output = steps[0], steps[1] or steps[0]
@@ -230,8 +196,8 @@ def equations(recording: Recording, actuator: Any, values: Values | None) -> tup
         return ()
     motion = Motion(recording, actuator)
     controller = Controller(motion, LowPass(comparable_cutoff(motion.steps[0])))
-    counted = motion.steps[0] > 0.0
-    encoder = (_encoder(motion.steps, actuator.transmission.ratio),) if counted else ()
+    counted = motion.counts[0] > 0.0
+    encoder = (_encoder(motion.counts, actuator.transmission.ratio),) if counted else ()
     of_controller = Equation(
         "controller",
         controller.left,
@@ -264,13 +230,4 @@ def equations(recording: Recording, actuator: Any, values: Values | None) -> tup
         "contact", contact.left, contact.size, contact.least, gap + gives, (),
         ("friction", "backlash", *LOAD), rests=True,
     )  # fmt: skip
-    if values is not None or any(motion.steps):  # counts hide how far friction gives
-        return of_controller, of_mechanics, of_contact
-    near_rest = NearRest(motion, balance)
-    of_friction = Equation(
-        "friction", near_rest.left, near_rest.size, near_rest.least, of_mechanics.fitted,
-        (BRISTLES,),
-        # as of dry friction it is no equation: static friction answers whatever acts
-        alike=lambda a: math.inf if getattr(a, "presliding", None) is None else NEAR_REST_ERROR,
-    )  # fmt: skip
-    return of_controller, of_mechanics, of_friction, of_contact
+    return of_controller, of_mechanics, of_contact
