@@ -2,7 +2,8 @@
 
 Its points come from `ematwin.estimation.tracing`. The 95 % interval ends where the rise of the
 deviance passes 3.84 (Wilks 1938; Venzon and Moolgavkar 1988, J. R. Stat. Soc. C 37, 87-94); its
-shape shows what a recording cannot determine (Raue et al. 2009, Bioinformatics 25, 1923-1929).
+shape shows which unknowns a recording cannot determine (Raue et al. 2009, Bioinformatics 25,
+1923-1929).
 
 Impacts make the deviance rough: descents stop before
 everything else has made up for a wrong value, and profiles rise too early. Where the rise along any

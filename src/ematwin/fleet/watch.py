@@ -154,7 +154,7 @@ def watch(
     InputError
         If there is no such folder, or the pattern cannot be used.
     EngineError
-        If the scheduler or its workers are lost; what was judged is kept.
+        If the scheduler or its workers are lost; finished judgements are kept.
     """
     if scheduler is not None:  # its workers have other working directories
         several = [recordings] if isinstance(recordings, str | Path) else recordings

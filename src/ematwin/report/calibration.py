@@ -41,7 +41,7 @@ def calibration_page(report: CalibrationReport) -> str:
 
 
 def _forms_table(report: CalibrationReport) -> Table | None:
-    """Each form found, and how much of what the file leaves it explains."""
+    """Each form found, and the share of the residual that it explains."""
     forms = None if report.basis is None else report.basis.forms
     if forms is None or not forms.found:
         return None
@@ -106,7 +106,7 @@ def forms_sentences(report: CalibrationReport) -> list[str]:
 def open_sentences(report: CalibrationReport, file: str = "CALIBRATED.toml") -> list[str]:
     """Which parameters are not determined, known together only, or not fitted.
 
-    ``file`` is that of the calibration, for the command that proposes tests.
+    ``file`` holds the calibration, for the command that proposes tests.
     """
     if not report.parameters:
         return []

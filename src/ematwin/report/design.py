@@ -122,7 +122,7 @@ def healthy_tests_page(found: HealthyTests) -> str:
 
 
 def tests_table(found: HealthyTests, files: Sequence[str]) -> Table:
-    """Each test with what it improves, its duration and demands, and the file that it is in."""
+    """Each test with the parameters it improves, its duration and demands, and its file."""
     demands = [one for one in model_of(found.actuator).limited if one.name in found.limits]
     rows = []
     for n, test in enumerate(found.tests):

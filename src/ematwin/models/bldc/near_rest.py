@@ -49,7 +49,7 @@ def bristle_torque(angle, sliding, stiffness, delay):  # type: ignore[no-untyped
 
 
 class NearRest:
-    """The torque that a motion near rest needs, beside that of the recorded currents.
+    """The torque that a motion near rest needs beside the torque of recorded currents.
 
     Attributes
     ----------

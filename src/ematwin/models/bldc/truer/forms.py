@@ -6,7 +6,7 @@ gives before it slides. Sample times are chosen from those that drives have, and
 common settings: an integral time of 10 to 100 ms, a current loop of 2000 to 8000 rad/s that cancels
 the winding (technical optimum), voltage losses of a volt, cogging of a few per cent of the rated
 torque, friction that gives by 1 mrad or less. Magnets are drawn to teeth as many times in a turn as
-both have in common; magnets that differ add the number of slots, teeth that differ that of poles
+both have in common; magnets that differ add the number of slots, teeth that differ the poles
 (Zhu and Howe 2000, IEEE Trans. Energy Conversion 15(4), 407-412).
 """
 
