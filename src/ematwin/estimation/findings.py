@@ -252,7 +252,7 @@ def doubts_of(
         doubts.append(
             f"The twin does not explain this record at all (misfit {100.0 * misfit:.0f} %; no twin "
             "leaves 100 %): these values mean nothing. Check the channels and their units, and "
-            "that the actuator's parameters are those of this rig."
+            "that the parameters belong to this rig."
         )
     vague = [name for name, error in sharp_errors.items() if error > _VAGUE * estimate.ranges[name]]
     for name, magnitude in estimate.directions.items():

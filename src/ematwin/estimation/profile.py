@@ -181,8 +181,8 @@ class Profiles:
             )
         if len(question.joint.peaks) > 1:
             doubts.append(
-                "The search found other answers apart from this one, and profiles are those of "
-                "this one only; use the posterior, which weighs them all."
+                "The search found other answers apart from this one, and profiles belong to this "
+                "one only; use the posterior, which weighs them all."
             )
         if not finished:
             doubts.append("The profiles were interrupted; intervals end where they had come to.")
@@ -214,7 +214,7 @@ def _lengthened(question: Question, profiles: dict[str, Profile]) -> list[str]:
         return []
     return [
         f"Impacts make the misfit rough along {listed(longer)}, where profiles end too soon; "
-        "the interval is that of laplace. Use the posterior."
+        "the interval is laplace's. Use the posterior."
     ]
 
 

@@ -220,7 +220,7 @@ def _workers(threads: int, scheduler: str | None) -> Iterator[Executor]:
         yield engine.client.get_executor(pure=False, retries=3)
     except (CancelledError, KilledWorker, OSError):
         raise EngineError(
-            f"The scheduler at {scheduler} was lost, or its workers were. What was judged is kept; "
+            f"The scheduler at {scheduler} was lost, or its workers were. Results so far are kept; "
             "start them, and give the same command again."
         ) from None
     finally:
