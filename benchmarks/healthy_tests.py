@@ -1,4 +1,4 @@
-"""Whether healthy tests keep what they promise: docs/lab/design.md.
+"""Expected errors of healthy tests against errors of calibrations: docs/lab/design.md.
 
     python benchmarks/healthy_tests.py --actuators 12
 

@@ -1,4 +1,4 @@
-"""``ematwin fleet``: what a fleet needs, and what maintainers tell it."""
+"""``ematwin fleet``: advisories of a fleet, and entries of its maintainers."""
 
 from collections.abc import Callable
 from datetime import UTC, datetime

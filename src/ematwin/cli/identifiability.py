@@ -122,4 +122,4 @@ def _print_sobol(parts: "Sensitivity") -> None:
     for channel, caption in parts.captions.items():
         headings = ("unknown", "by itself", "in all")
         options.print_table(f"Sobol indices: {caption}", headings, parts.rows(channel))
-    typer.echo(f"From {parts.answers} answers; what is below 1 % is left out.\n")
+    typer.echo(f"From {parts.answers} answers; indices below 1 % are left out.\n")

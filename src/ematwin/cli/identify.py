@@ -83,8 +83,8 @@ def identify(
     threshold: Annotated[
         list[str] | None,
         typer.Option(
-            help='From what value on a fault matters, e.g. friction=0.2 or friction="0.04 N*m": '
-            "tells the probability that it is beyond. Repeatable."
+            help='Size from which a fault matters, e.g. friction=0.2 or friction="0.04 N*m": '
+            "adds the probability that the fault is larger. Repeatable."
         ),
     ] = None,
     checkpoint: Annotated[

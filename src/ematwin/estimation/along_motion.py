@@ -1,4 +1,4 @@
-"""What the equations along a recorded motion say of faults and parameters.
+"""Estimates of faults and parameters from the equations along a recorded motion.
 
 A closed loop makes the misfit curved and rough: behind sampled loops, which the fast model lacks,
 corrections by the reference lead from afar to other local minima. Along the recorded motion
@@ -35,7 +35,7 @@ _STEP = 1e-3  # of a coordinate: the equations are smooth
 def informed(
     model: Model, actuator: ParameterSet, problem: Problem, start: np.ndarray
 ) -> tuple[Problem, np.ndarray] | None:
-    """A problem with what the equations along the motion say, and the point (d,) they lead to.
+    """A problem with the evidence of the equations along the motion, and their estimate (d,).
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ class _Fit:
     def run(self, z: np.ndarray) -> tuple[np.ndarray, Information]:
         """Coordinates (1, d) of least squares next to others, by Gauss-Newton steps within bounds.
 
-        And what the equations say there.
+        And the evidence of the equations there.
         """
         chart, free = self._problem.chart, self._free
         here = self.residuals(z)[0]
@@ -139,7 +139,7 @@ class _Fit:
         return equation.left(self._actuator.changed(places), beside)
 
     def residuals(self, z: np.ndarray) -> np.ndarray:
-        """(B, K), in standard deviations, at coordinates (B, d); those of the priors come last."""
+        """(B, K), in standard deviations, at coordinates (B, d); the priors' come last."""
         points = self._problem.chart.to_values(z)
         priors = self._problem.prior_distances(points) / self._problem.noise
         return np.hstack([self._of_equations(points), priors])

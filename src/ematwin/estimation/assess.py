@@ -1,7 +1,7 @@
 """From the end of a search to values with honest intervals.
 
-Around the best minimum (`ematwin.estimation.minima`) the curvature, the error of the model, what
-healthy recordings are off by, and the misfit along each fault give a normal distribution, and that
+Around the best minimum (`ematwin.estimation.minima`) the curvature, the error of the model, the
+bias of healthy recordings and the misfit along each fault give a normal distribution, and that
 the probability of each set of faults (`ematwin.estimation.spike_and_slab`).
 """
 
@@ -59,14 +59,14 @@ class Assessment:
     contrasts : by name, value and interval
     nuisances : by name, value and interval of load and sensors where they stand out
     cost : float, of the data
-    strained : parameters, load and sensors that would have to be further off than can be believed,
-        by name, in standard deviations of what was known of them
+    strained : parameters, load and sensors that are implausible under their priors, by name, in
+        standard deviations of the prior
     others : values by name of other answers that explain the recording nearly as well
     trust : how far the evidence of further channels counted (`Problem.trust`); 1 if there was none
     evaluations : int
     reference_runs : int, answers of the reference model that the best one took
-    unsettled : names of what the last of them still moved by more than a standard error
-    joint : the joint density of which these are the peak and its width; None after an interruption
+    unsettled : names of unknowns that the last of them still moved by more than a standard error
+    joint : the joint density, with its peak and width; None after an interruption
     sets : the posterior of sets of faults; None after an interruption
     """
 
@@ -103,7 +103,7 @@ def assess(
     model, actuator : of the twin
     problem : that was searched
     end : of the search
-    baseline : what is known of the actuator
+    baseline : prior knowledge of the actuator
     threads : for descents side by side; None takes one for each core
     """
     found = minima(model, actuator, problem, end, baseline, threads)
@@ -165,7 +165,7 @@ def assess(
 def unassessed(
     model: Model, actuator: ParameterSet, problem: Problem, found: Found, baseline: Baseline
 ) -> Assessment:
-    """What is said of a search that was interrupted: its values, and that nothing is sure."""
+    """The assessment of an interrupted search: its values, with nothing certain."""
     values = problem.values(found.point)
     faults = [one for one in problem.unknowns if one.role == "fault"]
     whole = {one.name: Interval(one.lower, one.upper) for one in problem.unknowns}
@@ -194,7 +194,7 @@ def unassessed(
 
 
 def _with_scatter(found: Corrected, baseline: Baseline) -> np.ndarray:
-    """The covariance with what the twin misses, and what healthy recordings are off by."""
+    """The covariance with the discrepancy of the twin and the scatter of healthy recordings."""
     peak, covariance = found.peak, found.covariance
     widths, differ = peak.problem.chart.widths, scatter(baseline)
     for n, name in enumerate(peak.problem.names):
@@ -241,11 +241,11 @@ def _improbable(sets: FaultSets, peak: Laplace) -> list[str]:
 def _values(
     full: Problem, sets: FaultSets, peak: Laplace, own: int
 ) -> tuple[dict[str, float], dict[str, Interval], np.ndarray]:
-    """Values and intervals by name, and the covariance (own, own) of what was searched.
+    """Values and intervals by name, and the covariance (own, own) of the unknowns of the search.
 
-    Of a fault they are those of the sets with it. Deviations of a logarithmic unknown are of the
+    For a fault they are conditional on its presence. Deviations of a logarithmic unknown are of the
     logarithm, scaled such that a value is as many standard errors from healthy as its logarithm
-    is: halved is as far off as doubled. The covariance is infinite for a direction that has no
+    is: halved and doubled are equally far. The covariance is infinite for a direction that has no
     meaning, and for a value that may be anything.
     """
     values, intervals, errors = full.values(peak.point), {}, []

@@ -90,7 +90,7 @@ class Descent:
         before = small.residuals(chart.to_values(z))[0]
         near = small.relative_misfit(small.data_cost(before)) < self.settled
         for stage in range(_LEAST_STAGES if near else 0, _STAGES):
-            # wide valleys first
+            # wide minima first
             seen = small.smoothed() if stage == 0 else small
             left = seen.residuals(chart.to_values(z))[0]
             weighed = seen.weighed(left, self.least_noise)

@@ -1,6 +1,6 @@
-"""What is said of an assessed recording: the verdict, or why there is none, and what is doubtful.
+"""Sentences on an assessed recording: the verdict or why there is none, and doubtful values.
 
-`ematwin.estimation.verdict` decides; here is what it decides on, in sentences for people.
+`ematwin.estimation.verdict` decides; this module gathers its grounds.
 """
 
 import math
@@ -89,7 +89,7 @@ def obstacles_to(
     assessed: Assessment,
     baseline: Baseline,
 ) -> list[str]:
-    """Sentences, each of which forbids a verdict; ``load`` names the kind's channel of it."""
+    """Reasons that each forbid a verdict, as sentences; ``load`` names the kind's channel of it."""
     told = []
     if found.stopped == "interrupted":
         told.append("The search was interrupted; these values are the best found until then.")
@@ -202,7 +202,7 @@ def range_of(one: Unknown, actuator: ParameterSet, value: float, ends: Interval)
 
 
 def remarks_on(model: Model, actuator: ParameterSet, assessed: Assessment) -> list[str]:
-    """What is clearly not as recorded, and was taken into account."""
+    """Sentences on load and sensors that clearly differ from the recording and were estimated."""
     found = []
     for name, (value, ends) in assessed.nuisances.items():
         one = model.unknown(actuator, name)
@@ -252,7 +252,7 @@ def doubts_of(
         doubts.append(
             f"The twin does not explain this record at all (misfit {100.0 * misfit:.0f} %; no twin "
             "leaves 100 %): these values mean nothing. Check the channels and their units, and "
-            "that the actuator's parameters are those of this rig."
+            "that the parameters belong to this rig."
         )
     vague = [name for name, error in sharp_errors.items() if error > _VAGUE * estimate.ranges[name]]
     for name, magnitude in estimate.directions.items():

@@ -71,8 +71,8 @@ class FoundForms:
         share = min(100.0 * (1.0 - self.after / self.before), 99.9)
         does = "Together these explain" if len(self.found) > 1 else "This explains"
         return (
-            f"{listed[:1].upper()}{listed[1:]}. {does} {share:.3g} % of what the file leaves "
-            "of the current along the recorded motion."
+            f"{listed[:1].upper()}{listed[1:]}. {does} {share:.3g} % of the residual of "
+            "the current along the recorded motion."
         )
 
 

@@ -19,7 +19,7 @@ LONGEST_DIFFERENCE = 5e-3  # impacts make the misfit rough: shorter differences 
 _SHORTEST_DIFFERENCE = 2e-4
 _STALLED = 1e-4  # relative gain of an iteration below which a point is left alone
 _HOPELESS = 1e5  # damping at which no step helps
-NOTHING = 0.5  # squared standard deviations, of nine that decide: `least` where valleys are chosen
+NOTHING = 0.5  # squared standard deviations, of nine that decide: `least` where minima are chosen
 LARGEST_BATCH = 2_000_000  # residuals that are held at a time
 
 

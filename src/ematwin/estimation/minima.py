@@ -1,9 +1,9 @@
 """The minima of a problem in which everything is free, from where a search ended.
 
-A search holds all parameters at the values of the file. Here they are freed, each as far as it is
-known, with the sensors and the load, and all descend together from where the search ended, from
-where other descents of it ended, and where that does not do, from other loads. The minima are
-those of the reference model (`ematwin.estimation.correction`).
+A search holds all parameters at the values of the file. Here they are freed, each with its
+prior, with the sensors and the load. All descend together from where the search ended, from where
+its other descents ended, and if that fails, from other loads. The minima are refined with the
+reference model (`ematwin.estimation.correction`).
 """
 
 import math
@@ -147,7 +147,7 @@ def _worth_a_look(full: Problem, found: Found, problem: Problem) -> list[np.ndar
 def height(peak: Laplace, noise: float, informed: bool = True) -> float:
     """How far a peak lies from the recording and from the priors, squared standard deviations.
 
-    Not ``informed`` leaves out what is known besides priors (`Problem.informed`).
+    Not ``informed`` leaves out knowledge beside priors (`Problem.informed`).
     """
     distances = peak.problem.prior_distances(peak.point[None], informed)[0] / peak.problem.noise
     data = (peak.cost + peak.evidence) / noise**2

@@ -4,8 +4,8 @@ Beforehand an actuator is healthy or has one fault, rarely two, each as likely a
 far from healthy as its range allows (a spike and a slab: Mitchell and Beauchamp 1988, J. Am. Stat.
 Assoc. 83, 1023-1032). Each such set of faults is fitted with all that differs between healthy
 recordings free (`random_effects`), and its evidence says how probable it is (MacKay 1992). The
-probability of a fault is that of all sets with it; its value and interval are those of the sets
-with it, weighed so.
+probability of a fault is the sum over all sets with it; its value and interval are averages over
+these sets, weighed by their probabilities.
 
 Several recordings of one state of the actuator are judged together: the faults are shared, all else
 is each recording's own.
@@ -107,7 +107,7 @@ def _drawn(
 
 
 def _left(peak: Peak) -> float:
-    """Mean square of what is left of all recordings."""
+    """Mean square of the residuals of all recordings."""
     return float(np.mean(peak.misfits**2))
 
 
@@ -152,7 +152,7 @@ def identified_by_sets(
     only: Iterable[str] | None = None,
     held: Mapping[str, float] | Any | None = None,
 ) -> Identification:
-    """What recordings of one state of an actuator say of its faults, all together.
+    """Identify the faults of an actuator from several recordings of one state.
 
     Parameters
     ----------

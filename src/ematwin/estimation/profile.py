@@ -2,7 +2,8 @@
 
 Its points come from `ematwin.estimation.tracing`. The 95 % interval ends where the rise of the
 deviance passes 3.84 (Wilks 1938; Venzon and Moolgavkar 1988, J. R. Stat. Soc. C 37, 87-94); its
-shape shows what a recording cannot determine (Raue et al. 2009, Bioinformatics 25, 1923-1929).
+shape shows which unknowns a recording cannot determine (Raue et al. 2009, Bioinformatics 25,
+1923-1929).
 
 Impacts make the deviance rough: descents stop before
 everything else has made up for a wrong value, and profiles rise too early. Where the rise along any
@@ -180,8 +181,8 @@ class Profiles:
             )
         if len(question.joint.peaks) > 1:
             doubts.append(
-                "The search found other answers apart from this one, and profiles are those of "
-                "this one only; use the posterior, which weighs them all."
+                "The search found other answers apart from this one, and profiles belong to this "
+                "one only; use the posterior, which weighs them all."
             )
         if not finished:
             doubts.append("The profiles were interrupted; intervals end where they had come to.")
@@ -213,7 +214,7 @@ def _lengthened(question: Question, profiles: dict[str, Profile]) -> list[str]:
         return []
     return [
         f"Impacts make the misfit rough along {listed(longer)}, where profiles end too soon; "
-        "the interval is that of laplace. Use the posterior."
+        "the interval is laplace's. Use the posterior."
     ]
 
 

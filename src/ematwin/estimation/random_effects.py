@@ -343,7 +343,7 @@ def errors_of_mean(unsure: np.ndarray, variance: np.ndarray, prior: np.ndarray) 
     """Standard errors (d,) of the mean of parameters that differ between recordings.
 
     A recording tells the mean with the precision ``(C + V)^-1`` (Laird and Ware 1982), where C is
-    the error of its own estimate and V the variance between recordings; parameters that only their
+    the covariance of its estimate and V the variance between recordings; parameters that only their
     combination determines stay unknown, however many recordings there are.
 
     Parameters

@@ -119,7 +119,7 @@ class FaultSets:
         return self._resampled(self.sets)
 
     def given(self, name: str) -> Draws:
-        """Draws over the sets with a fault: what it is if it is there; over all if it is none."""
+        """Draws over the sets with a fault, given that it is there; over all if it is no fault."""
         return self._given.get(name, self.drawn)
 
     @cached_property
@@ -193,7 +193,7 @@ def fault_sets(chart: Chart, mean: np.ndarray, covariance: np.ndarray) -> FaultS
 
 
 class _Space:
-    """A normal distribution of all unknowns, and what is left of it where faults are absent."""
+    """A normal distribution of all unknowns, and its restriction where faults are absent."""
 
     def __init__(self, chart: Chart, mean: np.ndarray, covariance: np.ndarray) -> None:
         self._chart, self._mean = chart, mean
@@ -237,8 +237,8 @@ class _Space:
         """Logarithm of the share of a set within its bounds, and draws z (N, d) within them.
 
         Draws are around the best point within the bounds, and count by how probable they are. Both
-        are less what `evidence` counts of them. A magnitude with a direction is as likely anywhere
-        in its range, its components so many times less likely as the circle is long.
+        are less what `evidence` counts of them. A magnitude with a direction is uniform in its
+        range, so that the density of its components is divided by the length of the circle.
         """
         chart = self._chart
         places, mean, root, pull, *_ = self._set(names)

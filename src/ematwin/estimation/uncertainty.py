@@ -259,7 +259,7 @@ def uninformed(question: Question, drawn: Draws) -> list[str]:
     if faults:
         said.append(tells_nothing(faults))
     if rest:
-        said.append(f"The recording adds nothing to what was known of {listed(rest)}.")
+        said.append(f"The recording adds nothing to the prior of {listed(rest)}.")
     return said
 
 

@@ -32,13 +32,13 @@ _COUNTS = {2: "Two", 3: "Three", 4: "Four", 5: "Five", 6: "Six", 7: "Seven", 8: 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a recording is worth.
+    """The verdict on a recording.
 
     Attributes
     ----------
     grade : "healthy", "changed" (not named), "fault", or "none"
     faults : names of the faults that are named
-    reason : why there is no verdict, or what the change may be; "" if there is nothing to say
+    reason : why there is no verdict, or candidates for the change; "" if there is nothing to say
     sentence : all of it, for people
     """
 
@@ -96,7 +96,7 @@ def judged(
     obstacles: Sequence[str] = (),
     ambiguities: Mapping[str, str] | None = None,
 ) -> Verdict:
-    """The verdict on what is known of the faults.
+    """The verdict from the probabilities of the faults.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def judged(
     reach : by fault, how far its interval reaches from healthy, as a share of its range
     found : by fault, its size for people, "friction +50 % (0.045 N m, 95 % interval ...)"
     ranges : by fault, its interval for people, "short a, 0 to 2.2 turns"
-    obstacles : sentences, each of which forbids a verdict
+    obstacles : reasons that each forbid a verdict, as sentences
     ambiguities : by fault, what else may be the cause
     """
     if not probability:

@@ -27,7 +27,7 @@ def candidates(model: Model, given: Scenario, limits: Mapping[str, float]) -> It
     ----------
     model : of the kind
     given : Scenario
-    limits : largest demands by name, SI; that of the command bounds sizes, "load" the load
+    limits : largest demands by name, SI; the command's limit bounds sizes, "load" the load
     """
     duration, unit = given.duration, model.channel(model.command).unit
     size = next(

@@ -4,7 +4,7 @@ The recording is simulated. The covariance C that the parameters would have afte
 calibration states (`ematwin.estimation.correction`): by the Jacobian and the noise, with load and
 sensors integrated out, and with the error of the fast model within that width. The scatter of the
 reference from one candidate to the next counts as discrepancy (`Problem.scatter`, `model_error`).
-With P the inverse covariance of what is known, the information is C^-1 - P. That of several
+With P the inverse covariance of the prior, the information is C^-1 - P. The information of several
 recordings adds up.
 """
 
@@ -72,9 +72,9 @@ class Knowledge:
         return np.linalg.inv(self.prior.covariance)
 
     def information(self, covariance: np.ndarray) -> np.ndarray:
-        """Information (d, d) that leads from what is known to this covariance (d, d).
+        """Information (d, d) that takes the prior to this covariance (d, d).
 
-        The model error may exceed what a recording tells in some direction: then it adds nothing.
+        Where the model error exceeds its evidence in some direction, a recording adds nothing.
         """
         root = np.linalg.cholesky(self.prior.covariance)
         values, vectors = eigen(root.T @ inverse(covariance) @ root)

@@ -42,11 +42,11 @@ def numbered(path: str | Path, count: int) -> list[Path]:
 
 @dataclass(frozen=True)
 class HealthyTest:
-    """A healthy test and what it adds.
+    """A healthy test and the errors expected after it.
 
     Attributes
     ----------
-    scenario : the command; its description says what it is
+    scenario : the command, with a description
     errors : expected standard error of the logarithm of each parameter after this test and those
         before it, by place
     demands : of the motion, by name, SI
@@ -101,7 +101,7 @@ class HealthyTests:
         ]  # fmt: skip
 
     def improves(self, test: int) -> list[str]:
-        """Places that a test improves most, counted from 0: of which it lowers the error most."""
+        """Places whose error a test, counted from 0, lowers most."""
         before = self.tests[test - 1].errors if test else self.known
         ratios = {place: error / before[place] for place, error in self.tests[test].errors.items()}
         found = sorted((place for place in ratios if ratios[place] < _ADDS), key=ratios.__getitem__)
@@ -171,7 +171,7 @@ class HealthyTests:
         Raises
         ------
         InputError
-            If a name does not end in .toml, or a file is there and is not to be replaced.
+            If a name has no suffix .toml, or a file is there and is not to be replaced.
         """
         paths = numbered(path, len(self.tests))
         for one in paths:
@@ -220,8 +220,8 @@ def healthy_tests(
 
     Parameters
     ----------
-    actuator : a calibration or its file, which says what is known already; or a parameter set of
-        any kind, its name or file, of which its tolerances are known
+    actuator : a calibration or its file, whose posterior is the prior of the tests; or a parameter
+        set of any kind, its name or file, whose tolerances are the prior
     scenario : a command that is compared with the others, and whose demands are the limits where
         none are given; None takes the kind's default
     duration : float, s, of each test; None takes the scenario's

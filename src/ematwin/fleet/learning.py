@@ -1,9 +1,9 @@
-"""What a fleet teaches of a magnitude: priors and variances of its trends.
+"""Priors and variances of the trends of a magnitude, learnt from a fleet.
 
 Means and spreads by expectation and maximisation (Shumway and Stoffer 1982, J. Time Ser. Anal. 3,
-253-264), the four variances by the slope of the likelihood, both with weak priors. What the
-variances may be besides is drawn from a normal distribution of their logarithms with the curvature
-at the maximum (Laplace): forecasts are made with each draw, so that few estimates give wide ones.
+253-264), the four variances by the slope of the likelihood, both with weak priors. Other
+plausible variances are drawn from a normal distribution of their logarithms with the curvature at
+the maximum (Laplace). A forecast averages over the draws, so that few estimates give a wide one.
 """
 
 import math
@@ -50,7 +50,7 @@ def _first(fleet: Sequence[Series], healthy: float, size: float) -> Wear:
 
     Scatter from differences of neighbours; slopes of the whole range in ten years, or as straight
     lines show them; over the time of the record a slope changes by half of it, and a level wanders
-    by a fifth of what it wears.
+    by a fifth of its wear.
     """
     steps = [np.diff(one.value) for one in fleet if one.time.size > 1]
     every = np.concatenate([*steps, np.zeros(0)])

@@ -112,7 +112,7 @@ def paths(
     draws: int = DRAWS,
     seed: int = 1,
 ) -> Paths:
-    """Levels to come after a moment, years, with what the fleet's variances may be."""
+    """Levels to come after a moment, years, with each draw of the fleet's variances."""
     generator = np.random.default_rng(seed)
     states = one.later(max(0.0, moment - one.time))
     which = np.arange(draws) % len(states)

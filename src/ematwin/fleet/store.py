@@ -1,7 +1,7 @@
 """The store of a fleet: one row for each judged recording, in Parquet files by serial number.
 
-    fleet/rows/<serial number>/<part>.parquet    what recordings said
-    fleet/events/<event>.json                    overhauls, alarms, and what was said of them
+    fleet/rows/<serial number>/<part>.parquet    estimates from recordings
+    fleet/events/<event>.json                    overhauls, alarms, and answers to them
     fleet/calibrations/<serial number>[@from].toml   which twin judges whom, and from when on
     fleet/twins/<fingerprint>.toml               each twin that has judged
 
@@ -201,7 +201,7 @@ class FleetStore:
         return sorted(found, key=lambda one: (one["time"], one["serial_number"], one["what"]))
 
     def version(self) -> tuple[str, ...]:
-        """What is kept, and the age of the settings: changes when anything does."""
+        """The kept parts, and the age of the settings: changes when anything does."""
         settings = self.folder / "fleet.toml"
         age = str(settings.stat().st_mtime_ns) if settings.exists() else ""
         return (age, *self._held.version())

@@ -1,6 +1,6 @@
 """The rows and events of a fleet as tables of a PostgreSQL database: for watchers on many machines.
 
-`ematwin.fleet.store` says what they are. A row is inserted once under its id, and stays. Twins are
+`ematwin.fleet.store` describes them. A row is inserted once under its id, and stays. Twins are
 kept too, so that each machine can read what another's twin has judged.
 """
 

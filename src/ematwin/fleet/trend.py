@@ -80,7 +80,7 @@ class Wear:
     size : standard deviation of jumps and of outliers, the range of the unknown
     jump_rate : jumps per actuator and year beforehand
     outlier_share : of estimates beforehand
-    others : draws of what the four variances may be besides
+    others : draws of other plausible values of the four variances
     """
 
     mean: np.ndarray

@@ -154,7 +154,7 @@ def watch(
     InputError
         If there is no such folder, or the pattern cannot be used.
     EngineError
-        If the scheduler or its workers are lost; what was judged is kept.
+        If the scheduler or its workers are lost; finished judgements are kept.
     """
     if scheduler is not None:  # its workers have other working directories
         several = [recordings] if isinstance(recordings, str | Path) else recordings
@@ -220,7 +220,7 @@ def _workers(threads: int, scheduler: str | None) -> Iterator[Executor]:
         yield engine.client.get_executor(pure=False, retries=3)
     except (CancelledError, KilledWorker, OSError):
         raise EngineError(
-            f"The scheduler at {scheduler} was lost, or its workers were. What was judged is kept; "
+            f"The scheduler at {scheduler} was lost, or its workers were. Results so far are kept; "
             "start them, and give the same command again."
         ) from None
     finally:

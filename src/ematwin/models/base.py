@@ -288,10 +288,10 @@ class Model(ABC):
     def equations(
         self, recording: Recording, actuator: Any, values: Values | None = None
     ) -> tuple[Equation, ...]:
-        """What holds along a recorded motion, by which forms that the file leaves out are found.
+        """The equations along a recorded motion, by which forms that the file leaves out are found.
 
-        ``values`` are about those of the recording's faults, load and sensors, by name; it is
-        healthy if there are none.
+        ``values`` approximate the recording's faults, load and sensors, by name; it is healthy if
+        there are none.
         """
         return ()
 

@@ -163,8 +163,8 @@ class Equation(NamedTuple):
     forms : that are looked for
     unknowns : names of faults, load and sensors that matter to it
     rests : whether it rests on the values of these for which it was made
-    together : gives values by place, of several forms, each of which is fitted where more than
-        noise is left; such as delays of two loops, which may pass for one another
+    together : gives values by place of several forms, fitted where more than noise is left; such as
+        delays of two loops, which may pass for one another
     alike : gives the share of it that the equation's own error leaves, alike throughout: standard
         errors count it once, however many samples there are
     """

@@ -1,9 +1,10 @@
 """Optional sections of motors, their friction and their supply, for kinds that follow them.
 
 Stiffness and Stribeck speed of friction are in no catalogue: their tolerance of a factor of two is
-judgement, as are those of torque ripple and of the resistance of supply and cable. Catalogues of
-motors give the thermal resistance from winding to housing and the thermal time constant of the
-winding; motors differ from them by how they are mounted, here by 30 %, which is judgement.
+judgement, as is the tolerance of torque ripple and of the resistance of supply and cable.
+Catalogues of motors give the thermal resistance from winding to housing and the thermal time
+constant of the winding; motors differ from them by how they are mounted, here by 30 %, which is
+judgement.
 """
 
 import math

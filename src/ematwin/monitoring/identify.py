@@ -182,7 +182,7 @@ def identify(
     try:
         verdict = judge(known, [record.recording], [alone]).motions[0].verdict
     except KeyboardInterrupt:
-        why = "The healthy population was interrupted; these values are those of the recording."
+        why = "The healthy population was interrupted; these values come from the recording alone."
         verdict = Verdict("none", (), why, f"No verdict: {why}")
         return replace(alone, stopped="interrupted", verdict=verdict)
     return replace(alone, verdict=verdict)

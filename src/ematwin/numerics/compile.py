@@ -129,7 +129,7 @@ class Kept:
                 return
 
     def end_turn(self) -> None:
-        """Let others compile, or load what was kept."""
+        """Let others compile, or load from the cache."""
         if self._turn is not None:
             with suppress(OSError):
                 self._turn.close()

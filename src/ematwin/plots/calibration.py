@@ -154,7 +154,7 @@ def _position(model: Model, recording: Recording) -> str:
 
 
 def _motion(model: Model, recording: Recording) -> tuple[np.ndarray, str, np.ndarray]:
-    """Angle of the motor, or position, what it is called, and speed."""
+    """Angle of the motor, or position, its name, and speed."""
     name = _position(model, recording)
     unit, factor = preferred(model.channel(name).unit)
     place = recording.channels[name]

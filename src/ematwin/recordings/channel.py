@@ -39,8 +39,8 @@ class Channel:
         converter gives it; else the value at that time
     derived : how it follows from others; None if it has to be recorded
     may_rest : one value throughout is no sign of a dead sensor: a current that is held at zero
-    refreshed : s, period at which the device samples what a host reads in between; 0 if a read is
-        a sample
+    refreshed : s, period at which the device samples; a host reads in between; 0 if each read is a
+        sample
     stands_in_for : the channel that this one is only there to derive: files may have it instead,
         and recordings read from them hold the other
     """

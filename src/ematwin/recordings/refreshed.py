@@ -1,4 +1,4 @@
-"""Registers that a device refreshes by its own clock, and a host reads by another.
+"""Registers that a device refreshes by one clock, and a host reads by another.
 
 A serial-bus servo samples its encoder every 8 ms. A read gives the latest sample, whose age is
 anything up to 8 ms: at 5 rad/s that is up to 40 mrad, and no two reads are late alike. A motion is
@@ -20,7 +20,7 @@ def sampled(time: np.ndarray, values: np.ndarray, period: float) -> tuple[np.nda
     Parameters
     ----------
     time, values : (S,) arrays, of the reads
-    period : float, s, of the clock as stated; the device's own may be off by a per cent
+    period : float, s, of the clock as stated; the device's may differ by a per cent
 
     Returns
     -------

@@ -41,7 +41,7 @@ def calibration_page(report: CalibrationReport) -> str:
 
 
 def _forms_table(report: CalibrationReport) -> Table | None:
-    """Each form found, and how much of what the file leaves it explains."""
+    """Each form found, and the share of the residual that it explains."""
     forms = None if report.basis is None else report.basis.forms
     if forms is None or not forms.found:
         return None
@@ -61,7 +61,7 @@ def _fit_sections(report: CalibrationReport) -> list[Section]:
             figure=plot_before_and_after(report),
         ),
         Section(
-            "What is left, by angle, speed and time",
+            "Residuals by angle, speed and time",
             "Root mean square of the difference in each of 48 parts. What depends on the angle is "
             "cogging or the winding, on the speed friction or back-EMF, on the time warming or a "
             "load.",
@@ -106,7 +106,7 @@ def forms_sentences(report: CalibrationReport) -> list[str]:
 def open_sentences(report: CalibrationReport, file: str = "CALIBRATED.toml") -> list[str]:
     """Which parameters are not determined, known together only, or not fitted.
 
-    ``file`` is that of the calibration, for the command that proposes tests.
+    ``file`` holds the calibration, for the command that proposes tests.
     """
     if not report.parameters:
         return []
@@ -143,7 +143,7 @@ def spread_sentences(report: CalibrationReport) -> list[str]:
             return []
         off = [f"{name} {plain(value, 2)}" for name, value in scatter.items() if value > _ROUNDING]
         if not off:
-            return ["What is found of healthy recordings lies within its standard errors."]
+            return ["Estimates on healthy recordings are healthy within their standard errors."]
         return [
             "Healthy recordings are found off healthy by more than their standard errors explain: "
             f"{', '.join(off)} (one standard deviation)."

@@ -25,7 +25,7 @@ def design_page(found: Design) -> str:
     """HTML page of a design."""
     text = (
         "Expected error of each fault, averaged over faults that are not known yet: from noise "
-        "and from what the model leaves out."
+        "and model discrepancy."
     )
     if found.held:
         text += (
@@ -101,7 +101,7 @@ LEARNT = "Expected standard error, %"
 def healthy_tests_page(found: HealthyTests) -> str:
     """HTML page of healthy tests: commands, and how well parameters are known after each."""
     text = (
-        "Standard errors by what is known now and by the information of the simulated recordings. "
+        "Standard errors from the prior and the information of the simulated recordings. "
         "Marked: after all tests still more than half the error that the tolerance states."
     )
     facts = {
@@ -122,7 +122,7 @@ def healthy_tests_page(found: HealthyTests) -> str:
 
 
 def tests_table(found: HealthyTests, files: Sequence[str]) -> Table:
-    """Each test with what it improves, its duration and demands, and the file that it is in."""
+    """Each test with the parameters it improves, its duration and demands, and its file."""
     demands = [one for one in model_of(found.actuator).limited if one.name in found.limits]
     rows = []
     for n, test in enumerate(found.tests):

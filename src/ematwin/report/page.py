@@ -106,7 +106,7 @@ def write_page(result: Any, path: str | Path, function: str) -> None:
     Raises
     ------
     InputError
-        If the name does not end in .html.
+        If the suffix of the name is not .html.
     FileError
         If the file cannot be written.
     """

@@ -254,7 +254,7 @@ class Controller:
         return None if other is None else Controller(other, self._low_pass)
 
     def _of_counts(self, actuator: Any) -> float:
-        """Norm of what the counts of recorded positions leave, A."""
+        """Norm of the residual that the counts of recorded positions cause, A."""
         if self._anew is None:
             return 0.0
         return float(np.linalg.norm(self._anew.left(actuator) - self.left(actuator)))

@@ -26,7 +26,7 @@ _THIRD = 2.0 * math.pi / 3.0
 
 
 class TorqueBalance:
-    """The torque that a motion needs, beside that of the recorded currents; while both slide.
+    """The torque that a motion needs beside the torque of recorded currents; while both slide.
 
     Added up over motor and output, where the torque of the contact is none of it:
 
@@ -87,7 +87,7 @@ class TorqueBalance:
         return np.asarray(given.get("load_gain", 1.0) * self._recorded_load + offset)
 
     def filtered(self, trace: np.ndarray) -> np.ndarray:
-        """A trace (S,) as far as an encoder knows accelerations."""
+        """A trace (S,) through the low pass of accelerations from an encoder."""
         return self._low_pass.apply(trace, self._motion.rate)
 
     def noise(self, samples: int) -> float:
@@ -152,7 +152,7 @@ class TorqueBalance:
 
 
 def _excess(actuator: Any, speed: np.ndarray) -> np.ndarray:
-    """Friction in steady sliding over that of fast sliding (Stribeck)."""
+    """Friction in steady sliding over friction in fast sliding (Stribeck)."""
     if actuator.presliding is None:
         return np.ones(speed.size)
     fades = np.exp(-((speed / actuator.presliding.stribeck_speed) ** 2))
@@ -160,7 +160,7 @@ def _excess(actuator: Any, speed: np.ndarray) -> np.ndarray:
 
 
 class Contact:
-    """The twist between motor and output, beside that of the face that pushes; while both slide.
+    """The twist between motor and output beside the pushing face's twist; while both slide.
 
     With the torque T that the output needs, face sgn T and contact of stiffness k,
 

@@ -38,7 +38,7 @@ from ematwin.numerics.side_by_side import cores
 from ematwin.numerics.signals import LowPass, SlopeWeighting, filtered, means, white_noise
 from ematwin.recordings.recording import Recording
 
-SMOOTH_CUTOFF = 100.0  # Hz: misfits of currents low-passed there are smooth over wide valleys
+SMOOTH_CUTOFF = 100.0  # Hz: misfits of currents low-passed there have wide basins
 _TWIN_ERROR = 0.003  # relative misfit of the twin to healthy records of the reference model
 _REFERENCE_ERROR = 0.002  # of the reference model to simulators of other make: 0.0 to 0.18 %
 # sections of forms that the reference model alone has (docs/models.md, "Truer forms")

@@ -74,7 +74,7 @@ def smoothed(time: np.ndarray, trace: np.ndarray, cutoff: float) -> Any:
 def spline_through(
     time: np.ndarray, position: np.ndarray, size: float, cutoff: float = CUTOFF
 ) -> Any:
-    """The motion (rad) over time (s) of a recorded position (S,); ``size`` is that of its steps."""
+    """The motion (rad) over time (s) of a recorded position (S,) with steps of ``size`` (rad)."""
     from scipy.interpolate import CubicSpline
 
     return smoothed(time, position, cutoff) if size > 0.0 else CubicSpline(time, position)

@@ -182,9 +182,9 @@ def reference_answer(
         healthy or nominal
     start : (4,) array, speed and angle of motor and output, on the motor shaft
 
-    Nobody knows where within a step the counts of encoders begin: each candidate has another place,
-    so that what follows from it counts as scatter of the reference, in the error of the model and
-    where a calibration is judged.
+    Where within a step the counts of encoders begin is unknown: each candidate has another place,
+    and the differences count as scatter of the reference, in the error of the model and where a
+    calibration is judged.
     """
     key = [len(recording), *sorted((name, float(value)) for name, value in values.items())]
     drawn = zlib.crc32(repr(key).encode()) / 2.0**32

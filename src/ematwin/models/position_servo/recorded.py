@@ -121,7 +121,7 @@ def stretch(recording: Recording, actuator: Any) -> Stretch:
 
 
 def check_units(recording: Recording, actuator: Any) -> None:
-    """Raise `RecordError` where values are those of registers, not in SI."""
+    """Raise `RecordError` where values are in units of registers, not in SI."""
     columns = recording.provenance.get("columns", {})
     travel = float(np.ptp(np.percentile(recording.channels["position"], [1, 99])))
     stated = columns.get("position", {}).get("unit_from", "stated") != "assumed"

@@ -15,8 +15,8 @@ squared.
 
 Friction as in Duclusaud, Passault and Padois (2025), Extended friction models for the
 physics simulation of servo actuators (BAM): Coulomb and Stribeck, both with a part that grows with
-the load, as in their M4, by the external torque alone (docs/lab/position-servo.md). The fade is
-that of Hess and Soom (1990). Their viscous part is not apart from the back-EMF where the supply is
+the load, as in their M4, by the external torque alone (docs/lab/position-servo.md). The fade
+follows Hess and Soom (1990). Viscous friction is not apart from the back-EMF where the supply is
 constant, and belongs to it here. The play is the rigid, inelastic contact of
 `ematwin.numerics.backlash`. A controller that samples every T_c and holds its duty acts on the
 position of T_c/2 ago in the mean (Astrom and Wittenmark 1997, Computer-Controlled Systems); over so

@@ -9,7 +9,7 @@ The factors give each shape the mean of the trapezoid over the 120 degrees in wh
 conducts, so that ``r``, ``h_5`` and ``h_7`` change the shape and not the torque constant. Derived
 here.
 
-What a turn of the rotor does to the flux of all phases alike changes EMF and torque in the same
+A flux that varies with the rotor's turn alike in all phases changes EMF and torque in the same
 proportion, as no energy comes from it: kappa_k (1 + rho sin(M theta_m + phi_r)).
 
 Magnets are drawn to teeth with as many cycles in a turn as both have in common:
