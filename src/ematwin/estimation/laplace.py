@@ -28,6 +28,7 @@ from ematwin.estimation.aliases import Aliases, Direction, directions, held_pivo
 from ematwin.estimation.constants import WORTH
 from ematwin.estimation.descent import STEP, Descent
 from ematwin.estimation.levenberg_marquardt import LARGEST_BATCH
+from ematwin.estimation.noise import with_shown_noise
 from ematwin.estimation.problem import Problem
 from ematwin.models.chart import Chart
 from ematwin.numerics.bounded_squares import bounded_squares
@@ -188,7 +189,7 @@ class _Seen:
         self.problem, self.spent = problem, 1
         here = problem.residuals(point[None])[0]
         self.size = len(here)
-        self.problem = problem.weighed(here, least_noise)
+        self.problem = with_shown_noise(problem, here, least_noise)
 
     def __call__(self, z: np.ndarray) -> np.ndarray:
         self.spent += len(z)
