@@ -21,13 +21,14 @@ from ematwin.estimation.baseline import frees_parameters, uncertain
 from ematwin.estimation.corrected_problem import corrected_at, reference_scatter
 from ematwin.estimation.correction import Corrected, with_model_error
 from ematwin.estimation.healthy_fit import healthy_nuisances
-from ematwin.estimation.laplace import eigen, inverse, width_at
+from ematwin.estimation.laplace import width_at
 from ematwin.estimation.noise import noise_at
 from ematwin.estimation.prior import Prior
 from ematwin.estimation.problem import Problem
 from ematwin.experiments.expected import Experiment
 from ematwin.models.scenario import Scenario
 from ematwin.models.unknown import Unknown
+from ematwin.numerics.symmetric import eigen, inverse
 from ematwin.recordings.recording import Recording
 
 
