@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from ematwin.errors import InputError, ParameterError
-from ematwin.estimation.problem import unknowns_of
+from ematwin.estimation.free_unknowns import unknowns_of
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.registry import DEFAULT_KIND, load_actuator, model_of

@@ -19,7 +19,8 @@ import numpy as np
 
 from ematwin.errors import EmatwinError
 from ematwin.estimation.levenberg_marquardt import NOTHING
-from ematwin.estimation.problem import Information, Problem
+from ematwin.estimation.prior import Information
+from ematwin.estimation.problem import Problem
 from ematwin.models.base import Model
 from ematwin.models.comparison import correlation_time
 from ematwin.models.optional import Equation

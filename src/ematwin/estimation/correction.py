@@ -31,8 +31,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ematwin.estimation.corrected_problem import corrected_at, with_secants
 from ematwin.estimation.descent import Descent
 from ematwin.estimation.laplace import Laplace, laplace, step_lengths
+from ematwin.estimation.noise import with_channels_reweighed, with_discrepancy
 from ematwin.estimation.problem import Problem
 from ematwin.numerics.side_by_side import side_by_side
 
@@ -111,7 +113,7 @@ def corrected(
     moved, many, least = np.inf, _DEPTH, descent.least_noise
     for _ in range(rounds):
         point = chart.to_values(z[None])[0]
-        tried = problem.corrected(point, nearer)
+        tried = corrected_at(problem, point, nearer)
         if tried is None and known:  # the reference diverged: half way back
             z = 0.5 * (z + known[-1][0])
             continue
@@ -152,7 +154,7 @@ def _nearer(
     here: Problem | None = None
     for _ in range(ROUNDS):
         point = chart.to_values(z[None])[0]
-        here = problem.corrected(point, here)
+        here = corrected_at(problem, point, here)
         before, cost = cost, np.inf
         if here is not None:
             cost = here.data_cost(here.residuals(point[None])[0])
@@ -160,7 +162,7 @@ def _nearer(
             if seen and cost >= before:
                 z = seen[-1][0]
             break
-        nearer = here.with_secants(z, seen[-_DEPTH:], errors) if seen else here
+        nearer = with_secants(here, z, seen[-_DEPTH:], errors) if seen else here
         seen.append((z, here))
         least = max(here.noise, descent.least_noise)
         peak = laplace(nearer, point, replace(descent, least_noise=least), steps=steps)
@@ -175,7 +177,7 @@ def reweighed(found: Corrected, descent: Descent) -> Corrected:
     ``descent`` is as of `corrected`.
     """
     peak = found.peak
-    problem = peak.problem.reweighed(peak.point)
+    problem = with_channels_reweighed(peak.problem, peak.point)
     if problem is None:
         return found
     near = descent.afresh(settled=np.inf, least_noise=problem.least_noise)
@@ -196,7 +198,7 @@ def with_model_error(found: Corrected, threads: int | None = None) -> Corrected:
     root = np.linalg.cholesky(peak.covariance)
     draws = np.random.default_rng(0).standard_normal((_ELSEWHERE, len(peak.z)))
     points = chart.to_values(chart.project(peak.z + draws @ root.T))
-    there = side_by_side(lambda point: problem.corrected(point, problem), points, threads)
+    there = side_by_side(lambda point: corrected_at(problem, point, problem), points, threads)
     changes = np.array([
         one.with_noise(problem.noise).residuals(peak.point[None])[0] - peak.residuals
         for one in there
@@ -207,7 +209,7 @@ def with_model_error(found: Corrected, threads: int | None = None) -> Corrected:
     moved = changes @ peak.jacobian.T @ peak.covariance / problem.noise**2
     error = moved.T @ moved / len(moved)
     scatter = float(np.mean([problem.data_cost(change) for change in changes]))
-    nearer = replace(peak, problem=problem.with_discrepancy(peak.cost, scatter))
+    nearer = replace(peak, problem=with_discrepancy(problem, peak.cost, scatter))
     return replace(found, peak=nearer, model_error=error, rounds=found.rounds + len(moved))
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from ematwin.estimation.aliases import Aliases, Direction, directions, held_pivots
 from ematwin.estimation.constants import WORTH
 from ematwin.estimation.levenberg_marquardt import LevenbergMarquardt
+from ematwin.estimation.noise import with_shown_noise
 from ematwin.estimation.problem import Problem
 
 STEP = 5e-3  # along directions that data do not see, share of a range
@@ -93,7 +94,7 @@ class Descent:
             # wide minima first
             seen = small.smoothed() if stage == 0 else small
             left = seen.residuals(chart.to_values(z))[0]
-            weighed = seen.weighed(left, self.least_noise)
+            weighed = with_shown_noise(seen, left, self.least_noise)
 
             def residuals(points: np.ndarray, weighed: Problem = weighed) -> np.ndarray:
                 nonlocal spent

@@ -21,6 +21,7 @@ import numpy as np
 
 from ematwin.errors import EmatwinError
 from ematwin.estimation.constants import AS_GOOD, TWO_SIGMA
+from ematwin.estimation.equation_fit import EquationFit, energy
 from ematwin.estimation.prior import Prior
 from ematwin.models.base import Model
 from ematwin.models.comparison import Comparison, correlation_time
@@ -28,7 +29,6 @@ from ematwin.models.optional import Equation, Form, Values
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.numerics.side_by_side import side_by_side
 
-_STRETCHES = 6  # of a recording, each counted once
 _ROUNDS = 8  # of a fit, at most
 _ENDS = 0.05  # relative fall of the cost at which a fit ends
 _MATTERS = 0.1  # share of what is left that a form has to explain
@@ -98,7 +98,7 @@ def find_forms(
     return replace(result, prior=_together(template, fits)) if has_forms else result
 
 
-def _together(template: ParameterSet, fits: Sequence["_Fit"]) -> Prior:
+def _together(template: ParameterSet, fits: Sequence[EquationFit]) -> Prior:
     """Combine the tolerances of a template with the fits of several equations."""
     places = list(dict.fromkeys(place for fit in fits for place in fit.places))
     known = _known(template)
@@ -139,85 +139,6 @@ def _has_sign(actuator: ParameterSet, place: str) -> bool:
     return actuator.limits(place)[0] >= 0.0
 
 
-@dataclass(frozen=True)
-class _Fit:
-    """A fit of one equation to all recordings.
-
-    Attributes
-    ----------
-    actuator : ParameterSet, with the values found
-    places : of the d fitted parameters
-    left : of each recording (K,), as shares of the norm of all that is to be explained
-    slopes : of each recording (d, K), by the coordinates of the fit
-    pull, prior : (d,) and (d, d), gradient and curvature of the prior, in the unit of the cost
-    weight : float, the cost of an independent residual
-    alike : float, the same for the idealisation error of the equations, one sample in all
-    """
-
-    actuator: ParameterSet
-    places: tuple[str, ...]
-    left: list[np.ndarray]
-    slopes: list[np.ndarray]
-    pull: np.ndarray
-    prior: np.ndarray
-    weight: float
-    alike: float = 0.0
-
-    @property
-    def cost(self) -> float:
-        """Share of the energy that is left."""
-        return _energy(self.left)
-
-    @property
-    def step(self) -> np.ndarray:
-        """(d,) step to the least squares of the linearised residuals."""
-        return _step(self.left, self.slopes, self.prior, self.pull)
-
-    @property
-    def information(self) -> tuple[np.ndarray, np.ndarray]:
-        """Inverse covariance (d, d) and its gradient (d,) here, by the recordings alone."""
-        unit = self.weight + self.alike
-        data = sum((one @ one.T for one in self.slopes), np.zeros_like(self.prior))
-        slope = sum(one @ r for one, r in zip(self.slopes, self.left, strict=True))
-        return data / unit, np.asarray(slope) / unit
-
-    def projected(self, left: Sequence[np.ndarray], scaled: bool) -> float:
-        """What would be left of other residuals if all that is fitted were fitted anew.
-
-        With ``scaled`` the change from this fit's residuals to them may be of any size, as that by
-        a parameter of a form is; infinite where the size would be negative, which no form has.
-        """
-        slopes, prior, pull = self.slopes, self.prior, self.pull
-        if scaled:
-            slopes = [
-                np.vstack([one, r - before])
-                for one, r, before in zip(slopes, left, self.left, strict=True)
-            ]
-            prior, pull = np.pad(prior, (0, 1)), np.pad(pull, (0, 1))
-        step = _step(left, slopes, prior, pull)
-        if scaled and step[-1] < -1.0:
-            return math.inf
-        return _energy([r + step @ one for r, one in zip(left, slopes, strict=True)])
-
-    def held_back(self) -> np.ndarray:
-        """Energy left in each stretch by a fit that has not seen its recording, or its stretch."""
-        pieces: list[tuple[int, np.ndarray, np.ndarray]] = []
-        for n, (r, slopes) in enumerate(zip(self.left, self.slopes, strict=True)):
-            for some in np.array_split(np.arange(r.size), _STRETCHES):
-                pieces.append((n if len(self.left) > 1 else len(pieces), r[some], slopes[:, some]))
-        found = []
-        for group, r, slopes in pieces:
-            others = [one for one in pieces if one[0] != group]
-            seen, moved = [one[1] for one in others], [one[2] for one in others]
-            found.append(_energy([r + _step(seen, moved, self.prior, self.pull) @ slopes]))
-        return np.array(found)
-
-    def beats(self, other: "_Fit") -> bool:
-        """Whether held-out data are explained better, by more than the scatter of the gain."""
-        gain = np.log(other.held_back() / self.held_back())
-        return bool(gain.mean() > TWO_SIGMA * gain.std(ddof=1) / math.sqrt(gain.size))
-
-
 class _Selection:
     """Forward selection of the forms of one equation, given for each recording."""
 
@@ -226,7 +147,7 @@ class _Selection:
         self._size = math.sqrt(sum(one.size**2 for one in equations))
         self._stated = _known(known.actuator)
 
-    def run(self) -> tuple[FoundForms, _Fit]:
+    def run(self) -> tuple[FoundForms, EquationFit]:
         """Add the forms of this equation; return the forms so far and its fit."""
         known, first = self._known, self._equations[0]
         stated = [form for form in first.forms if form.is_stated(known.actuator)]
@@ -263,7 +184,7 @@ class _Selection:
         alike = sum((one.alike(fit.actuator) * one.size) ** 2 for one in self._equations)
         return told, replace(fit, alike=alike / self._size**2)
 
-    def _chosen(self, fit: _Fit, forms: Sequence[Form]) -> _Fit:
+    def _chosen(self, fit: EquationFit, forms: Sequence[Form]) -> EquationFit:
         """The fit with the alternatives chosen from lists, form by form."""
         for form in forms:
             others = [(form, one) for one in form.alternatives(fit.actuator)]
@@ -272,7 +193,7 @@ class _Selection:
                 fit = min(fit, self._fitted(other[1], fit.places), key=lambda one: one.cost)
         return fit
 
-    def _together(self, fit: _Fit) -> _Fit:
+    def _together(self, fit: EquationFit) -> EquationFit:
         """The fit with what several forms hold chosen together."""
         fits = [fit]
         for values in self._equations[0].together(fit.actuator):
@@ -284,7 +205,7 @@ class _Selection:
         return min(fits, key=lambda one: one.cost)
 
     def _told(
-        self, plain: _Fit, fit: _Fit, found: Sequence[Form], absent: Sequence[Form]
+        self, plain: EquationFit, fit: EquationFit, found: Sequence[Form], absent: Sequence[Form]
     ) -> FoundForms:
         """The result, with the sections of the forms found in the actuator."""
         known = self._known
@@ -319,7 +240,7 @@ class _Selection:
         return sum((one.least(actuator) * one.size / self._size) ** 2 for one in self._equations)
 
     def _best(
-        self, fit: _Fit, starts: Sequence[tuple[Form, Values]], *, new: bool
+        self, fit: EquationFit, starts: Sequence[tuple[Form, Values]], *, new: bool
     ) -> tuple[Form, ParameterSet] | None:
         """The form and values that would leave least if all else were fitted; None if none."""
 
@@ -337,7 +258,7 @@ class _Selection:
         form, values = starts[int(np.argmin(costs))]
         return form, fit.actuator.changed(dict(values))
 
-    def _fitted(self, actuator: ParameterSet, places: Sequence[str]) -> _Fit:
+    def _fitted(self, actuator: ParameterSet, places: Sequence[str]) -> EquationFit:
         """Some parameters by Gauss-Newton steps, each held by its tolerance in the template."""
         here = self._linearised(actuator, places, self._left(actuator))
         for _ in range(_ROUNDS):
@@ -347,7 +268,7 @@ class _Selection:
                 except EmatwinError:
                     continue
                 there = self._left(tried)
-                if _energy(there) < here.cost:
+                if energy(there) < here.cost:
                     break
             else:
                 return here
@@ -358,7 +279,7 @@ class _Selection:
 
     def _linearised(
         self, actuator: ParameterSet, places: Sequence[str], here: list[np.ndarray]
-    ) -> _Fit:
+    ) -> EquationFit:
         """Residuals ``here``, their slopes and the prior at an actuator."""
 
         def beside(n: int) -> list[np.ndarray]:
@@ -372,7 +293,7 @@ class _Selection:
 
         columns = side_by_side(beside, range(len(places)))
         slopes = [np.array([column[n] for column in columns]) for n in range(len(here))]
-        cost = _energy(here)
+        cost = energy(here)
         weight = cost / sum(r.size / correlation_time(r) for r in here)
         away, spread = np.zeros(len(places)), np.full(len(places), _WIDE)
         for n, place in enumerate(places):
@@ -380,7 +301,7 @@ class _Selection:
                 value, spread[n] = self._stated[place]
                 away[n] = math.log(actuator.value(place) / value)
         prior = weight * np.diag(1.0 / spread**2)
-        return _Fit(actuator, tuple(places), here, slopes, prior @ away, prior, weight)
+        return EquationFit(actuator, tuple(places), here, slopes, prior @ away, prior, weight)
 
 
 def _moved(actuator: ParameterSet, places: Sequence[str], step: np.ndarray) -> ParameterSet:
@@ -390,16 +311,3 @@ def _moved(actuator: ParameterSet, places: Sequence[str], step: np.ndarray) -> P
         value = actuator.value(place)
         values[place] = value * math.exp(one) if _has_sign(actuator, place) else value + one
     return actuator.changed(values)
-
-
-def _step(
-    left: Sequence[np.ndarray], slopes: Sequence[np.ndarray], prior: np.ndarray, pull: np.ndarray
-) -> np.ndarray:
-    """(d,) step to the least squares of linearised residuals and the prior."""
-    curvature = prior + sum(one @ one.T for one in slopes)
-    gradient = pull + sum(one @ r for one, r in zip(slopes, left, strict=True))
-    return np.asarray(-np.linalg.lstsq(curvature, gradient, rcond=1e-12)[0])
-
-
-def _energy(left: Sequence[np.ndarray]) -> float:
-    return float(sum(r @ r for r in left))

@@ -14,6 +14,7 @@ import numpy as np
 from ematwin.errors import RecordError
 from ematwin.estimation.assess import assess
 from ematwin.estimation.baseline import Baseline
+from ematwin.estimation.corrected_problem import as_searched, corrected_at
 from ematwin.estimation.local import LocalDescent
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import find, named
@@ -75,7 +76,7 @@ def _descended_to(
 ) -> np.ndarray:
     """(d,) faults at the end of a descent from healthy, which may end below it."""
     problem = Problem([one], _lowered(faults), held=held)
-    problem = problem.corrected(problem.healthy) or problem
+    problem = corrected_at(problem, problem.healthy) or problem
     return LocalDescent().run(problem, budget=None, seed=1, report=lambda *_: None).point
 
 
@@ -92,7 +93,7 @@ def _judged(
 ) -> dict[str, tuple[float, float]]:
     """Each fault of a recording and its standard error, all else free as it is known."""
     free = _lowered(model.faults(actuator))
-    problem = Problem([compared], free).searched()
+    problem = as_searched(Problem([compared], free))
     seen = assess(model, actuator, problem, find(problem, named(model.default_search)), baseline)
     errors = np.sqrt(np.diag(seen.covariance)).tolist()
     return {name: (seen.values[name], x) for name, x in zip(problem.names, errors, strict=True)}

@@ -11,6 +11,7 @@ import numpy as np
 from ematwin.errors import InputError
 from ematwin.estimation.assess import assess, unassessed
 from ematwin.estimation.baseline import Baseline
+from ematwin.estimation.corrected_problem import as_searched
 from ematwin.estimation.estimate import Estimate
 from ematwin.estimation.findings import (
     caveats_of,
@@ -79,7 +80,7 @@ def identified(
 
     def problem_of(one: Recording) -> Problem:
         made = Problem.of(one, actuator, only=only, held=held, threads=threads, backend=backend)
-        return made.searched()
+        return as_searched(made)
 
     problem = problem_of(recording)
     limits: dict[str, Threshold] = {}

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ematwin.estimation.constants import COVERAGE, LEVEL
-from ematwin.estimation.laplace import eigen
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
+from ematwin.numerics.symmetric import eigen
 
 if TYPE_CHECKING:
     from ematwin.estimation.spike_and_slab import FaultSets

@@ -25,8 +25,9 @@ from functools import cached_property
 
 import numpy as np
 
-from ematwin.estimation.laplace import Laplace, inverse
+from ematwin.estimation.laplace import Laplace
 from ematwin.estimation.problem import Problem
+from ematwin.numerics.symmetric import inverse
 
 _EDGE = 1e-9
 

@@ -27,10 +27,12 @@ import numpy as np
 from ematwin.estimation.aliases import Aliases, Direction, directions, held_pivots
 from ematwin.estimation.constants import WORTH
 from ematwin.estimation.descent import STEP, Descent
-from ematwin.estimation.levenberg_marquardt import LARGEST_BATCH
+from ematwin.estimation.differences import along, central
+from ematwin.estimation.noise import with_shown_noise
 from ematwin.estimation.problem import Problem
 from ematwin.models.chart import Chart
 from ematwin.numerics.bounded_squares import bounded_squares
+from ematwin.numerics.symmetric import eigen, inverse
 
 _JOINT = 2  # steps of everything together, where evidence decides what data do not see
 _STEPS = 8  # of everything together at the end, at most
@@ -188,26 +190,11 @@ class _Seen:
         self.problem, self.spent = problem, 1
         here = problem.residuals(point[None])[0]
         self.size = len(here)
-        self.problem = problem.weighed(here, least_noise)
+        self.problem = with_shown_noise(problem, here, least_noise)
 
     def __call__(self, z: np.ndarray) -> np.ndarray:
         self.spent += len(z)
         return self.problem.residuals(self.problem.chart.to_values(z))
-
-
-def standard_errors(chart: Chart, z: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """(d,) errors, in values, of a covariance (d, d) at ``z`` (d,), both in a chart's coordinates.
-
-    For a logarithmic unknown, the error of the logarithm.
-    """
-    errors = np.sqrt(np.diag(covariance)) * chart.widths
-    for radius, direction in chart.pairs:
-        # across the vector an error turns it; along it, it changes the magnitude
-        size = float(np.hypot(z[radius], z[direction]))
-        across = max(errors[radius], errors[direction])
-        errors[radius] = across
-        errors[direction] = across / (2.0 * np.pi * size) if size > 2.0 * across else np.inf
-    return np.asarray(errors)
 
 
 def sharp_errors(peak: Laplace, own: int, factor: float) -> np.ndarray:
@@ -218,7 +205,7 @@ def sharp_errors(peak: Laplace, own: int, factor: float) -> np.ndarray:
     kept = slice(own)
     chart = Chart(peak.problem.chart.unknowns[:own])
     covariance = inverse(peak.data[kept, kept] / factor**2 + peak.priors[kept, kept])
-    return standard_errors(chart, peak.z[:own], covariance)
+    return chart.standard_errors(peak.z[:own], covariance)
 
 
 def profiled(
@@ -302,7 +289,7 @@ def _slopes(
         priors = parts.priors @ parts.priors.T / problem.noise**2
         covariance = inverse(data + priors)
         if not last:
-            jacobian = _along(seen, z, _principal(data + priors), chart)
+            jacobian = along(seen, z, _principal(data + priors), chart, seen.size)
     return _Slopes(here, jacobian, data, priors, covariance)
 
 
@@ -316,20 +303,6 @@ def _principal(information: np.ndarray) -> np.ndarray:
     ways = (vectors / scale[:, None] / np.sqrt(np.maximum(values, 1e-10))).T
     size = np.abs(ways).max(axis=1, keepdims=True)
     return np.asarray(ways * (np.clip(size, _SHORTEST, _LONGEST) / size))
-
-
-def _along(seen: _Seen, z: np.ndarray, ways: np.ndarray, chart: Chart) -> np.ndarray:
-    """The Jacobian (d, K) by differences to both sides along ``ways`` (d, d), within the bounds."""
-    up, down = chart.project(z + ways), chart.project(z - ways)
-    moved = up - down
-    change = np.empty((len(z), seen.size))
-    many = max(1, LARGEST_BATCH // (2 * seen.size))
-    for first in range(0, len(z), many):
-        some = slice(first, first + many)
-        found = seen(np.vstack([up[some], down[some]]))
-        half = len(found) // 2
-        change[some] = found[:half] - found[half:]
-    return np.linalg.solve(moved, change)
 
 
 def _is_better(problem: Problem, pair: np.ndarray) -> bool:
@@ -395,45 +368,3 @@ def _shown(
     blind = STEP * one.blind
     up, down = problem.split(residuals(np.vstack([z + blind, z - blind]))).evidence
     return np.asarray((up - down) / (2.0 * blind[one.pivot]))
-
-
-def central(residuals, z, steps, lower, upper, size):  # type: ignore[no-untyped-def]
-    """Residuals (K,) at a point, and their Jacobian (d, K) by differences to both sides.
-
-    ``size`` is K: of long residuals only some columns are differenced at a time.
-    """
-    up = np.minimum(steps, upper - z)
-    down = np.minimum(steps, z - lower)
-    eye, d = np.eye(len(z)), len(z)
-    many = max(1, LARGEST_BATCH // (2 * size))
-    jacobian = np.empty((d, size))
-    for first in range(0, d, many):
-        columns = slice(first, first + many)
-        beside = [z + eye[columns] * up, z - eye[columns] * down]
-        found = residuals(np.vstack(beside if first else [z[None], *beside]))
-        if not first:
-            here, found = found[0].copy(), found[1:]
-        half = len(found) // 2
-        jacobian[columns] = (found[:half] - found[half:]) / (up + down)[columns, None]
-    return here, jacobian
-
-
-def inverse(information: np.ndarray) -> np.ndarray:
-    """Inverse of a symmetric matrix; directions without information get a large variance."""
-    scale = np.sqrt(np.maximum(np.diag(information), 1e-12))
-    values, vectors = eigen(information / np.outer(scale, scale))
-    found = (vectors / np.maximum(values, 1e-10)) @ vectors.T
-    return np.asarray(found / np.outer(scale, scale))
-
-
-def eigen(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Eigenvalues (d,) and eigenvectors (d, d) of a symmetric matrix.
-
-    LAPACK's divide and conquer fails on some sound matrices; QR iterations do not.
-    """
-    try:
-        return tuple(np.linalg.eigh(matrix))  # type: ignore[return-value]
-    except np.linalg.LinAlgError:
-        from scipy.linalg import eigh  # here, for it takes long to import
-
-        return tuple(eigh(matrix, driver="ev"))

@@ -22,11 +22,12 @@ from ematwin.errors import InputError
 from ematwin.estimation.baseline import Baseline
 from ematwin.estimation.constants import BEFOREHAND, IMPLAUSIBLE, WORSE, WORST
 from ematwin.estimation.findings import verdict_on
+from ematwin.estimation.free_unknowns import unknowns_of
 from ematwin.estimation.identification import Identification
 from ematwin.estimation.identify import Prepared, estimate_of
 from ematwin.estimation.intervals import Interval, deviations
 from ematwin.estimation.prior import coordinate
-from ematwin.estimation.problem import Problem, unknowns_of
+from ematwin.estimation.problem import Problem
 from ematwin.estimation.random_effects import Normals, Peak, effects_of, fit
 from ematwin.estimation.spike_and_slab import FaultSet, FaultSets
 from ematwin.models.comparison import Comparison

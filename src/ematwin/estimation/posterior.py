@@ -20,7 +20,6 @@ from ematwin.errors import InputError, MissingExtraError
 from ematwin.estimation.interrupt import noting_interrupts
 from ematwin.estimation.intervals import Draws, with_corner
 from ematwin.estimation.joint import Joint
-from ematwin.estimation.laplace import eigen
 from ematwin.estimation.uncertainty import (
     Question,
     Report,
@@ -29,6 +28,7 @@ from ematwin.estimation.uncertainty import (
     strained,
     uninformed,
 )
+from ematwin.numerics.symmetric import eigen
 
 EFFECTIVE = 400.0  # Vehtari et al. (2021), section 4: enough for quantiles of 95 %
 MOST = 200_000  # simulations

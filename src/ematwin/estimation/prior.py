@@ -1,11 +1,13 @@
-"""Priors: joint normal distributions of the coordinates of some unknowns."""
+"""What is known of unknowns besides a recording: normal distributions of their coordinates."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from ematwin.models.chart import Chart
 from ematwin.models.unknown import Unknown
 
 
@@ -23,6 +25,15 @@ class Prior:
     names: tuple[str, ...]
     mean: np.ndarray
     covariance: np.ndarray
+
+    @cached_property
+    def _whitening(self) -> np.ndarray:
+        """(P, P), the inverse root of the covariance."""
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(self.covariance)).T)
+
+    def distances(self, z: np.ndarray) -> np.ndarray:
+        """(B, P), standard deviations, of coordinates (B, P) from the mean."""
+        return np.asarray((z - self.mean) @ self._whitening)
 
     def of(self, names: Iterable[str]) -> "Prior":
         """The marginal distribution of some of them."""
@@ -64,6 +75,34 @@ class Prior:
         return Prior((*self.names, *other.names), np.concatenate([self.mean, other.mean]), total)
 
 
+class Information(NamedTuple):
+    """What is known of unknowns: the density exp(-|left + root (z - z_0)|^2/2).
+
+    Its last row is what stays of the residuals wherever the unknowns lie.
+
+    Attributes
+    ----------
+    chart : Chart, of the unknowns
+    z : (d,) array, coordinates z_0
+    root : (k, d) array
+    left : (k,) array
+    """
+
+    chart: Chart
+    z: np.ndarray
+    root: np.ndarray
+    left: np.ndarray
+
+    def distances(self, values: Mapping[str, np.ndarray]) -> np.ndarray:
+        """(B, k), standard deviations, of values (B,) by name."""
+        return np.asarray(self.left + (coordinates(self.chart, values) - self.z) @ self.root.T)
+
+
 def coordinate(one: Unknown, value: Any) -> Any:
     """A value, or an array, of an unknown as its prior counts it: it, or its logarithm."""
     return np.log(value) if one.logarithmic else value
+
+
+def coordinates(chart: Chart, values: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Coordinates (B, d) in a chart of values (B,) by name, which may hold others too."""
+    return chart.from_values(np.array([values[one.name] for one in chart.unknowns]).T)

@@ -26,7 +26,8 @@ import numpy as np
 from ematwin.errors import DivergedError, InputError, ParameterError, RecordError
 from ematwin.estimation.aliases import aliases_of
 from ematwin.estimation.baseline import Baseline, baseline_of, with_all_free
-from ematwin.estimation.laplace import Laplace, sharp_errors, standard_errors, width_at
+from ematwin.estimation.corrected_problem import corrected_at, of_fast_model
+from ematwin.estimation.laplace import Laplace, sharp_errors, width_at
 from ematwin.estimation.problem import Problem
 from ematwin.models.base import Demand, Model
 from ematwin.models.parameter_set import ParameterSet
@@ -80,7 +81,7 @@ class Expected:
     @cached_property
     def errors(self) -> dict[str, float]:
         """Standard errors by name, in values; of a direction without meaning infinite."""
-        found = standard_errors(self.problem.chart, self.peak.z, self.covariance)
+        found = self.problem.chart.standard_errors(self.peak.z, self.covariance)
         return dict(zip(self.problem.names, found.tolist(), strict=True))
 
     @cached_property
@@ -202,7 +203,7 @@ class Experiment:
         """
         full = self.problem(recording)
         point = np.array([faults.get(one.name, one.healthy) for one in full.unknowns])
-        near = full.of_fast_model() if fast else full.corrected(point) or full
+        near = of_fast_model(full) if fast else corrected_at(full, point) or full
         aliases = aliases_of(self.model, self.actuator, near, point)
         return Expected(width_at(near, point, aliases=aliases, least_noise=near.noise))
 

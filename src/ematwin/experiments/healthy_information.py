@@ -3,7 +3,7 @@
 The recording is simulated. The covariance C that the parameters would have after it is that which a
 calibration states (`ematwin.estimation.correction`): by the Jacobian and the noise, with load and
 sensors integrated out, and with the error of the fast model within that width. The scatter of the
-reference from one candidate to the next counts as discrepancy (`Problem.scatter`, `model_error`).
+reference from one candidate to the next counts as discrepancy (`reference_scatter`, `model_error`).
 With P the inverse covariance of the prior, the information is C^-1 - P. The information of several
 recordings adds up.
 """
@@ -18,14 +18,17 @@ import numpy as np
 from ematwin.errors import DivergedError, InputError, ParameterError, RecordError
 from ematwin.estimation.aliases import aliases_of
 from ematwin.estimation.baseline import frees_parameters, uncertain
+from ematwin.estimation.corrected_problem import corrected_at, reference_scatter
 from ematwin.estimation.correction import Corrected, with_model_error
-from ematwin.estimation.laplace import eigen, inverse, width_at
-from ematwin.estimation.learn import healthy_nuisances
+from ematwin.estimation.healthy_fit import healthy_nuisances
+from ematwin.estimation.laplace import width_at
+from ematwin.estimation.noise import noise_at
 from ematwin.estimation.prior import Prior
 from ematwin.estimation.problem import Problem
 from ematwin.experiments.expected import Experiment
 from ematwin.models.scenario import Scenario
 from ematwin.models.unknown import Unknown
+from ematwin.numerics.symmetric import eigen, inverse
 from ematwin.recordings.recording import Recording
 
 
@@ -119,11 +122,12 @@ def _seen(experiment: Experiment, known: Knowledge, recording: Recording) -> np.
     problem = Problem(
         [comparison], [*known.unknowns, *own], prior=known.prior.and_(Prior.independent(own))
     )
-    corrected = problem.corrected(problem.start)
+    corrected = corrected_at(problem, problem.start)
     near = corrected or problem
-    left = near.noise_at(misfit) if math.isfinite(misfit) else 0.0  # what the twin leaves of others
+    # what the twin leaves of others
+    left = noise_at(near, misfit) if math.isfinite(misfit) else 0.0
     # behind impacts the reference changes from one candidate to the next: no calibration gets below
-    scatter = problem.model_error * near.noise_at(problem.scatter(problem.start))
+    scatter = problem.model_error * noise_at(near, reference_scatter(problem, problem.start))
     peak = width_at(
         near, near.start, aliases=aliases_of(model, actuator, near, near.start),
         least_noise=max(near.noise, left, scatter),

@@ -22,17 +22,18 @@ from ematwin.errors import InputError, RecordError
 from ematwin.models.channels_agree import Law
 from ematwin.models.comparison import Candidates, Comparison, TraceComparison
 from ematwin.models.monitoring import Monitoring, Reported, Statistic
-from ematwin.models.optional import (
-    Demand,
-    Equation,
-    Form,
-    OtherForm,
-    Signal,
-    Study,
-)
+from ematwin.models.optional import Demand, Equation, Form, OtherForm, Signal, Study
 from ematwin.models.parameter_set import ParameterSet, not_searchable
 from ematwin.models.scenario import Component, Scenario, shipped_scenarios
-from ematwin.models.unknown import Alias, Contrast, PhysicalValue, Unknown, no_unknown, of_parameter
+from ematwin.models.unknown import (
+    Alias,
+    Contrast,
+    PhysicalValue,
+    Unknown,
+    no_unknown,
+    of_parameter,
+    physical_values,
+)
 from ematwin.recordings.channel import Channel
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
@@ -219,16 +220,7 @@ class Model(ABC):
 
     def describe(self, actuator: Any, values: Values) -> list[PhysicalValue]:
         """Physical values of faults and nuisances on an actuator."""
-        rows = []
-        for one in self.unknowns(actuator):
-            if one.name not in values:
-                continue
-            row = one.physical_value(actuator, values[one.name])
-            if one.direction_of is not None and values.get(one.direction_of) == 0.0:
-                without = f"{row.meaning} (no meaning without {one.direction_of})"
-                row = row._replace(meaning=without)
-            rows.append(row)
-        return rows
+        return physical_values(self.unknowns(actuator), actuator, values)
 
     def as_faults(self, values: Values) -> Any:
         """Values as users of this kind expect them; a dict unless overridden."""

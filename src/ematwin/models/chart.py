@@ -97,3 +97,17 @@ class Chart:
             radius = np.hypot(z[:, pair[0]], z[:, pair[1]])
             z[:, list(pair)] /= np.maximum(radius, 1.0)[:, None]
         return z
+
+    def standard_errors(self, z: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+        """(d,) errors, in values, of a covariance (d, d) at ``z`` (d,), both in coordinates.
+
+        For a logarithmic unknown, the error of the logarithm.
+        """
+        errors = np.sqrt(np.diag(covariance)) * self.widths
+        for radius, direction in self._pairs:
+            # across the vector an error turns it; along it, it changes the magnitude
+            size = float(np.hypot(z[radius], z[direction]))
+            across = max(errors[radius], errors[direction])
+            errors[radius] = across
+            errors[direction] = across / (2.0 * np.pi * size) if size > 2.0 * across else np.inf
+        return np.asarray(errors)

@@ -167,7 +167,7 @@ class Comparison(ABC):
         """The same comparison with each channel weighed by the noise that residuals (K,) show.
 
         ``residuals`` belong to a good point. Itself where one channel is compared, whose noise
-        `Problem.weighed` finds.
+        `with_shown_noise` finds.
         """
         return self
 

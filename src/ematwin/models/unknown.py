@@ -6,7 +6,7 @@ all follow from it.
 """
 
 import math
-from collections.abc import Callable, Container, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Any, Literal, NamedTuple
@@ -220,6 +220,22 @@ def of_parameter(actuator: Any, place: str, factor: float | None) -> Unknown:
         place, unit, meaning, value, max(value - _FACTOR * reach, low),
         min(value + _FACTOR * reach, high), "nominal",
     )  # fmt: skip
+
+
+def physical_values(
+    unknowns: Sequence[Unknown], actuator: Any, values: Mapping[str, float]
+) -> list[PhysicalValue]:
+    """Physical values, on an actuator, of those unknowns of which there is a value."""
+    rows = []
+    for one in unknowns:
+        if one.name not in values:
+            continue
+        row = one.physical_value(actuator, values[one.name])
+        if one.direction_of is not None and values.get(one.direction_of) == 0.0:
+            without = f"{row.meaning} (no meaning without {one.direction_of})"
+            row = row._replace(meaning=without)
+        rows.append(row)
+    return rows
 
 
 def no_unknown(name: str, actuator: Any, unknowns: Sequence[Unknown]) -> InputError:

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ematwin.errors import InputError
-from ematwin.estimation.learn import same_command
+from ematwin.estimation.healthy_fit import same_command
 from ematwin.models.base import Model
 from ematwin.models.comparison import Comparison
 from ematwin.models.registry import model_of

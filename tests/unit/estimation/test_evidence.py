@@ -6,6 +6,7 @@ import pytest
 from ematwin import Recording
 from ematwin.estimation.descent import Descent
 from ematwin.estimation.laplace import laplace
+from ematwin.estimation.noise import with_shown_noise
 from ematwin.estimation.prior import Prior
 from ematwin.estimation.problem import Problem
 from ematwin.models.comparison import Comparison
@@ -104,7 +105,7 @@ def test_residuals_are_data_then_evidence_then_priors() -> None:
 def test_evidence_that_is_worse_than_expected_counts_less(watts_noise, low, high) -> None:
     problem = Problem([TwoSensors(0.06, watts_noise).with_evidence()], UNKNOWNS, prior=PRIOR)
     left = problem.residuals(point_of(problem)[None])[0]
-    weighed = problem.weighed(left)
+    weighed = with_shown_noise(problem, left)
     assert 0.04 < weighed.noise < 0.08  # that of the current, three times what was expected
     assert low <= weighed.trust <= high
     again = weighed.split(weighed.residuals(point_of(problem)[None])[0])

@@ -6,11 +6,12 @@ from scipy.optimize import lsq_linear
 
 from ematwin import Recording
 from ematwin.estimation.descent import Descent
-from ematwin.estimation.laplace import Laplace, inverse, laplace, profiled
+from ematwin.estimation.laplace import Laplace, laplace, profiled
 from ematwin.estimation.prior import Prior
 from ematwin.estimation.problem import Problem
 from ematwin.models.comparison import Comparison
 from ematwin.models.unknown import Alias, Unknown
+from ematwin.numerics.symmetric import inverse
 
 NOISE = 0.4
 ROUGH = 1e-4  # of the answer, where it is not smooth

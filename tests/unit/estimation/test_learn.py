@@ -10,7 +10,8 @@ from ematwin.errors import ParameterError, RecordError
 from ematwin.estimation import learn as learning
 from ematwin.estimation.baseline import frees_parameters
 from ematwin.estimation.forms import FoundForms
-from ematwin.estimation.learn import expected_misfit, learn, same_command
+from ematwin.estimation.healthy_fit import expected_misfit, same_command
+from ematwin.estimation.learn import learn
 from ematwin.models.registry import model_of
 from ematwin.models.scenario import Scenario
 

@@ -5,7 +5,7 @@ import pytest
 
 from ematwin import BldcActuator, Faults, Noise, Problem, Recording, identify, simulate
 from ematwin.errors import InputError, RecordError
-from ematwin.estimation.problem import unknowns_of
+from ematwin.estimation.free_unknowns import unknowns_of
 from ematwin.estimation.search import find, method_name, methods, named
 from ematwin.models.comparison import Comparison
 from ematwin.models.registry import model_of

@@ -9,6 +9,8 @@ import pytest
 
 import ematwin
 from ematwin.errors import InputError
+from ematwin.estimation.corrected_problem import corrected_at
+from ematwin.estimation.noise import with_shown_noise
 from ematwin.experiments import design as designing
 from ematwin.experiments.command_errors import expected_errors, fault_vectors, identified_errors
 from ematwin.experiments.expected import Experiment
@@ -63,9 +65,9 @@ def test_expected_errors_are_those_of_a_linear_fit() -> None:
     )
     plain = ematwin.Problem.of(record, setting.actuator, threads=1)
     point = np.array([values[name] for name in plain.names])
-    problem = plain.corrected(point)
+    problem = corrected_at(plain, point)
     here = problem.residuals(point[None])[0]
-    problem = problem.weighed(here, problem.noise)
+    problem = with_shown_noise(problem, here, problem.noise)
     chart, step = problem.chart, 2e-3
     z = chart.from_values(point[None])
     up, down = (problem.residuals(chart.to_values(z + h * np.eye(8))) for h in (step, -step))

@@ -14,7 +14,8 @@ import math
 from collections.abc import Mapping
 
 from ematwin.models.base import OtherForm
-from ematwin.models.bldc.parameters import BldcActuator, Eccentricity, ShortedTurns
+from ematwin.models.bldc.parameters import BldcActuator
+from ematwin.models.bldc.sections import Eccentricity, ShortedTurns
 from ematwin.models.bldc.unknowns import SHORTS
 
 NAMES = frozenset((*SHORTS, "eccentricity"))  # faults that may be taken for one of another form

@@ -1,0 +1,224 @@
+"""A problem whose fast model is corrected by the reference.
+
+Reference minus fast model at one point is taken off the recordings. Two things change that
+difference with the unknowns: those that only the reference depends on, linearly, and what was seen
+of it at other points (secants). `ematwin.estimation.correction` looks for the minimum with these.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ematwin.errors import ParameterError
+from ematwin.estimation.prior import Prior, coordinate, coordinates
+from ematwin.estimation.problem import Problem, ResidualChange
+from ematwin.models.chart import Chart
+from ematwin.models.unknown import Unknown
+from ematwin.numerics.side_by_side import side_by_side
+
+_BESIDE = 0.1  # standard deviations of the prior
+
+
+class _Unseen(NamedTuple):
+    """An unknown on which only the reference depends.
+
+    Attributes
+    ----------
+    unknown : Unknown
+    around : float, where the reference was asked: the value, or its logarithm
+    slopes : (K,) array for each recording, how residuals change with it
+    """
+
+    unknown: Unknown
+    around: float
+    slopes: list[np.ndarray]
+
+    def residuals(self, values: Mapping[str, np.ndarray], recording: int) -> np.ndarray:
+        """(B, K), as `ResidualChange` says."""
+        moved = coordinate(self.unknown, values[self.unknown.name]) - self.around
+        return np.outer(moved, self.slopes[recording])
+
+
+class _Secants(NamedTuple):
+    """How the error of the fast model changes, by its values at other points.
+
+    Attributes
+    ----------
+    chart : Chart, of the unknowns of the points
+    z : (d,) array, coordinates of the point at which it is corrected
+    shares : (d, m) array, of each other point in a step
+    changes : of each recording (m, K), changes of residuals from here to the other points
+    """
+
+    chart: Chart
+    z: np.ndarray
+    shares: np.ndarray
+    changes: list[np.ndarray]
+
+    def residuals(self, values: Mapping[str, np.ndarray], recording: int) -> np.ndarray:
+        """(B, K), as `ResidualChange` says."""
+        steps = (coordinates(self.chart, values) - self.z) @ self.shares
+        return np.asarray(steps @ self.changes[recording])
+
+
+def corrected_at(
+    problem: Problem, point: np.ndarray, like: Problem | None = None
+) -> Problem | None:
+    """The same problem, corrected by the reference minus the fast model at a point (d,).
+
+    The correction is linear in unknowns that the fast model does not have. Slopes come from
+    ``like``, which was corrected before, or take an answer of the reference each.
+    The noise is what recordings are expected to leave beside the reference. None where a
+    recording has no reference, or the reference diverged.
+    """
+    values = problem.values(point)
+    first = _missed(problem, point, {})
+    if first is None:
+        return None
+    known = {} if like is None else _slopes_of(like)
+    other = _without(problem, first)
+    changes: list[ResidualChange] = []
+    for one in problem.unknowns:
+        if one.name not in problem.comparisons[0].unseen:
+            continue
+        now = coordinate(one, values[one.name])
+        if like is not None:
+            slopes = known[one.name]
+        else:
+            there = _likely(one, values[one.name], problem.prior)
+            missed = _missed(problem, point, {one.name: there})
+            if missed is None:
+                return None
+            far = coordinate(one, there) - now
+            slopes = _slopes(other, _without(problem, missed), point, far)
+        changes.append(_Unseen(one, now, slopes))
+    return other.with_comparisons(other.comparisons, changes)
+
+
+def with_secants(
+    problem: Problem, z: np.ndarray, others: Sequence[tuple[np.ndarray, Problem]],
+    errors: np.ndarray,
+) -> Problem:  # fmt: skip
+    """The same problem, in which the error of the fast model changes as it did elsewhere.
+
+    Parameters
+    ----------
+    problem : corrected at ``z``
+    z : (d,) array, coordinates
+    others : coordinates and problems that are corrected there
+    errors : (d,) array, in which steps are measured
+    """
+    away = np.array([(there - z) / errors for there, _ in others])
+    points = problem.chart.to_values(np.array([there for there, _ in others]))
+    changes = [
+        np.array(
+            [
+                one.residuals_of(n, point[None])[0] - problem.residuals_of(n, point[None])[0]
+                for (_, one), point in zip(others, points, strict=True)
+            ]
+        )
+        for n in range(len(problem.comparisons))
+    ]
+    shares = np.linalg.pinv(away, rcond=1e-3) / errors[:, None]
+    secants = _Secants(problem.chart, z, shares, changes)
+    return problem.with_comparisons(problem.comparisons, (*problem.changes, secants))
+
+
+def as_searched(problem: Problem) -> Problem:
+    """The same problem as a search sees it.
+
+    Where the fast model lacks forms of the actuator, it is corrected at healthy values first:
+    minima of the fast model alone belong to another actuator.
+    """
+    if not problem.lacks_forms:
+        return problem
+    return corrected_at(problem, problem.start) or problem
+
+
+def of_fast_model(problem: Problem) -> Problem:
+    """The same problem where the recordings are of the fast model: a correction is nothing."""
+    if not problem.comparisons[0].has_reference:
+        return problem
+    every = [one.measured() for one in problem.comparisons]
+    return _without(problem, [{n: np.zeros_like(x) for n, x in one.items()} for one in every])
+
+
+def reference_scatter(problem: Problem, point: np.ndarray) -> float:
+    """The relative misfit by which the reference differs from one candidate to the next.
+
+    Behind sampled loops they do: a small change moves samples, and these the impacts in a gap.
+    A recording is one such answer. The candidates are a point (d,) and one beside it, within a
+    tenth of a standard deviation of its prior; 0 where the kind has no reference.
+    """
+    here = corrected_at(problem, point)
+    if here is None:
+        return 0.0
+    places = [problem.names.index(name) for name in problem.prior.names]
+    logarithmic = np.array([problem.unknowns[n].logarithmic for n in places], bool)
+    sides = np.random.default_rng(0).choice([-1.0, 1.0], len(places))
+    moves = _BESIDE * sides * np.sqrt(np.diag(problem.prior.covariance))
+    near = point.copy()
+    near[places] = np.where(logarithmic, point[places] * np.exp(moves), point[places] + moves)
+    beside = corrected_at(problem, np.clip(near, problem.lower, problem.upper), here)
+    if beside is None:
+        return 0.0
+    change = here.data_cost(beside.residuals(point[None])[0] - here.residuals(point[None])[0])
+    return problem.relative_misfit(0.5 * change)
+
+
+def _missed(
+    problem: Problem, point: np.ndarray, moved: Mapping[str, float]
+) -> list[Mapping[str, np.ndarray]] | None:
+    """Reference minus fast model, per recording, at a point (d,) with some values ``moved``.
+
+    None where a recording has no reference, or the reference diverged.
+    """
+
+    def missed(n: int) -> Mapping[str, np.ndarray] | None:
+        beside = {name: float(x[0]) for name, x in problem.candidates(point[None], n).items()}
+        try:
+            found = problem.comparisons[n].missed({**beside, **moved})
+        except ParameterError:  # a sampled loop that is unstable there
+            return None
+        if found is None or not all(np.isfinite(trace).all() for trace in found.values()):
+            return None
+        return found
+
+    every = side_by_side(missed, range(len(problem.comparisons)))
+    known = [one for one in every if one is not None]
+    return known if len(known) == len(every) else None
+
+
+def _without(problem: Problem, missed: Sequence[Mapping[str, np.ndarray]]) -> Problem:
+    """The same problem with that taken off each recording, and the noise that is left then."""
+    pairs = zip(problem.comparisons, missed, strict=True)
+    other = problem.with_comparisons([one.with_missed(by_channel) for one, by_channel in pairs])
+    # no model error until a discrepancy shows (`ematwin.estimation.noise.with_discrepancy`)
+    return other.with_noise(other.comparisons[0].noise, model_error=1.0)
+
+
+def _slopes(here: Problem, there: Problem, point: np.ndarray, far: float) -> list[np.ndarray]:
+    """Change of residuals (K,) of each recording from one problem to another, per ``far``."""
+    found = []
+    for n, (mine, other) in enumerate(zip(here.comparisons, there.comparisons, strict=True)):
+        candidates = here.candidates(point[None], n)
+        found.append((other.residuals(candidates, 1)[0] - mine.residuals(candidates, 1)[0]) / far)
+    return found
+
+
+def _slopes_of(problem: Problem) -> dict[str, list[np.ndarray]]:
+    """The slopes that a problem was corrected with, by name."""
+    return {one.unknown.name: one.slopes for one in problem.changes if isinstance(one, _Unseen)}
+
+
+def _likely(one: Unknown, value: float, prior: Prior) -> float:
+    """A value one standard deviation from another: impacts make shorter differences rough."""
+    spread = 0.1 if one.logarithmic else 0.1 * one.width
+    if one.name in prior.names:
+        n = prior.names.index(one.name)
+        spread = math.sqrt(prior.covariance[n, n])
+    sign = 1.0 if one.upper - value >= value - one.lower else -1.0
+    moved = value * math.exp(sign * spread) if one.logarithmic else value + sign * spread
+    return min(max(moved, one.lower), one.upper)

@@ -1,0 +1,226 @@
+"""Joint fit of healthy recordings: the search of parameters, and the minimum of all together.
+
+Recordings of few commands are searched all over the ranges of the parameters, until two searches
+end equally deep. From there all recordings are fitted together, with sensors and load of each.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ematwin.errors import RecordError
+from ematwin.estimation.baseline import effective, searched_range
+from ematwin.estimation.constants import AS_GOOD, SAME_COMMAND, WORSE
+from ematwin.estimation.corrected_problem import as_searched, corrected_at, reference_scatter
+from ematwin.estimation.correction import ROUNDS, Corrected, corrected, reweighed, with_model_error
+from ematwin.estimation.descent import Descent
+from ematwin.estimation.healthy_bias import name_of
+from ematwin.estimation.laplace import Laplace, laplace
+from ematwin.estimation.multistart import MultistartDescent
+from ematwin.estimation.noise import noise_at
+from ematwin.estimation.prior import Prior
+from ematwin.estimation.problem import Problem
+from ematwin.models.base import Model
+from ematwin.models.comparison import Comparison
+from ematwin.models.parameter_set import ParameterSet
+from ematwin.models.unknown import Alias, Unknown
+from ematwin.recordings.recording import Recording
+
+Progress = Callable[[float], None]
+
+_SEARCHES = 8  # at most: of one actuator in sixty six of them end in the same wrong valley
+_EQUALLY_DEEP = 1.1  # ratio of misfits
+_BUDGET = 20_000  # an upper limit: a search takes 1,300
+_TRIED = 2  # ends of searches from which all recordings are fitted together
+_WITHOUT = 0.5  # times the misfit with it that recordings leave without an odd one
+_ROUNDS = 5  # at most, where equations have said where: each takes 4 s of CPU for three recordings
+_COMMANDS = 2  # different ones that the search looks at
+_LOAD_GAIN = 0.01  # while calibrating the load is taken as a load cell states it
+
+
+def healthy_nuisances(
+    model: Model, actuator: ParameterSet, comparisons: Sequence[Comparison]
+) -> list[Unknown]:
+    """Load and sensors that matter to healthy recordings; the load as a load cell states it."""
+    return [
+        replace(one, spread=_LOAD_GAIN) if one.name == "load_gain" else one
+        for one in effective(model.unknowns(actuator), comparisons)
+    ]
+
+
+def expected_misfit(comparisons: Sequence[Comparison], command: str) -> float:
+    """The relative misfit that noise and the twin's known error leave; noise from repeats."""
+    known = comparisons[0].expected_misfit
+    shares = []
+    for n, one in enumerate(comparisons):
+        for other in comparisons[n + 1 :]:
+            if one.whitened or not same_command(one.recording, other.recording, command):
+                continue
+            mine, theirs = one.measured(), other.measured()
+            gap = sum(float(np.sum((mine[k] - theirs[k]) ** 2)) for k in mine)
+            size = sum(float(np.sum(mine[k] ** 2)) for k in mine)
+            shares.append(0.5 * gap / size)
+    # the two that are most alike: one may be faulty
+    noise = min(shares, default=0.0)
+    return max(known, float(np.sqrt(noise)))
+
+
+def same_command(a: Recording, b: Recording, command: str) -> bool:
+    """Whether two recordings follow the same command at the same rate."""
+    if len(a) != len(b) or abs(a.interval - b.interval) > 1e-3 * a.interval:
+        return False
+    mine, theirs = a.channels[command], b.channels[command]
+    return bool(np.abs(mine - theirs).max() <= SAME_COMMAND * max(float(np.ptp(mine)), 1e-300))
+
+
+class Fitted(NamedTuple):
+    """The minimum of all recordings together.
+
+    Attributes
+    ----------
+    end : Corrected
+    misfit : float, relative, of all recordings
+    alone : float, misfit of the recordings searched
+    scatter : float, of the reference from one candidate to the next (`reference_scatter`)
+    """
+
+    end: Corrected
+    misfit: float
+    alone: float
+    scatter: float
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Values of all unknowns by name."""
+        return self.end.peak.problem.values(self.end.peak.point)
+
+    def explains(self, floor: float) -> bool:
+        """Whether little more is left than a misfit (``floor``) and the scatter do."""
+        return self.misfit <= WORSE * math.hypot(floor, self.scatter)
+
+
+@dataclass(frozen=True)
+class HealthyFit:
+    """Search and joint fit of some recordings.
+
+    ``prior`` comes from equations along the recorded motion, for an actuator that has forms; it
+    then takes the place of the search. The equations hold sample by sample, whereas two
+    simulations of a closed loop behind sampled loops scatter. The two residuals are mostly not
+    sensor noise and not the same, so that both count.
+    """
+
+    model: Model
+    template: ParameterSet
+    nominals: Sequence[Unknown]
+    floor: float
+    prior: Prior | None = None
+
+    def run(self, comparisons: Sequence[Comparison], tell: Progress = lambda share: None) -> Fitted:
+        """The minimum of all recordings together."""
+        beside = [one.with_evidence() for one in comparisons]
+        own = healthy_nuisances(self.model, self.template, beside)
+        mine = [one.name for one in own]
+        problem = Problem(beside, [*self.nominals, *own], own=mine)
+        if self.prior is None:
+            point, alone = self._searched(problem, comparisons, own, tell)
+        else:
+            known = self.prior.of(one.name for one in self.nominals)
+            rest = (one for one in problem.unknowns if one.name not in known.names)
+            means = dict(zip(known.names, np.exp(known.mean).tolist(), strict=True))
+            problem = Problem(
+                beside, [*self.nominals, *own], own=mine, start=means,
+                prior=known.and_(Prior.independent(rest)),
+            )  # fmt: skip
+            point, alone = problem.start, self.floor
+        # coarse to fine: what is learnt here is what faults are multiples of
+        scatter = reference_scatter(problem, point) if problem.lacks_forms else 0.0
+        noise = noise_at(problem, scatter)
+        if self.prior is not None:  # what is left is alike throughout, and equations know better
+            noise *= problem.model_error
+        near = Descent(self._aliases, settled=np.inf, least_noise=noise)
+        rounds = ROUNDS if self.prior is None else _ROUNDS
+        end = corrected(problem.refined(), point, near, rounds=rounds)
+        left = end.peak.problem.relative_misfit(end.peak.cost)
+        return Fitted(with_model_error(reweighed(end, near)), left, alone, scatter)
+
+    def _aliases(self, values: Mapping[str, float]) -> Sequence[Alias]:
+        return self.model.aliases(self.template, values)
+
+    def _searched(
+        self,
+        problem: Problem,
+        comparisons: Sequence[Comparison],
+        own: Sequence[Unknown],
+        tell: Progress,
+    ) -> tuple[np.ndarray, float]:
+        """The best point (d,) from which all fit, and the misfit of the recordings searched."""
+        searched, ends = self._ends(comparisons, [o for o in own if o.name == "skew"], tell)
+        best: Laplace | None = None
+        for n, (cost, z) in enumerate(ends[:_TRIED]):
+            point = searched.chart.to_values(z[None])[0]
+            start = dict(zip(searched.names, point.tolist(), strict=True))
+            first = [
+                start.get(name.partition("@")[0], value)
+                for name, value in zip(problem.names, problem.start, strict=True)
+            ]
+            # what a search has found fits as it is: smoothed currents hardly tell an inductance
+            settled = AS_GOOD * searched.relative_misfit(cost)
+            nearer = corrected_at(problem, np.array(first)) or problem
+            peak = laplace(nearer, np.array(first), Descent(self._aliases, settled=settled))
+            tell(0.6 + 0.2 * (n + 1) / _TRIED)
+            if best is None or peak.cost < best.cost:
+                best = peak
+            if problem.relative_misfit(best.cost) < AS_GOOD * self.floor:
+                break
+        assert best is not None
+        return best.point, searched.relative_misfit(ends[0][0])
+
+    def _ends(
+        self, comparisons: Sequence[Comparison], clocks: Sequence[Unknown], tell: Progress
+    ) -> tuple[Problem, list[tuple[float, np.ndarray]]]:
+        """Ends of searches all over the ranges, the deepest first."""
+        command = self.model.command
+        chosen: list[Comparison] = []
+        for one in comparisons:
+            known = (same_command(one.recording, c.recording, command) for c in chosen)
+            if len(chosen) < _COMMANDS and not any(known):
+                chosen.append(one)
+        problem = Problem(chosen, [*(searched_range(one) for one in self.nominals), *clocks])
+        problem = as_searched(problem)
+        search = MultistartDescent(problem, budget=_BUDGET, seed=1)
+        ends: list[tuple[float, np.ndarray]] = []
+        for n, end in enumerate(search.searches(_SEARCHES)):
+            ends.append(end)
+            tell(0.6 * (n + 1) / _SEARCHES)
+            ends.sort(key=lambda one: one[0])
+            agree = len(ends) > 1 and ends[1][0] < _EQUALLY_DEEP**2 * ends[0][0]
+            # a floor is known where a recording was repeated
+            low = problem.relative_misfit(ends[0][0]) < AS_GOOD * self.floor
+            if agree and (low or len(comparisons) == 1):
+                break
+        return problem, ends
+
+
+def refuse_odd(fit: HealthyFit, comparisons: Sequence[Comparison], misfit: float) -> None:
+    """Refuse a recording without which the others agree; return if there is none."""
+    left = []
+    for n in range(len(comparisons)):
+        others = [one for k, one in enumerate(comparisons) if k != n]
+        left.append(fit.run(others).misfit)
+    best = int(np.argmin(left))
+    if left[best] > _WITHOUT * misfit:
+        return  # no better without any of them: the twin lacks something
+    if len(comparisons) == 2:
+        raise RecordError(
+            f"The two recordings contradict each other: together the twin leaves "
+            f"{100.0 * misfit:.1f} % of them unexplained, alone {100.0 * left[best]:.1f} %. One of "
+            "them is faulty or of another actuator; leave it out, or give a third."
+        )
+    raise RecordError(
+        f"{name_of(comparisons, best)} is unlike the other healthy recordings: with it the "
+        f"twin leaves {100.0 * misfit:.1f} % unexplained, without it {100.0 * left[best]:.1f} %. "
+        "If it is faulty or of another actuator, leave it out."
+    )
