@@ -74,7 +74,10 @@ class _Fit:
             for one, names in zip(equations, self._matters, strict=True)
         ]
         self._counts = [each.size for each in left]
-        self._scales = [self._scale(one, each) for one, each in zip(equations, left, strict=True)]
+        # what noise and the equations' own errors leave
+        self._least = [one.least(actuator) * one.size for one in equations]
+        self._alike = [one.alike(actuator) * one.size for one in equations]
+        self._scales = [self._scale(n, each) for n, each in enumerate(left)]
         matters = {name for some in self._matters for name in some}
         self._free = np.array([n for n, name in enumerate(problem.names) if name in matters])
 
@@ -110,9 +113,9 @@ class _Fit:
     def _weights(self, here: np.ndarray) -> np.ndarray:
         """Factors (K,) on residuals of the equations by what these leave, where that is more."""
         found, first = [], 0
-        for one, count, scale in zip(self._equations, self._counts, self._scales, strict=True):
+        for n, (count, scale) in enumerate(zip(self._counts, self._scales, strict=True)):
             left = here[first : first + count] / scale
-            new = self._scale(one, left, float(np.linalg.norm(left)))
+            new = self._scale(n, left, float(np.linalg.norm(left)))
             found.append(np.full(count, new / scale))
             first += count
         return np.concatenate(found)
@@ -124,15 +127,14 @@ class _Fit:
         beside[np.arange(self._free.size), self._free] += steps
         return np.asarray((self.residuals(beside) - here) / steps[:, None])
 
-    def _scale(self, one: Equation, left: np.ndarray, noise: float = 0.0) -> float:
-        """One over the standard deviation of a residual, such that independent ones count once.
+    def _scale(self, n: int, left: np.ndarray, noise: float = 0.0) -> float:
+        """One over the standard deviation of residuals of the nth equation; independent ones count.
 
         ``noise`` is the norm of the noise, where it is more than an equation leaves at least.
         """
         independent = left.size / correlation_time(left)
-        least = max(one.least(self._actuator) * one.size, noise)
-        alike = one.alike(self._actuator) * one.size
-        return 1.0 / math.sqrt(least**2 / independent + alike**2)
+        least = max(self._least[n], noise)
+        return 1.0 / math.sqrt(least**2 / independent + self._alike[n] ** 2)
 
     def _left(self, equation: Equation, values: Mapping[str, float]) -> np.ndarray:
         places = {name: value for name, value in values.items() if "." in name}

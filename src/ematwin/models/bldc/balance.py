@@ -36,7 +36,6 @@ class TorqueBalance:
     Attributes
     ----------
     size : float, norm of the recorded current, A
-    angles : pair of (S,) arrays, of motor and output in the middle of a sample, rad
     slides : (S,) array of bool, samples that count
     moves_together : (S,) array of bool, where no mass crosses the gap
     """
@@ -45,7 +44,7 @@ class TorqueBalance:
         motion = motion.smoother(_STEEP)
         self._motion, self._low_pass = motion, LowPass(_SLOW)
         middle = motion.time - 0.5 / motion.rate
-        self.angles = motion.motor(middle), motion.output(middle)
+        self._angle = motion.motor(middle)
         self._recorded_load = motion.alike(motion.load)
         self._w_m, self._dw_m = motion.motor(middle, 1), motion.motor(middle, 2)
         self._w_o, self._dw_o = motion.output(middle, 1), motion.output(middle, 2)
@@ -60,15 +59,15 @@ class TorqueBalance:
         if slides is not None:
             self.slides = slides
         self._signed = 0.5 * np.einsum("sk,sk->s", motion.currents, motion.trapezoids)
-        self.size = float(np.linalg.norm(self.filtered(self._signed)[self.slides]))
+        self.size = float(np.linalg.norm(self._filtered(self._signed)))
 
     def output_torque(self, actuator: Any, values: Values | None = None) -> np.ndarray:
         """Torque (S,) that the output needs, N m."""
-        friction = self.sliding(actuator, values)[1] * np.sign(self._w_o)
+        friction = self._sliding(actuator, values)[1] * np.sign(self._w_o)
         needed = actuator.transmission.output_inertia * self._dw_o + friction
         return np.asarray(needed + self._load(actuator, values))
 
-    def sliding(self, actuator: Any, values: Values | None = None) -> tuple[np.ndarray, np.ndarray]:
+    def _sliding(self, actuator: Any, values: Values | None) -> tuple[np.ndarray, np.ndarray]:
         """Magnitudes (S,) of the friction in steady sliding, of motor and output, N m."""
         gear, load = actuator.transmission, self._load(actuator, values)
         share = np.where(
@@ -86,17 +85,14 @@ class TorqueBalance:
         offset = given.get("load_offset", 0.0) / actuator.transmission.ratio
         return np.asarray(given.get("load_gain", 1.0) * self._recorded_load + offset)
 
-    def filtered(self, trace: np.ndarray) -> np.ndarray:
-        """A trace (S,) through the low pass of accelerations from an encoder."""
-        return self._low_pass.apply(trace, self._motion.rate)
-
-    def noise(self, samples: int) -> float:
-        """Norm of the noise of the current in so many samples, A."""
-        return noise_of(self._signed, self._low_pass, self._motion.rate, samples)
+    def _filtered(self, trace: np.ndarray) -> np.ndarray:
+        """A trace (S,) through the low pass of accelerations from an encoder, where both slide."""
+        return self._low_pass.apply(trace, self._motion.rate)[self.slides]
 
     def least(self, actuator: Any) -> float:
         """Share of the recorded current that noise leaves."""
-        noise = self.noise(int(self.slides.sum()))
+        seen = int(self.slides.sum())
+        noise = noise_of(self._signed, self._low_pass, self._motion.rate, seen)
         anew = self._anew
         if anew is not None:
             noise = math.hypot(noise, np.linalg.norm(anew.left(actuator) - self.left(actuator)))
@@ -108,20 +104,14 @@ class TorqueBalance:
         return None if other is None else TorqueBalance(other, self.slides)
 
     def left(self, actuator: Any, values: Values | None = None) -> np.ndarray:
-        """Needed less made torque, as recorded current (K,), A, where both slide."""
-        of_motor, of_output = self.sliding(actuator, values)
-        friction = of_motor * np.sign(self._w_m) + of_output * np.sign(self._w_o)
-        return self.filtered(self.missing(actuator, friction, values))[self.slides]
-
-    def missing(
-        self, actuator: Any, friction: np.ndarray, values: Values | None = None
-    ) -> np.ndarray:
-        """Needed less made torque, as recorded current (S,), A, with a friction (S,), N m.
+        """Needed less made torque, as recorded current (K,), A, where both slide.
 
         As such it holds the noise of the recorded currents unscaled. Otherwise the least squares
         would make that noise smaller by smaller torque constants.
         """
         given, motor = values or {}, actuator.motor
+        of_motor, of_output = self._sliding(actuator, values)
+        friction = of_motor * np.sign(self._w_m) + of_output * np.sign(self._w_o)
         shapes = self._motion.shapes(actuator) * self._shares(actuator, state_of(given, actuator))
         scale = math.sqrt(np.mean(shapes**2) / np.mean(self._motion.trapezoids**2))
         made = 0.5 * np.einsum("sk,sk->s", self._motion.currents, shapes) / scale
@@ -134,17 +124,17 @@ class TorqueBalance:
         )
         if actuator.cogging is not None:
             own = actuator.cogging
-            needed += own.torque * np.sin(own.cycles * self.angles[0] + own.phase)
+            needed += own.torque * np.sin(own.cycles * self._angle + own.phase)
         gain, offset = given.get("current_gain", 1.0), given.get("current_offset", 0.0)
         current = gain * needed / (motor.emf_constant * scale)
-        return np.asarray(current + offset - self._motion.alike(made))
+        return self._filtered(current + offset - self._motion.alike(made))
 
     def _shares(self, actuator: Any, fault: FaultState) -> np.ndarray:
         """Factors (S, 3) of the torque constants by missing turns and an eccentric rotor."""
         offset = actuator.eccentricity
         turning = 1.0 if offset is None else offset.turning_share
         phases = _THIRD * np.arange(3)
-        turned = self.angles[0][:, None] - phases
+        turned = self._angle[:, None] - phases
         along = turning * np.cos(turned) + (1.0 - turning) * np.cos(phases)
         across = (1.0 - turning) * np.sin(phases) - turning * np.sin(turned)
         gaps = 1.0 + fault.zeta_cos * along + fault.zeta_sin * across
