@@ -50,13 +50,17 @@ def informed(
         return None
     recording, chart = problem.comparisons[0].recording, problem.chart
     z = chart.project(chart.from_values(start[None]))
-    for rests in (False, True):  # those that rest on the faults are made for what others found
+    values = problem.values(chart.to_values(z)[0])
+    every = [one for one in model.equations(recording, actuator, values) if one.size > 0.0]
+    if not every:
+        return None
+    rests = {one.rests for one in every}
+    if first := [one for one in every if one.name in rests]:
+        z, _ = _Fit(actuator, problem, first, z).run(z)
         values = problem.values(chart.to_values(z)[0])
-        every = model.equations(recording, actuator, values)
-        some = [one for one in every if one.size > 0.0 and (rests or not one.rests)]
-        if not some:
-            return None
-        z, known = _Fit(actuator, problem, some, z).run(z)
+        every = [one if one.at is None else one.at(values) for one in every]
+    some = [one for one in every if one.size > 0.0]
+    z, known = _Fit(actuator, problem, some, z).run(z)
     return problem.informed(known), chart.to_values(z)[0]
 
 

@@ -163,20 +163,21 @@ class _Selection:
         gains: list[float] = []
         absent: list[Form] = []
         while rest and fit.cost > AS_GOOD**2 * self._least(fit.actuator):
-            starts = [(form, one) for form in rest for one in form.starts(fit.actuator)]
-            best = self._best(fit, starts, new=True)
-            if best is None:
+            more, new = self._with_more(fit, found, rest, len(rest))
+            if len(new) > 1:  # each has to explain something, and not another's part
+                alone, one = self._with_more(fit, found, rest, 1)
+                if one and not self._matters(more, alone):
+                    more, new = alone, one
+            if not new:
                 break
-            form, start = best
-            rest.remove(form)
-            more = self._chosen(self._fitted(start, (*fit.places, *form.fitted)), [*found, form])
-            if more.cost < (1.0 - _MATTERS) * fit.cost and more.beats(fit):
+            if self._matters(more, fit):
                 gains.append(fit.cost - more.cost)
                 fit = more
-                found.append(form)
+                found += new
                 rest, absent = [*rest, *absent], []
             else:
-                absent.append(form)
+                absent += new
+            rest = [form for form in rest if form not in new]
         if found and fit.cost > AS_GOOD**2 * self._least(fit.actuator):
             fit = self._together(fit)
         told = self._told(plain, fit, found, absent)
@@ -184,13 +185,34 @@ class _Selection:
         alike = sum((one.alike(fit.actuator) * one.size) ** 2 for one in self._equations)
         return told, replace(fit, alike=alike / self._size**2)
 
+    def _with_more(
+        self, fit: EquationFit, found: Sequence[Form], rest: Sequence[Form], most: int
+    ) -> tuple[EquationFit, list[Form]]:
+        """The fit with the best start that adds at most so many forms, and these; or none."""
+        starts = [
+            (one, bool(form.fitted))
+            for form in rest
+            for one in form.starts(fit.actuator)
+            if _count(rest, one) <= most
+        ]
+        best = self._best(fit, starts)
+        if best is None:
+            return fit, []
+        new = [form for form in rest if form.is_stated(best)]
+        places = (*fit.places, *(place for form in new for place in form.fitted))
+        return self._chosen(self._fitted(best, places), [*found, *new]), new
+
+    def _matters(self, more: EquationFit, fit: EquationFit) -> bool:
+        """Whether forms explain a share of what is not noise, and held-back data better."""
+        noise = min(self._least(more.actuator), more.cost)
+        return more.cost - noise < (1.0 - _MATTERS) * (fit.cost - noise) and more.beats(fit)
+
     def _chosen(self, fit: EquationFit, forms: Sequence[Form]) -> EquationFit:
         """The fit with the alternatives chosen from lists, form by form."""
         for form in forms:
-            others = [(form, one) for one in form.alternatives(fit.actuator)]
-            other = self._best(fit, others, new=False)
+            other = self._best(fit, [(one, False) for one in form.alternatives(fit.actuator)])
             if other is not None:
-                fit = min(fit, self._fitted(other[1], fit.places), key=lambda one: one.cost)
+                fit = min(fit, self._fitted(other, fit.places), key=lambda one: one.cost)
         return fit
 
     def _together(self, fit: EquationFit) -> EquationFit:
@@ -239,24 +261,24 @@ class _Selection:
         """Energy that noise and the errors of the equation leave."""
         return sum((one.least(actuator) * one.size / self._size) ** 2 for one in self._equations)
 
-    def _best(
-        self, fit: EquationFit, starts: Sequence[tuple[Form, Values]], *, new: bool
-    ) -> tuple[Form, ParameterSet] | None:
-        """The form and values that would leave least if all else were fitted; None if none."""
+    def _best(self, fit: EquationFit, starts: Sequence[tuple[Values, bool]]) -> ParameterSet | None:
+        """The actuator that would leave least if all else were fitted; None without any.
 
-        def tried(one: tuple[Form, Values]) -> float:
+        Of each start it is said whether the change that it makes may be of any size.
+        """
+
+        def tried(one: tuple[Values, bool]) -> float:
             try:
-                left = self._left(fit.actuator.changed(dict(one[1])))
+                left = self._left(fit.actuator.changed(dict(one[0])))
             except EmatwinError:  # a loop that would be unstable
                 return math.inf
-            cost = fit.projected(left, scaled=new and bool(one[0].fitted))
+            cost = fit.projected(left, scaled=one[1])
             return cost if math.isfinite(cost) else math.inf
 
         costs = side_by_side(tried, starts)
         if not costs or math.isinf(min(costs)):
             return None
-        form, values = starts[int(np.argmin(costs))]
-        return form, fit.actuator.changed(dict(values))
+        return fit.actuator.changed(dict(starts[int(np.argmin(costs))][0]))
 
     def _fitted(self, actuator: ParameterSet, places: Sequence[str]) -> EquationFit:
         """Some parameters by Gauss-Newton steps, each held by its tolerance in the template."""
@@ -302,6 +324,11 @@ class _Selection:
                 away[n] = math.log(actuator.value(place) / value)
         prior = weight * np.diag(1.0 / spread**2)
         return EquationFit(actuator, tuple(places), here, slopes, prior @ away, prior, weight)
+
+
+def _count(forms: Sequence[Form], values: Values) -> int:
+    """How many of the forms a start sets."""
+    return sum(any(place in values for place in form.places) for form in forms)
 
 
 def _moved(actuator: ParameterSet, places: Sequence[str], step: np.ndarray) -> ParameterSet:

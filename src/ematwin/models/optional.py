@@ -162,7 +162,8 @@ class Equation(NamedTuple):
     fitted : places that are fitted whatever the forms
     forms : that are looked for
     unknowns : names of faults, load and sensors that matter to it
-    rests : whether it rests on the values of these for which it was made
+    rests : name of the equation on whose estimates it rests; "" if on none
+    at : gives it for values of the unknowns, where it rests on another
     together : gives values by place of several forms, fitted where more than noise is left; such as
         delays of two loops, which may pass for one another
     alike : gives the share of it that the equation's own error leaves, alike throughout: standard
@@ -176,6 +177,7 @@ class Equation(NamedTuple):
     fitted: tuple[str, ...]
     forms: tuple[Form, ...]
     unknowns: tuple[str, ...] = ()
-    rests: bool = False
+    rests: str = ""
+    at: Callable[[Values], "Equation"] | None = None
     together: Callable[[Any], Sequence[Values]] = lambda actuator: ()
     alike: Callable[[ParameterSet], float] = lambda actuator: 0.0

@@ -18,12 +18,12 @@ BUILT = SHEET.changed({
 })  # fmt: skip
 
 
-def compared(structure, without=()):
-    """Two healthy recordings with 2 % noise beside the sheet."""
-    time = np.arange(0.0, 0.4, 5e-5)
+def compared(structure, without=(), duration=0.4, recordings=2):
+    """Healthy recordings with 2 % noise beside the sheet."""
+    time = np.arange(0.0, duration, 5e-5)
     load = np.where(time > 0.2, 10.0, 0.0)
     found = []
-    for n, f in enumerate((5.0 + 12.0 * time, 4.0 + 0.0 * time)):
+    for n, f in enumerate((5.0 + 12.0 * time, 4.0 + 0.0 * time)[:recordings]):
         record = other.simulate(
             other.parameters_of(BUILT), time, 0.005 * np.sin(2.0 * np.pi * f * time), load, {},
             structure, seed=n,
@@ -59,6 +59,21 @@ def test_what_was_found_is_said_as_an_engineer_would(drive):
     assert "ntegral term in the speed loop (40" in drive.said
     assert "ogging of 1.5 mN m, 12 a turn" in drive.said
     assert "Together these explain 9" in drive.said
+
+
+def test_of_an_encoder_filter_and_current_loop_are_found_that_only_help_together():
+    structure = other.Structure(
+        control_interval=1e-4, speed_integral=0.1, current_interval=1e-4,
+        current_bandwidth=3500.0, encoder_lines=10_000.0, output_lines=80_000.0, speed_lag=3e-4,
+        sampling_phase=0.3,
+    )  # fmt: skip
+    beside = compared(structure, {"load"}, duration=0.25, recordings=1)
+    found = find_forms(MODEL, SHEET, beside).actuator
+    assert found.encoder.motor_steps == 10_000
+    assert found.encoder.filter_time == pytest.approx(3e-4, rel=0.2)
+    assert found.speed_loop.integral_gain == pytest.approx(0.1, rel=0.1)
+    bandwidth = found.current_loop.proportional_gain / SHEET.motor.inductance
+    assert bandwidth == pytest.approx(3500.0, rel=0.4)
 
 
 def test_equations_together_say_where_the_parameters_are_and_how_surely(drive):

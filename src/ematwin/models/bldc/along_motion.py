@@ -217,12 +217,18 @@ class Controller:
         return self._low_pass.apply(signed, self._motion.rate)
 
     def left(
-        self, actuator: Any, values: Values | None = None, *, faster: float = 1.0
+        self,
+        actuator: Any,
+        values: Values | None = None,
+        *,
+        faster: float = 1.0,
+        counts: bool = False,
     ) -> np.ndarray:
         """Simulated less recorded current (S - 1,), A; ``faster`` divides the step.
 
-        At which instants an encoder is read, and where its counts begin, is not known: the loops
-        know the mean speed of a sample time and its filter, without the counts.
+        At which instants an encoder is read is not known, nor the motion within a count: the loops
+        know the mean speed of a sample time and its filter. With ``counts`` they see it in counts
+        of any beginning.
         """
         grid, motion, given = self._grid, self._motion, values or {}
         command = np.interp(grid.time + given.get("skew", 0.0), motion.time, motion.command)
@@ -230,7 +236,7 @@ class Controller:
         step = actuator.steps.reference if actuator.current_loop is None else grid.step
         substeps = max(1, round(faster * grid.substeps * grid.step / step))
         truer = truer_constants(actuator) or NEUTRAL
-        if truer.motor_step > 0.0:
+        if truer.motor_step > 0.0 and not counts:
             truer = truer._replace(motor_step=_FINE_STEP, output_step=0.0)
         angle, speed, _ = self._states[:, 0]
         rest = REST._replace(read=last_reading(truer, angle, speed), speed_seen=speed)
@@ -254,10 +260,12 @@ class Controller:
         return None if other is None else Controller(other, self._low_pass)
 
     def _of_counts(self, actuator: Any) -> float:
-        """Norm of the residual that the counts of recorded positions cause, A."""
-        if self._anew is None:
-            return 0.0
-        return float(np.linalg.norm(self._anew.left(actuator) - self.left(actuator)))
+        """Norm of the residual that counts cause, of recorded positions and in the loops, A."""
+        others = [] if self._anew is None else [self._anew.left(actuator)]
+        if actuator.encoder is not None:
+            others.append(self.left(actuator, counts=True))
+        here = self.left(actuator) if others else 0.0
+        return math.sqrt(sum(float(np.sum((one - here) ** 2)) for one in others))
 
     def alike(self, actuator: Any) -> float:
         """Share that simulators of other make and the ripple of a comparator leave.

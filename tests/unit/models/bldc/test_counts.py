@@ -46,6 +46,17 @@ def test_a_smoothing_spline_passes_the_share_that_its_cutoff_says():
         assert passed == pytest.approx(1.0 / (1.0 + (frequency / 500.0) ** 4), rel=1e-3)
 
 
+def test_a_smoothing_spline_is_that_of_scipy():
+    from scipy.interpolate import make_smoothing_spline
+
+    noisy = ANGLE + 1e-3 * np.random.default_rng(2).standard_normal(ANGLE.size)
+    theirs = make_smoothing_spline(TIME, noisy, lam=20_000.0 / (2.0 * np.pi * 700.0) ** 4)
+    ours = smoothed(TIME, noisy, 700.0)
+    for order in (0, 1, 2):
+        scale = np.abs(theirs(TIME, order)).max()
+        np.testing.assert_allclose(ours(TIME, order), theirs(TIME, order), atol=1e-8 * scale)
+
+
 def test_speed_between_counts_errs_far_less_than_differences_of_counts():
     size = 2.0 * np.pi / 2_000
     counted = size * np.floor(ANGLE / size) + 0.5 * size

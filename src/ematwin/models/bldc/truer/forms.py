@@ -43,11 +43,13 @@ def _speed(actuator: Any) -> dict[str, float]:
     }
 
 
-def _sampled(section: str, times: Sequence[float]) -> list[Values]:
+def _sampled(
+    section: str, times: Sequence[float], delays: Sequence[float] = (0.0, 1.0)
+) -> list[Values]:
     """Sample times, each answered at once or with the next sample."""
     return [
         {f"{section}.sample_time": time, f"{section}.delay": late * time}
-        for time, late in product(times, (0.0, 1.0))
+        for time, late in product(times, delays)
     ]
 
 
@@ -73,7 +75,9 @@ def _said_of_integral(actuator: Any) -> str:
     return f"integral term in the speed loop ({1e3 * time:.3g} ms)"
 
 
-def _current_loops(actuator: Any) -> list[Values]:
+def _current_loops(
+    actuator: Any, times: Sequence[float] = (50e-6, 100e-6), delays: Sequence[float] = (0.0, 1.0)
+) -> list[Values]:
     return [
         {
             "current_loop.proportional_gain": bandwidth * actuator.motor.inductance,
@@ -81,7 +85,7 @@ def _current_loops(actuator: Any) -> list[Values]:
             "current_loop.lost_voltage": 1.0,
             **sampled,
         }
-        for bandwidth, sampled in product(_BANDWIDTH, _sampled("current_loop", (50e-6, 100e-6)))
+        for bandwidth, sampled in product(_BANDWIDTH, _sampled("current_loop", times, delays))
     ]
 
 
@@ -152,8 +156,11 @@ ROUNDED = Form(
 )
 
 
-def _encoder(steps: tuple[float, float], ratio: float) -> Form:
-    """Speed by differences of the counts in which positions (rad on the motor shaft) come."""
+def _digital(steps: tuple[float, float], ratio: float) -> tuple[Form, Form]:
+    """Speed by differences of the counts in which positions (rad on the motor shaft) come.
+
+    And a sampled current loop beside it: a drive that samples its current counts as well.
+    """
     of_motor, of_output = steps[0], steps[1] or steps[0]
     counts = {
         "encoder.motor_steps": round(2.0 * math.pi / of_motor),
@@ -161,13 +168,17 @@ def _encoder(steps: tuple[float, float], ratio: float) -> Form:
     }
 
     def starts(actuator: Any) -> list[Values]:
-        own = _speed(actuator)
-        # a delay that was found may be the filter's lag
-        prompt = {**own, "speed_loop.sample_time": 1e-4, "speed_loop.delay": 0.0}
-        loops = [own, prompt] if own["speed_loop.sample_time"] > 0.0 else [prompt]
+        loop = _speed(actuator)
+        loop["speed_loop.sample_time"] = loop["speed_loop.sample_time"] or 1e-4
+        return [{**loop, **counts, "encoder.filter_time": time} for time in _FILTER]
+
+    def with_current_loop(actuator: Any) -> list[Values]:
+        """Both anew, as the lag of one may have passed for that of the other."""
+        loop = {**_speed(actuator), "speed_loop.delay": 0.0}
         return [
-            {**loop, **counts, "encoder.filter_time": time}
-            for loop, time in product(loops, _FILTER)
+            {**loop, "speed_loop.sample_time": period, **counts, "encoder.filter_time": time, **one}
+            for period, time in product((50e-6, 80e-6, 125e-6), _FILTER)
+            for one in _current_loops(actuator, (period,), (1.0,))
         ]
 
     def said(actuator: Any) -> str:
@@ -175,7 +186,7 @@ def _encoder(steps: tuple[float, float], ratio: float) -> Form:
         how = f"filtered by {1e3 * time:.2g} ms" if time > _FILTER[0] else "not filtered"
         return f"speed from {actuator.encoder.motor_steps:,} counts a turn, {how}"
 
-    return Form(
+    of_speed = Form(
         "speed from counts of an encoder",
         lambda a: a.encoder is not None,
         ("encoder.filter_time", "speed_loop.sample_time"),
@@ -184,6 +195,7 @@ def _encoder(steps: tuple[float, float], ratio: float) -> Form:
         ("encoder.filter_time",),
         said,
     )
+    return of_speed, CURRENT_LOOP._replace(starts=with_current_loop)
 
 
 def equations(recording: Recording, actuator: Any, values: Values | None) -> tuple[Equation, ...]:
@@ -197,7 +209,9 @@ def equations(recording: Recording, actuator: Any, values: Values | None) -> tup
     motion = Motion(recording, actuator)
     controller = Controller(motion, LowPass(comparable_cutoff(motion.steps[0])))
     counted = motion.counts[0] > 0.0
-    encoder = (_encoder(motion.counts, actuator.transmission.ratio),) if counted else ()
+    # a sampled speed loop that is late would take in the lag of a filter
+    ratio = actuator.transmission.ratio
+    sampled = _digital(motion.counts, ratio) if counted else (SAMPLED, CURRENT_LOOP)
     of_controller = Equation(
         "controller",
         controller.left,
@@ -206,7 +220,7 @@ def equations(recording: Recording, actuator: Any, values: Values | None) -> tup
         # torques are told by currents: gains come with the torque constant
         ("controller.position_gain", "controller.speed_gain", "motor.emf_constant",
          "motor.resistance"),
-        (INTEGRAL, SAMPLED, CURRENT_LOOP, *encoder),
+        (INTEGRAL, *sampled),
         (*_WINDINGS, "gain", "skew", *_SENSOR),
         together=_delays, alike=controller.alike,
     )  # fmt: skip
@@ -223,11 +237,16 @@ def equations(recording: Recording, actuator: Any, values: Values | None) -> tup
         (COGGING, ROUNDED),
         ("friction", *_WINDINGS, *LOAD, *_SENSOR),
     )  # fmt: skip
+    return of_controller, of_mechanics, _contact(motion, balance, actuator, values or {})
+
+
+def _contact(motion: Motion, balance: TorqueBalance, actuator: Any, values: Values) -> Equation:
+    """The twist of the gear, on the faces that push at these values."""
     contact = Contact(motion, balance, actuator, values)
     gap = ("transmission.backlash",)
     gives = () if actuator.compliance is None else ("compliance.stiffness",)
-    of_contact = Equation(
+    return Equation(
         "contact", contact.left, contact.size, contact.least, gap + gives, (),
-        ("friction", "backlash", *LOAD), rests=True,
+        ("friction", "backlash", *LOAD), rests="mechanics",
+        at=lambda values: _contact(motion, balance, actuator, values),
     )  # fmt: skip
-    return of_controller, of_mechanics, of_contact
