@@ -53,7 +53,15 @@ class TorqueBalance:
         stands |= np.abs(self._w_o) < _STANDS * np.abs(self._w_o).max()
         stands |= self._w_m * self._w_o < 0.0
         stands[:2] = True
-        self.moves_together = np.abs(self._w_m - self._w_o) < _STANDS * np.abs(self._w_m).max()
+        together = np.abs(self._w_m - self._w_o) < _STANDS * np.abs(self._w_m).max()
+        self.moves_together = together
+        if any(motion.steps):
+            # noise of either acceleration makes its inertia too small and the other's too large:
+            # while nothing crosses the gap both are one, of which only the sum of inertias counts
+            of_motor, of_output = np.square(motion.steps)
+            share = of_output / (of_motor + of_output)
+            self._dw_m = self._dw_o = share * self._dw_m + (1.0 - share) * self._dw_o
+            stands |= ~together
         settles = np.ones(int(_SETTLES * motion.rate))
         self.slides = np.convolve(stands, settles)[: len(stands)] == 0
         if slides is not None:

@@ -116,9 +116,22 @@ def test_all_equations_hold_along_the_motion_of_a_simulator_of_other_make(lines,
             f"{type(one).__name__}: {100 * share:.2f} %, noise {100 * least:.2f} %, without its "
             f"forms {100 * without:.1f} %"
         )
-        # the loop's own counts come on top of those of the recorded positions
-        assert share < (3.0 * least if lines else 0.006)
+        assert share < (2.0 * least if lines else 0.006)
         assert max(0.015, share) < without
+
+
+def test_counts_of_either_encoder_do_not_move_inertia_from_motor_to_output():
+    structure, actuator = as_built(2_000)
+    balance = TorqueBalance(along_motion.Motion(recorded(structure, actuator), actuator))
+    shift = 0.2 * actuator.transmission.output_inertia
+    heavier = actuator.motor.inertia + shift
+    here = balance.left(actuator)
+    motor = balance.left(actuator.changed({"motor.inertia": heavier})) - here
+    lighter = {"transmission.output_inertia": actuator.transmission.output_inertia - shift}
+    both = balance.left(actuator.changed({"motor.inertia": heavier, **lighter}))
+    np.testing.assert_allclose(both, here, atol=1e-9 * np.abs(here).max())
+    share = -(motor @ here) / (motor @ motor) * shift
+    assert abs(share) < 0.02 * (actuator.motor.inertia + actuator.transmission.output_inertia)
 
 
 @pytest.mark.parametrize("name", [*FAULTS, "load_gain", "current_gain", "skew"])
