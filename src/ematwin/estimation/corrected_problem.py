@@ -1,8 +1,8 @@
 """A problem whose fast model is corrected by the reference.
 
-Reference minus fast model at one point is taken off the recordings. Two things change that
-difference with the unknowns: those that only the reference depends on, linearly, and what was seen
-of it at other points (secants). `ematwin.estimation.correction` looks for the minimum with these.
+Reference minus fast model at one point is taken off the recordings. That difference changes with
+the unknowns: linearly with those that only the reference depends on, and where the fast model lacks
+whole loops, linearly with all. `ematwin.estimation.correction` looks for the minimum with these.
 """
 
 import math
@@ -41,26 +41,23 @@ class _Unseen(NamedTuple):
         return np.outer(moved, self.slopes[recording])
 
 
-class _Secants(NamedTuple):
-    """How the error of the fast model changes, by its values at other points.
+class _Linear(NamedTuple):
+    """How the error of the fast model changes with all unknowns.
 
     Attributes
     ----------
-    chart : Chart, of the unknowns of the points
-    z : (d,) array, coordinates of the point at which it is corrected
-    shares : (d, m) array, of each other point in a step
-    changes : of each recording (m, K), changes of residuals from here to the other points
+    chart : Chart, of the unknowns
+    z : (d,) array, coordinates of the point at which the fast model is corrected
+    slopes : of each recording (d, K), change of its residuals with the coordinates
     """
 
     chart: Chart
     z: np.ndarray
-    shares: np.ndarray
-    changes: list[np.ndarray]
+    slopes: Sequence[np.ndarray]
 
     def residuals(self, values: Mapping[str, np.ndarray], recording: int) -> np.ndarray:
         """(B, K), as `ResidualChange` says."""
-        steps = (coordinates(self.chart, values) - self.z) @ self.shares
-        return np.asarray(steps @ self.changes[recording])
+        return np.asarray((coordinates(self.chart, values) - self.z) @ self.slopes[recording])
 
 
 def corrected_at(
@@ -94,36 +91,37 @@ def corrected_at(
             far = coordinate(one, there) - now
             slopes = _slopes(other, _without(problem, missed), point, far)
         changes.append(_Unseen(one, now, slopes))
+    z = problem.chart.from_values(point[None])[0]
+    for known_change in () if like is None else like.changes:
+        if isinstance(known_change, _Linear):
+            changes.append(known_change._replace(z=z))
     return other.with_comparisons(other.comparisons, changes)
 
 
-def with_secants(
-    problem: Problem, z: np.ndarray, others: Sequence[tuple[np.ndarray, Problem]],
-    errors: np.ndarray,
-) -> Problem:  # fmt: skip
-    """The same problem, in which the error of the fast model changes as it did elsewhere.
+def with_slopes(problem: Problem, here: Problem, z: np.ndarray, ways: np.ndarray) -> Problem:
+    """A corrected problem whose fast model changes with all unknowns as the reference does.
+
+    Each way takes one answer of the reference model for each recording.
 
     Parameters
     ----------
-    problem : corrected at ``z``
+    problem : not corrected
+    here : corrected at ``z``
     z : (d,) array, coordinates
-    others : coordinates and problems that are corrected there
-    errors : (d,) array, in which steps are measured
+    ways : (d, d) array, steps to other points, a row each
     """
-    away = np.array([(there - z) / errors for there, _ in others])
-    points = problem.chart.to_values(np.array([there for there, _ in others]))
-    changes = [
-        np.array(
-            [
-                one.residuals_of(n, point[None])[0] - problem.residuals_of(n, point[None])[0]
-                for (_, one), point in zip(others, points, strict=True)
-            ]
-        )
-        for n in range(len(problem.comparisons))
-    ]
-    shares = np.linalg.pinv(away, rcond=1e-3) / errors[:, None]
-    secants = _Secants(problem.chart, z, shares, changes)
-    return problem.with_comparisons(problem.comparisons, (*problem.changes, secants))
+    chart, point = here.chart, here.chart.to_values(z[None])
+    there = chart.project(z + ways)
+    others = side_by_side(lambda one: corrected_at(problem, one, here), chart.to_values(there))
+    known = [(to - z, one) for to, one in zip(there, others, strict=True) if one is not None]
+    size = np.linalg.norm(ways, axis=0)
+    shares = np.linalg.pinv(np.array([moved for moved, _ in known]) / size, rcond=1e-6)
+    slopes = []
+    for n in range(len(here.comparisons)):
+        first = here.residuals_of(n, point)
+        changes = np.concatenate([one.residuals_of(n, point) for _, one in known]) - first
+        slopes.append(shares @ changes / size[:, None])
+    return here.with_comparisons(here.comparisons, (*here.changes, _Linear(chart, z, slopes)))
 
 
 def as_searched(problem: Problem) -> Problem:

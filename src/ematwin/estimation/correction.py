@@ -12,8 +12,10 @@ until it stays where it is: defect correction (Boehmer, Hemker and Stetter 1984,
 
 Where R - f changes with x the rounds converge slowly, or not at all. Then the last ones are
 combined to the point from which a round would lead nowhere, if rounds were linear (Anderson 1965,
-J. ACM 12, 547-560, with steps measured in standard errors). Where the fast model lacks forms of the
-actuator, that leads from afar to other points; `_nearer` comes first.
+J. ACM 12, 547-560, with steps measured in standard errors). Behind loops that the fast model lacks
+its slopes are wrong too: rounds end where these show no way down, beside the minimum. From the best
+point by the reference, rounds then go on with slopes of R - f along the principal directions of the
+width (manifold mapping; Echeverria and Hemker 2005, Comput. Methods Appl. Math. 5, 107-136).
 
 The truth lies elsewhere within the width of the minimum, where the error of the fast model differs:
 impacts, ripple and slopes change. With J the slopes of the residuals r, noise s and
@@ -26,14 +28,14 @@ the model in this answer. The residual beyond noise and this scatter is a discre
 the kind's `Problem.model_error`.
 """
 
-import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
-from ematwin.estimation.corrected_problem import corrected_at, with_secants
+from ematwin.estimation.corrected_problem import corrected_at, with_slopes
 from ematwin.estimation.descent import Descent
-from ematwin.estimation.laplace import Laplace, laplace, step_lengths
+from ematwin.estimation.laplace import Laplace, laplace, principal, step_lengths
 from ematwin.estimation.noise import with_channels_reweighed, with_discrepancy
 from ematwin.estimation.problem import Problem
 from ematwin.numerics.side_by_side import side_by_side
@@ -43,7 +45,6 @@ _STAYS = 0.25  # standard errors: adds 3 % to an error that it widens
 _NEAR = 1.0  # standard errors, within which scatter of the reference may be all that moves a peak
 _SHRINKS = 0.5  # of the step before: less is progress
 _DEPTH = 3  # rounds that are combined
-_FALLS = 0.9  # of the cost before: less is progress, from afar
 _ELSEWHERE = 6  # points within the width at which the error of the model is measured
 
 
@@ -104,71 +105,82 @@ def corrected(
     """
     chart = problem.chart
     z = chart.project(chart.from_values(start[None]))[0]
-    spent = 0
-    begins_afar = math.isfinite(descent.settled)
-    if problem.lacks_forms and begins_afar and not problem.is_informed:
-        z, descent, steps, spent = _nearer(problem, z, descent, steps)
+    here = corrected_at(problem, start)
+    if here is None:
+        return Corrected(laplace(problem, start, descent, steps=steps), 0, np.zeros((1, len(z))))
+    visited = _rounds(problem, here, z, descent, steps, rounds)
+    last, spent = visited[-1], sum(one.peak.evaluations for one in visited)
+    if problem.lacks_forms:
+        first = min(visited, key=lambda one: one.cost)
+        ways = principal(first.peak.data + first.peak.priors)
+        here = with_slopes(problem, first.here, first.z, ways)
+        near, steps = descent.afresh(settled=np.inf), step_lengths(first.peak.covariance)
+        runs = last.runs + len(ways) - 1  # the first round has its answer already
+        visited = _rounds(problem, here, first.z, near, steps, rounds)
+        last = min(visited, key=lambda one: one.cost)
+        last = last._replace(runs=runs + visited[-1].runs)
+        spent += sum(one.peak.evaluations for one in visited)
+    return Corrected(replace(last.peak, evaluations=spent), last.runs, last.left)
+
+
+class _Round(NamedTuple):
+    """A round of the correction.
+
+    Attributes
+    ----------
+    z : (d,) array, coordinates where it began
+    here : Problem, corrected there
+    cost : float, of the data there, by the reference
+    peak : Laplace, to which it led
+    left : (m, d) array, how far the round, or the last few that came to no end, moved the peak
+    runs : int, answers of the reference until then
+    """
+
+    z: np.ndarray
+    here: Problem
+    cost: float
+    peak: Laplace
+    left: np.ndarray
+    runs: int
+
+
+def _rounds(
+    problem: Problem,
+    here: Problem,
+    z: np.ndarray,
+    descent: Descent,
+    steps: np.ndarray | None,
+    rounds: int,
+) -> list[_Round]:
+    """Rounds from coordinates (d,) at which ``here`` is corrected, until the peak stays."""
+    chart, least = problem.chart, descent.least_noise
+    found: list[_Round] = []
     known: list[tuple[np.ndarray, np.ndarray]] = []  # where rounds began, and how far they led
-    nearer: Problem | None = None
-    moved, many, least = np.inf, _DEPTH, descent.least_noise
-    for _ in range(rounds):
+    moved = np.inf
+    tried: Problem | None = here
+    for runs in range(1, rounds + 1):
         point = chart.to_values(z[None])[0]
-        tried = corrected_at(problem, point, nearer)
-        if tried is None and known:  # the reference diverged: half way back
+        if known:
+            tried = corrected_at(problem, point, here)
+        if tried is None:  # the reference diverged: half way back
             z = 0.5 * (z + known[-1][0])
             continue
-        nearer = tried
-        if nearer is None:
-            return Corrected(
-                laplace(problem, start, descent, steps=steps), 0, np.zeros((1, len(z)))
-            )
-        peak = laplace(
-            nearer, point, replace(descent, least_noise=max(nearer.noise, least)), steps=steps
-        )
+        here = tried
+        noise = max(here.noise, least)
+        peak = laplace(here, point, replace(descent, least_noise=noise), steps=steps)
         descent, steps = descent.afresh(settled=np.inf), step_lengths(peak.covariance)
-        spent += peak.evaluations
         known.append((z, peak.z - z))
         errors = np.sqrt(np.diag(peak.covariance))
         before, moved = moved, float((np.abs(known[-1][1]) / errors).max())
         # impacts and ripple of the reference scatter: nearer than that rounds do not come
-        if moved <= _STAYS or _SHRINKS * before < moved <= _NEAR:
-            many = 1
+        ends = moved <= _STAYS or _SHRINKS * before < moved <= _NEAR
+        left = np.array([step for _, step in known[-1 if ends else -_DEPTH :]])
+        cost = here.data_cost(here.residuals(point[None])[0])
+        found.append(_Round(z, here, cost, peak, left, runs))
+        if ends:
             break
         z = chart.project(_combined(known[-_DEPTH - 1 :], errors)[None])[0]
-    left = np.array([step for _, step in known[-many:]])
-    return Corrected(replace(peak, evaluations=spent), len(known), left)
-
-
-def _nearer(
-    problem: Problem, z: np.ndarray, descent: Descent, steps: np.ndarray | None
-) -> tuple[np.ndarray, Descent, np.ndarray | None, int]:
-    """Coordinates (d,) nearer to a peak by the reference, from afar.
-
-    Secants of the residuals follow the error of the fast model as it changes (manifold mapping;
-    Echeverria and Hemker 2005, Comput. Methods Appl. Math. 5, 107-136). Close to a peak they follow
-    the scatter of the reference: they end where the misfit falls no further.
-    """
-    chart, spent, cost = problem.chart, 0, np.inf
-    errors = np.ones(len(z))
-    seen: list[tuple[np.ndarray, Problem]] = []
-    here: Problem | None = None
-    for _ in range(ROUNDS):
-        point = chart.to_values(z[None])[0]
-        here = corrected_at(problem, point, here)
-        before, cost = cost, np.inf
-        if here is not None:
-            cost = here.data_cost(here.residuals(point[None])[0])
-        if here is None or cost > _FALLS * before:
-            if seen and cost >= before:
-                z = seen[-1][0]
-            break
-        nearer = with_secants(here, z, seen[-_DEPTH:], errors) if seen else here
-        seen.append((z, here))
-        least = max(here.noise, descent.least_noise)
-        peak = laplace(nearer, point, replace(descent, least_noise=least), steps=steps)
-        errors, steps = np.sqrt(np.diag(peak.covariance)), step_lengths(peak.covariance)
-        descent, z, spent = descent.afresh(settled=np.inf), peak.z, spent + peak.evaluations
-    return z, descent, steps, spent
+    return found
 
 
 def reweighed(found: Corrected, descent: Descent) -> Corrected:

@@ -289,11 +289,11 @@ def _slopes(
         priors = parts.priors @ parts.priors.T / problem.noise**2
         covariance = inverse(data + priors)
         if not last:
-            jacobian = along(seen, z, _principal(data + priors), chart, seen.size)
+            jacobian = along(seen, z, principal(data + priors), chart, seen.size)
     return _Slopes(here, jacobian, data, priors, covariance)
 
 
-def _principal(information: np.ndarray) -> np.ndarray:
+def principal(information: np.ndarray) -> np.ndarray:
     """Principal directions (d, d), a row each, one standard deviation long.
 
     The step of the strongest component is limited, as for differences (`step_lengths`).
