@@ -11,7 +11,7 @@ import ematwin
 from ematwin.errors import FileError, InputError, RecordError
 from ematwin.models.reading import channels_of
 from ematwin.recordings.channel_map import ChannelMap
-from ematwin.recordings.units import is_unit, unit_factor, unit_in_name
+from ematwin.recordings.units import is_unit, unit_factor
 from ematwin.testing.reader_contract import bench_channels
 
 TOML = """
@@ -291,14 +291,6 @@ def test_units_of_benches_are_known(unit: str, si_unit: str, factor: float) -> N
 def test_what_is_no_angle_is_not_taken_for_one(unit: str, si_unit: str) -> None:
     with pytest.raises(RecordError, match="must have a unit"):
         unit_factor(unit, si_unit, "it")
-
-
-def test_units_in_names() -> None:
-    assert unit_in_name("Phase A [mA]", "A") == "mA"
-    assert unit_in_name("speed (rpm)", "rad/s") == "rpm"
-    assert unit_in_name("I_a / mA", "A") == "mA"
-    assert unit_in_name("bench/ia", "A") is None
-    assert unit_in_name("Phase [left]", "A") is None
 
 
 def test_the_map_in_the_documentation_is_one() -> None:

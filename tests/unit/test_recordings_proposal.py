@@ -299,3 +299,26 @@ def test_thinning_keeps_every_spike() -> None:
     assert {0, 777, 54_321, len(values) - 1} <= set(kept.tolist())
     assert np.all(np.diff(kept) > 0)
     np.testing.assert_array_equal(extremes(values[:100], 500), np.arange(100))
+
+
+def test_a_map_takes_what_reading_takes(tmp_path: Path) -> None:
+    """The plainest name wins in both, and the map says what would do as well."""
+    names = {"time": TIME, "command_deg": DEGREES, "cmd": COMMAND, "current": A}
+    path = ugly(tmp_path / "bench.csv", names)
+    proposal = propose_map(path)
+    account = ematwin.read(path).provenance["columns"]
+    assert channel_of(proposal) == {name: one["channel"] for name, one in account.items()}
+    assert "“command_deg” would do as well" in " ".join(proposal.entries["command"].reasons)
+
+
+@pytest.mark.parametrize(
+    ("unit", "is_complete"), [(" [mm]", True), ("", False)]
+)  # position stands in for the position error, which the recording holds
+def test_a_position_in_place_of_its_error_is_mapped(
+    tmp_path: Path, unit: str, is_complete: bool
+) -> None:
+    wave = 100.0 * np.sin(20.0 * TIME)
+    names = {"t [s]": TIME, f"demand{unit}": wave, f"position{unit}": 0.9 * wave, "I [A]": A}
+    proposal = propose_map(ugly(tmp_path / "axis.csv", names), "rm1605")
+    assert proposal.is_complete == is_complete
+    assert set(proposal.entries) == {"time", "set_point", "position", "current"}

@@ -17,7 +17,7 @@ from ematwin.errors import InputError, RecordError
 from ematwin.recordings.collect import Collected
 from ematwin.recordings.formats.base import RecordedFile
 from ematwin.recordings.recording import label_text
-from ematwin.recordings.units import is_unit, unit_beside_name
+from ematwin.recordings.units import beside, is_unit
 
 Choice = Mapping[str, Sequence[str]]  # label to the values that are wanted
 _SHORTEST = 20  # samples of a motion
@@ -162,5 +162,4 @@ def _changes(text: np.ndarray) -> np.ndarray:
 
 def _has_unit(file: RecordedFile, name: str) -> bool:
     """Whether the file, or brackets in the name, state a unit."""
-    beside = unit_beside_name(name)
-    return bool(file.stated_unit(name)) or (beside is not None and is_unit(beside))
+    return bool(file.stated_unit(name)) or is_unit(beside(name)[1])
