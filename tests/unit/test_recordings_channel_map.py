@@ -1,17 +1,21 @@
-"""The column map: its three ways in, its refusals, and what it does to numbers."""
+"""Names, units and the column map: which numbers of a file a recording holds, in SI."""
 
+import re
 import tomllib
 from pathlib import Path
 
 import h5py
 import numpy as np
+import pandas as pd
 import pytest
 
 import ematwin
 from ematwin.errors import FileError, InputError, RecordError
 from ematwin.models.reading import channels_of
+from ematwin.models.registry import model_of
+from ematwin.recordings.channel import Channel
 from ematwin.recordings.channel_map import ChannelMap
-from ematwin.recordings.units import is_unit, unit_factor
+from ematwin.recordings.read import assumptions, read_file
 from ematwin.testing.reader_contract import bench_channels
 
 TOML = """
@@ -43,7 +47,7 @@ def parse(texts: list[str], base: ChannelMap | None = None) -> ChannelMap:
 @pytest.fixture
 def bench(tmp_path: Path) -> Path:
     """SI values under names of a bench."""
-    channels = bench_channels()
+    channels = bench_channels(0.01)
     path = tmp_path / "bench.h5"
     with h5py.File(path, "w") as file:
         for name, wanted in {
@@ -134,7 +138,7 @@ def test_a_map_file_that_is_missing_or_damaged_is_refused(tmp_path: Path) -> Non
 def test_unit_scale_offset_and_sign_are_applied_in_that_sense(bench: Path) -> None:
     entry = {"channel": "Phase A", "unit": "mA", "sign": -1, "scale": 2.0, "offset": 100.0}
     record = ematwin.read(bench, {**PHASES, "i_a": entry, "cmd": "Setpoint [deg]"})
-    channels = bench_channels()
+    channels = bench_channels(0.01)
     np.testing.assert_allclose(record.current_a, -1e-3 * (2.0 * channels["current_a"] + 100.0))
     np.testing.assert_allclose(record.command, np.radians(channels["command"]))
     account = record.provenance["columns"]
@@ -155,7 +159,7 @@ def test_angles_and_loads_change_the_side_of_the_gear(bench: Path) -> None:
         "gear_ratio": 500,
     }
     record = ematwin.read(bench, table)
-    command = bench_channels()["command"]
+    command = bench_channels(0.01)["command"]
     np.testing.assert_allclose(record.command, command / 500)
     assert record.load is not None
     np.testing.assert_allclose(record.load, command * 500)
@@ -164,7 +168,7 @@ def test_angles_and_loads_change_the_side_of_the_gear(bench: Path) -> None:
 
 
 def test_a_map_adds_to_what_the_names_of_the_file_say(bench: Path) -> None:
-    channels = bench_channels()
+    channels = bench_channels(0.01)
     with h5py.File(bench, "a") as file:
         for name in ("load", "theta_m", "current", "x/omega_m", "y/omega_m", "output_position"):
             file[name] = channels["command"]
@@ -185,7 +189,7 @@ def test_a_map_adds_to_what_the_names_of_the_file_say(bench: Path) -> None:
 
 def test_phase_order_names_what_the_given_channels_carry(bench: Path) -> None:
     record = ematwin.read(bench, {**PHASES, "cmd": "Setpoint", "phase_order": "bca"})
-    channels = bench_channels()
+    channels = bench_channels(0.01)
     np.testing.assert_array_equal(record.current_b, channels["current_a"])
     np.testing.assert_array_equal(record.current_c, channels["current_b"])
     np.testing.assert_array_equal(record.current_a, channels["current_c"])
@@ -194,7 +198,7 @@ def test_phase_order_names_what_the_given_channels_carry(bench: Path) -> None:
 
 def test_a_third_phase_is_derived_and_said(bench: Path) -> None:
     record = ematwin.read(bench, {"i_a": "Phase A", "i_c": "Phase C", "cmd": "Setpoint"})
-    np.testing.assert_allclose(record.current_b, bench_channels()["current_b"], atol=1e-12)
+    np.testing.assert_allclose(record.current_b, bench_channels(0.01)["current_b"], atol=1e-12)
     assert record.provenance["columns"]["current_b"] == {"derived": "-(current_a + current_c)"}
 
 
@@ -229,34 +233,8 @@ def test_missing_current_and_missing_command_are_refused(bench: Path) -> None:
         ematwin.read(bench, PHASES)
 
 
-def test_a_unit_of_another_kind_is_refused(bench: Path) -> None:
-    with pytest.raises(RecordError, match=r"current_a.*received 'V'"):
-        ematwin.read(
-            bench, {**PHASES, "cmd": "Setpoint", "i_a": {"channel": "Phase A", "unit": "V"}}
-        )
-
-
-def test_a_map_against_the_file_is_followed_and_said(bench: Path) -> None:
-    with h5py.File(bench, "a") as file:
-        file["run/Phase A"].attrs["units"] = "A"
-    table = {**PHASES, "cmd": "Setpoint", "i_a": "Phase A [mA]"}
-    record = ematwin.read(bench, table)
-    np.testing.assert_allclose(record.current_a, 1e-3 * bench_channels()["current_a"])
-    assert record.provenance["warnings"] == [
-        "The map gives current_a in mA, the file in A; the map was followed."
-    ]
-
-
-def test_a_scale_without_unit_leads_to_si_whatever_the_file_states(bench: Path) -> None:
-    with h5py.File(bench, "a") as file:
-        file["run/Phase A"].attrs["unit"] = "V"
-    probe = {"channel": "Phase A", "scale": 10.0}
-    record = ematwin.read(bench, {**PHASES, "cmd": "Setpoint", "i_a": probe})
-    np.testing.assert_allclose(record.current_a, 10.0 * bench_channels()["current_a"])
-
-
 def test_a_wrapped_angle_is_counted_on(tmp_path: Path) -> None:
-    channels = bench_channels()
+    channels = bench_channels(0.01)
     angle = 300.0 * channels["time"] + 1.0
     with h5py.File(tmp_path / "wrapped.h5", "w") as file:
         for name, values in channels.items():
@@ -269,28 +247,174 @@ def test_a_wrapped_angle_is_counted_on(tmp_path: Path) -> None:
     np.testing.assert_allclose(record.motor_position, angle, atol=1e-9)
 
 
+# Units, in the map, in the file and in names
+
+TIME = np.arange(200) / 100.0
+WAVE = np.sin(3.0 * TIME)
+KINDS = {"m": ("rm1605", "set_point"), "A": ("rm1605", "current"), "rad": ("servo48", "command"),
+         "rad/s": ("servo48", "motor_speed"), "N*m": ("servo48", "load")}  # fmt: skip
+
+
+def table(**more: np.ndarray) -> pd.DataFrame:
+    """Channels of a brushless actuator and of a ball screw, all the same wave."""
+    names = ("command", "current", "set_point", "position_error")
+    return pd.DataFrame({"time": TIME, **dict.fromkeys(names, WAVE), **more})
+
+
+def mapped(name: str, si_unit: str, **entry: str) -> tuple[np.ndarray, dict[str, str]]:
+    """A channel of the file mapped for a channel of that unit: its values and its account."""
+    actuator, column = KINDS[si_unit]
+    columns = {column: {"channel": name, **entry}}
+    found = ematwin.read(table(**{name: WAVE}), columns, actuator=actuator)
+    return found.channels[column], found.provenance["columns"][column]
+
+
 @pytest.mark.parametrize(
     ("unit", "si_unit", "factor"),
     [
-        ("mA", "A", 1e-3), ("ms", "s", 1e-3), ("µs", "s", 1e-6), ("us", "s", 1e-6),
-        ("deg", "rad", np.pi / 180), ("°", "rad", np.pi / 180), ("rpm", "rad/s", np.pi / 30),
-        ("1/min", "rad/s", np.pi / 30), ("U/min", "rad/s", np.pi / 30),
-        ("°/s", "rad/s", np.pi / 180), ("Nm", "N*m", 1.0), ("mNm", "N*m", 1e-3),
-        ("N m", "N*m", 1.0), ("rev/s", "rad/s", 2 * np.pi), ("turn", "rad", 2 * np.pi),
+        ("mA", "A", 1e-3), ("µm", "m", 1e-6), ("um", "m", 1e-6), ("nm", "m", 1e-9),
+        ("deg", "rad", np.pi / 180), ("°", "rad", np.pi / 180), ("turn", "rad", 2 * np.pi),
+        ("rpm", "rad/s", np.pi / 30), ("1/min", "rad/s", np.pi / 30),
+        ("U/min", "rad/s", np.pi / 30), ("°/s", "rad/s", np.pi / 180),
+        ("rev/s", "rad/s", 2 * np.pi), ("Nm", "N*m", 1.0), ("nm", "N*m", 1.0),
+        ("mNm", "N*m", 1e-3), ("N m", "N*m", 1.0),
     ],
 )  # fmt: skip
 def test_units_of_benches_are_known(unit: str, si_unit: str, factor: float) -> None:
-    assert unit_factor(unit, si_unit, "it") == pytest.approx(factor)
-    assert is_unit(f"[{unit}]")
+    for name, entry in (("x", {"unit": unit}), (f"x [{unit}]", {}), (f"x / {unit}", {})):
+        if " / " not in name or " " not in unit:
+            np.testing.assert_allclose(mapped(name, si_unit, **entry)[0], factor * WAVE)
 
 
 @pytest.mark.parametrize(
     ("unit", "si_unit"),
     [("%", "rad"), ("Hz", "rad/s"), ("V", "A"), ("counts", "rad"), ("", "A"), ("deg", "rad/s")],
 )
-def test_what_is_no_angle_is_not_taken_for_one(unit: str, si_unit: str) -> None:
-    with pytest.raises(RecordError, match="must have a unit"):
-        unit_factor(unit, si_unit, "it")
+def test_a_unit_of_another_kind_is_refused(unit: str, si_unit: str) -> None:
+    with pytest.raises(RecordError, match=f"must have a unit of the kind {re.escape(si_unit)}"):
+        mapped("x", si_unit, unit=unit)
+
+
+@pytest.mark.parametrize(
+    ("name", "si_unit", "unit"),
+    [
+        ("set_point_mm", "m", "mm"), ("travel_um", "m", "um"), ("gap_nm", "m", "nm"),
+        ("command_deg", "rad", "deg"), ("torque_Nm", "N*m", "Nm"), ("speed_rpm", "rad/s", "rpm"),
+        ("speed_deg_s", "rad/s", "deg/s"), ("speed_rad_per_s", "rad/s", "rad/s"),
+        ("SET_POINT_MM", "m", "mm"), ("COMMAND_DEG", "rad", "deg"), ("DRIVE_MA", "A", "ma"),
+        ("drive_mA", "A", "mA"), ("drive_a", "A", "A"), ("drive_A", "A", "A"),
+        ("I_a / mA", "A", "mA"), ("Travel (mm)", "m", "mm"), ("bench / left", "A", None),
+        ("drive_raw", "A", None), ("command_set", "rad", None), ("command_mm", "rad", None),
+        ("mm", "m", None), ("_mm", "m", None), ("set_point_", "m", None), ("speed_s", "m", None),
+        ("Phase [left]", "A", None), ("bench/ia", "A", None),
+    ],
+)  # fmt: skip
+def test_where_units_stand_in_names(name: str, si_unit: str, unit: str | None) -> None:
+    account = mapped(name, si_unit)[1]
+    assert account["unit_from"] == ("name" if unit else "assumed")
+    assert account["unit"] == (unit or si_unit)
+
+
+@pytest.mark.parametrize("name", ["command_deg", "command [deg]", "command / deg", "cmd(deg)"])
+def test_a_name_may_have_a_unit_where_there_is_no_map(tmp_path: Path, name: str) -> None:
+    columns = pd.DataFrame({"time_ms": 1e3 * TIME, name: np.degrees(WAVE), "i_eq": WAVE})
+    np.testing.assert_allclose(ematwin.read(columns).command, WAVE)
+    columns.to_csv(tmp_path / "bench.csv", index=False)
+    if name.startswith("command"):  # a scenario has no aliases
+        scenario = model_of("bldc").load_scenario(tmp_path / "bench.csv")
+        np.testing.assert_allclose(scenario.histories(TIME)[0], WAVE, atol=1e-12)
+
+
+def test_the_map_is_followed_where_the_file_states_another_unit(bench: Path) -> None:
+    with h5py.File(bench, "a") as file:
+        file["run/Phase A"].attrs["units"] = "A"
+        file["run/Phase B"].attrs["unit"] = "V"
+    probe = {"channel": "Phase B", "scale": 10.0}
+    entries = {**PHASES, "cmd": "Setpoint", "i_a": "Phase A [mA]", "i_b": probe}
+    record = ematwin.read(bench, entries)
+    np.testing.assert_allclose(record.current_a, 1e-3 * bench_channels(0.01)["current_a"])
+    # a scale without a unit leads to SI
+    np.testing.assert_allclose(record.current_b, 10.0 * bench_channels(0.01)["current_b"])
+    assert record.provenance["warnings"] == [
+        "The map gives current_a in mA, the file in A; the map was followed."
+    ]
+
+
+def test_assumed_units_are_said_and_stated_ones_are_not() -> None:
+    (said,) = assumptions(ematwin.read(table().rename(columns={"time": "time [s]"})))
+    assert said == (
+        "Neither the map nor the file states a unit, so SI was taken: command in rad, current in A."
+    )
+    frame = pd.DataFrame({"t [s]": TIME, "command [deg]": WAVE, "i [A]": WAVE})
+    assert assumptions(ematwin.read(frame)) == []
+
+
+# Names, where there is no map
+
+
+@pytest.mark.parametrize(
+    ("others", "taken"),
+    [
+        (["cmd", "command"], "command"),  # the plain name before an alias
+        (["command_deg", "cmd"], "cmd"),  # both before a name with a unit
+        (["command_deg", "bench"], "command_deg"),
+    ],
+)
+def test_the_plainest_name_wins(others: list[str], taken: str) -> None:
+    found = ematwin.read(pd.DataFrame({"time": TIME, **dict.fromkeys(others, WAVE), "i": WAVE}))
+    assert found.provenance["columns"]["command"]["channel"] == taken
+
+
+def test_names_that_mean_the_same_are_refused() -> None:
+    with pytest.raises(RecordError, match="several channels for command: setpoint, cmd"):
+        ematwin.read(pd.DataFrame({"t": TIME, "setpoint": WAVE, "cmd": WAVE, "i": WAVE}))
+
+
+def test_a_letter_of_a_series_is_no_ampere() -> None:
+    """`current_a` is phase a where there is a phase b, and a current in A else."""
+    series = pd.DataFrame({"time": TIME, "set_point": WAVE, "error": WAVE,
+                           **{f"current_{k}": WAVE for k in "abc"}})  # fmt: skip
+    with pytest.raises(RecordError, match="no channel for current "):
+        ematwin.read(series, actuator="rm1605")
+    assert ematwin.read(series, {"current": "current_a"}, actuator="rm1605").current is not None
+    alone = series.drop(columns=["current_b", "current_c"])
+    np.testing.assert_array_equal(ematwin.read(alone, actuator="rm1605").current, WAVE)
+    record = ematwin.read(series.rename(columns={"set_point": "command"}))
+    account = record.provenance["columns"]
+    assert account["current_a"]["unit_from"] == account["current_b"]["unit_from"] == "assumed"
+
+
+def test_a_unit_of_another_kind_behind_a_needed_name_is_refused() -> None:
+    with pytest.raises(RecordError, match=r"command .*'command_kg'.* kind rad; received 'kg'"):
+        ematwin.read(pd.DataFrame({"time": TIME, "command_kg": WAVE, "current": WAVE}))
+
+
+def test_the_pipeline_takes_any_channels() -> None:
+    """A kind of somebody else's: its channels are all that reading knows of it."""
+    channels = (
+        Channel("voltage", "V", "commanded voltage", ("u",)),
+        Channel("speed", "rad/s", "motor speed"),
+    )
+    needs = ((("voltage",),), (("speed",),))
+    columns = pd.DataFrame({"t": TIME, "u_mV": 1e3 * WAVE, "speed_rpm": WAVE})
+    (found,) = read_file(columns, channels, needs=needs, inputs=["voltage"])
+    np.testing.assert_allclose(found.voltage, WAVE)
+    np.testing.assert_allclose(found.speed, WAVE * np.pi / 30.0)
+    assert found.units == {"voltage": "V", "speed": "rad/s"}
+    with pytest.raises(RecordError, match="no channel for torque"):
+        read_file(columns, (*channels, Channel("torque", "N*m", "torque")),
+                  needs=(*needs, (("torque",),)))  # fmt: skip
+
+
+def test_a_map_is_for_the_channels_of_a_kind() -> None:
+    screw = channels_of("rm1605")
+    assert list(ChannelMap.of({"demand": "x"}, screw).columns) == ["set_point"]
+    with pytest.raises(InputError, match="no column 'demand'"):
+        of({"demand": "x"})
+    with pytest.raises(InputError, match="three phases"):
+        ChannelMap.of({"phase_order": "acb"}, screw)
+    with pytest.raises(InputError, match="no column 'current_a'"):
+        ChannelMap.of(of({"i_a": "x"}), screw)
 
 
 def test_the_map_in_the_documentation_is_one() -> None:

@@ -26,20 +26,24 @@ class Collected:
     columns : dict of channel to (S,) array, SI
     bases : dict of channel to the key of its time base
     times : dict of time base to (S,) array, s
+    time : (S,) array, s, of all columns, once they are on one base
     channels : dict of channel to its account for the provenance
     full_scales : dict of channel to the lowest and highest value that the converter gives
     names : full names in the file of the channels that were used
     start : datetime or None, the moment from which time is counted
+    masked : [start, stop], s, of stretches that were filled by straight lines
     assumed, changed, warnings : sentences for the provenance
     """
 
     columns: dict[str, np.ndarray] = field(default_factory=dict)
     bases: dict[str, str] = field(default_factory=dict)
     times: dict[str, np.ndarray] = field(default_factory=dict)
+    time: np.ndarray = field(default_factory=lambda: np.empty(0))
     channels: dict[str, dict[str, Any]] = field(default_factory=dict)
     full_scales: dict[str, tuple[float, float]] = field(default_factory=dict)
     names: list[str] = field(default_factory=list)
     start: datetime | None = None
+    masked: list[list[float]] = field(default_factory=list)
     assumed: list[str] = field(default_factory=list)
     changed: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)

@@ -12,18 +12,17 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.errors import InputError, ParameterError, RecordError
+from ematwin.errors import RecordError
 from ematwin.quantities import parse_quantity
 from ematwin.recordings.channel import Channel, with_time
 from ematwin.recordings.channel_map import ChannelMap, Columns
 from ematwin.recordings.checksums import FORMAT
 from ematwin.recordings.cleaning import (
     Policy,
-    Sound,
     check_policy,
-    saturation_warnings,
+    make_sound,
     sentence,
-    sound_samples,
+    warn_of_saturation,
 )
 from ematwin.recordings.collect import Collected, collect, derive
 from ematwin.recordings.formats.base import Progress, RecordedFile, open_file
@@ -87,21 +86,24 @@ def read_file(
     """
     channel_map = ChannelMap.of(columns, channels)
     check_policy(gaps)
-    rate = _hertz(resample_to)
+    if isinstance(resample_to, str):
+        resample_to = parse_quantity(resample_to, "Hz", "resample_to")
+    check_rate(resample_to)
     with open_file(path, **channel_map.csv.model_dump(exclude_none=True)) as file:
         _check_format(file)
         is_complete = own or all(is_met(group, file.names) for group in needs)
         if file.metadata and columns is None and is_complete:
-            return fitting([_as_written(file, channel_map.channels, rate, progress)], where)
+            return fitting([_as_written(file, channel_map.channels, resample_to, progress)], where)
         found = collect(file, channel_map, needs, progress)
         if not split and where is None:
             check_single(found, file)
-            return [_cleaned(found, file, channel_map, inputs, rate, gaps, {})]
+            return [_cleaned(found, file, channel_map, inputs, resample_to, gaps, {})]
         chosen = fitting(pieces(found, file), where)
         for piece in chosen:
             piece.check_length()
         return [
-            _cleaned(one.found, file, channel_map, inputs, rate, gaps, one.labels) for one in chosen
+            _cleaned(one.found, file, channel_map, inputs, resample_to, gaps, one.labels)
+            for one in chosen
         ]
 
 
@@ -112,16 +114,6 @@ def assumptions(recording: Recording) -> list[str]:
     """
     said = recording.provenance.get("assumed", [])
     return [sentence(text) for text in said if not text.startswith(ROUTINE)]
-
-
-def _hertz(rate: float | str | None) -> float | None:
-    if isinstance(rate, str):
-        try:
-            rate = parse_quantity(rate, "Hz", "resample_to")
-        except ParameterError as error:
-            raise InputError(str(error)) from None
-    check_rate(rate)
-    return rate
 
 
 def _cleaned(
@@ -142,32 +134,31 @@ def _cleaned(
         moved = float(raw[0] - found.times[key][0])
         if start is not None and start is found.start and abs(moved) > _MOVED:
             start += timedelta(seconds=moved)
-    by_column = {name: found.times[key] for name, key in found.bases.items()}
     currents = [one.name for one in channel_map.channels if one.unit == "A"]
-    counts, warnings = saturation_warnings(found.columns, by_column, found.full_scales, currents)
+    counts = warn_of_saturation(found, currents)
     means = {one.name for one in channel_map.channels if one.is_mean}
-    time = _bring_to_one_base(found, means, inputs, what)
-    derive(found, channel_map, time)
-    sound = sound_samples(time, found.columns, gaps, what, inputs)
+    found.time = _bring_to_one_base(found, means, inputs, what)
+    derive(found, channel_map, found.time)
+    make_sound(found, gaps, what, inputs)
     for channel in channel_map.channels:
-        if channel.refreshed and channel.name in sound.columns:
-            _put_at_samples(sound, channel)
-    time, columns, changed = to_constant_rate(sound.time, sound.columns, rate, what, means)
+        if channel.refreshed and channel.name in found.columns:
+            _put_at_samples(found, channel)
+    time, columns, changed = to_constant_rate(found.time, found.columns, rate, what, means)
     provenance: dict[str, Any] = {
         "source": "file",
         "file": file.given.name,
         "format": file.kind,
         "columns": found.channels,
         "assumed": found.assumed,
-        "changed": found.changed + sound.changed + changed,
-        "warnings": found.warnings + sound.warnings + warnings,
+        "changed": found.changed + changed,
+        "warnings": found.warnings,
     }
     if file.metadata.get("provenance"):
         provenance["origin"] = file.metadata["provenance"]
     if counts:
         provenance["saturated_samples"] = counts
-    if sound.masked:
-        provenance["masked_s"] = [list(stretch) for stretch in sound.masked]
+    if found.masked:
+        provenance["masked_s"] = found.masked
     in_order = [one for one in channel_map.channels if one.name in columns]
     return Recording(
         time,
@@ -180,12 +171,12 @@ def _cleaned(
     )
 
 
-def _put_at_samples(sound: Sound, channel: Channel) -> None:
+def _put_at_samples(found: Collected, channel: Channel) -> None:
     """Values of a channel at the times of the reads, each read being a sample of before."""
-    moved = sampled(sound.time, sound.columns[channel.name], channel.refreshed)
+    moved = sampled(found.time, found.columns[channel.name], channel.refreshed)
     if moved is not None:
-        sound.columns[channel.name], period = moved
-        sound.changed.append(
+        found.columns[channel.name], period = moved
+        found.changed.append(
             f"{channel.name} is read up to {1e3 * period:.3g} ms after it was sampled, as its "
             "steps show; it was brought to the times of the reads"
         )

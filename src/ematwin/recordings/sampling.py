@@ -273,26 +273,19 @@ def _taps(own: float, rate: float) -> int:
 
 def _low_pass(own: float, rate: float) -> np.ndarray:
     """Kaiser-windowed sinc that is halfway down in the middle of the transition."""
-    from scipy.signal import kaiser_beta
+    from scipy.signal import firwin, kaiser_beta
 
-    half = _taps(own, rate) // 2
-    n = np.arange(-half, half + 1)
-    middle = 0.5 * (1.0 + _PASS) * rate / own  # of the old Nyquist frequency
-    window = np.i0(kaiser_beta(_ATTENUATION) * np.sqrt(1.0 - (n / (half + 1)) ** 2))
-    taps = middle * np.sinc(middle * n) * window
-    return np.asarray(taps / taps.sum())
+    window = ("kaiser", kaiser_beta(_ATTENUATION))
+    cutoff = 0.25 * (1.0 + _PASS) * rate
+    return np.asarray(firwin(_taps(own, rate), cutoff, window=window, fs=own))
 
 
 def _filtered(values: np.ndarray, taps: np.ndarray) -> np.ndarray:
     """Values behind a filter centred on each sample; the ends continue as point reflections."""
     from scipy.signal import oaconvolve
 
-    reach = min(taps.size // 2, values.size - 1)
-    before = 2.0 * values[0] - values[reach:0:-1]
-    after = 2.0 * values[-1] - values[-2 : -reach - 2 : -1]
-    padded = np.concatenate([before, values, after])
-    result = oaconvolve(padded, taps, mode="same")
-    return np.asarray(result[reach : reach + values.size])
+    padded = np.pad(values, taps.size // 2, mode="reflect", reflect_type="odd")
+    return np.asarray(oaconvolve(padded, taps, mode="valid"))
 
 
 def _akima(time: np.ndarray, values: np.ndarray, wanted: np.ndarray) -> np.ndarray:

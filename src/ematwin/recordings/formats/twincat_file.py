@@ -65,7 +65,6 @@ class TwinCatFile(RecordedFile):
             )
         units = next((row for row in block if row[0] == "Unit"), [])
         self._width = len(names)
-        self._columns: dict[str, _Column] = {}
         time = 0
         for place, name in enumerate(names):
             if name == "Name":
@@ -73,7 +72,7 @@ class TwinCatFile(RecordedFile):
             elif name.strip():
                 unit = units[place].partition(" (")[0].strip() if place < len(units) else ""
                 unit = "" if unit == "(None)" else unit
-                self._columns[name.strip()] = _Column(place, time, unit)
+                self.channels[name.strip()] = _Column(place, time, unit)
         self._began, self._ended = (_ticks(facts.get(key, "")) for key in (_START, _END))
         if self._began:
             self.start = _EPOCH + timedelta(microseconds=self._began // 10)
@@ -90,15 +89,11 @@ class TwinCatFile(RecordedFile):
                 break
         return found
 
-    @property
-    def names(self) -> tuple[str, ...]:  # noqa: D102
-        return tuple(self._columns)
-
     def unit(self, name: str) -> str | None:  # noqa: D102
-        return self._columns[name].unit or None
+        return self.channels[name].unit or None
 
     def time_base(self, name: str) -> str:  # noqa: D102
-        own = self._columns[name].time
+        own = self.channels[name].time
         # columns with the same times are one base: most exports repeat them for each channel
         equal = (k for k, v in self._stamps.items() if np.array_equal(v, self._stamps[own], True))
         return str(next(equal))
@@ -122,13 +117,13 @@ class TwinCatFile(RecordedFile):
     @cached_property
     def _stamps(self) -> dict[int, np.ndarray]:
         """Each column of times (S,), ms, by its place; NaN where a cell is empty."""
-        places = sorted({column.time for column in self._columns.values()})
+        places = sorted({column.time for column in self.channels.values()})
         return self._read(places, self._in_ticks)
 
     def read(  # noqa: D102
         self, names: Sequence[str], progress: Progress | None = None
     ) -> dict[str, np.ndarray]:
-        columns = [self._columns[name] for name in names]
+        columns = [self.channels[name] for name in names]
         values = self._read(sorted({column.place for column in columns}))
         found = {}
         for name, (place, time, _) in zip(names, columns, strict=True):
