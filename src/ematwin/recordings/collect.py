@@ -3,6 +3,7 @@
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from datetime import datetime
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from ematwin.recordings.channel_map import PHASES, ChannelMap, MappedChannel
 from ematwin.recordings.formats.base import Progress, RecordedFile
 from ematwin.recordings.matching import Needs, match
 from ematwin.recordings.names import last_part, listed
+from ematwin.recordings.recording import label_text
 from ematwin.recordings.sampling import ABSURD
 from ematwin.recordings.units import bare, beside, fits, unit_factor, unit_in_name
 
@@ -23,6 +25,8 @@ class Collected:
 
     Attributes
     ----------
+    path : of the file
+    labels : of the motion that it is, in a table of motions
     columns : dict of channel to (S,) array, SI
     bases : dict of channel to the key of its time base
     times : dict of time base to (S,) array, s
@@ -35,6 +39,8 @@ class Collected:
     assumed, changed, warnings : sentences for the provenance
     """
 
+    path: Path
+    labels: dict[str, str] = field(default_factory=dict)
     columns: dict[str, np.ndarray] = field(default_factory=dict)
     bases: dict[str, str] = field(default_factory=dict)
     times: dict[str, np.ndarray] = field(default_factory=dict)
@@ -48,9 +54,19 @@ class Collected:
     changed: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
 
-    def part(self, rows: slice) -> "Collected":
+    @property
+    def source(self) -> str:
+        """Name of the file."""
+        return self.path.name
+
+    @property
+    def name(self) -> str:
+        """File and labels, for messages."""
+        return f"{self.path} {label_text(self.labels)}".strip()
+
+    def part(self, rows: slice, labels: dict[str, str]) -> "Collected":
         """Some rows of it; all its channels have one time base."""
-        rest = deepcopy(replace(self, columns={}, times={}))
+        rest = deepcopy(replace(self, columns={}, times={}, labels=labels))
         rest.columns = {name: values[rows] for name, values in self.columns.items()}
         rest.times = {key: time[rows] for key, time in self.times.items()}
         return rest
@@ -68,7 +84,7 @@ def collect(
     """
     matched = match(file, channel_map, needs)
     uses = [name for name, _ in matched.channels.values()]
-    result = Collected(names=list(dict.fromkeys(uses)), warnings=matched.warnings)
+    result = Collected(file.given, names=list(dict.fromkeys(uses)), warnings=matched.warnings)
     raw = file.read(result.names, progress)
     result.assumed += [*file.assumed, *matched.assumed]  # reading may add to the file's
     for column, (name, entry) in matched.channels.items():

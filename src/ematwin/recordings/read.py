@@ -6,7 +6,7 @@ step adds to the provenance. `ematwin.models.reading` gives the public `read`, w
 kinds.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from datetime import datetime, timedelta
 from typing import Any
 
@@ -28,8 +28,8 @@ from ematwin.recordings.collect import Collected, collect, derive
 from ematwin.recordings.formats.base import Progress, RecordedFile, open_file
 from ematwin.recordings.formats.csv_dialect import ROUTINE
 from ematwin.recordings.matching import Needs, is_met
-from ematwin.recordings.motions import Choice, check_single, fitting, pieces
-from ematwin.recordings.recording import Recording, label_text
+from ematwin.recordings.motions import Choice, check_length, check_single, fitting, pieces
+from ematwin.recordings.recording import Recording
 from ematwin.recordings.refreshed import sampled
 from ematwin.recordings.sampling import check_rate, onto, tidy_time, to_constant_rate
 
@@ -97,14 +97,11 @@ def read_file(
         found = collect(file, channel_map, needs, progress)
         if not split and where is None:
             check_single(found, file)
-            return [_cleaned(found, file, channel_map, inputs, resample_to, gaps, {})]
+            return [_cleaned(found, file, channel_map, inputs, resample_to, gaps)]
         chosen = fitting(pieces(found, file), where)
         for piece in chosen:
-            piece.check_length()
-        return [
-            _cleaned(one.found, file, channel_map, inputs, resample_to, gaps, one.labels)
-            for one in chosen
-        ]
+            check_length(piece)
+        return [_cleaned(one, file, channel_map, inputs, resample_to, gaps) for one in chosen]
 
 
 def assumptions(recording: Recording) -> list[str]:
@@ -123,10 +120,9 @@ def _cleaned(
     inputs: Collection[str],
     rate: float | None,
     gaps: Policy,
-    labels: Mapping[str, str],
 ) -> Recording:
     """Collected columns of a file, or of one motion in it, as a recording."""
-    what = f"{file.given} {label_text(labels)}".strip()
+    what = found.name
     start = found.start
     for key, raw in found.times.items():
         found.times[key], changed = tidy_time(raw, what)
@@ -164,7 +160,7 @@ def _cleaned(
         time,
         {one.name: columns.pop(one.name) for one in in_order},
         units={one.name: one.unit for one in in_order},
-        labels=labels,
+        labels=found.labels,
         start=start,
         source=file.given.name,
         provenance=provenance,

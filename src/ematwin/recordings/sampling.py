@@ -17,7 +17,7 @@ import numpy as np
 
 from ematwin.errors import InputError, RecordError
 from ematwin.numerics.signals import means as mean_of_each
-from ematwin.recordings.recording import Recording, is_regular
+from ematwin.recordings.recording import Recording, check_finite, check_increasing, is_regular
 
 Arrays = dict[str, np.ndarray]
 ABSURD = 1e12  # in any SI unit of a record: no recording holds that
@@ -44,12 +44,7 @@ def tidy_time(time: np.ndarray, what: object) -> tuple[np.ndarray, list[str]]:
     """
     if time.size < 2:
         raise RecordError(f"{what} holds {time.size} samples; a record needs at least two in time.")
-    bad = np.flatnonzero(~np.isfinite(time))
-    if bad.size:
-        raise RecordError(
-            f"{what}: time is NaN or infinite in {bad.size} samples, the first is sample {bad[0]}. "
-            "Remove those rows, or give sample_rate in place of the time channel."
-        )
+    check_finite(time, f"{what}: ")
     if np.abs(time).max() > ABSURD:
         raise RecordError(
             f"{what}: time runs from {time.min():.4g} to {time.max():.4g} s, which no clock does. "
@@ -70,15 +65,7 @@ def tidy_time(time: np.ndarray, what: object) -> tuple[np.ndarray, list[str]]:
             "that it was rounded from"
         )
         return grid, changed
-    falls = np.flatnonzero(steps <= 0.0)
-    if falls.size:
-        n = int(falls[0]) + 1
-        how = "repeats" if steps[n - 1] == 0.0 else "falls"
-        raise RecordError(
-            f"{what}: time must increase, but {how} at {falls.size} places: sample {n} "
-            f"({time[n]:.6g} s) follows {time[n - 1]:.6g} s. Sort the record, drop duplicates, or "
-            "give sample_rate in place of the time channel."
-        )
+    check_increasing(time, steps, f"{what}: ")
     return time, changed
 
 
