@@ -1,20 +1,5 @@
 """ChannelMap: which channel of a file is which of a recording, and what its numbers mean.
 
-In a TOML file::
-
-    sample_rate = "20 kHz"          # in place of a time channel
-    phase_order = "acb"
-    gear_ratio = 500
-
-    [columns]
-    command = { channel = "Setpoint", unit = "deg", side = "motor" }
-    current_a = "Phase A [mA]"
-    current_b = { channel = "Phase B", unit = "mA", sign = -1 }
-
-    [csv]
-    delimiter = ";"
-    decimal = ","
-
 A map is made for the channels of one kind of actuator, which give it names, aliases and sides.
 """
 
@@ -198,13 +183,6 @@ class ChannelMap(BaseModel):
 
         A flat mapping may hold the options beside the columns:
         ``{"i_a": "Phase A [A]", "sample_rate": "20 kHz"}``. ``channels`` belong to the kind.
-
-        Raises
-        ------
-        InputError
-            If a column or option is unknown or impossible.
-        FileError
-            If the file cannot be read.
         """
         if given is None:
             return cls(channels)

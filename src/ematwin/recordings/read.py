@@ -50,39 +50,21 @@ def read_file(
     where: Choice | Sequence[Choice] | None = None,
     progress: Progress | None = None,
 ) -> list[Recording]:
-    """Read the recordings in a file of ematwin or of a test bench.
+    """Read the recordings in a file; options and errors not named here as of `ematwin.read`.
 
     Parameters
     ----------
     path : a file of a known format, or a DataFrame
     channels : of the kind of actuator
-    columns : which channel of the file is which: a `ChannelMap`, a mapping or a TOML file; None
-        finds them by name
     needs : groups of channels; of each group at least one whole alternative must be there
     inputs : channels that drive the model
     own : whether a file that ematwin wrote is read as it is, whatever its channels; else if it
         has the needed channels
-    resample_to : float (Hz) or text such as ``"20 kHz"``; None keeps the recorded rate
-    gaps : what to do about holes, see `ematwin.recordings.cleaning`
-    split : whether a table is cut into motions
-    where : labels with the values that are wanted, or several such choices; cuts as well
-    progress : called with the share read, in [0, 1], now and then
 
     Returns
     -------
     list of Recording, one unless the file was cut into several motions; only chosen motions have
         to be sound
-
-    Raises
-    ------
-    InputError
-        If the map or an option cannot be used.
-    FileError
-        If the file cannot be read.
-    RecordError
-        If a channel is missing or cannot be part of a recording.
-    MissingExtraError
-        If the library for this format is not installed.
     """
     channel_map = ChannelMap.of(columns, channels)
     check_policy(gaps)
