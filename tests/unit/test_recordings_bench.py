@@ -14,7 +14,7 @@ from asammdf import MDF, Signal
 from nptdms import ChannelObject, TdmsWriter
 
 import ematwin
-from ematwin.errors import EmatwinError, FileError, MissingExtraError, RecordError
+from ematwin.errors import EmatwinError, FileError, InputError, MissingExtraError, RecordError
 from ematwin.models.bldc.channels import phase_currents
 from ematwin.recordings.formats.base import known_suffixes, open_file
 from ematwin.testing.reader_contract import bench_channels
@@ -341,7 +341,11 @@ def test_ten_seconds_at_100_khz_stay_well_under_500_mb(tmp_path: Path) -> None:
     assert float(done.stdout) < 350.0  # MB
 
 
-def test_every_error_of_reading_is_of_ours(tmp_path: Path) -> None:
+def test_what_is_no_file_of_a_known_format_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="There is no file"):
+        ematwin.read(tmp_path / "none.csv")
+    with pytest.raises(InputError, match="must end in"):
+        ematwin.read(tmp_path / "run.xyz")
     for suffix in known_suffixes():
         path = tmp_path / f"folder{suffix}"
         path.mkdir()

@@ -8,9 +8,8 @@ it. Where several remain, the question stays open.
 
 import math
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
 from dataclasses import replace
-from itertools import product
+from itertools import islice, product
 from typing import Any
 
 import numpy as np
@@ -146,19 +145,15 @@ def _not_refused(
     refusals: dict[tuple[str, str], str],
 ) -> dict[str, list[str]]:
     """The units of all combinations that the kind accepts; those it refuses are noted."""
-    channels = {one.name: one for one in with_time(model.channels)}
+    if len(list(islice(_combinations(left), _MOST_TRIES + 1))) > _MOST_TRIES:
+        return dict(left)
     kept: dict[str, set[str]] = {name: set() for name in left}
-    for tried, combination in enumerate(_combinations(left), start=1):
-        if tried > _MOST_TRIES:
-            return dict(left)
-        try:
-            model.check(_in_units(recording, combination, channels), actuator)
-        except EmatwinError as error:
-            for pair in combination.items():
-                refusals.setdefault(pair, str(error))
-            continue
+    for combination, tried in _tried(recording, left, model, actuator):
         for name, unit in combination.items():
-            kept[name].add(unit)
+            if isinstance(tried, Recording):
+                kept[name].add(unit)
+            else:
+                refusals.setdefault((name, unit), tried)
     if not any(kept.values()):
         return dict(left)  # it is refused for another reason
     return {name: [unit for unit in some if unit in kept[name]] for name, some in left.items()}
@@ -199,21 +194,31 @@ def in_other_units(
     Each comes with the units that differ from SI, by channel; those that the kind refuses are left
     out.
     """
-    channels = {one.name: one for one in with_time(model.channels)}
+    si = {one.name: one.unit for one in with_time(model.channels)}
     assumed = {
-        name: list(_USUAL[channels[name].unit][0])
+        name: list(_USUAL[si[name]][0])
         for name, account in recording.provenance.get("columns", {}).items()
-        if account.get("unit_from") == "assumed" and name in channels
-        and channels[name].unit in _USUAL and np.any(recording.channels.get(name))
+        if account.get("unit_from") == "assumed" and si.get(name) in _USUAL
+        and np.any(recording.channels.get(name))
     }  # fmt: skip
-    for tried, combination in enumerate(_combinations(assumed), start=1):
-        units = {name: unit for name, unit in combination.items() if unit != channels[name].unit}
-        if tried > _MOST_TRIES:
-            return
-        with suppress(EmatwinError):
-            scaled = _in_units(recording, units, channels)
+    for combination, tried in _tried(recording, assumed, model, actuator):
+        if isinstance(tried, Recording):
+            yield {name: unit for name, unit in combination.items() if unit != si[name]}, tried
+
+
+def _tried(
+    recording: Recording, left: Mapping[str, list[str]], model: Model, actuator: Any
+) -> Iterator[tuple[dict[str, str], Recording | str]]:
+    """Yield the first choices of units with the recording in them, or with why it is refused."""
+    channels = {one.name: one for one in with_time(model.channels)}
+    for combination in islice(_combinations(left), _MOST_TRIES):
+        try:
+            scaled = _in_units(recording, combination, channels)
             model.check(scaled, actuator)
-            yield units, scaled
+        except EmatwinError as error:
+            yield combination, str(error)
+        else:
+            yield combination, scaled
 
 
 def _combinations(left: Mapping[str, list[str]]) -> Iterator[dict[str, str]]:
