@@ -14,6 +14,7 @@ from asammdf import MDF, Signal
 from nptdms import ChannelObject, TdmsWriter
 
 import ematwin
+from ematwin.errors import RecordError
 from ematwin.models.proposing import propose_map
 from ematwin.recordings.proposal import Proposal
 from ematwin.recordings.survey import extremes, survey
@@ -290,6 +291,14 @@ def test_a_map_takes_what_reading_takes(tmp_path: Path) -> None:
     account = ematwin.read(path).provenance["columns"]
     assert channel_of(proposal) == {name: one["channel"] for name, one in account.items()}
     assert "“command_deg” would do as well" in " ".join(proposal.entries["command"].reasons)
+
+
+def test_a_refusal_names_the_channel_that_is_likely_meant(tmp_path: Path) -> None:
+    names = {"Zeit [s]": TIME, "Temp Sollwert [°C]": A, "Sollwert Lage [°]": DEGREES, "I [A]": A}
+    path = ugly(tmp_path / "bench.csv", names)
+    with pytest.raises(RecordError, match=r'Map it, such as command="Sollwert Lage \[°\]"'):
+        ematwin.read(path)
+    assert len(ematwin.read(path, {"command": "Sollwert Lage [°]"})) == TIME.size
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from ematwin.recordings.channel import TIME, Channel, channel_called, derivable,
 from ematwin.recordings.channel_map import ChannelMap, MappedChannel
 from ematwin.recordings.formats.base import RecordedFile
 from ematwin.recordings.names import Said, find_channel, last_part, listed, said_by
-from ematwin.recordings.survey import Surveyed
+from ematwin.recordings.survey import Surveyed, stated_unit
 from ematwin.recordings.units import (
     bare,
     example,
@@ -198,9 +198,23 @@ def _check_complete(
         meaning = f" ({wanted[0].meaning})" if len(group) == 1 == len(group[0]) else ""
         raise MissingChannelError(
             f"{file.path} has no channel for {', nor for '.join(map(_joined, group))}{meaning}; "
-            f"it has {listed(file.names)}. "
-            f'Map it, such as {wanted[0].name}="Channel 1 [{example(wanted[0].unit)}]".'
+            f"it has {listed(file.names)}. Map it, such as {wanted[0].name}="
+            f'"{_likely(file, wanted[0])}".'
         )
+
+
+def _likely(file: RecordedFile, channel: Channel) -> str:
+    """The channel of a file for which words speak most, for messages; an example if none do."""
+    heads = (Surveyed(name, *stated_unit(file, name)) for name in file.names)
+    found = [
+        (by_words[0], one.name)
+        for one in heads
+        if (not one.unit or fits(one.unit, channel.unit))
+        and (by_words := _by_words(one, channel)) is not None
+        and by_words[0] > UNIT_ONLY
+    ]
+    first = max(found, key=lambda one: one[0], default=(0.0, ""))[1]
+    return first or f"Channel 1 [{example(channel.unit)}]"
 
 
 def _joined(names: Sequence[str]) -> str:

@@ -133,7 +133,7 @@ def _numbers(file: RecordedFile, names: Sequence[str]) -> dict[str, np.ndarray]:
 def _surveyed(
     file: RecordedFile, name: str, values: np.ndarray | None, rates: dict[str, float | None]
 ) -> Surveyed:
-    stated = _unit(file, name)
+    stated = stated_unit(file, name)
     if values is None:
         return Surveyed(name, *stated, text=_texts(file, name))
     base = file.time_base(name)
@@ -148,7 +148,7 @@ def _surveyed(
     )  # fmt: skip
 
 
-def _unit(file: RecordedFile, name: str) -> tuple[str, str, str]:
+def stated_unit(file: RecordedFile, name: str) -> tuple[str, str, str]:
     """The unit of a channel, who states it (the file or the name, or nobody), and the stem."""
     stem, unit = beside(name)
     stem, stated = bare(last_part(stem)), file.stated_unit(name)
