@@ -13,7 +13,7 @@ from ematwin.recordings.channel import TIME, Channel, channel_called, derivable,
 from ematwin.recordings.channel_map import ChannelMap, MappedChannel
 from ematwin.recordings.formats.base import RecordedFile
 from ematwin.recordings.names import Said, find_channel, last_part, listed, said_by
-from ematwin.recordings.survey import Surveyed, stated_unit
+from ematwin.recordings.survey import Surveyed, unit_and_stem
 from ematwin.recordings.units import (
     bare,
     example,
@@ -205,7 +205,7 @@ def _check_complete(
 
 def _likely(file: RecordedFile, channel: Channel) -> str:
     """The channel of a file for which words speak most, for messages; an example if none do."""
-    heads = (Surveyed(name, *stated_unit(file, name)) for name in file.names)
+    heads = (Surveyed(name, *unit_and_stem(file, name)) for name in file.names)
     found = [
         (by_words[0], one.name)
         for one in heads

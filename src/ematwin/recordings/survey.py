@@ -58,16 +58,11 @@ class Surveyed:
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
+        told = {key: getattr(self, key) for key in (
+            "name", "unit", "unit_from", "samples", "missing", "low", "high", "rate", "text",
+        )}  # fmt: skip
         return {
-            "name": self.name,
-            "unit": self.unit or None,
-            "unit_from": self.unit_from or None,
-            "samples": self.samples,
-            "missing": self.missing,
-            "low": self.low if np.isfinite(self.low) else None,
-            "high": self.high if np.isfinite(self.high) else None,
-            "rate": self.rate,
-            "text": self.text or None,
+            key: None if value == "" or value != value else value for key, value in told.items()
         }
 
 
@@ -133,7 +128,7 @@ def _numbers(file: RecordedFile, names: Sequence[str]) -> dict[str, np.ndarray]:
 def _surveyed(
     file: RecordedFile, name: str, values: np.ndarray | None, rates: dict[str, float | None]
 ) -> Surveyed:
-    stated = stated_unit(file, name)
+    stated = unit_and_stem(file, name)
     if values is None:
         return Surveyed(name, *stated, text=_texts(file, name))
     base = file.time_base(name)
@@ -148,7 +143,7 @@ def _surveyed(
     )  # fmt: skip
 
 
-def stated_unit(file: RecordedFile, name: str) -> tuple[str, str, str]:
+def unit_and_stem(file: RecordedFile, name: str) -> tuple[str, str, str]:
     """The unit of a channel, who states it (the file or the name, or nobody), and the stem."""
     stem, unit = beside(name)
     stem, stated = bare(last_part(stem)), file.stated_unit(name)
