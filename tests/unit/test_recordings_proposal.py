@@ -15,7 +15,8 @@ from nptdms import ChannelObject, TdmsWriter
 
 import ematwin
 from ematwin.errors import RecordError
-from ematwin.models.proposing import propose_map
+from ematwin.models.proposing import in_other_units, propose_map
+from ematwin.models.registry import model_of
 from ematwin.recordings.proposal import Proposal
 from ematwin.recordings.survey import extremes, survey
 from ematwin.testing.reader_contract import bench_channels
@@ -312,3 +313,15 @@ def test_a_position_in_place_of_its_error_is_mapped(
     proposal = propose_map(ugly(tmp_path / "axis.csv", names), "rm1605")
     assert proposal.is_complete == is_complete
     assert set(proposal.entries) == {"time", "set_point", "position", "current"}
+
+
+def test_a_bare_table_of_a_position_is_tried_in_no_other_units() -> None:
+    """The error is derived from the position, which the recording no longer holds."""
+    actuator = ematwin.load_actuator("rm1605")
+    table = {name: 0.1 * np.sin(20.0 * TIME) for name in ("set_point", "position", "current")}
+    recording = ematwin.read(pd.DataFrame({"time": TIME, **table}), actuator=actuator)
+    assert list(in_other_units(recording, model_of(actuator), actuator)) == []
+    table["position_error"] = table.pop("position")
+    recording = ematwin.read(pd.DataFrame({"time": TIME, **table}), actuator=actuator)
+    units = [one for one, _ in in_other_units(recording, model_of(actuator), actuator)]
+    assert {"set_point": "mm", "position_error": "mm"} in units

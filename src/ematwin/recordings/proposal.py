@@ -255,11 +255,9 @@ class Draft:
             also = [f"“{name}”" for name in also if name not in taken]
             self.entries[column] = self._entry(column, chosen[column], also)
 
-    def _ask(
-        self, sentence: str, columns: Sequence[str], names: Sequence[str], needed: bool = False
-    ) -> None:
+    def _ask(self, sentence: str, columns: Sequence[str], names: Sequence[str]) -> None:
         channels = [(name, self.found[name].unit) for name in names]
-        self.questions.append(Question(sentence, _lines(columns, channels), needed))
+        self.questions.append(Question(sentence, _lines(columns, channels)))
 
     def _by_span(self, name: str, free: Sequence[str], command: Surveyed) -> tuple[str, str] | None:
         """Which shaft an angle is of, by how far it moves beside the command; None: not clear."""
