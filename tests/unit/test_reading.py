@@ -2,11 +2,10 @@
 
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Any, get_overloads
+from typing import Any
 
 import h5py
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -16,9 +15,6 @@ from nptdms import ChannelObject, TdmsWriter
 import ematwin
 from ematwin import Recording, read, read_motions, write
 from ematwin.errors import InputError, RecordError
-from ematwin.models.ball_screw.model import MODEL as SCREW
-from ematwin.models.bldc.channels import CHANNELS as MOTOR
-from ematwin.models.reading import Frame
 from ematwin.testing.reader_contract import bench_channels
 
 OLD = Path(__file__).parents[1] / "data" / "0.1"
@@ -48,18 +44,6 @@ def same(found: Recording, wanted: Recording) -> None:
     assert set(found.channels) == set(wanted.channels)
     for name, values in wanted.columns():
         np.testing.assert_allclose(getattr(found, name), values, rtol=1e-12, atol=1e-15)
-
-
-def test_a_type_checker_tells_a_table_from_a_list_of_paths() -> None:
-    """A table stands for one recording, a list for several."""
-    members = [name for name in vars(Frame) if not name.startswith("_")]
-    assert len(members) > 1
-    assert all(hasattr(pd.DataFrame, name) or hasattr(pd.DataFrame(), name) for name in members)
-    assert not any(hasattr(list, name) for name in members if name != "index")
-    one, several, split = get_overloads(read)
-    assert one.__annotations__["path"] == str | Path | Frame
-    assert one.__annotations__["return"] is Recording
-    assert several.__annotations__["return"] == split.__annotations__["return"] == list[Recording]
 
 
 # Files of version 0.1
@@ -394,13 +378,3 @@ def test_means_of_a_file_of_ours_stay_means_at_another_rate(tmp_path: Path) -> N
     write(ramp, tmp_path / "value.parquet")
     found = read(tmp_path / "value.parquet", resample_to=100)
     np.testing.assert_allclose(found.current, found.time, atol=1e-9)
-
-
-def test_every_derived_channel_follows_from_channels_of_its_kind() -> None:
-    for channels in (MOTOR, SCREW.channels):
-        names = {one.name for one in channels}
-        for one in channels:
-            if one.derived is not None:
-                assert names.issuperset(one.derived.sources)
-                assert all(source in one.derived.formula for source in one.derived.sources)
-            assert one.stands_in_for is None or one.stands_in_for in names

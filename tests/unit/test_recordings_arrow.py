@@ -1,39 +1,23 @@
-"""Floats between pyarrow and numpy, by their buffers."""
+"""Columns between pyarrow and numpy, without pandas."""
 
 import subprocess
 import sys
 
 import numpy as np
 import pyarrow as pa
-import pytest
+import pyarrow.parquet as pq
 
-from ematwin.recordings.formats.arrow import as_floats, as_integers, from_numpy
-
-
-@pytest.mark.parametrize(
-    "values", [[1.0, 2.0, 3.0], [1.0, None, 3.0], [None, None], [], [float("nan"), 1e300]]
-)
-@pytest.mark.parametrize("skipped", [0, 1])
-def test_floats_are_those_of_pyarrow(values, skipped) -> None:
-    column = pa.array(values, pa.float64())[skipped:]
-    expected = column.to_numpy(zero_copy_only=False)
-    np.testing.assert_array_equal(as_floats(column), expected)
+import ematwin
 
 
-def test_a_long_column_with_nulls_anywhere() -> None:
+def test_nulls_of_a_parquet_file_are_holes(tmp_path) -> None:
     rng = np.random.default_rng(1)
-    values = rng.standard_normal(1000)
-    column = pa.array(values, mask=rng.random(1000) < 0.3)[17:901]
-    np.testing.assert_array_equal(as_floats(column), column.to_numpy(zero_copy_only=False))
-
-
-def test_integers_and_back() -> None:
-    column = pa.array([5, 7, 9], pa.int64())[1:]
-    np.testing.assert_array_equal(as_integers(column), [7, 9])
-    assert as_integers(pa.array([], pa.int64())).size == 0
-    for values in (np.array([1.0, np.nan]), np.arange(10.0)[::3], np.empty(0)):
-        np.testing.assert_array_equal(as_floats(from_numpy(values)), values)
-    assert from_numpy(["a", "b"]).to_pylist() == ["a", "b"]
+    time, missing = np.arange(100_000) / 1e4, rng.random(100_000) < 0.01
+    columns = {"time": time, "command": time, "current": pa.array(time, mask=missing)}
+    pq.write_table(pa.table(columns), tmp_path / "run.parquet", row_group_size=777)
+    record = ematwin.read(tmp_path / "run.parquet", gaps="mask")
+    np.testing.assert_allclose(record.current, time, atol=1e-9)  # filled by straight lines
+    assert len(record.provenance["masked_s"]) > 500
 
 
 def test_reading_and_writing_import_no_pandas(tmp_path) -> None:

@@ -11,7 +11,6 @@ import ematwin
 from ematwin.errors import FileError, InputError, RecordError
 from ematwin.models.reading import channels_of
 from ematwin.recordings.channel_map import ChannelMap
-from ematwin.recordings.units import is_unit, unit_factor, unit_in_name
 from ematwin.testing.reader_contract import bench_channels
 
 TOML = """
@@ -43,7 +42,7 @@ def parse(texts: list[str], base: ChannelMap | None = None) -> ChannelMap:
 @pytest.fixture
 def bench(tmp_path: Path) -> Path:
     """SI values under names of a bench."""
-    channels = bench_channels()
+    channels = bench_channels(0.01)
     path = tmp_path / "bench.h5"
     with h5py.File(path, "w") as file:
         for name, wanted in {
@@ -80,10 +79,6 @@ def test_toml_mapping_and_strings_say_the_same(tmp_path: Path) -> None:
     assert over.columns["command"] == flat.columns["command"]
 
 
-def test_strings_may_hold_equal_signs_and_quotes() -> None:
-    assert parse(["t='a=b [ms]'"]).columns["time"].channel == "a=b [ms]"
-
-
 @pytest.mark.parametrize(
     ("table", "said"),
     [
@@ -114,10 +109,11 @@ def test_impossible_maps_are_refused_in_a_sentence(table: object, said: str) -> 
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("text", ["i_a", "=x", "i_a=", "nothing=x"])
-def test_impossible_strings_are_refused(text: str) -> None:
-    with pytest.raises(InputError):
-        parse([text])
+def test_a_text_holds_a_name_and_a_channel() -> None:
+    assert parse(["t='a=b [ms]'"]).columns["time"].channel == "a=b [ms]"
+    for text in ("i_a", "=x", "i_a=", "nothing=x"):
+        with pytest.raises(InputError):
+            parse([text])
 
 
 def test_a_map_file_that_is_missing_or_damaged_is_refused(tmp_path: Path) -> None:
@@ -134,7 +130,7 @@ def test_a_map_file_that_is_missing_or_damaged_is_refused(tmp_path: Path) -> Non
 def test_unit_scale_offset_and_sign_are_applied_in_that_sense(bench: Path) -> None:
     entry = {"channel": "Phase A", "unit": "mA", "sign": -1, "scale": 2.0, "offset": 100.0}
     record = ematwin.read(bench, {**PHASES, "i_a": entry, "cmd": "Setpoint [deg]"})
-    channels = bench_channels()
+    channels = bench_channels(0.01)
     np.testing.assert_allclose(record.current_a, -1e-3 * (2.0 * channels["current_a"] + 100.0))
     np.testing.assert_allclose(record.command, np.radians(channels["command"]))
     account = record.provenance["columns"]
@@ -155,7 +151,7 @@ def test_angles_and_loads_change_the_side_of_the_gear(bench: Path) -> None:
         "gear_ratio": 500,
     }
     record = ematwin.read(bench, table)
-    command = bench_channels()["command"]
+    command = bench_channels(0.01)["command"]
     np.testing.assert_allclose(record.command, command / 500)
     assert record.load is not None
     np.testing.assert_allclose(record.load, command * 500)
@@ -164,7 +160,7 @@ def test_angles_and_loads_change_the_side_of_the_gear(bench: Path) -> None:
 
 
 def test_a_map_adds_to_what_the_names_of_the_file_say(bench: Path) -> None:
-    channels = bench_channels()
+    channels = bench_channels(0.01)
     with h5py.File(bench, "a") as file:
         for name in ("load", "theta_m", "current", "x/omega_m", "y/omega_m", "output_position"):
             file[name] = channels["command"]
@@ -185,7 +181,7 @@ def test_a_map_adds_to_what_the_names_of_the_file_say(bench: Path) -> None:
 
 def test_phase_order_names_what_the_given_channels_carry(bench: Path) -> None:
     record = ematwin.read(bench, {**PHASES, "cmd": "Setpoint", "phase_order": "bca"})
-    channels = bench_channels()
+    channels = bench_channels(0.01)
     np.testing.assert_array_equal(record.current_b, channels["current_a"])
     np.testing.assert_array_equal(record.current_c, channels["current_b"])
     np.testing.assert_array_equal(record.current_a, channels["current_c"])
@@ -194,7 +190,7 @@ def test_phase_order_names_what_the_given_channels_carry(bench: Path) -> None:
 
 def test_a_third_phase_is_derived_and_said(bench: Path) -> None:
     record = ematwin.read(bench, {"i_a": "Phase A", "i_c": "Phase C", "cmd": "Setpoint"})
-    np.testing.assert_allclose(record.current_b, bench_channels()["current_b"], atol=1e-12)
+    np.testing.assert_allclose(record.current_b, bench_channels(0.01)["current_b"], atol=1e-12)
     assert record.provenance["columns"]["current_b"] == {"derived": "-(current_a + current_c)"}
 
 
@@ -204,9 +200,18 @@ def test_time_may_come_from_a_rate(bench: Path) -> None:
     assert record.time[0] == 0.0
 
 
-def test_an_unknown_channel_names_the_closest(bench: Path) -> None:
-    with pytest.raises(RecordError, match="no channel 'Phase D'; the closest are 'run/Phase"):
-        ematwin.read(bench, {**PHASES, "i_a": "Phase D"})
+@pytest.mark.parametrize(
+    ("columns", "said"),
+    [
+        ({**PHASES, "cmd": "Setpoint", "i_a": "Phase D"},
+         "no channel 'Phase D'; the closest are 'run/Phase"),
+        ({"cmd": "Setpoint", "i_a": "Phase A"}, r"no channel for current_a, .* nor for current"),
+        ({**PHASES, "without": "command"}, "no channel for command"),
+    ],
+)  # fmt: skip
+def test_a_missing_channel_is_named(bench: Path, columns: dict[str, str], said: str) -> None:
+    with pytest.raises(RecordError, match=said):
+        ematwin.read(bench, columns)
 
 
 def test_an_ambiguous_channel_is_refused(tmp_path: Path) -> None:
@@ -220,43 +225,8 @@ def test_an_ambiguous_channel_is_refused(tmp_path: Path) -> None:
     assert len(record) == 10
 
 
-def test_missing_current_and_missing_command_are_refused(bench: Path) -> None:
-    with pytest.raises(RecordError, match=r"no channel for current_a, .* nor for current"):
-        ematwin.read(bench, {"cmd": "Setpoint", "i_a": "Phase A"})
-    with h5py.File(bench, "a") as file:
-        del file["run/Setpoint"]
-    with pytest.raises(RecordError, match="no channel for command"):
-        ematwin.read(bench, PHASES)
-
-
-def test_a_unit_of_another_kind_is_refused(bench: Path) -> None:
-    with pytest.raises(RecordError, match=r"current_a.*received 'V'"):
-        ematwin.read(
-            bench, {**PHASES, "cmd": "Setpoint", "i_a": {"channel": "Phase A", "unit": "V"}}
-        )
-
-
-def test_a_map_against_the_file_is_followed_and_said(bench: Path) -> None:
-    with h5py.File(bench, "a") as file:
-        file["run/Phase A"].attrs["units"] = "A"
-    table = {**PHASES, "cmd": "Setpoint", "i_a": "Phase A [mA]"}
-    record = ematwin.read(bench, table)
-    np.testing.assert_allclose(record.current_a, 1e-3 * bench_channels()["current_a"])
-    assert record.provenance["warnings"] == [
-        "The map gives current_a in mA, the file in A; the map was followed."
-    ]
-
-
-def test_a_scale_without_unit_leads_to_si_whatever_the_file_states(bench: Path) -> None:
-    with h5py.File(bench, "a") as file:
-        file["run/Phase A"].attrs["unit"] = "V"
-    probe = {"channel": "Phase A", "scale": 10.0}
-    record = ematwin.read(bench, {**PHASES, "cmd": "Setpoint", "i_a": probe})
-    np.testing.assert_allclose(record.current_a, 10.0 * bench_channels()["current_a"])
-
-
 def test_a_wrapped_angle_is_counted_on(tmp_path: Path) -> None:
-    channels = bench_channels()
+    channels = bench_channels(0.01)
     angle = 300.0 * channels["time"] + 1.0
     with h5py.File(tmp_path / "wrapped.h5", "w") as file:
         for name, values in channels.items():
@@ -269,36 +239,30 @@ def test_a_wrapped_angle_is_counted_on(tmp_path: Path) -> None:
     np.testing.assert_allclose(record.motor_position, angle, atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("unit", "si_unit", "factor"),
-    [
-        ("mA", "A", 1e-3), ("ms", "s", 1e-3), ("µs", "s", 1e-6), ("us", "s", 1e-6),
-        ("deg", "rad", np.pi / 180), ("°", "rad", np.pi / 180), ("rpm", "rad/s", np.pi / 30),
-        ("1/min", "rad/s", np.pi / 30), ("U/min", "rad/s", np.pi / 30),
-        ("°/s", "rad/s", np.pi / 180), ("Nm", "N*m", 1.0), ("mNm", "N*m", 1e-3),
-        ("N m", "N*m", 1.0), ("rev/s", "rad/s", 2 * np.pi), ("turn", "rad", 2 * np.pi),
-    ],
-)  # fmt: skip
-def test_units_of_benches_are_known(unit: str, si_unit: str, factor: float) -> None:
-    assert unit_factor(unit, si_unit, "it") == pytest.approx(factor)
-    assert is_unit(f"[{unit}]")
+def test_the_map_is_followed_where_the_file_states_another_unit(bench: Path) -> None:
+    with h5py.File(bench, "a") as file:
+        file["run/Phase A"].attrs["units"] = "A"
+        file["run/Phase B"].attrs["unit"] = "V"
+    probe = {"channel": "Phase B", "scale": 10.0}
+    entries = {**PHASES, "cmd": "Setpoint", "i_a": "Phase A [mA]", "i_b": probe}
+    record = ematwin.read(bench, entries)
+    np.testing.assert_allclose(record.current_a, 1e-3 * bench_channels(0.01)["current_a"])
+    # a scale without a unit leads to SI
+    np.testing.assert_allclose(record.current_b, 10.0 * bench_channels(0.01)["current_b"])
+    assert record.provenance["warnings"] == [
+        "The map gives current_a in mA, the file in A; the map was followed."
+    ]
 
 
-@pytest.mark.parametrize(
-    ("unit", "si_unit"),
-    [("%", "rad"), ("Hz", "rad/s"), ("V", "A"), ("counts", "rad"), ("", "A"), ("deg", "rad/s")],
-)
-def test_what_is_no_angle_is_not_taken_for_one(unit: str, si_unit: str) -> None:
-    with pytest.raises(RecordError, match="must have a unit"):
-        unit_factor(unit, si_unit, "it")
-
-
-def test_units_in_names() -> None:
-    assert unit_in_name("Phase A [mA]", "A") == "mA"
-    assert unit_in_name("speed (rpm)", "rad/s") == "rpm"
-    assert unit_in_name("I_a / mA", "A") == "mA"
-    assert unit_in_name("bench/ia", "A") is None
-    assert unit_in_name("Phase [left]", "A") is None
+def test_a_map_is_for_the_channels_of_a_kind() -> None:
+    screw = channels_of("rm1605")
+    assert list(ChannelMap.of({"demand": "x"}, screw).columns) == ["set_point"]
+    with pytest.raises(InputError, match="no column 'demand'"):
+        of({"demand": "x"})
+    with pytest.raises(InputError, match="three phases"):
+        ChannelMap.of({"phase_order": "acb"}, screw)
+    with pytest.raises(InputError, match="no column 'current_a'"):
+        ChannelMap.of(of({"i_a": "x"}), screw)
 
 
 def test_the_map_in_the_documentation_is_one() -> None:

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import ematwin
 from ematwin.errors import FileError, InputError, RecordError
 from ematwin.models.reading import read, write
 from ematwin.recordings.formats.csv_dialect import sniff
@@ -238,17 +237,6 @@ def test_what_cannot_be_read_is_refused(
     assert "bad.csv" in str(caught.value)
 
 
-def test_our_own_files_come_back_bit_for_bit(tmp_path: Path) -> None:
-    rng = np.random.default_rng(1)
-    record = Recording(**CHANNELS, load=rng.normal(size=200), provenance={"faults": {"gain": 0.5}})
-    for name in ("own.csv", "own.parquet"):
-        write(record, tmp_path / name)
-        again = read(tmp_path / name)
-        assert again.provenance == record.provenance
-        for column, values in record.columns():
-            np.testing.assert_array_equal(getattr(again, column), values)
-
-
 def test_our_own_truncated_files_are_refused(tmp_path: Path) -> None:
     for name in ("own.csv", "own.parquet"):
         path = tmp_path / name
@@ -256,7 +244,7 @@ def test_our_own_truncated_files_are_refused(tmp_path: Path) -> None:
         whole = path.read_bytes()
         for share in (0.001, 0.3, 0.7, 0.999):
             path.write_bytes(whole[: int(share * len(whole))])
-            with pytest.raises((FileError, RecordError)):
+            with pytest.raises((FileError, RecordError), match=name):
                 read(path)
 
 
@@ -279,13 +267,3 @@ def test_a_map_over_our_own_file_keeps_its_origin(tmp_path: Path) -> None:
     record = read(path, {"i_a": "current_a", "i_b": "current_b"})
     assert record.provenance["origin"] == {"model": "reference"}
     assert record.provenance["columns"]["current_a"]["unit_from"] == "file"
-
-
-def test_missing_file_folder_and_suffix(tmp_path: Path) -> None:
-    with pytest.raises(FileError, match="There is no file"):
-        ematwin.read(tmp_path / "none.csv")
-    (tmp_path / "folder.csv").mkdir()
-    with pytest.raises(FileError, match="is a folder"):
-        ematwin.read(tmp_path / "folder.csv")
-    with pytest.raises(InputError, match="must end in"):
-        ematwin.read(tmp_path / "run.xyz")

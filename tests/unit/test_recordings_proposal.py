@@ -5,6 +5,7 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -13,8 +14,9 @@ from asammdf import MDF, Signal
 from nptdms import ChannelObject, TdmsWriter
 
 import ematwin
-from ematwin.models.proposing import propose_map
-from ematwin.recordings.names import said_by
+from ematwin.errors import RecordError
+from ematwin.models.proposing import in_other_units, propose_map
+from ematwin.models.registry import model_of
 from ematwin.recordings.proposal import Proposal
 from ematwin.recordings.survey import extremes, survey
 from ematwin.testing.reader_contract import bench_channels
@@ -230,48 +232,29 @@ def test_a_file_of_text_and_holes_is_still_listed(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "quantity", "place", "phase"),
+    ("actuator", "name", "column"),
     [
-        ("Phase A", None, "", "a"), ("I_a", "current", "", "a"), ("Strom U", "current", "", "a"),
-        ("iL2", "current", "", "b"), ("current3", "current", "", "c"), ("Iq", "current", "", "q"),
-        ("theta_m", "position", "motor", ""), ("n_mot", "speed", "motor", ""),
-        ("U_dc", "voltage", "bus", ""), ("M_Last", "load", "", ""), ("Zeit", "time", "", ""),
-        ("Hinge force", "load", "", ""),
-        ("SetPoint", "command", "", ""), ("Schleppfehler", "error", "", ""),
+        ("servo48", "Phase A [A]", "current_a"), ("servo48", "I_a [A]", "current_a"),
+        ("servo48", "Strom U [A]", "current_a"), ("servo48", "iL2 [A]", "current_b"),
+        ("servo48", "current3 [A]", "current_c"), ("servo48", "theta_m [rad]", "motor_position"),
+        ("servo48", "n_mot [rpm]", "motor_speed"), ("servo48", "U_dc [V]", "bus_voltage"),
+        ("servo48", "M_Last [Nm]", "load"), ("servo48", "Hinge moment [Nm]", "load"),
+        ("servo48", "Zeit [s]", "time"), ("servo48", "SetPoint [deg]", "command"),
+        ("rm1605", "Schleppfehler [mm]", "position_error"),
+        ("servo48", "607Ah Target position", "command"),  # CiA 402
+        ("rm1605", "0x6064", "position"),
+        ("servo48", "axis0.controller.input_pos", "command"),  # ODrive
+        ("servo400", "axis0.motor.Iq_measured", "current_q"),
+        ("servo400", "Id_measured", "current_d"), ("servo400", "Id [A]", "current_d"),
+        ("servo400", "q_current", "current_q"),  # moteus
+        ("servo400", "vel_estimate", "motor_speed"), ("servo400", "shaft_velocity", "motor_speed"),
+        ("servo48", "Goal_Position", "command"),  # Dynamixel, Feetech
+        ("servo48", "Present_Load", None), ("servo48", "/joint_states/effort[knee]", None),  # ROS
     ],
 )  # fmt: skip
-def test_words_of_benches_are_known(name: str, quantity: str, place: str, phase: str) -> None:
-    said = said_by(name)
-    assert said.quantities == ({quantity} if quantity else set())
-    assert (said.place, said.phase) == (place, phase)
-
-
-@pytest.mark.parametrize(
-    ("name", "quantities", "phase"),
-    [
-        ("0x6064", {"position"}, ""),  # CiA 402
-        ("607Ah Target position", {"command", "position"}, ""),
-        ("axis0.controller.input_pos", {"command", "position"}, ""),  # ODrive
-        ("axis0.motor.Iq_measured", {"current"}, "q"),
-        ("Id_measured", {"current"}, "d"),
-        ("Id [A]", {"current"}, "d"),
-        ("vel_estimate", {"speed"}, ""),
-        ("q_current", {"current"}, "q"),  # moteus
-        ("shaft_velocity", {"speed"}, ""),  # SimpleFOC
-        ("Goal_Position", {"command", "position"}, ""),  # Dynamixel, Feetech
-        ("Present_Load", set(), ""),
-        ("/joint_states/effort[knee]", {"torque"}, ""),  # ROS
-    ],
-)
-def test_names_of_servo_drives_are_known(name: str, quantities: set[str], phase: str) -> None:
-    said = said_by(name)
-    assert (said.quantities, said.phase, said.other) == (quantities, phase, "")
-
-
-def test_a_hinge_moment_is_a_load(tmp_path: Path) -> None:
-    names = {"t [s]": TIME, "Demand [deg]": DEGREES, "I [A]": A, "Hinge moment [Nm]": LOAD}
-    proposal = propose_map(ugly(tmp_path / "bench.csv", names))
-    assert channel_of(proposal)["load"] == "Hinge moment [Nm]"
+def test_words_of_benches_are_known(actuator: str, name: str, column: str | None) -> None:
+    proposal = propose_map(pd.DataFrame({name: COMMAND}), actuator)
+    assert channel_of(proposal) == ({column: name} if column else {})
 
 
 def test_what_may_be_something_else_is_no_load_and_no_voltage(tmp_path: Path) -> None:
@@ -299,3 +282,46 @@ def test_thinning_keeps_every_spike() -> None:
     assert {0, 777, 54_321, len(values) - 1} <= set(kept.tolist())
     assert np.all(np.diff(kept) > 0)
     np.testing.assert_array_equal(extremes(values[:100], 500), np.arange(100))
+
+
+def test_a_map_takes_what_reading_takes(tmp_path: Path) -> None:
+    """The plainest name wins in both, and the map says what would do as well."""
+    names = {"time": TIME, "command_deg": DEGREES, "cmd": COMMAND, "current": A}
+    path = ugly(tmp_path / "bench.csv", names)
+    proposal = propose_map(path)
+    account = ematwin.read(path).provenance["columns"]
+    assert channel_of(proposal) == {name: one["channel"] for name, one in account.items()}
+    assert "“command_deg” would do as well" in " ".join(proposal.entries["command"].reasons)
+
+
+def test_a_refusal_names_the_channel_that_is_likely_meant(tmp_path: Path) -> None:
+    names = {"Zeit [s]": TIME, "Temp Sollwert [°C]": A, "Sollwert Lage [°]": DEGREES, "I [A]": A}
+    path = ugly(tmp_path / "bench.csv", names)
+    with pytest.raises(RecordError, match=r'Map it, such as command="Sollwert Lage \[°\]"'):
+        ematwin.read(path)
+    assert len(ematwin.read(path, {"command": "Sollwert Lage [°]"})) == TIME.size
+
+
+@pytest.mark.parametrize(
+    ("unit", "is_complete"), [(" [mm]", True), ("", False)]
+)  # position stands in for the position error, which the recording holds
+def test_a_position_in_place_of_its_error_is_mapped(
+    tmp_path: Path, unit: str, is_complete: bool
+) -> None:
+    wave = 100.0 * np.sin(20.0 * TIME)
+    names = {"t [s]": TIME, f"demand{unit}": wave, f"position{unit}": 0.9 * wave, "I [A]": A}
+    proposal = propose_map(ugly(tmp_path / "axis.csv", names), "rm1605")
+    assert proposal.is_complete == is_complete
+    assert set(proposal.entries) == {"time", "set_point", "position", "current"}
+
+
+def test_a_bare_table_of_a_position_is_tried_in_no_other_units() -> None:
+    """The error is derived from the position, which the recording no longer holds."""
+    actuator = ematwin.load_actuator("rm1605")
+    table = {name: 0.1 * np.sin(20.0 * TIME) for name in ("set_point", "position", "current")}
+    recording = ematwin.read(pd.DataFrame({"time": TIME, **table}), actuator=actuator)
+    assert list(in_other_units(recording, model_of(actuator), actuator)) == []
+    table["position_error"] = table.pop("position")
+    recording = ematwin.read(pd.DataFrame({"time": TIME, **table}), actuator=actuator)
+    units = [one for one, _ in in_other_units(recording, model_of(actuator), actuator)]
+    assert {"set_point": "mm", "position_error": "mm"} in units

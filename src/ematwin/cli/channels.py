@@ -84,13 +84,10 @@ def channels(
 
 def print_channels(found: "Survey", proposal: "Proposal") -> None:
     """A row for each channel."""
-    from ematwin.recordings.proposal import rate_of
-
     meant = {entry.channel: name for name, entry in proposal.entries.items()}
-    counted = rate_of(found, proposal.entries.get("time"))
     rows = []
     for one in found.channels:
-        rate = counted if one.rate is None and not one.is_text else one.rate
+        rate = None if one.is_text else one.rate or proposal.rate
         rows.append(
             [
                 one.name,

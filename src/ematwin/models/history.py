@@ -3,7 +3,7 @@
 A command or load is the sum of such parts (`ematwin.models.scenario`).
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
@@ -13,13 +13,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from ematwin.errors import ParameterError, RecordError
 from ematwin.quantities import parse_quantity
 from ematwin.recordings.formats.base import open_file
-from ematwin.recordings.units import (
-    bare,
-    suffixes,
-    unit_beside_name,
-    unit_factor,
-    unit_in_name,
-)
+from ematwin.recordings.units import beside, unit_factor, unit_in_name
 from ematwin.validation import one_sentence
 
 _TIMES = ("time", "start", "stop", "duration")  # of components
@@ -257,25 +251,17 @@ def recorded_columns(
         columns = {}
         for wanted, name in found.items():
             units = (kinds if wanted in kinds else optional)[wanted]
-            behind = (unit_in_name(name, unit) for unit in units)
-            unit = (
-                file.stated_unit(name) or unit_beside_name(name) or next(filter(None, behind), "")
-            )
+            behind = (unit_in_name(name, unit)[1] for unit in units)
+            unit = file.stated_unit(name) or beside(name)[1] or next(filter(None, behind), "")
             columns[wanted] = values[name] * _factor(unit, units, f"{name!r} of {path}")
         return columns
 
 
 def _named(wanted: str, units: tuple[str, ...], names: tuple[str, ...]) -> str | None:
     """The column of that name, with or without a unit, such as ``command_deg``."""
-    if wanted in names:
-        return wanted
-    by_bare_name = [name for name in names if bare(name) == wanted]
-    with_unit = (
-        name
-        for name in names
-        if any(stem == wanted for unit in units for stem, _ in suffixes(bare(name), unit))
-    )
-    return next(iter(by_bare_name), None) or next(with_unit, None)
+    ways: list[Callable[[str], str]] = [str, lambda name: beside(name)[0]]
+    ways += [lambda name, unit=unit: unit_in_name(name, unit)[0] for unit in units]  # type: ignore[misc]
+    return next((name for way in ways for name in names if way(name) == wanted), None)
 
 
 def _factor(unit: str, kinds: tuple[str, ...], what: str) -> float:

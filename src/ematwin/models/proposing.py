@@ -1,24 +1,24 @@
 """`propose_map`: which channel of a bench's file is which, for a kind of actuator, with reasons.
 
-A unit that nobody states is tried in each of the usual ones. One is ruled out if the numbers would
-be of a size that no actuator has, or if the kind's own check of the recording refuses it. Where
-several remain, the question stays open.
+Nothing is chosen silently. Two channels that are equally likely become a question, and so does a
+unit that nobody states. Such a unit is tried in each of the usual ones. One is ruled out if the
+numbers would be of a size that no actuator has, or if the kind's own check of the recording refuses
+it. Where several remain, the question stays open.
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from itertools import product
+from itertools import islice, product
 from typing import Any
 
 import numpy as np
 
-from ematwin.errors import EmatwinError
+from ematwin.errors import EmatwinError, RecordError
 from ematwin.models.base import Model
 from ematwin.models.registry import load_actuator, model_of
 from ematwin.recordings.channel import Channel, with_time
-from ematwin.recordings.proposal import Entry, Proposal, Question, propose
+from ematwin.recordings.proposal import Draft, Entry, Proposal, Question, values
 from ematwin.recordings.read import read_file
 from ematwin.recordings.recording import Recording
 from ematwin.recordings.survey import Survey, Surveyed, survey
@@ -69,59 +69,33 @@ def propose_map(path: Any, actuator: Any = None, found: Survey | None = None) ->
     chosen = load_actuator(actuator)
     model = model_of(chosen)
     found = survey(path) if found is None else found
-    proposal = propose(found, model.channels, model.required, model.kind, model.command)
-    recording, why = _read(path, model, proposal)
-
-    def check(one: Recording) -> list[str]:
-        return model.check(one, chosen)
-
-    proposal = _with_units(proposal, found, model, recording, check)
+    draft = Draft(found, model.channels, model.required, model.command)
+    recording, why = _read(path, model, draft.entries)
+    _find_units(draft, model, recording, chosen)
+    taken = {entry.channel for entry in draft.entries.values()}
+    proposal = Proposal(
+        model.kind, draft.entries, tuple(draft.questions),
+        unused=tuple(one.name for one in found.channels if one.name not in taken),
+        rate=_rate(draft),
+    )  # fmt: skip
     if any(one.needed for one in proposal.questions):
         return proposal
     if any(entry.unit_from == "plausibility" for entry in proposal.entries.values()):
-        recording, why = _read(path, model, proposal)
-    if recording is None:
-        return replace(proposal, check=(why,), refused=True)
-    try:
-        doubts = [*recording.provenance.get("warnings", []), *check(recording)]
-    except EmatwinError as error:
-        return replace(proposal, check=(str(error),), refused=True)
-    return replace(proposal, check=tuple(doubts))
+        recording, why = _read(path, model, proposal.entries)
+    if recording is not None:
+        try:
+            doubts = [*recording.provenance.get("warnings", []), *model.check(recording, chosen)]
+            return replace(proposal, check=tuple(doubts))
+        except EmatwinError as error:
+            why = str(error)
+    return replace(proposal, check=(why,), refused=True)
 
 
-def in_other_units(
-    recording: Recording, model: Model, actuator: Any
-) -> Iterator[tuple[dict[str, str], Recording]]:
-    """Yield a recording with each usual unit for numbers without a stated unit.
-
-    Each comes with the units that differ from SI, by channel; those that the kind refuses are left
-    out.
-    """
-    channels = {one.name: one for one in with_time(model.channels)}
-    assumed = {
-        name: list(_USUAL[channels[name].unit][0])
-        for name, account in recording.provenance.get("columns", {}).items()
-        if account.get("unit_from") == "assumed" and name in channels
-        and channels[name].unit in _USUAL and np.any(recording.channels.get(name))
-    }  # fmt: skip
-    for tried, combination in enumerate(_combinations(assumed), start=1):
-        units = {name: unit for name, unit in combination.items() if unit != channels[name].unit}
-        if tried > _MOST_TRIES:
-            return
-        with suppress(EmatwinError):
-            scaled = _in_units(recording, units, channels)
-            model.check(scaled, actuator)
-            yield units, scaled
-
-
-def _read(path: Any, model: Model, proposal: Proposal) -> tuple[Recording | None, str]:
-    """The recording that the proposal gives, SI where a unit is open; None and why not."""
-    columns: dict[str, Any] = {
-        name: {"channel": entry.channel, **({"unit": entry.unit} if entry.unit else {})}
-        for name, entry in proposal.entries.items()
-    }
-    if not columns:
+def _read(path: Any, model: Model, entries: Mapping[str, Entry]) -> tuple[Recording | None, str]:
+    """The recording that some entries give, SI where a unit is open; None and why not."""
+    if not entries:
         return None, "no channel of it is known"
+    columns = {name: values(entry.channel, entry.unit) for name, entry in entries.items()}
     try:
         found = read_file(
             path, model.channels, {"columns": columns}, needs=model.required,
@@ -133,42 +107,66 @@ def _read(path: Any, model: Model, proposal: Proposal) -> tuple[Recording | None
     return max(found, key=len), ""
 
 
-def _with_units(
-    proposal: Proposal,
-    found: Survey,
-    model: Model,
-    recording: Recording | None,
-    check: Callable[[Recording], list[str]],
-) -> Proposal:
-    """The proposal with the units that are alone plausible, and questions on the others.
+def _find_units(draft: Draft, model: Model, recording: Recording | None, actuator: Any) -> None:
+    """Enter the units that are alone plausible, and ask for the others.
 
     ``recording`` was read with SI for open units; None where it cannot be read.
     """
-    channels = {one.name: one for one in with_time(model.channels)}
     needed = {name for group in model.required for part in group for name in part} | {"time"}
-    open_ones = [name for name, entry in proposal.entries.items() if entry.is_open]
+    open_ones = [name for name, entry in draft.entries.items() if entry.is_open]
     left = {
-        name: _of_usual_size(found[proposal.entries[name].channel], channels[name])
+        name: _of_usual_size(draft.found[draft.entries[name].channel], draft.channels[name])
         for name in open_ones
     }
     refusals: dict[tuple[str, str], str] = {}
     if recording is not None:
-        left = _not_refused(left, recording, channels, check, refusals)
-    entries = dict(proposal.entries)
-    questions = list(proposal.questions)
+        left = _not_refused(left, model, recording, actuator, refusals)
     for name in open_ones:
-        one = found[entries[name].channel]
-        entries[name] = _closed(entries[name], one, channels[name], left[name], refusals)
-        if entries[name].is_open:
-            several = " or ".join(entries[name].units)
-            questions.append(
+        entry = draft.entries[name]
+        one = draft.found[entry.channel]
+        entry = _closed(entry, one, draft.channels[name], left[name], refusals)
+        draft.entries[name] = entry
+        if entry.is_open:
+            several = " or ".join(entry.units)
+            draft.questions.append(
                 Question(
-                    f"The unit of “{one.name}” ({name}) is stated nowhere, and "
-                    f"{several} are equally plausible.",
+                    f"The unit of “{one.name}” ({name}) is stated nowhere, and {several} are "
+                    "equally plausible.",
                     needed=name in needed,
                 )
             )
-    return replace(proposal, entries=entries, questions=tuple(questions))
+
+
+def _not_refused(
+    left: Mapping[str, list[str]],
+    model: Model,
+    recording: Recording,
+    actuator: Any,
+    refusals: dict[tuple[str, str], str],
+) -> dict[str, list[str]]:
+    """The units of all combinations that the kind accepts; those it refuses are noted."""
+    if len(list(islice(_combinations(left), _MOST_TRIES + 1))) > _MOST_TRIES:
+        return dict(left)
+    kept: dict[str, set[str]] = {name: set() for name in left}
+    for combination, tried in _tried(recording, left, model, actuator):
+        for name, unit in combination.items():
+            if isinstance(tried, Recording):
+                kept[name].add(unit)
+            else:
+                refusals.setdefault((name, unit), tried)
+    if not any(kept.values()):
+        return dict(left)  # it is refused for another reason
+    return {name: [unit for unit in some if unit in kept[name]] for name, some in left.items()}
+
+
+def _rate(draft: Draft) -> float | None:
+    """Samples per second that the proposed channel of time gives, Hz."""
+    entry = draft.entries.get("time")
+    if entry is None or entry.is_open:
+        return None
+    step = _size(draft.found[entry.channel], draft.channels["time"])
+    step *= unit_factor(entry.unit, "s", entry.channel)
+    return 1.0 / step if step > 0.0 else None  # NaN where no time is known
 
 
 def _of_usual_size(one: Surveyed, channel: Channel) -> list[str]:
@@ -188,29 +186,39 @@ def _size(one: Surveyed, channel: Channel) -> float:
     return max(abs(one.low), abs(one.high))
 
 
-def _not_refused(
-    left: Mapping[str, list[str]],
-    recording: Recording,
-    channels: Channels,
-    check: Callable[[Recording], list[str]],
-    refusals: dict[tuple[str, str], str],
-) -> dict[str, list[str]]:
-    """The units of all combinations that the kind accepts; those it refuses are noted."""
-    kept: dict[str, set[str]] = {name: set() for name in left}
-    for tried, combination in enumerate(_combinations(left), start=1):
-        if tried > _MOST_TRIES:
-            return dict(left)
+def in_other_units(
+    recording: Recording, model: Model, actuator: Any
+) -> Iterator[tuple[dict[str, str], Recording]]:
+    """Yield a recording with each usual unit for numbers without a stated unit.
+
+    Each comes with the units that differ from SI, by channel; those that the kind refuses are left
+    out.
+    """
+    si = {one.name: one.unit for one in with_time(model.channels)}
+    assumed = {
+        name: list(_USUAL[si[name]][0])
+        for name, account in recording.provenance.get("columns", {}).items()
+        if account.get("unit_from") == "assumed" and si.get(name) in _USUAL
+        and np.any(recording.channels.get(name))
+    }  # fmt: skip
+    for combination, tried in _tried(recording, assumed, model, actuator):
+        if isinstance(tried, Recording):
+            yield {name: unit for name, unit in combination.items() if unit != si[name]}, tried
+
+
+def _tried(
+    recording: Recording, left: Mapping[str, list[str]], model: Model, actuator: Any
+) -> Iterator[tuple[dict[str, str], Recording | str]]:
+    """Yield the first choices of units with the recording in them, or with why it is refused."""
+    channels = {one.name: one for one in with_time(model.channels)}
+    for combination in islice(_combinations(left), _MOST_TRIES):
         try:
-            check(_in_units(recording, combination, channels))
+            scaled = _in_units(recording, combination, channels)
+            model.check(scaled, actuator)
         except EmatwinError as error:
-            for pair in combination.items():
-                refusals.setdefault(pair, str(error))
-            continue
-        for name, unit in combination.items():
-            kept[name].add(unit)
-    if not any(kept.values()):
-        return dict(left)  # it is refused for another reason
-    return {name: [unit for unit in units if unit in kept[name]] for name, units in left.items()}
+            yield combination, str(error)
+        else:
+            yield combination, scaled
 
 
 def _combinations(left: Mapping[str, list[str]]) -> Iterator[dict[str, str]]:
@@ -237,8 +245,10 @@ def _in_units(recording: Recording, units: Mapping[str, str], channels: Channels
     for name, account in recording.provenance.get("columns", {}).items():
         derived = channels[name].derived
         if "derived" in account and derived is not None:
-            sources = (scaled.get(one, recording.channels[one]) for one in derived.sources)
-            scaled[name] = derived.compute(*sources)
+            known = recording.channels | scaled
+            if not known.keys() >= {*derived.sources}:  # they only stood in for it
+                raise RecordError(f"{name} cannot be derived again in other units; state them.")
+            scaled[name] = derived.compute(*(known[one] for one in derived.sources))
     return recording.changed(**scaled)
 
 
@@ -250,33 +260,27 @@ def _closed(
     refusals: Mapping[tuple[str, str], str],
 ) -> Entry:
     """The entry with its unit, where one is left, and why."""
-    unit = units[0]
+    size = _size(one, channel)
+
+    def as_si(unit: str) -> str:
+        number = f"{size * unit_factor(unit, channel.unit, channel.name):.4g} {channel.unit}"
+        return f"a sample every {number}" if channel.name == "time" else f"up to {number}"
+
     if one.low == 0.0 == one.high:
-        unit = channel.unit
+        units = [channel.unit]
         reason = "No unit is stated; it is zero throughout, so none matters."
     elif len(units) != 1:
         return replace(entry, units=tuple(units))
     else:
-        size = _size(one, channel)
-        others = [other for other in _USUAL.get(channel.unit, ((),))[0] if other != unit]
-        because = next(
-            (refusals[key] for o in others if (key := (entry.column, o)) in refusals), ""
-        )
-        reason = f"No unit is stated; {unit} was taken ({_as_si(size, unit, channel)})"
-        if because:
-            reason += f": another would be refused, because “{_first_sentence(because)}”."
-        else:
-            told = " and ".join(f"in {other} {_as_si(size, other, channel)}" for other in others)
+        usual = _USUAL.get(channel.unit, ((), ()))[0]
+        others = [other for other in usual if other != units[0]]
+        reason = f"No unit is stated; {units[0]} was taken ({as_si(units[0])})"
+        refused = [refusals[key] for o in others if (key := (entry.column, o)) in refusals]
+        if refused:
+            because = refused[0].partition(". ")[0].rstrip(".")
+            reason += f": another would be refused, because “{because}”."
+        elif others:
+            told = " and ".join(f"in {other} {as_si(other)}" for other in others)
             reason += f": it would be {told}, which is not usual."
     reasons = (*entry.reasons, reason)
-    return replace(entry, unit=unit, unit_from="plausibility", reasons=reasons)
-
-
-def _as_si(size: float, unit: str, channel: Channel) -> str:
-    number = f"{size * unit_factor(unit, channel.unit, channel.name):.4g} {channel.unit}"
-    return f"a sample every {number}" if channel.name == "time" else f"up to {number}"
-
-
-def _first_sentence(text: str) -> str:
-    head, mark, _ = text.partition(". ")
-    return head.rstrip(".") if mark else text.rstrip(".")
+    return replace(entry, unit=units[0], unit_from="plausibility", reasons=reasons)

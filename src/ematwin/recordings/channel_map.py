@@ -1,20 +1,5 @@
 """ChannelMap: which channel of a file is which of a recording, and what its numbers mean.
 
-In a TOML file::
-
-    sample_rate = "20 kHz"          # in place of a time channel
-    phase_order = "acb"
-    gear_ratio = 500
-
-    [columns]
-    command = { channel = "Setpoint", unit = "deg", side = "motor" }
-    current_a = "Phase A [mA]"
-    current_b = { channel = "Phase B", unit = "mA", sign = -1 }
-
-    [csv]
-    delimiter = ";"
-    decimal = ","
-
 A map is made for the channels of one kind of actuator, which give it names, aliases and sides.
 """
 
@@ -133,20 +118,24 @@ class ChannelMap(BaseModel):
 
     def __init__(self, channels: Sequence[Channel], **values: Any) -> None:
         known = with_time(channels)
-        if isinstance(values.get("columns"), Mapping):
-            values["columns"] = _named(values["columns"], known)
+        if isinstance(columns := values.get("columns"), Mapping):
+            values["columns"] = {}
+            for key, value in columns.items():
+                name = _column_name(str(key), known)
+                if name in values["columns"]:
+                    raise InputError(f"The column map gives {name} twice; keep one of them.")
+                values["columns"][name] = {"channel": value} if isinstance(value, str) else value
         left_out = values.get("without")
         if isinstance(left_out, str):
             left_out = left_out.split(",")
         if isinstance(left_out, Sequence):
-            values["without"] = tuple(column_name(str(name), known) for name in left_out)
+            values["without"] = tuple(_column_name(str(name), known) for name in left_out)
         try:
             super().__init__(**values)
         except ValidationError as error:
             raise one_sentence(error, "The column map") from None
         self._channels = known
-        problem = self._problem()
-        if problem is not None:
+        if problem := self._problem():
             raise ParameterError(f"The column map: {problem}.")
 
     @property
@@ -194,13 +183,6 @@ class ChannelMap(BaseModel):
 
         A flat mapping may hold the options beside the columns:
         ``{"i_a": "Phase A [A]", "sample_rate": "20 kHz"}``. ``channels`` belong to the kind.
-
-        Raises
-        ------
-        InputError
-            If a column or option is unknown or impossible.
-        FileError
-            If the file cannot be read.
         """
         if given is None:
             return cls(channels)
@@ -234,20 +216,15 @@ class ChannelMap(BaseModel):
         """
         table: dict[str, Any] = {} if base is None else base.as_table()
         for text in columns:
-            name, mark, value = text.partition("=")
-            if not mark or not name.strip() or not value.strip():
+            key, value = (part.strip() for part in f"{text}=".split("=", 1))
+            value = value.removesuffix("=").strip().strip("\"'")
+            if not key or not value:
                 raise InputError(
                     f'A column is written name="channel", such as i_a="Phase A [A]"; '
                     f"received {text!r}."
                 )
-            key, value = name.strip(), value.strip().strip("\"'")
-            if key in _CSV_OPTIONS:
-                table.setdefault("csv", {})[key] = int(value) if value.isdigit() else value
-            elif key in _OPTIONS:
-                table[key] = value
-            else:
-                key = column_name(key, with_time(channels))
-                table.setdefault("columns", {})[key] = value
+            is_option = key in _OPTIONS or key in _CSV_OPTIONS
+            table[key if is_option else _column_name(key, with_time(channels))] = value
         return cls._from_table(table, channels)
 
     def as_table(self) -> dict[str, Any]:
@@ -256,27 +233,26 @@ class ChannelMap(BaseModel):
 
     @classmethod
     def _from_table(cls, table: Mapping[str, Any], channels: Sequence[Channel]) -> "ChannelMap":
-        sections = {"columns", "csv", *_OPTIONS}
-        values: dict[str, Any] = {key: table[key] for key in table if key in sections}
-        flat = {key: table[key] for key in table if key not in sections}
-        csv = {key: flat.pop(key) for key in _CSV_OPTIONS if key in flat}
-        if csv:
-            values["csv"] = {**_table(values.get("csv", {}), "csv"), **csv}
-        if flat:
-            values["columns"] = {**_table(values.get("columns", {}), "columns"), **flat}
+        values: dict[str, Any] = {}
+        for key, value in table.items():
+            if key in ("columns", "csv"):
+                if not isinstance(value, Mapping):
+                    raise InputError(
+                        f"{key} must be a table, received {value!r}; write [{key}] above it."
+                    )
+                values.setdefault(key, {}).update(value)
+            elif key in _OPTIONS:
+                values[key] = value
+            else:
+                section = "csv" if key in _CSV_OPTIONS else "columns"
+                values.setdefault(section, {})[key] = value
         return cls(channels, **values)
 
 
 Columns = ChannelMap | Mapping[str, Any] | str | Path | None
 
 
-def _table(value: Any, name: str) -> dict[str, Any]:
-    if not isinstance(value, Mapping):
-        raise InputError(f"{name} must be a table, received {value!r}; write [{name}] above it.")
-    return dict(value)
-
-
-def column_name(text: str, channels: Sequence[Channel]) -> str:
+def _column_name(text: str, channels: Sequence[Channel]) -> str:
     """The name of the channel that a name or alias means.
 
     Raises
@@ -295,13 +271,3 @@ def column_name(text: str, channels: Sequence[Channel]) -> str:
             "Correct the name."
         )
     return channel.name
-
-
-def _named(columns: Mapping[str, Any], channels: Sequence[Channel]) -> dict[str, Any]:
-    named: dict[str, Any] = {}
-    for key, value in columns.items():
-        name = column_name(str(key), channels)
-        if name in named:
-            raise InputError(f"The column map gives {name} twice; keep one of them.")
-        named[name] = {"channel": value} if isinstance(value, str) else value
-    return named

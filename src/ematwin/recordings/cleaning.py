@@ -6,13 +6,13 @@ explain it: such a peak visits the last step about as often as the one below.
 """
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Literal, get_args
 
 import numpy as np
 
 from ematwin.errors import InputError, RecordError
+from ematwin.recordings.collect import Collected
 from ematwin.recordings.sampling import gap_starts
 
 Policy = Literal["refuse", "longest", "mask"]
@@ -25,25 +25,6 @@ _AT_REST = 0.05  # of the largest magnitude: an extreme so close to zero is no l
 _FULL = 0.999  # of a declared full scale
 
 
-@dataclass
-class Sound:
-    """Samples without holes.
-
-    Attributes
-    ----------
-    time : (S,) array, s
-    columns : dict of (S,) arrays
-    masked : list of (start, stop), s: stretches that were filled by straight lines
-    changed, warnings : sentences for the provenance
-    """
-
-    time: np.ndarray
-    columns: dict[str, np.ndarray]
-    masked: list[tuple[float, float]] = field(default_factory=list)
-    changed: list[str] = field(default_factory=list)
-    warnings: list[str] = field(default_factory=list)
-
-
 def check_policy(policy: str) -> None:
     """Raise `InputError` unless ``policy`` is a `Policy`."""
     known = get_args(Policy)
@@ -51,17 +32,14 @@ def check_policy(policy: str) -> None:
         raise InputError(f"gaps must be {', '.join(known)}; received {policy!r}.")
 
 
-def sound_samples(
-    time: np.ndarray,
-    columns: dict[str, np.ndarray],
-    policy: Policy,
-    what: object,
-    inputs: Collection[str] = (),
-) -> Sound:
+def make_sound(
+    found: Collected, policy: Policy, what: object, inputs: Collection[str] = ()
+) -> None:
     """Deal with gaps in time and stretches of NaN.
 
     Parameters
     ----------
+    found : on one time base
     policy : "refuse"; "longest" keeps the longest stretch without a hole; "mask" fills holes with
         straight lines and lists them, so that the comparison can leave them out
     what : file, or motion in it, for messages
@@ -72,7 +50,8 @@ def sound_samples(
     RecordError
         If there are holes and they are refused, or nothing sound is left.
     """
-    for name, values in columns.items():
+    time = found.time
+    for name, values in found.columns.items():
         if not np.isfinite(values).any():
             raise RecordError(
                 f"{what}: column {name} holds no value at all. Leave it out of the map, or map "
@@ -86,15 +65,18 @@ def sound_samples(
             f"{steps.max():.4g} s, and {starts.size} are far longer than the median of "
             f"{np.median(steps):.4g} s. Record or export it with a fixed step."
         )
-    holes = {name: runs(~np.isfinite(values)) for name, values in columns.items()}
-    holes = {name: found for name, found in holes.items() if found}
+    holes = {name: runs(~np.isfinite(values)) for name, values in found.columns.items()}
+    holes = {name: some for name, some in holes.items() if some}
     if not starts.size and not holes:
-        return Sound(time, columns)
+        return
     if policy == "refuse":
         raise RecordError(_refusal(time, starts, holes, what))
     if policy == "longest":
-        return _longest(time, columns, starts, what)
-    return _masked(time, columns, starts, holes, what, inputs)
+        said = _longest(found, starts, what)
+    else:
+        said = _mask(found, starts, holes, what, inputs)
+    found.changed.append(said)
+    found.warnings.append(sentence(said))
 
 
 def runs(flags: np.ndarray) -> list[tuple[int, int]]:
@@ -127,10 +109,9 @@ def _refusal(
     )
 
 
-def _longest(
-    time: np.ndarray, columns: dict[str, np.ndarray], starts: np.ndarray, what: object
-) -> Sound:
-    good = np.all([np.isfinite(values) for values in columns.values()], axis=0)
+def _longest(found: Collected, starts: np.ndarray, what: object) -> str:
+    time = found.time
+    good = np.all([np.isfinite(values) for values in found.columns.values()], axis=0)
     cuts = [0, *(int(n) + 1 for n in starts), time.size]
     stretches = [
         (left + a, left + b) for left, right in pairwise(cuts) for a, b in runs(good[left:right])
@@ -141,54 +122,51 @@ def _longest(
             f"{what} has no two consecutive samples at which all columns have values. "
             "Leave the column with the holes out of the map."
         )
-    said = (
+    found.columns = {name: values[first:stop].copy() for name, values in found.columns.items()}
+    found.time = time[first:stop].copy()
+    return (
         f"only the longest stretch without holes was taken, {time[first]:.6g} to "
         f"{time[stop - 1]:.6g} s of {time[0]:.6g} to {time[-1]:.6g} s"
     )
-    kept = {name: values[first:stop].copy() for name, values in columns.items()}
-    return Sound(time[first:stop].copy(), kept, changed=[said], warnings=[sentence(said)])
 
 
-def _masked(
-    time: np.ndarray,
-    columns: dict[str, np.ndarray],
+def _mask(
+    found: Collected,
     starts: np.ndarray,
     holes: Mapping[str, list[tuple[int, int]]],
     what: object,
     inputs: Collection[str],
-) -> Sound:
-    def around(name: str) -> list[tuple[str, int, int]]:
-        return [(name, max(a - 1, 0), min(b, time.size - 1)) for a, b in holes.get(name, ())]
-
-    gaps = [("time and all columns", int(n), int(n) + 1) for n in starts]
-    for name, a, b in [*gaps, *(hole for one in inputs for hole in around(one))]:
-        if time[b] - time[a] > _LONGEST_BRIDGE:
+) -> str:
+    time, columns = found.time, found.columns
+    filled = [("time and all columns", int(n), int(n) + 1) for n in starts]
+    for name, some in holes.items():
+        filled += [(name, max(a - 1, 0), min(b, time.size - 1)) for a, b in some]
+        known = np.isfinite(columns[name])
+        columns[name][~known] = np.interp(time[~known], time[known], columns[name][known])
+    for name, a, b in filled:
+        if name not in columns.keys() - {*inputs} and time[b] - time[a] > _LONGEST_BRIDGE:
             raise RecordError(
                 f"{what}: {name} cannot be masked from {time[a]:.6g} to {time[b]:.6g} s: what the "
                 f"command did meanwhile is unknown, and {_LONGEST_BRIDGE * 1e3:g} ms is the "
                 'longest that is bridged. Take the longest sound stretch with gaps="longest".'
             )
-    for name in holes:
-        known = np.isfinite(columns[name])
-        columns[name][~known] = np.interp(time[~known], time[known], columns[name][known])
-    filled = [*gaps, *(hole for one in holes for hole in around(one))]
-    masked: list[tuple[float, float]] = []
+    masked: list[list[float]] = []
     for start, stop in sorted((float(time[a]), float(time[b])) for _, a, b in filled):
         if masked and start <= masked[-1][1]:
-            masked[-1] = (masked[-1][0], max(stop, masked[-1][1]))
+            masked[-1][1] = max(stop, masked[-1][1])
         else:
-            masked.append((start, stop))
+            masked.append([start, stop])
     total = sum(stop - start for start, stop in masked)
     if total > _MOST_MASKED * (time[-1] - time[0]):
         raise RecordError(
             f"{what}: {total:.4g} s of {time[-1] - time[0]:.4g} s would be masked, more than half. "
             "Record again, or leave the column with the holes out of the map."
         )
-    said = (
+    found.masked = masked
+    return (
         f"{len(masked)} stretches without values, {total:.4g} s in all, were filled with straight "
         "lines and masked"
     )
-    return Sound(time, columns, masked, [said], [sentence(said)])
 
 
 def sentence(text: str) -> str:
@@ -233,32 +211,19 @@ def saturated(
     return flags, limits
 
 
-def saturation_warnings(
-    columns: Mapping[str, np.ndarray],
-    times: Mapping[str, np.ndarray],
-    full_scales: Mapping[str, tuple[float, float]],
-    currents: Sequence[str],
-) -> tuple[dict[str, int], list[str]]:
-    """Number of saturated samples by current, and a sentence for each that has some.
-
-    Parameters
-    ----------
-    columns, times : (S,) arrays, A and s, by channel
-    full_scales : lowest and highest value, A, where declared
-    currents : names of the channels that are currents
-    """
+def warn_of_saturation(found: Collected, currents: Sequence[str]) -> dict[str, int]:
+    """Number of saturated samples by current; a warning for each that has some."""
     counts: dict[str, int] = {}
-    sentences: list[str] = []
-    for name in (name for name in currents if name in columns):
-        flags, limits = saturated(columns[name], full_scales.get(name))
-        found = runs(flags)
-        if not found:
+    for name in (name for name in currents if name in found.columns):
+        flags, limits = saturated(found.columns[name], found.full_scales.get(name))
+        some = runs(flags)
+        if not some:
             continue
         counts[name] = int(flags.sum())
         stopped = " and ".join(f"{limit:.4g}" for limit in limits)
-        sentences.append(
-            f"{name} sits at {stopped} A for {counts[name]} samples in {len(found)} runs, the "
-            f"first at {times[name][found[0][0]]:.6g} s: the sensor or its converter is "
-            "saturated, and faults found from it are doubtful."
+        found.warnings.append(
+            f"{name} sits at {stopped} A for {counts[name]} samples in {len(some)} runs, the "
+            f"first at {found.times[found.bases[name]][some[0][0]]:.6g} s: the sensor or its "
+            "converter is saturated, and faults found from it are doubtful."
         )
-    return counts, sentences
+    return counts

@@ -1,50 +1,59 @@
-"""Which channel of a file is which channel of a recording: by the map, by name, or by its words.
+"""Which channel of a file is which channel of a recording.
 
-`match` is sure and serves reading: the map, then a channel's own name or alias. `candidates` ranks
-everything else that name and unit would allow, with reasons, for a proposed map.
+`candidates` scores every channel of a file for one of a recording, with the reason. `match`, which
+reading calls, takes those that have its name; a proposed map (`ematwin.models.proposing`) takes
+those that words and units speak for as well, and asks where two are equally likely.
 """
 
-import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from ematwin.errors import RecordError
-from ematwin.recordings.channel import Channel, channel_called, derivable
+from ematwin.recordings.channel import TIME, Channel, channel_called, derivable, plain
 from ematwin.recordings.channel_map import ChannelMap, MappedChannel
 from ematwin.recordings.formats.base import RecordedFile
-from ematwin.recordings.names import (
-    AS_A_CLOCK,
-    TO_THE_LETTER,
-    Said,
-    find_channel,
-    last_part,
-    listed,
-    meant,
-    said_by,
-)
-from ematwin.recordings.survey import Surveyed
+from ematwin.recordings.names import Said, find_channel, last_part, listed, said_by
+from ematwin.recordings.survey import Surveyed, unit_and_stem
 from ematwin.recordings.units import (
     bare,
-    endings,
     example,
     fits,
-    is_other_unit,
+    is_unit,
+    suffixes,
     unit_factor,
+    unit_in_name,
 )
 
 Needs = Sequence[Sequence[Sequence[str]]]
 """Groups of channels; of each group at least one whole alternative must be there."""
 
-# How strongly a name speaks for a channel. Below `NAMED` it is worth a mention and no more.
-OWN_NAME, IN_WORDS, NAMED, UNIT_ONLY = 4.0, 3.0, 2.0, 1.0
+# How strongly a name speaks for a channel. From `A_CLOCK` on it is the channel's own name; below
+# `NAMED` it is worth a mention and no more.
+UNIT_ONLY, NAMED, IN_WORDS, A_CLOCK, BEFORE_A_UNIT, ALIAS, OWN_NAME = map(float, range(1, 8))
+_CLOCKS = ("zeit", "zeitstempel", "timestamp", "time_stamp", "uhrzeit", "datetime")
 _DIMENSIONS = {"s": "time", "A": "current", "V": "voltage", "rad/s": "speed", "m/s": "speed",
                "rad": "position", "m": "position", "N*m": "load"}  # fmt: skip
 _PROBE = 1.0  # V: less is no voltage of a motor
-_ON_BOTH_SHAFTS = {"position", "speed"}
 
 
 class MissingChannelError(RecordError):
     """A file has no channel that a kind of actuator needs."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A channel of the file that may be one of the recording.
+
+    Attributes
+    ----------
+    name : in the file
+    score : how strongly name and unit speak for it
+    reason : a part of a sentence
+    """
+
+    name: str
+    score: float
+    reason: str = ""
 
 
 @dataclass
@@ -76,96 +85,81 @@ def match(file: RecordedFile, channel_map: ChannelMap, needs: Needs) -> Matched:
     RecordError
         If a channel is ambiguous, or there is none of that name in the map.
     """
-    mapped = channel_map.columns
+    channels, mapped = channel_map.channels, channel_map.columns
     found = {
         column: (find_channel(file.names, entry.channel, file.path), entry)
         for column, entry in mapped.items()
     }
     result = Matched(found)
-    open_ones = [
-        one for one in channel_map.channels
-        if one.name not in mapped and one.name not in channel_map.without
-        and not (one.name == "time" and channel_map.sample_rate is not None)
-    ]  # fmt: skip
-    wanted = _needed(open_ones, channel_map, needs) if mapped else open_ones
-    by_name = _by_name(file, channel_map, wanted)
-    for column, names in by_name.items():
-        if len(names) > 1:
+    closed = {*mapped, *channel_map.without, *([TIME.name] if channel_map.sample_rate else [])}
+    by_name = {name: many for name, many in _by_name(file, channels).items() if name not in closed}
+    missing = (name for _, names in unmet(needs, channels, mapped) for name in names)
+    needed = {TIME.name, *missing} if mapped else by_name.keys()
+    for column in [name for name in by_name if name in needed]:
+        name, *others = by_name.pop(column)
+        if others:
             raise RecordError(
-                f"{file.path} has several channels for {column}: {listed(names)}. "
-                f'Map one of them, such as {column}="{names[0]}".'
+                f"{file.path} has several channels for {column}: {listed([name, *others])}. "
+                f'Map one of them, such as {column}="{name}".'
             )
-        found[column] = (names[0], MappedChannel(channel=names[0]))
-    if mapped:
-        _add_optional(result, file, channel_map, needs, [o for o in open_ones if o not in wanted])
-    for channel in channel_map.channels:
+        found[column] = (name, MappedChannel(channel=name))
+    _add_optional(result, by_name, file, channel_map, needs)
+    for channel in channels:
         if channel.stands_in_for in found:
             found.pop(channel.name, None)
     _check_complete(file, channel_map, needs, found)
-    result.channels = {c.name: found[c.name] for c in channel_map.channels if c.name in found}
+    result.channels = {c.name: found[c.name] for c in channels if c.name in found}
     return result
 
 
-def _needed(open_ones: Sequence[Channel], channel_map: ChannelMap, needs: Needs) -> list[Channel]:
-    """Time, and needed channels that are not mapped."""
-    groups = unmet(needs, channel_map.channels, channel_map.columns)
-    names = {"time", *(name for _, missing in groups for name in missing)}
-    return [one for one in open_ones if one.name in names]
-
-
-def _by_name(
-    file: RecordedFile, channel_map: ChannelMap, wanted: Sequence[Channel]
-) -> dict[str, list[str]]:
-    """The names in the file that mean a wanted channel most plainly, by channel."""
-    ranked: dict[str, dict[int, list[str]]] = {}
+def _by_name(file: RecordedFile, channels: Sequence[Channel]) -> dict[str, list[str]]:
+    """The names in the file that mean a channel most plainly, by channel."""
+    best: dict[str, tuple[float, list[str]]] = {}
     for name in file.names:
-        channel, rank = meant(name, channel_map.channels, file.names)
-        if rank == AS_A_CLOCK and file.base_time(file.time_base(name)) is not None:
+        column, score = named(name, channels, file.names)
+        if score == A_CLOCK and file.base_time(file.time_base(name)) is not None:
             continue  # the format itself gives times
-        if channel is not None and channel in wanted:
-            ranked.setdefault(channel.name, {}).setdefault(rank, []).append(name)
-    return {column: by_rank[min(by_rank)] for column, by_rank in ranked.items()}
+        if column and score >= best.get(column, (score, []))[0]:
+            alike = best[column][1] if column in best and best[column][0] == score else []
+            best[column] = (score, [*alike, name])
+    return {column: names for column, (_, names) in best.items()}
 
 
 def _add_optional(
     result: Matched,
+    by_name: Mapping[str, Sequence[str]],
     file: RecordedFile,
     channel_map: ChannelMap,
     needs: Needs,
-    optional: Sequence[Channel],
 ) -> None:
     """Add channels that are neither needed nor mapped, by their own names."""
-    found = result.channels
-    present = with_derived(channel_map.channels, found)
-    given = {  # quantities of which a map gives one form: phases, or one equivalent current
-        (n, channel_map.channel(name).unit)
-        for n, group in enumerate(needs) for part in group for name in part if name in found
-    }  # fmt: skip
-    said_otherwise = {
-        name
-        for n, group in enumerate(needs) for part in group for name in part
-        if (n, channel_map.channel(name).unit) in given
-    }  # fmt: skip
+    found, channels = result.channels, channel_map.channels
     used = {name for name, _ in found.values()}
+    forms = [[(name, channel_map.channel(name).unit) for part in group for name in part]
+             for group in needs]  # fmt: skip
+    otherwise = {  # a map that gives phases gives no equivalent current
+        name
+        for form in forms for name, unit in form
+        if unit in (other for key, other in form if key in found)
+    }  # fmt: skip
+    otherwise |= with_derived(channels, found)
     added = []
-    for column, names in _by_name(file, channel_map, optional).items():
-        channel = channel_map.channel(column)
-        if column in present or column in said_otherwise or used.intersection(names):
+    for column, (name, *others) in by_name.items():
+        if column in otherwise or used & {name, *others}:
             continue
-        stated = file.stated_unit(names[0])
-        if len(names) > 1:
-            why = f"{file.given.name} has several channels for it, {listed(names)}"
-        elif stated and not fits(stated, channel.unit):
-            why = f"{names[0]} is in {stated}"
+        stated = file.stated_unit(name)
+        if others:
+            why = f"{file.given.name} has several channels for it, {listed([name, *others])}"
+        elif stated and not fits(stated, channel_map.channel(column).unit):
+            why = f"{name} is in {stated}"
         else:
-            found[column] = (names[0], MappedChannel(channel=names[0]))
+            found[column] = (name, MappedChannel(channel=name))
             added.append(column)
             continue
         result.warnings.append(f"{column} was left out: {why}. Map it where it is needed.")
     if added:
-        result.assumed.append(
-            f"beside the map, these were found by their names: {', '.join(added)}"
-        )
+        said = f"beside the map, these were found by their names: {', '.join(added)}"
+        result.assumed.append(said)
 
 
 def with_derived(channels: Sequence[Channel], present: Collection[str]) -> set[str]:
@@ -194,23 +188,33 @@ def _check_complete(
     file: RecordedFile, channel_map: ChannelMap, needs: Needs, found: Mapping[str, object]
 ) -> None:
     for group, missing in unmet(needs, channel_map.channels, found):
-        for channel in (channel_map.channel(name) for name in missing):
-            _refuse_odd_unit(file, channel)
-        first = channel_map.channel(missing[0])
-        meaning = f" ({first.meaning})" if len(group) == 1 == len(group[0]) else ""
+        wanted = [channel_map.channel(name) for name in missing]
+        for name in file.names:  # refused for its unit, such as error_kg for a position error
+            for stem, unit in suffixes(bare(last_part(name))):
+                channel = channel_called(stem, wanted)
+                if channel is not None and len(unit) > 1 and is_unit(unit):
+                    what = f"{channel.name} (channel {name!r} of {file.path})"
+                    unit_factor(unit, channel.unit, what)
+        meaning = f" ({wanted[0].meaning})" if len(group) == 1 == len(group[0]) else ""
         raise MissingChannelError(
             f"{file.path} has no channel for {', nor for '.join(map(_joined, group))}{meaning}; "
-            f"it has {listed(file.names)}. "
-            f'Map it, such as {first.name}="Channel 1 [{example(first.unit)}]".'
+            f"it has {listed(file.names)}. Map it, such as {wanted[0].name}="
+            f'"{_likely(file, wanted[0])}".'
         )
 
 
-def _refuse_odd_unit(file: RecordedFile, channel: Channel) -> None:
-    """Raise if a name would fit but for its unit, such as ``error_kg`` for a position error."""
-    for name in file.names:
-        for stem, unit in endings(bare(last_part(name))):
-            if channel_called(stem, (channel,)) is not None and is_other_unit(unit):
-                unit_factor(unit, channel.unit, f"{channel.name} (channel {name!r} of {file.path})")
+def _likely(file: RecordedFile, channel: Channel) -> str:
+    """The channel of a file for which words speak most, for messages; an example if none do."""
+    heads = (Surveyed(name, *unit_and_stem(file, name)) for name in file.names)
+    found = [
+        (by_words[0], one.name)
+        for one in heads
+        if (not one.unit or fits(one.unit, channel.unit))
+        and (by_words := _by_words(one, channel)) is not None
+        and by_words[0] > UNIT_ONLY
+    ]
+    first = max(found, key=lambda one: one[0], default=(0.0, ""))[1]
+    return first or f"Channel 1 [{example(channel.unit)}]"
 
 
 def _joined(names: Sequence[str]) -> str:
@@ -218,105 +222,96 @@ def _joined(names: Sequence[str]) -> str:
     return f"{', '.join(head)} and {last}" if head else last
 
 
-@dataclass(frozen=True)
-class Candidate:
-    """A channel of the file that may be one of the recording.
+def named(name: str, channels: Sequence[Channel], names: Collection[str]) -> tuple[str, float]:
+    """The channel whose name or alias this is, with or without a unit, and the score; "" if none.
 
-    Attributes
-    ----------
-    name : in the file
-    score : how strongly name and unit speak for it
-    reason : a part of a sentence
+    ``names`` are of all channels of the file.
     """
-
-    name: str
-    score: float
-    reason: str
+    texts = dict.fromkeys((bare(last_part(name)), bare(name)))
+    for text in texts:
+        channel = channel_called(text, channels)
+        if channel is not None:
+            return channel.name, OWN_NAME if name == channel.name else ALIAS
+    for text in texts:
+        for stem, unit in suffixes(text, names):
+            channel = channel_called(stem, channels)
+            if channel is not None and fits(unit, channel.unit):
+                return channel.name, BEFORE_A_UNIT
+    stems = (stem for text in texts for stem in (text, unit_in_name(text, TIME.unit, names)[0]))
+    return (TIME.name, A_CLOCK) if any(plain(stem) in _CLOCKS for stem in stems) else ("", 0.0)
 
 
 def candidates(
-    channel: Channel,
-    surveyed: Sequence[Surveyed],
-    channels: Sequence[Channel],
-    names: Collection[str],
+    channel: Channel, surveyed: Sequence[Surveyed], channels: Sequence[Channel]
 ) -> list[Candidate]:
     """The channels of a file that may be ``channel``, the likeliest first."""
+    names = [one.name for one in surveyed]
     found = []
     for one in surveyed:
         if one.is_text or not one.samples or (one.unit and not fits(one.unit, channel.unit)):
             continue
-        score, reason = _fit(one, channel, channels, names)
-        if score > 0.0:
-            found.append(Candidate(one.name, score, reason))
+        own, score = named(one.name, channels, names)
+        if own:
+            same = own == channel.name
+            said = "it has that name" if score == OWN_NAME else (
+                "its name is one that files use for it"
+            )  # fmt: skip
+            found += [Candidate(one.name, score, said)] if same else []
+        elif by_words := _by_words(one, channel):
+            found.append(Candidate(one.name, *by_words))
     return sorted(found, key=lambda one: -one.score)
 
 
-def _fit(
-    one: Surveyed, channel: Channel, channels: Sequence[Channel], names: Collection[str]
-) -> tuple[float, str]:
-    own, rank = meant(one.name, channels, names)
-    if own is not None and rank < AS_A_CLOCK:
-        if own.name != channel.name:
-            return 0.0, ""
-        to_the_letter = rank == TO_THE_LETTER
-        return OWN_NAME, (
-            "it has that name" if to_the_letter else "its name is one that files use for it"
-        )
-    text = _without_unit(one)
+def _by_words(one: Surveyed, channel: Channel) -> tuple[float, str] | None:
+    """How strongly the words and the unit of a name speak for a channel, and why."""
+    text = one.stem
     said, wanted = said_by(text), _wanted(channel)
     if said.other or said.phase != wanted.phase:
-        return 0.0, ""
-    if channel.unit == "V" and not said.quantities and _largest(one, channel) < _PROBE:
-        return 0.0, ""  # more likely what a probe makes of a current
-    dimension = _DIMENSIONS.get(channel.unit, "") if one.unit else ""
-    score, because = _by_quantity(said, wanted, dimension, text)
-    if not score:
-        return 0.0, ""
+        return None
+    if channel.unit == "V" and not said.quantities and one.unit:
+        most = max(abs(one.low), abs(one.high)) * unit_factor(one.unit, channel.unit, one.name)
+        if most < _PROBE:
+            return None  # more likely what a probe makes of a current
+    found = _by_quantity(said, wanted, _DIMENSIONS.get(channel.unit, "") if one.unit else "", text)
+    if found is None:
+        return None
     if wanted.quantities & {"command", "load"} or not wanted.place:
         # they are held on one shaft; a name that names the other shaft means something else
         elsewhere = said.place and said.place not in (wanted.place, channel.side or said.place)
-        if elsewhere or said.place == "bus":
-            return 0.0, ""
-    elif said.place != wanted.place:
-        if said.place or wanted.place == "bus":
-            return 0.0, ""
-        return min(score, NAMED), f"{because}, but not of which shaft"
-    return score, because
+        return None if elsewhere or said.place == "bus" else found
+    if said.place == wanted.place:
+        return found
+    if said.place or wanted.place == "bus":
+        return None
+    return min(found[0], NAMED), f"{found[1]}, but not of which shaft"
 
 
-def _by_quantity(said: Said, wanted: Said, dimension: str, text: str) -> tuple[float, str]:
+def _by_quantity(said: Said, wanted: Said, dimension: str, text: str) -> tuple[float, str] | None:
     """How well the quantities of two names agree; ``dimension`` is of the unit, or ""."""
-    named, goal = set(said.quantities), set(wanted.quantities)
+    words, goal = set(said.quantities), set(wanted.quantities)
     if "command" in goal:
         # a set point of the position may say so; one of anything else is another channel
-        if "command" not in named or named - {"command", "position"}:
-            return 0.0, ""
+        if "command" not in words or words - {"command", "position"}:
+            return None
         return IN_WORDS, f"“{text}” is a word for what is commanded"
-    if not goal or "command" in named or ("error" in named) != ("error" in goal):
-        return 0.0, ""
-    named -= {"position"} if "error" in goal else set()
+    if not goal or "command" in words or ("error" in words) != ("error" in goal):
+        return None
+    words -= {"position"} if "error" in goal else set()
     quantity = next(iter(goal))
-    if quantity == "load" and named - {"load", "torque"}:
-        return 0.0, ""
-    if quantity == "load" and named == {"torque"}:
+    if quantity == "load" and words - {"load", "torque"}:
+        return None
+    if quantity == "load" and words == {"torque"}:
         return UNIT_ONLY, f"“{text}” may be the motor's own torque as well"
-    if quantity in named:
+    if quantity in words:
         # a name that holds two quantities, such as "motor torque current", says less
-        clear = not (named - goal - {"position", "load", "torque"})
+        clear = not (words - goal - {"position", "load", "torque"})
         return (IN_WORDS if clear else NAMED), f"“{text}” is a word for a {quantity}"
-    if named or dimension != quantity:
-        return 0.0, ""
+    if words or dimension != quantity:
+        return None
     for part, what in ((said.phase, "phase"), (said.place, "place")):
         if part:
             return IN_WORDS, f"“{text}” names the {what} and its unit is that of a {quantity}"
     return UNIT_ONLY, f"its unit is that of a {quantity}, and nothing else speaks for it"
-
-
-def _largest(one: Surveyed, channel: Channel) -> float:
-    """Largest magnitude, SI; infinite where no unit is stated."""
-    if not one.unit:
-        return math.inf
-    return max(abs(one.low), abs(one.high)) * unit_factor(one.unit, channel.unit, one.name)
 
 
 def _wanted(channel: Channel) -> Said:
@@ -326,14 +321,9 @@ def _wanted(channel: Channel) -> Said:
     for whole in ("command", "error"):
         if whole in quantities:
             quantities = {whole}
-    place = said.place or (channel.side or "" if quantities & _ON_BOTH_SHAFTS else "")
+    place = said.place
     if quantities & {"command", "load"}:
         place = channel.side or ""
+    elif quantities & {"position", "speed"}:
+        place = place or channel.side or ""
     return Said(frozenset(quantities), place, said.phase)
-
-
-def _without_unit(one: Surveyed) -> str:
-    text = bare(last_part(one.name))
-    if one.unit_from != "name":
-        return text
-    return next((stem for stem, unit in endings(text) if unit == one.unit), text)

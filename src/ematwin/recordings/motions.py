@@ -6,9 +6,7 @@ stays the same through each motion; a load that steps within one is a signal tha
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -16,8 +14,7 @@ import numpy as np
 from ematwin.errors import InputError, RecordError
 from ematwin.recordings.collect import Collected
 from ematwin.recordings.formats.base import RecordedFile
-from ematwin.recordings.recording import label_text
-from ematwin.recordings.units import is_unit, unit_beside_name
+from ematwin.recordings.units import beside, is_unit
 
 Choice = Mapping[str, Sequence[str]]  # label to the values that are wanted
 _SHORTEST = 20  # samples of a motion
@@ -36,34 +33,10 @@ class Labelled(Protocol):
 _Item = TypeVar("_Item", bound=Labelled)
 
 
-@dataclass(frozen=True)
-class Piece:
-    """The rows of a motion in a file, not looked at yet."""
-
-    found: Collected
-    labels: dict[str, str]
-    path: Path
-
-    @property
-    def source(self) -> str:
-        """Name of the file."""
-        return self.path.name
-
-    def check_length(self) -> None:
-        """Raise `RecordError` unless it has the samples of a motion."""
-        samples = min(time.size for time in self.found.times.values())
-        if samples < _SHORTEST:
-            raise RecordError(
-                f"{f'{self.path} {label_text(self.labels)}'.strip()}: a motion of {samples} "
-                f"samples is too short; at least {_SHORTEST} are needed. Remove it, or check the "
-                "column of time."
-            )
-
-
-def pieces(found: Collected, file: RecordedFile) -> list[Piece]:
+def pieces(found: Collected, file: RecordedFile) -> list[Collected]:
     """The motions of a file; one, where its channels have several time bases."""
     if len(found.times) > 1:
-        return [Piece(found, {}, file.given)]
+        return [found]
     key, time = next(iter(found.times.items()))
     labels = _labels(file, found, key, time.size)
     measured = {name for name in labels if _has_unit(file, name)}
@@ -74,13 +47,22 @@ def pieces(found: Collected, file: RecordedFile) -> list[Piece]:
         if np.any(_changes(labels[name]) & ~starts[1:]):
             del labels[name]
     return [
-        Piece(
-            found.part(slice(int(first), int(end))),
+        found.part(
+            slice(int(first), int(end)),
             {name: str(text[first]) for name, text in labels.items()},
-            file.given,
         )
         for first, end in pairwise(np.r_[np.flatnonzero(starts), time.size])
     ]
+
+
+def check_length(found: Collected) -> None:
+    """Raise `RecordError` unless a part of a table has the samples of a motion."""
+    samples = min(time.size for time in found.times.values())
+    if samples < _SHORTEST:
+        raise RecordError(
+            f"{found.name}: a motion of {samples} samples is too short; at least {_SHORTEST} are "
+            "needed. Remove it, or check the column of time."
+        )
 
 
 def check_single(found: Collected, file: RecordedFile) -> None:
@@ -162,5 +144,4 @@ def _changes(text: np.ndarray) -> np.ndarray:
 
 def _has_unit(file: RecordedFile, name: str) -> bool:
     """Whether the file, or brackets in the name, state a unit."""
-    beside = unit_beside_name(name)
-    return bool(file.stated_unit(name)) or (beside is not None and is_unit(beside))
+    return bool(file.stated_unit(name)) or is_unit(beside(name)[1])

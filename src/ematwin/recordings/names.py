@@ -1,4 +1,4 @@
-"""Meaning of a name in a file: a channel of the recording, or words of a bench.
+"""Words of the names of channels, and the channel of a file that a map names.
 
 Test benches name channels in English or German, in words or symbols, glued or apart: ``Phase A``,
 ``I_a``, ``Strom U``, ``iL1``; ``Sollwert``, ``phi_soll``, ``SetPoint``. A word that is not known
@@ -7,17 +7,12 @@ says nothing.
 
 import difflib
 import re
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from ematwin.errors import RecordError
-from ematwin.recordings.channel import TIME, Channel, channel_called, plain
-from ematwin.recordings.units import bare, endings, suffixes
-
-# How plainly a name means a channel; a larger number is weaker.
-TO_THE_LETTER, BY_ALIAS, BEFORE_A_UNIT, AS_A_CLOCK, NOT = range(5)
-_CLOCKS = ("zeit", "zeitstempel", "timestamp", "time_stamp", "uhrzeit", "datetime")
+from ematwin.recordings.units import bare
 
 _QUANTITIES = {
     "time": "time t zeit timestamp clock zeitstempel uhrzeit datetime",
@@ -89,7 +84,8 @@ def said_by(name: str) -> Said:
     named = words[1:] if words[:1] == ["id"] else words  # Id, Id_measured
     other = next((word for word in named if word in _OTHER), "")
     for n, word in enumerate(words):
-        before = words[n - 1] if n else ""
+        before, after = words[n - 1] if n else "", words[n + 1] if n + 1 < len(words) else ""
+        of_phase = before in _SERIES or (_is_electric(before) and before != word)
         glued = _GLUED.fullmatch(word)
         if glued:
             quantities.add("current" if glued[1] == "i" else "voltage")
@@ -97,10 +93,8 @@ def said_by(name: str) -> Said:
                 place = "bus"
             else:
                 phase = phase or _PHASE_OF[glued[2]]
-        elif _is_phase(word, before) or (
-            word in ("d", "q") and _is_electric(words[n + 1 : n + 2])  # q_current
-        ):
-            phase = phase or _PHASE_OF[word]
+        elif word in _PHASE_OF and (of_phase or (word in "dq" and _is_electric(after))):
+            phase = phase or _PHASE_OF[word]  # i_a, Phase A, q_current
         elif word in _QUANTITY_OF:
             quantities.add(_QUANTITY_OF[word])
             if word == "carriage":
@@ -114,15 +108,8 @@ def said_by(name: str) -> Said:
     return Said(frozenset(quantities), place, phase, other)
 
 
-def _is_phase(word: str, before: str) -> bool:
-    """Whether a letter or number stands behind a phase, a current or a voltage."""
-    electric = _is_electric([before]) and before != word
-    return word in _PHASE_OF and (before in _SERIES or electric)
-
-
-def _is_electric(words: Sequence[str]) -> bool:
-    """Whether the first of some words is a current or a voltage."""
-    return bool(words) and _QUANTITY_OF.get(words[0]) in ("current", "voltage")
+def _is_electric(word: str) -> bool:
+    return _QUANTITY_OF.get(word) in ("current", "voltage")
 
 
 def _words(name: str) -> list[str]:
@@ -149,29 +136,6 @@ def _parts(word: str) -> list[str]:
     return [word]
 
 
-def meant(
-    name: str, channels: Sequence[Channel], names: Collection[str]
-) -> tuple[Channel | None, int]:
-    """The channel whose name or alias this is, with or without a unit, and how plainly."""
-    texts = dict.fromkeys((bare(last_part(name)), bare(name)))
-    for text in texts:
-        channel = channel_called(text, channels)
-        if channel is not None:
-            return channel, TO_THE_LETTER if name == channel.name else BY_ALIAS
-    for text in texts:
-        for stem, _ in endings(text):
-            channel = channel_called(stem, channels)
-            if channel is not None and any(
-                own == stem for own, _ in suffixes(text, channel.unit, names)
-            ):
-                return channel, BEFORE_A_UNIT
-    for text in texts:
-        stems = [text, *(stem for stem, _ in suffixes(text, TIME.unit, names))]
-        if any(plain(stem) in _CLOCKS for stem in stems):
-            return next((one for one in channels if one.name == TIME.name), None), AS_A_CLOCK
-    return None, NOT
-
-
 def find_channel(names: Sequence[str], wanted: str, path: Path) -> str:
     """The full name of a channel of a file that a map names.
 
@@ -185,11 +149,8 @@ def find_channel(names: Sequence[str], wanted: str, path: Path) -> str:
     """
     if wanted in names:
         return wanted
-    ways: tuple[Callable[[str], str], ...] = (
-        str, last_part, bare, lambda name: bare(last_part(name)),
-    )  # fmt: skip
     target = {wanted.strip().casefold(), bare(wanted).casefold()}
-    for way in ways:
+    for way in (str, last_part, bare, lambda name: bare(last_part(name))):
         found = [name for name in names if way(name).casefold() in target]
         if len(found) == 1:
             return found[0]
@@ -200,11 +161,8 @@ def find_channel(names: Sequence[str], wanted: str, path: Path) -> str:
             )
     by_key = {last_part(name).casefold(): name for name in reversed(names)}
     close = difflib.get_close_matches(wanted.casefold(), by_key, n=3, cutoff=0.5)
-    hint = (
-        f"the closest are {_quoted([by_key[key] for key in close])}"
-        if close
-        else f"it has {_quoted(names)}"
-    )
+    near = _quoted([by_key[key] for key in close])
+    hint = f"the closest are {near}" if close else f"it has {_quoted(names)}"
     raise RecordError(f"{path} has no channel {wanted!r}; {hint}. Correct the name in the map.")
 
 

@@ -6,31 +6,30 @@ step adds to the provenance. `ematwin.models.reading` gives the public `read`, w
 kinds.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from datetime import datetime, timedelta
 from typing import Any
 
 import numpy as np
 
-from ematwin.errors import InputError, ParameterError, RecordError
+from ematwin.errors import RecordError
 from ematwin.quantities import parse_quantity
 from ematwin.recordings.channel import Channel, with_time
 from ematwin.recordings.channel_map import ChannelMap, Columns
 from ematwin.recordings.checksums import FORMAT
 from ematwin.recordings.cleaning import (
     Policy,
-    Sound,
     check_policy,
-    saturation_warnings,
+    make_sound,
     sentence,
-    sound_samples,
+    warn_of_saturation,
 )
 from ematwin.recordings.collect import Collected, collect, derive
 from ematwin.recordings.formats.base import Progress, RecordedFile, open_file
 from ematwin.recordings.formats.csv_dialect import ROUTINE
 from ematwin.recordings.matching import Needs, is_met
-from ematwin.recordings.motions import Choice, check_single, fitting, pieces
-from ematwin.recordings.recording import Recording, label_text
+from ematwin.recordings.motions import Choice, check_length, check_single, fitting, pieces
+from ematwin.recordings.recording import Recording
 from ematwin.recordings.refreshed import sampled
 from ematwin.recordings.sampling import check_rate, onto, tidy_time, to_constant_rate
 
@@ -51,58 +50,40 @@ def read_file(
     where: Choice | Sequence[Choice] | None = None,
     progress: Progress | None = None,
 ) -> list[Recording]:
-    """Read the recordings in a file of ematwin or of a test bench.
+    """Read the recordings in a file; options and errors not named here as of `ematwin.read`.
 
     Parameters
     ----------
     path : a file of a known format, or a DataFrame
     channels : of the kind of actuator
-    columns : which channel of the file is which: a `ChannelMap`, a mapping or a TOML file; None
-        finds them by name
     needs : groups of channels; of each group at least one whole alternative must be there
     inputs : channels that drive the model
     own : whether a file that ematwin wrote is read as it is, whatever its channels; else if it
         has the needed channels
-    resample_to : float (Hz) or text such as ``"20 kHz"``; None keeps the recorded rate
-    gaps : what to do about holes, see `ematwin.recordings.cleaning`
-    split : whether a table is cut into motions
-    where : labels with the values that are wanted, or several such choices; cuts as well
-    progress : called with the share read, in [0, 1], now and then
 
     Returns
     -------
     list of Recording, one unless the file was cut into several motions; only chosen motions have
         to be sound
-
-    Raises
-    ------
-    InputError
-        If the map or an option cannot be used.
-    FileError
-        If the file cannot be read.
-    RecordError
-        If a channel is missing or cannot be part of a recording.
-    MissingExtraError
-        If the library for this format is not installed.
     """
     channel_map = ChannelMap.of(columns, channels)
     check_policy(gaps)
-    rate = _hertz(resample_to)
+    if isinstance(resample_to, str):
+        resample_to = parse_quantity(resample_to, "Hz", "resample_to")
+    check_rate(resample_to)
     with open_file(path, **channel_map.csv.model_dump(exclude_none=True)) as file:
         _check_format(file)
         is_complete = own or all(is_met(group, file.names) for group in needs)
         if file.metadata and columns is None and is_complete:
-            return fitting([_as_written(file, channel_map.channels, rate, progress)], where)
+            return fitting([_as_written(file, channel_map.channels, resample_to, progress)], where)
         found = collect(file, channel_map, needs, progress)
         if not split and where is None:
             check_single(found, file)
-            return [_cleaned(found, file, channel_map, inputs, rate, gaps, {})]
+            return [_cleaned(found, file, channel_map, inputs, resample_to, gaps)]
         chosen = fitting(pieces(found, file), where)
         for piece in chosen:
-            piece.check_length()
-        return [
-            _cleaned(one.found, file, channel_map, inputs, rate, gaps, one.labels) for one in chosen
-        ]
+            check_length(piece)
+        return [_cleaned(one, file, channel_map, inputs, resample_to, gaps) for one in chosen]
 
 
 def assumptions(recording: Recording) -> list[str]:
@@ -114,16 +95,6 @@ def assumptions(recording: Recording) -> list[str]:
     return [sentence(text) for text in said if not text.startswith(ROUTINE)]
 
 
-def _hertz(rate: float | str | None) -> float | None:
-    if isinstance(rate, str):
-        try:
-            rate = parse_quantity(rate, "Hz", "resample_to")
-        except ParameterError as error:
-            raise InputError(str(error)) from None
-    check_rate(rate)
-    return rate
-
-
 def _cleaned(
     found: Collected,
     file: RecordedFile,
@@ -131,10 +102,9 @@ def _cleaned(
     inputs: Collection[str],
     rate: float | None,
     gaps: Policy,
-    labels: Mapping[str, str],
 ) -> Recording:
     """Collected columns of a file, or of one motion in it, as a recording."""
-    what = f"{file.given} {label_text(labels)}".strip()
+    what = found.name
     start = found.start
     for key, raw in found.times.items():
         found.times[key], changed = tidy_time(raw, what)
@@ -142,50 +112,49 @@ def _cleaned(
         moved = float(raw[0] - found.times[key][0])
         if start is not None and start is found.start and abs(moved) > _MOVED:
             start += timedelta(seconds=moved)
-    by_column = {name: found.times[key] for name, key in found.bases.items()}
     currents = [one.name for one in channel_map.channels if one.unit == "A"]
-    counts, warnings = saturation_warnings(found.columns, by_column, found.full_scales, currents)
+    counts = warn_of_saturation(found, currents)
     means = {one.name for one in channel_map.channels if one.is_mean}
-    time = _bring_to_one_base(found, means, inputs, what)
-    derive(found, channel_map, time)
-    sound = sound_samples(time, found.columns, gaps, what, inputs)
+    found.time = _bring_to_one_base(found, means, inputs, what)
+    derive(found, channel_map, found.time)
+    make_sound(found, gaps, what, inputs)
     for channel in channel_map.channels:
-        if channel.refreshed and channel.name in sound.columns:
-            _put_at_samples(sound, channel)
-    time, columns, changed = to_constant_rate(sound.time, sound.columns, rate, what, means)
+        if channel.refreshed and channel.name in found.columns:
+            _put_at_samples(found, channel)
+    time, columns, changed = to_constant_rate(found.time, found.columns, rate, what, means)
     provenance: dict[str, Any] = {
         "source": "file",
         "file": file.given.name,
         "format": file.kind,
         "columns": found.channels,
         "assumed": found.assumed,
-        "changed": found.changed + sound.changed + changed,
-        "warnings": found.warnings + sound.warnings + warnings,
+        "changed": found.changed + changed,
+        "warnings": found.warnings,
     }
     if file.metadata.get("provenance"):
         provenance["origin"] = file.metadata["provenance"]
     if counts:
         provenance["saturated_samples"] = counts
-    if sound.masked:
-        provenance["masked_s"] = [list(stretch) for stretch in sound.masked]
+    if found.masked:
+        provenance["masked_s"] = found.masked
     in_order = [one for one in channel_map.channels if one.name in columns]
     return Recording(
         time,
         {one.name: columns.pop(one.name) for one in in_order},
         units={one.name: one.unit for one in in_order},
-        labels=labels,
+        labels=found.labels,
         start=start,
         source=file.given.name,
         provenance=provenance,
     )
 
 
-def _put_at_samples(sound: Sound, channel: Channel) -> None:
+def _put_at_samples(found: Collected, channel: Channel) -> None:
     """Values of a channel at the times of the reads, each read being a sample of before."""
-    moved = sampled(sound.time, sound.columns[channel.name], channel.refreshed)
+    moved = sampled(found.time, found.columns[channel.name], channel.refreshed)
     if moved is not None:
-        sound.columns[channel.name], period = moved
-        sound.changed.append(
+        found.columns[channel.name], period = moved
+        found.changed.append(
             f"{channel.name} is read up to {1e3 * period:.3g} ms after it was sampled, as its "
             "steps show; it was brought to the times of the reads"
         )

@@ -283,17 +283,9 @@ def check_time(time: np.ndarray) -> None:
     """Raise `RecordError` unless times (S,) increase in equal steps."""
     if time.ndim != 1 or time.size < 2:
         raise RecordError(f"A record needs at least two samples in time, received {time.size}.")
-    bad = np.flatnonzero(~np.isfinite(time))
-    if bad.size:
-        raise RecordError(f"time is NaN or infinite at sample {bad[0]}; remove those rows.")
+    check_finite(time)
     steps = np.diff(time)
-    falls = np.flatnonzero(steps <= 0.0)
-    if falls.size:
-        n = int(falls[0]) + 1
-        raise RecordError(
-            f"time must increase: sample {n} ({time[n]:.6g} s) follows {time[n - 1]:.6g} s. "
-            "Sort the record or drop duplicates."
-        )
+    check_increasing(time, steps)
     if not is_regular(time, steps):
         usual = float(np.median(steps))
         odd = np.abs(steps - usual)
@@ -302,6 +294,28 @@ def check_time(time: np.ndarray) -> None:
             f"time must be regular: the step to sample {n} ({time[n]:.6g} s) is "
             f"{steps[n - 1]:.6g} s where {usual:.6g} s is usual. "
             "Resample the record to a constant rate."
+        )
+
+
+def check_finite(time: np.ndarray, what: str = "") -> None:
+    """Raise `RecordError` unless times (S,) are numbers."""
+    bad = np.flatnonzero(~np.isfinite(time))
+    if bad.size:
+        raise RecordError(
+            f"{what}time is NaN or infinite in {bad.size} samples, the first is sample {bad[0]}. "
+            "Remove those rows, or give sample_rate in place of the time channel of a file."
+        )
+
+
+def check_increasing(time: np.ndarray, steps: np.ndarray, what: str = "") -> None:
+    """Raise `RecordError` unless times (S,) increase."""
+    falls = np.flatnonzero(steps <= 0.0)
+    if falls.size:
+        n = int(falls[0]) + 1
+        raise RecordError(
+            f"{what}time must increase: sample {n} ({time[n]:.6g} s) follows {time[n - 1]:.6g} s, "
+            f"the first of {falls.size} such places. Sort the record, drop duplicates, or give "
+            "sample_rate in place of the time channel of a file."
         )
 
 

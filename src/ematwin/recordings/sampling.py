@@ -17,7 +17,7 @@ import numpy as np
 
 from ematwin.errors import InputError, RecordError
 from ematwin.numerics.signals import means as mean_of_each
-from ematwin.recordings.recording import Recording, is_regular
+from ematwin.recordings.recording import Recording, check_finite, check_increasing, is_regular
 
 Arrays = dict[str, np.ndarray]
 ABSURD = 1e12  # in any SI unit of a record: no recording holds that
@@ -44,12 +44,7 @@ def tidy_time(time: np.ndarray, what: object) -> tuple[np.ndarray, list[str]]:
     """
     if time.size < 2:
         raise RecordError(f"{what} holds {time.size} samples; a record needs at least two in time.")
-    bad = np.flatnonzero(~np.isfinite(time))
-    if bad.size:
-        raise RecordError(
-            f"{what}: time is NaN or infinite in {bad.size} samples, the first is sample {bad[0]}. "
-            "Remove those rows, or give sample_rate in place of the time channel."
-        )
+    check_finite(time, f"{what}: ")
     if np.abs(time).max() > ABSURD:
         raise RecordError(
             f"{what}: time runs from {time.min():.4g} to {time.max():.4g} s, which no clock does. "
@@ -70,15 +65,7 @@ def tidy_time(time: np.ndarray, what: object) -> tuple[np.ndarray, list[str]]:
             "that it was rounded from"
         )
         return grid, changed
-    falls = np.flatnonzero(steps <= 0.0)
-    if falls.size:
-        n = int(falls[0]) + 1
-        how = "repeats" if steps[n - 1] == 0.0 else "falls"
-        raise RecordError(
-            f"{what}: time must increase, but {how} at {falls.size} places: sample {n} "
-            f"({time[n]:.6g} s) follows {time[n - 1]:.6g} s. Sort the record, drop duplicates, or "
-            "give sample_rate in place of the time channel."
-        )
+    check_increasing(time, steps, f"{what}: ")
     return time, changed
 
 
@@ -273,26 +260,19 @@ def _taps(own: float, rate: float) -> int:
 
 def _low_pass(own: float, rate: float) -> np.ndarray:
     """Kaiser-windowed sinc that is halfway down in the middle of the transition."""
-    from scipy.signal import kaiser_beta
+    from scipy.signal import firwin, kaiser_beta
 
-    half = _taps(own, rate) // 2
-    n = np.arange(-half, half + 1)
-    middle = 0.5 * (1.0 + _PASS) * rate / own  # of the old Nyquist frequency
-    window = np.i0(kaiser_beta(_ATTENUATION) * np.sqrt(1.0 - (n / (half + 1)) ** 2))
-    taps = middle * np.sinc(middle * n) * window
-    return np.asarray(taps / taps.sum())
+    window = ("kaiser", kaiser_beta(_ATTENUATION))
+    cutoff = 0.25 * (1.0 + _PASS) * rate
+    return np.asarray(firwin(_taps(own, rate), cutoff, window=window, fs=own))
 
 
 def _filtered(values: np.ndarray, taps: np.ndarray) -> np.ndarray:
     """Values behind a filter centred on each sample; the ends continue as point reflections."""
     from scipy.signal import oaconvolve
 
-    reach = min(taps.size // 2, values.size - 1)
-    before = 2.0 * values[0] - values[reach:0:-1]
-    after = 2.0 * values[-1] - values[-2 : -reach - 2 : -1]
-    padded = np.concatenate([before, values, after])
-    result = oaconvolve(padded, taps, mode="same")
-    return np.asarray(result[reach : reach + values.size])
+    padded = np.pad(values, taps.size // 2, mode="reflect", reflect_type="odd")
+    return np.asarray(oaconvolve(padded, taps, mode="valid"))
 
 
 def _akima(time: np.ndarray, values: np.ndarray, wanted: np.ndarray) -> np.ndarray:

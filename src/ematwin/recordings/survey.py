@@ -10,13 +10,7 @@ import numpy as np
 from ematwin.errors import MissingExtraError, RecordError
 from ematwin.recordings.formats.base import Progress, RecordedFile, open_file
 from ematwin.recordings.names import last_part
-from ematwin.recordings.units import (
-    is_other_unit,
-    is_unit,
-    says_nothing,
-    unit_beside_name,
-    units_behind,
-)
+from ematwin.recordings.units import bare, beside, is_unit, says_nothing, suffixes
 
 SHOWN_POINTS = 600  # of the small plot of a channel
 _TOGETHER = 64  # channels that are read at once: a text table is read through for each lot
@@ -31,6 +25,7 @@ class Surveyed:
     name : full name in the file
     unit : as the file or the name states it; "" where neither does
     unit_from : "file", "name" or ""
+    stem : the last part of the name without a unit
     samples, missing : how many, and how many of them are NaN or infinite
     low, high : least and largest value, in ``unit``; NaN where there is none
     rate : samples per second, Hz, where the file itself gives times; else None
@@ -41,6 +36,7 @@ class Surveyed:
     name: str
     unit: str
     unit_from: str
+    stem: str
     samples: int = 0
     missing: int = 0
     low: float = float("nan")
@@ -62,16 +58,11 @@ class Surveyed:
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
+        told = {key: getattr(self, key) for key in (
+            "name", "unit", "unit_from", "samples", "missing", "low", "high", "rate", "text",
+        )}  # fmt: skip
         return {
-            "name": self.name,
-            "unit": self.unit or None,
-            "unit_from": self.unit_from or None,
-            "samples": self.samples,
-            "missing": self.missing,
-            "low": self.low if np.isfinite(self.low) else None,
-            "high": self.high if np.isfinite(self.high) else None,
-            "rate": self.rate,
-            "text": self.text or None,
+            key: None if value == "" or value != value else value for key, value in told.items()
         }
 
 
@@ -137,9 +128,9 @@ def _numbers(file: RecordedFile, names: Sequence[str]) -> dict[str, np.ndarray]:
 def _surveyed(
     file: RecordedFile, name: str, values: np.ndarray | None, rates: dict[str, float | None]
 ) -> Surveyed:
-    unit, source = _unit(file, name)
+    stated = unit_and_stem(file, name)
     if values is None:
-        return Surveyed(name, unit, source, text=_texts(file, name))
+        return Surveyed(name, *stated, text=_texts(file, name))
     base = file.time_base(name)
     if base not in rates:
         rates[base] = _rate(file.base_time(base))
@@ -147,26 +138,24 @@ def _surveyed(
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (np.nan, np.nan)
     places = extremes(values, SHOWN_POINTS)
     return Surveyed(
-        name, unit, source, values.size, values.size - finite.size, low, high,
+        name, *stated, values.size, values.size - finite.size, low, high,
         rates[base], places, values[places],
     )  # fmt: skip
 
 
-def _unit(file: RecordedFile, name: str) -> tuple[str, str]:
-    """The unit of a channel and who states it: the file or the name, or nobody."""
-    stated = file.stated_unit(name)
+def unit_and_stem(file: RecordedFile, name: str) -> tuple[str, str, str]:
+    """The unit of a channel, who states it (the file or the name, or nobody), and the stem."""
+    stem, unit = beside(name)
+    stem, stated = bare(last_part(stem)), file.stated_unit(name)
     if stated:
-        return stated, "file"
-    beside = unit_beside_name(name)
+        return stated, "file", stem
     # square brackets hold units; round ones hold remarks as well: "Position (filtered)"
-    if (
-        beside is not None
-        and not says_nothing(beside)
-        and (name.rstrip().endswith("]") or is_unit(beside) or is_other_unit(beside))
-    ):
-        return beside, "name"
-    behind = next(units_behind(last_part(name), file.names), None)
-    return ("", "") if behind is None else (behind, "name")
+    if unit and not says_nothing(unit) and (name.rstrip().endswith("]") or is_unit(unit)):
+        return unit, "name", stem
+    for before, unit in suffixes(stem, file.names):
+        if unit == "A" or (len(unit) > 1 and is_unit(unit)):  # other letters are of a series
+            return unit, "name", before
+    return "", "", stem
 
 
 def _texts(file: RecordedFile, name: str) -> str:

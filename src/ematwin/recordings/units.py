@@ -17,17 +17,17 @@ from ematwin.quantities import ANGULAR, to_si, turns_a_minute
 _SPELLINGS = {
     "nm": "N*m", "knm": "kN*m", "mnm": "mN*m", "n-m": "N*m",
     "rev": "turn", "rev/s": "turn/s", "u/s": "turn/s", "r/s": "turn/s",
-    "amp": "A", "amps": "A", "ampere": "A", "amperes": "A", "ma": "mA",
+    "a": "A", "amp": "A", "amps": "A", "ampere": "A", "amperes": "A", "ma": "mA",
     "sec": "s", "secs": "s", "seconds": "s", "msec": "ms", "usec": "us",
     "rads": "rad", "rad/sec": "rad/s", "deg/sec": "deg/s", "degrees": "deg",
     "grad": "deg",  # German for degree; pint's grad is the gon
 }  # fmt: skip
-_BRACKETED = re.compile(r"[\[(]\s*([^\[\]()]*?)\s*[\])]\s*$")
-_SLASHED = re.compile(r"\s/\s*(\S+)\s*$")  # "I_a / mA", as DIN 461 writes it
+_BRACKETED = re.compile(r"\s*[\[(]\s*([^\[\]()]*?)\s*[\])]\s*$")
+_SLASHED = re.compile(r"\s+/\s*(\S+)\s*$")  # "I_a / mA", as DIN 461 writes it
 _WORD = re.compile("[A-Za-zµμ°]+")
 _NONE = {"", "-", "--", "none", "1", "[]", "n/a"}
 _KINDS = ("s", "rad", "m", "N*m", "N", "A", "rad/s", "m/s")  # of what recordings usually hold
-_OTHERS = ("kg", "V", "W", "K", "Pa", "Hz", "m/s^2")
+_OTHERS = ("kg", "V", "W", "K", "Pa", "Hz", "m/s^2")  # a letter alone is more often a name
 
 
 def unit_factor(unit: str, si_unit: str, what: str) -> float:
@@ -53,89 +53,55 @@ def fits(unit: str, si_unit: str) -> bool:
 
 
 def is_unit(text: str) -> bool:
-    """Whether a text is the unit of something that recordings usually hold."""
-    inside = unbracketed(text)
-    return any(_factor(inside, si_unit) is not None for si_unit in _KINDS)
-
-
-def is_other_unit(text: str) -> bool:
-    """Whether a text of more than a letter, which often numbers channels, is a unit of any kind."""
-    kinds = (*_KINDS, *_OTHERS)
-    return len(text) > 1 and any(_factor(text, si_unit) is not None for si_unit in kinds)
+    """Whether a text, in brackets or not, is a unit."""
+    unit = unbracketed(text)
+    return any(fits(unit, kind) for kind in _KINDS + (_OTHERS if len(unit) > 1 else ()))
 
 
 def unbracketed(text: str) -> str:
     """``"[mA]"`` as ``"mA"``."""
-    match = _BRACKETED.fullmatch(text.strip())
+    match = _BRACKETED.fullmatch(text)
     return match[1] if match else text.strip()
 
 
 def bare(name: str) -> str:
     """The name without a unit in brackets or behind a slash: ``"Phase A [mA]"``: "Phase A"."""
-    text = re.sub(r"\s*(\[[^\]]*\]|\([^)]*\))\s*$", "", name).strip()
-    slashed = _SLASHED.search(text)
-    if slashed and is_unit(slashed[1]):
-        return text[: slashed.start()].strip()
-    return text
+    return beside(name)[0]
 
 
-def unit_beside_name(name: str) -> str | None:
-    """The text in brackets or behind a slash at the end of a name, whatever it is; or None."""
-    return next(_beside(name), None) if bare(name) != name.strip() else None
+def beside(name: str) -> tuple[str, str]:
+    """Stem, and the text in brackets or the unit behind a slash at the end of a name; or ""."""
+    for pattern in (_BRACKETED, _SLASHED):
+        match = pattern.search(name)
+        if match and (pattern is _BRACKETED or is_unit(match[1])):
+            return name[: match.start()].strip(), match[1]
+    return name.strip(), ""
 
 
-def unit_in_brackets(name: str, si_unit: str) -> str | None:
-    """The unit in brackets or behind a slash at the end of a name, if it fits ``si_unit``."""
-    return next((text for text in _beside(name) if _factor(text, si_unit) is not None), None)
+def suffixes(name: str, names: Collection[str] = ()) -> Iterator[tuple[str, str]]:
+    """Yield stem and what may be a unit: behind the last underscore, behind the last but one.
 
-
-def unit_in_name(name: str, si_unit: str, names: Collection[str] = ()) -> str | None:
-    """The unit at the end of a channel name, if it fits ``si_unit``: ``mm`` of ``travel_mm``.
-
-    ``names`` are of all channels of the file: a letter of a series (``phase_a``,
-    ``phase_b``) is no unit.
+    ``names`` are of all channels of the file: a letter of a series (``phase_a``, ``phase_b``) is
+    no unit.
     """
-    behind = (unit for _, unit in suffixes(name, si_unit, names))
-    return unit_in_brackets(name, si_unit) or next(behind, None)
-
-
-def suffixes(name: str, si_unit: str, names: Collection[str] = ()) -> Iterator[tuple[str, str]]:
-    """Yield stem and unit of a name such as ``set_point_mm``, where the unit fits ``si_unit``."""
-    for stem, unit in endings(name):
-        if unit.casefold() == "a":  # ampere, or the first of a series
-            if si_unit != "A" or _has_sibling(stem, names):
-                continue
-            unit = "A"
-        if _factor(unit, si_unit) is not None:
-            yield stem, unit
-
-
-def units_behind(name: str, names: Collection[str] = ()) -> Iterator[str]:
-    """Yield units of any usual kind behind the last underscore of a name.
-
-    A single letter but A is more often a number of a series than a unit, and A only where there
-    is no B.
-    """
-    for stem, unit in endings(name):
-        if unit.casefold() == "a":
-            if unit == "A" and not _has_sibling(stem, names):
-                yield "A"
-        elif len(unit) > 1 and is_other_unit(unit):
-            yield unit
-
-
-def endings(name: str) -> Iterator[tuple[str, str]]:
-    """Yield stem and the text behind the last underscore, and behind the last but one."""
-    name = name.strip()
     if name.isupper():  # SET_POINT_MM is in mm, not in megametres
         name = name.casefold()
     stem, _, last = name.rpartition("_")
-    if not (stem and _WORD.fullmatch(last)):
+    siblings = last in ("a", "A") and any(f"{stem}_b".casefold() == n.casefold() for n in names)
+    if not stem or siblings or not _WORD.fullmatch(last):
         return
     yield stem, last
-    head, _, first = stem.removesuffix("_per").rpartition("_")
-    if head and _WORD.fullmatch(first):
-        yield head, f"{first}/{last}"  # motor_speed_rad_s, motor_speed_deg_per_s
+    head, _, over = stem.removesuffix("_per").rpartition("_")
+    if head and _WORD.fullmatch(over):
+        yield head, f"{over}/{last}"  # motor_speed_rad_s, motor_speed_deg_per_s
+
+
+def unit_in_name(name: str, si_unit: str, names: Collection[str] = ()) -> tuple[str, str]:
+    """Stem and unit of a name with a unit that fits ``si_unit``; else the name and ""."""
+    first = beside(name)
+    found = (one for one in (first, *suffixes(first[0], names)) if fits(one[1], si_unit))
+    stem, unit = next(found, (name, ""))
+    return stem, "A" if unit == "a" else unit
 
 
 def says_nothing(unit: str | None) -> bool:
@@ -146,17 +112,6 @@ def says_nothing(unit: str | None) -> bool:
 def example(si_unit: str) -> str:
     """A unit of that kind that needs converting, for messages."""
     return {"s": "ms", "rad": "deg", "A": "mA", "rad/s": "rpm", "m": "mm"}.get(si_unit, si_unit)
-
-
-def _beside(name: str) -> Iterator[str]:
-    for pattern in (_BRACKETED, _SLASHED):
-        match = pattern.search(name)
-        if match:
-            yield match[1]
-
-
-def _has_sibling(stem: str, names: Collection[str]) -> bool:
-    return any(name.strip().casefold() == f"{stem}_b".casefold() for name in names)
 
 
 @cache

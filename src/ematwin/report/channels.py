@@ -1,7 +1,7 @@
 """Page: the channels of a file, and which is proposed for which."""
 
 from ematwin.plots.channels import plot_channels
-from ematwin.recordings.proposal import HEADINGS, Proposal, rate_of
+from ematwin.recordings.proposal import HEADINGS, Proposal
 from ematwin.recordings.survey import Survey
 from ematwin.report.page import Row, Section, Table, render
 
@@ -12,27 +12,26 @@ def channels_page(found: Survey, proposal: Proposal) -> str:
         Row(cells, marked=entry.is_open)
         for cells, entry in zip(proposal.rows, proposal.entries.values(), strict=True)
     ]
-    rate = rate_of(found, proposal.entries.get("time"))
     taken = tuple(entry.channel for entry in proposal.entries.values())
     points = [one.sentence for one in proposal.questions]
     sections = [
         Section("Proposed map", table=Table(list(HEADINGS), rows, texts=(1, 2, 3))),
         *([Section("Open", points=points)] if points else []),
-        Section("Channels", table=_table(found, proposal, rate)),
-        Section(figure=plot_channels(found, taken, rate)),
+        Section("Channels", table=_table(found, proposal)),
+        Section(figure=plot_channels(found, taken, proposal.rate)),
     ]  # fmt: skip
     title = f"Channels of {found.path.name}"
     return render(title, proposal.sentence, sections, list(proposal.check))
 
 
-def _table(found: Survey, proposal: Proposal, counted: float | None) -> Table:
+def _table(found: Survey, proposal: Proposal) -> Table:
     meant = {entry.channel: name for name, entry in proposal.entries.items()}
     rows = [
         Row(
             [
                 one.name,
                 one.unit or "not stated",
-                f"{one.rate or counted:.6g} Hz" if (one.rate or counted) and one.samples else "",
+                f"{rate:.6g} Hz" if (rate := one.rate or proposal.rate) and one.samples else "",
                 str(one.samples),
                 str(one.missing) if one.missing else "",
                 one.text if one.is_text else f"{one.low:.4g} to {one.high:.4g}",

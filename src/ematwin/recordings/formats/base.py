@@ -6,7 +6,6 @@ suffixes without the dot. `ematwin.testing.reader_contract` holds the tests that
 """
 
 import logging
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from datetime import datetime, tzinfo
@@ -51,11 +50,16 @@ _ELSEWHERE = {
 }
 
 
-class RecordedFile(ABC):
+class RecordedFile:
     """An open file; a context manager. Opening reads no samples.
+
+    A format gives `channels` and `values`, or `names` and `read` where its library reads several
+    channels at once.
 
     Attributes
     ----------
+    channels : dict, by full name where the channel lies in the file, in the order of the file
+    zone : of its calendar times
     path : Path
     given : Path that the user gave: ``path``, or the packed file that holds it
     metadata : dict, what ematwin itself wrote into the file; empty for files of others
@@ -65,9 +69,11 @@ class RecordedFile(ABC):
     """
 
     kind: ClassVar[str] = "file"  # for messages: "Cannot read run.mf4 as MDF"
+    zone: ClassVar[tzinfo | None] = None
 
     def __init__(self, path: Path) -> None:
         self.path = self.given = path
+        self.channels: dict[str, Any] = {}
         self.metadata: dict[str, Any] = {}
         self.assumed: list[str] = []
         self.start: datetime | None = None
@@ -75,11 +81,14 @@ class RecordedFile(ABC):
         self.unpacked: Any = None  # the temporary folder of what a packed file holds
 
     @property
-    @abstractmethod
     def names(self) -> tuple[str, ...]:
         """Full names of the channels, each once, in the order of the file."""
+        return tuple(self.channels)
 
-    @abstractmethod
+    def values(self, name: str) -> Any:
+        """Values of a channel as the library of the format gives them."""
+        raise NotImplementedError(f"{type(self).__name__} gives neither values nor read")
+
     def read(self, names: Sequence[str], progress: Progress | None = None) -> dict[str, np.ndarray]:
         """Values of some channels, and of no others, as the file holds them.
 
@@ -89,6 +98,16 @@ class RecordedFile(ABC):
             Missing samples are NaN; calendar times are s since the first of them, which is put into
             `clocks`.
         """
+        columns: dict[str, np.ndarray] = {}
+        with refusing(self.path, self.kind):
+            for done, name in enumerate(names, start=1):
+                found = np.asarray(self.values(name))
+                if found.dtype.kind == "M" and found.size:
+                    self.note_clock(name, found[0], self.zone)
+                columns[name] = as_float(found, name, self.path)
+                if progress is not None:
+                    progress(done / len(names))
+        return columns
 
     def texts(self, name: str) -> list[str]:
         """Values of a channel as texts, for labels such as a condition or the number of a run."""
@@ -113,33 +132,8 @@ class RecordedFile(ABC):
         """Times of a time base, s; None where the file gives time as a channel or not at all."""
         return None
 
-    def close(self) -> None:  # noqa: B027  (most formats hold nothing open)
+    def close(self) -> None:
         """Release the file; may be called again."""
-
-    def each(
-        self,
-        names: Sequence[str],
-        values: Callable[[str], Any],
-        progress: Progress | None,
-        zone: tzinfo | None = None,
-    ) -> dict[str, np.ndarray]:
-        """Read channels one after the other, for formats whose library gives them so.
-
-        Parameters
-        ----------
-        values : the array of a channel as the library gives it
-        zone : of clock times
-        """
-        columns: dict[str, np.ndarray] = {}
-        with refusing(self.path, self.kind):
-            for done, name in enumerate(names, start=1):
-                found = np.asarray(values(name))
-                if found.dtype.kind == "M" and found.size:
-                    self.note_clock(name, found[0], zone)
-                columns[name] = as_float(found, name, self.path)
-                if progress is not None:
-                    progress(done / len(names))
-        return columns
 
     def note_clock(self, name: str, first: np.datetime64, zone: tzinfo | None) -> None:
         """Keep the moment at which a channel of calendar times begins, if it is one."""

@@ -119,7 +119,6 @@ def sniff(
         )
     names, units, header_lines = _header(lines, split, first, data, width)
     columns = [[row[n].strip() for row in probed if len(row) == width] for n in range(width)]
-    code = "utf-8" if encoding == "utf-8-sig" else encoding
     clocks = {n: clock for n, cells in enumerate(columns) if (clock := Clock.of(cells))}
     dialect = CsvDialect(
         names=names,
@@ -127,7 +126,7 @@ def sniff(
         delimiter=delimiter,
         decimal=decimal,
         encoding=encoding,
-        start=mark + len("".join(lines[:data]).encode(code)),
+        start=mark + len("".join(lines[:data]).encode(encoding.removesuffix("-sig"))),
         signed={n for n, cells in enumerate(columns) if any(x.startswith("+") for x in cells)},
         clocks=clocks,
         text={
@@ -156,27 +155,25 @@ def _samples(path: Path) -> tuple[str, str, str, int]:
         if size > 4 * _SAMPLE:
             file.seek(size // 4 * 2)
             middle = file.read(_SAMPLE)
-    cut = size > len(head)
-    for mark, encoding in _BYTE_ORDER_MARKS:
-        if head.startswith(mark):
-            code = "utf-8" if encoding == "utf-8-sig" else encoding
-            text = head[len(mark) :].decode(code, "ignore")
-            return _whole_lines(text, cut), middle.decode(code, "ignore"), encoding, len(mark)
-    if b"\x00" in head:
-        raise FileError(
-            f"Cannot read {path} as text: it holds binary data. Give it the ending of its format."
-        )
-    complete = head[: head.rfind(b"\n") + 1] or head
-    try:
-        complete.decode("utf-8")
-        encoding, text = "utf-8", head.decode("utf-8", "ignore")
-    except UnicodeDecodeError:  # cp1252 is what Windows programs write in western countries
-        encoding, text = "cp1252", head.decode("cp1252", "replace")
-    return _whole_lines(text, cut), middle.decode("latin-1"), encoding, 0
-
-
-def _whole_lines(text: str, cut: bool) -> str:
-    return text[: text.rfind("\n") + 1] if cut else text
+    marks = (one for one in _BYTE_ORDER_MARKS if head.startswith(one[0]))
+    mark, encoding = next(marks, (b"", "utf-8"))
+    if not mark:
+        if b"\x00" in head:
+            raise FileError(
+                f"Cannot read {path} as text: it holds binary data. Give it the ending of its "
+                "format."
+            )
+        try:
+            (head[: head.rfind(b"\n") + 1] or head).decode("utf-8")
+        except UnicodeDecodeError:  # what Windows programs write in western countries
+            encoding = "cp1252"
+    text, between = (
+        part.decode(encoding.removesuffix("-sig"), "replace")
+        for part in (head[len(mark) :], middle)
+    )
+    if size > len(head):
+        text = text[: text.rfind("\n") + 1]
+    return text, between, encoding, len(mark)
 
 
 def _is_comment(line: str) -> bool:

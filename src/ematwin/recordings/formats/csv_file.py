@@ -30,17 +30,14 @@ class CsvFile(RecordedFile):
     def __init__(self, path: Path, **options: Any) -> None:
         super().__init__(path)
         self._dialect = sniff(path, **options)
+        self.channels = {name: place for place, name in enumerate(self._dialect.names)}
         self.metadata = self._dialect.metadata
         self.assumed = list(self._dialect.assumed)
-
-    @property
-    def names(self) -> tuple[str, ...]:  # noqa: D102
-        return tuple(self._dialect.names)
 
     def unit(self, name: str) -> str | None:  # noqa: D102
         if self.metadata:
             return cast("str | None", self.metadata.get("units", {}).get(name))
-        position = self._dialect.names.index(name)
+        position = self.channels[name]
         if position in self._dialect.clocks:
             return "s"
         return self._dialect.units[position] or None
@@ -48,7 +45,7 @@ class CsvFile(RecordedFile):
     def read(  # noqa: D102
         self, names: Sequence[str], progress: Progress | None = None
     ) -> dict[str, np.ndarray]:
-        positions = [self._dialect.names.index(name) for name in names]
+        positions = [self.channels[name] for name in names]
         for name, position in zip(names, positions, strict=True):
             if position in self._dialect.text:
                 raise RecordError(
@@ -83,7 +80,7 @@ class CsvFile(RecordedFile):
     def texts(self, name: str) -> list[str]:  # noqa: D102
         import pyarrow as pa
 
-        position = self._dialect.names.index(name)
+        position = self.channels[name]
         encoding = self._dialect.encoding
         code = "utf-8" if encoding.startswith("utf-16") else encoding  # as pyarrow gives them
         with refusing(self.path, self.kind):
@@ -114,7 +111,11 @@ class CsvFile(RecordedFile):
                         # names were read by us: bytes above 127 in other columns stay undecoded
                         encoding=encoding if encoding.startswith("utf-16") else "utf8",
                     ),
-                    parse_options=csv.ParseOptions(delimiter=self._dialect.delimiter),
+                    parse_options=csv.ParseOptions(
+                        delimiter=self._dialect.delimiter,
+                        # the TwinCAT Scope ends its exports so
+                        invalid_row_handler=lambda row: "skip" if row.text == "EOF" else "error",
+                    ),
                     convert_options=csv.ConvertOptions(
                         include_columns=[keys[position] for position in positions],
                         column_types={

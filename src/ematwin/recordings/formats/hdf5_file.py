@@ -1,7 +1,6 @@
 """HDF5 files, through h5py: datasets by path, columns of a matrix as ``path[k]``."""
 
 import mmap
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -9,7 +8,6 @@ import numpy as np
 
 from ematwin.errors import FileError
 from ematwin.recordings.formats.base import (
-    Progress,
     RecordedFile,
     load_library,
     matrix_columns,
@@ -33,7 +31,6 @@ class Hdf5File(RecordedFile):
         h5py = load_library("h5py", "h5py", "Reading HDF5 files")
         self._file = h5py.File(path, "r")
         # channel -> dataset, and the field or column of the channel in it
-        self._channels: dict[str, tuple[str, str | int | None]] = {}
         self._lengths: dict[str, int] = {}
         self._heaps_checked = False
         try:
@@ -42,13 +39,9 @@ class Hdf5File(RecordedFile):
             self._file.close()
             raise
 
-    @property
-    def names(self) -> tuple[str, ...]:  # noqa: D102
-        return tuple(self._channels)
-
     def unit(self, name: str) -> str | None:  # noqa: D102
         with refusing(self.path, self.kind):
-            attributes = self._file[self._channels[name][0]].attrs
+            attributes = self._file[self.channels[name][0]].attrs
             key = next((key for key in _UNIT_ATTRIBUTES if key in attributes), None)
             if key is not None and not self._heaps_checked:
                 self._heaps_checked = True
@@ -61,16 +54,11 @@ class Hdf5File(RecordedFile):
     def time_base(self, name: str) -> str:  # noqa: D102
         return f"{self._lengths[name]} samples"
 
-    def read(  # noqa: D102
-        self, names: Sequence[str], progress: Progress | None = None
-    ) -> dict[str, np.ndarray]:
-        return self.each(names, self._values, progress)
-
     def close(self) -> None:  # noqa: D102
         self._file.close()
 
-    def _values(self, name: str) -> Any:
-        key, part = self._channels[name]
+    def values(self, name: str) -> Any:  # noqa: D102
+        key, part = self.channels[name]
         dataset = self._file[key]
         if part is None:
             return dataset[()]
@@ -92,7 +80,7 @@ class Hdf5File(RecordedFile):
                 self._add(name, key, None if len(found) == 1 else k, length)
 
     def _add(self, name: str, key: str, part: str | int | None, length: int) -> None:
-        self._channels[name] = (key, part)
+        self.channels[name] = (key, part)
         self._lengths[name] = length
 
 

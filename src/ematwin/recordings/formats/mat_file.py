@@ -27,21 +27,17 @@ class MatFile(RecordedFile):
     def __init__(self, path: Path) -> None:
         super().__init__(path)
         self._library = load_library("pymatreader", "pymatreader", "Reading MATLAB files")
-        self._variable: dict[str, str] = {}  # channel -> variable that holds it
+        self._fields: dict[str, np.ndarray] = {}  # of the variable that was read last
         self._lengths: dict[str, int] = {}
         for name, shape, kind in self._library.whosmat(path):
             found = (
                 matrix_columns(name, shape)
                 if kind in _NUMERIC
-                else ((key, values.shape[0]) for key, values in self._fields(name))
+                else ((key, values.shape[0]) for key, values in self._read(name))
             )
             for key, length in found:
-                self._variable[key] = name
+                self.channels[key] = name
                 self._lengths[key] = length
-
-    @property
-    def names(self) -> tuple[str, ...]:  # noqa: D102
-        return tuple(self._variable)
 
     def time_base(self, name: str) -> str:  # noqa: D102
         return f"{self._lengths[name]} samples"
@@ -49,19 +45,16 @@ class MatFile(RecordedFile):
     def read(  # noqa: D102
         self, names: Sequence[str], progress: Progress | None = None
     ) -> dict[str, np.ndarray]:
-        fields: dict[str, np.ndarray] = {}
-
-        def values(name: str) -> np.ndarray:
-            nonlocal fields
-            if name not in fields:  # the last variable is kept: it may hold the next channel, too
-                fields = dict(self._fields(self._variable[name]))
-            return fields[name]
-
-        in_order = sorted(names, key=lambda name: list(self._variable).index(name))
-        found = self.each(in_order, values, progress)
+        found = super().read(sorted(names, key=list(self.channels).index), progress)
+        self._fields = {}
         return {name: found[name] for name in names}
 
-    def _fields(self, variable: str) -> Iterator[tuple[str, np.ndarray]]:
+    def values(self, name: str) -> np.ndarray:  # noqa: D102
+        if name not in self._fields:
+            self._fields = dict(self._read(self.channels[name]))
+        return self._fields[name]
+
+    def _read(self, variable: str) -> Iterator[tuple[str, np.ndarray]]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of objects of classes, which are not read here
             content = self._library.read_mat(self.path, variable_names=[variable])

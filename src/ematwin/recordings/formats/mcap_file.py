@@ -1,13 +1,13 @@
 """MCAP files with messages of ROS 2, through mcap-ros2-support: fields as ``/topic/field``."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
 from ematwin.errors import FileError
-from ematwin.recordings.formats.base import Progress, RecordedFile, load_library
+from ematwin.recordings.formats.base import RecordedFile, load_library
 
 _MOST_ELEMENTS = 64  # of an array that is taken for channels side by side
 
@@ -33,34 +33,25 @@ class McapFile(RecordedFile):
             self._times.setdefault(topic, []).append(told or logged)
             for field, value in _numbers(message):
                 self._values.setdefault(f"{topic}/{field}", []).append(value)
-        self._topic = {name: self._of(name) for name in self._values}
+        for name, values in self._values.items():
+            topic = max((one for one in self._times if name.startswith(f"{one}/")), key=len)
+            if len(values) == len(self._times[topic]):
+                self.channels[name] = topic
         if not self._values:
             raise FileError(
                 f"{path} holds no numbers in messages of ROS 2. Messages of other kinds, and bags "
                 "in SQLite (.db3), are converted by ros2 bag convert."
             )
 
-    @property
-    def names(self) -> tuple[str, ...]:  # noqa: D102
-        return tuple(
-            name for name, topic in self._topic.items()
-            if len(self._values[name]) == len(self._times[topic])
-        )  # fmt: skip
-
     def time_base(self, name: str) -> str:  # noqa: D102
-        return self._topic[name]
+        return str(self.channels[name])
 
     def base_time(self, key: str) -> np.ndarray | None:  # noqa: D102
         times = np.array(self._times[key])
         return times - times[0] if times[0] > 1e8 else times  # a moment, not a time of a run
 
-    def read(  # noqa: D102
-        self, names: Sequence[str], progress: Progress | None = None
-    ) -> dict[str, np.ndarray]:
-        return self.each(names, lambda name: np.array(self._values[name]), progress)
-
-    def _of(self, name: str) -> str:
-        return max((topic for topic in self._times if name.startswith(f"{topic}/")), key=len)
+    def values(self, name: str) -> Any:  # noqa: D102
+        return np.array(self._values[name])
 
 
 def _numbers(message: Any, before: str = "") -> Iterator[tuple[str, float]]:

@@ -7,7 +7,6 @@ import gc
 import logging
 import sys
 from collections import Counter
-from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, ClassVar
@@ -16,7 +15,6 @@ import numpy as np
 
 from ematwin.errors import FileError
 from ematwin.recordings.formats.base import (
-    Progress,
     RecordedFile,
     as_float,
     complaints,
@@ -46,22 +44,17 @@ class MdfFile(RecordedFile):
             if index != self._file.masters_db.get(group)
         ]
         times = Counter(name for name, _, _ in places)
-        self._places: dict[str, tuple[int, int]] = {}
         for name, group, index in places:
             full = name if times[name] == 1 else f"group {group}/{name}"
-            self._places.setdefault(full, (group, index))
-
-    @property
-    def names(self) -> tuple[str, ...]:  # noqa: D102
-        return tuple(self._places)
+            self.channels.setdefault(full, (group, index))
 
     def unit(self, name: str) -> str | None:  # noqa: D102
-        group, index = self._places[name]
+        group, index = self.channels[name]
         with refusing(self.path, self.kind):
             return self._file.get_channel_unit(group=group, index=index) or None
 
     def time_base(self, name: str) -> str:  # noqa: D102
-        return f"group {self._places[name][0]}"
+        return f"group {self.channels[name][0]}"
 
     def base_time(self, key: str) -> np.ndarray | None:  # noqa: D102
         group = int(key.removeprefix("group "))
@@ -70,13 +63,8 @@ class MdfFile(RecordedFile):
         with refusing(self.path, self.kind):
             return as_float(self._file.get_master(group), f"time of {key}", self.path)
 
-    def read(  # noqa: D102
-        self, names: Sequence[str], progress: Progress | None = None
-    ) -> dict[str, np.ndarray]:
-        return self.each(names, self._values, progress)
-
     def texts(self, name: str) -> list[str]:  # noqa: D102
-        group, index = self._places[name]
+        group, index = self.channels[name]
         with refusing(self.path, self.kind):
             self._check_place(name, group, index)
             samples = self._file.get(group=group, index=index, samples_only=True)[0]
@@ -87,9 +75,9 @@ class MdfFile(RecordedFile):
             self._file.close()
             self._file = None
 
-    def _values(self, name: str) -> np.ndarray:
+    def values(self, name: str) -> np.ndarray:
         """Samples of a channel, NaN where the file marks them as invalid."""
-        group, index = self._places[name]
+        group, index = self.channels[name]
         self._check_place(name, group, index)
         with complaints("asammdf", level=logging.ERROR) as found:
             samples, invalid = self._file.get(

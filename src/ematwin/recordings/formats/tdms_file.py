@@ -1,6 +1,5 @@
 """TDMS files, through npTDMS, lazily: only the wanted channels are read."""
 
-from collections.abc import Sequence
 from datetime import UTC
 from pathlib import Path
 from typing import Any, ClassVar
@@ -9,7 +8,6 @@ import numpy as np
 
 from ematwin.errors import FileError
 from ematwin.recordings.formats.base import (
-    Progress,
     RecordedFile,
     complaints,
     load_library,
@@ -29,40 +27,37 @@ class TdmsFile(RecordedFile):
     """
 
     kind: ClassVar[str] = "TDMS"
+    zone = UTC
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
         library = load_library("nptdms", "npTDMS", "Reading TDMS files")
         with complaints(_OF_TEXT), complaints(*_LOGGERS) as found:
             self._file = library.TdmsFile.open(path)
-        self._channels: dict[str, Any] = {
+        self.channels = {
             f"{group.name}/{channel.name}": channel
             for group in self._file.groups()
             for channel in group.channels()
         }
-        if found or self._file.file_status.incomplete_final_segment or not self._channels:
+        if found or self._file.file_status.incomplete_final_segment or not self.channels:
             self._file.close()
             raise FileError(
                 f"Cannot read {path} as TDMS: "
-                + ("its last segment is incomplete" if self._channels else "it holds no channels")
+                + ("its last segment is incomplete" if self.channels else "it holds no channels")
                 + ". It may be truncated; copy it again or close it in the recording program."
             )
-        starts = [one.properties.get("wf_start_time") for one in self._channels.values()]
+        starts = [one.properties.get("wf_start_time") for one in self.channels.values()]
         stamps = [start for start in starts if isinstance(start, np.datetime64)]
         self._first = min(stamps, default=None)
         self.start = None if self._first is None else moment(self._first, UTC)  # as LabVIEW counts
 
-    @property
-    def names(self) -> tuple[str, ...]:  # noqa: D102
-        return tuple(self._channels)
-
     def unit(self, name: str) -> str | None:  # noqa: D102
-        properties = self._channels[name].properties
+        properties = self.channels[name].properties
         found = properties.get("unit_string") or properties.get("NI_UnitDescription")
         return str(found) if found else None
 
     def time_base(self, name: str) -> str:  # noqa: D102
-        channel = self._channels[name]
+        channel = self.channels[name]
         wave = channel.properties
         if not wave.get("wf_increment"):
             return f"{len(channel)} samples"
@@ -72,8 +67,8 @@ class TdmsFile(RecordedFile):
         )
 
     def base_time(self, key: str) -> np.ndarray | None:  # noqa: D102
-        name = next(name for name in self._channels if self.time_base(name) == key)
-        channel = self._channels[name]
+        name = next(name for name in self.channels if self.time_base(name) == key)
+        channel = self.channels[name]
         wave = channel.properties
         step, began = wave.get("wf_increment"), wave.get("wf_start_time")
         if not step:
@@ -85,14 +80,12 @@ class TdmsFile(RecordedFile):
         start = float(wave.get("wf_start_offset", 0.0)) + delay
         return start + float(step) * np.arange(len(channel))
 
-    def read(  # noqa: D102
-        self, names: Sequence[str], progress: Progress | None = None
-    ) -> dict[str, np.ndarray]:
-        return self.each(names, lambda name: self._channels[name][:], progress, UTC)
+    def values(self, name: str) -> Any:  # noqa: D102
+        return self.channels[name][:]
 
     def texts(self, name: str) -> list[str]:  # noqa: D102
         with refusing(self.path, self.kind):
-            values = np.asarray(self._channels[name][:])
+            values = np.asarray(self.channels[name][:])
         return words(values) or super().texts(name)
 
     def close(self) -> None:  # noqa: D102

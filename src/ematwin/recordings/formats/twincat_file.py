@@ -17,6 +17,8 @@ import numpy as np
 from ematwin.errors import FileError
 from ematwin.recordings.formats.arrow import as_floats
 from ematwin.recordings.formats.base import Progress, RecordedFile, refusing
+from ematwin.recordings.formats.csv_dialect import CsvDialect
+from ematwin.recordings.formats.csv_file import CsvFile
 
 _HEAD = 1 << 16  # bytes in which the block of the recording ends
 _TICK = 1e-7  # s
@@ -40,13 +42,14 @@ def is_export(path: Path) -> bool:
     return _PAIR.match(head) is not None and f"\n{_START}" in head
 
 
-class TwinCatFile(RecordedFile):
+class TwinCatFile(CsvFile):
     """An export of the TwinCAT Scope; each column of times is a time base."""
 
     kind: ClassVar[str] = "TwinCAT Scope CSV"
+    texts = RecordedFile.texts  # its columns are numbers
 
     def __init__(self, path: Path) -> None:
-        super().__init__(path)
+        RecordedFile.__init__(self, path)  # its block of names is no dialect to be recognised
         head: list[str] = []
         with path.open("r", encoding="utf-8-sig", errors="replace", newline="") as file:
             first = file.readline()
@@ -55,7 +58,6 @@ class TwinCatFile(RecordedFile):
             block = [line.rstrip("\r\n").split(self._sign) for line in self._block(file, head)]
             cell = file.readline().partition(self._sign)[0]
         self._in_ticks = cell.isdigit() and int(cell) > _TICKS_FROM
-        self._skipped = 1 + len(head)
         facts = {row[0]: row[1] for row in told if len(row) > 1}
         names = next((row for row in block if row[0] == "Name"), None)
         if names is None or len(names) < 2:
@@ -64,8 +66,7 @@ class TwinCatFile(RecordedFile):
                 "again with its header."
             )
         units = next((row for row in block if row[0] == "Unit"), [])
-        self._width = len(names)
-        self._columns: dict[str, _Column] = {}
+        self._dialect = self._rows(1 + len(head), len(names))
         time = 0
         for place, name in enumerate(names):
             if name == "Name":
@@ -73,10 +74,24 @@ class TwinCatFile(RecordedFile):
             elif name.strip():
                 unit = units[place].partition(" (")[0].strip() if place < len(units) else ""
                 unit = "" if unit == "(None)" else unit
-                self._columns[name.strip()] = _Column(place, time, unit)
+                self.channels[name.strip()] = _Column(place, time, unit)
         self._began, self._ended = (_ticks(facts.get(key, "")) for key in (_START, _END))
         if self._began:
             self.start = _EPOCH + timedelta(microseconds=self._began // 10)
+
+    def _rows(self, skipped: int, width: int) -> CsvDialect:
+        """How the rows below some lines are written."""
+        with self.path.open("rb") as file:
+            for _ in range(skipped):
+                file.readline()
+            start = file.tell()
+            sample = file.read(_HEAD).decode("utf-8", "replace")
+        line = sample.partition("\n")[0].rstrip("\r")
+        if line.endswith(self._sign) and line.count(self._sign) == width:
+            width += 1  # older versions end each row with a delimiter
+        decimal = "," if self._sign != "," and "," in sample else "."
+        names = [str(place) for place in range(width)]
+        return CsvDialect(names, [""] * width, self._sign, decimal, "utf-8", start)
 
     @staticmethod
     def _block(file: Any, head: list[str]) -> list[str]:
@@ -90,15 +105,11 @@ class TwinCatFile(RecordedFile):
                 break
         return found
 
-    @property
-    def names(self) -> tuple[str, ...]:  # noqa: D102
-        return tuple(self._columns)
-
     def unit(self, name: str) -> str | None:  # noqa: D102
-        return self._columns[name].unit or None
+        return self.channels[name].unit or None
 
     def time_base(self, name: str) -> str:  # noqa: D102
-        own = self._columns[name].time
+        own = self.channels[name].time
         # columns with the same times are one base: most exports repeat them for each channel
         equal = (k for k, v in self._stamps.items() if np.array_equal(v, self._stamps[own], True))
         return str(next(equal))
@@ -122,13 +133,13 @@ class TwinCatFile(RecordedFile):
     @cached_property
     def _stamps(self) -> dict[int, np.ndarray]:
         """Each column of times (S,), ms, by its place; NaN where a cell is empty."""
-        places = sorted({column.time for column in self._columns.values()})
+        places = sorted({column.time for column in self.channels.values()})
         return self._read(places, self._in_ticks)
 
     def read(  # noqa: D102
         self, names: Sequence[str], progress: Progress | None = None
     ) -> dict[str, np.ndarray]:
-        columns = [self._columns[name] for name in names]
+        columns = [self.channels[name] for name in names]
         values = self._read(sorted({column.place for column in columns}))
         found = {}
         for name, (place, time, _) in zip(names, columns, strict=True):
@@ -142,45 +153,26 @@ class TwinCatFile(RecordedFile):
         """Columns (S,) by their place; those in ticks become ms since the start of the export."""
         import pyarrow as pa
         import pyarrow.compute as pc
-        from pyarrow import csv
 
-        keys = [f"c{n}" for n in range(self._width)]
+        types = dict.fromkeys(places, pa.int64() if ticks else pa.float64())
+        parts: dict[int, list[np.ndarray]] = {place: [] for place in places}
+        began = self._began
         with refusing(self.path, self.kind):
-            with self.path.open("rb") as file:
-                for _ in range(self._skipped):
-                    file.readline()
-                rows = file.read()
-            whole = rows.rstrip(b"\r\n \0").removesuffix(b"EOF")
-            if whole == rows:
-                said = "the file ends without a line break: its last row was taken as it stands"
-                self.assumed = [*dict.fromkeys([*self.assumed, said])]
-            sample = whole[:_HEAD].decode("utf-8", "replace")
-            line = sample.partition("\n")[0].rstrip("\r")
-            if line.endswith(self._sign) and line.count(self._sign) == self._width:
-                keys.append("end")  # older versions end each row with a delimiter
-            decimal = "," if self._sign != "," and "," in sample else "."
-            table = csv.read_csv(
-                pa.BufferReader(whole),
-                read_options=csv.ReadOptions(column_names=keys),
-                parse_options=csv.ParseOptions(delimiter=self._sign),
-                convert_options=csv.ConvertOptions(
-                    include_columns=[keys[place] for place in places],
-                    column_types={
-                        keys[place]: pa.int64() if ticks else pa.float64() for place in places
-                    },
-                    null_values=["", " "],
-                    decimal_point=decimal,
-                ),
-            )
-        columns = [table.column(n).combine_chunks() for n in range(len(places))]
-        if ticks:
-            began = self._began or columns[0][0].as_py()
-            columns = [
-                pc.multiply(pc.subtract(one, began).cast(pa.float64()), 1e3 * _TICK)
-                for one in columns
-            ]
-        found = (np.array(as_floats(one)) for one in columns)
-        return dict(zip(places, found, strict=True))
+            self._check_end()
+            for batch, _ in self._batches(places, types):
+                for place, column in zip(places, batch.columns, strict=True):
+                    if ticks:
+                        began = began or column[0].as_py()
+                        since = pc.subtract(column, began).cast(pa.float64())
+                        column = pc.multiply(since, 1e3 * _TICK)
+                    parts[place].append(np.array(as_floats(column)))
+        return {place: np.concatenate(parts.pop(place)) for place in places}
+
+    def _check_end(self) -> None:
+        with self.path.open("rb") as file:
+            file.seek(max(self.path.stat().st_size - _HEAD, 0))
+            if not file.read().rstrip(b"\r\n \0").endswith(b"EOF"):
+                super()._check_end()
 
 
 def _ticks(text: str) -> int:

@@ -1,13 +1,12 @@
 """ULog files of PX4, through pyulog: fields of messages as ``topic/field``."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
 from ematwin.errors import FileError
-from ematwin.recordings.formats.base import Progress, RecordedFile, load_library
+from ematwin.recordings.formats.base import RecordedFile, load_library
 
 _HEADER = 16  # bytes
 _STAMP = "timestamp"  # us since the start of the system
@@ -26,13 +25,13 @@ class ULogFile(RecordedFile):
         for one in log.data_list:
             topic = f"{one.name}.{one.multi_id}" if one.multi_id else one.name
             self._topics[topic] = one.data
-        self._channels = {
+        self.channels = {
             f"{topic}/{field}": (topic, field)
             for topic, data in self._topics.items()
             for field in data
             if field != _STAMP
         }
-        if log.file_corruption or not self._channels:
+        if log.file_corruption or not self.channels:
             why = "it is damaged" if log.file_corruption else "it holds no messages"
             raise FileError(f"Cannot read {path} as ULog: {why}. Copy it from the vehicle again.")
         if not _ends_with_a_message(path):
@@ -42,23 +41,14 @@ class ULogFile(RecordedFile):
                 f"read up to {1e-6 * last:.6g} s of the system's clock"
             )
 
-    @property
-    def names(self) -> tuple[str, ...]:  # noqa: D102
-        return tuple(self._channels)
-
     def time_base(self, name: str) -> str:  # noqa: D102
-        return self._channels[name][0]
+        return str(self.channels[name][0])
 
     def base_time(self, key: str) -> np.ndarray | None:  # noqa: D102
         return np.asarray(self._topics[key][_STAMP], dtype=np.float64) * 1e-6
 
-    def read(  # noqa: D102
-        self, names: Sequence[str], progress: Progress | None = None
-    ) -> dict[str, np.ndarray]:
-        return self.each(names, self._values, progress)
-
-    def _values(self, name: str) -> Any:
-        topic, field = self._channels[name]
+    def values(self, name: str) -> Any:  # noqa: D102
+        topic, field = self.channels[name]
         return self._topics[topic][field]
 
 
