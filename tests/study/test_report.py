@@ -10,12 +10,11 @@ from typing import Any
 
 import pandas as pd
 import pytest
-from synthetic import done, failed, spec, study, vector
+from synthetic import done, failed, settings_of, spec, study, vector
 
 from ematwin.benchmarking import page
 from ematwin.benchmarking.analysis import StudyAnalysis, analyse
 from ematwin.benchmarking.page import write_report
-from ematwin.benchmarking.rows import settings_of
 from ematwin.benchmarking.store import Store
 from ematwin.benchmarking.tables import number
 from ematwin.errors import FileError
