@@ -5,8 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.benchmarking.run import RunResult, RunSpec, StoredRun, pack
-from ematwin.benchmarking.store import SHARED
+from ematwin.benchmarking.run import SHARED, RunResult, RunSpec, StoredRun, pack
 from ematwin.benchmarking.subject import Subject
 from ematwin.models.bldc.faults import (
     FAULTS,

@@ -1,33 +1,11 @@
-"""Small sizes of benchmarks/faults.py and benchmarks/fuzz.py (docs/reliability.md)."""
+"""A small size of benchmarks/fuzz.py."""
 
 import random
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
-import pytest
-from benchmarks import faults, fuzz
+from benchmarks import fuzz
 
 from ematwin.errors import FileError
-
-Numbers = dict[str, tuple[Any, ...]]
-
-
-@pytest.fixture
-def bench(tmp_path: Path, undisturbed: Numbers) -> Iterator[faults.Bench]:
-    """Trials with claims that hold for three seconds."""
-    once = {id: one for id, one in undisturbed.items() if one[0].run == 0}
-    assert len(once) == faults.RUNS
-    made = faults.Bench(tmp_path, once, lease=3.0)
-    made.chance.seed(1)
-    yield made
-    made.close()
-
-
-# killed processes, full disks and servers that stop are tests of their own
-@pytest.mark.parametrize("trial", [faults.stopped_beyond_lease, faults.clock_set_back])
-def test_a_disturbed_study_ends_as_one_left_alone(trial: Any, bench: faults.Bench) -> None:
-    assert trial(bench).startswith("after ")
 
 
 def test_damaged_files_are_read_or_refused() -> None:

@@ -47,7 +47,7 @@ def pages() -> dict[str, str]:
         "detect": detection_page(detection(30)),
         "calibrate": calibration_page(axis),
         "learn": healthy_tests_page(ematwin.healthy_tests(axis)),
-        "compare": study_page(analyse(study(2))),
+        "compare": study_page(analyse(study(2, cases=("Low F", "High Z")))),
     }
 
 

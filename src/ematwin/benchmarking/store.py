@@ -39,13 +39,12 @@ from sqlalchemy import (
 from sqlalchemy.dialects import postgresql, sqlite
 
 from ematwin.benchmarking.database import DamagedError, Database
-from ematwin.benchmarking.run import RunResult, RunSpec, StoredRun
+from ematwin.benchmarking.run import SHARED, RunResult, RunSpec, StoredRun
 from ematwin.errors import FileError
 
 LEASE = 30.0  # s for which a claim holds without being renewed
 FORMAT = "ematwin study"
 SCHEMA = 3  # of the tables below
-SHARED = ("population", "iterations", "noise", "actuator", "scenario", "box", "model")
 _PAGE = 1000  # runs read at a time; between pages others may write
 _LOCK = 0x656D6174  # of PostgreSQL, for making the tables
 
