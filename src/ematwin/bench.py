@@ -17,14 +17,9 @@ import numpy as np
 
 from ematwin.benchmarking.execute import provenance
 from ematwin.estimation.problem import Problem
-from ematwin.models.bldc import batch
-from ematwin.models.bldc.comparison import BldcComparison
-from ematwin.models.bldc.constants import kernel_constants
 from ematwin.models.bldc.faults import HEALTHY
-from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.scenario import Scenario
 from ematwin.models.simulating import simulate
-from ematwin.numerics.lanes import LANES
 
 
 @dataclass(frozen=True)
@@ -65,39 +60,6 @@ def _seconds(work: Callable[[], object]) -> float:
     start = time.perf_counter()
     work()
     return time.perf_counter() - start
-
-
-def lanes_against_scalar(repeats: int) -> Figure:
-    """Speed-up of the monitor model in lanes, a candidate."""
-    actuator = BldcActuator.load()
-    record = simulate("monitor")
-    problem = Problem.of(record, actuator, threads=1)
-    comparison = problem.comparisons[0]
-    assert isinstance(comparison, BldcComparison)
-    k = np.random.default_rng(1).random((8 * LANES, 8))
-    steps = (len(record) - 1) * comparison.substeps
-    grid = np.linspace(0.0, record.time[-1], steps + 1)
-    command, load = Scenario.load_file().histories(grid)
-    ratio = actuator.transmission.ratio
-    constants = kernel_constants(actuator)
-
-    def one_at_a_time() -> None:
-        for vector in k[:16]:
-            batch.monitor_trace(
-                vector, command * ratio, load / ratio, np.zeros(7), constants, comparison.step, 1,
-                comparison.substeps, None,
-            )  # fmt: skip
-
-    problem.costs(k)
-    one_at_a_time()
-    ratios = [  # in turn, so that a change of the machine's speed meets both
-        _seconds(one_at_a_time) / 16 / (_seconds(lambda: problem.costs(k)) / len(k))
-        for _ in range(repeats)
-    ]
-    return Figure.of(
-        "monitor model: scalar over lanes, a candidate", ratios, "times", least=8.0,
-        detail="one core; scalar keeps a trace, lanes filter and score",
-    )  # fmt: skip
 
 
 def ten_thousand_scores(repeats: int) -> Figure:
@@ -160,20 +122,4 @@ def reference_against_real_time(repeats: int) -> Figure:
     )  # fmt: skip
 
 
-def help_page(repeats: int) -> Figure:
-    """Seconds for ``ematwin --help``."""
-    command = [sys.executable, "-c", "from ematwin.cli import main; main()", "--help"]
-    times = [
-        _seconds(lambda: subprocess.run(command, capture_output=True, check=True))
-        for _ in range(repeats + 1)
-    ]
-    return Figure.of("ematwin --help", times[1:], "s", most=0.5, detail="a process each")
-
-
-MEASUREMENTS = (
-    lanes_against_scalar,
-    ten_thousand_scores,
-    memory_of_scores,
-    reference_against_real_time,
-    help_page,
-)
+MEASUREMENTS = (ten_thousand_scores, memory_of_scores, reference_against_real_time)

@@ -11,17 +11,20 @@ import numpy as np
 import pytest
 
 import ematwin as library
+from commands import inside
+from ematwin.cli import main
 from refusals import contents, refused
 
 OUT = ("--out", "rec.parquet")
 
 
-@pytest.fixture
-def files(tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with good and bad files to try."""
+    folder = tmp_path_factory.mktemp("files")
 
     def text(name: str, body: str) -> None:
-        (tmp_path / name).write_text(body, encoding="utf-8")
+        (folder / name).write_text(body, encoding="utf-8")
 
     text("good.csv", "time,command\n0,0\n0.2,0.001\n")
     text("unsorted.csv", "time,command\n0,0\n0.2,0.001\n0.1,0\n")
@@ -33,15 +36,16 @@ def files(tmp_path: Path) -> Path:
     text("empty.csv", "")
     text("sheet.xlsx", "time,command\n0,0\n0.2,0.001\n")
     text("endless.toml", 'duration = 1e12\n[[command]]\ntype = "step"\nvalue = 0.01\n')
+    text("runs.csv", "path,actuator\nlost.parquet,servo48\n")
     text("kg.toml", 'duration = 1\n[[command]]\ntype = "step"\nvalue = "1 kg"\n')
-    (tmp_path / "binary.toml").write_bytes(bytes(range(256)))
-    (tmp_path / "binary.parquet").write_bytes(bytes(range(256)) * 8)
-    (tmp_path / "folder.parquet").mkdir()
+    (folder / "binary.toml").write_bytes(bytes(range(256)))
+    (folder / "binary.parquet").write_bytes(bytes(range(256)) * 8)
+    (folder / "folder.parquet").mkdir()
     record = library.simulate("monitor", sample_rate=2000)
-    library.write(record, tmp_path / "whole.parquet")
-    whole = (tmp_path / "whole.parquet").read_bytes()
-    (tmp_path / "whole.parquet").unlink()
-    (tmp_path / "truncated.parquet").write_bytes(whole[: len(whole) // 2])
+    library.write(record, folder / "whole.parquet")
+    whole = (folder / "whole.parquet").read_bytes()
+    (folder / "whole.parquet").unlink()
+    (folder / "truncated.parquet").write_bytes(whole[: len(whole) // 2])
     from ematwin.models.registry import shipped_actuators
 
     shipped = shipped_actuators()["servo48"].read_text(encoding="utf-8")
@@ -54,7 +58,7 @@ def files(tmp_path: Path) -> Path:
     ):
         assert old in shipped
         text(f"{name}.toml", shipped.replace(old, new))
-    return tmp_path
+    return folder
 
 
 CASES = [
@@ -123,11 +127,16 @@ CASES = [
 
 
 @pytest.mark.parametrize(("arguments", "said"), CASES, ids=[" ".join(case[0]) for case in CASES])
-def test_simulate_refuses_in_one_sentence(ematwin, files, arguments, said):
-    before = contents(files)
+def test_simulate_refuses_in_one_sentence(files, arguments, said):
     more = [] if "--out" in arguments else OUT
-    refused(ematwin("simulate", "--model", "monitor", *more, "--json", *arguments), said)
-    assert contents(files) == before
+    untouched(files, "simulate", "--model", "monitor", *more, "--json", *arguments, said=said)
+
+
+def untouched(folder: Path, *words: str, said: str) -> None:
+    """A command in a folder is refused, and leaves it as it was."""
+    before = contents(folder)
+    refused(inside(main, "ematwin", *words, folder=folder), said)
+    assert contents(folder) == before
 
 
 @pytest.mark.parametrize(
@@ -144,10 +153,8 @@ def test_simulate_refuses_in_one_sentence(ematwin, files, arguments, said):
         (["bench", "--repeats", "0"], "'--repeats'"),
     ],
 )
-def test_other_commands_refuse_in_one_sentence(ematwin, files, arguments, said):
-    before = contents(files)
-    refused(ematwin(*arguments), said)
-    assert contents(files) == before
+def test_other_commands_refuse_in_one_sentence(files, arguments, said):
+    untouched(files, *arguments, said=said)
 
 
 @pytest.mark.parametrize(
@@ -181,11 +188,8 @@ def test_other_commands_refuse_in_one_sentence(ematwin, files, arguments, said):
         ("units mrad", 'Give units such as "angle=mrad'),
     ],
 )
-def test_commands_on_recordings_refuse_in_one_sentence(ematwin, files, command, said):
-    (files / "runs.csv").write_text("path,actuator\nlost.parquet,servo48\n", encoding="utf-8")
-    before = contents(files)
-    refused(ematwin(*command.split()), said)
-    assert contents(files) == before
+def test_commands_on_recordings_refuse_in_one_sentence(files, command, said):
+    untouched(files, *command.split(), said=said)
 
 
 def test_the_installed_script_refuses_alike(tmp_path):
@@ -220,7 +224,7 @@ def hour(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("moment", [0.0, 0.4, 4.0])
+@pytest.mark.parametrize("moment", [0.0, 4.0])
 def test_ctrl_c_ends_with_130_and_leaves_nothing(hour, tmp_path, moment):
     (tmp_path / "rec.parquet").write_text("precious")
     process = subprocess.Popen(

@@ -8,7 +8,6 @@ import sys
 import typing
 
 import pytest
-import typer
 
 from commands import inside
 from ematwin.cli import main
@@ -149,7 +148,3 @@ finally:
     )  # fmt: skip
     assert done.stdout.splitlines() == ["--actuator", "--algorithm"]
     assert done.stderr == "loaded: []\n"
-
-
-def test_every_command_has_a_command_of_typer():
-    assert set(typer.main.get_command(app).commands) == {*COMMANDS, *GROUPS}

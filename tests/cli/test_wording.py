@@ -8,6 +8,7 @@ import pytest
 import ematwin as library
 from ematwin.cli.options import print_notes, print_table, progress_bar
 from ematwin.cli.wording import SENTENCES, for_shell
+from ematwin.report.page import Row, Table
 
 IDENTIFY = {
     "gaps": "--gaps", "map_file": "--map", "column": "--column", "resample_to": "--resample-to",
@@ -117,7 +118,8 @@ def test_errors_of_a_command_name_its_options(
 
 
 def test_names_in_tables_and_bars_are_no_markup(capsys, monkeypatch):
-    print_table("of [mm]", ["run [/x]"], [["[bold]demand[/bold] [mm] :warning:"]], width=80)
+    rows = [Row(["[bold]demand[/bold] [mm] :warning:"])]
+    print_table("of [mm]", Table(["run [/x]"], rows), width=80)
     shown = capsys.readouterr().out
     for text in ("of [mm]", "run [/x]", "[bold]demand[/bold] [mm] :warning:"):
         assert text in shown

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.benchmarking.run import RunResult, RunSpec, StoredRun, pack
+from ematwin.benchmarking.run import SHARED, RunResult, RunSpec, StoredRun, pack
 from ematwin.benchmarking.subject import Subject
 from ematwin.models.bldc.faults import (
     FAULTS,
@@ -38,6 +38,11 @@ def spec(case: str = "Low F", algorithm: str = "de", run: int = 0, **changed: An
         "scenario": {"name": "chirp"},
     }
     return RunSpec(**{**values, **changed})
+
+
+def settings_of(of: RunSpec) -> dict[str, Any]:
+    """What a run shares with the others of its study."""
+    return {name: getattr(of, name) for name in SHARED}
 
 
 def done(of: RunSpec, found: np.ndarray, **changed: Any) -> StoredRun:

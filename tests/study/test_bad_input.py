@@ -1,7 +1,6 @@
 """What cannot be used is refused in one sentence, with exit code 2, and touches nothing."""
 
 import os
-import sqlite3
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -101,28 +100,6 @@ def test_a_file_of_another_kind(refused: Refused, tmp_path: Path) -> None:
     notes = tmp_path / "notes.txt"
     notes.write_text("bought milk")
     assert "another kind of file" in refused("--store", notes)
-
-
-def test_a_damaged_store(refused: Refused, begun: Path) -> None:
-    whole = begun.read_bytes()
-    begun.write_bytes(whole[:100] + b"\x17" * (len(whole) - 100))
-    assert "is damaged" in refused("--store", begun)
-
-
-def test_a_database_of_something_else(refused: Refused, tmp_path: Path) -> None:
-    other = sqlite3.connect(tmp_path / "shop.db")
-    other.execute("CREATE TABLE customers (id INTEGER)")
-    other.commit()
-    other.close()
-    assert "not a study store" in refused("--store", tmp_path / "shop.db")
-
-
-def test_a_newer_schema(refused: Refused, begun: Path) -> None:
-    other = sqlite3.connect(begun)
-    other.execute("UPDATE ematwin_study SET value = '99' WHERE key = 'schema'")
-    other.commit()
-    other.close()
-    assert "has schema 99" in refused("--store", begun)
 
 
 def test_a_different_study(refused: Refused, begun: Path) -> None:

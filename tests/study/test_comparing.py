@@ -31,10 +31,10 @@ def test_a_study_of_an_own_algorithm_in_one_call(tmp_path: Path) -> None:
     assert {"Convergence", "Distribution of Err%"} <= set(figures)
     assert all(figure.data for figure in figures.values())
     assert repr(study) == "StudyAnalysis(4 runs of random, own on 1 cases)"
-    assert str(study).startswith("4 runs, 4 ended well; lowest mean Err%: ")
-    assert str(study).splitlines()[1:] == study.conclusions
+    assert "has the lowest mean Err% on 1 of 1 case" in study.lead
+    assert str(study).splitlines() == [study.lead, *study.conclusions]
     html = study._repr_html_()
-    assert html.index("4 runs, 4 ended well") < html.index("<table")
+    assert html.index("lowest mean Err%") < html.index("<table")
     with pytest.raises(InputError, match="each must be cell or run"):
         study.to_frame("day")
 

@@ -12,10 +12,10 @@ from servers import Cluster
 Numbers = dict[str, tuple[Any, ...]]
 
 
-@pytest.fixture
-def cluster(tmp_path: Path) -> Iterator[Cluster]:
-    """A scheduler with two workers."""
-    made = Cluster(tmp_path)
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
+    """A scheduler with two workers, which each test leaves as it found them."""
+    made = Cluster(tmp_path_factory.mktemp("cluster"))
     try:
         made.wait()
         yield made
@@ -85,5 +85,6 @@ def test_workers_with_several_threads_are_refused(tmp_path: Path, cluster: Clust
     cluster.workers.append(cluster.worker(threads=2))
     cluster.wait(3)
     answer = study("--store", tmp_path / "study.db", "--scheduler", cluster.address, code=2)
+    cluster.restart()
     assert "--nthreads 1" in answer["error"]
     assert not (tmp_path / "study.db").exists()

@@ -29,37 +29,34 @@ def loky_workers(main: "subprocess.Popen[str]") -> list[psutil.Process]:
     return found
 
 
-def test_killed_main_process(
+def test_main_process_interrupted_and_then_killed(
     tmp_path: Path, undisturbed: Numbers, short_leases: dict[str, str]
 ) -> None:
     where = tmp_path / "study.db"
     main = start("--store", where, "--workers", 2, **short_leases)
-    wait_for(where, 5, main)
+    wait_for(where, 3, main)
+    main.send_signal(signal.SIGINT)
+    _, err = main.communicate(timeout=30)
+    assert main.returncode == 130
+    assert "Traceback" not in err
+    kept = len(numbers(where))
+    main = start("--store", where, "--workers", 2, **short_leases)
+    wait_for(where, kept + 5, main)
     workers = loky_workers(main)
     main.kill()
     main.wait()
     _, alive = psutil.wait_procs(workers, timeout=20.0)
     assert not alive, "workers outlived their main process"
     done = len(numbers(where))
-    assert 5 <= done < RUNS
+    assert kept + 5 <= done < RUNS
     answer = study("--store", where, "--workers", 1, **short_leases)
     assert answer["found"] == done
     assert numbers(where) == undisturbed
 
 
-def test_interrupted_main_process(tmp_path: Path, undisturbed: Numbers) -> None:
-    where = tmp_path / "study.db"
-    main = start("--store", where, "--workers", 2)
-    wait_for(where, 3, main)
-    main.send_signal(signal.SIGINT)
-    _, err = main.communicate(timeout=30)
-    assert main.returncode == 130
-    assert "Traceback" not in err
-    study("--store", where, "--workers", 1)
-    assert numbers(where) == undisturbed
-
-
-def test_killed_worker_process(tmp_path: Path, undisturbed: Numbers) -> None:
+def test_killed_workers_and_a_file_locked_for_ten_seconds(
+    tmp_path: Path, undisturbed: Numbers
+) -> None:
     where = tmp_path / "study.db"
     main = start("--store", where, "--workers", 2)
     for stored in (4, 12):
@@ -67,7 +64,14 @@ def test_killed_worker_process(tmp_path: Path, undisturbed: Numbers) -> None:
         workers = loky_workers(main)
         assert workers
         workers[0].kill()
+    wait_for(where, 14, main)
+    other = sqlite3.connect(where, timeout=30.0, isolation_level=None, check_same_thread=False)
+    other.execute("BEGIN EXCLUSIVE")
+    release = threading.Timer(10.0, lambda: other.execute("ROLLBACK"))
+    release.start()
     assert finish(main)["counts"] == {"done": RUNS}
+    release.join()
+    other.close()
     assert numbers(where) == undisturbed
 
 
@@ -82,44 +86,21 @@ def test_two_commands_share_a_store(tmp_path: Path, undisturbed: Numbers) -> Non
     assert numbers(where) == undisturbed
 
 
-def test_two_commands_share_postgres_and_one_is_killed(
-    postgres_url: str, undisturbed: Numbers, short_leases: dict[str, str]
+def test_two_commands_share_postgres_one_is_killed_and_the_server_is_gone_for_ten_seconds(
+    postgres: Any, postgres_url: str, undisturbed: Numbers, short_leases: dict[str, str]
 ) -> None:
     both = [start("--store", postgres_url, "--workers", 1, **short_leases) for _ in range(2)]
     wait_for(postgres_url, 5, both[0])
     both[0].kill()
     both[0].wait()
+    postgres.stop()
+    time.sleep(10.0)
+    assert both[1].poll() is None
+    postgres.start()
     answer = finish(both[1])
     assert answer["counts"] == {"done": RUNS}
     assert answer["finished"] + answer["elsewhere"] + answer["found"] == RUNS
     assert numbers(postgres_url) == undisturbed
-
-
-def test_postgres_gone_for_ten_seconds(
-    postgres: Any, postgres_url: str, undisturbed: Numbers
-) -> None:
-    main = start("--store", postgres_url, "--workers", 1)
-    wait_for(postgres_url, 3, main)
-    postgres.stop()
-    time.sleep(10.0)
-    assert main.poll() is None
-    postgres.start()
-    assert finish(main)["counts"] == {"done": RUNS}
-    assert numbers(postgres_url) == undisturbed
-
-
-def test_sqlite_locked_for_ten_seconds(tmp_path: Path, undisturbed: Numbers) -> None:
-    where = tmp_path / "study.db"
-    main = start("--store", where, "--workers", 1)
-    wait_for(where, 3, main)
-    other = sqlite3.connect(where, timeout=30.0, isolation_level=None, check_same_thread=False)
-    other.execute("BEGIN EXCLUSIVE")
-    release = threading.Timer(10.0, lambda: other.execute("ROLLBACK"))
-    release.start()
-    assert finish(main)["counts"] == {"done": RUNS}
-    release.join()
-    other.close()
-    assert numbers(where) == undisturbed
 
 
 def test_full_disk(tmp_path: Path, undisturbed: Numbers) -> None:

@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from synthetic import done, spec, study
+from synthetic import done, settings_of, spec, study
 
 from ematwin.benchmarking.analysis import analyse
-from ematwin.benchmarking.rows import settings_of
 from ematwin.benchmarking.store import Store
 from ematwin.benchmarking.summary import performance_coefficients
 from ematwin.models.bldc.faults import PAPER_CASES

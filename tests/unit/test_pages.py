@@ -2,19 +2,18 @@
 
 import json
 import re
-import shutil
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
 import pytest
+from synthetic import study
 
 import ematwin
 from browser import WIDTHS, browse, seen_at
 from ematwin.benchmarking.analysis import analyse
 from ematwin.benchmarking.page import study_page
-from ematwin.benchmarking.store import open_store
 from ematwin.report.calibration import calibration_page
 from ematwin.report.comparison import comparison_page
 from ematwin.report.design import design_page, discrimination_page, healthy_tests_page
@@ -24,19 +23,13 @@ from ematwin.report.identification import identification_page
 from ematwin.report.page import Row, Section, Table, columns_in_words, listed, render
 from synthetic_detection import detection
 
-STORE = Path(__file__).parents[1] / "data" / "0.2" / "study.db"
-
 
 @pytest.fixture(scope="module")
-def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    folder = tmp_path_factory.mktemp("pages")
+def pages() -> dict[str, str]:
     faulty = ematwin.simulate(actuator="rm1605", faults={"friction": 2.0})
     healthy = ematwin.simulate(actuator="rm1605")
     found = ematwin.identify(faulty, "rm1605", exact=True)
     axis = ematwin.calibrate(ematwin.simulate(actuator="emps", noise=0.01), "emps")
-    shutil.copy(STORE, folder / "study.db")
-    with open_store(folder / "study.db") as store:
-        study = analyse(store.runs())
     sure = {
         way: ematwin.identify(faulty, "rm1605", exact=True, uncertainty=way)
         for way in ("profile", "posterior")
@@ -54,7 +47,7 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
         "detect": detection_page(detection(30)),
         "calibrate": calibration_page(axis),
         "learn": healthy_tests_page(ematwin.healthy_tests(axis)),
-        "compare": study_page(study),
+        "compare": study_page(analyse(study(2, cases=("Low F", "High Z")))),
     }
 
 

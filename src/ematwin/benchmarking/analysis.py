@@ -1,14 +1,12 @@
 """The whole analysis of a study, from its runs alone."""
 
 import math
-from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import numpy as np
-
-from ematwin.benchmarking.conclusions import conclude
+from ematwin.benchmarking.conclusions import conclude, lead_of
 from ematwin.benchmarking.convergence import STATED_MISFITS, bands, evaluations_to_target
 from ematwin.benchmarking.diagnosis import THRESHOLD, Diagnosis, diagnose
 from ematwin.benchmarking.ranks import RankComparison, compare_ranks, effect_sizes
@@ -18,6 +16,7 @@ from ematwin.benchmarking.table import RunTable, collect
 from ematwin.errors import InputError
 from ematwin.showing import markup
 from ematwin.showing.drawing import drawn
+from ematwin.showing.frames import plain
 
 
 @dataclass(frozen=True, repr=False)
@@ -54,6 +53,11 @@ class StudyAnalysis:
         return bands(self.table)
 
     @property
+    def lead(self) -> str:
+        """Which algorithm errs least, and whether that is more than chance."""
+        return lead_of(self.table, matrix(self.cells, "err_mean"), self.ranks)
+
+    @property
     def failures(self) -> Any:
         """DataFrame of the runs that did not end well, with the message of each (stopped)."""
         names = ["id", "case", "algorithm", "run", "status", "stopped"]
@@ -86,8 +90,8 @@ class StudyAnalysis:
         )
 
     def __str__(self) -> str:
-        """Give the number of runs, then the conclusions."""
-        return "\n".join([f"{self._lead()}.", *self.conclusions])
+        """Give who errs least, then the conclusions."""
+        return "\n".join([self.lead, *self.conclusions])
 
     def _repr_html_(self) -> str:
         """Show the mean Err% of each case and algorithm and the conclusions in a notebook."""
@@ -95,20 +99,12 @@ class StudyAnalysis:
         rows = [(case, *(f"{value:.3g}" for value in row)) for case, row in means.iterrows()]
         return "".join(
             [
-                markup.heading(f"{self._lead()}."),
+                markup.heading(self.lead),
                 markup.note("Mean Err% by case and algorithm"),
                 markup.table(("case", *means.columns), rows),
                 *(markup.note(sentence) for sentence in self.conclusions),
             ]
         )
-
-    def _lead(self) -> str:
-        """How many runs, and which method erred least."""
-        lead = f"{len(self.table)} runs, {int(self.table.done.sum())} ended well"
-        means = matrix(self.cells, "err_mean").mean(skipna=False).dropna()
-        if len(means):
-            lead += f"; lowest mean Err%: {means.idxmin()} with {means.min():.3g}"
-        return lead
 
     def as_dict(self) -> dict[str, Any]:
         """Give all tables as plain values; None where a number could not be computed."""
@@ -125,16 +121,14 @@ class StudyAnalysis:
             "cells": _records(self.cells),
             "effects": _records(self.effects),
             "ranks": {
-                **{k: v for k, v in asdict(ranks).items() if k != "smallest_holm"},
+                **{k: v for k, v in vars(ranks).items() if k != "smallest_holm"},
                 "smallest_p_holm": ranks.smallest_holm,
             },
             "evaluations_to_target": _records(self.curves),
             "running_times": _records(self.times),
-            "diagnosis": {
-                "threshold": self.threshold,
-                "algorithms": [asdict(row) for row in self.diagnosis],
-            },
+            "diagnosis": {"threshold": self.threshold, "algorithms": self.diagnosis},
             "failures": _records(self.failures),
+            "lead": self.lead,
             "conclusions": self.conclusions,
         })  # fmt: skip
 
@@ -183,19 +177,3 @@ def analyse(
 
 def _records(frame: Any) -> list[dict[str, Any]]:
     return [dict(zip(frame.columns, row, strict=True)) for row in frame.itertuples(index=False)]
-
-
-def plain(value: Any) -> Any:
-    """Values for JSON: None for NaN and infinity, text for keys, lists for arrays."""
-    if isinstance(value, Mapping):
-        return {
-            " -> ".join(key) if isinstance(key, tuple) else str(key): plain(item)
-            for key, item in value.items()
-        }
-    if isinstance(value, np.ndarray | np.generic):
-        return plain(value.tolist())
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

@@ -1,6 +1,7 @@
 """Conclusions of a study in plain sentences, each drawn only where its numbers allow it."""
 
 import math
+from collections import Counter
 from typing import Any
 
 import numpy as np
@@ -8,6 +9,7 @@ import numpy as np
 from ematwin.benchmarking.diagnosis import Diagnosis
 from ematwin.benchmarking.ranks import ALPHA, RankComparison
 from ematwin.benchmarking.table import RunTable
+from ematwin.showing.words import listed
 
 ENOUGH = 5  # runs of a case and algorithm, below which nothing is claimed
 _TO_ZERO = {"gwo", "woa", "da"}  # families whose moves scale the coordinates themselves
@@ -25,9 +27,38 @@ def conclude(
         *_runs(table, cells),
         *_differences(ranks),
         *_diagnosis(diagnosis, threshold),
-        *_mixtures(table),
+        *_machines(table),
         *_limits(table),
     ]
+
+
+def lead_of(table: RunTable, means: Any, ranks: RankComparison) -> str:
+    """Who errs least, in a sentence, and whether that is more than chance.
+
+    ``means`` : DataFrame of cases by algorithms, mean Err%
+    """
+    whole = means.dropna()
+    if not len(whole) or len(table.algorithms) < 2:
+        return f"{int(table.done.sum())} of {counted(len(table), 'run')} ended well."
+    wins = Counter(whole.idxmin(axis=1))
+    cases = counted(len(whole), "case")
+    best, count = wins.most_common(1)[0]
+    tied = [str(name) for name, won in wins.items() if won == count]
+    if len(tied) > 1:
+        return (
+            f"{listed(tied)} have the lowest mean Err% equally often, on {count} of {cases} each."
+        )
+    others = len(table.algorithms) - 1
+    surely = sum(
+        pair.p_holm < ALPHA and (pair.a12 > 0.5) == (pair.first == best)
+        for pair in ranks.pairs
+        if best in (pair.first, pair.second)
+    )
+    sure = "no test tells that from chance"
+    if surely:
+        whom = "the other" if others == 1 else f"{surely} of the {others} others"
+        sure = f"it is better than {whom} by more than chance"
+    return f"{best} has the lowest mean Err% on {count} of {cases}; {sure}."
 
 
 def counted(number: int, noun: str) -> str:
@@ -114,20 +145,14 @@ def _diagnosis(diagnosis: list[Diagnosis], threshold: float) -> list[str]:
     ]
 
 
-def _mixtures(table: RunTable) -> list[str]:
-    """Settings that differ between the runs although they should not."""
-    sentences = [
-        f"The runs differ in {name} ({', '.join(values)}): averages over them mix unlike things."
-        for name, values in table.settings.items()
-        if len(values) > 1
-    ]
+def _machines(table: RunTable) -> list[str]:
     machines = len(table.provenance.get("machine", ()))
-    if machines > 1:
-        sentences.append(
-            f"The runs were made on several machines ({machines}): their seconds should not be "
-            "compared, nor coefficients built on them."
-        )
-    return sentences
+    if machines < 2:
+        return []
+    return [
+        f"The runs were made on several machines ({machines}): their seconds should not be "
+        "compared, nor coefficients built on them."
+    ]
 
 
 def _limits(table: RunTable) -> list[str]:
@@ -136,10 +161,10 @@ def _limits(table: RunTable) -> list[str]:
         "search spread, not measurement uncertainty, and say nothing about how far the twin is "
         "from a real actuator: the records are simulated."
     ]
-    subject, boxes = table.subject, table.settings.get("search box", ())
+    subject, box = table.subject, table.settings["search box"]
     corner = (subject.healthy == subject.lower) | (subject.healthy == subject.upper)
     zero = subject.healthy == 0.0
-    if "plain" in boxes and (corner | zero).any():
+    if box == "plain" and (corner | zero).any():
         drawn = [name for name in table.algorithms if name.partition("-")[0] in _TO_ZERO]
         favoured = [f"{', '.join(drawn)} (drawn to the origin)"] if drawn and zero.any() else []
         favoured += ["every method that clips at the bounds"] if corner.any() else []
@@ -150,7 +175,7 @@ def _limits(table: RunTable) -> list[str]:
             "Repeat the study with the remapped box before concluding that a method is good at "
             "finding faults."
         )
-    if "remapped" in boxes and np.any(corner):
+    if box == "remapped" and np.any(corner):
         sentences.append(
             "In the remapped box a healthy value lies beside a cliff, where the plain box has a "
             "wall, so all methods err more. What a method loses between the boxes it owed to the "

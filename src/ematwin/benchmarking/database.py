@@ -16,7 +16,6 @@ from sqlalchemy import Connection, Engine, create_engine, event
 from sqlalchemy.engine import URL, make_url
 from sqlalchemy.exc import ArgumentError, DBAPIError, NoSuchModuleError
 
-from ematwin.benchmarking.rows import DamagedError
 from ematwin.errors import FileError, InputError, MissingExtraError
 
 Answer = TypeVar("Answer")
@@ -27,6 +26,10 @@ _BUSY = 5.0  # s that SQLite itself waits for a lock
 _CONNECT = 10  # s
 _PASSING = ("locked", "busy")  # words of SQLite for what another moment may change
 _DAMAGE = ("malformed", "not a database", "decode", "unsupported file", "no such column", "corrupt")
+
+
+class DamagedError(FileError):
+    """Something in a database is not as it was written."""
 
 
 class Database:

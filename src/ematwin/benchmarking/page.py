@@ -77,7 +77,7 @@ def study_page(analysis: StudyAnalysis) -> str:
         *_figures(analysis),
         *_coefficients(analysis),
         *_errors(analysis),
-        *_ranks(analysis),
+        _ranks(analysis),
         Section(
             "Evaluations to a misfit",
             text="Share of the runs that met a misfit, and evaluations to expect: all that were "
@@ -89,41 +89,14 @@ def study_page(analysis: StudyAnalysis) -> str:
         _failures(analysis),
         Section("How it was made", facts=_facts(analysis)),
     ]
-    return render("Comparison of identification algorithms", lead_of(analysis), sections)
-
-
-def lead_of(analysis: StudyAnalysis) -> str:
-    """Who errs least, in a sentence, and whether that is more than chance."""
-    table = analysis.table
-    whole = matrix(analysis.cells, "err_mean").dropna()
-    if not len(whole) or len(table.algorithms) < 2:
-        return f"{int(table.done.sum())} of {counted(len(table), 'run')} ended well."
-    wins = Counter(whole.idxmin(axis=1))
-    cases = counted(len(whole), "case")
-    best, count = wins.most_common(1)[0]
-    tied = [str(name) for name, won in wins.items() if won == count]
-    if len(tied) > 1:
-        return (
-            f"{listed(tied)} have the lowest mean Err% equally often, on {count} of {cases} each."
-        )
-    others = len(table.algorithms) - 1
-    surely = sum(
-        pair.p_holm < ALPHA and (pair.a12 > 0.5) == (pair.first == best)
-        for pair in analysis.ranks.pairs
-        if best in (pair.first, pair.second)
-    )
-    sure = "no test tells that from chance"
-    if surely:
-        whom = "the other" if others == 1 else f"{surely} of the {others} others"
-        sure = f"it is better than {whom} by more than chance"
-    return f"{best} has the lowest mean Err% on {count} of {cases}; {sure}."
+    return render("Comparison of identification algorithms", analysis.lead, sections)
 
 
 def _figures(analysis: StudyAnalysis) -> Iterable[Section]:
     texts = {
         "Mean Err%": "Bars are means over the runs; whiskers are 95 % bootstrap intervals of the "
         f"mean ({RESAMPLES} resamples): search spread, not measurement uncertainty.",
-        "Distribution of Err%": "Box: quartiles and median; whiskers: the extremes.",
+        "Distribution of Err%": "Median and quartiles, and the runs where they are few.",
         "Convergence": "Median and quartiles of the best misfit over the runs.",
         "Evaluations to target": "A target is a misfit relative to a twin that does not answer: 31 "
         "of them, evenly spaced in their logarithm from 50 % to 0.3 %, the same in every study. "
@@ -174,7 +147,6 @@ def _errors(analysis: StudyAnalysis) -> list[Section]:
     cut = f" The first {MOST_ROWS} of {count} rows; cells.csv has all." if count > MOST_ROWS else ""
     return [
         Section("Err% by case and algorithm", text + cut, table=tables.errors(analysis)),
-        Section("Evaluations and time", cut.strip(), table=tables.effort(analysis)),
         Section(
             "Success rate",
             "Share of all runs, failed ones included, that reached an Err%.",
@@ -183,24 +155,20 @@ def _errors(analysis: StudyAnalysis) -> list[Section]:
     ]
 
 
-def _ranks(analysis: StudyAnalysis) -> list[Section]:
+def _ranks(analysis: StudyAnalysis) -> Section:
     ranks = analysis.ranks
-    if not ranks.pairs:
-        return []
-    return [
-        Section(
-            "Ranks and tests",
-            text="Blocks are cases, each with the mean Err% of an algorithm; runs of one case "
-            "share its fault and are not separate blocks. Wilcoxon's signed-rank test compares "
-            "two algorithms over the cases, Holm's correction allows for the number of pairs. A12 "
-            "is the chance that a run of the first has the lower Err% than one of the second on "
-            "the same case; 0.5 is no difference. Pairs that differ at "
-            f"{ALPHA:g} after correction stand out. With {counted(len(ranks.blocks), 'case')} and "
-            f"{counted(len(ranks.pairs), 'pair')} no corrected p can fall below "
-            f"{ranks.smallest_holm:.2g}. effects.csv has A12 of each case.",
-            table=tables.pairs(ranks),
-        ),
-    ]
+    return Section(
+        "Ranks and tests",
+        text="Blocks are cases, each with the mean Err% of an algorithm; runs of one case "
+        "share its fault and are not separate blocks. Wilcoxon's signed-rank test compares "
+        "two algorithms over the cases, Holm's correction allows for the number of pairs. A12 "
+        "is the chance that a run of the first has the lower Err% than one of the second on "
+        "the same case; 0.5 is no difference. Pairs that differ at "
+        f"{ALPHA:g} after correction stand out. With {counted(len(ranks.blocks), 'case')} and "
+        f"{counted(len(ranks.pairs), 'pair')} no corrected p can fall below "
+        f"{ranks.smallest_holm:.2g}. effects.csv has A12 of each case.",
+        table=tables.pairs(ranks),
+    )
 
 
 def _diagnosis(analysis: StudyAnalysis) -> Section:
@@ -236,11 +204,9 @@ def _facts(analysis: StudyAnalysis) -> dict[str, str]:
         for value, count in provenance["system"].items():
             systems[value.split("-")[0]] += count
         provenance["system"] = systems
-    facts = {
-        name: _counts(values) for name, values in {**analysis.table.settings, **provenance}.items()
-    }
+    made = {name: _counts(values) for name, values in provenance.items()}
     # a report that is passed on does not name machines
-    return {**facts, "machines": str(len(machines))}
+    return {**analysis.table.settings, **made, "machines": str(len(machines))}
 
 
 def _counts(values: "Counter[str]") -> str:

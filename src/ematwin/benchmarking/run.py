@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 
 SCHEMA = 1  # of the hashed inputs; part of every id
+SHARED = ("population", "iterations", "noise", "actuator", "scenario", "box", "model")
+"""Names of the inputs that all runs of a study share."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,11 @@ class RunSpec:
         inputs = {one.name: getattr(self, one.name) for one in fields(self)}
         text = json.dumps({"schema": SCHEMA, **inputs}, sort_keys=True, allow_nan=False)
         return hashlib.sha256(text.encode()).hexdigest()[:24]
+
+
+def settings_of(spec: RunSpec) -> tuple[Any, ...]:
+    """Give the inputs that a run shares with the others of its study."""
+    return tuple(getattr(spec, name) for name in SHARED)
 
 
 @dataclass(frozen=True)

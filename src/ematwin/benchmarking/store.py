@@ -1,14 +1,16 @@
 """The store of a study: every finished run, and who is doing which of the others.
 
-Runs are inserted whole, under the hash of their inputs; one that is done is never overwritten. A
-process claims runs before it does them, so that several can share a study. A claim holds for
-`LEASE` seconds and is renewed; one that was not renewed is void, and doing its run twice does no
-harm, because both give the same numbers.
+A run is one row under the hash of its inputs: its status, its values as JSON, its history, and a
+checksum of these three; one that is done is never overwritten. What all runs share are the
+settings of the study, kept once. A process claims runs before it does them, so that several can
+share a study. A claim holds for `LEASE` seconds and is renewed; one that was not renewed is void,
+and doing its run twice does no harm, because both give the same numbers.
 
 Reading verifies: SQLite's structure when a store is opened, each row by its checksum. A
 store that is not as it was written is refused.
 """
 
+import hashlib
 import json
 import os
 import socket
@@ -18,18 +20,60 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Connection, delete, inspect, or_, select, update
+from sqlalchemy import (
+    Column,
+    Connection,
+    Double,
+    Index,
+    LargeBinary,
+    MetaData,
+    String,
+    Table,
+    Text,
+    delete,
+    inspect,
+    or_,
+    select,
+    update,
+)
 from sqlalchemy.dialects import postgresql, sqlite
 
-from ematwin.benchmarking import rows
-from ematwin.benchmarking.database import Database
-from ematwin.benchmarking.rows import DamagedError
-from ematwin.benchmarking.run import StoredRun
+from ematwin.benchmarking.database import DamagedError, Database
+from ematwin.benchmarking.run import SHARED, RunResult, RunSpec, StoredRun
 from ematwin.errors import FileError
 
 LEASE = 30.0  # s for which a claim holds without being renewed
+FORMAT = "ematwin study"
+SCHEMA = 3  # of the tables below
 _PAGE = 1000  # runs read at a time; between pages others may write
 _LOCK = 0x656D6174  # of PostgreSQL, for making the tables
+
+metadata = MetaData()
+_study = Table(
+    "ematwin_study",
+    metadata,
+    Column("key", String(40), primary_key=True),  # format, schema, settings, checksum
+    Column("value", Text, nullable=False),
+)
+_runs = Table(
+    "ematwin_runs",
+    metadata,
+    Column("id", String(24), primary_key=True),
+    Column("status", String(16), nullable=False),
+    Column("body", Text, nullable=False),  # JSON, in ASCII
+    Column("history", LargeBinary, nullable=False),  # ematwin.benchmarking.run.pack
+    Column("checksum", String(24), nullable=False),
+    Index("ematwin_runs_status", "id", "status"),  # resuming reads this, not the histories
+)
+_claims = Table(
+    "ematwin_claims",
+    metadata,
+    Column("id", String(24), primary_key=True),  # of a run that somebody is doing
+    Column("owner", Text, nullable=False),
+    Column("until", Double, nullable=False),  # s since 1970; after it the claim is void
+)
+
+_OWN_COLUMNS = ("id", "status", "history")
 
 
 def open_store(where: str | Path, *, patience: float = 120.0) -> "Store":
@@ -77,7 +121,6 @@ class Store:
         self._database = Database(where, patience)
         self.name = self._database.name
         self.owner = owner or f"{socket.gethostname()} {os.getpid()} {uuid.uuid4().hex[:12]}"
-        self._documents: dict[str, Any] = {}  # read or written so far
         self._database.check_whole()
         self.begun = self._database.exists and self._database.read(self._look, patient=False)
 
@@ -120,7 +163,7 @@ class Store:
 
     def statuses(self) -> dict[str, str]:
         """Give ids of the finished runs and how they ended; histories stay where they are."""
-        query = select(rows.runs.c.id, rows.runs.c.status)
+        query = select(_runs.c.id, _runs.c.status)
         return self._database.read(
             lambda connection: {id: status for id, status in connection.execute(query)}
         )
@@ -133,13 +176,20 @@ class Store:
         FileError
             If a run is not as it was written; the message names it.
         """
+        settings = self.settings()
+        shared = {name: settings[name] for name in SHARED}
+        query = select(_runs).order_by(_runs.c.id).limit(_PAGE)
+        page: list[StoredRun] = []
         last = ""
-        while True:
-            page = self._database.read(lambda connection, last=last: self._page(connection, last))  # type: ignore[misc]
+        while page or not last:
+            page = self._database.read(
+                lambda connection, last=last: [  # type: ignore[misc]
+                    _run_of(row, shared)
+                    for row in connection.execute(query.where(_runs.c.id > last))
+                ]
+            )
             yield from page
-            if len(page) < _PAGE:
-                return
-            last = page[-1].spec.id
+            last = page[-1].spec.id if page else "none"
 
     def save(self, finished: Sequence[StoredRun]) -> int:
         """Keep runs and give up their claims; a run that is done already stays as it was.
@@ -170,13 +220,13 @@ class Store:
 
     def renew(self) -> None:
         """Make the claims of this process hold for another while."""
-        claims = rows.claims
-        query = update(claims).where(claims.c.owner == self.owner).values(until=time.time() + LEASE)
+        query = update(_claims).where(_claims.c.owner == self.owner)
+        query = query.values(until=time.time() + LEASE)
         self._database.write(lambda connection: connection.execute(query))
 
     def release(self) -> None:
         """Give up all claims of this process."""
-        query = delete(rows.claims).where(rows.claims.c.owner == self.owner)
+        query = delete(_claims).where(_claims.c.owner == self.owner)
         self._database.write(lambda connection: connection.execute(query))
 
     # --- within transactions -------------------------------------------------------------------
@@ -186,7 +236,7 @@ class Store:
         tables = set(inspect(connection).get_table_names())
         if not tables:
             return False
-        if rows.study.name not in tables:
+        if _study.name not in tables:
             raise FileError(
                 f"{self.name} is not a study store: it holds other tables "
                 f"({', '.join(ascii(name)[1:-1][:40] for name in sorted(tables)[:3])}). "
@@ -197,18 +247,15 @@ class Store:
 
     def _said(self, connection: Connection) -> dict[str, str]:
         """Read format, schema and settings from the table of the study, verified."""
-        columns = rows.study.c
-        found = {
-            key: value for key, value in connection.execute(select(columns.key, columns.value))
-        }
+        found = {key: value for key, value in connection.execute(select(_study))}
         schema = found.get("schema")
-        if found.get("format") == rows.FORMAT and schema != str(rows.SCHEMA):
+        if found.get("format") == FORMAT and schema != str(SCHEMA):
             raise FileError(
                 f"The store {self.name} has schema {schema}, and this ematwin knows schema "
-                f"{rows.SCHEMA} (2 since version 0.2). Use the ematwin that wrote it, or give "
+                f"{SCHEMA} (2 is that of version 0.2). Use the ematwin that wrote it, or give "
                 "another --store."
             )
-        if found.get("checksum") != rows.study_checksum(found):
+        if found.get("checksum") != _study_checksum(found):
             raise DamagedError("the row of the study's settings differs from its checksum")
         return found
 
@@ -218,74 +265,88 @@ class Store:
         if self._look(connection):
             _check_same(json.loads(self._said(connection)["settings"]), settings, self.name)
             return
-        rows.metadata.create_all(connection)
+        metadata.create_all(connection)
         said = {
-            "format": rows.FORMAT,
-            "schema": str(rows.SCHEMA),
+            "format": FORMAT,
+            "schema": str(SCHEMA),
             "settings": json.dumps(settings, sort_keys=True),
         }
-        said["checksum"] = rows.study_checksum(said)
+        said["checksum"] = _study_checksum(said)
         pairs = [{"key": key, "value": value} for key, value in said.items()]
-        connection.execute(rows.study.insert(), pairs)
-
-    def _page(self, connection: Connection, last: str) -> list[StoredRun]:
-        """Read the runs after an id, at most `_PAGE`."""
-        query = select(rows.runs).where(rows.runs.c.id > last).order_by(rows.runs.c.id)
-        page = connection.execute(query.limit(_PAGE)).all()
-        named = {key for row in page for key in (row.settings, row.provenance)}
-        if not named <= self._documents.keys():
-            found = connection.execute(select(rows.documents)).all()
-            self._documents |= rows.contents({row.key: row.body for row in found})
-        return [rows.run_of(dict(row._mapping), self._documents) for row in page]
+        connection.execute(_study.insert(), pairs)
 
     def _save(self, connection: Connection, finished: Sequence[StoredRun]) -> int:
-        shared = dict(
-            rows.document(value)
-            for one in finished
-            for value in (rows.settings_of(one.spec), one.result.provenance)
-        )
-        for key, body in shared.items():
-            document = self._insert(rows.documents).values(key=key, body=body)
-            connection.execute(document.on_conflict_do_nothing())
-        kept = 0
-        for one in finished:
-            row = rows.row_of(one)
-            query = self._insert(rows.runs).values(row)
-            query = query.on_conflict_do_update(
-                index_elements=["id"],
-                set_={name: query.excluded[name] for name in row if name != "id"},
-                where=rows.runs.c.status != "done",
-            )
-            kept += connection.execute(
-                query, execution_options={"preserve_rowcount": True}
-            ).rowcount
-        claims = rows.claims.c
-        ours = claims.id.in_([one.spec.id for one in finished]) & (claims.owner == self.owner)
-        connection.execute(delete(rows.claims).where(ours))
-        return kept
+        query = self._insert(_runs)
+        query = query.on_conflict_do_update(
+            index_elements=["id"],
+            set_={column.name: query.excluded[column.name] for column in _runs.c},
+            where=_runs.c.status != "done",
+        ).returning(_runs.c.id)
+        kept = connection.execute(query, [_row_of(one) for one in finished]).all()
+        ours = _claims.c.id.in_([one.spec.id for one in finished]), _claims.c.owner == self.owner
+        connection.execute(delete(_claims).where(*ours))
+        return len(kept)
 
     def _claim(self, connection: Connection, ids: Sequence[str], retry: bool) -> set[str]:
-        claims, runs, now = rows.claims.c, rows.runs.c, time.time()
-        # a claim of far in the future was made by a clock that is wrong
-        void = or_(claims.until < now, claims.until > now + 2.0 * LEASE)
-        connection.execute(delete(rows.claims).where(claims.id.in_(ids), void))
-        for id in ids:
-            row = {"id": id, "owner": self.owner, "until": now + LEASE}
-            connection.execute(self._insert(rows.claims).values(row).on_conflict_do_nothing())
-        mine = select(claims.id).where(claims.id.in_(ids), claims.owner == self.owner)
-        finished = select(runs.id).where(runs.id.in_(ids))
-        if retry:
-            finished = finished.where(runs.status == "done")
-        won = set(connection.execute(mine).scalars())
+        held, now = _claims.c, time.time()
+        query = self._insert(_claims)
+        query = query.on_conflict_do_update(
+            index_elements=["id"],
+            set_={"owner": query.excluded.owner, "until": query.excluded.until},
+            # a claim of far in the future was made by a clock that is wrong
+            where=or_(held.owner == self.owner, held.until < now, held.until > now + 2.0 * LEASE),
+        ).returning(held.id)
+        asked = [{"id": id, "owner": self.owner, "until": now + LEASE} for id in ids]
+        won = set(connection.execute(query, asked).scalars())
         # asked after the claims stand: a run may have been saved meanwhile
+        finished = select(_runs.c.id).where(_runs.c.id.in_(ids))
+        if retry:
+            finished = finished.where(_runs.c.status == "done")
         done = set(connection.execute(finished).scalars())
-        connection.execute(
-            delete(rows.claims).where(claims.id.in_(done), claims.owner == self.owner)
-        )
+        connection.execute(delete(_claims).where(held.id.in_(done), held.owner == self.owner))
         return won - done
 
-    def _insert(self, table: Any) -> Any:
+    def _insert(self, table: Table) -> Any:
         return (postgresql if self._database.is_server else sqlite).insert(table)
+
+
+def _row_of(one: StoredRun) -> dict[str, Any]:
+    """Make the row of a run, with its checksum."""
+    spec, result = vars(one.spec), vars(one.result)
+    body = {
+        "inputs": {name: spec[name] for name in RunSpec.__match_args__ if name not in SHARED},
+        "outcome": {
+            name: result[name] for name in RunResult.__match_args__ if name not in _OWN_COLUMNS
+        },
+    }
+    values = one.spec.id, one.result.status, json.dumps(body), one.result.history
+    return dict(zip(_runs.c.keys(), (*values, _checksum(*values)), strict=True))
+
+
+def _run_of(row: Any, shared: Mapping[str, Any]) -> StoredRun:
+    """Make the run of a row and the settings that all runs share."""
+    if row.checksum != _checksum(row.id, row.status, row.body, row.history):
+        raise DamagedError(f"run {row.id} differs from its checksum")
+    body = json.loads(row.body)
+    inputs, outcome = body["inputs"], body["outcome"]
+    spec = RunSpec(**{**shared, **inputs, "faults": tuple(inputs["faults"])})
+    # the id is the key of the row: hashing 100,000 of them again would take half a minute
+    spec.__dict__["id"] = row.id
+    outcome |= {"id": row.id, "status": row.status, "faults": tuple(outcome["faults"])}
+    return StoredRun(spec, RunResult(**outcome, history=bytes(row.history)))
+
+
+def _checksum(id: str, status: str, body: str, history: Any) -> str:
+    """Hash the values of a row; against chance, nobody is kept from changing a run on purpose."""
+    digest = hashlib.sha256(ascii([id, status, body]).encode())
+    digest.update(history if isinstance(history, bytes) else ascii(history).encode())
+    return digest.hexdigest()[:24]
+
+
+def _study_checksum(said: Mapping[str, str]) -> str:
+    """Hash all entries of the study's table but its checksum."""
+    pairs = sorted((name, value) for name, value in said.items() if name != "checksum")
+    return hashlib.sha256(ascii(pairs).encode()).hexdigest()[:24]
 
 
 def _check_same(found: Mapping[str, Any], asked: Mapping[str, Any], where: str) -> None:

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.benchmarking.run import StoredRun, unpack
+from ematwin.benchmarking.run import RunSpec, StoredRun, settings_of, unpack
 from ematwin.benchmarking.subject import Subject
 from ematwin.errors import InputError, MissingExtraError
 from ematwin.estimation.search import methods
@@ -49,7 +49,8 @@ class RunTable:
         algorithm, run, seeds, budget, status, err and other numbers (NaN unless done), stopped,
         injected_ and found_ of each unknown
     histories : evaluations and best cost of each row, thinned; both empty if it kept none
-    settings, provenance : how many runs have which value, by name
+    settings : of the study, in words
+    provenance : how many runs have which value, by name
     """
 
     subject: Subject
@@ -57,7 +58,7 @@ class RunTable:
     algorithms: list[str]
     frame: Any
     histories: list[History]
-    settings: dict[str, Counter[str]]
+    settings: dict[str, str]
     provenance: dict[str, Counter[str]]
 
     def __len__(self) -> int:
@@ -82,20 +83,19 @@ def collect(runs: Iterable[StoredRun]) -> RunTable:
     Raises
     ------
     InputError
-        If there is no run, or they are of actuators with different unknowns.
+        If there is no run, or they are of different studies.
     """
-    subjects: dict[int, tuple[Any, Subject]] = {}  # runs of one study share the actuator's values
+    first: RunSpec | None = None
     rows: list[dict[str, Any]] = []
     histories: list[History] = []
-    settings: dict[str, Counter[str]] = {}
     provenance: dict[str, Counter[str]] = {}
     for stored in runs:
         spec, result = stored.spec, stored.result
-        key = id(spec.actuator)
-        if key not in subjects:
-            subjects[key] = spec.actuator, Subject.stored(spec.actuator)
-            _check_alike(*(next(iter(subjects.values()))[1], subjects[key][1]))
-        names = subjects[key][1].names
+        if first is None:
+            first, subject = spec, Subject.stored(spec.actuator)
+            names = subject.names
+        elif settings_of(spec) != settings_of(first):
+            raise InputError("The runs are of different studies. Report them apart.")
         done = result.status == "done" and math.isfinite(result.err)
         rows.append(
             {
@@ -109,11 +109,10 @@ def collect(runs: Iterable[StoredRun]) -> RunTable:
             }
         )  # fmt: skip
         histories.append(thinned(result.history))
-        _count(settings, _settings(stored, subjects[key][1]))
-        _count(provenance, {k: str(v) for k, v in result.provenance.items()})
-    if not rows:
+        for name, value in result.provenance.items():
+            provenance.setdefault(name, Counter())[str(value)] += 1
+    if first is None:
         raise InputError("The store holds no runs: there is nothing to report.")
-    subject = next(iter(subjects.values()))[1]
     cases = _in_order({row["case"] for row in rows}, subject.cases())
     known = [method.name for method in methods()]
     algorithms = _in_order({row["algorithm"] for row in rows}, known)
@@ -125,7 +124,7 @@ def collect(runs: Iterable[StoredRun]) -> RunTable:
     order = frame.assign(**keys).sort_values(["case", "algorithm", "run", "id"]).index
     return RunTable(
         subject, cases, algorithms, frame.loc[order].reset_index(drop=True),
-        [histories[n] for n in order], settings, provenance,
+        [histories[n] for n in order], _settings(first, subject), provenance,
     )  # fmt: skip
 
 
@@ -146,20 +145,7 @@ def thinned(packed: bytes, most: int = HISTORY_POINTS) -> History:
     return evaluations[keep], best[keep]
 
 
-def _check_alike(first: Subject, other: Subject) -> None:
-    one, two = (
-        [(u.name, u.healthy, u.lower, u.upper) for u in subject.unknowns]
-        for subject in (first, other)
-    )
-    if one != two:
-        raise InputError(
-            f"The runs are of {first.actuator.name} and {other.actuator.name}, whose unknowns "
-            "differ. Report them apart."
-        )
-
-
-def _settings(stored: StoredRun, subject: Subject) -> dict[str, str]:
-    spec = stored.spec
+def _settings(spec: RunSpec, subject: Subject) -> dict[str, str]:
     noise = "of a usual rig" if subject.model.study.noisy else "none"
     if spec.noise is not None:
         noise = str(dict(sorted(spec.noise.items())))
@@ -171,11 +157,6 @@ def _settings(stored: StoredRun, subject: Subject) -> dict[str, str]:
         "actuator": str(spec.actuator.get("name", "unnamed")),
         "scenario": str(spec.scenario.get("name", "unnamed")),
     }
-
-
-def _count(counters: dict[str, Counter[str]], values: dict[str, str]) -> None:
-    for name, value in values.items():
-        counters.setdefault(name, Counter())[value] += 1
 
 
 def _in_order(names: set[str], known: Iterable[str]) -> list[str]:

@@ -33,7 +33,7 @@ def methods(analysis: StudyAnalysis) -> Table:
 
 
 def errors(analysis: StudyAnalysis) -> Table:
-    """Give Err% of each case and algorithm; the lowest mean of a case is marked."""
+    """Give Err% and effort of each case and algorithm; the lowest mean of a case is marked."""
     turned = bool(directed(analysis))
     lowest = analysis.cells.groupby("case")["err_mean"].min()
     rows = []
@@ -42,33 +42,15 @@ def errors(analysis: StudyAnalysis) -> Table:
             cell.case, cell.algorithm, f"{cell.done} of {cell.runs}",
             number(cell.err_mean), between(cell.err_mean_low_95, cell.err_mean_high_95),
             number(cell.err_median), between(cell.err_median_low_95, cell.err_median_high_95),
-            between(cell.err_q1, cell.err_q3),
+            between(cell.err_q1, cell.err_q3), whole(cell.evaluations_mean),
+            number(cell.seconds_mean),
         ]  # fmt: skip
         if turned:
             values += [number(cell.err_wrapped_mean), number(cell.err_wrapped_median)]
         rows.append(Row(values, marked=cell.err_mean == lowest[cell.case]))
-    header = ["case", "algorithm", "done", "mean", _INTERVAL, "median", _INTERVAL, "quartiles"]
+    header = ["case", "algorithm", "done", "mean", _INTERVAL, "median", _INTERVAL, "quartiles",
+              "evaluations", "wall s"]  # fmt: skip
     header += ["wrapped: mean", "wrapped: median"] if turned else []
-    return Table(header, rows, texts=(1,))
-
-
-def effort(analysis: StudyAnalysis) -> Table:
-    """Give evaluations and seconds of each case and algorithm."""
-    rows = [
-        Row([
-            cell.case, cell.algorithm, whole(cell.evaluations_mean),
-            between(cell.evaluations_mean_low_95, cell.evaluations_mean_high_95, whole),
-            number(cell.seconds_mean),
-            between(cell.seconds_mean_low_95, cell.seconds_mean_high_95),
-            number(cell.seconds_median), number(cell.cpu_seconds_mean),
-            between(cell.cpu_seconds_mean_low_95, cell.cpu_seconds_mean_high_95),
-        ])
-        for cell in analysis.cells.head(MOST_ROWS).itertuples()
-    ]  # fmt: skip
-    header = [
-        "case", "algorithm", "evaluations", _INTERVAL, "wall s, mean", _INTERVAL, "wall s, median",
-        "CPU s, mean", _INTERVAL,
-    ]  # fmt: skip
     return Table(header, rows, texts=(1,))
 
 

@@ -53,52 +53,50 @@ def actuators(
     if out is not None:
         check_target(out, (".toml",), replace=force)
         write_text(out, actuator.template(parameter_table(name, shipped_actuators())))
-    if json:
-        options.print_json(
-            {
-                "name": actuator.name,
-                "kind": model.kind,
-                "description": actuator.description,
-                "parameters": {
-                    place: {
-                        "value": value, "unit": unit, "meaning": meaning, "source": source,
-                        "tolerance": actuator.tolerance(place), "drift": actuator.drift(place),
-                    }
-                    for place, value, unit, meaning, source in rows
-                },
-                "channels": {
-                    one.name: {"unit": one.unit, "meaning": one.meaning} for one in model.channels
-                },
-                "unknowns": {
-                    one.name: {
-                        "role": one.role, "unit": one.unit, "meaning": one.meaning,
-                        "healthy": one.healthy, "lower": one.lower, "upper": one.upper,
-                    }
-                    for one in model.unknowns(actuator)
-                },
-                "out": out,
+    plain = {
+        "name": actuator.name,
+        "kind": model.kind,
+        "description": actuator.description,
+        "parameters": {
+            place: {
+                "value": value, "unit": unit, "meaning": meaning, "source": source,
+                "tolerance": actuator.tolerance(place), "drift": actuator.drift(place),
             }
-        )  # fmt: skip
-        return
-    typer.echo(f"{actuator.name}: {actuator.description}\nkind {model.kind}: {model.title}\n")
-    for place, value, unit, meaning, source in rows:
-        tolerance = actuator.tolerance(place)
-        off = "" if tolerance is None else f"±{100.0 * tolerance:.3g} %"
-        shown, factor = preferred(unit)
-        number = f"{factor * value:>10.4g} {shown:<10}"
-        typer.echo(f"{place:<34} {number} {off:<7} {meaning}  [{source}]")
-    typer.echo(
-        "± tolerance: 95 % of such actuators lie between the value divided by and multiplied with "
-        "1 + tolerance"
-    )
-    typer.echo("\nFaults and other unknowns: healthy value and range")
-    for unknown in model.unknowns(actuator):
-        reach = f"{unknown.lower:.4g} to {unknown.upper:.4g} {unknown.unit}".rstrip()
-        typer.echo(f"{unknown.name:<20} {unknown.healthy:>10.4g}   {reach:<24} {unknown.meaning}")
-    typer.echo("\nChannels of a recording")
-    for channel in model.channels:
-        typer.echo(f"{channel.name:<20} {channel.unit:<8} {channel.meaning}")
-    options.print_written(out)
+            for place, value, unit, meaning, source in rows
+        },
+        "channels": {
+            one.name: {"unit": one.unit, "meaning": one.meaning} for one in model.channels
+        },
+        "unknowns": {
+            one.name: {
+                "role": one.role, "unit": one.unit, "meaning": one.meaning,
+                "healthy": one.healthy, "lower": one.lower, "upper": one.upper,
+            }
+            for one in model.unknowns(actuator)
+        },
+        "out": out,
+    }  # fmt: skip
+
+    def tell() -> None:
+        typer.echo(f"{actuator.name}: {actuator.description}\nkind {model.kind}: {model.title}\n")
+        for place, value, unit, meaning, source in rows:
+            tolerance = actuator.tolerance(place)
+            off = "" if tolerance is None else f"±{100.0 * tolerance:.3g} %"
+            shown, factor = preferred(unit)
+            number = f"{factor * value:>10.4g} {shown:<10}"
+            typer.echo(f"{place:<34} {number} {off:<7} {meaning}  [{source}]")
+        typer.echo(
+            "± tolerance: 95 % of such actuators lie between the value divided by and multiplied "
+            "with 1 + tolerance\n\nFaults and other unknowns: healthy value and range"
+        )
+        for one in model.unknowns(actuator):
+            reach = f"{one.lower:.4g} to {one.upper:.4g} {one.unit}".rstrip()
+            typer.echo(f"{one.name:<20} {one.healthy:>10.4g}   {reach:<24} {one.meaning}")
+        typer.echo("\nChannels of a recording")
+        for channel in model.channels:
+            typer.echo(f"{channel.name:<20} {channel.unit:<8} {channel.meaning}")
+
+    options.answer(json, lambda: plain, tell, out)
 
 
 def scenarios(

@@ -97,15 +97,14 @@ def calibrate(
     if report is not None:
         found.report(report)
     assumed, doubtful = remarks(recordings)
-    if json:
-        options.print_json(
-            {**found.as_dict(), "out": out, "assumed": assumed, "warnings": doubtful}
-        )
-        return
-    print_calibration(found, out)
-    options.print_notes("Assumed", assumed)
-    options.print_notes("Warning", doubtful)
-    options.print_written(out, report)
+
+    def tell() -> None:
+        print_calibration(found, out)
+        options.print_notes("Assumed", assumed)
+        options.print_notes("Warning", doubtful)
+
+    more = {"out": out, "assumed": assumed, "warnings": doubtful}
+    options.answer(json, lambda: {**found.as_dict(), **more}, tell, out, report)
 
 
 def print_calibration(report: "CalibrationReport", out: Path) -> None:
@@ -119,11 +118,10 @@ def print_calibration(report: "CalibrationReport", out: Path) -> None:
     )
 
     shown = parameter_table(report)
-    # what is not determined is also said below the table
-    columns = len(shown.header) if options.terminal_width() >= _WIDE else 3
+    if options.terminal_width() < _WIDE:  # what is not determined is also said below the table
+        shown = shown.first(3)
     if shown.rows:
-        rows = [row.cells[:columns] for row in shown.rows]
-        options.print_table("Parameters", shown.header[:columns], rows, texts=("",), width=110)
+        options.print_table("Parameters", shown, width=110)
     for sentence in (
         *forms_sentences(report), *open_sentences(report, str(out)), misfit_sentence(report),
         *spread_sentences(report)

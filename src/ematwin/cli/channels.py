@@ -9,7 +9,7 @@ from ematwin.cli import options
 
 if TYPE_CHECKING:
     from ematwin.recordings.proposal import Proposal
-    from ematwin.recordings.survey import Survey, Surveyed
+    from ematwin.recordings.survey import Surveyed
 
 _BLOCKS = "▁▂▃▄▅▆▇█"
 _SPARK = 28  # characters
@@ -50,6 +50,7 @@ def channels(
     from ematwin.models.proposing import propose_map
     from ematwin.models.registry import load_actuator
     from ematwin.recordings.survey import survey
+    from ematwin.report.channels import channels_page, channels_table
 
     if write is not None:
         check_target(write, (".toml",), replace=force)
@@ -61,49 +62,25 @@ def channels(
     if write is not None:
         write_text(write, proposal.as_toml())
     if plot is not None:
-        from ematwin.report.channels import channels_page
-
         write_text(plot, channels_page(found, proposal))
-    if json:
-        options.print_json(
-            {
-                "file": file,
-                "format": found.kind,
-                "channels": [one.as_dict() for one in found.channels],
-                "assumed": list(found.assumed),
-                "map": proposal.as_dict(),
-                "written": write,
-                "plot": plot,
-            }
-        )
-        return
-    print_channels(found, proposal)
-    print_proposal(proposal, file, actuator or chosen.name, write)
-    options.print_written(plot)
 
+    def plain() -> dict[str, Any]:
+        return {
+            "file": file, "format": found.kind,
+            "channels": [one.as_dict() for one in found.channels],
+            "assumed": list(found.assumed), "map": proposal.as_dict(), "written": write,
+            "plot": plot,
+        }  # fmt: skip
 
-def print_channels(found: "Survey", proposal: "Proposal") -> None:
-    """A row for each channel."""
-    meant = {entry.channel: name for name, entry in proposal.entries.items()}
-    rows = []
-    for one in found.channels:
-        rate = None if one.is_text else one.rate or proposal.rate
-        rows.append(
-            [
-                one.name,
-                one.unit or "-",
-                "-" if rate is None else f"{rate:.6g} Hz",
-                one.text if one.is_text else f"{one.low:.4g} to {one.high:.4g}",
-                sparkline(one),
-                meant.get(one.name, ""),
-            ]
+    def tell() -> None:
+        title = f"Channels of {file.name}"
+        options.print_table(
+            title, channels_table(found, proposal, sparkline), whole=["shape"], width=160
         )
-    headings = ("channel", "unit", "rate", "range", "shape", "taken for")
-    options.print_table(
-        f"Channels of {found.path.name}", headings, rows, texts=headings[-2:], whole=["shape"],
-        width=160,
-    )  # fmt: skip
-    options.print_notes("Assumed", (f"{text[0].upper()}{text[1:]}." for text in found.assumed))
+        options.print_notes("Assumed", (f"{text[0].upper()}{text[1:]}." for text in found.assumed))
+        print_proposal(proposal, file, actuator or chosen.name, write)
+
+    options.answer(json, plain, tell, plot)
 
 
 def print_proposal(proposal: "Proposal", file: Path, actuator: str, written: Path | None) -> None:

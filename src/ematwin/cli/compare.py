@@ -104,10 +104,7 @@ def compare(
             progress=lambda now: show(now.complete / now.planned, f"{now.complete}/{now.planned}"),
         )  # fmt: skip
         where = opened.name
-    if json:
-        options.print_json({"store": where, **vars(tally)})
-        return
-    _print(tally, where)
+    options.answer(json, lambda: {"store": where, **vars(tally)}, lambda: _print(tally, where))
 
 
 def _engine(

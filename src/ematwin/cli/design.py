@@ -78,7 +78,6 @@ def design(
     json: options.JsonOption = False,
 ) -> None:
     """Find the test command with which faults, or parameters, of an actuator are found best."""
-    from ematwin.errors import InputError
     from ematwin.files import check_target, write_text
     from ematwin.models.registry import load_actuator
     from ematwin.quantities import parse_quantity
@@ -94,66 +93,49 @@ def design(
         "seed": seed,
         **_limits(limit or [], chosen),
     }
+    written: Any = out
+    found: Any
     if learn:
         given = {
             "--fault": fault is not None, "--at": at, "--check": check, "--exact": exact,
             "--trials": trials is not None, "--budget": budget is not None,
             "--discriminate": discriminate,
         }  # fmt: skip
-        wrong = [name for name, wanted in given.items() if wanted]
-        if wrong:
-            raise InputError(
-                f"--learn proposes tests of the healthy actuator and takes no {wrong[0]}; leave it "
-                "out."
-            )
+        _refuse("--learn proposes tests of the healthy actuator and", given)
         from ematwin.experiments.healthy_tests import TESTS, healthy_tests, numbered
-        from ematwin.report.design import healthy_tests_page
+        from ematwin.report.design import healthy_tests_page as page
 
         for one in numbered(out, TESTS):
             check_target(one, (".toml",), replace=force)
-
         with options.progress_bar("Comparing tests", not json) as share:
-            tests = healthy_tests(actuator, progress=share, **settings)
-        written = tests.save(out, replace=force)
-        if report is not None:
-            write_text(report, healthy_tests_page(tests))
-        if json:
-            options.print_json({**tests.as_dict(), "out": written, "report": report})
-            return
-        _print_tests(tests, written)
-        options.print_written(*written, report)
-        return
-    settings |= {"exact": exact, "budget": budget}
-    if discriminate:
-        if fault is not None or at or check or trials is not None:
-            raise InputError(
-                "--discriminate takes no --fault, --at, --check or --trials; it compares two "
-                "explanations."
-            )
+            found = healthy_tests(actuator, progress=share, **settings)
+        written = found.save(out, replace=force)
+    elif discriminate:
+        given = {
+            "--fault": fault is not None, "--at": at, "--check": check,
+            "--trials": trials is not None,
+        }  # fmt: skip
+        _refuse("--discriminate compares two explanations and", given)
         from ematwin.experiments.discriminate import discriminate as tell_apart
-        from ematwin.report.design import discrimination_page
+        from ematwin.report.design import discrimination_page as page  # type: ignore[assignment]
 
         first, second = _explanations(discriminate, actuator, chosen)
         with options.progress_bar("searching", not json) as show:
-            tell = options.searching(show, "commands", "distance")
-            told = tell_apart(first, second, actuator, progress=tell, **settings)
-        told.save(out)
-        if report is not None:
-            write_text(report, discrimination_page(told))
-        if json:
-            options.print_json({**told.as_dict(), "out": out, "report": report})
-            return
-        typer.echo(told.sentence)
+            found = tell_apart(
+                first, second, actuator, exact=exact, budget=budget,
+                progress=options.searching(show, "commands", "distance"), **settings,
+            )  # fmt: skip
+        found.save(out)
     else:
         from ematwin.experiments.design import design as run
-        from ematwin.report.design import design_page
+        from ematwin.report.design import design_page as page  # type: ignore[assignment]
 
         if trials is not None:
             settings["trials"] = trials
         with options.progress_bar("searching", not json) as show:
             found = run(
-                actuator, fault=fault, faults=options.numbers(at or [], "--at"),
-                progress=options.searching(show, "commands", "expected error"),
+                actuator, fault=fault, faults=options.numbers(at or [], "--at"), exact=exact,
+                budget=budget, progress=options.searching(show, "commands", "expected error"),
                 trying=lambda share: show(share, "identifying simulated recordings of the best"),
                 **settings,
             )  # fmt: skip
@@ -161,13 +143,29 @@ def design(
         if check:
             with options.progress_bar(f"Identifying {2 * check} recordings", not json) as share:
                 found = found.check(check, seed=seed + 1, progress=share)
-        if report is not None:
-            write_text(report, design_page(found))
-        if json:
-            options.print_json({**found.as_dict(), "out": out, "report": report})
-            return
-        _print(found)
-    options.print_written(out, report)
+    if report is not None:
+        write_text(report, page(found))
+
+    def tell() -> None:
+        typer.echo(found.sentence)
+        if learn:
+            _print_tests(found, written)
+        elif not discriminate:
+            _print(found)
+
+    options.answer(
+        json, lambda: {**found.as_dict(), "out": written, "report": report}, tell,
+        *(written if learn else [out]), report,
+    )  # fmt: skip
+
+
+def _refuse(which: str, given: dict[str, Any]) -> None:
+    """Refuse options that do not belong to a way of designing."""
+    from ematwin.errors import InputError
+
+    wrong = [name for name, wanted in given.items() if wanted]
+    if wrong:
+        raise InputError(f"{which} takes no {wrong[0]}; leave it out.")
 
 
 def _limits(texts: list[str], actuator: "ParameterSet") -> dict[str, float]:
@@ -241,14 +239,10 @@ def _answer(path: Path) -> tuple[dict[str, float], list[dict[str, float]]]:
 def _print_tests(found: "HealthyTests", written: list[Path]) -> None:
     from ematwin.report.design import LEARNT, learnt_table, tests_table
 
-    typer.echo(found.sentence)
     if not found.tests:
         return
-    shown = tests_table(found, [path.name for path in written])
-    rows = [row.cells for row in shown.rows]
-    options.print_table("Tests", shown.header, rows, texts=("test", "improves most"), width=170)
-    shown = learnt_table(found)
-    options.print_table(LEARNT, shown.header, [row.cells for row in shown.rows])
+    options.print_table("Tests", tests_table(found, [path.name for path in written]), width=170)
+    options.print_table(LEARNT, learnt_table(found))
     for sentence in (found.open_sentence, found.next_sentence):
         if sentence:
             typer.echo(sentence)
@@ -257,12 +251,8 @@ def _print_tests(found: "HealthyTests", written: list[Path]) -> None:
 def _print(found: "Design") -> None:
     from ematwin.report.design import errors_table, price_table
 
-    typer.echo(found.sentence)
-    for title, content in (
-        ("Expected error of each fault", errors_table(found)),
-        ("The price, on a healthy actuator (with faults)", price_table(found)),
-    ):
-        options.print_table(title, content.header, [row.cells for row in content.rows])
+    options.print_table("Expected error of each fault", errors_table(found))
+    options.print_table("The price, on a healthy actuator (with faults)", price_table(found))
     if found.held:
         typer.echo(
             f"Counted as known, because no command can determine them: {', '.join(found.held)}"

@@ -12,7 +12,7 @@ from ematwin.cli.recordings import load as loaded
 from ematwin.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Collection, Mapping
 
     from ematwin.monitoring.diagnosis import Detection, Diagnosis
     from ematwin.monitoring.runs import Detections, Runs
@@ -87,9 +87,7 @@ def detect(
         given = constant_load(load, calibration.actuator)
     with options.progress_bar("Judging", not json) as progress:
         found = run(recordings, calibration, load=given, progress=progress)
-    answer(found, recordings, each, table, report, json)
-    if any(one.grade in failing for one in found.each(each)):
-        raise typer.Exit(1)
+    answer(found, recordings, each, table, report, json, failing)
 
 
 def _needed(actuator: Path | None) -> Path:
@@ -108,6 +106,7 @@ def answer(
     table: Path | None,
     report: Path | None,
     json: bool,
+    failing: "Collection[str]",
 ) -> None:
     """Write table and page if they are wanted, and print the verdicts with assumptions."""
     from ematwin.monitoring.runs import Detections, Runs
@@ -120,7 +119,8 @@ def answer(
         _write_table(table, found.rows(each))
     if report is not None:
         found.report(report)
-    if json:
+
+    def plain() -> dict[str, object]:
         told = [
             {
                 **({"name": name} if several else {}),
@@ -130,21 +130,19 @@ def answer(
             }
             for name, part in parts.items()
         ]
-        options.print_json(
-            {
-                **({"actuators": told} if several else told[0]),
-                "each": each,
-                "not_judged": found.missing,
-                "report": report,
-                "assumed": assumed,
-                "warnings": doubtful,
-            }
-        )
-        return
-    print_verdicts(parts, found.sentence, each)
-    options.print_notes("Assumed", assumed)
-    options.print_notes("Warning", doubtful)
-    options.print_written(table, report)
+        return {
+            **({"actuators": told} if several else told[0]), "each": each,
+            "not_judged": found.missing, "report": report, "assumed": assumed,
+            "warnings": doubtful,
+        }  # fmt: skip
+
+    def tell() -> None:
+        print_verdicts(parts, found.sentence, each)
+        options.print_notes("Assumed", assumed)
+        options.print_notes("Warning", doubtful)
+
+    fails = any(one.grade in failing for one in found.each(each))
+    options.answer(json, plain, tell, table, report, fails=fails)
 
 
 def print_verdicts(parts: "Mapping[str, Detection]", sentence: str, each: str) -> None:
@@ -153,36 +151,20 @@ def print_verdicts(parts: "Mapping[str, Detection]", sentence: str, each: str) -
     ``parts`` holds the verdicts on each actuator; a single one may have the name "".
     """
     from ematwin.monitoring.diagnosis import counted, gathered_notes, gathered_reasons
+    from ematwin.report.detection import verdict_table
 
     rows = [(name, one) for name, part in parts.items() for one in part.each(each)]
-    shown = [replace(one, name=f"{name} {one.name}".strip()) for name, one in rows]
-    columns = list(dict.fromkeys(name for one in shown if one.alarm for name in _telling(one)))
-    standing = [one.standing for one in shown if one.standing is not None]
-    covariates = [one.covariate.name for one in standing if one.covariate is not None]
-    named = any(parts)
-    by_run = any(part.by_run for part in parts.values())
-    beside = list(dict.fromkeys(covariates))
-    left = (*(("actuator",) if named else ()), each if by_run else "recording", "verdict")
-    cells = []
-    for name, one in rows:
-        magnitudes = {m.name: str(m) for m in one.magnitudes}
-        row = [*([name] if named else []), one.name, one.said]
-        row += [magnitudes.get(column, "") for column in columns]
-        at = one.standing
-        if standing:
-            covariate = None if at is None else at.covariate
-            row += [str(covariate) if covariate else "" for _ in beside]
-            row.append("" if at is None else f"{at.index:.2f} / {at.threshold:.2f}")
-        cells.append(row)
-    headings = [*left, *columns, *beside, *(("index / limit",) if standing else ())]
-    bold = [n for n, (_, one) in enumerate(rows) if one.alarm]
-    options.print_table("", headings, cells, texts=left, bold=bold, width=200)
+    telling = dict.fromkeys(name for _, one in rows if one.alarm for name in _telling(one))
+    named, by_run = any(parts), any(part.by_run for part in parts.values())
+    what = each if by_run else "recording"
+    options.print_table("", verdict_table(rows, what, list(telling)), width=200)
     if by_run and not named:
         (found,) = parts.values()
         for kind, verdicts in (("runs", found.runs), ("motions", found.motions)):
             typer.echo(counted(verdicts, kind))
     else:
         typer.echo(sentence)
+    shown = [replace(one, name=f"{name} {one.name}".strip()) for name, one in rows]
     options.print_notes("Why", gathered_reasons(shown))
     options.print_notes("Note", gathered_notes(shown))
 

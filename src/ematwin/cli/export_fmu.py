@@ -5,8 +5,7 @@ from typing import Annotated
 
 import typer
 
-from ematwin.cli import complete
-from ematwin.cli.options import JsonOption, print_json
+from ematwin.cli import complete, options
 
 
 def export_fmu(
@@ -23,7 +22,7 @@ def export_fmu(
         typer.Option(help="reference or monitor, where a kind has both; its first if not given."),
     ] = None,
     fmi: Annotated[int, typer.Option(help="Version of the standard: 3 or 2.")] = 3,
-    json: JsonOption = False,
+    json: options.JsonOption = False,
 ) -> None:
     """Export an actuator for co-simulation elsewhere: an FMU that needs no Python."""
     from ematwin.fmu.export import export_fmu as export
@@ -32,16 +31,9 @@ def export_fmu(
     chosen = load_actuator(actuator)
     written = export(chosen, out, fidelity=fidelity, fmi=fmi)
     form = fidelity or model_of(chosen).fidelities[0]
-    if json:
-        print_json(
-            {
-                "out": written,
-                "actuator": chosen.name,
-                "kind": chosen.kind,
-                "fidelity": form,
-                "fmi": fmi,
-                "fingerprint": chosen.fingerprint,
-            }
-        )
-        return
-    typer.echo(f"{form} model of {chosen.name} as FMI {fmi}.0 co-simulation\nwrote {written}")
+    plain = {
+        "out": written, "actuator": chosen.name, "kind": chosen.kind, "fidelity": form, "fmi": fmi,
+        "fingerprint": chosen.fingerprint,
+    }  # fmt: skip
+    told = f"{form} model of {chosen.name} as FMI {fmi}.0 co-simulation"
+    options.answer(json, lambda: plain, lambda: typer.echo(told), written)

@@ -68,12 +68,10 @@ def status(
         known.export(recordings)
     if report is not None:
         known.report(report)
-    if json:
-        options.print_json({"actuators": plain_rows(known)})
-    else:
-        print_fleet(known)
-        options.print_written(table, recordings, report)
-    fail(known, fail_on)
+    options.answer(
+        json, lambda: {"actuators": plain_rows(known)}, lambda: print_fleet(known), table,
+        recordings, report, fails=reached(known, fail_on),
+    )  # fmt: skip
 
 
 @fleet.command("overhaul")
@@ -139,40 +137,37 @@ def check_step(fail_on: str | None) -> None:
         raise InputError(f"--fail-on takes watch, plan or act, received {fail_on!r}.")
 
 
-def fail(fleet: "Fleet", fail_on: str | None) -> None:
-    """End with exit code 1 where an actuator has reached a step."""
+def reached(fleet: "Fleet", fail_on: str | None) -> bool:
+    """Whether an actuator has reached a step of ``--fail-on``."""
     from ematwin.fleet.alarms import STEPS
 
-    if fail_on is not None and any(
+    return fail_on is not None and any(
         row["advisory_level"] >= STEPS.index(fail_on) for row in fleet.table()
-    ):
-        raise typer.Exit(1)
+    )
 
 
 def plain_rows(fleet: "Fleet") -> list[dict[str, object]]:
     """Rows of `Fleet.table` for JSON, which knows no infinity."""
-    import math
+    from ematwin.showing.frames import plain
 
-    return [
-        {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in row.items()}
-        for row in fleet.table()
-    ]
+    return [plain(row) for row in fleet.table()]
 
 
 def print_fleet(fleet: "Fleet") -> None:
     """The actuators for people, the most urgent first."""
+    from ematwin.report.page import Row, Table
+
     rows = fleet.table()
     if not rows:
         typer.echo("No recording is judged yet.")
         return
-    cells = []
+    shown = []
     for row in rows[:_MOST]:
         life = fleet[row["serial_number"]].life_left()
         seen = " (acknowledged)" if row["acknowledged"] else ""
         named = (row["serial_number"], row["advisory"] + seen, life or "", row["advisory_reason"])
-        cells.append([str(one) for one in named])
-    headings = ("actuator", "what to do", "life left", "why")
-    bold = [n for n, row in enumerate(rows[:_MOST]) if row["advisory_level"] == 3]
-    options.print_table("", headings, cells, texts=headings, bold=bold, width=200)
+        shown.append(Row([str(one) for one in named], marked=row["advisory_level"] == 3))
+    headings = ["actuator", "what to do", "life left", "why"]
+    options.print_table("", Table(headings, shown, texts=(1, 2, 3)), width=200)
     if len(rows) > _MOST:
         typer.echo(f"and {len(rows) - _MOST} more actuators; --report shows all")

@@ -43,8 +43,7 @@ def identifiability(
         bool,
         typer.Option(
             "--sobol",
-            help="Also say how much of the answer's variance goes back to each unknown "
-            '(pip install "ematwin[sensitivity]").',
+            help="Also say how much of the answer's variance goes back to each unknown.",
         ),
     ] = False,
     report: options.ReportOption = None,
@@ -85,31 +84,31 @@ def identifiability(
         from ematwin.report.identifiability import identifiability_page
 
         write_text(report, identifiability_page(found, parts))
-    if json:
-        commands_told = [
-            {
-                **one.as_dict(),
-                **({"sobol": parts[one.scenario.name].as_dict()} if parts else {}),
-            }
+
+    def tell() -> None:
+        for one in found:
+            _print(one)
+            if parts:
+                _print_sobol(parts[one.scenario.name])
+        if len(found) > 1:
+            names = ", ".join(f"{one.scenario.name} ({one.weakest.name})" for one in found)
+            typer.echo(f"Best command first, with its least identifiable fault: {names}")
+
+    def plain() -> dict[str, object]:
+        told = [
+            one.as_dict() | ({"sobol": parts[one.scenario.name].as_dict()} if parts else {})
             for one in found
         ]
-        options.print_json({"commands": commands_told, "report": report})
-        return
-    for one in found:
-        _print(one)
-        if parts:
-            _print_sobol(parts[one.scenario.name])
-    if len(found) > 1:
-        names = ", ".join(f"{one.scenario.name} ({one.weakest.name})" for one in found)
-        typer.echo(f"Best command first, with its least identifiable fault: {names}")
-    options.print_written(report)
+        return {"commands": told, "report": report}
+
+    options.answer(json, plain, tell, report)
 
 
 def _print(found: "Identifiability") -> None:
-    from ematwin.experiments.identifiability import HEADINGS
+    from ematwin.report.identifiability import told_table
 
     title = f"{found.scenario.name}, {found.scenario.duration:g} s, on {found.actuator.name}"
-    options.print_table(title, HEADINGS, [one.cells for one in found.told], texts=HEADINGS[-1:])
+    options.print_table(title, told_table(found))
     typer.echo(
         f"Noise and the twin's own error {100.0 * found.noise:.2f} % of the answer; found: all but "
         f"{100.0 * found.miss:.3g} %, false alarms {100.0 * found.false_alarm:.2g} %."
@@ -119,7 +118,8 @@ def _print(found: "Identifiability") -> None:
 
 
 def _print_sobol(parts: "Sensitivity") -> None:
+    from ematwin.report.identifiability import sobol_table
+
     for channel, caption in parts.captions.items():
-        headings = ("unknown", "by itself", "in all")
-        options.print_table(f"Sobol indices: {caption}", headings, parts.rows(channel))
+        options.print_table(f"Sobol indices: {caption}", sobol_table(parts, channel))
     typer.echo(f"From {parts.answers} answers; indices below 1 % are left out.\n")

@@ -144,9 +144,7 @@ def identify(
                 recordings, known, algorithm, **settings,
                 progress=lambda done, cost, count: show(done / count),
             )  # fmt: skip
-        answer(judged, recordings, "motion", table, report, json)
-        if any(one.grade in failing for one in judged.motions):
-            raise typer.Exit(1)
+        answer(judged, recordings, "motion", table, report, json, failing)
         return
     if table is not None:
         raise InputError("--table is of several recordings; give more, or a folder.")
@@ -158,37 +156,39 @@ def identify(
         )  # fmt: skip
     if report is not None:
         found.report(report)
-    if json:
-        options.print_json({**found.as_dict(), "report": report})
-    else:
+
+    def tell() -> None:
         print_findings(found)
         if not found.calibrated:
             typer.echo(
                 f"Not calibrated: {found.actuator.name} is known as far as its tolerances go. "
                 "ematwin calibrate learns your actuator from healthy recordings."
             )
-        options.print_written(report)
-    if found.verdict.grade in failing:
-        raise typer.Exit(1)
+
+    options.answer(
+        json, lambda: {**found.as_dict(), "report": report}, tell, report,
+        fails=found.verdict.grade in failing,
+    )  # fmt: skip
 
 
 def print_findings(found: "Identification") -> None:
     """The verdict, then the table for people."""
     from ematwin.estimation.findings import fault_cells
+    from ematwin.report.page import Row, Table
     from ematwin.showing.numbers import with_interval
 
     typer.echo(f"{found.verdict.sentence}\n")
-    headings = ["fault", "value", "95 % interval", "healthy", "k", "meaning"]
-    headings = headings if options.terminal_width() >= _WIDE else headings[:-1]
-    rows = fault_cells(found)
-    options.print_table(
-        f"Faults of {found.actuator.name}",
-        headings,
-        [(r.name, r.value, r.interval, r.healthy, r.k, r.meaning)[: len(headings)] for r in rows],
-        texts=["meaning"],
-        whole=headings[:5],
-        bold=[n for n, row in enumerate(rows) if row.name in found.present],
+    shown = Table(
+        ["fault", "value", "95 % interval", "healthy", "k", "meaning"],
+        [
+            Row([r.name, r.value, r.interval, r.healthy, r.k, r.meaning], r.name in found.present)
+            for r in fault_cells(found)
+        ],
+        last_is_text=True,
     )
+    title, values = f"Faults of {found.actuator.name}", shown.first(5)
+    wide = options.terminal_width() >= _WIDE
+    options.print_table(title, shown if wide else values, whole=values.header)
     for one in found.model.contrasts(found.actuator):
         if one.name in found.contrasts:
             value, (low, high) = found.contrasts[one.name]
@@ -209,7 +209,9 @@ def print_findings(found: "Identification") -> None:
 
 def print_uncertainty(sure: "Uncertainty") -> None:
     """Intervals of the faults by the method that was asked for, and its probabilities."""
-    options.print_table(f"95 % by {sure.method}", sure.headings, sure.rows, texts=sure.headings)
+    from ematwin.report.uncertainty import uncertainty_table
+
+    options.print_table(f"95 % by {sure.method}", uncertainty_table(sure))
     for sentence in sure.sentences:
         typer.echo(sentence)
     options.print_notes("Doubt", sure.doubts)

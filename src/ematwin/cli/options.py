@@ -4,7 +4,7 @@ import json
 import os
 import shutil
 import sys
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -16,6 +16,7 @@ from ematwin.cli.wording import for_shell
 from ematwin.errors import InputError
 
 if TYPE_CHECKING:
+    from ematwin.report.page import Table
     from ematwin.showing.bars import Bar
 
 ActuatorOption = Annotated[
@@ -167,55 +168,63 @@ def print_json(answer: Any) -> None:
     typer.echo(json.dumps(answer, indent=2, allow_nan=False, default=os.fspath))
 
 
+def answer(
+    json: bool,
+    plain: Callable[[], Any],
+    tell: Callable[[], None],
+    *written: Path | None,
+    fails: bool = False,
+) -> None:
+    """Answer a program or people, and end with exit code 1 where a grade of --fail-on was met.
+
+    Parameters
+    ----------
+    plain : gives values for JSON, which hold the files as well
+    tell : prints for people; the files that were ``written`` follow
+    """
+    if json:
+        print_json(plain())
+    else:
+        tell()
+        for path in written:
+            if path is not None:
+                typer.echo(f"wrote {path}")
+    if fails:
+        raise typer.Exit(1)
+
+
 def terminal_width() -> int:
     """Columns of the terminal; a file has room for whole tables."""
     return shutil.get_terminal_size().columns if sys.stdout.isatty() else _FILE
 
 
 def print_table(
-    title: str,
-    headings: Sequence[str],
-    rows: Iterable[Sequence[str]],
-    *,
-    texts: Collection[str] = (),
-    whole: Collection[str] = (),
-    bold: Collection[int] = (),
-    width: int = 150,
+    title: str, shown: "Table", *, whole: Collection[str] = (), width: int = 150
 ) -> None:
     """Print a table: a terminal wraps it to its width, a file gets all of it.
 
     Parameters
     ----------
-    texts : headings of columns of text, beside the first
     whole : headings of columns that are not wrapped
-    bold : numbers of the rows that stand out
     """
     from rich.console import Console
-    from rich.table import Table
+    from rich.table import Table as Drawn
 
     # the name of a file or channel is no markup
     console = Console(markup=False, emoji=False)
     if not console.is_terminal:
         console.width = width
-    table = Table(title=title or None, title_justify="left")
-    for n, heading in enumerate(headings):
-        is_text = n == 0 or heading in texts
+    table = Drawn(title=title or None, title_justify="left")
+    for n, heading in enumerate(shown.header):
         table.add_column(
             heading,
-            justify="left" if is_text else "right",
+            justify="left" if n == 0 or shown.is_text(n) else "right",
             no_wrap=heading in whole,
             overflow="ellipsis" if heading in whole else "fold",
         )
-    for n, row in enumerate(rows):
-        table.add_row(*row, style="bold" if n in bold else None)
+    for row in shown.rows:
+        table.add_row(*row.cells, style="bold" if row.marked else None)
     console.print(table)
-
-
-def print_written(*paths: Path | None) -> None:
-    """The files that were written."""
-    for path in paths:
-        if path is not None:
-            typer.echo(f"wrote {path}")
 
 
 def print_notes(kind: str, notes: Iterable[str]) -> None:

@@ -64,25 +64,21 @@ def report(
             seed=seed,
         )
     files = [] if out is None else write_report(analysis, out)
-    if json:
-        answer = analysis.as_dict()
-        answer["report"] = None if out is None else {"folder": out, "files": files}
-        options.print_json(answer)
-        return
-    print_summary(analysis)
-    if out is not None:
-        typer.echo(f"wrote {out / 'index.html'} and {len(files) - 1} more files")
+    written = None if out is None else {"folder": out, "files": files}
+
+    def tell() -> None:
+        _print_summary(analysis)
+        if out is not None:
+            typer.echo(f"wrote {out / 'index.html'} and {len(files) - 1} more files")
+
+    options.answer(json, lambda: {**analysis.as_dict(), "report": written}, tell)
 
 
-def print_summary(analysis: "StudyAnalysis") -> None:
-    """Print success rates and conclusions for people."""
+def _print_summary(analysis: "StudyAnalysis") -> None:
     from ematwin.benchmarking.tables import diagnosis, success
 
-    for title, source in (
-        ("Share of runs that reached an Err%", success(analysis)),
-        (f"Diagnosis at {analysis.threshold:g}", diagnosis(analysis)),
-    ):
-        options.print_table(title, source.header, [row.cells for row in source.rows], width=140)
+    options.print_table("Share of runs that reached an Err%", success(analysis), width=140)
+    options.print_table(f"Diagnosis at {analysis.threshold:g}", diagnosis(analysis), width=140)
     for sentence in analysis.conclusions:
         typer.echo(f"- {sentence}")
 
@@ -99,7 +95,6 @@ def check(store: Where, json: options.JsonOption = False) -> None:
 
     with open_store(store) as opened:
         count = sum(1 for _ in opened.runs())
-    if json:
-        options.print_json({"store": store, "runs": count, "damaged": []})
-    else:
-        typer.echo(f"{store}: {count} runs, all as they were written.")
+    told = f"{store}: {count} runs, all as they were written."
+    plain = {"store": store, "runs": count, "damaged": []}
+    options.answer(json, lambda: plain, lambda: typer.echo(told))

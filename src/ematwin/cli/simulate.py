@@ -94,35 +94,24 @@ def simulate(
         write_text(plot, comparison_page(record, healthy, values, chosen))
     summary = kind.summary(record, chosen)
     described = kind.describe(chosen, values)
-    if json:
-        options.print_json(
-            {
-                "model": model or kind.fidelities[0],
-                "kind": kind.kind,
-                "actuator": chosen.name,
-                "scenario": asked.name,
-                "faults": values,
-                "physical": {
-                    row.name: {"value": row.value, "healthy": row.healthy, "unit": row.unit}
-                    for row in described
-                },
-                "samples": len(record),
-                "sample_rate": record.sample_rate,
-                **summary,
-                "seed": seed,
-                "out": out,
-                "plot": plot,
-            }
-        )
-        return
-    typer.echo(table_of(described))
+    fidelity = model or kind.fidelities[0]
+    plain = {
+        "model": fidelity, "kind": kind.kind, "actuator": chosen.name, "scenario": asked.name,
+        "faults": values,
+        "physical": {
+            row.name: {"value": row.value, "healthy": row.healthy, "unit": row.unit}
+            for row in described
+        },
+        "samples": len(record), "sample_rate": record.sample_rate, **summary, "seed": seed,
+        "out": out, "plot": plot,
+    }  # fmt: skip
     own = {one.name: one.unit for one in kind.channels}
-    numbers_told = ", ".join(
+    numbers = ", ".join(
         f"{name.replace('_', ' ')} {said(x, own.get(name.rpartition('_')[0], ''), 3)}"
         for name, x in summary.items()
     )
-    typer.echo(
-        f"\n{model or kind.fidelities[0]} model of {chosen.name}, scenario {asked.name}: "
-        f"{len(record)} samples at {record.sample_rate:g} Hz, {numbers_told}"
+    told = (
+        f"{table_of(described)}\n\n{fidelity} model of {chosen.name}, scenario {asked.name}: "
+        f"{len(record)} samples at {record.sample_rate:g} Hz, {numbers}"
     )
-    options.print_written(out, plot)
+    options.answer(json, lambda: plain, lambda: typer.echo(told), out, plot)

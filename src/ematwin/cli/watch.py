@@ -1,13 +1,14 @@
 """``ematwin watch``: recordings of a fleet in, who needs what when out."""
 
 import time
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ematwin.cli import options
-from ematwin.cli.fleet import StepOption, check_step, fail, plain_rows, print_fleet
+from ematwin.cli.fleet import StepOption, check_step, plain_rows, print_fleet, reached
 from ematwin.errors import InputError
 
 if TYPE_CHECKING:
@@ -87,25 +88,23 @@ def watch(
             known.export(table, "advisory")
         if report is not None:
             known.report(report)
-        _answer(known, found, json)
-        if not json:
-            options.print_written(table, report)
+        fails = every is None and reached(known, fail_on)
+        plain, tell = partial(_plain, known, found), partial(_tell, known, found)
+        options.answer(json, plain, tell, table, report, fails=fails)
         if every is None:
             break
         time.sleep(every)
-    fail(known, fail_on)
 
 
-def _answer(fleet: "Fleet", found: "Watched", json: bool) -> None:
-    if json:
-        options.print_json(
-            {
-                "judged": found.judged, "known": found.known, "duplicates": found.duplicates,
-                "set_aside": [{"source": a, "reason": b} for a, b in found.set_aside],
-                "actuators": plain_rows(fleet),
-            }
-        )  # fmt: skip
-        return
+def _plain(fleet: "Fleet", found: "Watched") -> dict[str, object]:
+    return {
+        "judged": found.judged, "known": found.known, "duplicates": found.duplicates,
+        "set_aside": [{"source": a, "reason": b} for a, b in found.set_aside],
+        "actuators": plain_rows(fleet),
+    }  # fmt: skip
+
+
+def _tell(fleet: "Fleet", found: "Watched") -> None:
     typer.echo(str(found))
     options.print_notes("Set aside", [f"{path}: {reason}" for path, reason in found.set_aside])
     print_fleet(fleet)

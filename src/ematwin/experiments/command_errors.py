@@ -8,7 +8,6 @@ Science 10, 273-304: "on-average" designs).
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -26,6 +25,7 @@ from ematwin.models.scenario import Scenario
 from ematwin.models.unknown import Unknown
 from ematwin.numerics.side_by_side import cores, side_by_side
 from ematwin.numerics.sobol import Sobol
+from ematwin.showing.frames import plain
 
 SEVEREST = 0.5  # share of the way from healthy to a bound: a test is for faults that begin
 
@@ -87,16 +87,17 @@ class CommandErrors:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values; infinite ones are null."""
-        return {
-            "scenario": self.scenario.model_dump(mode="json", exclude_none=True),
-            "errors": {n: x if math.isfinite(x) else None for n, x in self.errors.items()},
+        found: dict[str, Any] = plain({
+            "scenario": self.scenario,
+            "errors": self.errors,
             "weakest": self.weakest,
             "demands": self.demands,
             "demands_with_faults": self.faulty,
             "identifiability": None if self.told is None else self.told.as_dict(),
             "observed": self.observed or None,
             "checks": self.checks,
-        }
+        })  # fmt: skip
+        return found
 
 
 def fault_vectors(
@@ -242,7 +243,7 @@ def identified_errors(
     settings: dict[str, Any] = {} if step is None else {"step": step}
     search, magnitudes = named(model.default_search), experiment.magnitudes
 
-    def errors_of(n: int, scenario: Scenario) -> list[float]:
+    def error_of(n: int, scenario: Scenario) -> list[float]:
         record = model.simulate(
             actuators[n], scenario, vectors[n], fidelity=model.fidelities[0],
             noise=experiment.noise, seed=seed * 10_000 + n, sample_rate=experiment.sample_rate,
@@ -257,28 +258,21 @@ def identified_errors(
         values = assess(model, experiment.actuator, problem, found, experiment.baseline).values
         return [values[one.name] - vectors[n][one.name] for one in magnitudes]
 
-    ends = time.perf_counter() + seconds
-    errors = np.full((recordings, len(scenarios), len(magnitudes)), np.nan)
-    threads = experiment.threads or cores()
-    with noting_interrupts() as interrupts, ThreadPoolExecutor(threads) as pool:
-        tasks = {
-            pool.submit(errors_of, n, scenario): (n, c)
-            for n in range(recordings)
-            for c, scenario in enumerate(scenarios)
-        }
+    ends, threads = time.perf_counter() + seconds, experiment.threads or cores()
+    errors: list[list[float]] = []  # of all commands of an actuator, then of the next
+    done, together = 0, max(1, threads // len(scenarios))
+    with noting_interrupts() as interrupts:
         try:
-            for done, task in enumerate(as_completed(tasks), 1):
-                errors[tasks[task]] = task.result()
+            while done < recordings and time.perf_counter() <= ends:
+                some = range(recordings)[done : done + together]
+                pairs = [(n, scenario) for n in some for scenario in scenarios]
+                errors += side_by_side(lambda pair: error_of(*pair), pairs, threads)
+                done += len(some)
                 interrupts.check()
                 if progress is not None:
-                    progress(done / len(tasks))
-                if time.perf_counter() > ends:
-                    break
+                    progress(done / recordings)
         except KeyboardInterrupt:
-            interrupts.pressed, ends = False, math.inf
-        finally:
-            pool.shutdown(cancel_futures=True)
-    if time.perf_counter() > ends:
-        for task, place in tasks.items():
-            errors[place] = math.inf if task.cancelled() else task.result()
-    return errors[~np.isnan(errors).any(axis=(1, 2))]
+            interrupts.pressed, recordings = False, done
+    found = np.full((recordings, len(scenarios), len(magnitudes)), math.inf)
+    found[:done] = np.reshape(errors, (-1, *found.shape[1:]))
+    return found

@@ -37,6 +37,7 @@ from ematwin.models.scenario import Scenario
 from ematwin.models.unknown import Unknown
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
+from ematwin.showing.frames import plain
 
 BUDGET = 200
 _ITERATIONS = 4  # of the fit of an explanation to the other: they start near
@@ -104,14 +105,14 @@ class Discrimination:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values."""
-        plain = {name: value for name, value in vars(self).items() if name != "default"}
-        return {
-            **plain,
+        told = {
             "actuator": self.actuator.name,
             "sentence": self.sentence,
             "told": self.told,
-            "scenario": self.scenario.model_dump(mode="json", exclude_none=True),
+            "default": self.default.name,
         }
+        found: dict[str, Any] = plain({**vars(self), **told})
+        return found
 
 
 def discriminate(

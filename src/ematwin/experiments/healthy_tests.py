@@ -25,7 +25,7 @@ from ematwin.models.scenario import Scenario
 from ematwin.numerics.side_by_side import cores, side_by_side
 from ematwin.recordings.noise import Noise
 from ematwin.showing.drawing import drawn
-from ematwin.showing.frames import frame_of_rows
+from ematwin.showing.frames import frame_of_rows, plain
 
 TESTS = 3
 _NAMED = 3  # parameters that a test is said to improve most
@@ -182,25 +182,13 @@ class HealthyTests:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values."""
-        return {
+        told = {
             "actuator": self.actuator.name,
             "sentence": self.sentence,
-            "tolerances": self.tolerances,
-            "known": self.known,
-            "tests": [
-                {
-                    "scenario": one.scenario.model_dump(mode="json", exclude_none=True),
-                    "errors": one.errors,
-                    "demands": one.demands,
-                }
-                for one in self.tests
-            ],
-            "repeated": self.repeated,
             "open": self.open_after(self.after),
-            "limits": self.limits,
-            "compared": self.compared,
-            "refused": self.refused,
         }
+        found: dict[str, Any] = plain({**vars(self), **told, "given": self.given.name})
+        return found
 
 
 def healthy_tests(

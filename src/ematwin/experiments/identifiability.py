@@ -21,7 +21,7 @@ from ematwin.models.unknown import PhysicalValue, Unknown
 from ematwin.recordings.noise import Noise
 from ematwin.showing import markup
 from ematwin.showing.drawing import drawn
-from ematwin.showing.frames import frame_of_rows
+from ematwin.showing.frames import frame_of_rows, plain
 
 FALSE_ALARM, MISS = 1.0 - NormalDist().cdf(SIGMAS), 0.1
 HEADINGS = (
@@ -91,16 +91,14 @@ class FaultIdentifiability:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values; infinite ones are null."""
-        numbers = {
-            "error": self.error, "sharp_error": self.sharp_error, "smallest": self.smallest
-        }  # fmt: skip
         shown = self.physical
-        return {
-            "name": self.name, "meaning": self.meaning, "value": self.value,
-            **{name: x if math.isfinite(x) else None for name, x in numbers.items()},
+        found: dict[str, Any] = plain({
+            "name": self.name, "meaning": self.meaning, "value": self.value, "error": self.error,
+            "sharp_error": self.sharp_error, "smallest": self.smallest,
             "smallest_physical": shown and {"value": shown.value, "unit": shown.unit},
             "how": self.how, "sentence": self.sentence, "partners": dict(self.partners),
-        }  # fmt: skip
+        })  # fmt: skip
+        return found
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,9 @@ An answer is a function of time. Indices of its samples are weighed by their var
 
     S_i = sum_t V_i(t) / sum_t V(t),
 
-with SALib's samples and estimators (Saltelli et al. 2010, Comput. Phys. Commun. 181, 259-270).
+with V_i estimated from two samples A and B, and A with the column i of B (Saltelli et al. 2010,
+Comput. Phys. Commun. 181, 259-270, table 2, b and f): mean(f(B) (f(AB_i) - f(A))) alone, and
+mean((f(A) - f(AB_i))^2)/2 with all interactions.
 """
 
 import math
@@ -20,14 +22,16 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.errors import InputError, MissingExtraError
+from ematwin.errors import InputError
 from ematwin.estimation.problem import Problem
 from ematwin.experiments.command_errors import SEVEREST
 from ematwin.experiments.expected import Experiment
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.scenario import Scenario
 from ematwin.models.unknown import Unknown
+from ematwin.numerics.sobol import Sobol
 from ematwin.recordings.noise import Noise
+from ematwin.showing.frames import plain
 
 SAMPLES = 256  # a power of two; an answer is simulated for each and each unknown
 _AT_A_TIME = 512  # answers that are held whole
@@ -75,14 +79,9 @@ class Sensitivity:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values."""
-        return {
-            "names": list(self.names),
-            "answers": self.answers,
-            **{
-                what: {name: values.tolist() for name, values in getattr(self, what).items()}
-                for what in ("first", "total", "first_error", "total_error")
-            },
-        }
+        left_out = ("scenario", "actuator", "captions")
+        found: dict[str, Any] = plain({n: x for n, x in vars(self).items() if n not in left_out})
+        return found
 
 
 def sensitivity(
@@ -110,14 +109,7 @@ def sensitivity(
     ------
     InputError
         If an argument cannot be used.
-    MissingExtraError
-        If SALib is not installed.
     """
-    try:
-        from SALib.analyze.sobol import first_order, total_order
-        from SALib.sample.sobol import sample
-    except ImportError:
-        raise MissingExtraError("SALib", "sensitivity", "A Sobol index") from None
     if samples < 2 or samples & (samples - 1):
         raise InputError(f"samples must be a power of two, received {samples}.")
     experiment = Experiment.of(
@@ -127,38 +119,34 @@ def sensitivity(
     asked = experiment.model.load_scenario(scenario)
     full = experiment.problem(experiment.record(asked))
     unknowns = [_drawn_from(full, one) for one in full.unknowns]
-    space = {
-        "num_vars": len(unknowns),
-        "names": [one.name for one in unknowns],
-        "bounds": [_ends(one) for one in unknowns],
-    }
-    points = sample(space, samples, calc_second_order=False, seed=seed)
+    bounds = np.array([_ends(one) for one in unknowns])
+    points = sampled(bounds, samples, seed)
     logarithmic = np.array([one.logarithmic for one in unknowns])
-    points[:, logarithmic] = np.exp(points[:, logarithmic])
+    points[..., logarithmic] = np.exp(points[..., logarithmic])
     rng = np.random.default_rng(seed)
-    indices: dict[str, dict[str, np.ndarray]] = {
+    found: dict[str, dict[str, np.ndarray]] = {
         "first": {}, "total": {}, "first_error": {}, "total_error": {}
     }  # fmt: skip
-    for name, answers in _answers(full, points, progress).items():
-        # rows are, for each of N: one of A, d in which a column is one of B, one of B
-        rows = answers.reshape(samples, len(unknowns) + 2, -1)
-        rows = rows[np.isfinite(rows).all(axis=(1, 2))]
-        if len(rows) < samples // 2:
+    for name, answers in _answers(full, points.reshape(-1, len(unknowns)), progress).items():
+        rows = answers.reshape(*points.shape[:2], -1)
+        rows = rows[:, np.isfinite(rows).all(axis=(0, 2))]
+        kept = rows.shape[1]
+        if kept < samples // 2:
             raise InputError(
                 f"The twin of {chosen.name} diverged in most of its range; narrow its tolerances."
             )
-        picks = [np.arange(len(rows)), *rng.integers(len(rows), size=(_RESAMPLES, len(rows)))]
-        for what, estimator in (("first", first_order), ("total", total_order)):
-            drawn = np.array([_indices(rows[pick], estimator) for pick in picks])
-            indices[what][name], indices[f"{what}_error"][name] = drawn[0], drawn[1:].std(axis=0)
+        picks = [np.arange(kept), *rng.integers(kept, size=(_RESAMPLES, kept))]
+        drawn = np.array([indices(rows[:, pick]) for pick in picks])
+        found["first"][name], found["total"][name] = drawn[0]
+        found["first_error"][name], found["total_error"][name] = drawn[1:].std(axis=0)
     captions = full.comparisons[0].captions()
     return Sensitivity(
         scenario=asked,
         actuator=chosen,
         names=tuple(one.name for one in unknowns),
-        **indices,
+        **found,
         captions={name: caption[0] for name, caption in captions.items()},
-        answers=len(points),
+        answers=points.shape[0] * samples,
     )
 
 
@@ -178,18 +166,21 @@ def _answers(
     return {name: np.concatenate(parts) for name, parts in found.items()}
 
 
-def _indices(rows: np.ndarray, estimator: Callable[..., np.ndarray]) -> np.ndarray:
-    """Generalised indices (d,) of answers (N, d + 2, S)."""
-    a, b = rows[:, 0], rows[:, -1]
-    variance = np.var(np.concatenate([a, b]), axis=0)
-    seen = variance > 0.0
-    return np.array(
-        [
-            float(estimator(a[:, seen], rows[:, k + 1][:, seen], b[:, seen]) @ variance[seen])
-            / float(variance.sum())
-            for k in range(rows.shape[1] - 2)
-        ]
-    )
+def sampled(bounds: np.ndarray, samples: int, seed: int) -> np.ndarray:
+    """Points (d + 2, N, d) within bounds (d, 2): A, A with a column of B in turn, and B."""
+    d = len(bounds)
+    a, b = np.split(Sobol(2 * d, np.random.default_rng(seed)).random(samples), 2, axis=1)
+    mixed = [np.where(np.arange(d) == k, b, a) for k in range(d)]
+    return np.asarray(bounds[:, 0] + np.array([a, *mixed, b]) * np.ptp(bounds, axis=1))
+
+
+def indices(answers: np.ndarray) -> np.ndarray:
+    """First and total generalised indices (2, d) of answers (d + 2, N, S) at `sampled` points."""
+    a, mixed, b = answers[0], answers[1:-1], answers[-1]
+    variance = np.var(answers[[0, -1]], axis=(0, 1)).sum()
+    first = ((b - b.mean(axis=0)) * (mixed - a)).mean(axis=1).sum(axis=1)
+    total = 0.5 * ((a - mixed) ** 2).mean(axis=1).sum(axis=1)
+    return np.asarray([first / variance, total / variance])
 
 
 def _drawn_from(full: Problem, one: Unknown) -> Unknown:

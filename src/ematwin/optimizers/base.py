@@ -260,9 +260,10 @@ class PopulationOptimizer(Optimizer):
 
     A method gives ``_start`` (first batch), ``_learn`` (take in costs) and ``_move`` (next batch),
     and finds ``box``, ``population``, ``iterations``, ``seed``, ``iteration`` (batches told) and
-    ``rng`` in place. Methods that need no more than these have no ``__init__`` of their own.
-    ``_learn`` receives costs in which everything that is not finite has become +inf, for the whole
-    batch, so that no method needs to know of NaN or of a batch cut short.
+    ``rng``, the source of all chance, in place. Methods that need no more than these have no
+    ``__init__`` of their own. ``_learn`` receives costs in which everything that is not finite has
+    become +inf, for the whole batch, so that no method needs to know of NaN or of a batch cut
+    short.
     """
 
     def __init__(
@@ -273,17 +274,8 @@ class PopulationOptimizer(Optimizer):
         self.iterations = whole_number(iterations, "number of iterations", 1)
         self.seed = whole_number(seed, "seed", 0)
         self.iteration = 0
-        self._rng = np.random.default_rng(self.seed)
+        self.rng = np.random.default_rng(self.seed)
         self._pending: FloatArray | None = None
-
-    @property
-    def rng(self) -> np.random.Generator:
-        """Source of all chance; another may take its place, one of known numbers for example."""
-        return self._rng
-
-    @rng.setter
-    def rng(self, generator: np.random.Generator) -> None:
-        self._rng = generator
 
     def ask(self) -> FloatArray:
         """Give the batch that waits for its costs, or move on to the next one."""

@@ -159,7 +159,7 @@ class DifferentialEvolution(PopulationOptimizer):
         self.costs = np.full(self.population, np.inf)
 
     def _start(self) -> FloatArray:
-        return self.box.sample(self._rng, self.population)
+        return self.box.sample(self.rng, self.population)
 
     def _learn(self, points: FloatArray, costs: FloatArray) -> None:
         if self.iteration == 0:
@@ -176,7 +176,7 @@ class DifferentialEvolution(PopulationOptimizer):
         return self.costs.copy()
 
     def _move(self) -> FloatArray:
-        rng, parents = self._rng, self.parents
+        rng, parents = self.rng, self.parents
         best = int(np.argmin(self.costs))
         mutants = self.strategy.mutate(rng, parents, best, self._weights())
         vectors = bounced_back(rng, self.box, mutants)
@@ -189,13 +189,13 @@ class DifferentialEvolution(PopulationOptimizer):
         """(N, 1) array, F of each trial."""
         shape = (self.population, 1)
         if isinstance(self.F, Dither):
-            return self._rng.uniform(self.F.low, self.F.high, size=shape)
+            return self.rng.uniform(self.F.low, self.F.high, size=shape)
         return np.full(shape, self.F)
 
     def _rates(self) -> FloatArray:
         """(N, 1) array, CR of each trial."""
         shape = (self.population, 1)
         if isinstance(self.CR, Either):
-            rarely = self._rng.random(shape) < self.CR.share
+            rarely = self.rng.random(shape) < self.CR.share
             return np.where(rarely, self.CR.rarely, self.CR.often)
         return np.full(shape, self.CR)

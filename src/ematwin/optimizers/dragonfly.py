@@ -81,8 +81,8 @@ class Dragonfly(PopulationOptimizer):
         self._steps = np.empty((0, box.dimension))
 
     def _start(self) -> FloatArray:
-        flies = self.box.sample(self._rng, self.population)
-        self._steps = self.box.sample(self._rng, self.population)
+        flies = self.box.sample(self.rng, self.population)
+        self._steps = self.box.sample(self.rng, self.population)
         return flies
 
     def _learn(self, points: FloatArray, costs: FloatArray) -> None:
@@ -105,8 +105,8 @@ class Dragonfly(PopulationOptimizer):
         first, last = self.inertia
         w = first - step * ((first - last) / self.iterations)
         fading = max(0.0, 0.1 - step * (0.1 / (self.iterations * self.fading)))
-        s, a, c = 2 * self._rng.random(3) * fading
-        f = 2 * self._rng.random()
+        s, a, c = 2 * self.rng.random(3) * fading
+        f = 2 * self.rng.random()
         e = fading
 
         X, V = self._flies, self._steps
@@ -119,7 +119,7 @@ class Dragonfly(PopulationOptimizer):
         far = ~reaches_food
         weights = np.empty((3, *X.shape))
         weights[:] = np.array([s, a, c])[:, None, None]
-        weights[:, far] = self._rng.random((3, int(far.sum()), X.shape[1]))
+        weights[:, far] = self.rng.random((3, int(far.sum()), X.shape[1]))
         levy = self._levy() if far.any() else np.zeros(X.shape)
         flies, steps, sums = X.copy(), V.copy(), np.empty((2, X.shape[1]))
         lower, upper, limit = self.box.lower, self.box.upper, span * self.step_limit
@@ -129,5 +129,5 @@ class Dragonfly(PopulationOptimizer):
 
     def _levy(self) -> FloatArray:
         """(N, d) Levy flights, equations (3.9) and (3.10)."""
-        u, v = self._rng.standard_normal((2, self.population, self.box.dimension))
+        u, v = self.rng.standard_normal((2, self.population, self.box.dimension))
         return 0.01 * _SIGMA * u / np.abs(v) ** (1 / _BETA)

@@ -170,7 +170,7 @@ class GeneticAlgorithm(PopulationOptimizer):
         self._children: np.ndarray = np.empty((0, box.dimension))
 
     def _start(self) -> FloatArray:
-        self._children = self.encoding.sample(self._rng, self.box, self.population)
+        self._children = self.encoding.sample(self.rng, self.box, self.population)
         return self.encoding.decode(self._children, self.box)
 
     def _learn(self, points: FloatArray, costs: FloatArray) -> None:
@@ -184,8 +184,8 @@ class GeneticAlgorithm(PopulationOptimizer):
 
     def _move(self) -> FloatArray:
         pairs = -(-self.population // 2)
-        chosen = self.selection.select(self._rng, self.costs, 2 * pairs)
+        chosen = self.selection.select(self.rng, self.costs, 2 * pairs)
         first, second = self.parents[chosen[:pairs]], self.parents[chosen[pairs:]]
-        children = self.encoding.breed(self._rng, self.box, first, second)
+        children = self.encoding.breed(self.rng, self.box, first, second)
         self._children = children[: self.population]
         return self.encoding.decode(self._children, self.box)

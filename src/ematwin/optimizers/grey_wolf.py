@@ -51,7 +51,7 @@ class GreyWolf(PopulationOptimizer):
         self._wolves = np.empty((0, box.dimension))
 
     def _start(self) -> FloatArray:
-        return self.box.sample(self._rng, self.population)
+        return self.box.sample(self.rng, self.population)
 
     def _learn(self, points: FloatArray, costs: FloatArray) -> None:
         """Run the program's wolf-by-wolf comparison, with running minima in place of the loop.
@@ -78,7 +78,7 @@ class GreyWolf(PopulationOptimizer):
         # The batch just told is number iteration - 1, counted from zero as in the program.
         step = min(self.iteration - 1, self.iterations)
         a = falling(self.start, step, self.iterations, self.power)
-        r1, r2 = self._rng.random((2, 3, *self._wolves.shape))
+        r1, r2 = self.rng.random((2, 3, *self._wolves.shape))
         leaders = self.leaders[:, None, :]
         A = 2.0 * a * r1 - a
         distance = np.abs(2.0 * r2 * leaders - self._wolves)

@@ -34,7 +34,7 @@ from ematwin.optimizers.objective import Evaluate, Objective, evaluator
 from ematwin.optimizers.registry import resolve
 from ematwin.optimizers.result import History, MinimizeResult, Progress, Stop
 
-_CHECKPOINT = "ematwin search checkpoint 2"  # its format; 1 was that of 0.2
+_CHECKPOINT = "ematwin search checkpoint 3"  # its format; 1 was that of 0.2
 
 
 @dataclass

@@ -210,9 +210,9 @@ class ParticleSwarm(PopulationOptimizer):
         self._velocity = np.empty((0, box.dimension))
 
     def _start(self) -> FloatArray:
-        particles = self.box.sample(self._rng, self.population)
+        particles = self.box.sample(self.rng, self.population)
         # Half the way to another random point of the box: no first step points far outside it.
-        self._velocity = 0.5 * (self.box.sample(self._rng, self.population) - particles)
+        self._velocity = 0.5 * (self.box.sample(self.rng, self.population) - particles)
         self.best_points = particles.copy()
         return particles
 
@@ -231,7 +231,7 @@ class ParticleSwarm(PopulationOptimizer):
         x, p = self._particles, self.best_points
         progress = min(self.iteration / self.iterations, 1.0)
         g = p[self.topology.informants(self.best_costs, progress)]
-        r1, r2 = self._rng.random((2, *x.shape))
+        r1, r2 = self.rng.random((2, *x.shape))
         v = (
             weights.inertia_at(progress) * self._velocity
             + weights.own * r1 * (p - x)
@@ -251,4 +251,4 @@ class ParticleSwarm(PopulationOptimizer):
         """Replace the places of the worst particles; their velocities stay."""
         order = np.argsort(self.best_costs, kind="stable")
         crazy = order[self.population - int(craziness.share * self.population) :]
-        moved[crazy] = craziness.mutation.mutate(self._rng, self.box, g[crazy])
+        moved[crazy] = craziness.mutation.mutate(self.rng, self.box, g[crazy])

@@ -21,7 +21,7 @@ class RandomSearch(PopulationOptimizer):
     """
 
     def _start(self) -> FloatArray:
-        return self.box.sample(self._rng, self.population)
+        return self.box.sample(self.rng, self.population)
 
     def _learn(self, points: FloatArray, costs: FloatArray) -> None:
         """Do nothing: the next batch depends on no cost."""

@@ -54,7 +54,7 @@ class Whale(PopulationOptimizer):
         self._whales = np.empty((0, box.dimension))
 
     def _start(self) -> FloatArray:
-        return self.box.sample(self._rng, self.population)
+        return self.box.sample(self.rng, self.population)
 
     def _learn(self, points: FloatArray, costs: FloatArray) -> None:
         self._whales = points
@@ -71,7 +71,7 @@ class Whale(PopulationOptimizer):
         step = min(self.iteration - 1, self.iterations)
         a = falling(self.start, step, self.iterations, self.power)
         a2 = -1.0 - step / self.iterations
-        r1, r2, r3, p = self._rng.random((4, self.population, 1))
+        r1, r2, r3, p = self.rng.random((4, self.population, 1))
         A = 2.0 * a * r1 - a
         C = 2.0 * r2
         l = (a2 - 1.0) * r3 + 1.0
@@ -92,7 +92,7 @@ class Whale(PopulationOptimizer):
         first one, then all that depend on settled ones, until nothing changes: a few rounds, and
         the same numbers as the loop over whales.
         """
-        drawn = self._rng.integers(self.population, size=(rows.size, self.box.dimension))
+        drawn = self.rng.integers(self.population, size=(rows.size, self.box.dimension))
         columns = np.arange(self.box.dimension)
         before = drawn < rows[:, None]
         unmoved = self._whales[drawn, columns]

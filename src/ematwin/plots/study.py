@@ -136,18 +136,31 @@ def _convergence(analysis: Any) -> Any:
 
 
 def _distributions(analysis: Any) -> Any:
-    """Boxes of Err%, with the runs themselves where they are few; a panel for each case."""
+    """Median and quartiles of Err%, with the runs where they are few; a panel for each case."""
     figure, places = _panels(analysis)
     errors = analysis.table.frame["err"].to_numpy(dtype=float)
-    done = analysis.table.done
-    shown: set[str] = set()
+    cells = analysis.cells.set_index(["case", "algorithm"])
     for case, place in places.items():
         for name, color in _colored(analysis):
-            rows = analysis.table.cells[case, name]
-            err = np.maximum(errors[rows[done[rows]]], _LEAST_ERROR)
-            if len(err):
-                _box(figure, name, color, err, first=name not in shown, **place)
-                shown.add(name)
+            cell, rows = cells.loc[(case, name)], analysis.table.cells[case, name]
+            if not cell["done"]:
+                continue
+            q1, median, q3 = np.maximum(cell[["err_q1", "err_median", "err_q3"]], _LEAST_ERROR)
+            figure.add_scatter(
+                x=[name], y=_short([median]), mode="markers", name=name, legendgroup=name,
+                showlegend=all(trace.name != name for trace in figure.data),
+                marker={"symbol": "line-ew", "size": 18, "line": {"color": color, "width": 3}},
+                error_y={"type": "data", "symmetric": False, "array": _short([q3 - median]),
+                         "arrayminus": _short([median - q1]), "color": color, "width": 6},
+                hovertemplate=f"median {median:.3g}, quartiles {q1:.3g} to {q3:.3g}", **place,
+            )  # fmt: skip
+            if len(rows) <= _MOST_POINTS:
+                err = np.maximum(errors[rows[analysis.table.done[rows]]], _LEAST_ERROR)
+                figure.add_scatter(
+                    x=[name] * len(err), y=_short(err), mode="markers", showlegend=False,
+                    name=name, legendgroup=name, hoverinfo="y",
+                    marker={"color": color, "size": 4, "opacity": 0.6}, **place,
+                )  # fmt: skip
     figure.update_yaxes(type="log", exponentformat="none")
     return _titled(figure, places, "Err%")
 
@@ -216,34 +229,6 @@ def _spread(
         x=_short(x), y=_short(middle), line={"color": color, "width": 1.5}, showlegend=first,
         **shared,
     )  # fmt: skip
-
-
-def _box(figure: Any, name: str, color: str, err: np.ndarray, first: bool, **where: int) -> None:
-    """Quartiles as a bar, extremes as whiskers, the median as a dash.
-
-    The small bundle of plotly that pages carry has no boxes.
-    """
-    low, q1, median, q3, high = np.quantile(err, [0.0, 0.25, 0.5, 0.75, 1.0]).tolist()
-    shared = {"legendgroup": name, "name": name, **where}
-    figure.add_bar(
-        x=[name], y=_short([q3 - q1]), base=_short([q1]), width=0.5, showlegend=first,
-        marker={"color": color, "opacity": 0.45, "line": {"color": color, "width": 1.5}},
-        hovertemplate=f"quartiles {q1:.3g} to {q3:.3g}, median {median:.3g}, "
-        f"{low:.3g} to {high:.3g}<extra>{name}</extra>", **shared,
-    )  # fmt: skip
-    figure.add_scatter(
-        x=[name], y=_short([median]), mode="markers", hoverinfo="skip", showlegend=False,
-        marker={"symbol": "line-ew", "size": 18, "line": {"color": color, "width": 3}},
-        error_y={"type": "data", "symmetric": False, "array": _short([high - median]),
-                 "arrayminus": _short([median - low]), "color": "#8c959f", "thickness": 1,
-                 "width": 4},
-        **shared,
-    )  # fmt: skip
-    if len(err) <= _MOST_POINTS:
-        figure.add_scatter(
-            x=[name] * len(err), y=_short(err), mode="markers", showlegend=False,
-            marker={"color": color, "size": 4, "opacity": 0.6}, **shared,
-        )  # fmt: skip
 
 
 def _short(values: Any) -> list[float | None]:

@@ -24,20 +24,19 @@ def calibration_page(report: CalibrationReport) -> str:
         f"recordings. {misfit_sentence(report)}"
     )
     sections = [
-        *(
-            [Section("Change from the template", _ON_FIGURE, figure=plot_learnt(report))]
-            if told
-            else []
+        Section(
+            "Change from the template",
+            _ON_FIGURE if told else "",
+            figure=plot_learnt(report) if told else None,
         ),
         Section("How it is built", points=forms_sentences(report), table=_forms_table(report)),
-        *([Section("Parameters", table=parameter_table(report))] if report.parameters else []),
+        Section("Parameters", table=parameter_table(report)),
         Section("What they leave open", points=open_sentences(report)),
         *_fit_sections(report),
         Section("How healthy runs differ", points=spread_sentences(report)),
         Section("Learnt from", facts={"runs": ", ".join(report.learnt), "kind": actuator.kind}),
     ]
-    shown = [one for one in sections if one.figure or one.table or one.points or one.facts]
-    return render(f"{actuator.name}: calibration", lead.rstrip(), shown, list(report.notes))
+    return render(f"{actuator.name}: calibration", lead.rstrip(), sections, list(report.notes))
 
 
 def _forms_table(report: CalibrationReport) -> Table | None:

@@ -1,8 +1,10 @@
 """Page: the channels of a file, and which is proposed for which."""
 
+from collections.abc import Callable
+
 from ematwin.plots.channels import plot_channels
 from ematwin.recordings.proposal import HEADINGS, Proposal
-from ematwin.recordings.survey import Survey
+from ematwin.recordings.survey import Survey, Surveyed
 from ematwin.report.page import Row, Section, Table, render
 
 
@@ -16,29 +18,31 @@ def channels_page(found: Survey, proposal: Proposal) -> str:
     points = [one.sentence for one in proposal.questions]
     sections = [
         Section("Proposed map", table=Table(list(HEADINGS), rows, texts=(1, 2, 3))),
-        *([Section("Open", points=points)] if points else []),
-        Section("Channels", table=_table(found, proposal)),
+        Section("Open", points=points),
+        Section("Channels", table=channels_table(found, proposal)),
         Section(figure=plot_channels(found, taken, proposal.rate)),
     ]  # fmt: skip
     title = f"Channels of {found.path.name}"
     return render(title, proposal.sentence, sections, list(proposal.check))
 
 
-def _table(found: Survey, proposal: Proposal) -> Table:
+def channels_table(
+    found: Survey, proposal: Proposal, shape: Callable[[Surveyed], str] | None = None
+) -> Table:
+    """A row for each channel; ``shape`` draws it in a line of text, in place of its samples."""
     meant = {entry.channel: name for name, entry in proposal.entries.items()}
-    rows = [
-        Row(
-            [
-                one.name,
-                one.unit or "not stated",
-                f"{rate:.6g} Hz" if (rate := one.rate or proposal.rate) and one.samples else "",
-                str(one.samples),
-                str(one.missing) if one.missing else "",
-                one.text if one.is_text else f"{one.low:.4g} to {one.high:.4g}",
-                meant.get(one.name, ""),
-            ]
-        )
-        for one in found.channels
-    ]
-    header = ["channel", "unit", "rate", "samples", "missing", "range", "taken for"]
-    return Table(header, rows, texts=(1, 6))
+    rows = []
+    for one in found.channels:
+        rate = one.rate or proposal.rate
+        cells = [
+            one.name,
+            one.unit or "not stated",
+            f"{rate:.6g} Hz" if rate and one.samples and not one.is_text else "",
+            one.text if one.is_text else f"{one.low:.4g} to {one.high:.4g}",
+            *([str(one.samples), str(one.missing or "")] if shape is None else [shape(one)]),
+            meant.get(one.name, ""),
+        ]
+        rows.append(Row(cells))
+    more = ["samples", "missing"] if shape is None else ["shape"]
+    header = ["channel", "unit", "rate", "range", *more, "taken for"]
+    return Table(header, rows, last_is_text=True, texts=(1,))

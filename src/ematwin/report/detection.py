@@ -1,7 +1,9 @@
 """Page: verdicts on recordings, value by value against the healthy band."""
 
+from collections.abc import Sequence
+
 from ematwin.estimation.constants import CERTAIN, SMALLEST
-from ematwin.monitoring.diagnosis import Detection, Diagnosis, counted, gathered_notes
+from ematwin.monitoring.diagnosis import Detection, Diagnosis, Standing, counted, gathered_notes
 from ematwin.monitoring.index import DRIFT
 from ematwin.monitoring.population_calibration import PopulationCalibration
 from ematwin.monitoring.runs import Detections
@@ -24,8 +26,8 @@ def detection_page(found: Detection) -> str:
         )
     sections = [
         Section("Trend", text=told, figure=plot_trend(found)),
-        Section(f"{kind.capitalize()}s", table=verdict_table(shown)),
-        *([Section("Why", facts=reasons)] if reasons else []),
+        Section(f"{kind.capitalize()}s", table=verdict_table([("", one) for one in shown], kind)),
+        Section("Why", facts=reasons),
     ]
     if found.by_run:
         text = f"Judged alone, {counted(found.motions, 'motions')}."
@@ -55,28 +57,45 @@ def detections_page(found: Detections) -> str:
     return render("Condition of actuators", found.sentence, sections, notes, grade=found.grade)
 
 
-def verdict_table(rows: tuple[Diagnosis, ...]) -> Table:
-    """A row for each verdict."""
-    first = rows[0]
-    header = ["recording" if first.standing is None else "run", "verdict"]
-    if first.standing is not None:
-        header.append("index / limit")
-    header += [m.name for m in first.magnitudes]
-    covariate = None if first.standing is None else first.standing.covariate
-    header += [] if covariate is None else [covariate.name]
-    return Table(header, [_cells(one) for one in rows], texts=(1,), pairs=True)
+def verdict_table(
+    rows: Sequence[tuple[str, Diagnosis]], what: str, magnitudes: Sequence[str] | None = None
+) -> Table:
+    """A row for each verdict.
+
+    Parameters
+    ----------
+    rows : actuators, "" for the only one, and verdicts
+    what : "recording", "run" or "motion"
+    magnitudes : that are shown; None for all
+    """
+    verdicts = [one for _, one in rows]
+    if magnitudes is None:
+        magnitudes = list(dict.fromkeys(m.name for one in verdicts for m in one.magnitudes))
+    at = [one.standing for one in verdicts if one.standing is not None]
+    covariates = list(dict.fromkeys(s.covariate.name for s in at if s.covariate is not None))
+    left = ["actuator"] if any(name for name, _ in rows) else []
+    left += [what, "verdict", *(["index / limit"] if at else [])]
+    shown = [
+        Row([*([name] if left[0] == "actuator" else []), *_cells(one, at, magnitudes, covariates)],
+            marked=one.alarm)
+        for name, one in rows
+    ]  # fmt: skip
+    texts = tuple(range(1, left.index("verdict") + 1))
+    return Table([*left, *magnitudes, *covariates], shown, texts=texts, pairs=True)
 
 
-def _cells(one: Diagnosis) -> Row:
-    at = one.standing
-    by = f" (by {at.named_by})" if at is not None and at.named_by else ""
+def _cells(
+    one: Diagnosis, at: Sequence[Standing], magnitudes: Sequence[str], covariates: Sequence[str]
+) -> list[str]:
+    own = one.standing
+    by = f" (by {own.named_by})" if own is not None and own.named_by else ""
     cells = [one.name, f"{one.said}{by}"]
-    if at is not None:
-        cells.append(f"{at.index:.2f} / {at.threshold:.2f}")
-    cells += [str(m) for m in one.magnitudes]
-    if at is not None and at.covariate is not None:
-        cells.append(str(at.covariate))
-    return Row(cells, marked=one.alarm)
+    if at:
+        cells.append("" if own is None else f"{own.index:.2f} / {own.threshold:.2f}")
+    values = {m.name: str(m) for m in one.magnitudes}
+    known = None if own is None else own.covariate
+    beside = {} if known is None else {known.name: str(known)}
+    return cells + [(values | beside).get(name, "") for name in (*magnitudes, *covariates)]
 
 
 def _facts(found: Detection) -> dict[str, str]:

@@ -44,10 +44,15 @@ def sobol_sections(parts: Sensitivity) -> list[Section]:
         Section(
             f"{parts.scenario.name}: {caption}",
             text=text,
-            table=Table(["unknown", "by itself", "in all"], [Row(r) for r in parts.rows(channel)]),
+            table=sobol_table(parts, channel),
         )
         for channel, caption in parts.captions.items()
     ]
+
+
+def sobol_table(parts: Sensitivity, channel: str) -> Table:
+    """Indices of a channel."""
+    return Table(["unknown", "by itself", "in all"], [Row(row) for row in parts.rows(channel)])
 
 
 def told_table(found: Identifiability) -> Table:

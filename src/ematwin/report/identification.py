@@ -34,7 +34,7 @@ def identification_page(found: Identification) -> str:
             figure=plot_faults(found),
         ),
         Section("Faults", table=fault_table(found)),
-        *([Section("Parts", table=parts_table(found))] if found.contrasts else []),
+        Section("Parts", table=parts_table(found)),
         *uncertainty_sections(found, record),
         Section(
             "Measured and fitted",

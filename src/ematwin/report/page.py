@@ -1,6 +1,6 @@
 """Self-contained HTML pages: verdict, tables, facts and interactive figures in one file."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib import import_module, resources
 from pathlib import Path
 from typing import Any
@@ -42,6 +42,12 @@ class Table:
     texts: tuple[int, ...] = ()
     pairs: bool = False
 
+    def first(self, columns: int) -> "Table":
+        """The table with so many of its columns, from the left."""
+        rows = [Row(row.cells[:columns], row.marked) for row in self.rows]
+        last = self.last_is_text and columns >= len(self.header)
+        return replace(self, header=self.header[:columns], rows=rows, last_is_text=last)
+
     def is_text(self, column: int) -> bool:
         """Whether a column, counted from 0, holds text."""
         return column in self.texts or (self.last_is_text and column == len(self.header) - 1)
@@ -49,7 +55,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Section:
-    """A part of a page; whatever is given is shown, in this order."""
+    """A part of a page; whatever is given is shown, in this order; one without content is not."""
 
     heading: str = ""
     text: str = ""
@@ -58,6 +64,12 @@ class Section:
     facts: dict[str, str] = field(default_factory=dict)
     figure: Any = None  # plotly figure
     svg: str = ""  # a drawing, trusted: it goes into the page as it is
+
+    @property
+    def has_content(self) -> bool:
+        """Whether there is anything to show: a text counts where it has no table."""
+        rows = self.text if self.table is None else self.table.rows
+        return bool(rows or self.points or self.facts or self.svg) or self.figure is not None
 
 
 def render(
@@ -80,6 +92,7 @@ def render(
     """
     import jinja2
 
+    sections = [section for section in sections if section.has_content]
     environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
     first, stop, rest = lead.partition(". ")
     figures = [section.figure for section in sections if section.figure is not None]

@@ -2,7 +2,7 @@
 
 from ematwin.estimation.identification import Identification
 from ematwin.estimation.profile import ProfileUncertainty
-from ematwin.estimation.uncertainty import predicted
+from ematwin.estimation.uncertainty import Uncertainty, predicted
 from ematwin.plots.uncertainty import band_figure, corner_figure, profile_figure
 from ematwin.recordings.recording import Recording
 from ematwin.report.page import Row, Section, Table
@@ -15,10 +15,9 @@ def uncertainty_sections(found: Identification, record: Recording) -> list[Secti
     sure = found.uncertainty
     if sure is None:
         return []
-    rows = [Row(list(row), marked=sure.present[row[0]] > 0.5) for row in sure.rows]
     points = [*sure.sentences, *(f"Doubt: {sentence}" for sentence in sure.doubts)]
     sections = [
-        Section(f"How sure: {sure.method}", table=Table(list(sure.headings), rows, True)),
+        Section(f"How sure: {sure.method}", table=uncertainty_table(sure)),
         Section(points=points),
     ]
     if isinstance(sure, ProfileUncertainty):
@@ -52,6 +51,12 @@ def uncertainty_sections(found: Identification, record: Recording) -> list[Secti
             ),
         ),
     ]
+
+
+def uncertainty_table(sure: Uncertainty) -> Table:
+    """Interval and probability of each fault by the method that was asked for."""
+    rows = [Row(list(row), marked=sure.present[row[0]] > 0.5) for row in sure.rows]
+    return Table(list(sure.headings), rows, last_is_text=True)
 
 
 def _number(text: str) -> float | None:

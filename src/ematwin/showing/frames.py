@@ -1,6 +1,8 @@
-"""Tables of pandas, which is optional: imported where a table is made."""
+"""Results as tables of pandas, imported where a table is made, and as plain values for JSON."""
 
+import math
 from collections.abc import Iterable, Mapping
+from dataclasses import is_dataclass
 from typing import Any
 
 from ematwin.errors import MissingExtraError
@@ -32,6 +34,26 @@ def frame_of_rows(rows: Iterable[Mapping[str, Any]], index: str | None = None) -
 def is_frame(value: Any) -> bool:
     """Whether something is a table of pandas, or of another library with that interface."""
     return hasattr(value, "columns") and hasattr(value, "to_numpy") and hasattr(value, "index")
+
+
+def plain(value: Any) -> Any:
+    """Values for JSON: None for NaN and infinity, text for keys, lists for arrays."""
+    if isinstance(value, Mapping):
+        return {
+            " -> ".join(key) if isinstance(key, tuple) else str(key): plain(item)
+            for key, item in value.items()
+        }
+    if hasattr(value, "model_dump"):  # of pydantic
+        return value.model_dump(mode="json", exclude_none=True)
+    if is_dataclass(value):
+        return plain(vars(value))
+    if hasattr(value, "tolist"):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
 
 
 def _pandas() -> Any:

@@ -18,11 +18,10 @@ from pathlib import Path
 import pytest
 from sqlalchemy import text
 
-from ematwin.benchmarking import rows
 from ematwin.benchmarking.database import Database
 from ematwin.benchmarking.plan import Plan
 from ematwin.benchmarking.run import RunResult, RunSpec, StoredRun, pack
-from ematwin.benchmarking.store import LEASE, Store, open_store
+from ematwin.benchmarking.store import LEASE, Store, metadata, open_store
 from ematwin.errors import FileError
 
 
@@ -150,7 +149,7 @@ class StoreContract(ABC):
         with Store(where) as again:
             again.begin(small_plan(runs=9, algorithms=("ga", "de")).settings())
 
-    @pytest.mark.parametrize("schema", ["99", "1"])
+    @pytest.mark.parametrize("schema", ["99", "1", "2"])
     def test_another_schema_is_refused(self, store: Store, where: str | Path, schema: str) -> None:
         """A store of a newer ematwin is not touched, nor is one without checksums."""
         _execute(where, f"UPDATE ematwin_study SET value = '{schema}' WHERE key = 'schema'")
@@ -159,7 +158,7 @@ class StoreContract(ABC):
 
     @pytest.mark.parametrize(
         "change",
-        ["err = 0.5", "status = 'failed'", "run = run + 1", "found = '[0.5]'", "cost = NULL"],
+        ["status = 'failed'", "body = replace(body, '350', '351')", "id = 'other'"],
     )
     def test_a_changed_run_is_named(
         self, store: Store, where: str | Path, specs: list[RunSpec], change: str
@@ -167,27 +166,22 @@ class StoreContract(ABC):
         """Whatever was changed, the store is refused."""
         store.save([some_run(spec) for spec in specs])
         _execute(where, f"UPDATE ematwin_runs SET {change} WHERE id = '{specs[2].id}'")
-        with pytest.raises(FileError, match=rf"damaged: run {specs[2].id} \(Low F"):
+        with pytest.raises(FileError, match=rf"damaged: run ({specs[2].id}|other) differs"):
             list(store.runs())
 
-    @pytest.mark.parametrize(
-        ("table", "column", "words"),
-        [("study", "value", "settings differs"), ("documents", "body", "differs from its key")],
-    )
     def test_changed_settings_are_noticed(
-        self, store: Store, where: str | Path, specs: list[RunSpec],
-        table: str, column: str, words: str,
-    ) -> None:  # fmt: skip
-        """Settings of the study, and settings that its runs share."""
+        self, store: Store, where: str | Path, specs: list[RunSpec]
+    ) -> None:
+        """They hold for every run."""
         store.save([some_run(specs[0])])
         store.close()
-        _execute(where, f"UPDATE ematwin_{table} SET {column} = replace({column}, '200', '300')")
-        with pytest.raises(FileError, match=words), open_store(where) as again:
-            list(again.runs())
+        _execute(where, "UPDATE ematwin_study SET value = replace(value, '200', '300')")
+        with pytest.raises(FileError, match="settings differs"):
+            open_store(where)
 
     def test_other_tables_are_left_alone(self, store: Store, where: str | Path) -> None:
         """A database of something else is refused."""
-        names = [table.name for table in rows.metadata.sorted_tables]
+        names = [table.name for table in metadata.sorted_tables]
         for name in names:
             _execute(where, f"DROP TABLE {name}")
         _execute(where, "CREATE TABLE customers (id INTEGER)")

@@ -180,16 +180,13 @@ def test_trials_that_share_the_cores_err_as_one_after_another() -> None:
 
 
 def test_interrupted_trials_keep_the_actuators_that_answered_every_command() -> None:
-    shares: list[float] = []
-
     def stop(share: float) -> None:
-        shares.append(share)
-        if len(shares) == 3:
+        if share == 0.5:
             raise KeyboardInterrupt
 
     errors = identified_errors(screw(), [STROKE, STROKE], 4, seed=3, progress=stop)
-    assert errors.shape == (1, 2, 3)
-    assert shares == [0.125, 0.25, 0.375]
+    assert errors.shape == (2, 2, 3)
+    assert np.isfinite(errors).all()
 
 
 def test_what_is_observed_stands_beside_what_was_promised(found) -> None:

@@ -53,10 +53,10 @@ class CmaEs(PopulationOptimizer):
             "CMA_stds": self.box.span.tolist(),
             "popsize": self.population,
             "seed": np.nan,
-            "randn": _Normal(self._rng),
+            "randn": _Normal(self.rng),
             "verbose": -9,
         }
-        first = self.box.sample(self._rng, 1)[0]
+        first = self.box.sample(self.rng, 1)[0]
         self._strategy = cma.CMAEvolutionStrategy(first, _STEP, options)
         return self._sampled()
 
