@@ -5,7 +5,7 @@ import pytest
 
 import ematwin
 from bldc_inputs import SEVERE, history
-from ematwin.errors import InputError, ParameterError
+from ematwin.errors import ParameterError
 from ematwin.models.bldc import batch
 from ematwin.models.bldc.constants import kernel_constants, truer_constants
 from ematwin.models.bldc.faults import Faults
@@ -233,11 +233,6 @@ def test_a_form_of_the_reference_alone_changes_its_answer_and_not_that_of_the_la
     )]  # fmt: skip
     for n, other in ((0, 1), (1, 2)):
         assert np.abs(exact[n] - exact[other]).max() > 1e-3 * np.abs(exact[n]).max()
-
-
-def test_a_gpu_refuses_what_it_does_not_know(comparison):
-    with pytest.raises(InputError, match=r"those of servo48 are a loop \(\[shorted_turns\]\)"):
-        MODEL.compare(comparison.recording, TRUER, backend="cuda")
 
 
 def test_sections_that_are_left_out_leave_no_trace():
