@@ -17,7 +17,6 @@ happen (docs/models.md, "Steps").
 
 from typing import NamedTuple
 
-from ematwin.models.bldc.controller import current_demand
 from ematwin.models.bldc.pairs import equivalent_phase
 from ematwin.numerics.backlash import advance_rigid_play, stop_at_ends
 from ematwin.numerics.compile import step
@@ -44,6 +43,17 @@ class Impact(NamedTuple):
 
     jump: float  # rad/s, by how much it changed the speed of the motor
     left: float  # share of the step that was left, 0 without an impact
+
+
+@step
+def current_demand(command, theta_o, w_m, k_position, k_demand, w_max):
+    """Current that position and speed loop ask for, A, before its limit.
+
+    ``command`` and ``theta_o`` are output positions on the motor shaft, rad; ``k_demand`` is
+    ``k_speed`` over the healthy torque constant, A s/rad.
+    """
+    w_ref = clip(k_position * (command - theta_o), -w_max, w_max)
+    return k_demand * (w_ref - w_m)
 
 
 @step
