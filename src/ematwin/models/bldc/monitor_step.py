@@ -13,13 +13,16 @@ not be had; these are derived here.
 All of a step happens in its middle: inputs, angles, and the current, which follows the speed that
 the rotor will have there (implicit midpoint). Commutations and impacts count from when they
 happen (docs/models.md, "Steps").
+
+`monitor_step` is a `part`, of steps that numba inlines: loops over it compile three times as fast
+as where numba inlines all of it, and their lanes are as fast.
 """
 
 from typing import NamedTuple
 
 from ematwin.models.bldc.pairs import equivalent_phase
 from ematwin.numerics.backlash import advance_rigid_play, stop_at_ends
-from ematwin.numerics.compile import step
+from ematwin.numerics.compile import part, step
 from ematwin.numerics.friction import dithered_static, loaded_friction
 from ematwin.numerics.scalar import clip
 
@@ -127,7 +130,7 @@ def answer_impact(state, impact, i_ref, fall, rise, kappa_eq, c, dt):
     )  # fmt: skip
 
 
-@step
+@part
 def monitor_step(state, command, load, fault, pairs, c, dt):
     """Advance the monitor model by ``dt``; ``command`` and ``load`` are taken in its middle.
 
