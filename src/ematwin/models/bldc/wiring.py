@@ -12,7 +12,7 @@ import numpy as np
 
 from ematwin.errors import RecordError
 from ematwin.models.bldc.channels import phase_currents
-from ematwin.models.bldc.envelope import trapezoid_shape
+from ematwin.models.bldc.envelope import projected
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.recordings.recording import Recording
 
@@ -21,7 +21,6 @@ _BETTER = 1.05  # times the share as it is: another order or zero explains the c
 _DOUBTFUL = 1.03  # likewise, for a warning; faulty actuators reach 1.01
 _NEARLY = 0.995  # an order as good as that beside the best zero of the angle is the simpler cause
 _MOST = 5_000  # samples looked at
-_LAGS = 2.0 * np.pi / 3.0 * np.arange(3)
 
 
 def check_order(record: Recording, actuator: BldcActuator) -> list[str]:
@@ -46,7 +45,7 @@ def check_order(record: Recording, actuator: BldcActuator) -> list[str]:
     work = _Work(record, actuator, every)
 
     def fit(currents: np.ndarray, angle: np.ndarray) -> _Fit:
-        signed = 0.5 * (currents * trapezoid_shape(angle[:, None] - _LAGS)).sum(axis=1)
+        signed = projected(currents, angle)
         return _Fit(float(np.mean(signed**2)) / whole, work.sign(signed))
 
     given = fit(currents, angle)
