@@ -276,7 +276,7 @@ def check_motion(recording: Recording, actuator: Any) -> None:
 def little_motion(recording: Recording, actuator: Any, turn: float, said: str) -> list[str]:
     """Sentences on why a motion cannot tell faults; each forbids a verdict.
 
-    ``turn`` is the least angle of the motor (rad), ``said`` what it is and what needs it.
+    ``turn`` is the least angle of the motor, rad; ``said`` names it and the effect that needs it.
     """
     gear, channels = actuator.transmission, recording.channels
     motor = channels.get("motor_position")
