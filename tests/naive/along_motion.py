@@ -18,8 +18,6 @@ def currents(actuator, faults, command, motion, dt):
     """
     drive = actuator.drive
     windings = truer.Windings(actuator, faults)
-    # (v - R i - e)/(L + dt R): backward Euler, R taken at the current after the step
-    implicit = [x + dt * r for x, r in zip(windings.inductance, windings.resistance, strict=True)]
     speed_loop = truer.SpeedLoop(actuator, faults, dt)
     modulated = actuator.current_loop is not None
     current_loop = truer.CurrentLoop(actuator, dt) if modulated else None
@@ -43,11 +41,13 @@ def currents(actuator, faults, command, motion, dt):
             volts = sign * drive.supply_voltage
         charge, left = np.zeros(3), dt
         while left > 0:
-            legs = reference.leg_voltages(pair, now, emf, windings.resistance, implicit, drive)
+            legs = reference.leg_voltages(
+                pair, now, emf, windings.resistance, windings.inductance, drive
+            )
             for leg in range(3):
                 if pair[leg] != 0:
                     legs[leg] = (drive.supply_voltage + pair[leg] * volts) / 2
-            slope, _ = reference.slopes(legs, now, emf, windings.resistance, implicit)
+            slope, _ = reference.slopes(legs, now, emf, windings.resistance, windings.inductance)
             blocked = [
                 k for k in range(3) if pair[k] == 0 and now[k] * (now[k] + left * slope[k]) < 0
             ]

@@ -14,15 +14,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ematwin.models.bldc.bridge import advance_bridge, advance_shorted_bridge, phase_constants
 from ematwin.models.bldc.constants import kernel_constants, truer_constants
 from ematwin.models.bldc.faults import Faults
 from ematwin.models.bldc.inverter import gate_signals, hysteresis, pair_current
 from ematwin.models.bldc.motor import emf_constants, hall_sector
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.models.bldc.reference_step import advance_bridge, phase_constants
 from ematwin.models.bldc.state import fault_state
 from ematwin.models.bldc.truer.motor import truer_emf_constants
-from ematwin.models.bldc.truer.reference_step import advance_shorted_bridge
 
 SPEED = 400.0  # rad/s: one turn of the rotor in 15.7 ms, back-EMF at 60 % of the supply
 DT = 1e-6
@@ -39,7 +38,7 @@ SWITCH_ON = 1e-3  # ohm
 def run_bridge(k, speed, c, dt, steps):
     """Currents (steps + 1, 3) and gates (steps, 3) at an imposed speed."""
     fault = fault_state(*k, c.half_gap)
-    phases = phase_constants(fault, c)
+    phases = phase_constants(fault.h_a, fault.h_b, fault.h_c, c)
     currents = np.zeros((steps + 1, 3))
     gates = np.empty((steps, 3))
     i_a, i_b, i_c, sign = 0.0, 0.0, 0.0, 1.0

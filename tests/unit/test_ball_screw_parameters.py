@@ -20,7 +20,7 @@ from ematwin.models.ball_screw.motions import out_and_back
 from ematwin.models.ball_screw.parameters import BallScrew
 from ematwin.models.ball_screw.twin import ball_screw_constants
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.models.registry import kind_of, load_actuator, models, shipped_actuators
+from ematwin.models.registry import load_actuator, model_in, models, shipped_actuators
 from ematwin.monitoring.calibration import FORMAT, Calibration
 from ematwin.monitoring.classification import Signature
 from ematwin.monitoring.population import Population
@@ -194,7 +194,7 @@ def test_every_kind_has_a_default_among_its_shipped_sets():
 @pytest.mark.parametrize("name", ["servo48", "rm1605"])
 def test_a_set_is_loaded_as_the_kind_that_it_is(name):
     actuator = load_actuator(name)
-    assert actuator.kind == kind_of(name) == kind_of(shipped_actuators()[name])
+    assert actuator.kind == model_in(name).kind == model_in(shipped_actuators()[name]).kind
     assert type(actuator) is models()[actuator.kind].parameters
     assert load_actuator(actuator) is actuator
     assert load_actuator(shipped_actuators()[name]) == actuator
@@ -206,7 +206,7 @@ def test_a_file_that_names_no_kind_or_a_former_one_is_brushless(tmp_path):
     for n, head in enumerate(("", 'kind = "rotary"\n', 'kind = "bldc"\n')):
         path = tmp_path / f"{n}.toml"
         path.write_text(head + plain, encoding="utf-8")
-        assert kind_of(path) == "bldc"
+        assert model_in(path).kind == "bldc"
         assert load_actuator(path) == load_actuator("servo48")
 
 
@@ -223,7 +223,7 @@ def test_an_actuator_of_another_kind_is_refused_by_its_kind(wanted, other, kind)
 
 def test_an_unknown_kind_names_the_known_ones(tmp_path):
     path = written(tmp_path, '"ball-screw"', '"hydraulic"')
-    for load in (load_actuator, kind_of):
+    for load in (load_actuator, model_in):
         assert "'hydraulic'; choose one of bldc, ball-screw" in refusal(
             lambda load=load: load(path)
         )
@@ -301,7 +301,7 @@ def test_a_calibration_is_an_actuator_too(tmp_path, calibration):
     """With the source of what was fitted."""
     path = tmp_path / "mine.toml"
     calibration.save(path, {"screw.friction_force": "calibrated on runs 1, 2"})
-    assert kind_of(path) == "ball-screw"
+    assert model_in(path).kind == "ball-screw"
     actuator = load_actuator(path)
     sources = {place: source for place, *_, source in actuator.parameters()}
     assert sources["screw.friction_force"] == "calibrated on runs 1, 2"

@@ -42,7 +42,6 @@ def test_a_sound_record_of_a_faulty_actuator_passes(faults: dict[str, float]) ->
     noisy = Noise(white=0.03, bits=12)
     sound = ematwin.simulate("reference", faults=faults, noise=noisy, seed=1)
     assert check_plausible(sound, ACTUATOR) == []
-    assert check_plausible(sound) == []
 
 
 @pytest.mark.parametrize("faults", FAULTY)
@@ -60,9 +59,9 @@ def test_other_movements_pass(scenario: str) -> None:
     assert check_plausible(ematwin.simulate("monitor", scenario), ACTUATOR) == []
 
 
-def refused(record: Recording, said: str, actuator: BldcActuator | None = ACTUATOR) -> None:
+def refused(record: Recording, said: str) -> None:
     with pytest.raises(RecordError, match=said) as caught:
-        check_plausible(record, actuator)
+        check_plausible(record, ACTUATOR)
     assert "\n" not in str(caught.value)
 
 
@@ -74,15 +73,14 @@ def test_time_in_milliseconds(record: Recording) -> None:
 
 
 def test_time_against_speed_tells_the_unit_of_time(record: Recording) -> None:
-    refused(record.changed(time=record.time * 1e3), "time looks like ms read as s", None)
-    refused(record.changed(time=record.time * 1e6), "time looks like us read as s", None)
-    refused(record.changed(time=record.time * 1e-3), "time looks like s read as ms", None)
+    refused(record.changed(time=record.time * 1e3), "time looks like ms read as s")
+    refused(record.changed(time=record.time * 1e6), "time looks like us read as s")
+    refused(record.changed(time=record.time * 1e-3), "time looks like s read as ms")
 
 
 def test_sampling_too_slow_for_the_low_pass(record: Recording) -> None:
     slow = record.changed(**{name: values[::20] for name, values in record.columns()})
     refused(slow, "1000 Hz; the comparison needs at least 2000 Hz")
-    assert check_plausible(slow, ACTUATOR, cutoff=200.0) == []
 
 
 def test_too_short(record: Recording) -> None:
@@ -134,14 +132,14 @@ def test_the_other_side_of_the_gear(record: Recording) -> None:
 
 def test_speed_in_rpm(record: Recording) -> None:
     refused(record.changed(motor_speed=record.motor_speed * 30 / np.pi), "motor_speed looks like")
-    refused(record.changed(output_speed=record.output_speed * DEGREES), "degrees per second", None)
+    refused(record.changed(output_speed=record.output_speed * DEGREES), "degrees per second")
 
 
 def test_a_position_of_the_wrong_sign(record: Recording) -> None:
     refused(record.changed(motor_speed=-record.motor_speed), "wrong sign")
     slow = ematwin.simulate("reference", "ramp")
     turned = slow.changed(output_position=-slow.output_position, output_speed=None)
-    refused(turned, "wrong sign", None)
+    refused(turned, "wrong sign")
 
 
 def test_beyond_the_end_stops(record: Recording) -> None:
@@ -157,7 +155,7 @@ def test_a_wrapped_motor_angle(record: Recording) -> None:
 @pytest.mark.parametrize("name", PHASES)
 def test_one_phase_of_the_wrong_sign(record: Recording, name: str) -> None:
     turned = record.changed(**{name: -getattr(record, name)})
-    refused(turned, f"{name} inverted: {name} has the wrong sign", None)
+    refused(turned, f"{name} inverted: {name} has the wrong sign")
 
 
 def test_currents_that_do_not_sum_to_zero(record: Recording) -> None:

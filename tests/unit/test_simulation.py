@@ -6,12 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import ematwin
-from ematwin import BldcActuator, Faults, Noise, Record, Scenario, simulate
+from ematwin import BldcActuator, Noise, Record, Scenario, simulate
 from ematwin.errors import DivergedError, InputError
 from ematwin.models.bldc import simulate as simulation
 from ematwin.models.bldc.channels import phase_currents
 from ematwin.models.bldc.envelope import current_envelope, signed_current
-from ematwin.models.bldc.faults import PAPER_CASES
 from ematwin.models.scenario import Chirp, Step
 
 MODELS = ("reference", "monitor")
@@ -29,23 +28,6 @@ def equal(one: Record, other: Record) -> bool:
     return columns.keys() == others.keys() and all(
         columns[name].tobytes() == others[name].tobytes() for name in columns
     )
-
-
-@pytest.mark.parametrize("model", MODELS)
-def test_zero_faults_are_the_healthy_trace_bit_for_bit(model):
-    healthy = simulate(model, SHORT)
-    assert equal(simulate(model, SHORT, faults={}), healthy)
-    assert equal(simulate(model, SHORT, faults=Faults(friction=0.0, gain=0.5)), healthy)
-    assert equal(simulate(model, SHORT, faults=np.array([0, 0, 0, 0, 0, 0, 0.5, 0.5])), healthy)
-
-
-@pytest.mark.parametrize("model", MODELS)
-@pytest.mark.parametrize("case", PAPER_CASES)
-def test_each_fault_vector_of_the_paper_changes_the_current_and_stays_finite(model, case):
-    current = current_envelope(simulate(model, SHORT, PAPER_CASES[case]))
-    healthy = current_envelope(simulate(model, SHORT))
-    assert np.isfinite(current).all()
-    assert np.abs(current - healthy).max() > 0.01
 
 
 @pytest.mark.parametrize("model", MODELS)

@@ -81,7 +81,7 @@ class RunResult:
     seconds, cpu_seconds : float, wall and CPU time of the search alone
     history : bytes, evaluations and best cost after each batch, as `pack` gives them
     stopped : reason of the search, or the message of the failure
-    provenance : versions, machine, kernel backend, engine
+    provenance : versions, machine, engine
     """
 
     id: str

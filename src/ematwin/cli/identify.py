@@ -68,12 +68,6 @@ def identify(
             "tolerances count.",
         ),
     ] = False,
-    backend: Annotated[
-        str,
-        typer.Option(
-            help='What simulates the candidates: cpu, or cuda (a GPU; pip install "ematwin[gpu]").'
-        ),
-    ] = "cpu",
     uncertainty: Annotated[
         str | None,
         typer.Option(
@@ -134,7 +128,6 @@ def identify(
         "checkpoint": checkpoint,
         "load": constant_load(load, known.actuator),
         "exact": exact,
-        "backend": backend,
         "uncertainty": uncertainty,
         "thresholds": options.pairs(threshold or [], "--threshold"),
     }

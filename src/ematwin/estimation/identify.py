@@ -56,7 +56,6 @@ def identified(
     checkpoint: str | Path | None = None,
     progress: Progress | bool | None = None,
     threads: int | None = None,
-    backend: str = "cpu",
     uncertainty: "str | Method | None" = None,
     thresholds: Mapping[str, float | str] | None = None,
 ) -> Identification:
@@ -79,7 +78,7 @@ def identified(
         method = way_of(uncertainty)
 
     def problem_of(one: Recording) -> Problem:
-        made = Problem.of(one, actuator, only=only, held=held, threads=threads, backend=backend)
+        made = Problem.of(one, actuator, only=only, held=held, threads=threads)
         return as_searched(made)
 
     problem = problem_of(recording)

@@ -126,7 +126,6 @@ class Problem:
         only: Iterable[str] | None = None,
         held: Mapping[str, float] | Any | None = None,
         threads: int | None = None,
-        backend: str = "cpu",
         **settings: Any,
     ) -> "Problem":
         """The problem that `ematwin.identify` solves; arguments as there.
@@ -136,9 +135,6 @@ class Problem:
         chosen = load_actuator(actuator)
         model = model_of(chosen)
         free, fixed = unknowns_of(model, chosen, only, held)
-        model.check_backend(backend)
-        if backend != "cpu":
-            settings["backend"] = backend
         comparison = model.compare(recording, chosen, threads=threads, **settings)
         starts = model.starts(chosen, recording)
         return cls([comparison], free, held=fixed, start=fixed, starts=starts)

@@ -78,7 +78,6 @@ class Model(ABC):
     nominal : places of the parameters that healthy recordings may determine, each with how far
         (as a factor, one standard deviation) a template may be off
     fixed : places of parameters that cannot be searched, because a batch shares them: the step
-    backends : what can simulate its batches, for ``backend=`` of `compare`
     monitoring : the part that a healthy population uses, where one judges
     study : what studies of search methods need of it
     demands : quantities of a motion that a designed test may limit, the travel first; the size of
@@ -105,7 +104,6 @@ class Model(ABC):
     on_request: ClassVar[tuple[str, ...]] = ()
     nominal: ClassVar[Mapping[str, float]] = {}
     fixed: ClassVar[tuple[str, ...]] = ()
-    backends: ClassVar[tuple[str, ...]] = ("cpu",)
     monitoring: ClassVar[Monitoring] = Monitoring()
     study: ClassVar[Study] = Study()
     demands: ClassVar[tuple[Demand, ...]] = ()
@@ -250,14 +248,6 @@ class Model(ABC):
 
         means = {channel.name for channel in self.channels if channel.is_mean}
         return averaged(recording, self.compared_rate, means)
-
-    def check_backend(self, backend: str) -> None:
-        """Raise `InputError` unless a backend can simulate batches of this kind here."""
-        if backend not in self.backends:
-            raise InputError(
-                f"The kind {self.kind} has no backend {backend!r}; choose "
-                f"{' or '.join(self.backends)}."
-            )
 
     def aliases(self, actuator: Any, values: Values) -> list[Alias]:
         """Directions in which the answer does not change, exactly or very nearly.

@@ -181,11 +181,6 @@ def model_in(name_or_path: str | Path) -> Model:
     return _model(_table(name_or_path), name_or_path)
 
 
-def kind_of(name_or_path: str | Path) -> str:
-    """The kind of a shipped set or TOML file, without reading its values."""
-    return model_in(name_or_path).kind
-
-
 def _table(name_or_path: str | Path) -> dict[str, Any]:
     shipped = _shipped_with_ours(str(name_or_path)) or shipped_actuators()
     if not Path(name_or_path).suffix and str(name_or_path) not in shipped:

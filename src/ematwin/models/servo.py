@@ -14,6 +14,7 @@ from ematwin.models.scenario import Scenario
 from ematwin.models.unknown import Unknown
 from ematwin.recordings.channel import Channel, Derivation
 from ematwin.recordings.recording import Recording
+from ematwin.showing.numbers import apart
 
 _SUM = 0.05  # of the RMS of the phases: their sensors and converters differ by less
 _BROKEN = 0.2  # of it: no gains of sensors leave as much once the best is taken off
@@ -22,6 +23,7 @@ _LOAD_OFFSET = 0.05  # of the dry friction, seen on the output
 _OVERSPEED = 20.0  # times the speed limit: no fault makes a motor so fast
 _BEYOND = 1.02  # times the travel: end stops give a little
 _DEGREES = (10.0, 180.0)  # times the travel: what degrees taken for radians reach (57.3)
+_GAPS = 5.0  # times the healthy gap that a motion should cross
 _SLOPE = 0.1  # of the RMS of a speed: how far a drive's own may be from the slope of the position
 
 
@@ -269,6 +271,30 @@ def check_motion(recording: Recording, actuator: Any) -> None:
             f"{name} runs from {low:.4g} to {high:.4g} rad, beyond the end stops of "
             f"{actuator.name} at {gear.travel_low:.4g} and {gear.travel_high:.4g} rad. {hint}"
         )
+
+
+def little_motion(recording: Recording, actuator: Any, turn: float, said: str) -> list[str]:
+    """Sentences on why a motion cannot tell faults; each forbids a verdict.
+
+    ``turn`` is the least angle of the motor, rad; ``said`` names it and the effect that needs it.
+    """
+    gear, channels = actuator.transmission, recording.channels
+    motor = channels.get("motor_position")
+    output = channels.get("output_position", channels["command"])
+    travel = float(np.ptp(output) * gear.ratio if motor is None else np.ptp(motor))
+    found = []
+    if travel < turn:
+        moved, needed = apart(float(np.degrees(travel)), float(np.degrees(turn)))
+        found.append(
+            f"The motor turns by {moved} degrees, less than the {needed} of one {said}. Record a "
+            f"motion of at least {1e3 * turn / gear.ratio:.3g} mrad of the output."
+        )
+    if travel < _GAPS * gear.backlash:
+        found.append(
+            f"The motion is {travel / max(gear.backlash, 1e-12):.2g} times the healthy gap: it "
+            "hardly crosses it."
+        )
+    return found
 
 
 def check_size(name: str, largest: float, limit: float, unit: str, said: str) -> None:

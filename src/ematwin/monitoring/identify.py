@@ -65,7 +65,6 @@ def identify(
     columns: Columns = None,
     load: float | None = None,
     exact: bool = False,
-    backend: str = "cpu",
     uncertainty: "str | Method | None" = None,
     thresholds: Mapping[str, float | str] | None = None,
     together: bool = False,
@@ -97,8 +96,6 @@ def identify(
     load : the constant load, SI, of a recording that does not hold it; 0 for none
     exact : the parameters of the actuator are known exactly, and the sensors are ideal but for
         noise, as in a simulation; no tolerances and no healthy recordings count
-    backend : what simulates the candidates: "cpu"; or "cuda", a GPU, for brushless actuators
-        (needs ``ematwin[gpu]``)
     uncertainty : how sure the answer is: "laplace", "profile" or "posterior" (docs/certainty.md),
         or such a method with settings, e.g. ``Posterior(most=50_000)``
     thresholds : by fault, the value from which on it matters; a text with a unit is physical, e.g.
@@ -133,7 +130,7 @@ def identify(
     settings: dict[str, Any] = {
         "budget": budget, "population": population, "iterations": iterations, "seed": seed,
         "only": names, "held": held, "checkpoint": checkpoint,
-        "backend": backend, "uncertainty": uncertainty, "thresholds": thresholds,
+        "uncertainty": uncertainty, "thresholds": thresholds,
     }  # fmt: skip
     if together:
         if runs is not None:

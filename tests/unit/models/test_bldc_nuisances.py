@@ -5,10 +5,9 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from ematwin import BldcActuator, Faults, Noise, Recording, simulate
-from ematwin.models.bldc import comparison as comparing
 from ematwin.models.bldc.batch import monitor_trace
 from ematwin.models.bldc.comparison import BldcComparison
-from ematwin.models.bldc.constants import constants_by_candidate, kernel_constants
+from ematwin.models.bldc.constants import kernel_constants
 from ematwin.models.bldc.unknowns import CONTRASTS, FAULTS, LOAD, POWER, SENSOR, aliases, nuisances
 from ematwin.models.registry import model_of
 from ematwin.models.scenario import Scenario
@@ -57,15 +56,6 @@ def late(record: Recording, names: tuple[str, ...], delay: float) -> Recording:
 
 def rms(x: np.ndarray) -> float:
     return float(np.sqrt(np.mean(x**2)))
-
-
-def test_neutral_corrections_need_no_constants_of_their_own() -> None:
-    assert constants_by_candidate(ACTUATOR, {"friction": np.zeros(3)}, 3) is None
-    assert constants_by_candidate(ACTUATOR, {"current_gain": np.ones(3)}, 3) is None
-    own = constants_by_candidate(ACTUATOR, {"skew": np.array([0.0, 1e-4])}, 2)
-    assert own is not None
-    assert (own[0] == np.array(kernel_constants(ACTUATOR))).all()
-    assert np.count_nonzero(own[1] != own[0]) == 1
 
 
 # The load
@@ -186,19 +176,6 @@ def test_costs_and_residuals_show_every_nuisance(record, name) -> None:
     assert squares[1] > 1.005 * squares[0]
 
 
-def test_thinned_residuals_are_late_by_the_same_time(record, monkeypatch) -> None:
-    candidates = batch([{"skew": 1.3e-4}, {"skew": 0.0}])
-    whole = BldcComparison(record, ACTUATOR, threads=1)
-    every, still = whole.residuals(candidates, 2)
-    monkeypatch.setattr(comparing, "KEPT", 1100)
-    thin = BldcComparison(record, ACTUATOR, threads=1).residuals(candidates, 2)[0]
-    stride = -(-every.size // thin.size)
-    assert stride == 4
-    assert np.allclose(thin, np.sqrt(stride) * every[::stride], rtol=1e-9)
-    size = rms(np.sqrt(whole.weights) * whole.target)
-    assert rms(every - still) > 0.02 * size
-
-
 # Lanes
 
 
@@ -294,14 +271,6 @@ def test_an_alias_is_a_direction_in_which_the_answer_stays(blind, pivot: str) ->
     assert left < (0.02 if is_rough else 0.005) * alone
 
 
-def test_aliases_name_unknowns_that_there_are() -> None:
-    for one in aliases(ACTUATOR, MODEL.healthy(ACTUATOR)):
-        assert MODEL.unknown(ACTUATOR, one.pivot).name == one.pivot
-        for name in one.same:
-            assert MODEL.unknown(ACTUATOR, name).name == name
-            assert name != one.pivot
-
-
 def test_contrasts_split_the_shorts_into_their_mean_and_the_rest() -> None:
     shorts = {"short_a": 0.1, "short_b": 0.25, "short_c": 0.05}
     found = {
@@ -312,15 +281,6 @@ def test_contrasts_split_the_shorts_into_their_mean_and_the_rest() -> None:
     assert found["short_b_beyond_common"] == pytest.approx(0.25 - mean)
     assert all(one.ambiguity for one in CONTRASTS if one.name == "short_common")
     assert MODEL.contrasts(ACTUATOR) == CONTRASTS
-
-
-def test_nuisances_are_held_while_faults_are_searched_and_known_to_be_neutral() -> None:
-    for one in nuisances(ACTUATOR):
-        assert one.role == "nuisance"
-        assert one.marginal
-        assert one.spread is not None
-        assert one.upper - one.healthy > 3.0 * one.spread
-        assert one.healthy - one.lower == pytest.approx(one.upper - one.healthy)
 
 
 # Motion

@@ -1,1 +1,1 @@
-"""Engines carry runs to processors: local processes, a Dask cluster, or one GPU."""
+"""Engines carry runs to processors: local processes or a Dask cluster."""

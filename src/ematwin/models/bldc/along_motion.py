@@ -30,12 +30,11 @@ from ematwin.models.bldc.counts import (
 from ematwin.models.bldc.envelope import trapezoid_shape
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.phase_sensors import balanced
-from ematwin.models.bldc.reference_step import ReferenceState
+from ematwin.models.bldc.reference_step import ReferenceState, drive, more_after
 from ematwin.models.bldc.simulate import INPUT_INTERVAL, TimeGrid
 from ematwin.models.bldc.state import fault_state
 from ematwin.models.bldc.truer.loops import last_reading
 from ematwin.models.bldc.truer.motor import KEPT_5, KEPT_7, SINE
-from ematwin.models.bldc.truer.reference_step import drive, more_after
 from ematwin.models.bldc.truer.state import NEUTRAL, REST, truer_state
 from ematwin.models.bldc.unknowns import UNKNOWNS
 from ematwin.models.bldc.zeros import counted

@@ -14,7 +14,7 @@ import numpy as np
 
 from ematwin.models.bldc.monitor_step import MonitorState, monitor_step
 from ematwin.models.bldc.pairs import Pairs, pairs_of
-from ematwin.models.bldc.reference_step import ReferenceState, phase_constants, reference_step
+from ematwin.models.bldc.reference_step import ReferenceState, reference_step
 from ematwin.models.bldc.state import (
     HALF_GAP,
     LOAD_DELAY,
@@ -23,7 +23,6 @@ from ematwin.models.bldc.state import (
     fault_state,
 )
 from ematwin.models.bldc.truer.monitor_step import Loops, looped_monitor_step
-from ematwin.models.bldc.truer.reference_step import truer_reference_step
 from ematwin.models.bldc.truer.state import truer_state
 from ematwin.numerics.compile import loop, step
 from ematwin.numerics.lanes import LANES, columns, lane_loop, wide_vectors
@@ -73,9 +72,8 @@ def reference_trace(k, command, load, state, c, dt, substeps, decimation, truer,
     dt : float, step, s
     substeps : int, steps from one grid point to the next
     decimation : int, grid intervals from one sample to the next
-    truer : None for the paper's forms; or `Truer`, constants of the truer ones. numba compiles the
-        two cases apart
-    more : None; or array of the fields of `TruerState`, kept like ``state``
+    truer : Truer, constants of the truer forms
+    more : (19,) array, the fields of `TruerState`, kept like ``state``
 
     Returns
     -------
@@ -83,13 +81,11 @@ def reference_trace(k, command, load, state, c, dt, substeps, decimation, truer,
         start; a current or voltage is the mean over the interval that ends at its sample
     """
     fault = fault_state(k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7], c.half_gap)
-    phases = phase_constants(fault, c)
     now = ReferenceState(
         state[0], state[1], state[2], state[3], state[4], state[5], state[6], state[7],
         state[8], state[9], state[10],
     )  # fmt: skip
-    if truer is not None:
-        now_more = truer_state(more)
+    now_more = truer_state(more)
     samples = (command.size - 1) // decimation
     trace = np.empty((samples, 15))
     share = 1.0 / (substeps * decimation)
@@ -108,14 +104,9 @@ def reference_trace(k, command, load, state, c, dt, substeps, decimation, truer,
             for j in range(substeps):
                 command_now = command[g] + j * d_command
                 load_now = load[g] + j * d_load
-                if truer is None:
-                    now, i_a, i_b, i_c, supply = reference_step(
-                        now, command_now, load_now, fault, phases, c, dt
-                    )
-                else:
-                    now, now_more, i_a, i_b, i_c, supply = truer_reference_step(
-                        now, now_more, command_now, load_now, fault, c, truer, dt
-                    )
+                now, now_more, i_a, i_b, i_c, supply = reference_step(
+                    now, now_more, command_now, load_now, fault, c, truer, dt
+                )
                 sum_a += i_a
                 sum_b += i_b
                 sum_c += i_c
@@ -141,9 +132,8 @@ def reference_trace(k, command, load, state, c, dt, substeps, decimation, truer,
         trace[sample, 14] = sum_vbus * share
     for n, value in enumerate(now):
         state[n] = value
-    if truer is not None:
-        for n, value in enumerate(now_more):
-            more[n] = value
+    for n, value in enumerate(now_more):
+        more[n] = value
     return trace
 
 

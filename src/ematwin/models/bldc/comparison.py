@@ -13,11 +13,9 @@ from typing import Self
 
 import numpy as np
 
-from ematwin.errors import InputError
 from ematwin.models.bldc.channels import PHASES, phase_currents
 from ematwin.models.bldc.constants import constants_by_candidate, kernel_constants
 from ematwin.models.bldc.envelope import equivalent_current
-from ematwin.models.bldc.gpu import launch
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.phase_sensors import balanced
 from ematwin.models.bldc.power import Power, recorded_power
@@ -67,7 +65,6 @@ class BldcComparison(Comparison):
     rectify : compare magnitudes; None compares signed currents where the recording has the rotor
         angle, else magnitudes
     threads : threads that share a batch; None takes one for each core
-    backend : "cpu"; or "cuda", where a GPU simulates large batches, each in one launch
 
     Attributes
     ----------
@@ -82,7 +79,7 @@ class BldcComparison(Comparison):
     RecordError
         If the recording is too short or constant.
     InputError
-        If it is sampled too slowly for the filter, or the backend lacks a form of the actuator.
+        If it is sampled too slowly for the filter.
     """
 
     kept: int
@@ -103,9 +100,8 @@ class BldcComparison(Comparison):
         weighting: SlopeWeighting | None = None,
         rectify: bool | None = None,
         threads: int | None = None,
-        backend: str = "cpu",
     ) -> None:
-        self.backend, self.kept = backend, KEPT
+        self.kept = KEPT
         check_enough(recording)
         recording = counted(balanced(recording), actuator)
         self.recording, self.actuator = recording, actuator
@@ -125,11 +121,6 @@ class BldcComparison(Comparison):
         self.unseen = frozenset(
             place for place, *_ in actuator.parameters() if place.startswith(_REFERENCE_ALONE)
         )
-        if backend == "cuda" and actuator.shorted_turns is not None:
-            raise InputError(
-                f"A GPU knows shorted turns that are missing, but those of {actuator.name} are a "
-                "loop ([shorted_turns]); use the backend cpu, or leave the section out."
-            )
         self.threads = threads or cores()
         self._filter(low_pass or LowPass(), weighting or SlopeWeighting())
 
@@ -388,11 +379,6 @@ class BldcComparison(Comparison):
 
         ``kept`` samples of each stretch are kept. Costs above ``limits`` (B,) are infinite.
         """
-        if self.backend == "cuda" and launch.pays(len(batch.faults), self.threads):
-            own = self.constants if batch.constants is None else batch.constants
-            steps = self.step, self.substeps
-            work = launch.Work(stretches, batch.faults, own, *steps, self.rectify, kept)
-            return launch.scores(work)
         looped = self.actuator.shorted_turns is not None
         twin = Twin(self.constants, self.step, self.substeps, self.rectify, looped)
         return scores(stretches, batch, twin, kept, limits, self.threads)

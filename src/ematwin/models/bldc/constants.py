@@ -67,8 +67,8 @@ def kernel_constants(
     )
 
 
-def truer_constants(actuator: BldcActuator, count_offset: float = 0.5) -> Truer | None:
-    """Constants of the forms that the reference model alone has; None without any of them.
+def truer_constants(actuator: BldcActuator, count_offset: float = 0.5) -> Truer:
+    """Constants of the forms that the reference model alone has.
 
     ``count_offset`` says where within a step the counts of encoders begin.
 
@@ -128,7 +128,7 @@ def truer_constants(actuator: BldcActuator, count_offset: float = 0.5) -> Truer 
             "output_step": encoder.output_step * actuator.transmission.ratio,
             "filter_share": -np.expm1(-speed.sample_time / lag),
         }  # fmt: skip
-    return NEUTRAL._replace(**found) if found else None
+    return NEUTRAL._replace(**found)
 
 
 def constants_by_candidate(

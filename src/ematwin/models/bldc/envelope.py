@@ -23,6 +23,7 @@ from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.numerics.signals import LowPass
 from ematwin.recordings.recording import Recording
 
+_LAGS = 2.0 * np.pi / 3.0 * np.arange(3)
 _AT_ONCE = 65_536  # samples: long records take memory enough
 
 
@@ -30,6 +31,11 @@ def trapezoid_shape(theta_e: np.ndarray) -> np.ndarray:
     """EMF shape f at electrical angles (rad): trapezoid with flats of 120 degrees."""
     turns = theta_e / (2.0 * math.pi) - 0.25
     return np.clip(3.0 - 12.0 * np.abs(turns - np.round(turns)), -1.0, 1.0)
+
+
+def projected(currents: np.ndarray, theta_e: np.ndarray) -> np.ndarray:
+    """(S,) array, A, phase currents (S, 3) on the EMF shapes at electrical angles (S,), rad."""
+    return np.asarray(0.5 * (currents * trapezoid_shape(theta_e[:, None] - _LAGS)).sum(axis=1))
 
 
 def current_envelope(record: Recording) -> np.ndarray:

@@ -40,7 +40,6 @@ class BldcModel(ServoModel):
     sample_rate = 20_000.0
     on_request = ON_REQUEST
     fixed = FIXED
-    backends = ("cpu", "cuda")
     compared_rate = 20_000.0
     # Parameters that a healthy recording may determine, and how far a template may be off.
     model_error = MODEL_ERROR
@@ -130,14 +129,6 @@ class BldcModel(ServoModel):
         """At 20 kHz or a little more; as it is where power is recorded, a product of two means."""
         has_power = any(name in recording.channels for name in ON_REQUEST)
         return recording if has_power else super().averaged(recording)
-
-    def check_backend(self, backend: str) -> None:
-        """A GPU needs numba-cuda and a device."""
-        super().check_backend(backend)
-        if backend == "cuda":
-            from ematwin.models.bldc.gpu.launch import ready
-
-            ready()
 
     def check_channels(self, recording: Recording) -> None:
         """Command and currents, whole or not at all."""

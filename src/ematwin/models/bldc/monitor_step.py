@@ -13,14 +13,16 @@ not be had; these are derived here.
 All of a step happens in its middle: inputs, angles, and the current, which follows the speed that
 the rotor will have there (implicit midpoint). Commutations and impacts count from when they
 happen (docs/models.md, "Steps").
+
+`monitor_step` is a `part`, of steps that numba inlines: loops over it compile three times as fast
+as where numba inlines all of it, and their lanes are as fast.
 """
 
 from typing import NamedTuple
 
-from ematwin.models.bldc.controller import current_demand
 from ematwin.models.bldc.pairs import equivalent_phase
 from ematwin.numerics.backlash import advance_rigid_play, stop_at_ends
-from ematwin.numerics.compile import step
+from ematwin.numerics.compile import part, step
 from ematwin.numerics.friction import dithered_static, loaded_friction
 from ematwin.numerics.scalar import clip
 
@@ -44,6 +46,17 @@ class Impact(NamedTuple):
 
     jump: float  # rad/s, by how much it changed the speed of the motor
     left: float  # share of the step that was left, 0 without an impact
+
+
+@step
+def current_demand(command, theta_o, w_m, k_position, k_demand, w_max):
+    """Current that position and speed loop ask for, A, before its limit.
+
+    ``command`` and ``theta_o`` are output positions on the motor shaft, rad; ``k_demand`` is
+    ``k_speed`` over the healthy torque constant, A s/rad.
+    """
+    w_ref = clip(k_position * (command - theta_o), -w_max, w_max)
+    return k_demand * (w_ref - w_m)
 
 
 @step
@@ -117,7 +130,7 @@ def answer_impact(state, impact, i_ref, fall, rise, kappa_eq, c, dt):
     )  # fmt: skip
 
 
-@step
+@part
 def monitor_step(state, command, load, fault, pairs, c, dt):
     """Advance the monitor model by ``dt``; ``command`` and ``load`` are taken in its middle.
 

@@ -10,39 +10,30 @@ from itertools import combinations
 import numpy as np
 
 from ematwin.errors import RecordError
-from ematwin.models.bldc.agreement import check_agreement
+from ematwin.models.agreement import check_agreement, check_sum
 from ematwin.models.bldc.channels import CURRENTS, PHASES, VOLTAGES
 from ematwin.models.bldc.counts import said_of_steps
 from ematwin.models.bldc.envelope import current_envelope
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.phase_sensors import phase_sensors
-from ematwin.models.bldc.wiring import check_order, check_sum
+from ematwin.models.bldc.wiring import check_order
 from ematwin.models.bldc.zeros import zeros
-from ematwin.models.servo import check_motion, check_size
+from ematwin.models.servo import check_motion, check_size, little_motion
+from ematwin.numerics.signals import LowPass
 from ematwin.recordings.recording import Recording
-from ematwin.showing.numbers import apart
 
-DEFAULT_CUTOFF = 500.0  # Hz, of the low-pass before the misfit
+_CUTOFF = LowPass().cutoff  # Hz, before the misfit
 _RATE = 4.0  # times the cutoff: the least rate at which that low-pass acts as one
 _FEWEST = 100  # samples
 _SHORTEST = 10.0  # periods of the cutoff
 _FASTEST = 5e6  # Hz: no current of a motor is sampled faster
 _OVER_LIMIT = 3.0  # times the current limit
 _OVER_SUPPLY = 3.0  # times the supply
-_GAPS = 5.0  # times the healthy gap that a motion should cross
 _AT_REST = 0.01  # of the current limit, peak to peak: noise of a sensor
 
 
-def check_plausible(
-    record: Recording, actuator: BldcActuator | None = None, cutoff: float = DEFAULT_CUTOFF
-) -> list[str]:
+def check_plausible(record: Recording, actuator: BldcActuator) -> list[str]:
     """Sentences on doubts about a record.
-
-    Parameters
-    ----------
-    record : Recording
-    actuator : BldcActuator, for limits, gear and pole pairs; None checks what needs none
-    cutoff : float, Hz, of the low-pass before the misfit
 
     Raises
     ------
@@ -51,27 +42,24 @@ def check_plausible(
     """
     check_phases(record)
     check_agreement(record, actuator)  # first, as it tells the cause and not the consequence
-    _check_rate(record, cutoff)
-    _check_length(record, cutoff)
+    _check_rate(record)
+    _check_length(record)
     warnings = _check_motion(record, actuator)
-    if actuator is not None:
-        _check_currents(record, actuator)
-        warnings += _check_voltages(record, actuator)
-        check_motion(record, actuator)
+    _check_currents(record, actuator)
+    warnings += _check_voltages(record, actuator)
+    check_motion(record, actuator)
     sensors = phase_sensors(record)
     if sensors is not None:
         warnings.append(str(sensors))
         record = sensors.corrected(record)
     warnings += check_sum(record)
-    if actuator is not None:
-        if actuator.encoder is None:
-            warnings += said_of_steps(record, actuator)
-        angles = zeros(record, actuator)
-        if angles is not None:
-            warnings += angles.said(actuator)
-            record = angles.corrected(record, actuator)
-        warnings += check_order(record, actuator)
-    return warnings
+    if actuator.encoder is None:
+        warnings += said_of_steps(record, actuator)
+    angles = zeros(record, actuator)
+    if angles is not None:
+        warnings += angles.said(actuator)
+        record = angles.corrected(record, actuator)
+    return warnings + check_order(record, actuator)
 
 
 def check_phases(recording: Recording) -> None:
@@ -90,8 +78,8 @@ def check_phases(recording: Recording) -> None:
         )
 
 
-def _check_rate(record: Recording, cutoff: float) -> None:
-    rate, least = record.sample_rate, _RATE * cutoff
+def _check_rate(record: Recording) -> None:
+    rate, least = record.sample_rate, _RATE * _CUTOFF
     if rate < least:
         hints = [
             f'"{unit}" (the rate would be {rate * factor:g} Hz)'
@@ -101,7 +89,7 @@ def _check_rate(record: Recording, cutoff: float) -> None:
         tail = f" If its time is not in s, give the unit: {' or '.join(hints)}." if hints else ""
         raise RecordError(
             f"The record is sampled at {rate:.6g} Hz; the comparison needs at least {least:g} Hz, "
-            f"four times its low-pass of {cutoff:g} Hz. Record faster or lower the cutoff.{tail}"
+            f"four times its low-pass of {_CUTOFF:g} Hz. Record faster.{tail}"
         )
     if rate > _FASTEST:
         duration = record.time[-1] - record.time[0]
@@ -112,8 +100,8 @@ def _check_rate(record: Recording, cutoff: float) -> None:
         )
 
 
-def _check_length(record: Recording, cutoff: float) -> None:
-    duration, shortest = float(record.time[-1] - record.time[0]), _SHORTEST / cutoff
+def _check_length(record: Recording) -> None:
+    duration, shortest = float(record.time[-1] - record.time[0]), _SHORTEST / _CUTOFF
     if duration < shortest or len(record) < _FEWEST:
         raise RecordError(
             f"The record is too short: {len(record)} samples in {duration:.4g} s; at least "
@@ -121,15 +109,14 @@ def _check_length(record: Recording, cutoff: float) -> None:
         )
 
 
-def _check_motion(record: Recording, actuator: BldcActuator | None) -> list[str]:
+def _check_motion(record: Recording, actuator: BldcActuator) -> list[str]:
     envelope = current_envelope(record)
-    limit = actuator.drive.current_limit if actuator is not None else float(envelope.max())
     moves = any(
         np.ptp(getattr(record, name)) > 0.0
         for name in ("command", "load")
         if getattr(record, name) is not None
     )
-    idle = float(np.ptp(envelope)) <= _AT_REST * limit
+    idle = float(np.ptp(envelope)) <= _AT_REST * actuator.drive.current_limit
     if float(envelope.max()) == 0.0:
         raise RecordError(
             "The current is zero throughout: the sensor was not connected, or another channel was "
@@ -150,27 +137,8 @@ def _check_motion(record: Recording, actuator: BldcActuator | None) -> list[str]
 
 def too_little_motion(record: Recording, actuator: BldcActuator) -> list[str]:
     """Sentences on why a motion cannot tell faults: six sectors make a turn of the field."""
-    gear = actuator.transmission
-    if record.motor_position is not None:
-        travel = float(np.ptp(record.motor_position))
-    else:
-        output = record.command if record.output_position is None else record.output_position
-        travel = float(np.ptp(output)) * gear.ratio
     turn = 2.0 * np.pi / actuator.motor.pole_pairs
-    found = []
-    if travel < turn:
-        moved, needed = apart(float(np.degrees(travel)), float(np.degrees(turn)))
-        found.append(
-            f"The motor turns by {moved} degrees, less than the "
-            f"{needed} of one electrical turn: not every phase takes part. Record a "
-            f"motion of at least {1e3 * turn / gear.ratio:.3g} mrad of the output."
-        )
-    if travel < _GAPS * gear.backlash:
-        found.append(
-            f"The motion is {travel / max(gear.backlash, 1e-12):.2g} times the healthy gap: it "
-            "hardly crosses it."
-        )
-    return found
+    return little_motion(record, actuator, turn, "electrical turn: not every phase takes part")
 
 
 def _check_currents(record: Recording, actuator: BldcActuator) -> None:

@@ -117,10 +117,8 @@ def simulated(
     if model == "reference":
         run, names = batch.reference_trace, batch.REFERENCE_COLUMNS
         truer = truer_constants(actuator, count_offset)
-        further = truer, None
-        if truer is not None:
-            seen = {"read": last_reading(truer, theta_m, w_m), "speed_seen": w_m}
-            further = truer, np.array(REST._replace(**seen))
+        seen = {"read": last_reading(truer, theta_m, w_m), "speed_seen": w_m}
+        further = truer, np.array(REST._replace(**seen))
         rest = ReferenceState(0.0, 0.0, 0.0, w_m, theta_m, w_o, theta_o, 1.0, 0.0, 0.0, 0.0)
     else:
         run, names = batch.monitor_trace, batch.MONITOR_COLUMNS

@@ -13,13 +13,12 @@ from ematwin.models.bldc.constants import kernel_constants, truer_constants
 from ematwin.models.bldc.monitor_step import MonitorState, monitor_step
 from ematwin.models.bldc.pairs import Pairs, pairs_of
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.models.bldc.reference_step import ReferenceState, phase_constants, reference_step
+from ematwin.models.bldc.reference_step import ReferenceState, reference_step
 from ematwin.models.bldc.simulate import INPUT_INTERVAL, TimeGrid
 from ematwin.models.bldc.state import Constants, FaultState, fault_state
 from ematwin.models.bldc.truer.loops import last_reading, read_angle
 from ematwin.models.bldc.truer.monitor_step import looped_monitor_step
-from ematwin.models.bldc.truer.reference_step import truer_reference_step
-from ematwin.models.bldc.truer.state import NEUTRAL, Truer, TruerState
+from ematwin.models.bldc.truer.state import Truer, TruerState
 from ematwin.models.bldc.unknowns import FAULTS, FIXED
 from ematwin.models.stepped import Stepped, initial_position
 from ematwin.numerics.compile import part
@@ -29,13 +28,12 @@ _K = len(Constants._fields)  # where the fault vector begins in the constants
 _START = _K + len(FAULTS)
 _TRUER = _START + 1
 _FAULT = _TRUER + len(Truer._fields)
-_PHASES = _FAULT + len(FaultState._fields)
+_PAIRS = _FAULT + len(FaultState._fields)
 _READ = TruerState._fields.index("read")
 
 
 def stepped(actuator: BldcActuator, fidelity: str, rate: float) -> Stepped:
     """The actuator at rest, then sample by sample at a rate (Hz)."""
-    truer = truer_constants(actuator)
     longest = getattr(actuator.steps, fidelity)
     grid = TimeGrid(longest, max(INPUT_INTERVAL, longest), 2.0 / rate, rate)
     substeps = grid.substeps * grid.decimation
@@ -43,8 +41,8 @@ def stepped(actuator: BldcActuator, fidelity: str, rate: float) -> Stepped:
     def constants(candidates: Mapping[str, Any]) -> list[Any]:
         own = actuator.varied(candidates, FIXED)
         faults = [candidates[name] for name in FAULTS]
-        forms = truer_constants(own) or NEUTRAL
-        return [*kernel_constants(own), *faults, candidates["initial_position"], *forms]
+        start = candidates["initial_position"]
+        return [*kernel_constants(own), *faults, start, *truer_constants(own)]
 
     make = _reference if fidelity == "reference" else _monitor
     return Stepped(
@@ -53,7 +51,7 @@ def stepped(actuator: BldcActuator, fidelity: str, rate: float) -> Stepped:
         interval=1.0 / rate,
         substeps=substeps,
         starts=(initial_position(actuator),),
-        **make(actuator, grid.step, substeps, truer is not None),
+        **make(actuator, grid.step, substeps),
     )
 
 
@@ -67,7 +65,7 @@ def _fault(c):
     )  # fmt: skip
 
 
-def _monitor(actuator: BldcActuator, dt: float, substeps: int, truer: bool) -> dict[str, Any]:
+def _monitor(actuator: BldcActuator, dt: float, substeps: int) -> dict[str, Any]:
     ratio, share = actuator.transmission.ratio, 1.0 / substeps
     looped = actuator.shorted_turns is not None
     loops = len(MonitorState._fields)
@@ -77,7 +75,7 @@ def _monitor(actuator: BldcActuator, dt: float, substeps: int, truer: bool) -> d
     def derive(c):
         fault = _fault(c)
         batch.write_fault(c[_FAULT:], 0, fault)
-        batch.write_pairs(c[_PHASES:], 0, pairs_of(fault, batch.read_constants(c, 0)))
+        batch.write_pairs(c[_PAIRS:], 0, pairs_of(fault, batch.read_constants(c, 0)))
 
     @part
     def begin(c, u, x):
@@ -103,7 +101,7 @@ def _monitor(actuator: BldcActuator, dt: float, substeps: int, truer: bool) -> d
             )
             batch.write_loops(x[loops:], 0, after)
         else:
-            pairs = batch.read_pairs(c[_PHASES:], 0)
+            pairs = batch.read_pairs(c[_PAIRS:], 0)
             now, _ = monitor_step(now, command, load, fault, pairs, own, dt)
         batch.write_state(x, 0, now)
         x[total, 0] += share * now.i
@@ -111,7 +109,7 @@ def _monitor(actuator: BldcActuator, dt: float, substeps: int, truer: bool) -> d
     return {
         "derive": derive, "begin": begin, "sample": sample, "advance": advance, "at": (0.5, 0.5),
         "outputs": batch.MONITOR_COLUMNS[:5], "state_count": total + 1,
-        "constant_count": _PHASES + len(Pairs._fields),
+        "constant_count": _PAIRS + len(Pairs._fields),
     }  # fmt: skip
 
 
@@ -120,18 +118,14 @@ _, read_truer, _ = columns(Truer)
 _, read_more, write_more = columns(TruerState)
 
 
-def _reference(actuator: BldcActuator, dt: float, substeps: int, truer: bool) -> dict[str, Any]:
+def _reference(actuator: BldcActuator, dt: float, substeps: int) -> dict[str, Any]:
     ratio, share = actuator.transmission.ratio, 1.0 / substeps
     more = len(ReferenceState._fields)
     total = more + len(TruerState._fields)
 
     @part
     def derive(c):
-        fault = _fault(c)
-        batch.write_fault(c[_FAULT:], 0, fault)
-        phases = phase_constants(fault, batch.read_constants(c, 0))
-        for n in range(6):
-            c[_PHASES + n, 0] = phases[n]
+        batch.write_fault(c[_FAULT:], 0, _fault(c))
 
     @part
     def begin(c, u, x):
@@ -156,19 +150,11 @@ def _reference(actuator: BldcActuator, dt: float, substeps: int, truer: bool) ->
     def advance(c, x, u):
         own, fault = batch.read_constants(c, 0), batch.read_fault(c[_FAULT:], 0)
         now, command, load = read_reference(x, 0), u[0, 0] * ratio, u[1, 0] / ratio
-        if truer:
-            now, after, i_a, i_b, i_c, _ = truer_reference_step(
-                now, read_more(x[more:], 0), command, load, fault, own,
-                read_truer(c[_TRUER:], 0), dt,
-            )  # fmt: skip
-            write_more(x[more:], 0, after)
-        else:
-            p = _PHASES
-            phases = (
-                c[p, 0], c[p + 1, 0], c[p + 2, 0], c[p + 3, 0], c[p + 4, 0], c[p + 5, 0]
-            )  # fmt: skip
-            now, i_a, i_b, i_c, _ = reference_step(now, command, load, fault, phases, own, dt)
+        now, after, i_a, i_b, i_c, _ = reference_step(
+            now, read_more(x[more:], 0), command, load, fault, own, read_truer(c[_TRUER:], 0), dt
+        )
         write_reference(x, 0, now)
+        write_more(x[more:], 0, after)
         x[total, 0] += share * i_a
         x[total + 1, 0] += share * i_b
         x[total + 2, 0] += share * i_c
@@ -176,5 +162,5 @@ def _reference(actuator: BldcActuator, dt: float, substeps: int, truer: bool) ->
     return {
         "derive": derive, "begin": begin, "sample": sample, "advance": advance, "at": (0.0, 0.0),
         "outputs": batch.REFERENCE_COLUMNS[:7], "state_count": total + 3,
-        "constant_count": _PHASES + 6,
+        "constant_count": _PAIRS,
     }  # fmt: skip

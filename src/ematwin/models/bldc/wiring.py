@@ -11,60 +11,16 @@ from itertools import permutations, product
 import numpy as np
 
 from ematwin.errors import RecordError
-from ematwin.models.bldc.channels import PHASES, phase_currents
-from ematwin.models.bldc.envelope import trapezoid_shape
+from ematwin.models.bldc.channels import phase_currents
+from ematwin.models.bldc.envelope import projected
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.recordings.recording import Recording
 
-_SUM = 0.2  # of the RMS of the currents: the sum of three good channels is less
-_FLIPPED = 0.5  # a flip explains the sum if it leaves less than this share of it
 _COHERENT = 0.85  # of the mean square current, on the right EMF shapes
 _BETTER = 1.05  # times the share as it is: another order or zero explains the currents
 _DOUBTFUL = 1.03  # likewise, for a warning; faulty actuators reach 1.01
 _NEARLY = 0.995  # an order as good as that beside the best zero of the angle is the simpler cause
 _MOST = 5_000  # samples looked at
-_LAGS = 2.0 * np.pi / 3.0 * np.arange(3)
-
-
-def check_sum(record: Recording) -> list[str]:
-    """Warnings if the phase currents do not sum to zero.
-
-    Raises
-    ------
-    RecordError
-        If turning the sign of one phase makes the sum vanish.
-    """
-    currents = phase_currents(record)
-    if currents is None:
-        return []
-    scale = _rms(currents)
-    offset = currents.sum(axis=1).mean()
-    total = _rms(currents.sum(axis=1) - offset)
-    warnings = []
-    if scale > 0.0 and abs(offset) > 0.5 * _SUM * scale:
-        warnings.append(
-            f"The phase currents sum to {offset:.3g} A on average instead of zero: a sensor has "
-            "an offset; give it in the map."
-        )
-    if total <= _SUM * scale:
-        return warnings
-    left = {}
-    for k, name in enumerate(PHASES):
-        flipped = currents.sum(axis=1) - 2.0 * currents[:, k]
-        left[name] = _rms(flipped - flipped.mean())
-    best = min(left, key=left.__getitem__)
-    if left[best] < _FLIPPED * total and left[best] <= _SUM * scale:
-        others = " and ".join(name for name in PHASES if name != best)
-        raise RecordError(
-            f"The phase currents sum to {total:.3g} A (RMS) instead of zero, and to "
-            f"{left[best]:.3g} A with {best} inverted: {best} has the wrong sign (or both "
-            f"{others}). Give sign = -1 in the map."
-        )
-    return [
-        *warnings,
-        f"The phase currents sum to {total:.3g} A (RMS) instead of zero, at {scale:.3g} A (RMS) in "
-        "a phase, and no change of one sign explains it: check the scales of the three channels.",
-    ]
 
 
 def check_order(record: Recording, actuator: BldcActuator) -> list[str]:
@@ -89,7 +45,7 @@ def check_order(record: Recording, actuator: BldcActuator) -> list[str]:
     work = _Work(record, actuator, every)
 
     def fit(currents: np.ndarray, angle: np.ndarray) -> _Fit:
-        signed = 0.5 * (currents * trapezoid_shape(angle[:, None] - _LAGS)).sum(axis=1)
+        signed = projected(currents, angle)
         return _Fit(float(np.mean(signed**2)) / whole, work.sign(signed))
 
     given = fit(currents, angle)
@@ -172,7 +128,3 @@ class _Work:
         motor = self._torque_constant * float(signed_current @ self._turned)
         as_given, opposite = motor > self._to_load, -motor > self._to_load
         return int(as_given) - int(opposite)
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values**2)))

@@ -21,7 +21,7 @@ from functools import partial
 import numpy as np
 
 from ematwin.models.bldc.channels import phase_currents
-from ematwin.models.bldc.envelope import trapezoid_shape
+from ematwin.models.bldc.envelope import projected
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.comparison import Placed
 from ematwin.numerics.remembered import Remembered
@@ -29,7 +29,6 @@ from ematwin.numerics.signals import white_noise
 from ematwin.recordings.recording import Recording
 
 _LOOKED_AT = 5_000  # samples
-_LAGS = 2.0 * np.pi / 3.0 * np.arange(3)
 _ENCODER = math.radians(15.0)  # electrical: beyond, phases may be swapped (`wiring`)
 _MATTERS = math.radians(0.75)  # electrical
 _OF_TWIN = math.radians(2.0)  # the same beside a twin, which moves nearly as recorded
@@ -165,7 +164,7 @@ def turned(currents: np.ndarray, angle: np.ndarray, current: np.ndarray) -> Turn
     if whole == 0.0 or not ways:
         return None
     steps = np.arange(-np.pi, np.pi, 5.0 * _COARSE)
-    alike = [float(current @ _projected(currents, angle + step)) for step in steps]
+    alike = [float(current @ projected(currents, angle + step)) for step in steps]
     nearby = steps[int(np.argmax(alike))] + np.arange(-10, 11) * _COARSE
     best = _best(currents, angle, nearby, ways)
     if best is None:  # no top nearby: nothing fits
@@ -211,13 +210,9 @@ def _looked_for(
     return sum(found) / len(found)
 
 
-def _projected(currents: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    return np.asarray(0.5 * (currents * trapezoid_shape(angle[:, None] - _LAGS)).sum(axis=1))
-
-
 def _share(currents: np.ndarray, angle: np.ndarray) -> float:
     """Mean square current on the EMF shapes at electrical angles (S,)."""
-    return float(np.mean(_projected(currents, angle) ** 2))
+    return float(np.mean(projected(currents, angle) ** 2))
 
 
 def _refined(currents: np.ndarray, angle: np.ndarray, zero: float) -> float:

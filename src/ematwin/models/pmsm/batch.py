@@ -22,7 +22,7 @@ from ematwin.models.pmsm.reference_step import (
     reference_step,
 )
 from ematwin.models.pmsm.state import Constants
-from ematwin.numerics.compile import loop, step
+from ematwin.numerics.compile import loop, part, step
 from ematwin.numerics.lanes import LANES, columns, lane_loop, wide_vectors
 from ematwin.numerics.scalar import biquad, sincos
 
@@ -48,7 +48,7 @@ def rounded(x, quantum):
     return quantum * np.floor(x / quantum + 0.5) if quantum > 0.0 else x
 
 
-@step
+@part
 def read_by_drive(
     now, loops, command, of_current, of_motor, of_output, due_position, due_speed, speed_ticks,
     tick, c,

@@ -9,7 +9,7 @@ angle of the voltage leads by the tick and a half until the middle of its applic
 import math
 from typing import NamedTuple
 
-from ematwin.numerics.compile import step
+from ematwin.numerics.compile import part
 from ematwin.numerics.scalar import clip, sincos
 
 ROOT_3 = 1.7320508075688772
@@ -38,7 +38,7 @@ class Seen(NamedTuple):
     v_q: float
 
 
-@step
+@part
 def control_step(now, command, theta_m, theta_o, i_a, i_b, due_position, due_speed, ticks, dt, c):
     """A tick: readings in, `ControlState` and `Seen` out.
 

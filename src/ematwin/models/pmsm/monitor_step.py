@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from ematwin.models.pmsm.controller import ROOT_3
 from ematwin.models.pmsm.mechanics import Motion, advance_motion
-from ematwin.numerics.compile import step
+from ematwin.numerics.compile import part, step
 from ematwin.numerics.scalar import clip, sincos
 
 
@@ -91,7 +91,7 @@ def emf_shape(s, co, theta_m, c):
     return c.k_e * k_d, c.k_e * k_q, 0.5 * c.k_e * (y * co - x * s)
 
 
-@step
+@part
 def monitor_step(now, v_alpha, v_beta, load, c, dt):
     """Advance by ``dt`` under a voltage that stands still; ``load`` is taken in the middle."""
     mid = now.theta_m + 0.5 * dt * now.w_m

@@ -9,6 +9,7 @@ from itertools import permutations
 import numpy as np
 
 from ematwin.errors import RecordError
+from ematwin.models.agreement import check_agreement, check_sum
 from ematwin.models.pmsm.channels import (
     PHASES,
     ROTATING,
@@ -19,18 +20,14 @@ from ematwin.models.pmsm.channels import (
 )
 from ematwin.models.pmsm.comparison import MOVING
 from ematwin.models.pmsm.parameters import PmsmActuator
-from ematwin.models.servo import check_motion, check_size
+from ematwin.models.servo import check_motion, check_size, little_motion
 from ematwin.recordings.recording import Recording
 
 _OVER_LIMIT = 3.0  # times the current limit
 _OVER_LINK = 1.5  # times the DC link
 _OVERSPEED = 3.0  # times the speed limit
-_ALIKE = 0.1  # of its swing: how far the output may be from where the motor puts it
-_SUM = 0.1  # of the RMS of the phases
 _SWAPPED = 0.5  # of the current, RMS, along the magnets: in another order
 _ORDERED = 0.2  # and in the right one
-_GAPS = 5.0  # times the healthy gap that a motion should cross
-_DEGREES = 180.0 / np.pi
 
 
 def check_phases(recording: Recording) -> None:
@@ -63,12 +60,12 @@ def check_plausible(recording: Recording, actuator: PmsmActuator) -> list[str]:
     RecordError
         If it cannot be identified from, with the reason and the likely cause.
     """
+    check_agreement(recording, actuator)
     _check_sizes(recording, actuator)
-    _check_sides(recording, actuator)
     check_motion(recording, actuator)
     _check_order(recording, actuator)
     doubts = _check_voltages(recording)
-    doubts += _check_sums(recording)
+    doubts += check_sum(recording)
     doubts += _check_start(recording, actuator)
     return doubts
 
@@ -84,30 +81,6 @@ def _check_sizes(recording: Recording, actuator: PmsmActuator) -> None:
             largest = float(np.abs(recording.channels[name]).max())
             said = f"{actuator.name} is limited to {limit:.4g} {unit}"
             check_size(name, largest, most * limit, unit, said)
-
-
-def _check_sides(recording: Recording, actuator: PmsmActuator) -> None:
-    motor = recording.channels.get("motor_position")
-    output = recording.channels.get("output_position")
-    if motor is None or output is None or not np.ptp(output) > 0.0:
-        return
-    on_motor = output * actuator.transmission.ratio
-    swing = float(np.ptp(on_motor))
-    play = actuator.transmission.backlash * 10.0
-    gap = (motor - motor[0]) - (on_motor - on_motor[0])
-    if float(np.abs(gap).max()) <= _ALIKE * swing + play:
-        return
-    times = float(np.ptp(motor)) / swing
-    sign = float(np.sum((motor - motor.mean()) * (on_motor - on_motor.mean())))
-    cause = (
-        "one of them has the wrong sign" if sign < 0.0
-        else "one of them looks like degrees" if 30.0 < max(times, 1.0 / max(times, 1e-9)) < 90.0
-        else "check their units and transmission.ratio"
-    )  # fmt: skip
-    raise RecordError(
-        f"motor_position moves {times:.3g} times as far as output_position does through the gear "
-        f"of {actuator.transmission.ratio:g}: {cause}. Correct it in the map."
-    )
 
 
 def _check_order(recording: Recording, actuator: PmsmActuator) -> None:
@@ -146,22 +119,6 @@ def _check_voltages(recording: Recording) -> list[str]:
     ]
 
 
-def _check_sums(recording: Recording) -> list[str]:
-    found = []
-    for group in (PHASES, VOLTAGES):
-        if not set(group) <= recording.channels.keys():
-            continue
-        phases = np.stack([recording.channels[name] for name in group])
-        left = float(np.sqrt(np.mean(phases.sum(axis=0) ** 2)))
-        size = float(np.sqrt(np.mean(phases**2)))
-        if left > _SUM * size:
-            found.append(
-                f"{', '.join(group)} do not add up to zero ({100.0 * left / size:.0f} % of their "
-                "RMS): one of them may be missing, shifted or of another scale."
-            )
-    return found
-
-
 def _check_start(recording: Recording, actuator: PmsmActuator) -> list[str]:
     motor = recording.channels.get("motor_position")
     if motor is None or len(motor) < 10:
@@ -178,21 +135,5 @@ def _check_start(recording: Recording, actuator: PmsmActuator) -> list[str]:
 
 def too_little_motion(recording: Recording, actuator: PmsmActuator) -> list[str]:
     """Sentences on why a motion cannot tell faults."""
-    gear, channels = actuator.transmission, recording.channels
-    motor = channels.get("motor_position")
-    output = channels.get("output_position", channels["command"])
-    travel = float(np.ptp(output) * gear.ratio if motor is None else np.ptp(motor))
-    found = []
-    turn = 2.0 * np.pi
-    if travel < turn:
-        found.append(
-            f"The motor turns by {_DEGREES * travel:.3g} degrees, less than one turn: dynamic "
-            f"eccentricity does not show. Record a motion of at least {turn / gear.ratio:.3g} rad "
-            "of the output."
-        )
-    if travel < _GAPS * gear.backlash:
-        found.append(
-            f"The motion is {travel / gear.backlash:.2g} times the healthy gap: it hardly crosses "
-            "it."
-        )
-    return found
+    said = "turn: dynamic eccentricity does not show"
+    return little_motion(recording, actuator, 2.0 * np.pi, said)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from ematwin.models.pmsm.controller import ROOT_3
 from ematwin.models.pmsm.mechanics import Motion, advance_with_bristles
-from ematwin.numerics.compile import step
+from ematwin.numerics.compile import part, step
 from ematwin.numerics.scalar import clip, lag
 
 _THIRD = 2.0943951023931953  # 2 pi/3
@@ -75,7 +75,7 @@ def currents_of(psi_alpha, psi_beta, theta_e, c):
     return co * i_d - s * i_q, s * i_d + co * i_q, i_d, i_q
 
 
-@step
+@part
 def windings(psi_alpha, psi_beta, j_a, j_b, j_c, w_m, theta_m, v_a, v_b, v_c, resistance, c):
     """`Windings` at a state, under leg voltages, with the present ``resistance`` of a phase."""
     x, y, i_d, i_q = currents_of(psi_alpha, psi_beta, c.pole_pairs * theta_m, c)
@@ -120,7 +120,7 @@ def windings(psi_alpha, psi_beta, j_a, j_b, j_c, w_m, theta_m, v_a, v_b, v_c, re
     )
 
 
-@step
+@part
 def leg_errors(now, c):
     """What dead time and devices take from each leg, V."""
     x, y, _, _ = currents_of(now.psi_alpha, now.psi_beta, c.pole_pairs * now.theta_m, c)
@@ -134,7 +134,7 @@ def leg_errors(now, c):
     )
 
 
-@step
+@part
 def reference_step(now, v_a, v_b, v_c, load, c, dt):
     """Advance by ``dt`` under leg voltages (V) and a load (N m); `ReferenceState`."""
     half = 0.5 * dt

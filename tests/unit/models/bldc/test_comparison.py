@@ -159,13 +159,6 @@ def test_short_constant_and_slow_records_are_refused(twin_record: Recording) -> 
         Misfit(simulate("monitor", sample_rate=1000.0), ACTUATOR)
 
 
-def test_step_divides_the_sampling_interval() -> None:
-    for rate in (2_000.0, 20_000.0, 30_000.0, 100_000.0, 250_000.0):
-        objective = Misfit(simulate("monitor", sample_rate=rate), ACTUATOR)
-        assert objective.step <= ACTUATOR.steps.monitor * (1.0 + 1e-9)
-        assert np.isclose(objective.step * objective.substeps, 1.0 / rate)
-
-
 def test_a_refined_twin_is_nearer_to_one_with_very_short_steps(twin_record: Recording) -> None:
     usual = BldcComparison(twin_record, ACTUATOR)
     fine = usual.refined()
@@ -188,33 +181,6 @@ def test_thinned_residuals_of_a_long_record_have_the_same_cost() -> None:
     residuals = objective.residuals_at(k)
     assert residuals.shape[1] <= 20_000 < len(record)
     assert np.allclose((residuals**2).sum(axis=1), objective(k), rtol=5e-3)
-
-
-def test_what_differs_by_its_sensors_alone_is_simulated_once(
-    twin_record: Recording, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    sensors = {
-        "current_gain": np.array([1.0, 0.98, 1.02, 1.0, 1.0, 0.97]),
-        "current_offset": np.array([0.0, 0.0, 0.0, 0.1, 0.0, -0.2]),
-    }
-    candidates = {
-        **sensors,
-        "friction": np.array([0.2, 0.2, 0.2, 0.2, 0.3, 0.3]),
-        "motor.resistance": np.array([2.1, 2.1, 2.1, 2.1, 2.1, 2.0]),
-    }
-    objective, sizes = BldcComparison(twin_record, ACTUATOR), []
-    run = objective.run
-
-    def counted(stretches, batch, kept, limits=None):
-        sizes.append(len(batch.faults))
-        return run(stretches, batch, kept, limits)
-
-    monkeypatch.setattr(objective, "run", counted)
-    together = objective.residuals(candidates, 6)
-    assert sizes == [3]
-    for n, alone in enumerate(together):
-        one = {name: values[n : n + 1] for name, values in candidates.items()}
-        assert (objective.residuals(one, 1)[0] == alone).all()
 
 
 def test_every_parameter_that_the_twin_uses_moves_the_answer_or_cannot_be_searched(

@@ -8,9 +8,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from ematwin.models.bldc import inverter, motor
+from ematwin.models.bldc.bridge import advance_bridge
 from ematwin.models.bldc.constants import kernel_constants
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.models.bldc.reference_step import advance_bridge
 from naive import motor as naive_motor
 from naive import reference as naive_reference
 

@@ -100,15 +100,6 @@ def test_stretches_explain_the_power_as_the_whole_does(record) -> None:
     assert smooth.residuals(TRUTH, 1).shape == (1, 2 * smooth.evidence)
 
 
-def test_evidence_is_counted_as_it_is_kept_through_any_low_pass(record, monkeypatch) -> None:
-    """Of a long recording a lower cutoff keeps fewer samples."""
-    monkeypatch.setattr("ematwin.models.bldc.comparison.KEPT", 500)
-    subject = BldcComparison(record, ACTUATOR).with_evidence()
-    for one in (subject, subject.smoothed()):
-        assert one.residuals(TRUTH, 1).shape == (1, 2 * one.evidence)
-    assert subject.smoothed().evidence < subject.evidence
-
-
 def residual_watts(subject: BldcComparison, **candidates: float) -> np.ndarray:
     """What the twin has beyond the recording, W."""
     given = {name: np.array([value]) for name, value in {**FAULTS, **candidates}.items()}

@@ -8,6 +8,7 @@ from ematwin.models.bldc import batch
 from ematwin.models.bldc.constants import kernel_constants
 from ematwin.models.bldc.faults import PAPER_CASES, Faults
 from ematwin.models.bldc.parameters import BldcActuator
+from ematwin.models.bldc.truer.state import NEUTRAL, REST
 from naive import monitor as naive_monitor
 from naive import reference as naive_reference
 
@@ -21,7 +22,9 @@ def test_reference_model_is_that_of_the_naive_loop(values):
     command, load = history(steps, dt)
     rest = np.zeros(11)
     rest[7] = 1.0
-    trace = batch.reference_trace(faults.vector, command, load, rest, C, dt, 1, 1, None, None)
+    trace = batch.reference_trace(
+        faults.vector, command, load, rest, C, dt, 1, 1, NEUTRAL, np.array(REST)
+    )
     slow = naive_reference.simulate(ACTUATOR, faults, command[:-1], load[:-1], dt)
     assert np.ptp(slow["motor"]) > 2.0  # more than one electrical sector
     np.testing.assert_allclose(trace[:, :3], slow["mean_currents"], rtol=0.0, atol=1e-9)
@@ -67,7 +70,9 @@ def test_reference_output_rests_on_its_end_stop_while_the_motor_pushes():
     rest = np.zeros(11)
     rest[7] = 1.0
     k = Faults().vector
-    trace = batch.reference_trace(k, command, 0.0 * command, rest, C, 1e-6, 10, 100, None, None)
+    trace = batch.reference_trace(
+        k, command, 0.0 * command, rest, C, 1e-6, 10, 100, NEUTRAL, np.array(REST)
+    )
     assert trace[-1, 5] == C.travel_high
     assert trace[-1, 6] == 0.0
     # the motor stands where its torque bends the contact

@@ -111,6 +111,7 @@ WRONG = [
     ({"output_position": 57.3, "command": 57.3}, "looks like degrees"),
     ({"motor_position": -1.0}, "wrong sign"),
     ({"motor_position": 57.3}, "looks like degrees"),
+    ({"current_b": -1.0}, "current_b has the wrong sign"),
 ]
 
 
@@ -133,12 +134,19 @@ def test_doubts_are_said(recording):
     moving = recording.between(0.05, 0.1)
     assert any("begins in motion" in one for one in MODEL.check(moving, ACTUATOR))
     shifted = recording.changed(current_b=recording.current_b * 0.3)
-    assert any("do not add up" in one for one in MODEL.check(shifted, ACTUATOR))
+    assert any("check the scales" in one for one in MODEL.check(shifted, ACTUATOR))
     still = recording.changed(
         motor_position=1e-3 * recording.motor_position,
         output_position=1e-3 * recording.output_position,
     )
     assert len(MODEL.excitation(still, ACTUATOR)) == 2
+
+
+def test_checks_ask_for_no_channel_of_another_kind(recording, monkeypatch):
+    """Where only this kind is loaded, a recording knows no other names."""
+    monkeypatch.setattr("ematwin.recordings.recording.NAMED", {one.name for one in MODEL.channels})
+    assert MODEL.check(recording, ACTUATOR) == []
+    assert isinstance(MODEL.excitation(recording, ACTUATOR), list)
 
 
 def test_a_recording_that_is_too_slow_or_short_or_still_is_refused(recording):

@@ -81,7 +81,7 @@ def advance_speed_loop(
     speed = counted if truer.motor_step > 0.0 else w_m
     error = clip(gain * behind, -c.w_max, c.w_max) - speed
     grown = integral + truer.integral_gain * span * error
-    wish = (c.k_speed * error + grown) / (2.0 * c.k_e)
+    wish = c.k_demand * error + grown / (2.0 * c.k_e)
     beyond = (abs(wish) > c.i_max) & (wish * error > 0.0)
     pending = wish if due else pending
     read = now if due else read

@@ -15,11 +15,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ematwin.models.bldc.controller import current_demand
 from ematwin.models.bldc.inverter import gate_signals
 from ematwin.models.bldc.monitor_step import (
     answer_impact,
     controller_stiffness,
+    current_demand,
     move_rigidly,
     touching,
     within_ends,

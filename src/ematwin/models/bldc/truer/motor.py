@@ -33,6 +33,8 @@ KEPT_7 = 3.0 * math.sqrt(3.0) / (14.0 * math.pi)
 @part
 def truer_shapes(theta_e, rounding, h_5, h_7):
     """EMF shapes f_r of the three phases."""
+    if rounding == 0.0 and h_5 == 0.0 and h_7 == 0.0:
+        return trapezoid(theta_e), trapezoid(theta_e - _THIRD), trapezoid(theta_e - 2.0 * _THIRD)
     s, c = sincos(theta_e)
     s_5, c_5 = sincos(5.0 * theta_e)
     s_7, c_7 = sincos(7.0 * theta_e)
@@ -56,13 +58,17 @@ def truer_emf_constants(theta_m, h_a, h_b, h_c, fault, c, truer):
     f_a, f_b, f_c = truer_shapes(
         c.pole_pairs * theta_m, truer.rounding, truer.harmonic_5, truer.harmonic_7
     )
-    s, _ = sincos(truer.ripple_cycles * theta_m + truer.ripple_phase)
-    k_e = (1.0 + truer.ripple * s) * c.k_e
+    k_e = c.k_e
+    if truer.ripple != 0.0:
+        s, _ = sincos(truer.ripple_cycles * theta_m + truer.ripple_phase)
+        k_e *= 1.0 + truer.ripple * s
     return h_a * k_e * gap_a * f_a, h_b * k_e * gap_b * f_b, h_c * k_e * gap_c * f_c
 
 
 @part
 def cogging_torque(theta_m, truer):
     """Cogging torque on the rotor, N m."""
+    if truer.cogging == 0.0:
+        return 0.0
     s, _ = sincos(truer.cogging_cycles * theta_m + truer.cogging_phase)
     return -truer.cogging * s

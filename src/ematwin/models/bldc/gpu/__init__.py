@@ -1,1 +1,0 @@
-"""The monitor model on a GPU, by numba-cuda."""
