@@ -9,13 +9,13 @@ far when it is interrupted.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol, cast
 
 import numpy as np
 
-from ematwin.errors import InputError
+from ematwin.errors import InputError, RecordError
 from ematwin.estimation.interrupt import noting_interrupts
 from ematwin.estimation.problem import Problem
 from ematwin.optimizers.base import ITERATIONS, POPULATION, Optimizer
@@ -51,6 +51,97 @@ class Found:
     seed: int
     problem: Problem | None = None
     others: tuple[np.ndarray, ...] = ()
+
+
+class BudgetSpentError(Exception):
+    """The next batch would exceed the budget; caught by `by_slopes`."""
+
+
+@dataclass
+class Tally:
+    """Simulations of a search that follows slopes, its best point, and the way there.
+
+    Attributes
+    ----------
+    problem : Problem
+    budget : int, simulations at most
+    report : called after each stage
+    best, cost, evaluations, stopped, others : as of `Found`
+    history : evaluations and best cost so far
+    restarted : the problem that judged the best point where not the whole record did; the cost is
+        of the whole record nevertheless
+    """
+
+    problem: Problem
+    budget: int
+    report: Report | None = None
+    best: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    cost: float = float("inf")
+    evaluations: int = 0
+    history: list[tuple[int, float]] = field(default_factory=list)
+    stopped: str = "interrupted"
+    restarted: Problem | None = None
+    others: list[np.ndarray] = field(default_factory=list)
+
+    def spend(self, count: int) -> None:
+        """Count simulations before they are made.
+
+        Raises
+        ------
+        BudgetSpentError
+            If they would exceed the budget.
+        """
+        if self.evaluations + count > self.budget:
+            raise BudgetSpentError
+        self.evaluations += count
+
+    def residuals(self, z: np.ndarray) -> np.ndarray:
+        """Residuals (B, K) of the problem at coordinates (B, d), counted."""
+        self.spend(len(z))
+        return self.problem.residuals(self.problem.chart.to_values(z))
+
+    def offer(
+        self, z: np.ndarray, cost: float, evaluations: int | None = None, told: bool = True
+    ) -> None:
+        """Take a point (d,) where it is the best; ``evaluations`` are those until it was seen."""
+        if cost < self.cost:
+            self.cost = cost
+            self.best = self.problem.chart.to_values(z[None])[0]
+        spent = self.evaluations if evaluations is None else evaluations
+        self.history.append((spent, self.cost))
+        if told and self.report is not None:
+            self.report(self.evaluations, self.cost)
+
+
+def by_slopes(name: str, tally: Tally, seed: int, work: Callable[[], object]) -> Found:
+    """Result of a search that follows slopes, also after its budget is spent or it is interrupted.
+
+    Raises
+    ------
+    InputError
+        If the budget is less than one simulation.
+    RecordError
+        If the twin diverged everywhere.
+    """
+    if tally.budget < 1:
+        raise InputError(f"The budget must be at least 1 evaluation, received {tally.budget}.")
+    try:
+        work()
+    except BudgetSpentError:
+        tally.stopped = "budget"
+    except KeyboardInterrupt:
+        tally.stopped = "interrupted"
+        if not np.isfinite(tally.cost):
+            raise
+    if not np.isfinite(tally.cost):
+        raise RecordError(
+            f"The twin diverged for each of {tally.evaluations} candidates. Check the parameters "
+            "of the actuator and the first position and speed of the record."
+        )
+    return Found(
+        tally.best, tally.cost, tally.evaluations, np.array(tally.history, dtype=float),
+        tally.stopped, name, seed, tally.restarted, tuple(tally.others),
+    )  # fmt: skip
 
 
 class Search(Protocol):
@@ -269,12 +360,10 @@ def named(
             from ematwin.estimation.multistart import Multistart
 
             return Multistart()
+        from ematwin.estimation.local import LocalDescent, ScipyLeastSquares
+
         if name == "scipy-trf":
-            from ematwin.estimation.scipy_least_squares import ScipyLeastSquares
-
             return ScipyLeastSquares()
-        from ematwin.estimation.local import LocalDescent
-
         return LocalDescent()
     path = None if checkpoint is None else Path(checkpoint)
     return Population(algorithm, population, iterations, path)
