@@ -133,12 +133,6 @@ def obstacles_to(
             f"{assessed.strained[worst]:.0f} standard deviations off what is known of it: it is "
             "of another actuator, or something is wrong with a channel."
         )
-    if assessed.others:
-        rivals = "; ".join(
-            ", ".join(f"{name} {value:.2g}" for name, value in one.items())
-            for one in assessed.others
-        )
-        told.append(f"Another answer explains the recording nearly as well: {rivals}.")
     return told
 
 
@@ -217,6 +211,9 @@ def remarks_on(model: Model, actuator: ParameterSet, assessed: Assessment) -> li
             f"{listed(assessed.unsettled)} still moved by more than a standard error; the "
             "intervals are wider by that."
         )
+    for other in assessed.others:
+        answer = ", ".join(f"{name} {value:.2g}" for name, value in other.items())
+        found.append(f"Another answer explains the recording nearly as well: {answer}.")
     if assessed.trust < _DISTRUSTED:
         found.append(
             "The recorded voltages or the current of the supply differ from the twin "

@@ -16,10 +16,10 @@ from ematwin.estimation.posterior import (
     autocorrelation_times,
     split_rhat,
 )
-from ematwin.estimation.probabilities import thresholds_of
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.profile import Profiles
 from ematwin.estimation.spike_and_slab import fault_sets
+from ematwin.estimation.thresholds import thresholds_of
 from ematwin.estimation.uncertainty import LaplaceIntervals, Question, named
 from ematwin.models.unknown import Unknown
 from naive.toy import BASES, NOISE, SAMPLES, Toy, fault, stacked
