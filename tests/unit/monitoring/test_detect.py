@@ -1,14 +1,15 @@
 """Verdicts on motions of the made-up rig, from the recordings to the name of the fault."""
 
-import json
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import tomli_w
 
 import ematwin
-from ematwin.errors import RecordError
+from ematwin.errors import ParameterError, RecordError
 from ematwin.monitoring.calibrate import signature as learn_signature
 from ematwin.monitoring.diagnosis import UNNAMED, gathered_notes
 from ematwin.monitoring.identify import detect
@@ -32,39 +33,31 @@ def value(verdict, name: str) -> float:
     return next(m.value for m in verdict.magnitudes if m.name == name)
 
 
-# Files of version 0.1
+# Files of earlier versions
 
 
-def test_a_calibration_of_0_1_gives_the_verdicts_of_0_1():
-    found = detect(OLD / "motions.csv", OLD / "calibrated.toml")
-    expected = json.loads((OLD / "detected.json").read_text(encoding="utf-8"))
-    seen = [verdict.as_dict() for verdict in found.runs]
-    assert len(seen) == len(expected) == 4
-    for one, other in zip(seen, expected, strict=True):
-        assert set(one) - set(other) == {
-            "clear_threshold", "grade", "faults", "reason", "sentence", "when",
-        }  # fmt: skip
-        one = {name: one[name] for name in other}
-        assert _flat(one) == pytest.approx(_flat(other), rel=1e-5, abs=1e-6)
-        for name in ("name", "labels", "alarm", "fault", "named_by"):
-            assert one[name] == other[name]
-        # three runs learnt are few: 0.1 did not say in its verdicts what follows from that
-        (few,) = one["notes"]
-        assert few.startswith("The alarm threshold is beyond what a single magnitude can bring")
-        assert other["notes"] == []
-        assert list(one["evidence"]) == list(other["evidence"])
+def test_a_calibration_of_0_1_is_refused_in_a_sentence():
+    with pytest.raises(ParameterError, match=r"by ematwin 0\.1.*; calibrate anew"):
+        ematwin.Calibration.load(OLD / "calibrated.toml")
 
 
-def test_a_calibration_of_0_1_is_saved_as_those_of_today(tmp_path):
-    old = ematwin.Calibration.load(OLD / "calibrated.toml")
-    old.save(tmp_path / "again.toml")
-    again = ematwin.Calibration.load(tmp_path / "again.toml")
-    assert again.channels == ("current", "position_error")
-    assert again.statistics == old.statistics
-    assert [s.fault for s in again.signatures] == ["backlash"]
-    first, second = (detect(OLD / "motions.csv", one).runs for one in (old, again))
-    for one, other in zip(first, second, strict=True):
-        assert _flat(other.as_dict()) == pytest.approx(_flat(one.as_dict()), rel=1e-5, abs=1e-6)
+def test_a_calibration_of_0_2_repeats_what_follows_from_its_runs(tmp_path, calibration):
+    """Its thresholds, population and statistics stood beside the healthy runs."""
+    calibration.save(tmp_path / "now.toml")
+    table = tomllib.loads((tmp_path / "now.toml").read_text(encoding="utf-8"))
+    del table["baseline"]["checksum"]
+    learnt = table["calibration"]
+    learnt |= {
+        "format": 3,
+        "threshold": {"false_alarm_rate": learnt.pop("false_alarm_rate")},
+        "population": {"scale": learnt.pop("scale")},
+    }
+    (tmp_path / "before.toml").write_text(tomli_w.dumps(table), encoding="utf-8")
+    before = ematwin.Calibration.load(tmp_path / "before.toml")
+    assert vars(before.thresholds) == pytest.approx(vars(calibration.thresholds), rel=1e-6)
+    np.testing.assert_allclose(
+        before.population.spread, calibration.population.spread, rtol=1e-5, atol=1e-9
+    )
 
 
 # Health
@@ -243,7 +236,7 @@ def test_a_signature_raises_an_alarm_before_the_index_does(calibration):
     taught = replace(
         calibration,
         signatures=tuple(learn_signature(calibration, name, one) for name, one in known.items()),
-        thresholds=replace(calibration.thresholds, motion=50.0, run=50.0),
+        false_alarm_rate=1e-12,
     )
     found = detect([*run(60, roughness=0.08), *healthy_runs(3, first=101)], taught).runs
     for verdict in found[:2]:
@@ -288,8 +281,8 @@ def test_what_lies_far_outside_of_what_was_learnt_has_no_verdict(calibration):
 
 
 def test_where_the_threshold_is_out_of_reach_magnitudes_are_judged_one_by_one(calibration):
-    thresholds = replace(calibration.thresholds, motion=50.0, run=50.0)
-    blind = replace(calibration, thresholds=thresholds)
+    blind = replace(calibration)
+    vars(blind)["thresholds"] = replace(calibration.thresholds, motion=50.0, run=50.0)
     healthy, faulty = detect([motion(1), motion(1, friction=1.6)], blind).motions
     assert not healthy.alarm
     assert faulty.alarm

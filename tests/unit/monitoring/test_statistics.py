@@ -17,6 +17,7 @@ from ematwin.monitoring.classification import (
 from ematwin.monitoring.index import (
     DRIFT,
     WEIGHTS,
+    Scores,
     clear_limit,
     health_index,
     limit_of,
@@ -25,7 +26,6 @@ from ematwin.monitoring.index import (
 )
 from ematwin.monitoring.population import Population, basis, fit_mean
 from ematwin.monitoring.population_calibration import Thresholds
-from ematwin.monitoring.scores import Scores
 
 REPORTED = MODEL.monitoring.reported(MODEL, BallScrew.load())
 
