@@ -10,6 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol, cast
 
@@ -18,7 +20,7 @@ import numpy as np
 from ematwin.errors import InputError, RecordError
 from ematwin.estimation.interrupt import noting_interrupts
 from ematwin.estimation.problem import Problem
-from ematwin.optimizers.base import ITERATIONS, POPULATION, Optimizer
+from ematwin.optimizers.base import ITERATIONS, POPULATION, Algorithm, Optimizer
 
 Progress = Callable[[int, float, int], None]
 Report = Callable[[int, float], None]
@@ -175,26 +177,6 @@ class Search(Protocol):
 
 
 @dataclass(frozen=True)
-class Method:
-    """A search method that can be named.
-
-    Attributes
-    ----------
-    name, title, source, origin, installed, aliases, departures, tuned_on : as in
-        `ematwin.optimizers.Algorithm`
-    """
-
-    name: str
-    title: str
-    source: str
-    origin: str
-    installed: bool = True
-    aliases: tuple[str, ...] = ()
-    departures: str = "none"
-    tuned_on: str = "not known"
-
-
-@dataclass(frozen=True)
 class Population:
     """An optimiser that asks and is told, with its one loop.
 
@@ -259,50 +241,49 @@ class _Costs:
         return self.problem.costs(self.problem.from_box(points), limits)
 
 
-def own_methods() -> dict[str, Method]:
-    """The methods that follow slopes, by name."""
-    return {
-        "multistart": Method(
-            "multistart",
-            "Sobol samples, then Levenberg-Marquardt (default for the brushless actuator)",
-            "this project, docs/results.md",
-            "ematwin",
-            tuned_on="mixtures of faults with seeds of their own, of which some stand in tables of "
-            "docs/results.md",
-        ),
-        "levenberg-marquardt": Method(
-            "levenberg-marquardt",
-            "Levenberg-Marquardt from the starts that the kind of actuator suggests",
-            "Levenberg (1944), Marquardt (1963)",
-            "ematwin",
-            aliases=("lm", "descent"),
-            departures="forward differences in batches; bounds by projection (Bertsekas 1982)",
-        ),
-        "scipy-trf": Method(
-            "scipy-trf",
-            "Trust-region least squares of SciPy from random starts",
-            "scipy.optimize.least_squares; Branch, Coleman and Li (1999)",
-            "scipy",
-            departures="forward differences as long as the default method's; restarts",
-            tuned_on="nothing here: the library's own settings",
-        ),
-    }
+def _own(module: str, method: str) -> Any:
+    """A class of search methods, imported where it is asked for."""
+    return getattr(import_module(f"ematwin.estimation.{module}"), method)
 
 
-def methods() -> tuple[Method, ...]:
+OWN = (
+    Algorithm(
+        "multistart",
+        "Sobol samples, then Levenberg-Marquardt (default for the brushless actuator)",
+        "this project, docs/results.md",
+        "ematwin",
+        partial(_own, "multistart", "Multistart"),
+        departures="none",
+        tuned_on="mixtures of faults with seeds of their own, of which some stand in tables of "
+        "docs/results.md",
+    ),
+    Algorithm(
+        "levenberg-marquardt",
+        "Levenberg-Marquardt from the starts that the kind of actuator suggests",
+        "Levenberg (1944), Marquardt (1963)",
+        "ematwin",
+        partial(_own, "local", "LocalDescent"),
+        aliases=("lm", "descent"),
+        departures="forward differences in batches; bounds by projection (Bertsekas 1982)",
+    ),
+    Algorithm(
+        "scipy-trf",
+        "Trust-region least squares of SciPy from random starts",
+        "scipy.optimize.least_squares; Branch, Coleman and Li (1999)",
+        "scipy",
+        partial(_own, "local", "ScipyLeastSquares"),
+        departures="forward differences as long as the default method's; restarts",
+        tuned_on="nothing here: the library's own settings",
+    ),
+)
+"""The methods that follow slopes; their factories make a `Search`."""
+
+
+def methods() -> tuple[Algorithm, ...]:
     """All methods that can be named, the default first."""
     from ematwin.optimizers.registry import algorithms
 
-    return (
-        *own_methods().values(),
-        *(
-            Method(
-                a.name, a.title, a.source, a.origin, a.installed, tuple(a.aliases), a.departures,
-                a.tuned_on,
-            )
-            for a in algorithms()
-        ),
-    )  # fmt: skip
+    return (*OWN, *algorithms())
 
 
 def expanded(names: Iterable[str]) -> tuple[str, ...]:
@@ -324,9 +305,9 @@ def method_name(text: str) -> str:
         If its library is not installed.
     """
     wanted = text.strip().lower().replace("_", "-")
-    for name, one in own_methods().items():
-        if wanted in (name, *one.aliases):
-            return name
+    for one in OWN:
+        if wanted in (one.name, *one.aliases):
+            return one.name
     from ematwin.optimizers.registry import find
 
     found = find(text)
@@ -350,21 +331,16 @@ def named(
     """
     if hasattr(algorithm, "run") and not isinstance(algorithm, Optimizer):
         return cast(Search, algorithm)
-    if isinstance(algorithm, str) and (name := method_name(algorithm)) in own_methods():
+    name = method_name(algorithm) if isinstance(algorithm, str) else ""
+    for one in OWN:
+        if one.name != name:
+            continue
         if checkpoint is not None:
             raise InputError(
                 f"The method {name} takes about a second and keeps no checkpoint; leave it out, "
                 "or choose a population method such as de."
             )
-        if name == "multistart":
-            from ematwin.estimation.multistart import Multistart
-
-            return Multistart()
-        from ematwin.estimation.local import LocalDescent, ScipyLeastSquares
-
-        if name == "scipy-trf":
-            return ScipyLeastSquares()
-        return LocalDescent()
+        return cast(Any, one.factory())()
     path = None if checkpoint is None else Path(checkpoint)
     return Population(algorithm, population, iterations, path)
 
