@@ -133,8 +133,8 @@ def _in_table(table: dict[str, Any], path: Path) -> Calibration:
         )
     if (isinstance(written, int) and written < _OLDEST) or baseline is None:
         raise ParameterError(
-            f"{path} was written by ematwin 0.1, which kept no healthy runs; calibrate anew with "
-            "ematwin calibrate."
+            f"{path} was written by a version before 0.2, which kept no healthy runs; calibrate "
+            "anew with ematwin calibrate."
         )
     from ematwin.monitoring.population_calibration import population_in
 
