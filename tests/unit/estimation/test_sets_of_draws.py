@@ -12,7 +12,7 @@ def fault(name="wear", **more) -> Unknown:
     return Unknown(name, unit="", meaning=name, **given)
 
 
-def drawn(likelihood, size=1, count=200_000, seed=1) -> np.ndarray:
+def drawn(likelihood, size=1, count=60_000, seed=1) -> np.ndarray:
     """Draws of a flat prior in [0, 1] under a likelihood of points (N, d)."""
     rng = np.random.default_rng(seed)
     points = rng.uniform(size=(20 * count, size))

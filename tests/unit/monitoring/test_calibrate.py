@@ -311,11 +311,6 @@ def test_fewer_than_three_runs_make_a_twin_but_no_population(tmp_path):
         detect(healthy_runs(1, motions=1), report)
 
 
-def test_one_faulty_motion_a_load_is_enough_to_name_its_run():
-    motions = [*healthy_runs(4, motions=1), *run(66, motions=1, friction=1.5)]
-    assert refusal(motions).startswith("Run 66 is unlike the other 4 healthy runs")
-
-
 def test_runs_too_few_to_see_a_fault_are_said_to_be():
     """Three runs under one load: the features of the third lie far from what two have taught."""
     one_load = [m for m in healthy_runs(3) if m.labels["weight"] == "light"]
