@@ -27,6 +27,7 @@ from ematwin.estimation.intervals import (
     contrasts_of,
     deviations,
     in_physical_units,
+    physical_of,
 )
 from ematwin.estimation.joint import Joint
 from ematwin.estimation.laplace import Laplace, profiled, sharp_errors
@@ -187,13 +188,7 @@ def unassessed(
         sharp_errors=dict.fromkeys(problem.names, math.inf),
         intervals=whole,
         physical={
-            one.name: (
-                one.physical_value(actuator, values[one.name]).value,
-                Interval(
-                    one.physical_value(actuator, one.lower).value,
-                    one.physical_value(actuator, one.upper).value,
-                ),
-            )
+            one.name: physical_of(one, actuator, values[one.name], whole[one.name])
             for one in faults
         },
         contrasts={},

@@ -37,7 +37,7 @@ AGREEMENT = 0.02  # largest difference of two ends that agree, in any coordinate
 ALIKE = 1.02  # ratio of costs of two ends that fit alike: no search to come is likely to fit better
 IN_VAIN = 2  # searches in a row that fit no better than one before
 SMALLEST_BUDGET = 64
-WORTH = 2.0  # times a good fit by stretches, beyond which no other search by them finds one
+HOPEFUL = 2.0  # times a good fit by stretches, beyond which no other search by them finds one
 STRETCH_BUDGET = 2000  # an upper limit: mostly 900
 DEFAULT_BUDGET = 10_000  # an upper limit: most records need a tenth of it
 
@@ -170,7 +170,7 @@ class MultistartDescent:
 
         search = MultistartDescent(
             restarted, budget=budget, seed=int(self._rng.integers(2**31)), report=count,
-            worth=WORTH * good_fit(restarted),
+            worth=HOPEFUL * good_fit(restarted),
         )  # fmt: skip
         found = search.run()
         state.evaluations = before + found.evaluations

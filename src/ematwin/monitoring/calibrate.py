@@ -23,7 +23,7 @@ from ematwin.monitoring.by_population import by_population
 from ematwin.monitoring.calibration import Calibration
 from ematwin.monitoring.calibration_report import Basis, CalibrationReport
 from ematwin.monitoring.gather import Given, actuator_of, recordings_of
-from ematwin.monitoring.index import FALSE_ALARM_RATE
+from ematwin.monitoring.index import USUAL_RATE
 from ematwin.monitoring.learn_population import (
     check_outliers,
     healthy_runs,
@@ -104,7 +104,7 @@ def _calibrated(
     add_to: Calibration | str | Path | None,
 ) -> CalibrationReport:
     """Do what `calibrate` says, and tell ``tell`` of it."""
-    rate = FALSE_ALARM_RATE if false_alarm_rate is None else false_alarm_rate
+    rate = USUAL_RATE if false_alarm_rate is None else false_alarm_rate
     if not 0.0 < rate < 0.5:
         raise InputError(f"The false alarm rate must lie between 0 and 0.5, received {rate:g}.")
     if add_to is not None:

@@ -25,8 +25,8 @@ WEIGHTS = {"model": (0.15, 8.0), "mean": (0.35, 4.0), "band": (0.5, 4.0)}
 # Scatter of the logarithm of the index, within a run and between runs: 0.14 and 0.13 on the healthy
 # runs of docs/real-recordings.md, each judged by the others.
 TYPICAL = (0.14, 0.13)
-WORTH = 2
-FALSE_ALARM_RATE = 0.1  # of a healthy recording, or run, of another day
+TYPICAL_RUNS = 2
+USUAL_RATE = 0.1  # of a healthy recording, or run, of another day
 
 # Healthy deviations by which one magnitude and the level of one channel may move together from one
 # occasion to the next: an assumption, since healthy recordings of one occasion cannot show it. It
@@ -87,7 +87,7 @@ def prediction_bound(index: np.ndarray, groups: np.ndarray, false_alarm_rate: fl
 
     One-way random effects on the logarithm of the index. With few runs their scatter is hardly
     known, and Student's t alone would put the bound where no fault reaches; so the typical scatter
-    of a real rig (`TYPICAL`) counts as much as `WORTH` runs.
+    of a real rig (`TYPICAL`) counts as much as `TYPICAL_RUNS`.
 
     Parameters
     ----------
@@ -107,13 +107,13 @@ def prediction_bound(index: np.ndarray, groups: np.ndarray, false_alarm_rate: fl
     between = _with_prior(outer, count - 1, TYPICAL[1])
     if y.size == count:  # single recordings: their scatter holds both, and so does the prior
         within, between = 0.0, _with_prior(outer, count - 1, float(np.hypot(*TYPICAL)))
-    reach = stdtrit(count - 1 + WORTH, 1.0 - false_alarm_rate)
+    reach = stdtrit(count - 1 + TYPICAL_RUNS, 1.0 - false_alarm_rate)
     return float(np.exp(means.mean() + reach * np.sqrt((within + between) * (1.0 + 1.0 / count))))
 
 
 def _with_prior(squares: float, freedom: int, typical: float) -> float:
     """Variance from a sum of squares and a typical value."""
-    return (squares + WORTH * typical**2) / (freedom + WORTH)
+    return (squares + TYPICAL_RUNS * typical**2) / (freedom + TYPICAL_RUNS)
 
 
 @dataclass(frozen=True)
@@ -152,7 +152,7 @@ class Scores:
         return health_index(self.values[:, columns], [self.kinds[n] for n in columns])
 
     def limit(
-        self, false_alarm_rate: float = FALSE_ALARM_RATE, kinds: Collection[str] | None = None
+        self, false_alarm_rate: float = USUAL_RATE, kinds: Collection[str] | None = None
     ) -> float:
         """The index that a recording of another healthy run exceeds at this rate.
 
