@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from ematwin.errors import InputError
 from ematwin.estimation.constants import COVERAGE, PARTNERS, TRADED
 from ematwin.estimation.tracing import BETTER, Tracer
 from ematwin.estimation.uncertainty import (
@@ -127,7 +128,18 @@ class Profiles:
     name: str = "profile"
 
     def run(self, question: Question, *, seed: int, report: Report) -> Uncertainty:
-        """Trace the profiles; Ctrl-C ends them where they are."""
+        """Trace the profiles; Ctrl-C ends them where they are.
+
+        Raises
+        ------
+        InputError
+            If no fault was searched.
+        """
+        if not question.faults:
+            raise InputError(
+                f"Profiles are of faults, and only {', '.join(question.problem.names)} was "
+                "searched; search a fault, or use laplace or posterior."
+            )
         tracer = Tracer(question)
         finished = tracer.run(report)
         profiles = {one.name: _profile(tracer, n) for n, one in enumerate(question.faults)}

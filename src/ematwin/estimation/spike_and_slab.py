@@ -18,7 +18,7 @@ Where there are several minima, each has the integral of its own normal distribu
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -102,9 +102,11 @@ class FaultSets:
 
         A draw of a fault within `SMALLEST` of healthy stands for its absence, and counts by how
         much likelier that is beforehand than its share of the range. None where a few draws would
-        outweigh all others.
+        outweigh all others, or no fault is among the unknowns.
         """
         found = cls(tuple(unknowns), ())
+        if not found.faults:
+            return None
         absent = np.column_stack([
             ~found._is_beyond(one, values, SMALLEST) for one in found.faults
         ])  # fmt: skip
@@ -183,15 +185,21 @@ class FaultSets:
         own = {one.name: [s for s in self.sets if one.name in s.faults] for one in self.faults}
         return {name: self._resampled(sets) for name, sets in own.items() if sets}
 
+    def share(self, of: Callable[[Draws], np.ndarray]) -> float:
+        """The probability of what is true of draws: ``of`` gives (N,) of bool."""
+        return sum(s.probability * float(np.mean(of(self._draws(s.values)))) for s in self.sets)
+
     def _resampled(self, sets: Sequence[FaultSet]) -> Draws:
         total = sum(s.probability for s in sets)
         rng = np.random.default_rng(_SEED)
         picked = [
             s.values[rng.choice(len(s.values), round(_DRAWS * s.probability / total))] for s in sets
         ]
-        names = tuple(one.name for one in self.unknowns)
+        return self._draws(np.concatenate(picked))
+
+    def _draws(self, values: np.ndarray) -> Draws:
         directions = {one.name: one.direction_of for one in self.unknowns if one.direction_of}
-        return Draws(names, np.concatenate(picked), directions)
+        return Draws(tuple(one.name for one in self.unknowns), values, directions)
 
     def _share(self, one: Unknown, of: FaultSet, share: float) -> float:
         """The probability in a set that a fault is a share of its range from healthy, or more."""

@@ -184,14 +184,15 @@ def named(method: "str | Method") -> Method:
 
 def by_sets(question: Question, sets: FaultSets, drawn: Draws) -> dict[str, Any]:
     """Probabilities by sets of faults, as arguments of `Uncertainty`; ``drawn`` is to be shown."""
-    limits = question.thresholds.items()
+    limits, actuator = question.thresholds.items(), question.actuator
+
+    def beyond(one: Threshold) -> float:
+        return sets.share(lambda drawn: one.is_beyond(one.values(actuator, drawn)))
+
     return {
         "present": sets.probabilities,
         "healthy": 1.0 - sets.faulty,
-        "exceeds": {
-            name: float(np.mean(one.is_beyond(one.values(question.actuator, sets.drawn))))
-            for name, one in limits
-        },
+        "exceeds": {name: beyond(one) for name, one in limits},
         "thresholds": {name: one.text for name, one in limits},
         "draws": drawn,
     }
