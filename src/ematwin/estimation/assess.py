@@ -21,7 +21,7 @@ from ematwin.estimation.constants import (
     WORTH,
 )
 from ematwin.estimation.correction import Corrected, corrected, with_model_error
-from ematwin.estimation.held_healthy import held_healthy
+from ematwin.estimation.held_healthy import held_healthy, profiled
 from ematwin.estimation.intervals import (
     Interval,
     contrasts_of,
@@ -30,7 +30,7 @@ from ematwin.estimation.intervals import (
     physical_of,
 )
 from ematwin.estimation.joint import Joint
-from ematwin.estimation.laplace import Laplace, profiled, sharp_errors
+from ematwin.estimation.laplace import Laplace, sharp_errors
 from ematwin.estimation.minima import height, minima, risen, strained
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found

@@ -29,8 +29,7 @@ def test_it_goes_to_the_truth_and_counts_what_it_took(problem) -> None:
     toy.residuals = lambda candidates, count: simulated.append(count) or plain(candidates, count)
     point, spent = Descent().end(problem, np.array([0.9, 0.1]))
     np.testing.assert_allclose(point, TRUTH, atol=1e-4)
-    # beside what was just simulated, and the look at where it began
-    assert 0 <= spent + 1 - sum(simulated) <= 20
+    assert spent == sum(simulated)
 
 
 def test_what_is_held_stays_and_the_rest_goes_where_that_has_it(problem) -> None:
