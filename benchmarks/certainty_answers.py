@@ -89,7 +89,7 @@ def judged(
         "intervals": {name: sure.intervals.get(name, found.intervals[name]) for name in one.faults},
         "present": sure.present,
         "healthy": sure.healthy,
-        "ranks": None if sure.draws is None else ranks(sure.draws, one.faults),
+        "ranks": None if sure.method == "profile" else ranks(sure.draws, one.faults),
         "converged": _converged(sure),
         "fitted": found.fitted,
         "grade": found.verdict.grade,

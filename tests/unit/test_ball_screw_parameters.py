@@ -4,6 +4,7 @@ import math
 import re
 import tomllib
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -23,8 +24,8 @@ from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.registry import load_actuator, model_in, models, shipped_actuators
 from ematwin.monitoring.calibration import FORMAT, Calibration
 from ematwin.monitoring.classification import Signature
-from ematwin.monitoring.population import Population
-from ematwin.monitoring.population_calibration import PopulationCalibration, Thresholds
+from ematwin.monitoring.population import HealthyRuns
+from ematwin.monitoring.population_calibration import PopulationCalibration
 from refusals import refusal_of
 
 refusal = partial(refusal_of, kind=ParameterError)
@@ -240,13 +241,16 @@ def calibration() -> Calibration:
     random = np.random.default_rng(0)
     actuator = BallScrew.load().changed({"screw.friction_force": 2711.828})
     command, interval = out_and_back(actuator, 0.1, 4.0, 2.0)
-    features = 63
-
-    def population(count: int) -> Population:
-        return Population(
-            212.5, random.normal(size=(3, count)), *np.exp(random.normal(size=(2, count)))
-        )
-
+    features, runs = 63, ("1", "1", "2", "2", "3", "3")
+    healthy = HealthyRuns(
+        features=random.normal(size=(6, features)),
+        values=random.normal(size=(6, 4)),
+        errors=np.exp(random.normal(size=(6, 3))),
+        covariate=np.array([-120.0, 340.0, 10.0, 20.0, 30.0, 40.0]),
+        groups=np.array([0, 0, 1, 1, 2, 2]),
+        runs=runs,
+        statistics={"sensor_coupling": random.normal(size=6)},
+    )
     return PopulationCalibration(
         actuator=actuator,
         baseline=Baseline.of_template(MODEL, actuator),
@@ -255,13 +259,11 @@ def calibration() -> Calibration:
         settling_time=1.4,
         channels=("current", "position_error"),
         discrepancy=random.normal(size=(3, 2 * command.size)),
-        population=population(features),
-        reported=population(4),
-        thresholds=Thresholds(1.75, 1.25, 5.0, 0.1),
-        statistics={"sensor_coupling": (2.5, 0.25)},
-        covariate_range=(-120.0, 340.0),
+        scale=212.5,
+        healthy=healthy,
+        false_alarm_rate=0.1,
         signatures=(Signature("lubrication", random.normal(size=(3, features)), "9 motions"),),
-        facts={"runs": ["1", "2"], "held_back": ["3"], "sources": ["a.csv"], "undetermined": []},
+        facts={"runs": ["1", "2"], "held_back": [], "sources": ["a.csv"], "undetermined": []},
     )
 
 
@@ -271,13 +273,13 @@ def test_a_saved_calibration_comes_back(tmp_path, calibration):
     again = Calibration.load(path)
     assert again.actuator.fingerprint == calibration.actuator.fingerprint
     assert again.actuator.name == calibration.actuator.name
-    assert again.thresholds == calibration.thresholds
     assert again.facts == calibration.facts
-    for name in ("interval", "settling_time", "channels", "statistics", "covariate_range"):
+    for name in ("interval", "settling_time", "channels", "scale", "covariate_range"):
         assert getattr(again, name) == getattr(calibration, name)
+    assert vars(again.thresholds) == pytest.approx(vars(calibration.thresholds), rel=1e-6)
     for part in ("population", "reported"):
         for name, values in vars(getattr(calibration, part)).items():
-            np.testing.assert_allclose(getattr(getattr(again, part), name), values, rtol=1e-8)
+            np.testing.assert_allclose(getattr(getattr(again, part), name), values, rtol=1e-6)
     for name in ("command", "discrepancy"):
         np.testing.assert_allclose(getattr(again, name), getattr(calibration, name), rtol=1e-8)
     (signature,) = again.signatures
@@ -312,7 +314,7 @@ def test_a_calibration_is_an_actuator_too(tmp_path, calibration):
 def test_a_calibration_keeps_the_tolerances_of_its_actuator(tmp_path, calibration):
     path = tmp_path / "mine.toml"
     known = calibration.actuator.with_tolerances({"screw.lead": "0.5 %"})
-    type(calibration)(**{**vars(calibration), "actuator": known}).save(path, {})
+    replace(calibration, actuator=known).save(path, {})
     assert Calibration.load(path).actuator.tolerance("screw.lead") == 0.005
     assert load_actuator(path).tolerance("screw.lead") == 0.005
 
@@ -322,7 +324,7 @@ def test_a_calibration_that_cannot_be_written_leaves_the_old_one(tmp_path, calib
     calibration.save(path, {})
     before = path.read_bytes()
     with pytest.raises(TypeError):
-        type(calibration)(**{**vars(calibration), "facts": {"runs": object()}}).save(path, {})
+        replace(calibration, facts={"runs": object()}).save(path, {})
     assert path.read_bytes() == before
     assert [file.name for file in tmp_path.iterdir()] == ["mine.toml"]
 
@@ -366,24 +368,18 @@ DAMAGES = {
     "one channel of two": _shorter("calibration", "channels"),
     "another magnitude": _set("calibration", "magnitudes", 0, "wear"),
     "another quantity": _set("calibration", "quantities", 0, "wear"),
-    "no population": lambda table: table["calibration"].pop("population"),
-    "population of two rows": _shorter("calibration", "population", "coefficients"),
-    "ragged population": lambda t: t["calibration"]["population"]["coefficients"][1].pop(),
-    "short scatter within": _shorter("calibration", "population", "within"),
-    "short scatter between": _shorter("calibration", "population", "between"),
-    "short reported": _shorter("calibration", "reported", "between"),
-    "reported of two rows": _shorter("calibration", "reported", "coefficients"),
+    "no healthy runs": lambda table: table["calibration"].pop("healthy"),
+    "a run too few": _shorter("calibration", "healthy", "runs"),
+    "ragged features": lambda t: t["calibration"]["healthy"]["features"][1].pop(),
+    "a value too few": lambda t: [row.pop() for row in t["calibration"]["healthy"]["values"]],
+    "an error too few": _shorter("calibration", "healthy", "errors"),
     "discrepancy of two rows": _shorter("calibration", "discrepancy"),
     "text for a number": _set("calibration", "interval", "often"),
-    "NaN": _set("calibration", "population", "within", 0, math.nan),
-    "NaN threshold": _set("calibration", "threshold", "motion", math.nan),
+    "NaN": _set("calibration", "healthy", "covariate", 0, math.nan),
     "no time": _set("calibration", "interval", 0.0),
-    "no threshold": lambda table: table["calibration"]["threshold"].pop("run"),
-    "another threshold": _set("calibration", "threshold", "day", 1.0),
-    "half a statistic": _shorter("calibration", "statistics", "sensor_coupling"),
-    "half a range": _shorter("calibration", "covariate_range"),
-    "no range": lambda table: table["calibration"].pop("covariate_range"),
-    "population without a scale": lambda t: t["calibration"]["population"].pop("scale"),
+    "no rate": lambda table: table["calibration"].pop("false_alarm_rate"),
+    "half a statistic": _shorter("calibration", "healthy", "statistics", "sensor_coupling"),
+    "no scale": lambda table: table["calibration"].pop("scale"),
     "negative settling time": _set("calibration", "settling_time", -1.0),
     "interval next to nothing": _set("calibration", "interval", 1e-320),
     "signature of two rows": lambda table: table["signature"][0]["coefficients"].pop(),

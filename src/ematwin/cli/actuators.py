@@ -132,7 +132,11 @@ def algorithms(
 
     found = methods()
     if json:
-        options.print_json([{**vars(one), "aliases": list(one.aliases)} for one in found])
+        told = ("name", "title", "source", "origin", "installed", "departures", "tuned_on")
+        options.print_json([
+            {**{name: getattr(one, name) for name in told}, "aliases": list(one.aliases)}
+            for one in found
+        ])  # fmt: skip
         return
     for one in found:
         state = "" if one.installed else f'  not installed: pip install "ematwin[{EXTRA}]"'

@@ -1,12 +1,12 @@
 """From the end of a search to values with honest intervals.
 
-Around the best minimum (`ematwin.estimation.minima`) the curvature, the error of the model, the
-bias of healthy recordings and the misfit along each fault give a normal distribution, and that
-the probability of each set of faults (`ematwin.estimation.spike_and_slab`).
+Around each minimum (`ematwin.estimation.minima`) the curvature, the error of the model, the
+bias of healthy recordings and the misfit along each fault give a normal distribution, and all of
+them the probability of each set of faults (`ematwin.estimation.spike_and_slab`).
 """
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,31 +16,31 @@ from ematwin.estimation.constants import (
     ANYTHING,
     CERTAIN,
     COVERAGE,
-    DECIDES,
     SIGMAS,
     SMALLEST,
     WORTH,
 )
 from ematwin.estimation.correction import Corrected, corrected, with_model_error
-from ematwin.estimation.held_healthy import held_healthy
+from ematwin.estimation.held_healthy import held_healthy, profiled
 from ematwin.estimation.intervals import (
     Interval,
     contrasts_of,
     deviations,
     in_physical_units,
+    physical_of,
 )
 from ematwin.estimation.joint import Joint
-from ematwin.estimation.laplace import Laplace, profiled, sharp_errors
+from ematwin.estimation.laplace import Laplace, sharp_errors
 from ematwin.estimation.minima import height, minima, risen, strained
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found
-from ematwin.estimation.spike_and_slab import FaultSets, fault_sets
+from ematwin.estimation.spike_and_slab import WINDOW, FaultSets, fault_sets
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
 
 _REACHES = (2.0,)  # standard errors at which the misfit along a fault is looked at
-_APART = 0.05  # share of a range by which another answer differs
+_APART = 0.05  # share of a range by which another minimum differs
 _ANEW = 3  # rounds in which a best point is looked for without the faults that it names
 _NOWHERE = 0.3  # length of the mean of unit vectors: directions all round
 
@@ -61,7 +61,7 @@ class Assessment:
     cost : float, of the data
     strained : parameters, load and sensors that are implausible under their priors, by name, in
         standard deviations of the prior
-    others : values by name of other answers that explain the recording nearly as well
+    others : values by name at other minima that are not improbable
     trust : how far the evidence of further channels counted (`Problem.trust`); 1 if there was none
     evaluations : int
     reference_runs : int, answers of the reference model that the best one took
@@ -135,7 +135,16 @@ def assess(
         errors[n] = max(1.0, sets.distances[name] / math.sqrt(max(1.0, rise)))
     if (errors > 1.0).any():
         sets = _sets(best, own, baseline, errors, held)
-    peak, rivals = best.peak, [one.peak for one in others]
+    apart = _apart(best, others, own)
+    if apart:
+        around = [_sets(one, own, baseline, np.ones(len(errors)), ()) for one in apart]
+        rises = [risen(best.peak, one.peak) for one in apart]
+        sets = FaultSets.over([sets, *around], [0.0, *rises])
+        spent += len(apart) * (1 + 2 * own * len(_REACHES))
+    answers = [best, *apart]
+    likely = np.argsort(-np.array(sets.minima), kind="stable").tolist()
+    best = answers[likely[0]]
+    peak = best.peak
     sharp = sharp_errors(peak, own, peak.problem.model_error)
     values, intervals, covariance = _values(full, sets, peak, own)
     faults = [one for one in problem.unknowns if one.role == "fault"]
@@ -149,14 +158,18 @@ def assess(
         nuisances=_evident(full, peak, intervals, own),
         strained=strained(peak),
         cost=cost,
-        others=_other_answers(problem, peak, rivals),
+        others=tuple(
+            dict(zip(problem.names, answers[n].peak.point[:own].tolist(), strict=True))
+            for n in likely[1:]
+            if sets.minima[n] > 1.0 - CERTAIN
+        ),
         evaluations=spent,
         trust=peak.problem.trust,
         reference_runs=best.rounds,
         unsettled=best.unsettled,
         joint=Joint(
-            (peak, *rivals), peak.problem.model_error, own, peak.problem.comparisons[0].noise,
-            scatter(baseline),
+            tuple(answers[n].peak for n in likely), peak.problem.model_error, own,
+            peak.problem.comparisons[0].noise, scatter(baseline),
         ),
         sets=sets,
     )  # fmt: skip
@@ -175,13 +188,7 @@ def unassessed(
         sharp_errors=dict.fromkeys(problem.names, math.inf),
         intervals=whole,
         physical={
-            one.name: (
-                one.physical_value(actuator, values[one.name]).value,
-                Interval(
-                    one.physical_value(actuator, one.lower).value,
-                    one.physical_value(actuator, one.upper).value,
-                ),
-            )
+            one.name: physical_of(one, actuator, values[one.name], whole[one.name])
             for one in faults
         },
         contrasts={},
@@ -224,7 +231,8 @@ def _sets(
     covariance = _with_scatter(found, baseline)
     covariance = profiled(peak, covariance, range(own), factor, _REACHES)
     mean = peak.unbounded(factor, held)
-    return fault_sets(peak.problem.chart, mean, covariance * np.outer(errors, errors))
+    covariance = covariance * np.outer(errors, errors)
+    return fault_sets(peak.problem.chart, mean, covariance, peak.z)
 
 
 def _improbable(sets: FaultSets, peak: Laplace) -> list[str]:
@@ -298,15 +306,11 @@ def _evident(
     return found
 
 
-def _other_answers(
-    problem: Problem, peak: Laplace, rivals: list[Laplace]
-) -> tuple[dict[str, float], ...]:
-    """Rivals that explain the recording nearly as well and say something else."""
-    own = len(problem.names)
-    found = []
-    for one in rivals:
-        rise = risen(peak, one)
-        away = np.abs(one.z[:own] - peak.z[:own]).max()
-        if rise < DECIDES and away > _APART:
-            found.append(dict(zip(problem.names, one.point[:own].tolist(), strict=True)))
-    return tuple(found)
+def _apart(best: Corrected, others: Sequence[Corrected], own: int) -> list[Corrected]:
+    """Other minima that count: each apart from those before it, and not far less dense."""
+    found: list[Corrected] = []
+    for one in others:
+        away = [np.abs(one.peak.z - it.peak.z)[:own].max() for it in (best, *found)]
+        if min(away) > _APART and risen(best.peak, one.peak) < 2.0 * WINDOW:
+            found.append(one)
+    return found

@@ -85,7 +85,7 @@ class Descent:
 
     def _stages(self, small: Problem, start: np.ndarray) -> tuple[np.ndarray, Problem, int]:
         """The best ``z`` (1, d), the problem by the noise of the last stage, and simulations."""
-        chart, spent = small.chart, 0
+        chart, spent = small.chart, 1
         # each stage looks with long differences again: rough stretches stop a single descent
         first = z = chart.project(chart.from_values(start[None]))
         before = small.residuals(chart.to_values(z))[0]
@@ -94,6 +94,7 @@ class Descent:
             # wide minima first
             seen = small.smoothed() if stage == 0 else small
             left = seen.residuals(chart.to_values(z))[0]
+            spent += 1
             weighed = with_shown_noise(seen, left, self.least_noise)
 
             def residuals(points: np.ndarray, weighed: Problem = weighed) -> np.ndarray:

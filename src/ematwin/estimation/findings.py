@@ -120,26 +120,27 @@ def obstacles_to(
             if math.isfinite(baseline.misfit)
             else f"a good fit leaves less than {100.0 * limit:.2g} %"
         )
-        left = f"{100.0 * misfit:.0f}" if misfit > 0.1 else f"{100.0 * misfit:.2g}"
-        told.append(
-            f"The twin leaves {left} % of this recording unexplained, where {usual}: "
-            "it does something that the twin cannot. Check channels, units and the actuator."
-        )
-        told += late_channel(problem, assessed.values)
+        told += [unexplained(misfit, usual), *late_channel(problem, assessed.values)]
     if assessed.strained:
-        worst = max(assessed.strained, key=lambda name: assessed.strained[name])
-        told.append(
-            f"To explain this recording {worst} would have to be "
-            f"{assessed.strained[worst]:.0f} standard deviations off what is known of it: it is "
-            "of another actuator, or something is wrong with a channel."
-        )
-    if assessed.others:
-        rivals = "; ".join(
-            ", ".join(f"{name} {value:.2g}" for name, value in one.items())
-            for one in assessed.others
-        )
-        told.append(f"Another answer explains the recording nearly as well: {rivals}.")
+        told.append(implausible(*max(assessed.strained.items(), key=lambda one: one[1])))
     return told
+
+
+def unexplained(misfit: float, usual: str) -> str:
+    """Sentence: the twin leaves a relative misfit, where ``usual`` says what is usual."""
+    left = f"{100.0 * misfit:.0f}" if misfit > 0.1 else f"{100.0 * misfit:.2g}"
+    return (
+        f"The twin leaves {left} % of this recording unexplained, where {usual}: it does something "
+        "that the twin cannot. Check channels, units, the load and the actuator."
+    )
+
+
+def implausible(name: str, away: float) -> str:
+    """Sentence: a parameter, load or sensor is so many standard deviations from its prior."""
+    return (
+        f"To explain this recording {name} would have to be {away:.0f} standard deviations off "
+        "what is known of it: it is of another actuator, or something is wrong with a channel."
+    )
 
 
 def late_channel(problem: Problem, values: Mapping[str, float]) -> list[str]:
@@ -217,6 +218,9 @@ def remarks_on(model: Model, actuator: ParameterSet, assessed: Assessment) -> li
             f"{listed(assessed.unsettled)} still moved by more than a standard error; the "
             "intervals are wider by that."
         )
+    for other in assessed.others:
+        answer = ", ".join(f"{name} {value:.2g}" for name, value in other.items())
+        found.append(f"Another answer explains the recording nearly as well: {answer}.")
     if assessed.trust < _DISTRUSTED:
         found.append(
             "The recorded voltages or the current of the supply differ from the twin "

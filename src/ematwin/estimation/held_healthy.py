@@ -9,7 +9,8 @@ deviations, is the likelihood ratio of the two explanations (Wilks 1938, Ann. Ma
 profile likelihood: Venzon and Moolgavkar 1988, Appl. Stat. 37, 87-94); the standard error is at
 least that by which the fault is so far from healthy.
 
-Faults that are improbable are held together, for the minimum without them.
+Faults that are improbable are held together, for the minimum without them. Near the minimum the
+misfit is looked at along each fault (`profiled`).
 """
 
 from collections.abc import Sequence
@@ -21,6 +22,8 @@ from ematwin.estimation.constants import WORTH
 from ematwin.estimation.descent import Descent
 from ematwin.estimation.laplace import Laplace
 from ematwin.numerics.side_by_side import side_by_side
+
+_FLATTEST = 5.0  # times that a covariance is widened at most
 
 
 @dataclass(frozen=True)
@@ -98,3 +101,39 @@ def _step(peak: Laplace, names: Sequence[str]) -> np.ndarray:
     covariance = peak.widened(problem.model_error)
     across = covariance[np.ix_(places, places)]
     return np.asarray(covariance[:, places] @ np.linalg.solve(across, gap[places]))
+
+
+def profiled(
+    peak: Laplace,
+    covariance: np.ndarray,
+    chosen: Sequence[int],
+    factor: float,
+    reaches: Sequence[float],
+) -> np.ndarray:
+    """The covariance (d, d) widened where the misfit rises less than its curvature says.
+
+    Parameters
+    ----------
+    peak : Laplace
+    covariance : (d, d) array, in the coordinates of the problem's chart
+    chosen : places of unknowns; the misfit is looked at along each, while the others follow
+    factor : float, times that the noise of the data is larger
+    reaches : standard errors, how far to look
+    """
+    problem, chart, count = peak.problem, peak.problem.chart, len(chosen)
+    errors = np.sqrt(np.diag(covariance))
+    ways = (covariance[:, chosen] / errors[chosen]).T
+    signed = [sign * reach for reach in reaches for sign in (1.0, -1.0)]
+    points = np.concatenate([peak.z + reach * ways for reach in signed])
+    bounded = chart.project(points)
+    inside = np.abs(bounded - points).max(axis=1) < 1e-9
+    points[~inside] = bounded[~inside]  # not looked at: a logarithm so far out overflows
+    parts = problem.split(problem.residuals(chart.to_values(np.vstack([peak.z[None], points]))))
+    data, evidence, priors = (np.einsum("bk,bk->b", part, part) for part in parts)
+    heights = ((data + evidence) / factor**2 + priors) / problem.noise**2
+    rise = np.where(inside, heights[1:] - heights[0], np.inf).reshape(len(signed), count)
+    wider = np.ones(len(errors))
+    for reach, seen in zip(signed, rise, strict=True):
+        least = np.maximum(np.where(np.isfinite(seen), seen, np.inf), (reach / _FLATTEST) ** 2)
+        wider[chosen] = np.maximum(wider[chosen], abs(reach) / np.sqrt(least))
+    return covariance * np.outer(wider, wider)

@@ -37,7 +37,7 @@ from ematwin.recordings.recording import Recording
 from ematwin.showing.bars import told
 
 if TYPE_CHECKING:
-    from ematwin.estimation.probabilities import Threshold
+    from ematwin.estimation.thresholds import Threshold
     from ematwin.estimation.uncertainty import Method
 
 
@@ -84,7 +84,7 @@ def identified(
     problem = problem_of(recording)
     limits: dict[str, Threshold] = {}
     if thresholds:
-        from ematwin.estimation.probabilities import thresholds_of
+        from ematwin.estimation.thresholds import thresholds_of
 
         limits = thresholds_of(thresholds, problem.unknowns, actuator)
     search: Search = named(

@@ -160,6 +160,16 @@ def in_physical_units(
     return found
 
 
+def physical_of(
+    one: Unknown, actuator: ParameterSet, value: float, interval: Interval
+) -> tuple[float, Interval]:
+    """Value and interval of a fault in its physical unit, on one actuator."""
+    physical, low, high = (
+        one.physical_value(actuator, x).value for x in (value, interval.low, interval.high)
+    )
+    return physical, Interval(min(low, high), max(low, high))
+
+
 def _depends_on_parameters(one: Unknown, varied: ParameterSet) -> bool:
     """Whether the physical value changes with parameters (N,); no where a kind takes no arrays."""
     assert one.physical is not None

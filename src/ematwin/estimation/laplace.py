@@ -18,7 +18,7 @@ then measured as the small change that it is. Directions that a kind knows
 residuals, unknowns that aliases had held included, for as long as that gains.
 """
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -27,7 +27,7 @@ import numpy as np
 from ematwin.estimation.aliases import Aliases, Direction, directions, held_pivots
 from ematwin.estimation.constants import WORTH
 from ematwin.estimation.descent import STEP, Descent
-from ematwin.estimation.differences import along, central
+from ematwin.estimation.levenberg_marquardt import LARGEST_BATCH
 from ematwin.estimation.noise import with_shown_noise
 from ematwin.estimation.problem import Problem
 from ematwin.models.chart import Chart
@@ -39,7 +39,6 @@ _STEPS = 8  # of everything together at the end, at most
 _FRACTIONS = (1.0, 0.7, 0.5, 0.35, 0.25, 0.18, 0.12, 0.08)  # of such a step that are tried
 _ROUGH = 1.02  # ratio of costs that is mere roughness
 _SHORTEST, _LONGEST = 1e-3, 2e-2  # steps of the last Jacobian, shares of a range
-_FLATTEST = 5.0  # times that a covariance is widened at most
 
 
 @dataclass(frozen=True)
@@ -208,42 +207,6 @@ def sharp_errors(peak: Laplace, own: int, factor: float) -> np.ndarray:
     return chart.standard_errors(peak.z[:own], covariance)
 
 
-def profiled(
-    peak: Laplace,
-    covariance: np.ndarray,
-    chosen: Sequence[int],
-    factor: float,
-    reaches: Sequence[float],
-) -> np.ndarray:
-    """The covariance (d, d) widened where the misfit rises less than its curvature says.
-
-    Parameters
-    ----------
-    peak : Laplace
-    covariance : (d, d) array, in the coordinates of the problem's chart
-    chosen : places of unknowns; the misfit is looked at along each, while the others follow
-    factor : float, times that the noise of the data is larger
-    reaches : standard errors, how far to look
-    """
-    problem, chart, count = peak.problem, peak.problem.chart, len(chosen)
-    errors = np.sqrt(np.diag(covariance))
-    ways = (covariance[:, chosen] / errors[chosen]).T
-    signed = [sign * reach for reach in reaches for sign in (1.0, -1.0)]
-    points = np.concatenate([peak.z + reach * ways for reach in signed])
-    bounded = chart.project(points)
-    inside = np.abs(bounded - points).max(axis=1) < 1e-9
-    points[~inside] = bounded[~inside]  # not looked at: a logarithm so far out overflows
-    parts = problem.split(problem.residuals(chart.to_values(np.vstack([peak.z[None], points]))))
-    data, evidence, priors = (np.einsum("bk,bk->b", part, part) for part in parts)
-    heights = ((data + evidence) / factor**2 + priors) / problem.noise**2
-    rise = np.where(inside, heights[1:] - heights[0], np.inf).reshape(len(signed), count)
-    wider = np.ones(len(errors))
-    for reach, seen in zip(signed, rise, strict=True):
-        least = np.maximum(np.where(np.isfinite(seen), seen, np.inf), (reach / _FLATTEST) ** 2)
-        wider[chosen] = np.maximum(wider[chosen], abs(reach) / np.sqrt(least))
-    return covariance * np.outer(wider, wider)
-
-
 def _peak(problem: Problem, z: np.ndarray, slopes: "_Slopes", spent: int) -> Laplace:
     mean = z - slopes.covariance @ (slopes.jacobian @ slopes.here) / problem.noise**2
     left = problem.split(slopes.here)
@@ -279,7 +242,7 @@ def _slopes(
     known = directions(problem, chart.to_values(z[None])[0], aliases)
     shown = [_shown(problem, seen, z, one) for one in known]
     steps = np.full(len(z), _SHORTEST) if known_steps is None else known_steps
-    here, jacobian = central(seen, z, steps, chart.lower, chart.upper, seen.size)
+    here, jacobian = _central(seen, z, steps, chart.lower, chart.upper, seen.size)
     for last in (True,) if known_steps is not None else (False, False, True):
         parts = problem.split(jacobian)
         for one, change in zip(known, shown, strict=True):
@@ -289,7 +252,7 @@ def _slopes(
         priors = parts.priors @ parts.priors.T / problem.noise**2
         covariance = inverse(data + priors)
         if not last:
-            jacobian = along(seen, z, principal(data + priors), chart, seen.size)
+            jacobian = _along(seen, z, principal(data + priors), chart, seen.size)
     return _Slopes(here, jacobian, data, priors, covariance)
 
 
@@ -368,3 +331,47 @@ def _shown(
     blind = STEP * one.blind
     up, down = problem.split(residuals(np.vstack([z + blind, z - blind]))).evidence
     return np.asarray((up - down) / (2.0 * blind[one.pivot]))
+
+
+def _central(
+    residuals: Callable[[np.ndarray], np.ndarray], z: np.ndarray, steps: np.ndarray,
+    lower: np.ndarray, upper: np.ndarray, size: int,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Residuals (K,) at a point, and their Jacobian (d, K) by differences to both sides.
+
+    ``size`` is K: of long residuals only some columns are differenced at a time.
+    """
+    up = np.minimum(steps, upper - z)
+    down = np.minimum(steps, z - lower)
+    eye, d = np.eye(len(z)), len(z)
+    many = max(1, LARGEST_BATCH // (2 * size))
+    jacobian = np.empty((d, size))
+    for first in range(0, d, many):
+        columns = slice(first, first + many)
+        beside = [z + eye[columns] * up, z - eye[columns] * down]
+        found = residuals(np.vstack(beside if first else [z[None], *beside]))
+        if not first:
+            here, found = found[0].copy(), found[1:]
+        half = len(found) // 2
+        jacobian[columns] = (found[:half] - found[half:]) / (up + down)[columns, None]
+    return here, jacobian
+
+
+def _along(
+    residuals: Callable[[np.ndarray], np.ndarray],
+    z: np.ndarray,
+    ways: np.ndarray,
+    chart: Chart,
+    size: int,
+) -> np.ndarray:  # fmt: skip
+    """The Jacobian (d, K) by differences to both sides along ``ways`` (d, d), within the bounds."""
+    up, down = chart.project(z + ways), chart.project(z - ways)
+    moved = up - down
+    change = np.empty((len(z), size))
+    many = max(1, LARGEST_BATCH // (2 * size))
+    for first in range(0, len(z), many):
+        some = slice(first, first + many)
+        found = residuals(np.vstack([up[some], down[some]]))
+        half = len(found) // 2
+        change[some] = found[:half] - found[half:]
+    return np.linalg.solve(moved, change)

@@ -35,7 +35,7 @@ from ematwin.estimation.correction import Corrected
 from ematwin.estimation.forms import FoundForms, find_forms
 from ematwin.estimation.healthy_bias import healthy_bias
 from ematwin.estimation.healthy_fit import HealthyFit, Progress, expected_misfit, refuse_odd
-from ematwin.estimation.laplace import profiled
+from ematwin.estimation.held_healthy import profiled
 from ematwin.estimation.nominal import NominalParameter, fit_nominal
 from ematwin.estimation.prior import Prior
 from ematwin.estimation.random_effects import learn_effects

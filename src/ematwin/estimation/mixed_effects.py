@@ -21,11 +21,11 @@ import numpy as np
 from ematwin.errors import InputError
 from ematwin.estimation.baseline import Baseline
 from ematwin.estimation.constants import BEFOREHAND, IMPLAUSIBLE, WORSE, WORST
-from ematwin.estimation.findings import verdict_on
+from ematwin.estimation.findings import implausible, unexplained, verdict_on
 from ematwin.estimation.free_unknowns import unknowns_of
 from ematwin.estimation.identification import Identification
 from ematwin.estimation.identify import Prepared, estimate_of
-from ematwin.estimation.intervals import Interval, deviations
+from ematwin.estimation.intervals import Interval, deviations, physical_of
 from ematwin.estimation.prior import coordinate
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.random_effects import Normals, Peak, effects_of, fit
@@ -189,7 +189,10 @@ def identified_by_sets(
         values[one.name] = float(drawn.of(one.name).mean())
         intervals[one.name] = Interval(*drawn.interval(one.name, one.lower, one.upper))
         errors.append(deviations(one, drawn.of(one.name), values[one.name]).std())
-    physical = {one.name: _physical(one, actuator, values, intervals) for one in faults}
+    physical = {
+        one.name: physical_of(one, actuator, values[one.name], intervals[one.name])
+        for one in faults
+    }
     obstacles = list(
         dict.fromkeys(
             text
@@ -235,40 +238,19 @@ def identified_by_sets(
     )  # fmt: skip
 
 
-def _physical(
-    one: Unknown,
-    actuator: ParameterSet,
-    values: Mapping[str, float],
-    intervals: Mapping[str, Interval],
-) -> tuple[float, Interval]:
-    """A fault, and its interval, in the unit that can be measured."""
-    value, *ends = (
-        one.physical_value(actuator, x).value
-        for x in (values[one.name], *vars(intervals[one.name]).values())
-    )
-    return value, Interval(min(ends), max(ends))
-
-
 def _obstacles(peak: Peak, baseline: Baseline, comparisons: Sequence[Comparison]) -> list[str]:
     """Sentences on what of a fit forbids a verdict."""
     told = []
     left = float(np.max(peak.misfits * [one.expected_misfit for one in comparisons]))
     most = WORSE * baseline.misfit if baseline.recordings else WORST
     if left > most:
-        usual = f", and {100.0 * baseline.misfit:.1f} % of the worst healthy one"
-        told.append(
-            f"The twin leaves {100.0 * left:.1f} % of this recording unexplained"
-            f"{usual if baseline.recordings else ''}: it does something that the twin cannot. "
-            "Check channels, units, the load and the actuator."
-        )
-    if not peak.own.names:
-        return told
-    away = np.abs(peak.each - peak.own.mean) / peak.own.spread
-    n, k = (int(x) for x in np.unravel_index(np.argmax(away), away.shape))
-    if away[n, k] > IMPLAUSIBLE:
-        told.append(
-            f"To explain this recording {peak.own.names[k]} would have to be {away[n, k]:.0f} "
-            "standard deviations off what is known of it: it is of another actuator, or something "
-            "is wrong with a channel."
-        )
+        usual = f"the worst healthy one left {100.0 * baseline.misfit:.2g} %"
+        if not baseline.recordings:
+            usual = f"a good fit leaves less than {100.0 * most:.2g} %"
+        told.append(unexplained(left, usual))
+    if peak.own.names:
+        away = np.abs(peak.each - peak.own.mean) / peak.own.spread
+        n, k = (int(x) for x in np.unravel_index(np.argmax(away), away.shape))
+        if away[n, k] > IMPLAUSIBLE:
+            told.append(implausible(peak.own.names[k], float(away[n, k])))
     return told

@@ -18,15 +18,15 @@ Talwalkar (2016).
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
-from ematwin.errors import InputError, RecordError
+from ematwin.errors import InputError
 from ematwin.estimation.constants import AS_GOOD, EXPLAINED
 from ematwin.estimation.levenberg_marquardt import LevenbergMarquardt
 from ematwin.estimation.problem import Problem
-from ematwin.estimation.search import Found, Report
+from ematwin.estimation.search import BudgetSpentError, Found, Report, Tally, by_slopes
 from ematwin.numerics.sobol import Sobol
 
 SAMPLES = 256
@@ -37,7 +37,7 @@ AGREEMENT = 0.02  # largest difference of two ends that agree, in any coordinate
 ALIKE = 1.02  # ratio of costs of two ends that fit alike: no search to come is likely to fit better
 IN_VAIN = 2  # searches in a row that fit no better than one before
 SMALLEST_BUDGET = 64
-WORTH = 2.0  # times a good fit by stretches, beyond which no other search by them finds one
+HOPEFUL = 2.0  # times a good fit by stretches, beyond which no other search by them finds one
 STRETCH_BUDGET = 2000  # an upper limit: mostly 900
 DEFAULT_BUDGET = 10_000  # an upper limit: most records need a tenth of it
 
@@ -47,27 +47,6 @@ End = tuple[float, np.ndarray]  # cost and point of a finished descent
 def good_fit(problem: Problem) -> float:
     """The relative misfit below which a fit needs no second opinion."""
     return max(EXPLAINED, AS_GOOD * problem.expected_misfit)
-
-
-@dataclass
-class SearchState:
-    """State of a search: the best point, its cost, the simulations spent, and the way there.
-
-    ``restarted`` is the problem that judged the best point where not the whole record did; its
-    cost is of the whole record nevertheless. ``others`` are points of other local minima.
-    """
-
-    best: np.ndarray
-    cost: float
-    evaluations: int
-    history: list[tuple[int, float]]
-    stopped: str = "interrupted"
-    restarted: Problem | None = None
-    others: list[np.ndarray] = field(default_factory=list)
-
-
-class BudgetSpentError(Exception):
-    """The next batch would exceed the budget; caught within this module."""
 
 
 @dataclass(frozen=True)
@@ -80,26 +59,9 @@ class Multistart:
 
     def run(self, problem: Problem, *, budget: int | None, seed: int, report: Report) -> Found:
         """Search; after an interruption with the best found until then."""
-        if budget is not None and budget < 1:
-            raise InputError(f"The budget must be at least 1 evaluation, received {budget}.")
         limit = self.planned if budget is None else budget
         search = MultistartDescent(problem, budget=limit, seed=seed, report=report)
-        try:
-            state = search.run()
-        except KeyboardInterrupt:
-            search.rate_noted(told=False)  # whoever is told would raise it again
-            state = search.state
-            if not np.isfinite(state.cost):
-                raise
-        if not np.isfinite(state.cost):
-            raise RecordError(
-                f"The twin diverged for each of {state.evaluations} candidates. Check the "
-                "parameters of the actuator and the first position and speed of the record."
-            )
-        return Found(
-            state.best, state.cost, state.evaluations, np.array(state.history, dtype=float),
-            state.stopped, self.name, seed, state.restarted, tuple(state.others),
-        )  # fmt: skip
+        return by_slopes(self.name, search.state, seed, search.run)
 
 
 class MultistartDescent:
@@ -115,7 +77,7 @@ class MultistartDescent:
 
     Attributes
     ----------
-    state : SearchState, valid at any time, also after an interruption
+    state : Tally, valid at any time, also after an interruption
     """
 
     def __init__(
@@ -135,15 +97,13 @@ class MultistartDescent:
         self._problem = problem
         self._smooth = problem.smoothed()
         self._chart = problem.chart
-        self._budget = budget
-        self._report = report
         self._rng = np.random.default_rng(seed)
         self.worth = worth
         self._in_vain = 0  # searches since the best end
         self._noted: list[tuple[int, np.ndarray]] = []  # evaluations, and a point yet to be rated
-        self.state = SearchState(problem.start, float("inf"), 0, [])
+        self.state = Tally(problem, budget, report, problem.start)
 
-    def run(self) -> SearchState:
+    def run(self) -> Tally:
         """Search until the fit is good, two ends agree, or the budget is spent."""
         sobol = Sobol(len(self._problem.names), rng=self._rng)
         ends: list[End] = []
@@ -155,8 +115,11 @@ class MultistartDescent:
                 ends.append(self._one_search(sobol))
                 self._in_vain = self._in_vain + 1 if ends[-1][0] >= best else 0
         except BudgetSpentError:
-            self.rate_noted()
+            self._rate_noted()
             self.state.stopped = "budget"
+        except KeyboardInterrupt:
+            self._rate_noted(told=False)  # whoever is told would raise it again
+            raise
         return self.state
 
     def searches(self, most: int) -> Iterator[End]:
@@ -166,7 +129,7 @@ class MultistartDescent:
             try:
                 yield self._one_search(sobol)
             except BudgetSpentError:
-                self.rate_noted()
+                self._rate_noted()
                 return
 
     def _settled(self, ends: list[End]) -> bool:
@@ -192,7 +155,7 @@ class MultistartDescent:
     def _search_restarted(self, ends: list[End]) -> bool:
         """Search by stretches; the answer, or one more end. False if the record has no states."""
         whole, state = self._problem, self.state
-        budget = min(STRETCH_BUDGET, self._budget - state.evaluations)
+        budget = min(STRETCH_BUDGET, state.budget - state.evaluations)
         restarted = whole.restarted()
         if restarted is None:
             return False
@@ -202,12 +165,12 @@ class MultistartDescent:
 
         def count(evaluations: int, cost: float) -> None:
             state.evaluations = before + evaluations
-            if self._report is not None:
-                self._report(state.evaluations, state.cost)
+            if state.report is not None:
+                state.report(state.evaluations, state.cost)
 
         search = MultistartDescent(
             restarted, budget=budget, seed=int(self._rng.integers(2**31)), report=count,
-            worth=WORTH * good_fit(restarted),
+            worth=HOPEFUL * good_fit(restarted),
         )  # fmt: skip
         found = search.run()
         state.evaluations = before + found.evaluations
@@ -215,18 +178,18 @@ class MultistartDescent:
             return False
 
         def residuals(z: np.ndarray) -> np.ndarray:
-            self._spend(len(z))
+            self.state.spend(len(z))
             return restarted.residuals(self._chart.to_values(z))
 
         answer = self._chart.to_values(self._polished(found.best, residuals).points)[0]
-        self._spend(2)
+        self.state.spend(2)
         old, new = restarted.costs(np.stack([state.best, answer]))
         if restarted.relative_misfit(new) < good_fit(restarted) and old > CLEARLY_BETTER**2 * new:
-            self._spend(1)
+            self.state.spend(1)
             state.best, state.restarted = answer, restarted
             state.cost = float(whole.costs(answer[None])[0])
             return True
-        fine = self._polished(answer, self._residuals)
+        fine = self._polished(answer, self.state.residuals)
         self._keep(fine)
         ends.append((float(fine.costs[0]), fine.points[0]))
         return True
@@ -252,16 +215,16 @@ class MultistartDescent:
             for _ in range(iterations):
                 self._iterate(descent, self._smooth_residuals)
             self._note(descent.best(1).points[0])
-        self.rate_noted()
+        self._rate_noted()
         points = descent.best(POLISH[0][0]).points
-        fine = LevenbergMarquardt.start(points, self._residuals, damping=1e-2)
+        fine = LevenbergMarquardt.start(points, self.state.residuals, damping=1e-2)
         for count, iterations in POLISH:
             if count < len(fine.points):
                 left = fine.best(len(fine.points)).points[count:]
                 self.state.others += list(self._chart.to_values(left))
             fine = fine.best(count)
             for _ in range(iterations):
-                self._iterate(fine, self._residuals)
+                self._iterate(fine, self.state.residuals)
                 self._keep(fine)
         end = fine.best(1)
         return float(end.costs[0]), self._chart.project(end.points)[0]
@@ -269,7 +232,7 @@ class MultistartDescent:
     def _samples(self, sobol: object) -> np.ndarray:
         """Points (n, d) of ``z``; the problem's own start first, directions all round."""
         # a power of two, for the balance of the sequence; less where the budget is small
-        n = min(SAMPLES, 1 << ((self._budget // 2).bit_length() - 1))
+        n = min(SAMPLES, 1 << ((self.state.budget // 2).bit_length() - 1))
         x = self._chart.from_unit(sobol.random(n))  # type: ignore[attr-defined]
         if self.state.evaluations == 0:
             x[0] = self._problem.start
@@ -298,52 +261,30 @@ class MultistartDescent:
     ) -> None:
         descent.iterate(residuals, self._chart.lower, self._chart.upper, self._chart.project)
 
-    def _spend(self, count: int) -> None:
-        if self.state.evaluations + count > self._budget:
-            raise BudgetSpentError
-        self.state.evaluations += count
-
     def _costs(self, z: np.ndarray) -> np.ndarray:
-        self._spend(len(z))
+        self.state.spend(len(z))
         return self._smooth.costs(self._chart.to_values(z))
 
     def _smooth_residuals(self, z: np.ndarray) -> np.ndarray:
-        self._spend(len(z))
+        self.state.spend(len(z))
         return self._smooth.residuals(self._chart.to_values(z))
-
-    def _residuals(self, z: np.ndarray) -> np.ndarray:
-        self._spend(len(z))
-        return self._problem.residuals(self._chart.to_values(z))
 
     def _note(self, z: np.ndarray) -> None:
         """Have a point of the smooth stage rated by the full bandwidth: the history has one scale.
 
-        Later, all of them together (`rate_noted`): one candidate takes as long as many.
+        Later, all of them together (`_rate_noted`): one candidate takes as long as many.
         """
-        self._spend(1)
+        self.state.spend(1)
         self._noted.append((self.state.evaluations, z))
 
-    def rate_noted(self, told: bool = True) -> None:
+    def _rate_noted(self, told: bool = True) -> None:
         """Rate the points that were noted, in their order; ``told``: and report each."""
         noted, self._noted = self._noted, []
         if noted:
             costs = self._problem.costs(self._chart.to_values(np.stack([z for _, z in noted])))
             for (evaluations, z), cost in zip(noted, costs.tolist(), strict=True):
-                self._offer(z, cost, evaluations, told)
+                self.state.offer(z, cost, evaluations, told)
 
     def _keep(self, descent: LevenbergMarquardt) -> None:
         end = descent.best(1)
-        self._offer(end.points[0], float(end.costs[0]))
-
-    def _offer(
-        self, z: np.ndarray, cost: float, evaluations: int | None = None, told: bool = True
-    ) -> None:
-        """Take a point where it is the best; ``evaluations`` are those until it was seen."""
-        state = self.state
-        if cost < state.cost:
-            state.cost = cost
-            state.best = self._chart.to_values(z[None])[0]
-        spent = state.evaluations if evaluations is None else evaluations
-        state.history.append((spent, state.cost))
-        if told and self._report is not None:
-            self._report(state.evaluations, state.cost)
+        self.state.offer(end.points[0], float(end.costs[0]))

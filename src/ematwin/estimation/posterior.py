@@ -20,11 +20,12 @@ from ematwin.errors import InputError, MissingExtraError
 from ematwin.estimation.interrupt import noting_interrupts
 from ematwin.estimation.intervals import Draws, with_corner
 from ematwin.estimation.joint import Joint
+from ematwin.estimation.spike_and_slab import FaultSets
 from ematwin.estimation.uncertainty import (
     Question,
     Report,
     Uncertainty,
-    probabilities,
+    by_sets,
     strained,
     uninformed,
 )
@@ -145,7 +146,6 @@ class PosteriorUncertainty(Uncertainty):
             import arviz
         except ImportError:
             raise MissingExtraError("arviz", "arviz", "Handing chains to arviz") from None
-        assert self.draws is not None
         assert self.chains is not None
         assert self.log_density is not None
         by_name = {name: self.chains[:, :, n].T.copy() for n, name in enumerate(self.draws.names)}
@@ -202,8 +202,9 @@ class Posterior:
             {one.name: one.direction_of for one in problem.unknowns if one.direction_of},
         )
         shares = np.bincount(joint.nearest(z), minlength=len(joint.peaks)) / len(z)
+        sets = FaultSets.of_draws(problem.unknowns, drawn.values) or question.sets
         return PosteriorUncertainty(
-            self.name, _intervals(question, drawn), **probabilities(question, drawn),
+            self.name, _intervals(question, drawn), **by_sets(question, sets, drawn),
             doubts=(
                 *_unfinished(diagnostics, interrupted), *strained(question),
                 *uninformed(question, drawn),

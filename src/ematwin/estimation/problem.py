@@ -16,7 +16,6 @@ import numpy as np
 
 from ematwin.errors import InputError
 from ematwin.estimation.free_unknowns import unknowns_of
-from ematwin.estimation.latest import Latest
 from ematwin.estimation.prior import Information, Prior
 from ematwin.models.chart import Chart
 from ematwin.models.comparison import Comparison
@@ -105,7 +104,6 @@ class Problem:
         self.prior = Prior.independent(self.unknowns) if prior is None else prior
         self._priors = [self.names.index(name) for name in self.prior.names]
         self._logarithmic = np.array([self.unknowns[n].logarithmic for n in self._priors], bool)
-        self._latest = Latest()
         self.changes: tuple[ResidualChange, ...] = ()
         self._information: Information | None = None
         given = dict(start or {})
@@ -213,7 +211,7 @@ class Problem:
         """
         comparison = self.comparisons[n]
         if not self._each:
-            return self._latest.residuals(comparison, self.candidates(points, n), len(points))
+            return comparison.residuals(self.candidates(points, n), len(points))
         mine = points[:, self._columns(n)]
         _, chosen, back = np.unique(mine, axis=0, return_index=True, return_inverse=True)
         found = comparison.residuals(self.candidates(points[chosen], n), len(chosen))
@@ -370,7 +368,7 @@ class Problem:
             own=[one.name for one in self._each],
             start=dict(zip(self.names, self.start, strict=True)), prior=self.prior.given(logs),
         )  # fmt: skip
-        other.noise, other.trust, other._latest = self.noise, self.trust, self._latest
+        other.noise, other.trust = self.noise, self.trust
         other.model_error = self.model_error
         other.changes, other._information = self.changes, self._information
         return other

@@ -14,16 +14,21 @@ Laplace's, whose slopes look past that: descents along all faults go through the
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
+from ematwin.errors import InputError
 from ematwin.estimation.constants import COVERAGE, PARTNERS, TRADED
-from ematwin.estimation.intervals import Draws
-from ematwin.estimation.probabilities import presence
 from ematwin.estimation.tracing import BETTER, Tracer
-from ematwin.estimation.uncertainty import Question, Report, Uncertainty, strained, tells_nothing
+from ematwin.estimation.uncertainty import (
+    Question,
+    Report,
+    Uncertainty,
+    by_sets,
+    strained,
+    tells_nothing,
+)
 from ematwin.models.unknown import Unknown
 from ematwin.showing.words import listed
 
@@ -32,8 +37,6 @@ NEAR = 16.0  # rise of points to which a parabola is fitted
 ROUGH = 0.5  # root mean square of the rise about it; 0.1 to 0.4 of what impacts hardly touch
 _FEWEST = 5  # points that the parabola needs
 _AT_BOUND = 2e-3  # share of the range
-_TAIL = 40.0  # rise up to which a profile is continued for probabilities
-_FINE = 40  # points between two of a profile
 _MOVED = 0.7  # standard errors by which others move to each side that are named
 _LONGER = 1.25  # ratio of Laplace's interval to that of the profile from which that is said
 
@@ -64,11 +67,6 @@ class Profile:
     roughness: float = 0.0
 
     @property
-    def length(self) -> float:
-        """Of the interval."""
-        return self.interval[1] - self.interval[0]
-
-    @property
     def rough(self) -> bool:
         """Whether impacts make the rise too rough to be relied on."""
         return self.roughness > ROUGH
@@ -90,42 +88,6 @@ class Profile:
             "partners": list(self.partners),
             "roughness": self.roughness,
         }
-
-    def reaching(self, low: float, high: float) -> "Profile":
-        """The profile with an interval at least as long; the rise is lower in proportion."""
-        best = float(self.values[np.argmin(self.rise)])
-        ends = (min(self.interval[0], low), max(self.interval[1], high))
-        rise = self.rise.copy()
-        for own, end, side in zip(
-            self.interval, ends, (self.values < best, self.values > best), strict=True
-        ):
-            if end != own and own != best:
-                rise[side] *= ((own - best) / (end - best)) ** 2
-        return replace(self, interval=ends, rise=rise)
-
-    def density(self, one: Unknown) -> tuple[np.ndarray, np.ndarray]:
-        """Values (N,) and the share of exp(-rise/2) that lies at each (N,), of sum 1.
-
-        Between points the root of the rise is linear, and beyond them it goes on straight.
-        """
-        best = int(np.argmin(self.rise))
-        root = np.sqrt(self.rise) * np.where(np.arange(len(self.rise)) < best, -1.0, 1.0)
-        x, bounds = self.values, np.array([one.lower, one.upper])
-        if one.logarithmic:
-            x, bounds = np.log(x), np.log(bounds)
-        if len(x) == 1:  # nowhere to go: all within the bounds is alike
-            x, root = bounds, np.zeros(2)
-        else:
-            first, last = (max(step, 1e-12) for step in (np.diff(root) / np.diff(x))[[0, -1]])
-            low = max(bounds[0], x[0] - max(math.sqrt(_TAIL) + root[0], 0.0) / first)
-            high = min(bounds[1], x[-1] + max(math.sqrt(_TAIL) - root[-1], 0.0) / last)
-            root = np.r_[root[0] + first * (low - x[0]), root, root[-1] + last * (high - x[-1])]
-            x = np.r_[low, x, high]
-        fine = np.unique(np.concatenate([np.linspace(a, b, _FINE) for a, b in pairwise(x)]))
-        height = np.exp(-0.5 * np.interp(fine, x, root) ** 2)
-        mass = 0.5 * (height[1:] + height[:-1]) * np.diff(fine)
-        middle = 0.5 * (fine[1:] + fine[:-1])
-        return (np.exp(middle) if one.logarithmic else middle), mass / mass.sum()
 
 
 @dataclass(frozen=True)
@@ -166,7 +128,18 @@ class Profiles:
     name: str = "profile"
 
     def run(self, question: Question, *, seed: int, report: Report) -> Uncertainty:
-        """Trace the profiles; Ctrl-C ends them where they are."""
+        """Trace the profiles; Ctrl-C ends them where they are.
+
+        Raises
+        ------
+        InputError
+            If no fault was searched.
+        """
+        if not question.faults:
+            raise InputError(
+                f"Profiles are of faults, and only {', '.join(question.problem.names)} was "
+                "searched; search a fault, or use laplace or posterior."
+            )
         tracer = Tracer(question)
         finished = tracer.run(report)
         profiles = {one.name: _profile(tracer, n) for n, one in enumerate(question.faults)}
@@ -186,15 +159,10 @@ class Profiles:
             )
         if not finished:
             doubts.append("The profiles were interrupted; intervals end where they had come to.")
-        present, exceeds = {}, {}
-        for one in question.faults:
-            present[one.name], beyond = _probabilities(question, one, profiles[one.name])
-            if beyond is not None:
-                exceeds[one.name] = beyond
         return ProfileUncertainty(
-            self.name, {name: one.interval for name, one in profiles.items()}, present, None,
-            exceeds, {name: one.text for name, one in question.thresholds.items()}, tuple(doubts),
-            None, walks=profiles, evaluations=tracer.evaluations,
+            self.name, {name: one.interval for name, one in profiles.items()},
+            **by_sets(question, question.sets, question.sets.drawn), doubts=tuple(doubts),
+            walks=profiles, evaluations=tracer.evaluations,
         )  # fmt: skip
 
 
@@ -203,37 +171,19 @@ def _lengthened(question: Question, profiles: dict[str, Profile]) -> list[str]:
     rough = any(one.rough for one in profiles.values())
     longer = []
     for name, one in profiles.items():
-        answer, laplace = question.assessed.values[name], question.assessed.intervals[name]
-        profiles[name] = one.reaching(answer, answer)
-        if rough:
-            before = profiles[name].length
-            profiles[name] = profiles[name].reaching(laplace.low, laplace.high)
-            if profiles[name].length > _LONGER * before:
-                longer.append(name)
+        (low, high), value = one.interval, question.assessed.values[name]
+        low, high = min(low, value), max(high, value)
+        laplace = question.assessed.intervals[name]
+        ends = (min(low, laplace.low), max(high, laplace.high)) if rough else (low, high)
+        if ends[1] - ends[0] > _LONGER * (high - low):
+            longer.append(name)
+        profiles[name] = replace(one, interval=ends)
     if not longer:
         return []
     return [
         f"Impacts make the misfit rough along {listed(longer)}, where profiles end too soon; "
         "the interval is laplace's. Use the posterior."
     ]
-
-
-def _probabilities(
-    question: Question, one: Unknown, profile: Profile
-) -> tuple[float, float | None]:
-    """That a fault is present, and that it is beyond its threshold where it has one."""
-    values, mass = profile.density(one)
-    weighed = presence([one], {one.name: values}, mass)
-    limit = question.thresholds.get(one.name)
-    if limit is None:
-        return weighed.probability(one.name), None
-    if limit.physical:  # along the profile; beyond its ends as on the actuator as it is
-        names = question.joint.problem.names
-        along = limit.values(question.actuator, Draws(names, profile.points, {}))
-        ends = [one.physical_value(question.actuator, x).value for x in (one.lower, one.upper)]
-        at = [one.lower, *profile.values, one.upper]
-        values = np.interp(values, at, [ends[0], *along, ends[1]])
-    return weighed.probability(one.name), float(weighed.weights[one.name] @ limit.is_beyond(values))
 
 
 def _profile(tracer: Tracer, fault: int) -> Profile:

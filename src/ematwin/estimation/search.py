@@ -9,16 +9,18 @@ far when it is interrupted.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol, cast
 
 import numpy as np
 
-from ematwin.errors import InputError
+from ematwin.errors import InputError, RecordError
 from ematwin.estimation.interrupt import noting_interrupts
 from ematwin.estimation.problem import Problem
-from ematwin.optimizers.base import ITERATIONS, POPULATION, Optimizer
+from ematwin.optimizers.base import ITERATIONS, POPULATION, Algorithm, Optimizer
 
 Progress = Callable[[int, float, int], None]
 Report = Callable[[int, float], None]
@@ -53,6 +55,97 @@ class Found:
     others: tuple[np.ndarray, ...] = ()
 
 
+class BudgetSpentError(Exception):
+    """The next batch would exceed the budget; caught by `by_slopes`."""
+
+
+@dataclass
+class Tally:
+    """Simulations of a search that follows slopes, its best point, and the way there.
+
+    Attributes
+    ----------
+    problem : Problem
+    budget : int, simulations at most
+    report : called after each stage
+    best, cost, evaluations, stopped, others : as of `Found`
+    history : evaluations and best cost so far
+    restarted : the problem that judged the best point where not the whole record did; the cost is
+        of the whole record nevertheless
+    """
+
+    problem: Problem
+    budget: int
+    report: Report | None = None
+    best: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    cost: float = float("inf")
+    evaluations: int = 0
+    history: list[tuple[int, float]] = field(default_factory=list)
+    stopped: str = "interrupted"
+    restarted: Problem | None = None
+    others: list[np.ndarray] = field(default_factory=list)
+
+    def spend(self, count: int) -> None:
+        """Count simulations before they are made.
+
+        Raises
+        ------
+        BudgetSpentError
+            If they would exceed the budget.
+        """
+        if self.evaluations + count > self.budget:
+            raise BudgetSpentError
+        self.evaluations += count
+
+    def residuals(self, z: np.ndarray) -> np.ndarray:
+        """Residuals (B, K) of the problem at coordinates (B, d), counted."""
+        self.spend(len(z))
+        return self.problem.residuals(self.problem.chart.to_values(z))
+
+    def offer(
+        self, z: np.ndarray, cost: float, evaluations: int | None = None, told: bool = True
+    ) -> None:
+        """Take a point (d,) where it is the best; ``evaluations`` are those until it was seen."""
+        if cost < self.cost:
+            self.cost = cost
+            self.best = self.problem.chart.to_values(z[None])[0]
+        spent = self.evaluations if evaluations is None else evaluations
+        self.history.append((spent, self.cost))
+        if told and self.report is not None:
+            self.report(self.evaluations, self.cost)
+
+
+def by_slopes(name: str, tally: Tally, seed: int, work: Callable[[], object]) -> Found:
+    """Result of a search that follows slopes, also after its budget is spent or it is interrupted.
+
+    Raises
+    ------
+    InputError
+        If the budget is less than one simulation.
+    RecordError
+        If the twin diverged everywhere.
+    """
+    if tally.budget < 1:
+        raise InputError(f"The budget must be at least 1 evaluation, received {tally.budget}.")
+    try:
+        work()
+    except BudgetSpentError:
+        tally.stopped = "budget"
+    except KeyboardInterrupt:
+        tally.stopped = "interrupted"
+        if not np.isfinite(tally.cost):
+            raise
+    if not np.isfinite(tally.cost):
+        raise RecordError(
+            f"The twin diverged for each of {tally.evaluations} candidates. Check the parameters "
+            "of the actuator and the first position and speed of the record."
+        )
+    return Found(
+        tally.best, tally.cost, tally.evaluations, np.array(tally.history, dtype=float),
+        tally.stopped, name, seed, tally.restarted, tuple(tally.others),
+    )  # fmt: skip
+
+
 class Search(Protocol):
     """A search method.
 
@@ -81,26 +174,6 @@ class Search(Protocol):
     def run(self, problem: Problem, *, budget: int | None, seed: int, report: Report) -> Found:
         """Find the point of least cost."""
         ...
-
-
-@dataclass(frozen=True)
-class Method:
-    """A search method that can be named.
-
-    Attributes
-    ----------
-    name, title, source, origin, installed, aliases, departures, tuned_on : as in
-        `ematwin.optimizers.Algorithm`
-    """
-
-    name: str
-    title: str
-    source: str
-    origin: str
-    installed: bool = True
-    aliases: tuple[str, ...] = ()
-    departures: str = "none"
-    tuned_on: str = "not known"
 
 
 @dataclass(frozen=True)
@@ -168,50 +241,49 @@ class _Costs:
         return self.problem.costs(self.problem.from_box(points), limits)
 
 
-def own_methods() -> dict[str, Method]:
-    """The methods that follow slopes, by name."""
-    return {
-        "multistart": Method(
-            "multistart",
-            "Sobol samples, then Levenberg-Marquardt (default for the brushless actuator)",
-            "this project, docs/results.md",
-            "ematwin",
-            tuned_on="mixtures of faults with seeds of their own, of which some stand in tables of "
-            "docs/results.md",
-        ),
-        "levenberg-marquardt": Method(
-            "levenberg-marquardt",
-            "Levenberg-Marquardt from the starts that the kind of actuator suggests",
-            "Levenberg (1944), Marquardt (1963)",
-            "ematwin",
-            aliases=("lm", "descent"),
-            departures="forward differences in batches; bounds by projection (Bertsekas 1982)",
-        ),
-        "scipy-trf": Method(
-            "scipy-trf",
-            "Trust-region least squares of SciPy from random starts",
-            "scipy.optimize.least_squares; Branch, Coleman and Li (1999)",
-            "scipy",
-            departures="forward differences as long as the default method's; restarts",
-            tuned_on="nothing here: the library's own settings",
-        ),
-    }
+def _own(module: str, method: str) -> Any:
+    """A class of search methods, imported where it is asked for."""
+    return getattr(import_module(f"ematwin.estimation.{module}"), method)
 
 
-def methods() -> tuple[Method, ...]:
+OWN = (
+    Algorithm(
+        "multistart",
+        "Sobol samples, then Levenberg-Marquardt (default for the brushless actuator)",
+        "this project, docs/results.md",
+        "ematwin",
+        partial(_own, "multistart", "Multistart"),
+        departures="none",
+        tuned_on="mixtures of faults with seeds of their own, of which some stand in tables of "
+        "docs/results.md",
+    ),
+    Algorithm(
+        "levenberg-marquardt",
+        "Levenberg-Marquardt from the starts that the kind of actuator suggests",
+        "Levenberg (1944), Marquardt (1963)",
+        "ematwin",
+        partial(_own, "local", "LocalDescent"),
+        aliases=("lm", "descent"),
+        departures="forward differences in batches; bounds by projection (Bertsekas 1982)",
+    ),
+    Algorithm(
+        "scipy-trf",
+        "Trust-region least squares of SciPy from random starts",
+        "scipy.optimize.least_squares; Branch, Coleman and Li (1999)",
+        "scipy",
+        partial(_own, "local", "ScipyLeastSquares"),
+        departures="forward differences as long as the default method's; restarts",
+        tuned_on="nothing here: the library's own settings",
+    ),
+)
+"""The methods that follow slopes; their factories make a `Search`."""
+
+
+def methods() -> tuple[Algorithm, ...]:
     """All methods that can be named, the default first."""
     from ematwin.optimizers.registry import algorithms
 
-    return (
-        *own_methods().values(),
-        *(
-            Method(
-                a.name, a.title, a.source, a.origin, a.installed, tuple(a.aliases), a.departures,
-                a.tuned_on,
-            )
-            for a in algorithms()
-        ),
-    )  # fmt: skip
+    return (*OWN, *algorithms())
 
 
 def expanded(names: Iterable[str]) -> tuple[str, ...]:
@@ -233,9 +305,9 @@ def method_name(text: str) -> str:
         If its library is not installed.
     """
     wanted = text.strip().lower().replace("_", "-")
-    for name, one in own_methods().items():
-        if wanted in (name, *one.aliases):
-            return name
+    for one in OWN:
+        if wanted in (one.name, *one.aliases):
+            return one.name
     from ematwin.optimizers.registry import find
 
     found = find(text)
@@ -259,23 +331,16 @@ def named(
     """
     if hasattr(algorithm, "run") and not isinstance(algorithm, Optimizer):
         return cast(Search, algorithm)
-    if isinstance(algorithm, str) and (name := method_name(algorithm)) in own_methods():
+    name = method_name(algorithm) if isinstance(algorithm, str) else ""
+    for one in OWN:
+        if one.name != name:
+            continue
         if checkpoint is not None:
             raise InputError(
                 f"The method {name} takes about a second and keeps no checkpoint; leave it out, "
                 "or choose a population method such as de."
             )
-        if name == "multistart":
-            from ematwin.estimation.multistart import Multistart
-
-            return Multistart()
-        if name == "scipy-trf":
-            from ematwin.estimation.scipy_least_squares import ScipyLeastSquares
-
-            return ScipyLeastSquares()
-        from ematwin.estimation.local import LocalDescent
-
-        return LocalDescent()
+        return cast(Any, one.factory())()
     path = None if checkpoint is None else Path(checkpoint)
     return Population(algorithm, population, iterations, path)
 

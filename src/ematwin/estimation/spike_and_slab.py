@@ -12,11 +12,14 @@ in coordinates in which ranges are one. A set of parallel faults that a drift ex
 three slabs to pay for, and the drift only its prior: the smaller explanation is the more probable
 one (MacKay 1992, Neural Computation 4, 415-447). Sets far less probable than the best one are left
 out (Occam's window: Madigan and Raftery 1994, J. Am. Stat. Assoc. 89, 1535-1546).
+
+Where there are several minima, each has the integral of its own normal distribution as its evidence
+(`FaultSets.over`).
 """
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -28,11 +31,12 @@ from ematwin.models.unknown import Unknown
 from ematwin.numerics.bounded_squares import bounded_squares
 from ematwin.numerics.symmetric import eigen
 
-_WINDOW = 7.0  # logarithm of the ratio of probabilities: sets below 0.1 % of the best are left out
+WINDOW = 7.0  # logarithm of the ratio of probabilities: sets below 0.1 % of the best are left out
 _MOST = 300  # sets
 _JITTER = 1e-9  # of variances, so that what goes together to the last digit can be factorised
 _TRIED, _DRAWS = 4000, 8000
 _SEED = 20_201
+_FEWEST = 20.0  # draws that all together must be worth
 
 
 @dataclass(frozen=True)
@@ -44,11 +48,13 @@ class FaultSet:
     faults : names of those that are there
     probability : float
     values : (N, d) array, draws of all unknowns
+    undetermined : faults that may be anything; as likely there as not, and anywhere in draws
     """
 
     faults: frozenset[str]
     probability: float
     values: np.ndarray
+    undetermined: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -60,13 +66,64 @@ class FaultSets:
     unknowns : (d,), in the order of the draws
     sets : the most probable one first; their probabilities sum to one
     distances : by fault, standard errors from healthy with all faults free
-    undetermined : faults that may be anything; in no set, as likely as not, and anywhere in draws
+    log_evidence : logarithm of the integral over all sets, in units of the density at a point
+    minima : probability of each minimum
     """
 
     unknowns: tuple[Unknown, ...]
     sets: tuple[FaultSet, ...]
     distances: dict[str, float] = field(default_factory=dict)
-    undetermined: frozenset[str] = frozenset()
+    log_evidence: float = 0.0
+    minima: tuple[float, ...] = (1.0,)
+
+    @classmethod
+    def over(cls, minima: Sequence["FaultSets"], rises: Sequence[float]) -> "FaultSets":
+        """The posterior over several minima, the best first.
+
+        Parameters
+        ----------
+        minima : around each, by the density at its best point
+        rises : how much less dense each best point is than the first, minus twice the logarithm
+        """
+        logs = np.array([one.log_evidence for one in minima]) - 0.5 * np.array(rises)
+        shares = np.exp(logs - logs.max())
+        shares /= shares.sum()
+        sets = [
+            replace(one, probability=share * one.probability)
+            for share, found in zip(shares.tolist(), minima, strict=True)
+            for one in found.sets
+        ]
+        sets.sort(key=lambda one: -one.probability)
+        return replace(minima[0], sets=tuple(sets), minima=tuple(shares.tolist()))
+
+    @classmethod
+    def of_draws(cls, unknowns: Sequence[Unknown], values: np.ndarray) -> "FaultSets | None":
+        """The posterior from draws (N, d) for which all faults are there, somewhere in their range.
+
+        A draw of a fault within `SMALLEST` of healthy stands for its absence, and counts by how
+        much likelier that is beforehand than its share of the range. None where a few draws would
+        outweigh all others, or no fault is among the unknowns.
+        """
+        found = cls(tuple(unknowns), ())
+        if not found.faults:
+            return None
+        absent = np.column_stack([
+            ~found._is_beyond(one, values, SMALLEST) for one in found.faults
+        ])  # fmt: skip
+        logs = absent @ np.log([_weight_of(one) for one in found.faults])
+        weights = np.exp(logs - logs.max())
+        weights /= weights.sum()
+        if 1.0 / float(weights @ weights) < _FEWEST:
+            return None
+        patterns, chosen = np.unique(absent, axis=0, return_inverse=True)
+        sets = [
+            FaultSet(
+                frozenset(o.name for o, out in zip(found.faults, pattern, strict=True) if not out),
+                float(weights[chosen.ravel() == n].sum()), values[chosen.ravel() == n],
+            )
+            for n, pattern in enumerate(patterns)
+        ]  # fmt: skip
+        return replace(found, sets=tuple(sorted(sets, key=lambda one: -one.probability)))
 
     @cached_property
     def probabilities(self) -> dict[str, float]:
@@ -91,7 +148,7 @@ class FaultSets:
                 far = [self._is_beyond(one, s.values, SMALLEST) for one in own]
                 healthy = 1.0 - float(np.mean(np.any(far, axis=0)))
             for one in self.faults:
-                if one.name in self.undetermined:
+                if one.name in s.undetermined:
                     healthy *= 1.0 - self._share(one, s, SMALLEST)
             found += s.probability * (1.0 - healthy)
         return found
@@ -105,9 +162,10 @@ class FaultSets:
 
     def presence(self, name: str) -> float:
         """The probability of all sets with a fault."""
-        if name in self.undetermined:
-            return BEFOREHAND
-        return sum(s.probability for s in self.sets if name in s.faults)
+        return sum(
+            s.probability * (BEFOREHAND if name in s.undetermined else name in s.faults)
+            for s in self.sets
+        )
 
     def is_improbable(self, name: str) -> bool:
         """Whether a fault is not there, with a probability of `CERTAIN`."""
@@ -127,21 +185,27 @@ class FaultSets:
         own = {one.name: [s for s in self.sets if one.name in s.faults] for one in self.faults}
         return {name: self._resampled(sets) for name, sets in own.items() if sets}
 
+    def share(self, of: Callable[[Draws], np.ndarray]) -> float:
+        """The probability of what is true of draws: ``of`` gives (N,) of bool."""
+        return sum(s.probability * float(np.mean(of(self._draws(s.values)))) for s in self.sets)
+
     def _resampled(self, sets: Sequence[FaultSet]) -> Draws:
         total = sum(s.probability for s in sets)
         rng = np.random.default_rng(_SEED)
         picked = [
             s.values[rng.choice(len(s.values), round(_DRAWS * s.probability / total))] for s in sets
         ]
-        names = tuple(one.name for one in self.unknowns)
+        return self._draws(np.concatenate(picked))
+
+    def _draws(self, values: np.ndarray) -> Draws:
         directions = {one.name: one.direction_of for one in self.unknowns if one.direction_of}
-        return Draws(names, np.concatenate(picked), directions)
+        return Draws(tuple(one.name for one in self.unknowns), values, directions)
 
     def _share(self, one: Unknown, of: FaultSet, share: float) -> float:
         """The probability in a set that a fault is a share of its range from healthy, or more."""
-        if one.name not in of.faults | self.undetermined:
+        if one.name not in of.faults | of.undetermined:
             return 0.0
-        there = BEFOREHAND if one.name in self.undetermined else 1.0
+        there = BEFOREHAND if one.name in of.undetermined else 1.0
         return there * float(np.mean(self._is_beyond(one, of.values, share)))
 
     def _is_beyond(self, one: Unknown, values: np.ndarray, share: float) -> np.ndarray:
@@ -149,7 +213,19 @@ class FaultSets:
         return np.asarray(np.abs(values[:, n] - one.healthy) >= share * one.width)
 
 
-def fault_sets(chart: Chart, mean: np.ndarray, covariance: np.ndarray) -> FaultSets:
+def _weight_of(one: Unknown) -> float:
+    """How many times likelier an absent fault is beforehand than its share of the range."""
+    reach = SMALLEST * one.width
+    ends = np.clip([one.healthy - reach, one.healthy + reach], one.lower, one.upper)
+    share = float(np.diff(ends)[0] / one.width)
+    if one.logarithmic:
+        share = float(np.diff(np.log(ends))[0] / np.log(one.upper / one.lower))
+    return (1.0 - BEFOREHAND) / BEFOREHAND * (1.0 - share) / share
+
+
+def fault_sets(
+    chart: Chart, mean: np.ndarray, covariance: np.ndarray, at: np.ndarray | None = None
+) -> FaultSets:
     """The posterior of sets of the faults among the unknowns of a chart.
 
     Parameters
@@ -157,6 +233,7 @@ def fault_sets(chart: Chart, mean: np.ndarray, covariance: np.ndarray) -> FaultS
     chart : of d unknowns
     mean, covariance : (d,) and (d, d) arrays, in its coordinates, as if all faults were there and
         had no bounds. A fault whose standard error there is more than `ANYTHING` may be anything
+    at : (d,) array, the point whose density is the unit of the evidence; the mean if not given
     """
     space = _Space(chart, mean, covariance)
     logs = {names: space.evidence(names) for names in (frozenset[str](), frozenset(space.faults))}
@@ -170,9 +247,9 @@ def fault_sets(chart: Chart, mean: np.ndarray, covariance: np.ndarray) -> FaultS
             logs[other] = space.evidence(other)
             if logs[other] > logs[best]:
                 best = other
-            if logs[other] > logs[best] - _WINDOW:
+            if logs[other] > logs[best] - WINDOW:
                 waiting.append(other)
-    near = [names for names in logs if logs[names] > logs[best] - _WINDOW]
+    near = [names for names in logs if logs[names] > logs[best] - WINDOW]
     # those with a fault more or less tell how large each fault is, if it is there
     kept = sorted(near, key=lambda names: -logs[names])[:_MOST]
     kept += [best ^ {name} for name in space.faults if best ^ {name} not in kept]
@@ -183,13 +260,16 @@ def fault_sets(chart: Chart, mean: np.ndarray, covariance: np.ndarray) -> FaultS
         found.append((logs[names] + share, names, chart.to_values(z)))
     most = max(log for log, _, _ in found)
     weights = np.exp([log - most for log, _, _ in found])
+    total = most + math.log(weights.sum())
     weights /= weights.sum()
+    anything = frozenset(space.undetermined)
     sets = [
-        FaultSet(names, float(weight), values)
+        FaultSet(names, float(weight), values, anything)
         for weight, (_, names, values) in zip(weights, found, strict=True)
     ]
     sets.sort(key=lambda one: -one.probability)
-    return FaultSets(chart.unknowns, tuple(sets), space.distances, frozenset(space.undetermined))
+    evidence = total + space.log_volume(mean if at is None else at)
+    return FaultSets(chart.unknowns, tuple(sets), space.distances, evidence)
 
 
 class _Space:
@@ -223,6 +303,20 @@ class _Space:
             square = away @ np.linalg.solve(self._covariance[np.ix_(places, places)], away)
             found[name] = math.sqrt(float(square))
         return found
+
+    def log_volume(self, at: np.ndarray) -> float:
+        """Logarithm of the integral of the density that is one at a point (d,), without bounds.
+
+        Faults that may be anything are uniform over their range, whose width is one.
+        """
+        kept = np.ones(len(self._mean), dtype=bool)
+        kept[[n for places in self.undetermined.values() for n in places]] = False
+        size = np.sqrt(np.diag(self._covariance))[kept]
+        values, vectors = eigen(self._covariance[np.ix_(kept, kept)] / np.outer(size, size))
+        values = np.maximum(values, _JITTER)
+        away = vectors.T @ ((at - self._mean)[kept] / size)
+        volume = float(np.log(size).sum() + 0.5 * np.log(2.0 * np.pi * values).sum())
+        return volume + 0.5 * float(away @ (away / values))
 
     def evidence(self, names: frozenset[str]) -> float:
         """Logarithm of the probability of a set, but for a constant, or somewhat more.

@@ -16,8 +16,9 @@ from ematwin.estimation.assess import Assessment
 from ematwin.estimation.constants import ANYTHING, SMALLEST
 from ematwin.estimation.intervals import Draws
 from ematwin.estimation.joint import Joint
-from ematwin.estimation.probabilities import Threshold, presence
 from ematwin.estimation.problem import Problem
+from ematwin.estimation.spike_and_slab import FaultSets
+from ematwin.estimation.thresholds import Threshold
 from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
@@ -51,6 +52,12 @@ class Question:
     thresholds: Mapping[str, Threshold] = field(default_factory=dict)
 
     @property
+    def sets(self) -> FaultSets:
+        """The posterior of sets of faults around its minima."""
+        assert self.assessed.sets is not None
+        return self.assessed.sets
+
+    @property
     def faults(self) -> tuple[Unknown, ...]:
         """Magnitudes of the faults that were searched."""
         every = self.problem.unknowns
@@ -65,24 +72,23 @@ class Uncertainty:
     ----------
     method : "laplace", "profile" or "posterior"
     intervals : by name, ends of the 95 % interval
-    present : by fault, the probability that it deviates by `constants.SMALLEST` of its range,
-        where it is as likely as not beforehand (`ematwin.estimation.probabilities`)
-    healthy : the probability that none does; None where the method, or so few draws, give one for
-        each fault alone
+    present : by fault, the probability that it deviates by `constants.SMALLEST` of its range
+        (`ematwin.estimation.spike_and_slab`)
+    healthy : the probability that none does
     exceeds : by fault, the probability that it lies beyond its threshold
     thresholds : by fault, as it was given, with its unit
     doubts : sentences on why not to believe it
-    draws : of the joint density; None where the method draws none
+    draws : of everything that is unknown
     """
 
     method: str
     intervals: dict[str, tuple[float, float]]
     present: dict[str, float]
-    healthy: float | None
+    healthy: float
     exceeds: dict[str, float]
     thresholds: dict[str, str]
     doubts: tuple[str, ...]
-    draws: Draws | None
+    draws: Draws
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values, without the draws."""
@@ -114,12 +120,8 @@ class Uncertainty:
     @property
     def sentences(self) -> list[str]:
         """Probabilities in words."""
-        said = []
-        if self.healthy is not None:
-            said.append(
-                f"No fault of {100 * SMALLEST:g} % of its range or more: "
-                f"{as_probability(self.healthy)}."
-            )
+        healthy = as_probability(self.healthy)
+        said = [f"No fault of {100 * SMALLEST:g} % of its range or more: {healthy}."]
         for name, share in self.exceeds.items():
             said.append(f"{name} is beyond {self.thresholds[name]}: {as_probability(share)}.")
         return said
@@ -151,25 +153,10 @@ class LaplaceIntervals:
 
     def run(self, question: Question, *, seed: int, report: Report) -> Uncertainty:
         """The answer, without a simulation."""
-        assessed, limits = question.assessed, question.thresholds
-        sets = assessed.sets
-        assert sets is not None
-        ends = {name: (one.low, one.high) for name, one in assessed.intervals.items()}
-        doubts = [*strained(question), *uninformed(question, sets.drawn)]
-        if assessed.others:
-            doubts.append(
-                "Other answers explain the recording nearly as well, and these intervals leave "
-                "them out; use the posterior, which does not."
-            )
-        return Uncertainty(
-            self.name, ends, present=sets.probabilities, healthy=1.0 - sets.faulty,
-            exceeds={
-                name: float(np.mean(one.is_beyond(one.values(question.actuator, sets.drawn))))
-                for name, one in limits.items()
-            },
-            thresholds={name: one.text for name, one in limits.items()},
-            doubts=tuple(doubts), draws=sets.drawn,
-        )  # fmt: skip
+        sets = question.sets
+        ends = {name: (one.low, one.high) for name, one in question.assessed.intervals.items()}
+        doubts = (*strained(question), *uninformed(question, sets.drawn))
+        return Uncertainty(self.name, ends, **by_sets(question, sets, sets.drawn), doubts=doubts)
 
 
 def named(method: "str | Method") -> Method:
@@ -195,18 +182,18 @@ def named(method: "str | Method") -> Method:
     raise InputError(f"uncertainty must be {', '.join(METHODS)}, received {method!r}.")
 
 
-def probabilities(question: Question, drawn: Draws) -> dict[str, Any]:
-    """Probabilities by draws, as arguments of `Uncertainty`."""
-    limits, faults = question.thresholds, question.faults
-    weighed = presence(faults, {one.name: drawn.of(one.name) for one in faults})
+def by_sets(question: Question, sets: FaultSets, drawn: Draws) -> dict[str, Any]:
+    """Probabilities by sets of faults, as arguments of `Uncertainty`; ``drawn`` is to be shown."""
+    limits, actuator = question.thresholds.items(), question.actuator
+
+    def beyond(one: Threshold) -> float:
+        return sets.share(lambda drawn: one.is_beyond(one.values(actuator, drawn)))
+
     return {
-        "present": {one.name: weighed.probability(one.name) for one in faults},
-        "healthy": weighed.healthy,
-        "exceeds": {
-            name: float(weighed.weights[name] @ one.is_beyond(one.values(question.actuator, drawn)))
-            for name, one in limits.items()
-        },
-        "thresholds": {name: one.text for name, one in limits.items()},
+        "present": sets.probabilities,
+        "healthy": 1.0 - sets.faulty,
+        "exceeds": {name: beyond(one) for name, one in limits},
+        "thresholds": {name: one.text for name, one in limits},
         "draws": drawn,
     }
 

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from ematwin.errors import InputError
-from ematwin.estimation.probabilities import thresholds_of
+from ematwin.estimation.thresholds import thresholds_of
 from ematwin.files import check_target, write_text
 from ematwin.fleet.alarms import STEPS, Alarm, Before, judge, worst
 from ematwin.fleet.life import Life, Requirement, job_left, life_left, sooner

@@ -12,9 +12,8 @@ if TYPE_CHECKING:
     from ematwin.monitoring.calibration_report import CalibrationReport
     from ematwin.monitoring.classification import Signature
     from ematwin.monitoring.diagnosis import Detection, Diagnosis, Magnitude
-    from ematwin.monitoring.index import health_index, prediction_bound
+    from ematwin.monitoring.index import Scores, health_index, prediction_bound
     from ematwin.monitoring.population_calibration import PopulationCalibration, Thresholds
-    from ematwin.monitoring.scores import Scores
 
 _HOMES = {
     "Calibration": "calibration",
@@ -23,7 +22,7 @@ _HOMES = {
     "Diagnosis": "diagnosis",
     "Magnitude": "diagnosis",
     "PopulationCalibration": "population_calibration",
-    "Scores": "scores",
+    "Scores": "index",
     "Signature": "classification",
     "Thresholds": "population_calibration",
     "health_index": "index",

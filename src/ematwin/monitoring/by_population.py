@@ -260,7 +260,7 @@ class _Judge:
         if calibration.signatures:
             named = named_by_signature(
                 self._scores[members], self._measured.covariate[members],
-                calibration.population.scale, calibration.signatures,
+                calibration.scale, calibration.signatures,
             )  # fmt: skip
             if named is not None:
                 return named

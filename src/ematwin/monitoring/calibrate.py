@@ -23,19 +23,20 @@ from ematwin.monitoring.by_population import by_population
 from ematwin.monitoring.calibration import Calibration
 from ematwin.monitoring.calibration_report import Basis, CalibrationReport
 from ematwin.monitoring.gather import Given, actuator_of, recordings_of
-from ematwin.monitoring.healthy import HealthyRuns, Learning, without_own_share
+from ematwin.monitoring.index import USUAL_RATE
 from ematwin.monitoring.learn_population import (
-    learnt_from,
+    check_outliers,
+    healthy_runs,
     mean_recordings,
     report_on,
     restated,
     signature,
     with_discrepancy,
     with_spread,
+    without_own_share,
 )
 from ematwin.monitoring.measure import Bench
 from ematwin.monitoring.population_calibration import PopulationCalibration
-from ematwin.monitoring.scores import FALSE_ALARM_RATE
 from ematwin.recordings.recording import Recording
 from ematwin.showing.bars import told
 
@@ -103,7 +104,7 @@ def _calibrated(
     add_to: Calibration | str | Path | None,
 ) -> CalibrationReport:
     """Do what `calibrate` says, and tell ``tell`` of it."""
-    rate = FALSE_ALARM_RATE if false_alarm_rate is None else false_alarm_rate
+    rate = USUAL_RATE if false_alarm_rate is None else false_alarm_rate
     if not 0.0 < rate < 0.5:
         raise InputError(f"The false alarm rate must lie between 0 and 0.5, received {rate:g}.")
     if add_to is not None:
@@ -179,12 +180,10 @@ def _calibrated(
     measured = bench.measured(fit)
     tell(0.8)
     of_run = [one.run for one in healthy]
-    kept = HealthyRuns.of(
+    kept = healthy_runs(
         model, actuator, layout, measured,
         without_own_share(layout, measured, fit, scale, of_run, learning), of_run,
     )  # fmt: skip
-    learning_runs = Learning(model, actuator, layout, kept, scale)
-    learning_runs.check_outliers()
     calibration = PopulationCalibration(
         actuator=actuator,
         baseline=learnt.baseline,
@@ -193,7 +192,9 @@ def _calibrated(
         settling_time=settling,
         channels=layout.channels,
         discrepancy=discrepancy,
-        **learnt_from(learning_runs, ~learning, rate),
+        scale=scale,
+        healthy=kept,
+        false_alarm_rate=rate,
         facts={
             "runs": learnt_runs,
             "held_back": back,
@@ -204,6 +205,7 @@ def _calibrated(
             "undetermined": [p.place for p in parameters if not p.determined],
         },
     )
+    check_outliers(calibration)
     calibration = replace(calibration, baseline=with_spread(calibration, measured))
     signatures = tuple(signature(calibration, fault, examples) for fault, examples in known.items())
     tell(1.0)
@@ -254,11 +256,6 @@ def _added(
             f"The calibration of {before.actuator.name} has no healthy population to add to; "
             "calibrate anew with all healthy recordings."
         )
-    if before.healthy is None:
-        raise InputError(
-            f"The calibration of {before.actuator.name} does not keep its healthy runs, as those "
-            "of older versions do not; calibrate anew with all healthy recordings."
-        )
     given = recordings_of(recordings, before.actuator)
     measured = before.measure(given)
     tell(0.6)
@@ -277,18 +274,18 @@ def _added(
             f"Run {given[0].run} of {given[0].source} is among the healthy runs already; give runs "
             "that are new."
         )
-    more = HealthyRuns.of(
+    more = healthy_runs(
         before.model, before.actuator, before.layout, measured, measured.features, of_run
     )
     actuator = before.actuator if name is None else before.actuator.model_copy(
         update={"name": name}
     )  # fmt: skip
     kept = before.healthy.with_more(more)
-    learning = Learning(before.model, actuator, before.layout, kept, before.population.scale)
     after = replace(
         before,
         actuator=actuator,
-        **learnt_from(learning, np.zeros(len(kept.runs), dtype=bool), rate),
+        healthy=kept,
+        false_alarm_rate=rate,
         signatures=(),
         facts={
             **before.facts,

@@ -21,7 +21,8 @@ from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.registry import actuator_in, load_actuator, model_of
 from ematwin.validation import checksum_of, load_toml
 
-FORMAT = 3  # 3 keeps the healthy runs; 2 and 1 do not
+FORMAT = 4  # 3, of 0.2, repeated what follows from the healthy runs; 2 and 1 did not keep these
+_OLDEST = 3
 
 
 @dataclass(frozen=True)
@@ -130,18 +131,19 @@ def _in_table(table: dict[str, Any], path: Path) -> Calibration:
             f"{path} was written by a newer ematwin (format {written}, this one knows "
             f"{FORMAT}). Update ematwin."
         )
-    from ematwin.monitoring import population_calibration as populations
+    if (isinstance(written, int) and written < _OLDEST) or baseline is None:
+        raise ParameterError(
+            f"{path} was written by a version before 0.2, which kept no healthy runs; calibrate "
+            "anew with ematwin calibrate."
+        )
+    from ematwin.monitoring.population_calibration import population_in
 
     try:
         if not isinstance(written, int):
             raise ValueError(f"its format is {written!r}")
-        if written == 1:
-            learnt = populations.from_first_format(learnt)
-        if baseline is None:
-            baseline = populations.older_baseline(model, actuator, learnt)
         if frees_parameters(model):  # versions up to 0.2 wrote a population, which judges no more
             return Calibration(actuator, baseline)
-        return populations.population_in(actuator, baseline, learnt, signatures)
+        return population_in(actuator, baseline, learnt, signatures)
     except (
         KeyError, TypeError, ValueError, IndexError, AttributeError, ArithmeticError
     ) as error:  # fmt: skip

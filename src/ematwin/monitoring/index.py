@@ -11,9 +11,12 @@ Runs of one occasion say nothing of how far occasions differ. The allowance for 
 assumption (`DRIFT`).
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 
 import numpy as np
+
+from ematwin.errors import InputError
 
 # Weight of a kind of features, and the most standard deviations that one of them counts. A
 # magnitude of the twin raises an alarm alone from about four on; its limit is that of one in three.
@@ -22,7 +25,8 @@ WEIGHTS = {"model": (0.15, 8.0), "mean": (0.35, 4.0), "band": (0.5, 4.0)}
 # Scatter of the logarithm of the index, within a run and between runs: 0.14 and 0.13 on the healthy
 # runs of docs/real-recordings.md, each judged by the others.
 TYPICAL = (0.14, 0.13)
-WORTH = 2
+TYPICAL_RUNS = 2
+USUAL_RATE = 0.1  # of a healthy recording, or run, of another day
 
 # Healthy deviations by which one magnitude and the level of one channel may move together from one
 # occasion to the next: an assumption, since healthy recordings of one occasion cannot show it. It
@@ -83,7 +87,7 @@ def prediction_bound(index: np.ndarray, groups: np.ndarray, false_alarm_rate: fl
 
     One-way random effects on the logarithm of the index. With few runs their scatter is hardly
     known, and Student's t alone would put the bound where no fault reaches; so the typical scatter
-    of a real rig (`TYPICAL`) counts as much as `WORTH` runs.
+    of a real rig (`TYPICAL`) counts as much as `TYPICAL_RUNS`.
 
     Parameters
     ----------
@@ -103,10 +107,55 @@ def prediction_bound(index: np.ndarray, groups: np.ndarray, false_alarm_rate: fl
     between = _with_prior(outer, count - 1, TYPICAL[1])
     if y.size == count:  # single recordings: their scatter holds both, and so does the prior
         within, between = 0.0, _with_prior(outer, count - 1, float(np.hypot(*TYPICAL)))
-    reach = stdtrit(count - 1 + WORTH, 1.0 - false_alarm_rate)
+    reach = stdtrit(count - 1 + TYPICAL_RUNS, 1.0 - false_alarm_rate)
     return float(np.exp(means.mean() + reach * np.sqrt((within + between) * (1.0 + 1.0 / count))))
 
 
 def _with_prior(squares: float, freedom: int, typical: float) -> float:
     """Variance from a sum of squares and a typical value."""
-    return (squares + WORTH * typical**2) / (freedom + WORTH)
+    return (squares + TYPICAL_RUNS * typical**2) / (freedom + TYPICAL_RUNS)
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Features of N recordings in healthy standard deviations from the healthy mean.
+
+    Attributes
+    ----------
+    values : (N, F) array
+    names : of the features
+    kinds : "model", "mean" or "band", one for each feature
+    groups : (N,) array, number of the run (and condition) of each recording
+    """
+
+    values: np.ndarray
+    names: tuple[str, ...]
+    kinds: tuple[str, ...]
+    groups: np.ndarray
+
+    def index(self, kinds: Collection[str] | None = None) -> np.ndarray:
+        """Health index (N,); of the features of some kinds where these are given.
+
+        Raises
+        ------
+        InputError
+            If there is no feature of these kinds.
+        """
+        if kinds is None:
+            return health_index(self.values, self.kinds)
+        columns = [n for n, kind in enumerate(self.kinds) if kind in kinds]
+        if not columns:
+            raise InputError(
+                f"There are no features of the kinds {', '.join(kinds) or 'none'}; there are "
+                f"{', '.join(dict.fromkeys(self.kinds))}."
+            )
+        return health_index(self.values[:, columns], [self.kinds[n] for n in columns])
+
+    def limit(
+        self, false_alarm_rate: float = USUAL_RATE, kinds: Collection[str] | None = None
+    ) -> float:
+        """The index that a recording of another healthy run exceeds at this rate.
+
+        These scores must be of healthy recordings that the calibration did not learn from.
+        """
+        return prediction_bound(self.index(kinds), self.groups, false_alarm_rate)

@@ -1,26 +1,59 @@
-"""How a healthy population is learnt: discrepancy of the twin, spread, thresholds, signatures."""
+"""How a healthy population is learnt: discrepancy of the twin, healthy runs, signatures.
 
+Bands of the residual of a run come from a discrepancy learnt from the other runs: a share of the
+run's noise in it would make its bands look quieter than the bands of a later run.
+"""
+
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
+from ematwin.errors import RecordError
 from ematwin.estimation.baseline import Baseline
 from ematwin.estimation.local import LocalDescent
 from ematwin.estimation.nominal import NominalParameter
+from ematwin.models.base import Model, Reported
 from ematwin.models.comparison import Comparison
+from ematwin.models.parameter_set import ParameterSet
 from ematwin.monitoring.calibration_report import CalibrationReport
 from ematwin.monitoring.classification import REACH, Signature
 from ematwin.monitoring.features import Layout
 from ematwin.monitoring.gather import Given, recordings_of
-from ematwin.monitoring.healthy import Learning
-from ematwin.monitoring.index import single_reach
-from ematwin.monitoring.measure import Bench, Fit, Measured
-from ematwin.monitoring.population import Population, fit_mean
+from ematwin.monitoring.index import health_index, single_reach
+from ematwin.monitoring.measure import Bench, Fit, Measured, reported_values, statistics_of
+from ematwin.monitoring.population import HealthyRuns, Population, basis, fit_mean
 from ematwin.monitoring.population_calibration import PopulationCalibration, Thresholds
 
 _MOST_MEANS = 24  # mean recordings that the nominal parameters are fitted to
 _ROUNDS = 2  # of discrepancy and values in turn
+_OUTLIER = 4.0  # robust standard deviations of the logarithm of a run's index
+_LEAST_SCATTER = 0.2  # of that logarithm: few runs may agree by chance
+_ODD = 8.0  # robust standard deviations of what is reported
+
+
+def healthy_runs(
+    model: Model,
+    actuator: ParameterSet,
+    layout: Layout,
+    measured: Measured,
+    features: np.ndarray,
+    runs: Sequence[str],
+) -> HealthyRuns:
+    """Healthy runs from measurements; ``features`` in place of theirs."""
+    errors = [
+        [min(one.standard_errors[name], one.ranges[name]) for name in layout.magnitudes]
+        for one in measured.estimates
+    ]
+    return HealthyRuns(
+        features,
+        reported_values(model, actuator, layout, features),
+        np.array(errors, dtype=float).reshape(len(features), len(layout.magnitudes)),
+        measured.covariate,
+        measured.groups,
+        tuple(runs),
+        statistics_of(measured.estimates),
+    )
 
 
 def with_spread(calibration: PopulationCalibration, measured: Measured) -> Baseline:
@@ -34,30 +67,6 @@ def with_spread(calibration: PopulationCalibration, measured: Measured) -> Basel
     )
 
 
-def learnt_from(learning: Learning, held_back: np.ndarray, rate: float) -> dict[str, Any]:
-    """What of a `Calibration` follows from its healthy runs.
-
-    ``held_back`` (N,) of bool: recordings that only set the thresholds.
-    """
-    kept = learning.healthy
-    population, reported = learning.populations(~held_back)
-    motion, run, size = learning.limits(*learning.tested(held_back), rate)
-    covariate = kept.covariate
-    return {
-        "population": population,
-        "reported": reported,
-        "thresholds": Thresholds(motion, run, size, rate),
-        "statistics": {
-            name: (float(found[~held_back].mean()), float(found[~held_back].std(ddof=1)))
-            for name, found in kept.statistics.items()
-        },
-        "covariate_range": None
-        if learning.scale is None
-        else (float(covariate.min()), float(covariate.max())),
-        "healthy": kept,
-    }
-
-
 def report_on(
     calibration: PopulationCalibration,
     parameters: list[NominalParameter],
@@ -68,7 +77,7 @@ def report_on(
     back = calibration.facts["held_back"]
     over = calibration.tested().index() > calibration.thresholds.motion
     reported = calibration.reported
-    runs = len(calibration.learning.healthy.names)
+    runs = len(calibration.healthy.names)
     return CalibrationReport(
         calibration,
         parameters,
@@ -100,7 +109,7 @@ def signature(calibration: PopulationCalibration, fault: str, recordings: Given)
     said, colon, remark = fault.partition(":")
     return Signature(
         said.strip(),
-        fit_mean(measured.covariate, calibration.population.scale, limited),
+        fit_mean(measured.covariate, calibration.scale, limited),
         f"{len(given)} motions{colon}{remark}, runs {runs}",
     )
 
@@ -131,6 +140,104 @@ def with_discrepancy(bench: Bench, learning: np.ndarray) -> tuple[Fit, np.ndarra
         discrepancy = discrepancy + fit_mean(fit.covariate[learning], scale, left)
         fit = bench.fit(discrepancy, scale, fit)
     return fit, discrepancy, scale
+
+
+def check_outliers(calibration: PopulationCalibration) -> None:
+    """Refuse a run that is unlike all others: it may be a faulty one among the healthy."""
+    healthy, kinds = calibration.healthy, calibration.layout.kinds
+    runs = healthy.names
+    if len(runs) < 4:
+        return  # of three, nobody can tell which one is the odd one
+    means = []
+    for run in runs:
+        own = healthy.of_run(run)
+        scores = calibration.scored_by_others(own)
+        groups = healthy.groups[own]
+        means.append(np.stack([scores[groups == g].mean(0) for g in np.unique(groups)]))
+    # of all features, and of the residual alone: magnitudes may differ from day to day so much
+    # that a rough run does not stand out
+    residual = [n for n, kind in enumerate(kinds) if kind != "model"]
+    for columns in (list(range(len(kinds))), residual):
+        of = [kinds[n] for n in columns]
+        level = np.array([
+            np.log(np.mean(health_index(one[:, columns], of))) for one in means
+        ])  # fmt: skip
+        for n, run in enumerate(runs):
+            rest = np.delete(level, n)
+            away = level[n] - float(np.median(rest))
+            if away > _OUTLIER * max(_robust_spread(rest), _LEAST_SCATTER):
+                raise _odd_one(
+                    run, len(runs), f"it lies {np.exp(away):.1f} times as far from the others "
+                    "as they lie from each other",
+                )  # fmt: skip
+    for k, one in enumerate(calibration.quantities):
+        if not np.isfinite(one.least):
+            continue
+        level = np.array([healthy.values[healthy.of_run(run), k].mean() for run in runs])
+        for n, run in enumerate(runs):
+            rest = np.delete(level, n)
+            away = abs(level[n] - float(np.median(rest)))
+            if away > max(_ODD * _robust_spread(rest), one.least):
+                raise _odd_one(
+                    run, len(runs), f"its {one.name} differs from theirs by {_shown(one, away)}"
+                )
+
+
+def without_own_share(
+    layout: Layout,
+    measured: Measured,
+    fit: Fit,
+    scale: float | None,
+    runs: Sequence[str],
+    learning: np.ndarray,
+) -> np.ndarray:
+    """Features (N, F) with the bands that are left of a discrepancy from the other runs alone.
+
+    Magnitudes and means need none of it: a run adds to the discrepancy as much as it takes from the
+    mean of the population.
+
+    Parameters
+    ----------
+    fit : with the discrepancy of all recordings that are learnt from
+    runs : name of the run of each recording
+    learning : (N,) array of bool, recordings that the discrepancy was learnt from
+    """
+    features = measured.features.copy()
+    bands = [n for n, kind in enumerate(layout.kinds) if kind == "band"]
+    left = np.concatenate([fit.residuals[name] for name in layout.channels], axis=1)
+    of_run = np.array(runs)
+    for run in dict.fromkeys(of_run[learning].tolist()):
+        own = learning & (of_run == run)
+        others = learning & ~own
+        if not bands or not others.any():
+            continue
+        missed = basis(fit.covariate[own], scale) @ fit_mean(
+            fit.covariate[others], scale, left[others]
+        )
+        for n, row in zip(np.flatnonzero(own), left[own] - missed, strict=True):
+            residuals = dict(zip(layout.channels, np.split(row, len(layout.channels)), strict=True))
+            magnitudes = dict(zip(layout.magnitudes, features[n], strict=False))
+            features[n, bands] = layout.values(magnitudes, residuals)[bands]
+    return features
+
+
+def _shown(one: Reported, away: float) -> str:
+    """A difference as people read it."""
+    if one.logarithmic:
+        return f"{100.0 * away:.2g} %"
+    return f"{one.scale * away:.2g} {one.unit}".rstrip()
+
+
+def _robust_spread(values: np.ndarray) -> float:
+    """Standard deviation by the median absolute deviation."""
+    return 1.4826 * float(np.median(np.abs(values - np.median(values))))
+
+
+def _odd_one(run: str, count: int, how: str) -> RecordError:
+    return RecordError(
+        f"Run {run} is unlike the other {count - 1} healthy runs: {how}. If it is faulty or of "
+        "another rig, leave it out."
+    )
 
 
 def _cautions(thresholds: Thresholds, layout: Layout, runs: int, back: int) -> list[str]:

@@ -11,8 +11,8 @@ import numpy as np
 
 from ematwin.errors import RecordError
 from ematwin.estimation.constants import SAME_COMMAND
-from ematwin.estimation.covariance import covariance
 from ematwin.estimation.estimate import Estimate
+from ematwin.estimation.laplace import width_at
 from ematwin.estimation.local import LocalDescent
 from ematwin.estimation.nominal import searched
 from ematwin.estimation.problem import Problem
@@ -28,6 +28,7 @@ from ematwin.recordings.recording import Recording
 
 _SAME_RATE = 0.01
 _SEED = 1
+_DIFFERENCE = 2e-3  # share of a range, over which slopes are taken: as long as motions determine it
 
 
 @dataclass(frozen=True)
@@ -195,7 +196,7 @@ class Bench:
             judged = found.problem or problem
             estimate = estimate_of(
                 self.model, self.actuator, problem, found.point,
-                covariance(judged, found.point, self.model.model_error),
+                spread_at(judged, found.point),
                 problem.relative_misfit(found.cost), recording,
                 dict(self.comparisons[n].statistics),
             )  # fmt: skip
@@ -207,6 +208,19 @@ class Bench:
             tuple(estimates), np.stack(features), fit.covariate, self.groups,
             tuple(self.barred),
         )  # fmt: skip
+
+
+def spread_at(problem: Problem, point: np.ndarray) -> np.ndarray:
+    """Covariance (d, d) of the values at a minimum (d,), in values.
+
+    What the twin leaves counts as noise times `Problem.model_error`.
+    """
+    peak = width_at(problem, point, steps=np.full(len(point), _DIFFERENCE))
+    chart, covariance = problem.chart, peak.widened(problem.model_error)
+    errors = chart.standard_errors(peak.z, covariance)
+    errors *= np.where([one.logarithmic for one in problem.unknowns], point, 1.0)
+    sizes = np.sqrt(np.diag(covariance))
+    return np.asarray(covariance / np.outer(sizes, sizes) * np.outer(errors, errors))
 
 
 def layout_of(

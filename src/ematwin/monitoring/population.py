@@ -3,14 +3,25 @@
 Features may depend on a covariate that is unknown and estimated with each recording, such as the
 load; their healthy mean is a parabola in it. Their spread has two parts: between recordings of one
 run, and between runs. The latter is larger, and thresholds must cover it.
+
+Measurements of each healthy recording are kept, so that later runs can be added to them.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 _RIDGE = 0.05  # of the number of recordings: holds the parabola down where one load was recorded
 _LEAST_SPREAD = 1e-12
+_SAME = 0.05  # standard deviations of a feature: what one recording may differ by if fitted again
+_DIGITS = 9  # of numbers in files
+
+
+def plain(values: np.ndarray) -> Any:
+    """Numbers for a file."""
+    return np.vectorize(lambda x: float(f"{x:.{_DIGITS}g}"))(values).tolist()
 
 
 def basis(covariate: np.ndarray, scale: float | None) -> np.ndarray:
@@ -98,3 +109,89 @@ class Population:
     def scores(self, features: np.ndarray, covariate: np.ndarray) -> np.ndarray:
         """Features (N, F) in standard deviations from the healthy mean at their covariate."""
         return (features - self.mean(covariate)) / self.spread
+
+
+@dataclass(frozen=True)
+class HealthyRuns:
+    """Measurements on N healthy recordings.
+
+    Attributes
+    ----------
+    features : (N, F) array
+    values : (N, R) array, of the reported quantities
+    errors : (N, M) array, standard errors of the magnitudes, at most their ranges
+    covariate : (N,) array, SI; zeros for a kind that has none
+    groups : (N,) array, number of the run (and condition) of each recording
+    runs : name of the run of each recording
+    statistics : (N,) arrays by name, measurements beside the twin
+    """
+
+    features: np.ndarray
+    values: np.ndarray
+    errors: np.ndarray
+    covariate: np.ndarray
+    groups: np.ndarray
+    runs: tuple[str, ...]
+    statistics: Mapping[str, np.ndarray]
+
+    @property
+    def names(self) -> list[str]:
+        """The runs, each once."""
+        return list(dict.fromkeys(self.runs))
+
+    def of_run(self, name: str) -> np.ndarray:
+        """(N,) array of bool: the recordings of a run."""
+        return np.array([run == name for run in self.runs])
+
+    def holds(self, features: np.ndarray, kinds: Sequence[str]) -> bool:
+        """Whether one of the rows (K, F) is here already, as when a file is given twice.
+
+        Bands are not compared: those here are of a discrepancy without the run's own share.
+        """
+        columns = [n for n, kind in enumerate(kinds) if kind != "band"]
+        here = self.features[:, columns]
+        near = _SAME * (here.std(0) + 1e-9 * np.abs(here).max(0) + 1e-12)
+        return any(bool((np.abs(here - row) <= near).all(1).any()) for row in features[:, columns])
+
+    def with_more(self, other: "HealthyRuns") -> "HealthyRuns":
+        """These and others, whose runs have other names."""
+        common = [name for name in self.statistics if name in other.statistics]
+        return HealthyRuns(
+            np.vstack([self.features, other.features]),
+            np.vstack([self.values, other.values]),
+            np.vstack([self.errors, other.errors]),
+            np.r_[self.covariate, other.covariate],
+            np.r_[self.groups, other.groups + int(self.groups.max()) + 1],
+            self.runs + other.runs,
+            {name: np.r_[self.statistics[name], other.statistics[name]] for name in common},
+        )
+
+    def as_table(self) -> dict[str, Any]:
+        """For a file."""
+        return {
+            "runs": list(self.runs),
+            "groups": [int(g) for g in self.groups],
+            "covariate": plain(self.covariate),
+            "errors": plain(self.errors),
+            "values": plain(self.values),
+            "statistics": {name: plain(values) for name, values in self.statistics.items()},
+            "features": plain(self.features),
+        }
+
+    @classmethod
+    def from_table(cls, table: Mapping[str, Any]) -> "HealthyRuns":
+        """What `as_table` gave; raises `ValueError` unless it has as many rows everywhere."""
+        found = cls(
+            features=np.array(table["features"], dtype=float),
+            values=np.array(table["values"], dtype=float),
+            errors=np.array(table["errors"], dtype=float),
+            covariate=np.array(table["covariate"], dtype=float),
+            groups=np.array(table["groups"], dtype=int),
+            runs=tuple(str(run) for run in table["runs"]),
+            statistics={name: np.array(v, dtype=float) for name, v in table["statistics"].items()},
+        )
+        arrays = [found.features, found.values, found.errors, found.covariate, found.groups]
+        arrays += list(found.statistics.values())
+        if any(len(one) != len(found.runs) or not np.isfinite(one).all() for one in arrays):
+            raise ValueError("its healthy recordings are not complete")
+        return found

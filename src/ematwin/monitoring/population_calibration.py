@@ -1,4 +1,9 @@
-"""A calibration with the healthy population, and its tables in the file of the calibration."""
+"""A calibration with the healthy population, and its tables in the file of the calibration.
+
+The file keeps the healthy runs; mean, spread and thresholds follow from them. Every run both
+teaches and tests: the population is learnt from all of them, and the thresholds from each run
+judged by the others.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -8,22 +13,16 @@ from typing import Any
 import numpy as np
 
 from ematwin import __version__
-from ematwin.estimation.baseline import Baseline, uncertain
-from ematwin.estimation.prior import Prior
-from ematwin.models.base import Model, Reported
+from ematwin.estimation.baseline import Baseline
+from ematwin.models.base import Reported
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.monitoring.calibration import FORMAT, Calibration
 from ematwin.monitoring.classification import Signature
 from ematwin.monitoring.features import Layout
 from ematwin.monitoring.gather import Given, recordings_of
-from ematwin.monitoring.healthy import HealthyRuns, Learning
-from ematwin.monitoring.index import clear_limit
+from ematwin.monitoring.index import Scores, clear_limit, health_index, prediction_bound
 from ematwin.monitoring.measure import Bench, Measured, layout_of
-from ematwin.monitoring.population import Population
-from ematwin.monitoring.scores import Scores
-
-_DIGITS = 9
-_FITTED = 0.01  # of a logarithm: error of a fitted parameter, where older versions kept none
+from ematwin.monitoring.population import HealthyRuns, Population, plain
 
 
 @dataclass(frozen=True)
@@ -67,15 +66,11 @@ class PopulationCalibration(Calibration):
     channels : names of the C channels that are compared
     discrepancy : (3, C S) or (1, C S) array: mean residual of the twin on healthy recordings,
         one channel after another, SI, over the covariate
-    population : of the features
-    reported : population of the reported quantities (`Monitoring.reported`)
-    thresholds : of the index
-    statistics : healthy mean and standard deviation of measurements beside the twin, by name
-    covariate_range : least and largest covariate of the healthy recordings, SI; None without one
+    scale : of the covariate, as in `Population`
+    healthy : measurements on each healthy recording
+    false_alarm_rate : of a recording, or run, of another day
     signatures : known faults
     facts : runs, files, version
-    healthy : features of each healthy recording, to which later ones can be added; None in
-        calibrations of versions that did not keep them
     """
 
     command: np.ndarray
@@ -83,14 +78,11 @@ class PopulationCalibration(Calibration):
     settling_time: float
     channels: tuple[str, ...]
     discrepancy: np.ndarray
-    population: Population
-    reported: Population
-    thresholds: Thresholds
-    statistics: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    covariate_range: tuple[float, float] | None = None
+    scale: float | None
+    healthy: HealthyRuns
+    false_alarm_rate: float
     signatures: tuple[Signature, ...] = ()
     facts: dict[str, Any] = field(default_factory=dict)
-    healthy: HealthyRuns | None = None
 
     @property
     def quantities(self) -> tuple[Reported, ...]:
@@ -105,18 +97,95 @@ class PopulationCalibration(Calibration):
             self.channels,
         )  # fmt: skip
 
-    @property
-    def learning(self) -> Learning:
-        """How population and thresholds follow from the healthy runs.
+    @cached_property
+    def _held_back(self) -> np.ndarray:
+        """(N,) of bool: healthy recordings that only set the thresholds."""
+        return np.isin(self.healthy.runs, self.facts.get("held_back", []))
 
-        Raises
-        ------
-        ValueError
-            If they were not kept.
+    @cached_property
+    def population(self) -> Population:
+        """Of the features."""
+        return self.populations(~self._held_back)[0]
+
+    @cached_property
+    def reported(self) -> Population:
+        """Of the reported quantities (`Monitoring.reported`)."""
+        return self.populations(~self._held_back)[1]
+
+    @property
+    def statistics(self) -> dict[str, tuple[float, float]]:
+        """Healthy mean and standard deviation of measurements beside the twin, by name."""
+        kept = ~self._held_back
+        return {
+            name: (float(found[kept].mean()), float(found[kept].std(ddof=1)))
+            for name, found in self.healthy.statistics.items()
+        }
+
+    @property
+    def covariate_range(self) -> tuple[float, float] | None:
+        """Least and largest covariate of the healthy recordings, SI; None without one."""
+        if self.scale is None:
+            return None
+        return float(self.healthy.covariate.min()), float(self.healthy.covariate.max())
+
+    @cached_property
+    def thresholds(self) -> Thresholds:
+        """Of the index."""
+        found, rate, kinds = self.tested(), self.false_alarm_rate, self.layout.kinds
+        runs = np.unique(found.groups)
+        means = np.stack([found.values[found.groups == g].mean(0) for g in runs])
+        return Thresholds(
+            found.limit(rate), prediction_bound(health_index(means, kinds), runs, rate),
+            len(found.values) / len(runs), rate,
+        )  # fmt: skip
+
+    def populations(self, members: np.ndarray) -> tuple[Population, Population]:
+        """Of the features, and of the reported quantities, from members (N,) of bool."""
+        magnitudes = self.layout.magnitudes
+        unknowns = {one.name: one for one in self.model.faults(self.actuator)}
+        on_bound = np.array([
+            unknowns[name].healthy in (unknowns[name].lower, unknowns[name].upper)
+            for name in magnitudes
+        ], dtype=bool)  # fmt: skip
+        errors = np.zeros(len(self.layout.names))
+        errors[: len(magnitudes)] = np.sqrt((self.healthy.errors[members] ** 2).mean(0))
+        cut = np.zeros(errors.shape, dtype=bool)
+        cut[: len(magnitudes)] = on_bound
+        population = self._population(self.healthy.features, members, errors, cut)
+        reported = self.quantities
+        own_errors, own_cut = np.zeros(len(reported)), np.zeros(len(reported), dtype=bool)
+        for n, one in enumerate(reported):
+            if one.name in magnitudes:
+                place = magnitudes.index(one.name)
+                own_errors[n], own_cut[n] = errors[place], cut[place]
+                if one.logarithmic:
+                    own_errors[n] /= float(np.exp(self.healthy.values[members, n].mean()))
+        return population, self._population(self.healthy.values, members, own_errors, own_cut)
+
+    def _population(
+        self, features: np.ndarray, members: np.ndarray, errors: np.ndarray, cut: np.ndarray
+    ) -> Population:
+        healthy = self.healthy
+        return Population.of(
+            features[members], healthy.covariate[members], healthy.groups[members], self.scale,
+            errors, cut,
+        )  # fmt: skip
+
+    def tested(self) -> Scores:
+        """Scores of the healthy recordings that set the thresholds, each left out of learning.
+
+        Those that are held back are judged by all others; where there are none, each run is.
         """
-        if self.healthy is None:
-            raise ValueError("its healthy recordings were not kept")
-        return Learning(self.model, self.actuator, self.layout, self.healthy, self.population.scale)
+        healthy, back = self.healthy, self._held_back
+        folds = [back] if back.any() else [healthy.of_run(name) for name in healthy.names]
+        scores = np.vstack([self.scored_by_others(own) for own in folds])
+        groups = np.concatenate([healthy.groups[own] for own in folds])
+        return Scores(scores, self.layout.names, self.layout.kinds, groups)
+
+    def scored_by_others(self, own: np.ndarray) -> np.ndarray:
+        """Scores (K, F) of some healthy recordings, (N,) of bool, by a population without them."""
+        population, _ = self.populations(~own)
+        return population.scores(self.healthy.features[own], self.healthy.covariate[own])
 
     def clear_limit(self, motions: int) -> float:
         """The index from which a change without a name raises an alarm, for this many recordings.
@@ -138,26 +207,13 @@ class PopulationCalibration(Calibration):
             self.interval, self.settling_time, self.channels,
         )  # fmt: skip
         first = bench.fit()
-        return bench.measured(bench.fit(self.discrepancy, self.population.scale, first))
+        return bench.measured(bench.fit(self.discrepancy, self.scale, first))
 
     def scores(self, recordings: "Given | Measured") -> Scores:
         """How far recordings, or measurements of them, lie from health, feature by feature."""
         measured = recordings if isinstance(recordings, Measured) else self.measure(recordings)
         values = self.population.scores(measured.features, measured.covariate)
         return Scores(values, self.layout.names, self.layout.kinds, measured.groups)
-
-    def tested(self) -> Scores:
-        """Scores of the healthy recordings that set the thresholds, each left out of learning.
-
-        Raises
-        ------
-        ValueError
-            If they were not kept.
-        """
-        learning = self.learning
-        held_back = np.isin(learning.healthy.runs, self.facts.get("held_back", []))
-        values, groups = learning.tested(held_back)
-        return Scores(values, self.layout.names, self.layout.kinds, groups)
 
     def _table(self, sources: Mapping[str, str] | None) -> dict[str, Any]:
         learnt: dict[str, Any] = {
@@ -168,68 +224,49 @@ class PopulationCalibration(Calibration):
             "channels": list(self.channels),
             "magnitudes": list(self.layout.magnitudes),
             "quantities": [one.name for one in self.quantities],
-            "threshold": vars(self.thresholds).copy(),
-            "statistics": {name: list(pair) for name, pair in self.statistics.items()},
+            "false_alarm_rate": self.false_alarm_rate,
+            **({} if self.scale is None else {"scale": self.scale}),
             "facts": self.facts,
-            "command": _plain(self.command),
-            "discrepancy": _plain(self.discrepancy),
-            "population": _population_table(self.population),
-            "reported": _population_table(self.reported),
+            "command": plain(self.command),
+            "discrepancy": plain(self.discrepancy),
+            "healthy": self.healthy.as_table(),
         }
-        if self.covariate_range is not None:
-            learnt["covariate_range"] = list(self.covariate_range)
-        if self.healthy is not None:
-            learnt["healthy"] = self.healthy.as_table(_DIGITS)
         return {
             **super()._table(sources),
             "calibration": learnt,
             "signature": [
-                {"fault": s.fault, "source": s.source, "coefficients": _plain(s.coefficients)}
+                {"fault": s.fault, "source": s.source, "coefficients": plain(s.coefficients)}
                 for s in self.signatures
             ],
         }
 
-    def check(
-        self, magnitudes: Sequence[str] | None = None, quantities: Sequence[str] | None = None
-    ) -> None:
+    def check(self, magnitudes: Sequence[str], quantities: Sequence[str]) -> None:
         """Raise `ValueError` unless all parts fit together, and to the kind as it is now.
 
         ``magnitudes`` and ``quantities`` name the features and the reported quantities with which
         it was made.
         """
-        numbers = [self.interval, *vars(self.thresholds).values()]
+        numbers = [self.interval, self.false_alarm_rate, 1.0 if self.scale is None else self.scale]
         if not all(np.isfinite(x) and x > 0.0 for x in numbers):
             raise ValueError(f"{numbers} must be positive")
         if not (np.isfinite(self.settling_time) and self.settling_time >= 0.0):
             raise ValueError(f"the settling time is {self.settling_time}")
         reported = [one.name for one in self.quantities]
         for made, now in ((magnitudes, list(self.layout.magnitudes)), (quantities, reported)):
-            if made is not None and list(made) != now:
+            if list(made) != now:
                 raise ValueError(f"it knows {', '.join(made)}, the kind {', '.join(now)}")
         covariate = self.model.monitoring.covariate
-        if (covariate is None) != (self.covariate_range is None):
-            raise ValueError(f"the range of the covariate is {self.covariate_range}")
-        rows = 1 if covariate is None else 3
-        features = len(self.layout.names)
-        arrays: dict[str, tuple[np.ndarray, tuple[int, ...]]] = {}
-        samples = len(self.channels) * self.command.size
-        arrays["discrepancy"] = (self.discrepancy, (rows, samples))
-        for name, part, count in (
-            ("population", self.population, features), ("reported", self.reported, len(reported)),
-        ):  # fmt: skip
-            if (part.scale is None) != (covariate is None):
-                raise ValueError(f"the scale of {name} is {part.scale}")
-            arrays[name] = (part.coefficients, (rows, count))
-            arrays[f"{name} within"] = (part.within, (count,))
-            arrays[f"{name} between"] = (part.between, (count,))
-        for s in self.signatures:
-            arrays[f"signature {s.fault}"] = (s.coefficients, (rows, features))
-        if self.healthy is not None:
-            count = len(self.healthy.runs)
-            arrays["healthy features"] = (self.healthy.features, (count, features))
-            arrays["healthy values"] = (self.healthy.values, (count, len(reported)))
-            shape = (count, len(self.layout.magnitudes))
-            arrays["healthy errors"] = (self.healthy.errors, shape)
+        if (covariate is None) != (self.scale is None):
+            raise ValueError(f"the scale of the covariate is {self.scale}")
+        rows, count = 1 if covariate is None else 3, len(self.healthy.runs)
+        features, samples = len(self.layout.names), len(self.channels) * self.command.size
+        arrays: dict[str, tuple[np.ndarray, tuple[int, ...]]] = {
+            "discrepancy": (self.discrepancy, (rows, samples)),
+            "healthy features": (self.healthy.features, (count, features)),
+            "healthy values": (self.healthy.values, (count, len(reported))),
+            "healthy errors": (self.healthy.errors, (count, len(self.layout.magnitudes))),
+            **{f"signature {s.fault}": (s.coefficients, (rows, features)) for s in self.signatures},
+        }
         for name, (values, wanted) in arrays.items():
             if values.shape != wanted:
                 raise ValueError(f"{name} has the shape {values.shape}, not {wanted}")
@@ -244,7 +281,10 @@ def population_in(
     signatures: Sequence[Mapping[str, Any]],
 ) -> PopulationCalibration:
     """The calibration in the tables of a file; raises `ValueError` if its parts do not fit."""
-    within = learnt.get("covariate_range")
+    if learnt["format"] < FORMAT:  # which repeated what follows from the healthy runs
+        rate = learnt["threshold"]["false_alarm_rate"]
+        learnt = {**learnt, "false_alarm_rate": rate, "scale": learnt["population"].get("scale")}
+    scale = learnt.get("scale")
     found = PopulationCalibration(
         actuator=actuator,
         baseline=baseline,
@@ -253,75 +293,14 @@ def population_in(
         settling_time=float(learnt["settling_time"]),
         channels=tuple(learnt["channels"]),
         discrepancy=np.array(learnt["discrepancy"], dtype=float),
-        population=_population(learnt["population"]),
-        reported=_population(learnt["reported"]),
-        thresholds=Thresholds(**learnt["threshold"]),
-        statistics={
-            name: (float(pair[0]), float(pair[1])) for name, pair in learnt["statistics"].items()
-        },
-        covariate_range=None if within is None else (float(within[0]), float(within[1])),
+        scale=None if scale is None else float(scale),
+        healthy=HealthyRuns.from_table(learnt["healthy"]),
+        false_alarm_rate=float(learnt["false_alarm_rate"]),
         signatures=tuple(
             Signature(s["fault"], np.array(s["coefficients"], dtype=float), s["source"])
             for s in signatures
         ),
         facts=dict(learnt.get("facts", {})),
-        healthy=HealthyRuns.from_table(learnt["healthy"]) if "healthy" in learnt else None,
     )
-    found.check(learnt.get("magnitudes"), learnt.get("quantities"))
+    found.check(learnt["magnitudes"], learnt["quantities"])
     return found
-
-
-def _plain(values: np.ndarray) -> Any:
-    return np.vectorize(lambda x: float(f"{x:.{_DIGITS}g}"))(values).tolist()
-
-
-def _population_table(population: Population) -> dict[str, Any]:
-    scale = {} if population.scale is None else {"scale": population.scale}
-    return {
-        **scale,
-        "coefficients": _plain(population.coefficients),
-        "within": _plain(population.within),
-        "between": _plain(population.between),
-    }
-
-
-def _population(table: Mapping[str, Any]) -> Population:
-    return Population(
-        float(table["scale"]) if "scale" in table else None,
-        np.array(table["coefficients"], dtype=float),
-        np.array(table["within"], dtype=float),
-        np.array(table["between"], dtype=float),
-    )
-
-
-def older_baseline(model: Model, actuator: ParameterSet, learnt: Mapping[str, Any]) -> Baseline:
-    """How well parameters are known by a calibration that did not say so."""
-    prior = Prior.independent(uncertain(model, actuator))
-    facts = learnt.get("facts", {})
-    undetermined = set(facts.get("undetermined", []))
-    fitted = [n for n, p in enumerate(prior.names) if p in model.nominal and p not in undetermined]
-    covariance = prior.covariance.copy()
-    covariance[fitted, fitted] = _FITTED**2
-    magnitudes = [one.name for one in model.faults(actuator) if one.direction_of is None]
-    spread = _population(learnt["population"]).spread.tolist()
-    return Baseline(
-        Prior(prior.names, prior.mean, covariance),
-        scatter=dict(zip(magnitudes, spread, strict=False)),
-        recordings=max(1, len(facts.get("runs", []))),
-    )
-
-
-def from_first_format(learnt: Mapping[str, Any]) -> dict[str, Any]:
-    """What version 0.1 wrote, which knew ball screws only, as it is written now."""
-    coupling = learnt["coupling"]
-    return {
-        **learnt,
-        "command": learnt["set_point"],
-        "channels": ["current", "position_error"],
-        "statistics": {"sensor_coupling": (coupling[0], coupling[1])},
-        "covariate_range": learnt["load_range"],
-        **{
-            name: {**learnt[name], "scale": learnt[name]["load_scale"]}
-            for name in ("population", "reported")
-        },
-    }

@@ -22,7 +22,7 @@ def plot_posterior(found: Identification, names: Sequence[str] | None = None) ->
 
     Parameters
     ----------
-    found : Identification with ``uncertainty="posterior"`` or ``"laplace"``
+    found : Identification with an ``uncertainty``
     names : unknowns that are shown; all faults if not given
 
     Returns
@@ -35,7 +35,7 @@ def plot_posterior(found: Identification, names: Sequence[str] | None = None) ->
         If the identification has no draws, or not of an unknown that is named.
     """
     sure = found.uncertainty
-    if sure is None or sure.draws is None:
+    if sure is None:
         raise InputError('The identification has no draws; identify with uncertainty="posterior".')
     shown = list(sure.present if names is None else names)
     missing = [name for name in shown if name not in sure.draws.names]

@@ -24,8 +24,6 @@ def uncertainty_sections(found: Identification, record: Recording) -> list[Secti
         text = "Where the rise passes the dotted line the 95 % interval ends."
         figure = profile_figure(sure.walks)
         sections.append(Section("Profiles of the faults", text=text, figure=figure))
-    if sure.draws is None:
-        return sections
     limits = {
         name: one for name, text in sure.thresholds.items() if (one := _number(text)) is not None
     }

@@ -13,6 +13,7 @@ import pytest
 
 from ematwin.estimation.assess import Assessment, assess
 from ematwin.estimation.baseline import Baseline
+from ematwin.estimation.constants import CERTAIN
 from ematwin.estimation.prior import Prior
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found
@@ -207,6 +208,10 @@ def test_another_answer_that_explains_the_recording_as_well_is_told(calibrated) 
     assert len(found.others) == 1
     assert {round(found.values["gap"], 1), round(found.others[0]["gap"], 1)} == {0.2, 0.8}
     assert set(found.others[0]) == {"wear", "gap"}
+    # both say that the fault is there, and the interval is over both
+    assert found.sets.minima == pytest.approx((0.5, 0.5), abs=0.1)
+    assert found.sets.probabilities["gap"] > CERTAIN
+    assert found.intervals["gap"].low < 0.2 < 0.8 < found.intervals["gap"].high
 
 
 def test_the_better_of_two_valleys_is_the_answer_wherever_the_search_ended() -> None:

@@ -6,7 +6,8 @@ from scipy.optimize import lsq_linear
 
 from ematwin import Recording
 from ematwin.estimation.descent import Descent
-from ematwin.estimation.laplace import Laplace, laplace, profiled
+from ematwin.estimation.held_healthy import profiled
+from ematwin.estimation.laplace import Laplace, laplace
 from ematwin.estimation.prior import Prior
 from ematwin.estimation.problem import Problem
 from ematwin.models.comparison import Comparison

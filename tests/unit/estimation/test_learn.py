@@ -8,7 +8,6 @@ import pytest
 from ematwin import BldcActuator, Noise, Recording, identify, simulate
 from ematwin.errors import ParameterError, RecordError
 from ematwin.estimation import learn as learning
-from ematwin.estimation.baseline import frees_parameters
 from ematwin.estimation.forms import FoundForms
 from ematwin.estimation.healthy_fit import expected_misfit, same_command
 from ematwin.estimation.learn import learn
@@ -133,11 +132,6 @@ def test_a_sheet_of_another_motor_is_a_finding_where_the_twin_explains_the_rest(
 
 
 # What needs no search
-
-
-def test_a_kind_frees_parameters_unless_its_default_search_is_local() -> None:
-    assert frees_parameters(MODEL)
-    assert not frees_parameters(model_of("ball-screw"))
 
 
 def driven(command: np.ndarray, interval: float = 5e-5) -> Recording:

@@ -53,20 +53,6 @@ def test_cost_never_rises() -> None:
     assert (np.diff(costs) <= 0.0).all()
 
 
-def test_an_iteration_spends_the_jacobian_and_three_trials_of_each_point() -> None:
-    spent = 0
-
-    def counted(z: np.ndarray) -> np.ndarray:
-        nonlocal spent
-        spent += len(z)
-        return curved(z)
-
-    descent = LevenbergMarquardt.start(np.full((2, 3), 0.5), counted, damping=0.1)
-    spent = 0
-    descent.iterate(counted, LOWER, UPPER, clip)
-    assert spent == 2 * (3 + 3)
-
-
 def test_diverged_simulations_are_stepped_around() -> None:
     def broken(z: np.ndarray) -> np.ndarray:
         r = curved(z)

@@ -82,14 +82,6 @@ def test_a_prior_in_another_order_than_the_unknowns_weighs_the_same() -> None:
                        straight.costs(points))  # fmt: skip
 
 
-def test_with_noise_weighs_priors_and_leaves_the_original_alone() -> None:
-    problem = Problem([Line(1.0)], [SLOPE, MASS, OFFSET], prior=PRIOR)
-    points = points_of(problem, 5)
-    louder = problem.with_noise(3.0 * problem.noise)
-    assert np.allclose(louder.prior_distances(points), 3.0 * problem.prior_distances(points))
-    assert problem.noise == 0.1
-
-
 def test_spreads_are_the_prior_unless_one_is_given() -> None:
     mass = Unknown("mass", "kg", "", 2.0, 0.5, 8.0, spread=0.1, logarithmic=True)
     prior = Problem([Line(1.0)], [SLOPE, mass, OFFSET]).prior
@@ -118,16 +110,6 @@ def test_a_condition_on_one_value_keeps_the_others_correlated() -> None:
     assert found.names == ("slope", "offset")
     assert np.allclose(found.mean, near.mean(axis=0), atol=0.03)
     assert np.allclose(found.covariance, np.cov(near.T), atol=0.02)
-
-
-def test_nothing_known_changes_nothing_and_marginals_are_cut_out() -> None:
-    same = PRIOR.given({"something else": 1.0})
-    assert same.names == NAMES
-    assert np.allclose(same.mean, MEAN)
-    assert np.allclose(same.covariance, COVARIANCE)
-    two = PRIOR.of(["offset", "slope"])
-    assert two.names == ("slope", "offset")
-    assert np.allclose(two.covariance, COVARIANCE[np.ix_([0, 2], [0, 2])])
 
 
 def test_two_priors_together_are_independent() -> None:

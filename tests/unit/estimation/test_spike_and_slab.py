@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from ematwin.estimation.spike_and_slab import fault_sets
+from ematwin.estimation.spike_and_slab import FaultSets, fault_sets
 from ematwin.models.chart import Chart
 from ematwin.models.unknown import Unknown
 
@@ -41,6 +41,32 @@ def test_sets_have_the_probabilities_of_sums_over_a_grid(mean, alike):
     expected = on_a_grid(mean, covariance)
     for names, share in zip(sets, expected, strict=True):
         assert own.get(names, 0.0) == pytest.approx(share, abs=0.02), names
+
+
+@pytest.mark.parametrize("rise", [0.0, 4.0])
+def test_minima_have_the_probabilities_of_their_integrals(rise):
+    """Two minima of two faults: one sharp, and one wide that is as dense at most."""
+    chart = Chart([fault("a"), fault("b")])
+    means = np.array([[0.3, 0.3], [0.7, 0.0]])
+    widths = np.array([[0.02, 0.03], [0.05, 0.04]])
+    around = [
+        fault_sets(chart, mean, np.diag(width**2), mean)
+        for mean, width in zip(means, widths, strict=True)
+    ]
+    found = FaultSets.over(around, [0.0, rise])
+    x = (np.arange(2000) + 0.5) / 2000
+
+    def integral(mean, width):
+        a, b = (np.exp(-0.5 * ((x - m) / s) ** 2) for m, s in zip(mean, width, strict=True))
+        absent = np.exp(-0.5 * (mean / width) ** 2)  # a fault is absent, or anywhere
+        return (a.mean() + absent[0]) * (b.mean() + absent[1])
+
+    first, second = (integral(*one) for one in zip(means, widths, strict=True))
+    expected = first / (first + second * np.exp(-0.5 * rise))
+    assert found.minima[0] == pytest.approx(expected, abs=0.01)
+    assert sum(one.probability for one in found.sets) == pytest.approx(1.0)
+    only = found.minima[1] * around[1].probabilities["b"] + found.minima[0]
+    assert found.probabilities["b"] == pytest.approx(only, abs=1e-6)
 
 
 def test_a_drift_is_more_probable_than_three_faults_that_look_alike():

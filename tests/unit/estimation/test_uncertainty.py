@@ -16,10 +16,10 @@ from ematwin.estimation.posterior import (
     autocorrelation_times,
     split_rhat,
 )
-from ematwin.estimation.probabilities import thresholds_of
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.profile import Profiles
 from ematwin.estimation.spike_and_slab import fault_sets
+from ematwin.estimation.thresholds import thresholds_of
 from ematwin.estimation.uncertainty import LaplaceIntervals, Question, named
 from ematwin.models.unknown import Unknown
 from naive.toy import BASES, NOISE, SAMPLES, Toy, fault, stacked
@@ -83,8 +83,9 @@ def test_three_methods_give_the_known_posterior_of_a_linear_problem(asked, by_po
             low, high = found.intervals[name]
             assert 0.5 * (low + high) == pytest.approx(middle, abs=0.2 * reach), found.method
             assert 0.5 * (high - low) == pytest.approx(reach, rel=0.15), found.method
+        # by the noise of this record, 0.0906; three standard errors of 600 effective samples
         assert found.exceeds["wear"] == pytest.approx(0.165, abs=0.05), found.method
-        assert found.exceeds["gap"] == pytest.approx(0.841, abs=0.05), found.method
+        assert found.exceeds["gap"] == pytest.approx(0.865, abs=0.05), found.method
         assert found.present == {"wear": pytest.approx(1.0), "gap": pytest.approx(1.0)}
 
 
@@ -308,6 +309,18 @@ def test_intervals_hold_the_truth_as_often_as_they_promise():
 def test_thresholds_that_mean_nothing_are_refused(given, said):
     with pytest.raises(InputError, match=said):
         thresholds_of(given, LINEAR, None)  # type: ignore[arg-type]
+
+
+def test_of_parameters_alone_there_are_draws_and_no_profiles():
+    size = Unknown("part.size", "m", "", 1.0, 0.2, 5.0, "nominal", logarithmic=True)
+    toy = Toy(lambda v: stacked(np.log(v["part.size"])), **{"part.size": 1.2})
+    case = question(toy, (size,), (1.2,))
+    for method in (LaplaceIntervals(), Posterior(effective=100.0, most=6_500)):
+        found = run(method, case)
+        assert (found.present, found.healthy) == ({}, 1.0)
+        assert found.intervals["part.size"][0] < 1.2 < found.intervals["part.size"][1]
+    with pytest.raises(InputError, match=r"only part\.size was searched; search a fault"):
+        run(Profiles(), case)
 
 
 def test_unknown_method_is_refused():

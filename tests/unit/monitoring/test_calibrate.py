@@ -1,7 +1,5 @@
 """Calibration: parameters, population and thresholds from healthy motions."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -146,7 +144,7 @@ def test_a_calibration_that_was_saved_is_the_same(report, tmp_path):
     report.save(path)
     again = Calibration.load(path)
     assert again.actuator.fingerprint == report.calibration.actuator.fingerprint
-    assert again.thresholds == report.calibration.thresholds
+    assert vars(again.thresholds) == pytest.approx(vars(report.calibration.thresholds), rel=1e-6)
     np.testing.assert_allclose(again.discrepancy, report.calibration.discrepancy, rtol=1e-8)
     worn = [motion(seed=5, load=0.0)]
     from_file, given = (detect(worn, each).runs[0].standing.index for each in (path, report))
@@ -252,7 +250,7 @@ def test_later_runs_join_the_healthy_ones(tmp_path):
     third = calibrate(healthy_runs(1, first=21), add_to=Calibration.load(tmp_path / "more.toml"))
     assert third.learnt[-1] == "21"
     # the population is that of all runs, however they came
-    both = after.learning.populations(np.ones(24, dtype=bool))[0]
+    both = after.populations(np.ones(24, dtype=bool))[0]
     np.testing.assert_allclose(after.population.between, both.between)
     # known faults are named as before, in the scores of the new population
     dry = run(61, friction=1.3)
@@ -287,9 +285,6 @@ def test_what_cannot_be_added_is_refused(three):
     )
     text = refusal(healthy_runs(1, 7), InputError, add_to=first, held_back=1)
     assert "received held_back=1" in text
-    old = Path(__file__).parents[2] / "data" / "0.1" / "calibrated.toml"
-    text = refusal(healthy_runs(1, 7), InputError, add_to=old)
-    assert "does not keep its healthy runs" in text
 
 
 def test_runs_of_the_same_name_from_another_file_are_told_apart(three):
@@ -314,11 +309,6 @@ def test_fewer_than_three_runs_make_a_twin_but_no_population(tmp_path):
     assert baseline_of(str(tmp_path / "twin.toml"), report.actuator).calibrated
     with pytest.raises(InputError, match="no healthy population to judge by"):
         detect(healthy_runs(1, motions=1), report)
-
-
-def test_one_faulty_motion_a_load_is_enough_to_name_its_run():
-    motions = [*healthy_runs(4, motions=1), *run(66, motions=1, friction=1.5)]
-    assert refusal(motions).startswith("Run 66 is unlike the other 4 healthy runs")
 
 
 def test_runs_too_few_to_see_a_fault_are_said_to_be():

@@ -10,7 +10,7 @@ from ematwin.models.ball_screw.comparison import coupling, decoupled
 from ematwin.models.ball_screw.model import MODEL
 from ematwin.models.ball_screw.motions import simulate_motion
 from ematwin.models.phases import calm
-from ematwin.monitoring.measure import Bench, check_alike, reported_values
+from ematwin.monitoring.measure import Bench, check_alike
 from made_up_rig import NOISE, command, motion, rig
 from refusals import refusal_of
 
@@ -60,12 +60,6 @@ def test_the_decoupled_current_does_not_depend_on_the_sign_of_the_share():
         before = np.diff(one.current - alone.current, 2)
         after = np.diff(freed(one) - freed(alone), 2)
         assert np.std(after[CALM[2:]]) < 0.1 * np.std(before[CALM[2:]])
-
-
-def test_a_silent_position_sensor_shares_nothing():
-    one = motion().changed(position_error=np.zeros(SET_POINT.size))
-    assert share_of(one) == 0.0
-    np.testing.assert_array_equal(decoupled(one.current, one.position_error, 0.0), one.current)
 
 
 def test_a_comparison_measures_the_coupling_and_takes_it_out():
@@ -175,19 +169,6 @@ def test_what_the_twin_explains_leaves_noise_only():
     assert np.std(fit.residuals["position_error"]) == pytest.approx(NOISE[1], rel=0.15)
 
 
-def test_motions_are_measured_independently_of_each_other():
-    motions = [motion(1), motion(2, friction=1.4), motion(3, load=-300.0)]
-    bench, together = fitted(*motions)
-    measured = bench.measured(together)
-    for n, one in enumerate(motions):
-        own_bench, alone = fitted(one)
-        np.testing.assert_array_equal(alone.found[0].point, together.found[n].point)
-        for name, rows in together.residuals.items():
-            np.testing.assert_array_equal(alone.residuals[name][0], rows[n])
-        estimate = own_bench.measured(alone).estimates[0]
-        np.testing.assert_array_equal(estimate.covariance, measured.estimates[n].covariance)
-
-
 def test_an_estimate_knows_its_motion():
     one = motion(labels={"run": "7"})
     bench, fit = fitted(one)
@@ -196,18 +177,6 @@ def test_an_estimate_knows_its_motion():
     assert (estimate.kind, estimate.actuator) == ("ball-screw", rig().name)
     assert (estimate.labels, estimate.source) == ({"run": "7"}, "simulated")
     assert estimate.statistics == {"sensor_coupling": share_of(one)}
-
-
-def test_reported_values_are_logarithms_of_ratios_and_metres():
-    bench, fit = fitted(motion(), motion(roughness=0.1))
-    features = bench.measured(fit).features
-    names = [one.name for one in MODEL.monitoring.reported(MODEL, rig())]
-    found = dict(zip(names, reported_values(MODEL, rig(), bench.layout, features).T, strict=True))
-    assert bench.layout.names[:3] == ("friction", "backlash", "gain")
-    np.testing.assert_allclose(np.exp(found["friction"]), features[:, 0])
-    np.testing.assert_array_equal(found["backlash"], features[:, 1])
-    np.testing.assert_allclose(np.exp(found["gain"]), features[:, 2])
-    assert found["roughness"][1] - found["roughness"][0] > np.log(1.4)
 
 
 # Simulated motions

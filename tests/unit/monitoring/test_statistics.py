@@ -17,6 +17,7 @@ from ematwin.monitoring.classification import (
 from ematwin.monitoring.index import (
     DRIFT,
     WEIGHTS,
+    Scores,
     clear_limit,
     health_index,
     limit_of,
@@ -25,7 +26,6 @@ from ematwin.monitoring.index import (
 )
 from ematwin.monitoring.population import Population, basis, fit_mean
 from ematwin.monitoring.population_calibration import Thresholds
-from ematwin.monitoring.scores import Scores
 
 REPORTED = MODEL.monitoring.reported(MODEL, BallScrew.load())
 
@@ -80,16 +80,6 @@ def test_runs_of_one_motion_and_equal_features_give_finite_scores():
     features = np.ones((4, 2))
     population = Population.of(features, np.array([1.0, 2.0, 3.0, 4.0]), np.arange(4), 2.0)
     assert np.isfinite(population.scores(features, np.ones(4))).all()
-
-
-def test_the_order_of_motions_does_not_matter():
-    random = np.random.default_rng(3)
-    features, load, groups = healthy(random, 6, 4, 0.1, 0.3)
-    order = random.permutation(len(load))
-    first = Population.of(features, load, groups, 200.0)
-    second = Population.of(features[order], load[order], 10 - groups[order], 200.0)
-    for name in ("coefficients", "within", "between"):
-        np.testing.assert_allclose(getattr(first, name), getattr(second, name), atol=1e-12)
 
 
 def test_without_a_covariate_the_mean_is_one_and_its_value_is_not_looked_at():
@@ -152,11 +142,6 @@ def test_one_glitch_counts_no_more_than_its_limit(place, glitch):
     assert health_index(scores, KINDS)[0] <= health_index(largest, KINDS)[0]
 
 
-def test_a_layout_without_a_kind_has_an_index_too():
-    kinds = ("model",) * 3 + ("mean",) * 8  # a sine: no steady phase, no bands
-    assert health_index(np.ones((1, 11)), kinds)[0] == pytest.approx(1.0)
-
-
 @pytest.mark.parametrize("count", [1, 3, 7, 20])
 def test_a_single_magnitude_reaches_as_far_however_many_there_are(count):
     assert limit_of("model", 3) == WEIGHTS["model"][1]
@@ -213,15 +198,6 @@ def test_a_lower_rate_asks_for_a_higher_bound():
     assert bounds[0] > np.exp(np.log(index).mean())
 
 
-def test_the_bound_scales_with_the_index_and_forgets_the_order():
-    random = np.random.default_rng(1)
-    index, groups = np.exp(random.normal(size=20)), np.repeat(np.arange(5), 4)
-    order = random.permutation(20)
-    bound = prediction_bound(index, groups, 0.1)
-    assert prediction_bound(3.0 * index, groups, 0.1) == pytest.approx(3.0 * bound)
-    assert prediction_bound(index[order], groups[order], 0.1) == pytest.approx(bound)
-
-
 def test_fewer_motions_of_a_run_have_a_higher_threshold():
     limits = Thresholds(motion=1.3, run=0.7, run_size=5.0, false_alarm_rate=0.1)
     assert limits.of(1) == pytest.approx(1.3)
@@ -256,10 +232,6 @@ def test_drift_of_one_magnitude_and_one_level_stays_below_the_clear_limit():
 
 
 NAMED = {one.name: one.named for one in REPORTED if one.named}
-
-
-def test_wear_of_a_ball_screw_has_three_names():
-    assert NAMED == {"friction": "lubrication", "backlash": "backlash", "roughness": "spalling"}
 
 
 @pytest.mark.parametrize(("magnitude", "fault"), NAMED.items())

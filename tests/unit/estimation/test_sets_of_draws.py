@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ematwin.estimation.probabilities import presence, weight_of
+from ematwin.estimation.spike_and_slab import FaultSets
 from ematwin.models.unknown import Unknown
 
 
@@ -12,12 +12,11 @@ def fault(name="wear", **more) -> Unknown:
     return Unknown(name, unit="", meaning=name, **given)
 
 
-def drawn(likelihood, names, count=200_000, seed=1) -> dict:
+def drawn(likelihood, size=1, count=60_000, seed=1) -> np.ndarray:
     """Draws of a flat prior in [0, 1] under a likelihood of points (N, d)."""
     rng = np.random.default_rng(seed)
-    points = rng.uniform(size=(20 * count, len(names)))
-    kept = rng.uniform(size=len(points)) < likelihood(points)
-    return dict(zip(names, points[kept][:count].T, strict=True))
+    points = rng.uniform(size=(20 * count, size))
+    return points[rng.uniform(size=len(points)) < likelihood(points)][:count]
 
 
 def absent_by_integral(likelihood, low, high) -> float:
@@ -37,17 +36,14 @@ def test_a_fault_alone_has_the_probability_of_the_integral(healthy, middle, widt
         return np.exp(-0.5 * ((x - middle) / width) ** 2)
 
     expected = 1.0 - absent_by_integral(likelihood, healthy - 0.02, healthy + 0.02)
-    values = drawn(lambda points: likelihood(points[:, 0]), ("wear",))
-    assert presence([one], values).probability("wear") == pytest.approx(expected, abs=0.02)
-    x = (np.arange(20_000) + 0.5) / 20_000  # the same by a density on a grid
-    found = presence([one], {"wear": x}, likelihood(x))
-    assert found.probability("wear") == pytest.approx(expected, abs=0.01)
+    found = FaultSets.of_draws([one], drawn(lambda points: likelihood(points[:, 0])))
+    assert found.probabilities["wear"] == pytest.approx(expected, abs=0.02)
 
 
 def test_a_fault_that_nothing_is_known_of_stays_as_likely_as_not():
     one = fault(healthy=0.5)
-    values = drawn(lambda points: np.ones(len(points)), ("wear",))
-    assert presence([one], values).probability("wear") == pytest.approx(0.5, abs=0.02)
+    found = FaultSets.of_draws([one], drawn(lambda points: np.ones(len(points))))
+    assert found.probabilities["wear"] == pytest.approx(0.5, abs=0.02)
 
 
 def test_of_two_that_make_up_for_one_another_one_is_present():
@@ -57,9 +53,8 @@ def test_of_two_that_make_up_for_one_another_one_is_present():
         return np.exp(-0.5 * ((points.sum(axis=1) - 0.3) / 0.02) ** 2)
 
     both = [fault("a"), fault("b")]
-    found = presence(both, drawn(likelihood, ("a", "b"), count=20_000))
-    assert found.together
-    assert found.healthy == 0.0
+    found = FaultSets.of_draws(both, drawn(likelihood, 2, count=20_000))
+    assert found.faulty == pytest.approx(1.0)
     # by integral over the four quarters of the prior
     x = (np.arange(2000) + 0.5) / 2000
     seen = likelihood(np.stack(np.meshgrid(x, x), axis=-1).reshape(-1, 2)).reshape(2000, 2000)
@@ -67,18 +62,10 @@ def test_of_two_that_make_up_for_one_another_one_is_present():
     one_absent = seen[np.ix_(near, ~near)].mean() * 0.25
     neither = seen[np.ix_(~near, ~near)].mean() * 0.25
     expected = (one_absent + neither) / (2.0 * one_absent + neither)
-    assert found.probability("a") == pytest.approx(expected, abs=0.03)
+    assert found.probabilities["a"] == pytest.approx(expected, abs=0.03)
 
 
-def test_few_draws_where_all_are_absent_leave_each_fault_to_itself():
-    rng = np.random.default_rng(3)
-    values = rng.uniform(0.1, 1.0, (4000, 6))
+def test_few_draws_where_all_are_absent_are_not_enough():
+    values = np.random.default_rng(3).uniform(0.1, 1.0, (4000, 6))
     values[:5] = 0.0
-    names = tuple("abcdef")
-    faults = [fault(name) for name in names]
-    found = presence(faults, dict(zip(names, values.T, strict=True)))
-    assert not found.together
-    assert found.healthy is None
-    share = 5 / 4000
-    expected = share * weight_of(faults[0]) / (share * weight_of(faults[0]) + 1.0 - share)
-    assert found.probability("a") == pytest.approx(1.0 - expected)
+    assert FaultSets.of_draws([fault(name) for name in "abcdef"], values) is None

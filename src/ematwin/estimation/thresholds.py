@@ -1,12 +1,4 @@
-"""Probabilities that a fault is present, and that it lies beyond a threshold.
-
-The joint density takes each fault to be as likely anywhere in its range, as its interval wants it.
-For a probability that is too much: where a recording leaves a fault wide open, "anywhere" is nearly
-all outside of healthy, and a healthy gain would be faulty with 80 %. So a fault is also taken to be
-absent, within `SMALLEST` of its range, with a separate prior probability: a spike and a slab
-(Mitchell and Beauchamp 1988, J. Am. Stat. Assoc. 83, 1023-1032), the spike as wide as that. Draws
-within it then count `weight` times.
-"""
+"""Thresholds of faults as a user states them, in the unit of the fault or a physical one."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,13 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ematwin.errors import InputError
-from ematwin.estimation.constants import BEFOREHAND, SMALLEST
 from ematwin.estimation.intervals import Draws
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
 from ematwin.quantities import parse_quantity
-
-_FEWEST = 20.0  # draws that all together must be worth; else each fault is weighed alone
 
 
 @dataclass(frozen=True)
@@ -108,73 +97,3 @@ def _threshold(one: Unknown, given: float | str, actuator: ParameterSet) -> Thre
             f"{what} must lie in its range [{low:.4g}, {high:.4g}], received {threshold.text}."
         )
     return threshold
-
-
-@dataclass(frozen=True)
-class Presence:
-    """Weighted draws of faults that may be absent.
-
-    Attributes
-    ----------
-    absent : by fault, (N,) of bool
-    weights : by fault, (N,) arrays of sum 1
-    together : whether one array weighs all faults together; else each is weighed as if it were the
-        only one that may be absent, and nothing is known of several at once
-    """
-
-    absent: dict[str, np.ndarray]
-    weights: dict[str, np.ndarray]
-    together: bool
-
-    def probability(self, name: str) -> float:
-        """That a fault is present."""
-        return float(self.weights[name] @ ~self.absent[name])
-
-    @property
-    def healthy(self) -> float | None:
-        """The probability that no fault is present; None where draws are of each alone."""
-        if not self.absent or not self.together:
-            return None
-        return float(next(iter(self.weights.values())) @ np.all(list(self.absent.values()), axis=0))
-
-
-def presence(
-    faults: Sequence[Unknown], values: Mapping[str, np.ndarray], mass: np.ndarray | None = None
-) -> Presence:
-    """Weights of draws by spike and slab.
-
-    All faults are weighed together, unless a few draws would outweigh all others.
-
-    Parameters
-    ----------
-    faults : that may be absent
-    values : draws (N,) of them from the joint density
-    mass : (N,) array, how much each draw counts there; all alike if not given
-    """
-    absent = {
-        one.name: np.asarray(np.abs(values[one.name] - one.healthy) < SMALLEST * one.width)
-        for one in faults
-    }
-    with np.errstate(divide="ignore"):
-        start = 0.0 if mass is None else np.log(mass)
-    logs = {one.name: np.log(weight_of(one)) * absent[one.name] for one in faults}
-    together = _normalised(start + np.sum(list(logs.values()), axis=0))
-    if mass is not None or 1.0 / float(together @ together) >= _FEWEST:
-        return Presence(absent, dict.fromkeys(absent, together), True)
-    alone = {name: _normalised(log) for name, log in logs.items()}
-    return Presence(absent, alone, False)
-
-
-def weight_of(one: Unknown) -> float:
-    """How many times likelier an absent fault is beforehand than its share of the range."""
-    reach = SMALLEST * one.width
-    ends = np.clip([one.healthy - reach, one.healthy + reach], one.lower, one.upper)
-    share = float(np.diff(ends)[0] / one.width)
-    if one.logarithmic:
-        share = float(np.diff(np.log(ends))[0] / np.log(one.upper / one.lower))
-    return (1.0 - BEFOREHAND) / BEFOREHAND * (1.0 - share) / share
-
-
-def _normalised(log: np.ndarray) -> np.ndarray:
-    found = np.exp(log - log.max())
-    return np.asarray(found / found.sum())
