@@ -175,7 +175,7 @@ class TomlFiles:
         self._sources: list[tuple[bytes, Callable[[Path], Any]]] = [
             (path.read_bytes(), load_actuator) for path in shipped_actuators().values()
         ]
-        calibrated = root / "tests" / "data" / "0.1" / "calibrated.toml"
+        calibrated = root / "tests" / "data" / "0.2" / "axis.toml"
         self._sources.append((calibrated.read_bytes(), Calibration.load))
         for model in models().values():
             for path in model.scenarios().values():

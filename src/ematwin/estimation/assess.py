@@ -65,6 +65,7 @@ class Assessment:
     trust : how far the evidence of further channels counted (`Problem.trust`); 1 if there was none
     evaluations : int
     reference_runs : int, answers of the reference model that the best one took
+    scatter : float, relative misfit by which answers of the reference differ within the width
     unsettled : names of unknowns that the last of them still moved by more than a standard error
     joint : the joint density, with its peak and width; None after an interruption
     sets : the posterior of sets of faults; None after an interruption
@@ -83,6 +84,7 @@ class Assessment:
     evaluations: int
     trust: float = 1.0
     reference_runs: int = 0
+    scatter: float = 0.0
     unsettled: tuple[str, ...] = ()
     joint: Joint | None = None
     sets: FaultSets | None = None
@@ -166,6 +168,7 @@ def assess(
         evaluations=spent,
         trust=peak.problem.trust,
         reference_runs=best.rounds,
+        scatter=best.scatter,
         unsettled=best.unsettled,
         joint=Joint(
             tuple(answers[n].peak for n in likely), peak.problem.model_error, own,

@@ -59,12 +59,14 @@ class Corrected:
     left : (m, d) array, how far the last round moved the peak, in coordinates of the chart; the
         last few, where rounds came to no end
     model_error : (d, d) array, covariance from the model error elsewhere within the width
+    scatter : float, relative misfit by which answers of the reference differ within the width
     """
 
     peak: Laplace
     rounds: int
     left: np.ndarray
     model_error: np.ndarray | float = 0.0
+    scatter: float = 0.0
 
     @property
     def covariance(self) -> np.ndarray:
@@ -220,9 +222,12 @@ def with_model_error(found: Corrected, threads: int | None = None) -> Corrected:
         return found
     moved = changes @ peak.jacobian.T @ peak.covariance / problem.noise**2
     error = moved.T @ moved / len(moved)
-    scatter = float(np.mean([problem.data_cost(change) for change in changes]))
+    scatter = float(np.median([problem.data_cost(change) for change in changes]))
     nearer = replace(peak, problem=with_discrepancy(problem, peak.cost, scatter))
-    return replace(found, peak=nearer, model_error=error, rounds=found.rounds + len(moved))
+    return replace(
+        found, peak=nearer, model_error=error, scatter=problem.relative_misfit(scatter),
+        rounds=found.rounds + len(moved),
+    )  # fmt: skip
 
 
 def _combined(known: list[tuple[np.ndarray, np.ndarray]], errors: np.ndarray) -> np.ndarray:

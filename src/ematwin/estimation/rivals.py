@@ -16,7 +16,7 @@ import numpy as np
 from ematwin.estimation.along_motion import informed
 from ematwin.estimation.assess import Assessment
 from ematwin.estimation.baseline import Baseline, uncertain, with_all_free, with_nuisances
-from ematwin.estimation.constants import AS_GOOD, DECIDES, EXPLAINED, HOPELESS
+from ematwin.estimation.constants import AS_GOOD, DECIDES, EXPLAINED, HOPELESS, SMALLEST
 from ematwin.estimation.correction import corrected
 from ematwin.estimation.descent import Descent, TooFarError
 from ematwin.estimation.laplace import Laplace, step_lengths
@@ -253,12 +253,13 @@ def _excluded(full: Problem, start: np.ndarray, peak: Laplace) -> bool:
 
 
 def _rival(model: Model, form: OtherForm, problem: Problem, end: Laplace, rise: float) -> Rival:
-    """The other form at its best point, ``end``, with its most probable set of faults."""
+    """The other form at its best point, ``end``, with its likely faults of a size that matters."""
     factor, values = end.problem.model_error, end.problem.values(end.point)
     sets = fault_sets(end.problem.chart, end.unbounded(factor), end.widened(factor)).sets
     likely = next((one.faults for one in sets if one.faults & set(form.names)), frozenset[str]())
     faults = [model.unknown(form.actuator, name) for name in _own_names(problem, form)]
-    there = tuple(one.name for one in faults if one.name in likely)
+    matters = {n.name for n in faults if abs(values[n.name] - n.healthy) >= SMALLEST * n.width}
+    there = tuple(one.name for one in faults if one.name in likely & matters)
     said = ", ".join(
         _said(one, form.actuator, values[one.name])
         for one in faults

@@ -173,10 +173,15 @@ def test_a_channel_without_a_law_stands_still_if_it_loses_its_noise_while_the_co
     assert found(screw(limited), SCREW) == {}
 
 
-def test_a_refusal_names_the_channel_and_not_what_follows_from_it():
+def test_a_refusal_names_the_channel_and_not_what_follows_from_it(monkeypatch):
+    def refused(self, recording, actuator):
+        raise RecordError("The gear ratio would be 0.")
+
     recording = pmsm(motor_position=np.zeros(TIME.size))
+    model = model_of(SERVO)
+    monkeypatch.setattr(type(model), "check", refused)
     with pytest.raises(RecordError, match="motor_position stands still at 0 rad while"):
-        checked(model_of(SERVO), recording, SERVO)
+        checked(model, recording, SERVO)
 
 
 @pytest.mark.parametrize(("lag", "said"), [(0, []), (5, ["Taken 5 ms earlier, position fits"])])

@@ -26,6 +26,7 @@ class CsvFile(RecordedFile):
     """A text table; options as in `ematwin.recordings.channel_map.CsvOptions`."""
 
     kind: ClassVar[str] = "csv"
+    _last_row: ClassVar[str | None] = None  # that ends a table and is none of its rows
 
     def __init__(self, path: Path, **options: Any) -> None:
         super().__init__(path)
@@ -96,7 +97,10 @@ class CsvFile(RecordedFile):
         from pyarrow import csv
 
         keys = [f"c{n}" for n in range(len(self._dialect.names))]
-        encoding = self._dialect.encoding
+        # names were read by us: bytes above 127 in other columns stay undecoded
+        encoding = self._dialect.encoding if self._dialect.encoding.startswith("utf-16") else "utf8"
+        if self._last_row is not None:
+            encoding = "latin-1"  # pyarrow decodes rows that it shows, and any bytes may be there
         start = self._dialect.start
         size = max(self.path.stat().st_size - start, 1)
         with self.path.open("rb") as file:
@@ -108,13 +112,11 @@ class CsvFile(RecordedFile):
                     read_options=csv.ReadOptions(
                         column_names=keys,
                         block_size=_BLOCK,
-                        # names were read by us: bytes above 127 in other columns stay undecoded
-                        encoding=encoding if encoding.startswith("utf-16") else "utf8",
+                        encoding=encoding,
                     ),
                     parse_options=csv.ParseOptions(
                         delimiter=self._dialect.delimiter,
-                        # the TwinCAT Scope ends its exports so
-                        invalid_row_handler=lambda row: "skip" if row.text == "EOF" else "error",
+                        invalid_row_handler=None if self._last_row is None else self._shown,
                     ),
                     convert_options=csv.ConvertOptions(
                         include_columns=[keys[position] for position in positions],
@@ -129,6 +131,10 @@ class CsvFile(RecordedFile):
                     ),
                 )
             )
+
+    def _shown(self, row: Any) -> str:
+        """Answer pyarrow about a row of another length than the others."""
+        return "skip" if row.text == self._last_row else "error"
 
     def _type(self, position: int) -> Any:
         import pyarrow as pa

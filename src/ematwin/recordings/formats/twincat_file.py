@@ -46,6 +46,7 @@ class TwinCatFile(CsvFile):
     """An export of the TwinCAT Scope; each column of times is a time base."""
 
     kind: ClassVar[str] = "TwinCAT Scope CSV"
+    _last_row = "EOF"
     texts = RecordedFile.texts  # its columns are numbers
 
     def __init__(self, path: Path) -> None:
