@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ematwin.errors import ParameterError
+from ematwin.estimation.constants import DECIDES
 from ematwin.estimation.prior import Prior, coordinate, coordinates
 from ematwin.estimation.problem import Problem, ResidualChange
 from ematwin.models.chart import Chart
@@ -98,10 +99,14 @@ def corrected_at(
     return other.with_comparisons(other.comparisons, changes)
 
 
-def with_slopes(problem: Problem, here: Problem, z: np.ndarray, ways: np.ndarray) -> Problem:
-    """A corrected problem whose fast model changes with all unknowns as the reference does.
+def with_slopes(
+    problem: Problem, here: Problem, z: np.ndarray, ways: np.ndarray, noise: float
+) -> Problem:
+    """A corrected problem whose fast model changes with the unknowns as the reference does.
 
-    Each way takes one answer of the reference model for each recording.
+    Along each way, one standard deviation long, the reference is asked once for each recording. Its
+    slope counts where the error of the fast model changes by far more than a standard deviation;
+    less is scatter of the reference, which least squares would follow.
 
     Parameters
     ----------
@@ -109,19 +114,25 @@ def with_slopes(problem: Problem, here: Problem, z: np.ndarray, ways: np.ndarray
     here : corrected at ``z``
     z : (d,) array, coordinates
     ways : (d, d) array, steps to other points, a row each
+    noise : standard deviation of an independent residual
     """
-    chart, point = here.chart, here.chart.to_values(z[None])
+    chart, point = problem.chart, problem.chart.to_values(z[None])
     there = chart.project(z + ways)
     others = side_by_side(lambda one: corrected_at(problem, one, here), chart.to_values(there))
-    known = [(to - z, one) for to, one in zip(there, others, strict=True) if one is not None]
+    first = [here.residuals_of(n, point)[0] for n in range(len(here.comparisons))]
+    changes = [np.zeros((len(ways), len(one))) for one in first]
+    for k, one in enumerate(others):
+        if one is None:
+            continue
+        now = [one.residuals_of(n, point)[0] - before for n, before in enumerate(first)]
+        data = [x[: len(x) - c.evidence] for x, c in zip(now, here.comparisons, strict=True)]
+        if sum(float(part @ part) for part in data) > DECIDES * noise**2:
+            for change, part in zip(changes, now, strict=True):
+                change[k] = part
     size = np.linalg.norm(ways, axis=0)
-    shares = np.linalg.pinv(np.array([moved for moved, _ in known]) / size, rcond=1e-6)
-    slopes = []
-    for n in range(len(here.comparisons)):
-        first = here.residuals_of(n, point)
-        changes = np.concatenate([one.residuals_of(n, point) for _, one in known]) - first
-        slopes.append(shares @ changes / size[:, None])
-    return here.with_comparisons(here.comparisons, (*here.changes, _Linear(chart, z, slopes)))
+    shares = np.linalg.pinv((there - z) / size, rcond=1e-6) / size[:, None]
+    slopes = _Linear(chart, z, [shares @ change for change in changes])
+    return here.with_comparisons(here.comparisons, (*here.changes, slopes))
 
 
 def as_searched(problem: Problem) -> Problem:

@@ -13,9 +13,10 @@ until it stays where it is: defect correction (Boehmer, Hemker and Stetter 1984,
 Where R - f changes with x the rounds converge slowly, or not at all. Then the last ones are
 combined to the point from which a round would lead nowhere, if rounds were linear (Anderson 1965,
 J. ACM 12, 547-560, with steps measured in standard errors). Behind loops that the fast model lacks
-its slopes are wrong too: rounds end where these show no way down, beside the minimum. From the best
-point by the reference, rounds then go on with slopes of R - f along the principal directions of the
-width (manifold mapping; Echeverria and Hemker 2005, Comput. Methods Appl. Math. 5, 107-136).
+its slopes are wrong too: rounds end where these show no way down, beside the minimum, and leave
+more than noise. From the best point by the reference they then go on with slopes of R - f along the
+principal directions of the width (manifold mapping; Echeverria and Hemker 2005, Comput. Methods
+Appl. Math. 5, 107-136).
 
 The truth lies elsewhere within the width of the minimum, where the error of the fast model differs:
 impacts, ripple and slopes change. With J the slopes of the residuals r, noise s and
@@ -33,6 +34,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ematwin.estimation.constants import AS_GOOD
 from ematwin.estimation.corrected_problem import corrected_at, with_slopes
 from ematwin.estimation.descent import Descent
 from ematwin.estimation.laplace import Laplace, laplace, principal, step_lengths
@@ -112,10 +114,11 @@ def corrected(
         return Corrected(laplace(problem, start, descent, steps=steps), 0, np.zeros((1, len(z))))
     visited = _rounds(problem, here, z, descent, steps, rounds)
     last, spent = visited[-1], sum(one.peak.evaluations for one in visited)
-    if problem.lacks_forms:
-        first = min(visited, key=lambda one: one.cost)
+    first = min(visited, key=lambda one: one.cost)
+    left = problem.relative_misfit(first.cost)
+    if problem.lacks_forms and left > AS_GOOD * first.here.recorded_misfit:
         ways = principal(first.peak.data + first.peak.priors)
-        here = with_slopes(problem, first.here, first.z, ways)
+        here = with_slopes(problem, first.here, first.z, ways, first.peak.problem.noise)
         near, steps = descent.afresh(settled=np.inf), step_lengths(first.peak.covariance)
         runs = last.runs + len(ways) - 1  # the first round has its answer already
         visited = _rounds(problem, here, first.z, near, steps, rounds)
@@ -224,10 +227,10 @@ def with_model_error(found: Corrected, threads: int | None = None) -> Corrected:
     error = moved.T @ moved / len(moved)
     scatter = float(np.median([problem.data_cost(change) for change in changes]))
     nearer = replace(peak, problem=with_discrepancy(problem, peak.cost, scatter))
-    return replace(
-        found, peak=nearer, model_error=error, scatter=problem.relative_misfit(scatter),
-        rounds=found.rounds + len(moved),
-    )  # fmt: skip
+    # with the slopes of the fast model alone, much of a change is no scatter
+    share = problem.relative_misfit(scatter) if problem.lacks_forms else 0.0
+    runs = found.rounds + len(moved)
+    return replace(found, peak=nearer, model_error=error, scatter=share, rounds=runs)
 
 
 def _combined(known: list[tuple[np.ndarray, np.ndarray]], errors: np.ndarray) -> np.ndarray:
