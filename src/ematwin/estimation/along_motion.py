@@ -115,7 +115,7 @@ class _Fit:
         return z, Information(chart, z[0], every, np.append(moved, rest))
 
     def _weights(self, here: np.ndarray) -> np.ndarray:
-        """Factors (K,) on residuals of the equations by what these leave, where that is more."""
+        """Factors (K,) on residuals of the equations, by their size where that is more."""
         found, first = [], 0
         for n, (count, scale) in enumerate(zip(self._counts, self._scales, strict=True)):
             left = here[first : first + count] / scale

@@ -129,7 +129,7 @@ def obstacles_to(
 
 
 def unexplained(misfit: float, usual: str) -> str:
-    """Sentence: the twin leaves a relative misfit, where ``usual`` says what is usual."""
+    """Sentence: the twin leaves a relative misfit; ``usual`` states the usual one."""
     left = f"{100.0 * misfit:.0f}" if misfit > 0.1 else f"{100.0 * misfit:.2g}"
     return (
         f"The twin leaves {left} % of this recording unexplained, where {usual}: it does something "

@@ -203,7 +203,7 @@ class _Selection:
         return self._chosen(self._fitted(best, places), [*found, *new]), new
 
     def _matters(self, more: EquationFit, fit: EquationFit) -> bool:
-        """Whether forms explain a share of what is not noise, and held-back data better."""
+        """Whether forms explain a share of the residual beyond noise, and held-back data better."""
         noise = min(self._least(more.actuator), more.cost)
         return more.cost - noise < (1.0 - _MATTERS) * (fit.cost - noise) and more.beats(fit)
 

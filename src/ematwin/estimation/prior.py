@@ -1,4 +1,4 @@
-"""What is known of unknowns besides a recording: normal distributions of their coordinates."""
+"""Knowledge of unknowns besides a recording: normal distributions of their coordinates."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -76,7 +76,7 @@ class Prior:
 
 
 class Information(NamedTuple):
-    """What is known of unknowns: the density exp(-|left + root (z - z_0)|^2/2).
+    """Knowledge of unknowns: the density exp(-|left + root (z - z_0)|^2/2).
 
     Its last row is what stays of the residuals wherever the unknowns lie.
 

@@ -39,7 +39,7 @@ class Residuals(NamedTuple):
 
 
 class ResidualChange(Protocol):
-    """A change of residuals with the unknowns, beside that of the fast model."""
+    """A change of residuals with the unknowns, which the fast model lacks."""
 
     def residuals(self, values: Mapping[str, np.ndarray], recording: int) -> np.ndarray:
         """(B, K), of a recording, at values (B,) of all unknowns by name."""
@@ -281,7 +281,7 @@ class Problem:
     def least_noise(self) -> float:
         """The least noise of the data: where equations are known besides, these know better.
 
-        What a closed loop leaves beyond sensor noise is alike throughout the recording.
+        The residual of a closed loop beyond sensor noise is alike throughout the recording.
         """
         factor = self.comparisons[0].model_error if self.is_informed else 1.0
         return factor * self.comparisons[0].noise
@@ -331,7 +331,7 @@ class Problem:
         return self._information is not None
 
     def informed(self, information: Information) -> "Problem":
-        """The same problem with what is known of its unknowns besides; it counts as a prior."""
+        """The same problem with further knowledge of its unknowns, which counts as a prior."""
         other = copy.copy(self)
         other._information = information
         return other

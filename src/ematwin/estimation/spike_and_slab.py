@@ -13,7 +13,7 @@ three slabs to pay for, and the drift only its prior: the smaller explanation is
 one (MacKay 1992, Neural Computation 4, 415-447). Sets far less probable than the best one are left
 out (Occam's window: Madigan and Raftery 1994, J. Am. Stat. Assoc. 89, 1535-1546).
 
-Where there are several minima, each has the integral of its own normal distribution as its evidence
+Of several minima, each has the integral of the normal distribution there as its evidence
 (`FaultSets.over`).
 """
 
@@ -186,7 +186,7 @@ class FaultSets:
         return {name: self._resampled(sets) for name, sets in own.items() if sets}
 
     def share(self, of: Callable[[Draws], np.ndarray]) -> float:
-        """The probability of what is true of draws: ``of`` gives (N,) of bool."""
+        """The probability of a statement on draws: ``of`` gives (N,) of bool."""
         return sum(s.probability * float(np.mean(of(self._draws(s.values)))) for s in self.sets)
 
     def _resampled(self, sets: Sequence[FaultSet]) -> Draws:

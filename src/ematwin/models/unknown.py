@@ -225,7 +225,7 @@ def of_parameter(actuator: Any, place: str, factor: float | None) -> Unknown:
 def physical_values(
     unknowns: Sequence[Unknown], actuator: Any, values: Mapping[str, float]
 ) -> list[PhysicalValue]:
-    """Physical values, on an actuator, of those unknowns of which there is a value."""
+    """Physical values, on an actuator, of the unknowns that have a value."""
     rows = []
     for one in unknowns:
         if one.name not in values:

@@ -213,7 +213,7 @@ class Bench:
 def spread_at(problem: Problem, point: np.ndarray) -> np.ndarray:
     """Covariance (d, d) of the values at a minimum (d,), in values.
 
-    What the twin leaves counts as noise times `Problem.model_error`.
+    The residual of the twin counts as noise times `Problem.model_error`.
     """
     peak = width_at(problem, point, steps=np.full(len(point), _DIFFERENCE))
     chart, covariance = problem.chart, peak.widened(problem.model_error)

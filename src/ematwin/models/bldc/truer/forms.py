@@ -173,7 +173,7 @@ def _digital(steps: tuple[float, float], ratio: float) -> tuple[Form, Form]:
         return [{**loop, **counts, "encoder.filter_time": time} for time in _FILTER]
 
     def with_current_loop(actuator: Any) -> list[Values]:
-        """Starts of both: the lag of one passes for that of the other."""
+        """Starts of both: either loop may account for the lag."""
         loop = {**_speed(actuator), "speed_loop.delay": 0.0}
         return [
             {**loop, "speed_loop.sample_time": period, **counts, "encoder.filter_time": time, **one}
