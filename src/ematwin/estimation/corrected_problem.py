@@ -92,10 +92,9 @@ def corrected_at(
             far = coordinate(one, there) - now
             slopes = _slopes(other, _without(problem, missed), point, far)
         changes.append(_Unseen(one, now, slopes))
-    z = problem.chart.from_values(point[None])[0]
-    for known_change in () if like is None else like.changes:
-        if isinstance(known_change, _Linear):
-            changes.append(known_change._replace(z=z))
+    for change in () if like is None else like.changes:
+        if isinstance(change, _Linear):
+            changes.append(change._replace(z=problem.chart.from_values(point[None])[0]))
     return other.with_comparisons(other.comparisons, changes)
 
 

@@ -114,9 +114,8 @@ def corrected(
         return Corrected(laplace(problem, start, descent, steps=steps), 0, np.zeros((1, len(z))))
     visited = _rounds(problem, here, z, descent, steps, rounds)
     last, spent = visited[-1], sum(one.peak.evaluations for one in visited)
-    first = min(visited, key=lambda one: one.cost)
-    left = problem.relative_misfit(first.cost)
-    if problem.lacks_forms and left > AS_GOOD * first.here.recorded_misfit:
+    first = min(visited, key=lambda one: one.cost) if problem.lacks_forms else last
+    if problem.lacks_forms and _leaves_more_than_noise(first):
         ways = principal(first.peak.data + first.peak.priors)
         here = with_slopes(problem, first.here, first.z, ways, first.peak.problem.noise)
         near, steps = descent.afresh(settled=np.inf), step_lengths(first.peak.covariance)
@@ -135,7 +134,6 @@ class _Round(NamedTuple):
     ----------
     z : (d,) array, coordinates where it began
     here : Problem, corrected there
-    cost : float, of the data there, by the reference
     peak : Laplace, to which it led
     left : (m, d) array, how far the round, or the last few that came to no end, moved the peak
     runs : int, answers of the reference until then
@@ -143,10 +141,20 @@ class _Round(NamedTuple):
 
     z: np.ndarray
     here: Problem
-    cost: float
     peak: Laplace
     left: np.ndarray
     runs: int
+
+    @property
+    def cost(self) -> float:
+        """Of the data where it began, by the reference."""
+        point = self.here.chart.to_values(self.z[None])
+        return self.here.data_cost(self.here.residuals(point)[0])
+
+
+def _leaves_more_than_noise(one: _Round) -> bool:
+    """Whether a round began where the reference does not fit as well as noise allows."""
+    return one.here.relative_misfit(one.cost) > AS_GOOD * one.here.recorded_misfit
 
 
 def _rounds(
@@ -160,28 +168,26 @@ def _rounds(
     """Rounds from coordinates (d,) at which ``here`` is corrected, until the peak stays."""
     chart, least = problem.chart, descent.least_noise
     found: list[_Round] = []
-    known: list[tuple[np.ndarray, np.ndarray]] = []  # where rounds began, and how far they led
     moved = np.inf
     tried: Problem | None = here
     for runs in range(1, rounds + 1):
         point = chart.to_values(z[None])[0]
-        if known:
+        if found:
             tried = corrected_at(problem, point, here)
         if tried is None:  # the reference diverged: half way back
-            z = 0.5 * (z + known[-1][0])
+            z = 0.5 * (z + found[-1].z)
             continue
         here = tried
         noise = max(here.noise, least)
         peak = laplace(here, point, replace(descent, least_noise=noise), steps=steps)
         descent, steps = descent.afresh(settled=np.inf), step_lengths(peak.covariance)
-        known.append((z, peak.z - z))
         errors = np.sqrt(np.diag(peak.covariance))
-        before, moved = moved, float((np.abs(known[-1][1]) / errors).max())
+        before, moved = moved, float((np.abs(peak.z - z) / errors).max())
         # impacts and ripple of the reference scatter: nearer than that rounds do not come
         ends = moved <= _STAYS or _SHRINKS * before < moved <= _NEAR
+        known = [*((one.z, one.peak.z - one.z) for one in found), (z, peak.z - z)]
         left = np.array([step for _, step in known[-1 if ends else -_DEPTH :]])
-        cost = here.data_cost(here.residuals(point[None])[0])
-        found.append(_Round(z, here, cost, peak, left, runs))
+        found.append(_Round(z, here, peak, left, runs))
         if ends:
             break
         z = chart.project(_combined(known[-_DEPTH - 1 :], errors)[None])[0]
