@@ -126,7 +126,9 @@ def assess(
         # better without a fault that is named: the search had ended beside the best point
         if not left or not (improbable or tried.rises.min(initial=0.0) < -WORTH):
             break
-        nearer = corrected(full, tried.point, replace(again, held={*again.held, *held}))
+        nearer = corrected(
+            full, tried.point, replace(again, held={*again.held, *held}), like=best.peak.problem
+        )
         spent += nearer.peak.evaluations
         noise = best.peak.problem.noise
         if not improbable and height(nearer.peak, noise) >= height(best.peak, noise):

@@ -67,7 +67,8 @@ def corrected_at(
     """The same problem, corrected by the reference minus the fast model at a point (d,).
 
     The correction is linear in unknowns that the fast model does not have. Slopes come from
-    ``like``, which was corrected before, or take an answer of the reference each.
+    ``like``, which was corrected before, of the same recordings though perhaps with other unknowns;
+    those that it lacks take an answer of the reference each.
     The noise is what recordings are expected to leave beside the reference. None where a
     recording has no reference, or the reference diverged.
     """
@@ -82,9 +83,8 @@ def corrected_at(
         if one.name not in problem.comparisons[0].unseen:
             continue
         now = coordinate(one, values[one.name])
-        if like is not None:
-            slopes = known[one.name]
-        else:
+        slopes = known.get(one.name)
+        if slopes is None:
             there = _likely(one, values[one.name], problem.prior)
             missed = _missed(problem, point, {one.name: there})
             if missed is None:
@@ -92,9 +92,10 @@ def corrected_at(
             far = coordinate(one, there) - now
             slopes = _slopes(other, _without(problem, missed), point, far)
         changes.append(_Unseen(one, now, slopes))
+    here = {name: np.array([value]) for name, value in values.items()}
     for change in () if like is None else like.changes:
-        if isinstance(change, _Linear):
-            changes.append(change._replace(z=problem.chart.from_values(point[None])[0]))
+        if isinstance(change, _Linear) and here.keys() >= {n.name for n in change.chart.unknowns}:
+            changes.append(change._replace(z=coordinates(change.chart, here)[0]))
     return other.with_comparisons(other.comparisons, changes)
 
 
@@ -132,6 +133,11 @@ def with_slopes(
     shares = np.linalg.pinv((there - z) / size, rcond=1e-6) / size[:, None]
     slopes = _Linear(chart, z, [shares @ change for change in changes])
     return here.with_comparisons(here.comparisons, (*here.changes, slopes))
+
+
+def has_slopes(problem: Problem) -> bool:
+    """Whether a problem was corrected with slopes of the reference (`with_slopes`)."""
+    return any(isinstance(one, _Linear) for one in problem.changes)
 
 
 def as_searched(problem: Problem) -> Problem:

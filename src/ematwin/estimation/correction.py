@@ -35,7 +35,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ematwin.estimation.constants import AS_GOOD
-from ematwin.estimation.corrected_problem import corrected_at, with_slopes
+from ematwin.estimation.corrected_problem import corrected_at, has_slopes, with_slopes
 from ematwin.estimation.descent import Descent
 from ematwin.estimation.laplace import Laplace, laplace, principal, step_lengths
 from ematwin.estimation.noise import with_channels_reweighed, with_discrepancy
@@ -90,6 +90,7 @@ def corrected(
     *,
     steps: np.ndarray | None = None,
     rounds: int = ROUNDS,
+    like: Problem | None = None,
 ) -> Corrected:
     """The peak next to a point: of the reference model where the kind has one.
 
@@ -101,6 +102,8 @@ def corrected(
         where it exceeds the noise of the corrected problem
     steps : (d,) array, as of `laplace`, of the first round
     rounds : at most
+    like : corrected near another point of the same recordings: its slopes of the reference serve
+        here too
 
     Raises
     ------
@@ -109,13 +112,15 @@ def corrected(
     """
     chart = problem.chart
     z = chart.project(chart.from_values(start[None]))[0]
-    here = corrected_at(problem, start)
+    here = corrected_at(problem, start, like)
     if here is None:
         return Corrected(laplace(problem, start, descent, steps=steps), 0, np.zeros((1, len(z))))
     visited = _rounds(problem, here, z, descent, steps, rounds)
     last, spent = visited[-1], sum(one.peak.evaluations for one in visited)
     first = min(visited, key=lambda one: one.cost) if problem.lacks_forms else last
-    if problem.lacks_forms and _leaves_more_than_noise(first):
+    if has_slopes(here):
+        last = first._replace(runs=last.runs)
+    elif problem.lacks_forms and _leaves_more_than_noise(first):
         ways = principal(first.peak.data + first.peak.priors)
         here = with_slopes(problem, first.here, first.z, ways, first.peak.problem.noise)
         near, steps = descent.afresh(settled=np.inf), step_lengths(first.peak.covariance)

@@ -111,9 +111,8 @@ def obstacles_to(
             )
             + "Record it, or say what it was (load=0 if there was none)."
         )
-    # a recording is one answer of many that differ as those of the reference do
-    usually = math.hypot(baseline.misfit, assessed.scatter)
-    limit = most_misfit(usually, problem.comparisons[0].has_reference)
+    has_reference = problem.comparisons[0].has_reference
+    limit = most_misfit(baseline.misfit, has_reference, assessed.scatter)
     if found.problem is not None:
         misfit = found.problem.relative_misfit(assessed.cost)
     if misfit > max(limit, WORSE * problem.expected_misfit):

@@ -87,7 +87,8 @@ def minima(
     def beside_it(near: Corrected, anew: bool = False) -> list[Corrected]:
         near_it = descent.afresh(settled=math.inf)
         return [
-            corrected(full, one.point, near_it) for one in other_minima(near.peak, descent, anew)
+            corrected(full, one.point, near_it, like=near.peak.problem)
+            for one in other_minima(near.peak, descent, anew)
         ]
 
     # each may use all cores: most of its batches are one block
@@ -114,7 +115,7 @@ def minima(
         near = [one.peak.point for one in others if risen(best.peak, one.peak) < _FAR]
         best, full, noise = weighed, weighed.peak.problem, weighed.peak.problem.noise
         near_it = descent.afresh(settled=math.inf, least_noise=noise)
-        others = [corrected(full, point, near_it) for point in near]
+        others = [corrected(full, point, near_it, like=full) for point in near]
         spent += sum(one.peak.evaluations for one in (best, *others))
     return Minima(full, best, others, descent, cost, spent)
 

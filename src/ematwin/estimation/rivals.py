@@ -212,7 +212,7 @@ def _compared(
 
     def descended_from(start: np.ndarray) -> tuple[Laplace, float] | None:
         try:
-            end = _descended(model, form.actuator, full, start, steps, **known)
+            end = _descended(model, form.actuator, full, start, peak, steps, **known)
         except TooFarError:
             return None
         return end, risen(peak, end)
@@ -233,7 +233,7 @@ def _compared(
         beside = {name: x for name, x in full.values(end.point).items() if name not in its}
         for names in (problem.names, peak.problem.names):
             point = _start(peak.problem, names, {**own, **beside})
-            again = _descended(model, actuator, peak.problem, point)
+            again = _descended(model, actuator, peak.problem, point, peak)
             rise = max(rise, risen(again, end))
             if rise >= -DECIDES:
                 break
@@ -306,16 +306,17 @@ def _descended(
     actuator: ParameterSet,
     full: Problem,
     start: np.ndarray,
+    first: Laplace,
     steps: np.ndarray | None = None,
     **known: Any,
 ) -> Laplace:
-    """The peak next to a start; ``known`` holds further options of `Descent`."""
+    """The peak next to a start, corrected as the ``first`` one was; ``known`` is of `Descent`."""
     descent = Descent(
         partial(model.aliases, actuator),
         least_noise=full.least_noise,
         **known,
     )
-    return corrected(full, start, descent, steps=steps).peak
+    return corrected(full, start, descent, steps=steps, like=first.problem).peak
 
 
 def _own_names(problem: Problem, form: OtherForm) -> list[str]:

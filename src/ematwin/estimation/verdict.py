@@ -64,7 +64,7 @@ class Verdict:
         }
 
 
-def most_misfit(healthy: float, has_reference: bool = False) -> float:
+def most_misfit(healthy: float, has_reference: bool = False, scatter: float = 0.0) -> float:
     """The relative misfit up to which a fit is a ground for a verdict.
 
     Parameters
@@ -72,11 +72,13 @@ def most_misfit(healthy: float, has_reference: bool = False) -> float:
     healthy : of healthy recordings, NaN where there are none
     has_reference : whether the twin is corrected by a reference model: what healthy recordings
         leave is then all that is usual, and else no less than `EXPLAINED`
+    scatter : by which answers of the reference differ: a recording is one of them
     """
     if math.isnan(healthy):
         return UNCALIBRATED
     least = 0.0 if has_reference else EXPLAINED
-    return min(max(least, WORSE * healthy), worst_misfit(healthy))
+    # near instability answers differ by more than they have in common: scatter excuses no such fit
+    return min(max(least, WORSE * math.hypot(healthy, scatter)), worst_misfit(healthy))
 
 
 def worst_misfit(healthy: float) -> float:
