@@ -142,6 +142,11 @@ def test_a_misfit_is_allowed_that_healthy_recordings_make_likely(healthy, limit)
     assert most_misfit(healthy) == pytest.approx(limit)
 
 
+def test_scatter_of_the_reference_excuses_no_misfit_beyond_the_worst() -> None:
+    assert most_misfit(0.004, True, scatter=0.003) == pytest.approx(0.01)
+    assert most_misfit(0.067, True, scatter=6.0) == pytest.approx(0.1)
+
+
 def test_with_a_reference_what_healthy_recordings_leave_is_what_is_usual() -> None:
     assert most_misfit(0.004, has_reference=True) == pytest.approx(0.008)
     assert most_misfit(math.nan, has_reference=True) == most_misfit(math.nan)

@@ -31,7 +31,7 @@ from ematwin.models.bldc.envelope import trapezoid_shape
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.phase_sensors import balanced
 from ematwin.models.bldc.reference_step import ReferenceState, drive, more_after
-from ematwin.models.bldc.simulate import INPUT_INTERVAL, TimeGrid
+from ematwin.models.bldc.simulate import INPUT_INTERVAL, TimeGrid, answer_step
 from ematwin.models.bldc.state import fault_state
 from ematwin.models.bldc.truer.loops import last_reading
 from ematwin.models.bldc.truer.motor import KEPT_5, KEPT_7, SINE
@@ -43,7 +43,6 @@ from ematwin.numerics.compile import loop
 from ematwin.numerics.signals import LowPass, white_noise
 from ematwin.recordings.recording import Recording
 
-_STEP = 2.5e-6  # s, of a modulated voltage; sample times of 50 and 62.5 us are whole ones
 _LONGEST = 0.4  # s of a recording, of which a controller is simulated
 _FASTER = 1.3  # than the step of the reference: the ripple is another then
 LEAST = 0.001  # of the recorded current: what simulators of other make differ by
@@ -201,7 +200,7 @@ class Controller:
         self._motion, self._low_pass = motion, low_pass
         rate = motion.rate
         count = min(len(motion.time), int(_LONGEST * rate) + 1)
-        self._grid = grid = TimeGrid(_STEP, INPUT_INTERVAL, (count - 0.5) / rate, rate)
+        self._grid = grid = TimeGrid(INPUT_INTERVAL, INPUT_INTERVAL, (count - 0.5) / rate, rate)
         self._states = np.array([
             motion.motor(grid.time), motion.motor(grid.time, 1), motion.output(grid.time),
         ])  # fmt: skip
@@ -232,8 +231,7 @@ class Controller:
         grid, motion, given = self._grid, self._motion, values or {}
         command = np.interp(grid.time + given.get("skew", 0.0), motion.time, motion.command)
         # a comparator overshoots by what the current moves in a step
-        step = actuator.steps.reference if actuator.current_loop is None else grid.step
-        substeps = max(1, round(faster * grid.substeps * grid.step / step))
+        substeps = max(1, round(faster * grid.substeps * grid.step / answer_step(actuator)))
         truer = truer_constants(actuator) or NEUTRAL
         if truer.motor_step > 0.0 and not counts:
             truer = truer._replace(motor_step=_FINE_STEP, output_step=0.0)

@@ -21,6 +21,7 @@ from ematwin.recordings.recording import Recording
 _MOST_SAMPLES = 10_000_000  # of a record: some 1 GB
 _MOST_POINTS = 50_000_000  # of the inputs: some 2 GB
 INPUT_INTERVAL = 1e-5  # s, at most, where steps are shorter
+_MODULATED = 2.5  # times the file's step
 SLICE_STEPS = 1_000_000  # steps between two reports of progress: about 0.1 s
 _STATE_OF = {
     "motor_position": "theta_m", "motor_speed": "w_m", "output_position": "theta_o",
@@ -164,6 +165,18 @@ def simulated(
     return found
 
 
+def answer_step(actuator: BldcActuator) -> float:
+    """Step of answers that are compared, s.
+
+    The file's step resolves the instants at which a comparator switches. A modulated voltage has
+    none: behind a current loop a longer step changes currents by 0.03 %.
+    """
+    step = actuator.steps.reference
+    if actuator.current_loop is None:
+        return step
+    return max(step, min(_MODULATED * step, actuator.largest_stable_step("reference")))
+
+
 def reference_answer(
     recording: Recording,
     actuator: BldcActuator,
@@ -187,7 +200,7 @@ def reference_answer(
     key = [len(recording), *sorted((name, float(value)) for name, value in values.items())]
     drawn = zlib.crc32(repr(key).encode()) / 2.0**32
     actuator = actuator.with_arrays({name: x for name, x in values.items() if "." in name})
-    ratio, step = actuator.transmission.ratio, actuator.steps.reference
+    ratio, step = actuator.transmission.ratio, answer_step(actuator)
     rate, count = recording.sample_rate, len(recording)
     grid = TimeGrid(step, max(INPUT_INTERVAL, step), (count - 0.5) / rate, rate)
     time = np.arange(count) / rate

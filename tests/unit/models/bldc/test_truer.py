@@ -223,6 +223,18 @@ def test_a_form_of_the_reference_alone_changes_its_answer_and_not_that_of_the_la
         assert np.abs(exact[n] - exact[other]).max() > 1e-3 * np.abs(exact[n]).max()
 
 
+def test_a_modulated_drive_answers_alike_by_longer_steps():
+    loops = ("speed_loop", "current_loop", "cogging")
+    drive = PLAIN.changed({place: x for form in loops for place, x in FORMS[form].items()})
+    record = simulate("reference", "default", actuator=drive, sample_rate=1e4)
+    faults = {"friction": 0.3, "short_b": 0.1, "eccentricity": 0.2, "gain": 0.6}
+    short, long = (
+        MODEL.compare(record, one).exact(faults)["current"]
+        for one in (drive.changed({"steps.reference": 0.25e-6}), drive)
+    )
+    assert 0.0 < np.sqrt(np.sum((long - short) ** 2) / np.sum(short**2)) < 0.002
+
+
 def test_sections_that_are_left_out_leave_no_trace():
     assert truer_constants(PLAIN) == NEUTRAL
     assert PLAIN.changed({"steps.monitor": 25 * 1e-6}).fingerprint == "28230fd0bc8ee55b"
