@@ -18,6 +18,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ematwin.errors import EmatwinError
+from ematwin.estimation.equation_fit import with_secant
 from ematwin.estimation.levenberg_marquardt import NOTHING
 from ematwin.estimation.prior import Information
 from ematwin.estimation.problem import Problem
@@ -28,7 +29,7 @@ from ematwin.models.parameter_set import ParameterSet
 from ematwin.numerics.bounded_squares import bounded_squares
 from ematwin.numerics.side_by_side import side_by_side
 
-_ROUNDS = 8  # at most: mostly three, as the equations are nearly linear
+_ROUNDS = 20  # at most: mostly four, as the equations are nearly linear
 _FRACTIONS = (1.0, 0.3)  # of a step that are tried
 _STEP = 1e-3  # of a coordinate: the equations are smooth
 
@@ -88,23 +89,30 @@ class _Fit:
     def run(self, z: np.ndarray) -> tuple[np.ndarray, Information]:
         """Coordinates (1, d) of least squares next to others, by Gauss-Newton steps within bounds.
 
-        And the evidence of the equations there.
+        And the evidence of the equations there, by slopes that are fresh.
         """
         chart, free = self._problem.chart, self._free
         here = self.residuals(z)[0]
+        slopes, fresh = self._slopes(z, here), True
         for _ in range(_ROUNDS):
-            slopes = self._slopes(z, here)
             low, high = chart.lower - z[0], chart.upper - z[0]
             step = np.zeros(z.shape[1])
             step[free] = bounded_squares(slopes.T, -here, low[free], high[free])
             tried = chart.project(z + np.outer(_FRACTIONS, step))
             left = self.residuals(tried)
             costs = np.einsum("bk,bk->b", left, left)
-            best, before = int(np.argmin(costs)), float(here @ here)
-            if costs[best] < before:
+            best = int(np.argmin(costs))
+            gained = float(here @ here) - costs[best]
+            if gained > 0.0:
+                moved = (tried[best] - z[0])[free]
+                slopes = with_secant(slopes, moved, left[best] - here)
                 z, here = tried[best : best + 1], left[best]
-            if not costs[best] < before - NOTHING:
+            if gained > NOTHING:
+                fresh = False
+            elif fresh:
                 break
+            else:
+                slopes, fresh = self._slopes(z, here), True
         weights = self._weights(here)
         here = weights * here[: weights.size]
         rotation, root = np.linalg.qr((weights * slopes[:, : weights.size]).T)

@@ -104,6 +104,14 @@ def _step(
     return np.asarray(-np.linalg.lstsq(curvature, gradient, rcond=1e-12)[0])
 
 
+def with_secant(slopes: np.ndarray, step: np.ndarray, change: np.ndarray) -> np.ndarray:
+    """Slopes (d, K) of residuals that changed by ``change`` (K,) on a step (d,).
+
+    Broyden's update (1965, Math. Comp. 19, 577-593), the least one by which slopes agree with it.
+    """
+    return slopes + np.outer(step / (step @ step), change - step @ slopes)
+
+
 def energy(left: Sequence[np.ndarray]) -> float:
     """Sum of squares of residuals (K,) of several recordings."""
     return float(sum(r @ r for r in left))

@@ -20,8 +20,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ematwin.errors import EmatwinError
-from ematwin.estimation.constants import AS_GOOD, TWO_SIGMA
-from ematwin.estimation.equation_fit import EquationFit, energy
+from ematwin.estimation.constants import TWO_SIGMA
+from ematwin.estimation.equation_fit import EquationFit, energy, with_secant
 from ematwin.estimation.prior import Prior
 from ematwin.models.base import Model
 from ematwin.models.comparison import Comparison, correlation_time
@@ -29,7 +29,7 @@ from ematwin.models.optional import Equation, Form, Values
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.numerics.side_by_side import side_by_side
 
-_ROUNDS = 8  # of a fit, at most
+_ROUNDS = 20  # of a fit, at most
 _ENDS = 0.05  # relative fall of the cost at which a fit ends
 _MATTERS = 0.1  # share of what is left that a form has to explain
 _STEP = 0.01  # of a logarithm, or of a radian, that is differenced
@@ -162,7 +162,7 @@ class _Selection:
         found: list[Form] = []
         gains: list[float] = []
         absent: list[Form] = []
-        while rest and fit.cost > AS_GOOD**2 * self._least(fit.actuator):
+        while rest and fit.cost > self._least(fit.actuator):
             more, new = self._with_more(fit, found, rest, len(rest))
             if len(new) > 1:  # each has to explain something, and not another's part
                 alone, one = self._with_more(fit, found, rest, 1)
@@ -178,7 +178,7 @@ class _Selection:
             else:
                 absent += new
             rest = [form for form in rest if form not in new]
-        if found and fit.cost > AS_GOOD**2 * self._least(fit.actuator):
+        if found and fit.cost > self._least(fit.actuator):
             fit = self._together(fit)
         told = self._told(plain, fit, found, absent)
         told = replace(told, explained=(*self._known.explained, *gains))
@@ -200,7 +200,7 @@ class _Selection:
             return fit, []
         new = [form for form in rest if form.is_stated(best)]
         places = (*fit.places, *(place for form in new for place in form.fitted))
-        return self._chosen(self._fitted(best, places), [*found, *new]), new
+        return self._chosen(self._fitted(best, places, fit), [*found, *new]), new
 
     def _matters(self, more: EquationFit, fit: EquationFit) -> bool:
         """Whether forms explain a share of the residual beyond noise, and held-back data better."""
@@ -212,7 +212,7 @@ class _Selection:
         for form in forms:
             other = self._best(fit, [(one, False) for one in form.alternatives(fit.actuator)])
             if other is not None:
-                fit = min(fit, self._fitted(other, fit.places), key=lambda one: one.cost)
+                fit = min(fit, self._fitted(other, fit.places, fit), key=lambda one: one.cost)
         return fit
 
     def _together(self, fit: EquationFit) -> EquationFit:
@@ -223,7 +223,7 @@ class _Selection:
                 actuator = fit.actuator.changed(dict(values))
             except EmatwinError:  # a loop that would be unstable
                 continue
-            fits.append(self._fitted(actuator, fit.places))
+            fits.append(self._fitted(actuator, fit.places, fit))
         return min(fits, key=lambda one: one.cost)
 
     def _told(
@@ -280,31 +280,57 @@ class _Selection:
             return None
         return fit.actuator.changed(dict(starts[int(np.argmin(costs))][0]))
 
-    def _fitted(self, actuator: ParameterSet, places: Sequence[str]) -> EquationFit:
-        """Some parameters by Gauss-Newton steps, each held by its tolerance in the template."""
-        here = self._linearised(actuator, places, self._left(actuator))
+    def _fitted(
+        self, actuator: ParameterSet, places: Sequence[str], like: EquationFit | None = None
+    ) -> EquationFit:
+        """Some parameters by Gauss-Newton steps, each held by its tolerance in the template.
+
+        Slopes follow the residuals (`with_secant`), those of a fit nearby (``like``) serve first,
+        and a fit ends by fresh ones.
+        """
+        here = self._linearised(actuator, places, self._left(actuator), like)
+        fresh = like is None
         for _ in range(_ROUNDS):
-            for fraction in _FRACTIONS:
-                try:
-                    tried = _moved(here.actuator, places, fraction * here.step)
-                except EmatwinError:
-                    continue
-                there = self._left(tried)
-                if energy(there) < here.cost:
-                    break
-            else:
-                return here
-            before, here = here.cost, self._linearised(tried, places, there)
-            if here.cost > (1.0 - _ENDS) * before:
+            before, after = here, self._stepped(here)
+            ends = after is None or after.cost > (1.0 - _ENDS) * before.cost
+            here = after or before
+            if ends and fresh:
                 break
+            if ends:
+                here = self._linearised(here.actuator, places, here.left)
+            fresh = ends
         return here
 
+    def _stepped(self, here: EquationFit) -> EquationFit | None:
+        """The fit after a step that lowers its cost, with slopes that agree; None without one."""
+        for fraction in _FRACTIONS:
+            step = np.clip(fraction * here.step, -_LONGEST, _LONGEST)
+            try:
+                tried = _moved(here.actuator, here.places, step)
+            except EmatwinError:
+                continue
+            left = self._left(tried)
+            if energy(left) < here.cost:
+                slopes = [
+                    with_secant(one, step, there - r)
+                    for one, r, there in zip(here.slopes, here.left, left, strict=True)
+                ]
+                return self._fit(tried, here.places, left, slopes)
+        return None
+
     def _linearised(
-        self, actuator: ParameterSet, places: Sequence[str], here: list[np.ndarray]
+        self,
+        actuator: ParameterSet,
+        places: Sequence[str],
+        here: list[np.ndarray],
+        like: EquationFit | None = None,
     ) -> EquationFit:
-        """Residuals ``here``, their slopes and the prior at an actuator."""
+        """The fit at an actuator with residuals ``here``; slopes that ``like`` has are taken."""
+        known = {} if like is None else {place: n for n, place in enumerate(like.places)}
 
         def beside(n: int) -> list[np.ndarray]:
+            if like is not None and places[n] in known:
+                return [one[known[places[n]]] for one in like.slopes]
             for step in (_STEP, -_STEP):
                 try:
                     moved = self._left(_moved(actuator, places, step * np.eye(len(places))[n]))
@@ -315,15 +341,24 @@ class _Selection:
 
         columns = side_by_side(beside, range(len(places)))
         slopes = [np.array([column[n] for column in columns]) for n in range(len(here))]
-        cost = energy(here)
-        weight = cost / sum(r.size / correlation_time(r) for r in here)
+        return self._fit(actuator, places, here, slopes)
+
+    def _fit(
+        self,
+        actuator: ParameterSet,
+        places: Sequence[str],
+        left: list[np.ndarray],
+        slopes: list[np.ndarray],
+    ) -> EquationFit:
+        """A fit with the prior that the template gives."""
+        weight = energy(left) / sum(r.size / correlation_time(r) for r in left)
         away, spread = np.zeros(len(places)), np.full(len(places), _WIDE)
         for n, place in enumerate(places):
             if place in self._stated:
                 value, spread[n] = self._stated[place]
                 away[n] = math.log(actuator.value(place) / value)
         prior = weight * np.diag(1.0 / spread**2)
-        return EquationFit(actuator, tuple(places), here, slopes, prior @ away, prior, weight)
+        return EquationFit(actuator, tuple(places), left, slopes, prior @ away, prior, weight)
 
 
 def _count(forms: Sequence[Form], values: Values) -> int:
@@ -334,7 +369,7 @@ def _count(forms: Sequence[Form], values: Values) -> int:
 def _moved(actuator: ParameterSet, places: Sequence[str], step: np.ndarray) -> ParameterSet:
     """The actuator with parameters moved by steps (d,), of logarithms where they have a sign."""
     values = {}
-    for place, one in zip(places, np.clip(step, -_LONGEST, _LONGEST).tolist(), strict=True):
+    for place, one in zip(places, step.tolist(), strict=True):
         value = actuator.value(place)
         values[place] = value * math.exp(one) if _has_sign(actuator, place) else value + one
     return actuator.changed(values)
