@@ -113,8 +113,11 @@ def learn(
     try:
         beside = [model.compare(one.recording, forms.actuator) for one in comparisons]
         return _learnt(model, template, beside, forms, progress)
-    except (ParameterError, RecordError):  # the loop is unstable with them, or they do not fit
-        return _learnt(model, template, comparisons, FoundForms(template), progress)
+    except (ParameterError, RecordError) as refusal:  # a loop is unstable, or they do not fit
+        try:
+            return _learnt(model, template, comparisons, FoundForms(template), progress)
+        except RecordError:
+            raise refusal from None
 
 
 def _learnt(
