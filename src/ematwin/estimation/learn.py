@@ -145,7 +145,8 @@ def _learnt(
             fit, found = other, again
             beyond = _beyond_tolerance(again.values, nominals, template)
     end, misfit, alone, jitter = found
-    if misfit > max(_TOGETHER * alone, EXPLAINED) and len(comparisons) > 1:
+    unlike = misfit > max(_TOGETHER * alone, EXPLAINED) and not found.explains(floor)
+    if unlike and len(comparisons) > 1:
         refuse_odd(fit, comparisons, misfit)
     progress(0.8)
     places = [one.name for one in nominals]
