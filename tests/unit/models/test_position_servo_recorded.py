@@ -35,6 +35,15 @@ def test_false_reads_have_no_weight_and_are_said():
     assert np.abs(comparison.residuals({}, 1)).max() < 0.1
 
 
+def test_positions_count_less_while_the_target_is_at_its_speed_limit():
+    """A step of 2 rad at 5 rad/s takes 0.4 s, from a delay after the goal on."""
+    goal = np.where(TIME < 1.0, 0.0, 2.0)
+    noise = MODEL.noise(SERVO, recording(goal, np.zeros(600)))["position"]
+    late = TIME[noise > 2.0 * noise[0]]
+    assert late[0] == pytest.approx(1.0 + SERVO.controller.delay, abs=0.02)
+    assert late[-1] - late[0] == pytest.approx(2.0 / SERVO.controller.speed_limit, abs=0.02)
+
+
 def test_only_the_stretch_with_torque_is_compared():
     goal, position = followed()
     enabled = np.where(TIME < 2.0, 1.0, 0.0)

@@ -154,6 +154,18 @@ def supply(recording: Recording) -> tuple[np.ndarray, int] | None:
     return np.where(false, usual, voltage), int(false.sum())
 
 
+def limited(recording: Recording, actuator: Any) -> np.ndarray:
+    """Flags (S,) of samples at which the target of the servo is at its speed limit."""
+    controller, goal = actuator.controller, recording.channels["goal_position"]
+    late = np.interp(recording.time - controller.delay, recording.time, goal)
+    most = controller.speed_limit * recording.interval
+    flags, target = np.zeros(goal.size, dtype=bool), float(late[0])
+    for n, goes in enumerate(late.tolist()):
+        flags[n] = abs(goes - target) > most
+        target += min(max(goes - target, -most), most)
+    return flags
+
+
 def false_reads(position: np.ndarray, most: float) -> np.ndarray:
     """Flags (S,) of samples further than ``most`` (rad) from the median of their neighbours."""
     half = _NEIGHBOURS // 2
