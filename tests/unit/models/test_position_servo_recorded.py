@@ -63,10 +63,14 @@ def test_a_trip_is_said_and_forbids_a_verdict():
     assert 2.0 < MODEL.compare(given, SERVO).recording.time[-1] < 2.4
 
 
-def test_a_stall_is_said():
+@pytest.mark.parametrize(("mass", "stalls"), [(0.3, True), (2.0, False)])
+def test_a_stall_forbids_a_verdict_where_a_servo_with_any_fault_would_move(mass, stalls):
+    """A light arm rests at 0.8 rad because it is blocked; a heavy one as with a low gain too."""
     goal = np.full(600, 1.5)
     position = 0.8 * np.minimum(TIME / 0.5, 1.0)
-    assert any("stalled" in text for text in MODEL.check(recording(goal, position), SERVO))
+    given = recording(goal, position, mass=np.full(600, mass))
+    assert any("stalled" in text for text in MODEL.check(given, SERVO))
+    assert any("blocked" in text for text in MODEL.excitation(given, SERVO)) == stalls
 
 
 def test_motion_that_overshoots_is_neither():

@@ -8,7 +8,14 @@ import numpy as np
 from ematwin.models.base import Demand, Model, Signal, Values
 from ematwin.models.comparison import Candidates, TraceComparison
 from ematwin.models.position_servo.parameters import PositionServo
-from ematwin.models.position_servo.recorded import CHANNELS, check_units, limited, stretch, supply
+from ematwin.models.position_servo.recorded import (
+    CHANNELS,
+    check_units,
+    limited,
+    stated_arm,
+    stretch,
+    supply,
+)
 from ematwin.models.position_servo.unknowns import aliases, unknowns
 from ematwin.models.unknown import Alias, Unknown
 from ematwin.recordings.recording import Recording
@@ -72,13 +79,8 @@ class PositionServoModel(Model):
         from ematwin.models.position_servo.twin import servo_constants
 
         given, motor = inputs.channels, actuator.motor
-        stated: dict[str, float] = {
-            name: float(np.mean(given[name]))
-            for name in ("mass", "length", "arm_mass")
-            if name in given
-        }
         values = {**self.healthy(actuator), **candidates}
-        each = servo_constants(actuator.varied(values, self.fixed), values, stated)
+        each = servo_constants(actuator.varied(values, self.fixed), values, stated_arm(inputs))
         constants = Constants._make(np.full(count, one, dtype=float) for one in each)
         supply = np.ones(len(inputs))
         if "supply_voltage" in given:
