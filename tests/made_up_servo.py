@@ -46,7 +46,7 @@ def run(number: int, **faults: float) -> dict[str, np.ndarray]:
     seen = COUNT * np.round(noisy / COUNT)
     seen[rng.integers(20, SAMPLES - 20)] = -3.14
     return {
-        "run": np.full(SAMPLES, number), "time": read, "goal_position": np.interp(read, time, goal),
+        "run": np.full(SAMPLES, number), "time": read, "goal_position": goal,
         "position": seen,
         **{name: np.full(SAMPLES, x)
            for name, x in zip(("mass", "length", "arm_mass"), load, strict=True)},

@@ -24,14 +24,22 @@ def tables(tmp_path_factory) -> tuple[Path, Path]:
     healthy = made_up.write(folder / "healthy.parquet", [made_up.run(n) for n in range(9)])
     # of the motion with two sines, which shows most
     judged = [made_up.run(18 + n % 3 + 9 * n, **faults) for n, faults in enumerate(FAULTS)]
+    short = {name: values[:10] for name, values in made_up.run(29).items()}
+    made_up.write(folder / "with_short.parquet", [*judged, short])
     return healthy, made_up.write(folder / "judged.parquet", judged)
 
 
 @pytest.fixture(scope="module")
-def answer(tables) -> list[dict]:
-    done = script(EXAMPLE, tables[0], "--judge", tables[1], "--json")
+def rows(tables) -> list[dict]:
+    judged = tables[1].with_name("with_short.parquet")
+    done = script(EXAMPLE, tables[0], "--judge", judged, "--json")
     assert done.code == 0, done.err
     return json.loads(done.out)["runs"]
+
+
+@pytest.fixture(scope="module")
+def answer(rows) -> list[dict]:
+    return rows[: len(FAULTS)]
 
 
 @pytest.fixture(scope="module")
@@ -118,17 +126,11 @@ def test_the_example_refuses_what_it_cannot_use(tables, tmp_path):
     assert "position" in lacking.err
 
 
-def test_one_run_that_cannot_be_read_leaves_the_others(tables, tmp_path):
-    runs = [made_up.run(n) for n in (18, 28)]
-    runs[1] = {name: values[:10] for name, values in runs[1].items()}
-    done = script(
-        EXAMPLE, tables[0], "--judge", made_up.write(tmp_path / "two.parquet", runs), "--json"
-    )
-    first, second = json.loads(done.out)["runs"]
-    assert first["grade"] == "healthy"
-    assert second["run"] == 28
-    assert second["grade"] == "none"
-    assert "10 samples" in second["sentence"]
+def test_one_run_that_cannot_be_read_leaves_the_others(rows):
+    assert len(rows) == len(FAULTS) + 1
+    assert rows[-1]["run"] == 29
+    assert rows[-1]["grade"] == "none"
+    assert "10 samples" in rows[-1]["sentence"]
 
 
 @pytest.mark.parametrize(

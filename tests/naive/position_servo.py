@@ -18,7 +18,7 @@ def position(servo, faults, time, goal, load):
     ----------
     servo : parameters by place
     faults : multiples by name
-    time, goal : (S,) arrays, s and rad; straight lines between samples
+    time, goal : (S,) arrays, s and rad; a goal holds until the next
     load : mass (kg), length (m), arm mass (kg)
     """
     mass, length, arm_mass = load
@@ -34,7 +34,7 @@ def position(servo, faults, time, goal, load):
 
     # the target is limited in its rate whatever the servo does
     fine = np.linspace(time[0], time[-1], 20 * (len(time) - 1) + 1)
-    late = np.interp(fine - delay, time, goal)
+    late = goal[np.maximum(np.searchsorted(time, fine - delay, side="right") - 1, 0)]
     target = np.empty_like(late)
     target[0] = goal[0]
     most = servo["controller.speed_limit"] * (fine[1] - fine[0])
@@ -51,8 +51,9 @@ def position(servo, faults, time, goal, load):
         coulomb = servo["friction.coulomb"] + servo["friction.load_share"] * abs(gravity)
         static = servo["friction.stribeck"] + servo["friction.static_share"] * abs(gravity)
         dry = coulomb + fading * static
-        torque = stall * duty - back_emf * w - gravity
-        return [w, (torque - rubs * dry * np.tanh(w / _STICK)) / inertia]
+        linear = stall * duty - back_emf * w
+        torque = linear / np.sqrt(1.0 + (linear / (weak * servo["motor.saturation_torque"])) ** 2)
+        return [w, (torque - gravity - rubs * dry * np.tanh(w / _STICK)) / inertia]
 
     found = solve_ivp(
         slope, (time[0], time[-1]), [goal[0], 0.0], method="LSODA", t_eval=time,

@@ -182,7 +182,8 @@ class FaultSets:
 
     @cached_property
     def _given(self) -> dict[str, Draws]:
-        own = {one.name: [s for s in self.sets if one.name in s.faults] for one in self.faults}
+        there = [s for s in self.sets if s.probability > 0.0]
+        own = {one.name: [s for s in there if one.name in s.faults] for one in self.faults}
         return {name: self._resampled(sets) for name, sets in own.items() if sets}
 
     def share(self, of: Callable[[Draws], np.ndarray]) -> float:

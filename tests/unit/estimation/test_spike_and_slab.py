@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from ematwin.estimation.spike_and_slab import FaultSets, fault_sets
+from ematwin.estimation.spike_and_slab import FaultSet, FaultSets, fault_sets
 from ematwin.models.chart import Chart
 from ematwin.models.unknown import Unknown
 
@@ -190,3 +190,14 @@ def test_a_set_that_is_next_to_impossible_has_no_draws():
     found = fault_sets(Chart([fault("a"), fault("b")]), mean, np.diag(errors**2))
     for name, error in zip("ab", errors, strict=True):
         assert found.given(name).of(name).std() == pytest.approx(error, rel=0.05)
+
+
+def test_a_fault_whose_sets_are_all_impossible_answers_as_if_it_were_absent():
+    faults = (fault("a"), fault("b"))
+    sets = [
+        FaultSet(frozenset(name), share, np.full((10, 2), value))
+        for name, share, value in (("a", 1.0, 0.4), ("b", 0.0, 0.7))
+    ]
+    found = FaultSets(faults, tuple(sets))
+    assert found.probabilities == {"a": 1.0, "b": 0.0}
+    assert found.given("b").of("b").mean() == found.given("a").of("b").mean()

@@ -35,6 +35,15 @@ def test_false_reads_have_no_weight_and_are_said():
     assert np.abs(comparison.residuals({}, 1)).max() < 0.1
 
 
+def test_positions_count_less_while_the_target_is_at_its_speed_limit():
+    """A step of 2 rad at 5 rad/s takes 0.4 s, from a delay after the goal on."""
+    goal = np.where(TIME < 1.0, 0.0, 2.0)
+    noise = MODEL.noise(SERVO, recording(goal, np.zeros(600)))["position"]
+    late = TIME[noise > 2.0 * noise[0]]
+    assert late[0] == pytest.approx(1.0 + SERVO.controller.delay, abs=0.02)
+    assert late[-1] - late[0] == pytest.approx(2.0 / SERVO.controller.speed_limit, abs=0.02)
+
+
 def test_only_the_stretch_with_torque_is_compared():
     goal, position = followed()
     enabled = np.where(TIME < 2.0, 1.0, 0.0)
@@ -54,10 +63,14 @@ def test_a_trip_is_said_and_forbids_a_verdict():
     assert 2.0 < MODEL.compare(given, SERVO).recording.time[-1] < 2.4
 
 
-def test_a_stall_is_said():
+@pytest.mark.parametrize(("mass", "stalls"), [(0.3, True), (2.0, False)])
+def test_a_stall_forbids_a_verdict_where_a_servo_with_any_fault_would_move(mass, stalls):
+    """A light arm rests at 0.8 rad because it is blocked; a heavy one as with a low gain too."""
     goal = np.full(600, 1.5)
     position = 0.8 * np.minimum(TIME / 0.5, 1.0)
-    assert any("stalled" in text for text in MODEL.check(recording(goal, position), SERVO))
+    given = recording(goal, position, mass=np.full(600, mass))
+    assert any("stalled" in text for text in MODEL.check(given, SERVO))
+    assert any("blocked" in text for text in MODEL.excitation(given, SERVO)) == stalls
 
 
 def test_motion_that_overshoots_is_neither():

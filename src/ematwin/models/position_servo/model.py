@@ -8,13 +8,20 @@ import numpy as np
 from ematwin.models.base import Demand, Model, Signal, Values
 from ematwin.models.comparison import Candidates, TraceComparison
 from ematwin.models.position_servo.parameters import PositionServo
-from ematwin.models.position_servo.recorded import CHANNELS, check_units, stretch, supply
+from ematwin.models.position_servo.recorded import (
+    CHANNELS,
+    check_units,
+    limited,
+    stated_arm,
+    stretch,
+    supply,
+)
 from ematwin.models.position_servo.unknowns import aliases, unknowns
 from ematwin.models.unknown import Alias, Unknown
 from ematwin.recordings.recording import Recording
 
 _READ = 0.004
-_LATE = 0.003  # s, by which reads on a bus come sooner or later
+_LATE = 0.003  # s, by which reads and goals on a bus come sooner or later
 _NO_WEIGHT = 1e6  # times the noise
 
 
@@ -58,7 +65,9 @@ class PositionServoModel(Model):
         good = np.flatnonzero(~false)
         smooth = np.interp(np.arange(len(recording)), good, position[good])
         speed = np.gradient(smooth, recording.time)
-        noise = np.hypot(_READ, _LATE * speed)
+        # time that a target at its speed limit loses to a late goal stays lost until the goal turns
+        lost = _LATE * actuator.controller.speed_limit * limited(recording, actuator)
+        noise = np.sqrt(_READ**2 + (_LATE * speed) ** 2 + lost**2)
         noise[false] *= _NO_WEIGHT
         return {"position": noise}
 
@@ -70,13 +79,8 @@ class PositionServoModel(Model):
         from ematwin.models.position_servo.twin import servo_constants
 
         given, motor = inputs.channels, actuator.motor
-        stated: dict[str, float] = {
-            name: float(np.mean(given[name]))
-            for name in ("mass", "length", "arm_mass")
-            if name in given
-        }
         values = {**self.healthy(actuator), **candidates}
-        each = servo_constants(actuator.varied(values, self.fixed), values, stated)
+        each = servo_constants(actuator.varied(values, self.fixed), values, stated_arm(inputs))
         constants = Constants._make(np.full(count, one, dtype=float) for one in each)
         supply = np.ones(len(inputs))
         if "supply_voltage" in given:

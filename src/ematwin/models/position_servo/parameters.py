@@ -40,8 +40,12 @@ class ServoMotor(Section):
 
     rated_voltage: float = quantity("V", "voltage of torque and speed", exact=True, gt=0)
     stall_torque: float = quantity(
-        "N*m", "torque at rest and full duty", tolerance=0.4, drift=0.05, gt=0
+        "N*m", "torque at rest and full duty without saturation", tolerance=0.4, drift=0.05, gt=0
     )
+    saturation_torque: float = quantity(
+        "N*m", "torque that the motor tends to however much duty and supply ask for",
+        tolerance=0.6, drift=0.05, gt=0,
+    )  # fmt: skip
     no_load_speed: float = quantity(
         "rad/s", "speed at full duty without friction", tolerance=0.3, drift=0.05, gt=0
     )

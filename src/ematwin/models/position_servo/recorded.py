@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ematwin.errors import RecordError
+from ematwin.models.position_servo.unknowns import unknowns
 from ematwin.recordings.channel import Channel
 from ematwin.recordings.cleaning import runs
 from ematwin.recordings.recording import Recording
@@ -96,20 +97,23 @@ def stretch(recording: Recording, actuator: Any) -> Stretch:
         said.append(f"The supply voltage is false in {voltage[1]} samples: the usual one counts.")
     moved = smooth(recording, false, first, stop)
     rests = _runs_of(actuator, recording, moved, _rests, 2.0 * _LASTS)
-    if rests is not None:
-        said.append(
-            f"The servo rests far from its goal from {time[first + rests]:.2f} s on: it stalled, "
-            "or its gain is low."
-        )
-    falls = _runs_of(actuator, recording, moved, _falls, _LASTS)
-    if falls is not None:
-        at = f"{time[first + falls]:.2f} s"
-        said.append(f"The servo lost its torque at {at}; what follows is not compared.")
+    ends = _runs_of(actuator, recording, moved, _falls, _LASTS)
+    what, why = "lost its torque", "as its overload protection does (trip)"
+    if ends is None and rests is not None:
+        if _would_move(actuator, recording, first + rests, moved.error[rests]):
+            ends, what, why = rests, "stalled", "blocked or without torque (trip)"
+        else:
+            said.append(
+                f"The servo rests far from its goal from {time[first + rests]:.2f} s on: it "
+                "stalled, or its gain is low."
+            )
+    if ends is not None:
+        at = f"{time[first + ends]:.2f} s"
+        said.append(f"The servo {what} at {at}; what follows is not compared.")
         obstacles.append(
-            f"The servo lost its torque at {at}, as its overload protection does (trip). Free its "
-            "motion or lighten it, and record again."
+            f"The servo {what} at {at}, {why}. Free its motion or lighten it, and record again."
         )
-        stop = first + falls
+        stop = first + ends
     if stop - first < _SHORTEST:
         obstacles.append(
             f"Torque was on in {stop - first} samples without a break; at least {_SHORTEST} are "
@@ -118,6 +122,12 @@ def stretch(recording: Recording, actuator: Any) -> Stretch:
         stop = min(size, first + _SHORTEST)
         first = stop - _SHORTEST
     return Stretch(first, stop, false, said, obstacles)
+
+
+def stated_arm(recording: Recording) -> dict[str, float]:
+    """Parameters of the arm that a recording states, by name."""
+    given = recording.channels
+    return {n: float(np.mean(given[n])) for n in ("mass", "length", "arm_mass") if n in given}
 
 
 def check_units(recording: Recording, actuator: Any) -> None:
@@ -152,6 +162,18 @@ def supply(recording: Recording) -> tuple[np.ndarray, int] | None:
     usual = float(np.median(voltage))
     false = np.abs(voltage - usual) > _SUPPLY * usual
     return np.where(false, usual, voltage), int(false.sum())
+
+
+def limited(recording: Recording, actuator: Any) -> np.ndarray:
+    """Flags (S,) of samples at which the target of the servo is at its speed limit."""
+    controller, goal = actuator.controller, recording.channels["goal_position"]
+    late = np.interp(recording.time - controller.delay, recording.time, goal)
+    most = controller.speed_limit * recording.interval
+    flags, target = np.zeros(goal.size, dtype=bool), float(late[0])
+    for n, goes in enumerate(late.tolist()):
+        flags[n] = abs(goes - target) > most
+        target += min(max(goes - target, -most), most)
+    return flags
 
 
 def false_reads(position: np.ndarray, most: float) -> np.ndarray:
@@ -208,3 +230,24 @@ def _runs_of(
         if (b - a) * recording.interval >= least:
             return a
     return None
+
+
+def _would_move(actuator: Any, recording: Recording, at: int, error: float) -> bool:
+    """Whether a servo with torque would leave a rest, even with the largest single fault.
+
+    An arm that hangs, or has a vertical axis, does not fall where its servo loses the torque.
+    """
+    from ematwin.models.position_servo.twin import servo_constants
+
+    table = {one.name: one for one in unknowns(actuator)}
+    healthy = {name: one.healthy for name, one in table.items()}
+    worst = {name: table[name].lower for name in ("gain", "torque")}
+    worst |= {name: table[name].upper for name in ("friction", "payload")}
+    for name, value in worst.items():
+        c = servo_constants(actuator, {**healthy, name: value}, stated_arm(recording))
+        linear = c.stall_torque * min(c.gain * abs(error), 1.0)
+        load = abs(c.gravity * np.sin(recording.channels["position"][at]) + c.load_torque)
+        holds = load + c.coulomb + c.stribeck + (c.load_share + c.static_share) * load
+        if linear / np.hypot(1.0, linear / c.saturation) < holds:
+            return False
+    return True

@@ -3,10 +3,12 @@
 All on the output shaft: a torque of the motor times the gear ratio, its inertia times the ratio
 squared.
 
-    target = rate_limit(goal(t - delay))                       at most ``speed_limit``
+    target = rate_limit(goal(t - delay))                       at most ``speed_limit``; each goal
+                                                               holds until the next
     error  = target - output(t - T_c/2) - offset               encoder on the output
     duty   = clip(gain error + startup sign(error), 1)         pulse width, 0 where released
-    torque = T_s duty V/V_rated - (T_s/w_0) w                  stall torque, no-load speed
+    linear = T_s duty V/V_rated - (T_s/w_0) w                  stall torque, no-load speed
+    torque = linear/sqrt(1 + (linear/T_sat)^2)                 saturation
     F      = F_c + k |load| + (F_s + k_s |load|)/(1 + (w/w_s)^2)  friction
     load   = (m + m_arm/2) g L sin(output) + constant torque
 
@@ -44,8 +46,9 @@ class Constants(NamedTuple):
     speed_limit: float  # rad/s
     late: float  # s, age of the position that the controller acts on
     offset: float  # rad
-    stall_torque: float  # N m
+    stall_torque: float  # N m, without saturation
     back_emf: float  # N m s/rad
+    saturation: float  # N m, torque that it never exceeds
     inertia: float  # kg m^2
     half_gap: float  # rad
     coulomb: float  # N m
@@ -90,15 +93,31 @@ ENCODER_STEP = 2.0 * math.pi / 4096.0  # rad
 
 
 @part
-def servo_step(now, goal, supply, c, dt):
-    """Advance by ``dt``; ``supply`` is that voltage over the rated one, 0 where released."""
+def followed(target, goal, most):
+    """Target after a time in which it moves by ``most`` or less, and its mean over that time."""
+    away = goal - target
+    move = clip(away, -most, most)
+    busy = clip(abs(away) / (most + 1e-12), 0.0, 1.0)  # share of the time in which it moves
+    return target + move, target + move - 0.5 * busy * move
+
+
+@part
+def servo_step(now, before, after, share, supply, c, dt):
+    """Advance by ``dt``; ``supply`` is that voltage over the rated one, 0 where released.
+
+    The goal is ``before``, and ``after`` for the last ``share`` of the step.
+    """
     most = c.speed_limit * dt
-    target = now.target + clip(goal - now.target, -most, most)
+    between, first = followed(now.target, before, (1.0 - share) * most)
+    target, last = followed(between, after, share * most)
+    follows = first + share * (last - first)
     middle = now.theta + 0.5 * dt * now.w  # torques act in the middle of the step
     load = c.gravity * sincos(middle)[0] + c.load_torque
-    torque = c.stall_torque * duty_of(0.5 * (now.target + target), middle, now.w, c) * supply
+    linear = c.stall_torque * duty_of(follows, middle, now.w, c) * supply
     back_emf = c.back_emf if supply > 0.0 else 0.0
-    act = torque - back_emf * now.w_m
+    linear -= back_emf * now.w_m
+    left = 1.0 / math.sqrt(1.0 + (linear / c.saturation) * (linear / c.saturation))
+    act, back_emf = left * linear, left * back_emf
     # the trapezoidal rule for the back-EMF: stable however long the step
     inertia = c.inertia + 0.5 * dt * back_emf
     dry = friction(now.w_m, load, c)
@@ -123,11 +142,14 @@ def servo_step(now, goal, supply, c, dt):
 
 
 @part
-def delayed(goal, sample, delay):
-    """The goal at a sample less a delay in samples, between samples on a straight line."""
+def delayed(goal, sample, delay, step):
+    """Goals before and after a step, each held until the next, and the share of the step after.
+
+    ``sample`` is the end of the step; ``delay`` and ``step`` are in samples.
+    """
     at = max(sample - delay, 0.0)
-    n = min(int(at), goal.size - 2)
-    return goal[n] + min(at - n, 1.0) * (goal[n + 1] - goal[n])
+    n = min(int(at), goal.size - 1)
+    return goal[max(n - 1, 0)], goal[n], min((at - n) / step, 1.0)
 
 
 @loop
@@ -155,10 +177,10 @@ def traces(constants, goal, supply, start, speed, interval, substeps):
         c = Constants(
             constants.gain[n], constants.startup[n], constants.delay[n], constants.speed_limit[n],
             constants.late[n], constants.offset[n], constants.stall_torque[n],
-            constants.back_emf[n], constants.inertia[n], constants.half_gap[n],
-            constants.coulomb[n], constants.stribeck[n], constants.stribeck_speed[n],
-            constants.load_share[n], constants.static_share[n], constants.gravity[n],
-            constants.load_inertia[n], constants.load_torque[n],
+            constants.back_emf[n], constants.saturation[n], constants.inertia[n],
+            constants.half_gap[n], constants.coulomb[n], constants.stribeck[n],
+            constants.stribeck_speed[n], constants.load_share[n], constants.static_share[n],
+            constants.gravity[n], constants.load_inertia[n], constants.load_torque[n],
         )  # fmt: skip
         nothing = 0.0
         for value in c:
@@ -172,6 +194,7 @@ def traces(constants, goal, supply, start, speed, interval, substeps):
         for sample in range(1, samples):
             for j in range(substeps):
                 at = sample - 1 + (j + 1) / substeps
-                now = servo_step(now, delayed(goal, at, delay), supply[sample - 1], c, dt)
+                before, after, share = delayed(goal, at, delay, 1.0 / substeps)
+                now = servo_step(now, before, after, share, supply[sample - 1], c, dt)
             position[n, sample] = now.theta + nothing
     return position

@@ -38,6 +38,7 @@ def servo_constants(
         offset=values["offset"],
         stall_torque=torque,
         back_emf=torque / motor.no_load_speed * weak,
+        saturation=motor.saturation_torque * weak,
         inertia=actuator.gear.inertia,
         half_gap=0.5 * actuator.gear.backlash * values["backlash"],
         coulomb=friction.coulomb * rubs,
@@ -55,7 +56,7 @@ def stepped(actuator: PositionServo, most_delay: float, interval: float) -> Step
     """The servo sample by sample, from rest at its first goal, at the rated supply.
 
     Behind the fields of `State` stand the steps done and the goals of the last ones, as far back
-    as ``most_delay`` times the healthy delay reaches.
+    as ``most_delay`` times the healthy delay reaches. A goal is taken at each sample and held.
     """
     substeps = math.ceil(interval / actuator.steps.twin - 1e-9)
     dt = interval / substeps
@@ -88,14 +89,15 @@ def stepped(actuator: PositionServo, most_delay: float, interval: float) -> Step
     @part
     def advance(c, x, u):  # type: ignore[no-untyped-def]
         own = constants_of(c, 0)
+        last = int(x[done, 0])
         end = x[done, 0] + 1.0
         x[done, 0] = end
-        x[goals + int(end) % kept, 0] = u[0, 0]
+        goal = u[0, 0] if last % substeps == 0 else x[goals + last % kept, 0]
+        x[goals + int(end) % kept, 0] = goal
         at = max(end - own.delay / dt, 0.0)
         n = min(int(at), int(end) - 1)
         before, after = x[goals + n % kept, 0], x[goals + (n + 1) % kept, 0]
-        goal = before + (at - n) * (after - before)
-        write_state(x, 0, servo_step(state_of(x, 0), goal, 1.0, own, dt))
+        write_state(x, 0, servo_step(state_of(x, 0), before, after, at - n, 1.0, own, dt))
 
     return Stepped(
         inputs=("goal_position",),
@@ -106,7 +108,7 @@ def stepped(actuator: PositionServo, most_delay: float, interval: float) -> Step
         advance=advance,
         interval=interval,
         substeps=substeps,
-        at=(1.0,),
+        at=(0.0,),
         constant_count=len(Constants._fields),
         state_count=goals + kept,
         fixed=fixed,

@@ -39,7 +39,10 @@ def aliases() -> list[Alias]:
         Alias("controller.gain", {"gain": 1.0}),
         Alias("controller.delay", {"delay": 1.0}),
         Alias("gear.backlash", {"backlash": 1.0}),
-        Alias("motor.stall_torque", {"torque": 1.0, "motor.no_load_speed": 1.0}),
+        Alias(
+            "motor.stall_torque",
+            {"torque": 1.0, "motor.no_load_speed": 1.0, "motor.saturation_torque": -1.0},
+        ),
         Alias(
             "friction.coulomb",
             {"friction": 1.0}
