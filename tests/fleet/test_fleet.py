@@ -119,6 +119,37 @@ def test_an_overhaul_starts_the_actuator_anew(tmp_path):
     assert len(again.events) == len(Fleet(tmp_path, now=END)["EMA-01"].events)
 
 
+def test_a_wrong_entry_is_withdrawn_and_the_history_shows_both(alarmed, tmp_path):
+    folder, serial, name = alarmed
+    unit = Fleet(folder, now=END)[serial]
+    alarm, wrong = unit.alarms()[name], END - timedelta(days=40)
+    unit.overhaul(wrong, "gear")
+    unit.overhaul(wrong, "gear")  # again is once
+    unit.silence(name, END + timedelta(days=30))
+    assert years(wrong) in unit.series(name).overhauls
+    entries = [one["id"] for one in unit.events if one["what"] in ("overhaul", "silenced")]
+    assert len(entries) == 2
+    with pytest.raises(InputError, match=r"'beef' of EMA-.* is unknown; those that can be with"):
+        unit.withdraw(entries[0], "beef")
+    assert [one["id"] for one in unit.withdraw(*entries, note="wrong date")] == entries
+    assert unit.alarms()[name] == alarm
+    unit.report(tmp_path / "one.html")
+    page = (tmp_path / "one.html").read_text()
+    assert f"overhaul, entered on {END:%Y-%m-%d} (gear) \N{EM DASH} withdrawn" in page
+    assert f"withdrawn overhaul of {wrong:%Y-%m-%d} (wrong date)" in page
+    with pytest.raises(InputError, match="is withdrawn; those that can be withdrawn: "):
+        unit.withdraw(entries[0][:6])
+    later = Fleet(folder, now=END + timedelta(days=1))[serial]
+    later.overhaul(wrong, "gear")  # it was right after all
+    assert years(wrong) in later.series(name).overhauls
+    later.withdraw(*[one["id"] for one in later.events if one["what"] == "overhaul"])
+
+
+def test_an_overhaul_that_is_to_come_is_refused(alarmed):
+    with pytest.raises(InputError, match="received 2126-05-01 00:00, which is to come"):
+        Fleet(alarmed[0], now=END)[alarmed[1]].overhaul("2126-05-01")
+
+
 def state(fleet, level, slope=0.0, error=0.003):
     """A trend of friction at a level."""
     from dataclasses import replace
@@ -205,11 +236,18 @@ def test_maintainers_answer_in_the_shell(alarmed, ematwin):
     answer = ematwin("fleet", "overhaul", folder, serial, "--on", "2025-06-01", "--note", "new")
     assert answer.out == f"{serial}: overhaul on 2025-06-01 recorded.\n"
     assert years(datetime(2025, 6, 1, tzinfo=UTC)) in Fleet(folder)[serial].series(name).overhauls
+    events = json.loads(ematwin("fleet", "history", folder, serial, "--json").out)["events"]
+    entry = next(one["id"] for one in events if one["time"][:10] == "2025-06-01")
+    assert entry[:8] in ematwin("fleet", "history", folder, serial).out
+    answer = ematwin("fleet", "withdraw", folder, serial, entry[:8], "--note", "wrong day")
+    assert answer.out == f"{serial}: overhaul of 2025-06-01 withdrawn.\n", answer.err
+    assert Fleet(folder)[serial].series(name).overhauls == ()
     for wrong, said in (
         (("overhaul", folder, "EMA-99"), "no judged recording of 'EMA-99'"),
         (("overhaul", folder, serial, "--on", "soon"), "received 'soon'"),
         (("silence", folder, serial), "Missing option '--until'"),
         (("acknowledge", folder, serial, "rust"), "There is no estimate of 'rust'"),
+        (("withdraw", folder, serial, "beef"), "'beef' of EMA"),
         (("status", folder.parent / "none"), "There is no fleet in"),
     ):
         answer = ematwin("fleet", *wrong)

@@ -189,12 +189,13 @@ class FleetStore:
         self._held.note(json.dumps(event, sort_keys=True, default=str))
 
     def events(self) -> list[dict[str, Any]]:
-        """All events by time, each with ``time`` as a datetime."""
+        """All events by time, each with its ``id``, and since when it is ``known``; datetimes."""
         found = []
         for place, text in self._held.events():
             try:
                 event = json.loads(text)
-                event["time"] = moment_of(event["time"])
+                event |= {"id": digest(text), "time": moment_of(event["time"])}
+                event["known"] = moment_of(event.pop("entered", event["time"]))
             except (ValueError, KeyError, TypeError):
                 raise FileError(f"{place} is damaged. Remove it.") from None
             found.append(event)
