@@ -4,7 +4,7 @@
     python benchmarks/fleet.py screw ../shared/data/xjtu_ball_screw/friction_torque.csv
     python benchmarks/fleet.py paths --seeds $(seq 300 399)
     python benchmarks/fleet.py predictions --seeds 104 --actuators 15 > predictions.json
-    python benchmarks/fleet.py kill
+    python benchmarks/fleet.py kill [postgresql://user@host/name]
     python benchmarks/fleet.py size
     python benchmarks/fleet.py errors
 
@@ -192,37 +192,49 @@ def exported(seed, actuators, per_year, every):
     return told
 
 
-def killed(times=20):
-    """Kill ``ematwin watch`` again and again: rows lost, and rows that are there twice."""
+def killed(address, times=20):
+    """Two ``ematwin watch`` on one store, killed in turn: rows lost, and rows there twice.
+
+    ``address`` of a PostgreSQL database; None for the folder.
+    """
     import ematwin
 
-    with tempfile.TemporaryDirectory() as folder:
-        inside = Path(folder) / "recordings" / "S-1"
-        inside.mkdir(parents=True)
-        for n in range(2 * times):
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for n in range(3 * times):
             made = ematwin.simulate(actuator="sts3215", noise=0.01, seed=n)
             day = datetime(2025, 1, 1, tzinfo=UTC) + timedelta(days=n)
+            inside = folder / "recordings" / f"S-{n % 3}"
+            inside.mkdir(parents=True, exist_ok=True)
             ematwin.write(made, inside / f"{day:%Y-%m-%d}.parquet")
+        (folder / "fleet").mkdir()
+        if address is not None:
+            (folder / "fleet" / "fleet.toml").write_text(f'store = "{address}"\n')
+        store = Fleet(folder / "fleet").store
         command = [
             sys.executable, "-m", "ematwin", "watch", "recordings", "--fleet", "fleet",
             "--actuator", "sts3215",
         ]  # fmt: skip
-        rows = Path(folder) / "fleet" / "rows"
-        lost, seen = 0, set()
-        for _ in range(times):
-            before = len(list(rows.glob("*/[!.]*.parquet")))
-            watcher = subprocess.Popen(command, cwd=folder, stdout=subprocess.DEVNULL)
-            while len(list(rows.glob("*/[!.]*.parquet"))) == before and watcher.poll() is None:
-                time.sleep(0.005)
-            watcher.kill()
-            watcher.wait()
-            now = {row["id"] for row in Fleet(rows.parent).store.rows().to_pylist()}
+
+        def start():
+            return subprocess.Popen(command, cwd=folder, stdout=subprocess.DEVNULL)
+
+        both, lost, seen, kills = [start(), start()], 0, set(), 0
+        while kills < times:
+            while True:  # until one of them has kept a recording more
+                now = set(store.rows()["id"].to_pylist())
+                if len(now) > len(seen) or all(one.poll() is not None for one in both):
+                    break
             lost += len(seen - now)
-            seen = now
-        subprocess.run(command, cwd=folder, check=True, stdout=subprocess.DEVNULL)
-        table = Fleet(rows.parent).store.rows()
-        return {"kills": times, "recordings": 2 * times, "rows": table.num_rows, "lost": lost,
-                "twice": table.num_rows - len(set(table["content"].to_pylist()))}  # fmt: skip
+            seen, n = now, kills % 2
+            kills += both[n].poll() is None
+            both[n].kill()
+            both[n].wait()
+            both[n] = start()
+        codes = [one.wait() for one in both]
+        content = store.rows()["content"].to_pylist()
+        return {"kills": kills, "recordings": 3 * times, "rows": len(content), "lost": lost,
+                "twice": len(content) - len(set(content)), "exit codes": codes}  # fmt: skip
 
 
 def forecast(test, value, share):
@@ -326,12 +338,14 @@ def main():
     elif given.what == "predictions":
         settings = given.actuators, given.per_year, given.every
         print(json.dumps([one for seed in given.seeds for one in exported(seed, *settings)]))
+    elif given.what == "kill":
+        print(json.dumps(killed(given.path)))
     elif given.what == "screw":
         print(json.dumps(screw(given.path)))
     elif given.what == "paths":
         print(json.dumps(counted([made_up(seed) for seed in given.seeds])))
     else:
-        print(json.dumps({"size": size, "kill": killed, "errors": errors}[given.what]()))
+        print(json.dumps({"size": size, "errors": errors}[given.what]()))
 
 
 if __name__ == "__main__":

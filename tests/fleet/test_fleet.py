@@ -212,6 +212,16 @@ def alarmed(tmp_path_factory):
     return folder, changed[0]["serial_number"], changed[0]["magnitude"]
 
 
+def test_the_same_alarm_of_two_watchers_is_one(alarmed):
+    folder, serial, name = alarmed
+    later = END + timedelta(seconds=2)
+    noted = [one for one in Fleet(folder, now=later)[serial].history if one["what"] == "alarm"]
+    step = next(one["step"] for one in noted if one["magnitude"] == name)
+    FleetStore(folder).note(serial, "alarm", later, magnitude=name, step=step, why="as well")
+    again = [one for one in Fleet(folder, now=later)[serial].history if one["what"] == "alarm"]
+    assert again == noted
+
+
 def test_an_alarm_is_seen_and_silenced(alarmed):
     folder, serial, name = alarmed
     fleet = Fleet(folder, now=END)

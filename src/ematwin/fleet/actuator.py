@@ -49,9 +49,19 @@ class FleetActuator:
         self, fleet: "Fleet", serial_number: str, rows: list[dict[str, Any]],
         events: list[dict[str, Any]],
     ) -> None:  # fmt: skip
-        self.fleet, self.serial_number, self.rows, self.history = fleet, serial_number, rows, events
+        self.fleet, self.serial_number, self.rows = fleet, serial_number, rows
         self._withdrawn = {one["entry"] for one in events if one["what"] == "withdrawn"}
-        self.events = [one for one in events if one["id"] not in self._withdrawn]
+        self.history: list[dict[str, Any]] = []
+        steps: dict[str, str] = {}
+        for one in events:
+            if one["what"] == "alarm":
+                if steps.get(one["magnitude"], "none") == one["step"]:
+                    continue  # another watcher had noted it already
+                steps[one["magnitude"]] = one["step"]
+            elif one["what"] == "overhaul" and one["id"] not in self._withdrawn:
+                steps.clear()
+            self.history.append(one)
+        self.events = [one for one in self.history if one["id"] not in self._withdrawn]
         self._trends: dict[str, Trend] = {}
         self._lives: dict[str, Life] = {}
 
