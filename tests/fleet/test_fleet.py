@@ -145,6 +145,18 @@ def test_a_wrong_entry_is_withdrawn_and_the_history_shows_both(alarmed, tmp_path
     later.withdraw(*[one["id"] for one in later.events if one["what"] == "overhaul"])
 
 
+def test_an_overhauled_actuator_is_as_new_before_its_next_recording(alarmed):
+    folder, serial, name = alarmed
+    unit = Fleet(folder, now=END)[serial]
+    assert unit.alarms()[name].step != "none"
+    unit.overhaul(END)
+    assert unit.alarms()[name].step == "none"
+    assert "after a jump" not in unit.alarms()[name].why
+    level, error, _ = unit.trend(name).at(years(END))
+    assert abs(level - unit.unknown(name).healthy) < 3.0 * error
+    unit.withdraw(unit.events[-1]["id"])
+
+
 def test_an_overhaul_that_is_to_come_is_refused(alarmed):
     with pytest.raises(InputError, match="received 2126-05-01 00:00, which is to come"):
         Fleet(alarmed[0], now=END)[alarmed[1]].overhaul("2126-05-01")

@@ -115,7 +115,7 @@ class Trend:
     ----------
     series : the data
     wear : the fleet's prior
-    mean, covariance : (2,) and (2, 2) arrays, level and slope after the last estimate
+    mean, covariance : (2,) and (2, 2) arrays, level and slope at ``time``
     level, level_error : (n,) arrays, smoothed, and its standard error
     slope : (n,) array, smoothed, per year
     corrected : (n,) array, estimates less the effects of covariates
@@ -137,17 +137,15 @@ class Trend:
 
     @cached_property
     def states(self) -> list[tuple[Wear, np.ndarray, np.ndarray]]:
-        """Mean and covariance of the state after the last estimate, for each draw of the wear."""
+        """Mean and covariance of the state at ``time``, for each draw of the wear."""
         if not self.wear.others:
             return [(self.wear, self.mean, self.covariance)]
-        passes = [(one, again(self.series, self, one)) for one in self.wear.others]
-        # copies: a view would keep all moments of the pass
-        return [(w, one.mean[-1, :2].copy(), one.cov[-1, :2, :2].copy()) for w, one in passes]
+        return [(one, *again(self.series, self, one).last()) for one in self.wear.others]
 
     @property
     def time(self) -> float:
-        """Of the last estimate, years."""
-        return float(self.series.time[-1])
+        """Of the last estimate, or of an overhaul after it, years."""
+        return max(float(self.series.time[-1]), *self.series.overhauls, -math.inf)
 
     @property
     def constant_variance(self) -> float:
@@ -161,7 +159,7 @@ class Trend:
         return float(mean[0]), math.sqrt(cov[0, 0]), float(mean[1])
 
     def later(self, ahead: float) -> list[tuple[Wear, np.ndarray, np.ndarray]]:
-        """`states` some years after the last estimate."""
+        """`states` some years after ``time``."""
         return [(one, *self._later(ahead, one, mean, cov)) for one, mean, cov in self.states]
 
     def _later(
@@ -191,6 +189,7 @@ class Pass:
         self.reset = np.zeros(n, dtype=bool)
         starts = np.searchsorted(series.time, np.array(series.overhauls, dtype=float))
         self.reset[[i for i in starts if 0 < i < n]] = True
+        self._renewed, self._wear = n in starts, wear
         self.mean, self.cov, gain = np.empty((n + 1, 4)), np.empty((n + 1, 4, 4)), np.empty((n, 4))
         innovation, power = np.empty(n), np.empty(n)
         # contiguous: filter and smoother are compiled for each layout of their arguments
@@ -210,6 +209,13 @@ class Pass:
             innovation, power, self.score, self.weight, self.residual, self.precision,
             self.smooth, self.error,
         )  # fmt: skip
+
+    def last(self) -> tuple[np.ndarray, np.ndarray]:
+        """Mean and covariance of level and slope after the last estimate and overhaul."""
+        if self._renewed:
+            return self._wear.mean[:2], np.diag(self._wear.spread[:2] ** 2)
+        # copies: a view would keep all moments of the pass
+        return self.mean[-1, :2].copy(), self.cov[-1, :2, :2].copy()
 
     def odds(self, series: Series, wear: Wear) -> tuple[np.ndarray, np.ndarray]:
         """Log odds, (n,) each, of an outlier at, and of a jump before, each estimate."""
@@ -255,7 +261,7 @@ def trend(series: Series, wear: Wear) -> Trend:
         done = Pass(series, wear, outliers, jumps)
     effect = (done.smooth[:, _EFFECTS:] * series.covariates).sum(axis=1)
     return Trend(
-        series, wear, done.mean[-1, :2].copy(), done.cov[-1, :2, :2].copy(),
+        series, wear, *done.last(),
         done.smooth[:, _LEVEL], np.sqrt(np.maximum(done.error[:, _LEVEL], 0.0)),
         done.smooth[:, SLOPE], series.value - effect,
         tuple(sorted(outliers)), tuple(sorted(jumps)), done.told,
