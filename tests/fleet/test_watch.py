@@ -85,6 +85,31 @@ def test_what_cannot_be_judged_is_set_aside_and_the_rest_goes_on(recordings, tmp
     assert len(fleet.set_aside) == 6
 
 
+def test_what_was_set_aside_is_tried_again_when_it_is_mended_or_renamed(tmp_path):
+    folder, fleet = tmp_path / "recordings", Fleet(tmp_path / "fleet")
+    clock = recorded(folder, "S-1", "1971-01-01", 1)
+    growing = recorded(folder, "S-1", "2026-03-05", 2)
+    whole = growing.read_bytes()
+    growing.write_bytes(whole[: len(whole) // 2])
+    gone = folder / "S-1" / "2026-03-06.parquet"
+    gone.write_bytes(whole)
+
+    class Gone(Hashes):
+        def of(self, path):
+            gone.unlink(missing_ok=True)  # between the listing and the reading
+            return super().of(path)
+
+    found = fleet.watch(folder, actuator=SERVO, hashes=Gone())
+    assert (found.judged, len(found.set_aside)) == (0, 3)
+    assert any("No such file" in reason for _, reason in found.set_aside)
+    assert fleet.watch(folder, actuator=SERVO).known == 2
+    growing.write_bytes(whole)
+    clock.rename(clock.with_name("2026-03-01.parquet"))
+    assert fleet.watch(folder, actuator=SERVO).judged == 2
+    assert times(fleet, "S-1") == ["2026-03-01 00:00", "2026-03-05 00:00"]
+    assert fleet.set_aside == []
+
+
 def test_an_actuator_waits_for_its_twin_and_is_judged_again_by_another(recordings, tmp_path):
     fleet = Fleet(tmp_path / "fleet")
     first = fleet.watch(recordings)

@@ -110,7 +110,8 @@ class FleetStore:
     def rows(self, serial_number: str | None = None) -> pa.Table:
         """The rows of all actuators or of one, by serial number and time; each recording once.
 
-        A recording that several twins have judged has the latest judgement.
+        A recording that several twins have judged has the latest judgement. A file that was judged
+        while it was still written counts as it is now.
 
         Raises
         ------
@@ -126,6 +127,7 @@ class FleetStore:
             again = pc.and_(*alike)
             first = pa.concat_arrays([pa.array([True]), pc.invert(again)])
             whole = whole.filter(first)
+        whole = whole.filter(_as_they_are(whole))
         return whole.sort_by([("serial_number", "ascending"), ("time", "ascending")])
 
     def known(self) -> dict[str, list[dict[str, Any]]]:
@@ -299,6 +301,26 @@ class FolderRows:
                 f"{path} is damaged ({str(error).splitlines()[0][:80]}). Remove it, and watch its "
                 "recordings again."
             ) from None
+
+
+def _as_they_are(rows: pa.Table) -> pa.Array:
+    """Which rows, (N,) booleans, are of files as they are now.
+
+    The others have source, actuator and time of a row that was judged later, with other contents;
+    or were set aside, and their source has later contents.
+    """
+    names = ("source", "serial_number", "time", "grade", "content", "judged")
+    several = list(zip(*(rows[name].to_pylist() for name in names), strict=True))
+    latest: dict[tuple[Any, ...], tuple[datetime, str]] = {}
+    for *place, _, content, judged in several:
+        for key in (tuple(place), (place[0],)):
+            latest[key] = max(latest.get(key, (judged, content)), (judged, content))
+    kept = [
+        place[0] is None
+        or latest[(place[0],) if grade == SET_ASIDE else tuple(place)][1] == content
+        for *place, grade, content, _ in several
+    ]
+    return pa.array(kept, pa.bool_())
 
 
 def row_of(
