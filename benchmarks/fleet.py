@@ -93,12 +93,29 @@ def watched(seed, actuators, per_year, every):
                     predictions.setdefault(key, []).append(
                         (Prediction(moment, life.draws), by_curve)
                     )
-    return made, truths, raised, predictions
+        known = {
+            unit.serial_number: [(row["time"] - made.start).days for row in unit.rows
+                                 if row["grade"] != "none"] for unit in fleet
+        }  # fmt: skip
+    return made, truths, raised, predictions, known
+
+
+def missed(truth, name, end, looks, known):
+    """Why a failure had no alarm before its limit."""
+    level = truth.level[name]
+    begin = max((r for r, _ in truth.repairs if r <= end), default=0)
+    began = begin + int(np.flatnonzero(level[begin:] >= SMALLEST)[0])
+    last = max(day for day in looks if day <= end)
+    seen = sum(began <= day <= last for day in known)
+    if seen > 1:
+        return "not recognised"
+    return "began after the last look" if began > last else f"{seen} recordings since it began"
 
 
 def judged(seed, actuators, per_year, every):
     """Counts of one fleet."""
-    made, truths, raised, predictions = watched(seed, actuators, per_year, every)
+    made, truths, raised, predictions, known = watched(seed, actuators, per_year, every)
+    looks = range(180, made.days, every)
     false = [
         one
         for one in raised
@@ -114,7 +131,7 @@ def judged(seed, actuators, per_year, every):
         and end > begin
         and not any(begin < r <= end for r, _ in truth.repairs)
     }
-    before = {step: 0 for step in ("watch", "plan", "act")}
+    before, why = {step: 0 for step in ("watch", "plan", "act")}, []
     for serial, name, end in fails:
         begin = max((r for r, _ in truths[serial].repairs if r <= end), default=0)
         steps = {
@@ -123,6 +140,8 @@ def judged(seed, actuators, per_year, every):
         order = ["watch", "plan", "act"]
         for n, step in enumerate(order):
             before[step] += bool(steps & set(order[n:]))
+        if not steps:
+            why.append([serial, name, end, missed(truths[serial], name, end, looks, known[serial])])
     for (_, _, end), several in predictions.items():
         ends = end / 365.25
         made_ones = [one for one, _ in several]
@@ -149,13 +168,13 @@ def judged(seed, actuators, per_year, every):
         "from_horizon": every_one, "held_from_horizon": held,
         "median_horizon_years": float(np.median(horizons)) if horizons else 0.0,
         "cra": float(np.mean(ours)), "cra_exponential": float(np.mean(curves)),
-        "false": false,
+        "missed": why, "false": false,
     }  # fmt: skip
 
 
 def exported(seed, actuators, per_year, every):
     """Estimates and predictions of each failure, for other programs."""
-    made, truths, _, predictions = watched(seed, actuators, per_year, every)
+    made, truths, _, predictions, _ = watched(seed, actuators, per_year, every)
     told = []
     with tempfile.TemporaryDirectory() as folder:
         fleet = Fleet(folder, now=END)
@@ -280,8 +299,10 @@ def counted(several):
     """Points of paths within the intervals of forecasts from parts of each."""
     told = []
     for share in (1 / 3, 1 / 2, 2 / 3):
-        inside = np.concatenate([forecast(*one, share) for one in several])
-        told.append({"share": share, "held": int(inside.sum()), "of": inside.size})
+        every = [forecast(*one, share) for one in several]
+        inside = np.concatenate(every)
+        told.append({"share": share, "held": int(inside.sum()), "of": inside.size,
+                     "whole_paths": sum(map(bool, map(np.all, every)))})  # fmt: skip
     return told
 
 

@@ -154,7 +154,7 @@ def test_an_overhauled_actuator_is_as_new_before_its_next_recording(alarmed):
     assert "after a jump" not in unit.alarms()[name].why
     level, error, _ = unit.trend(name).at(years(END))
     assert abs(level - unit.unknown(name).healthy) < 3.0 * error
-    unit.withdraw(unit.events[-1]["id"])
+    unit.withdraw(*[one["id"] for one in unit.events if one["what"] == "overhaul"])
 
 
 def test_an_overhaul_that_is_to_come_is_refused(alarmed):
@@ -170,7 +170,7 @@ def state(fleet, level, slope=0.0, error=0.003):
 
     one = fleet["EMA-01"].trend("friction")
     return replace(
-        one, mean=np.array([level, slope]), covariance=np.diag([error**2, 1e-6]),
+        one, mean=np.array([level, slope, 0.0]), covariance=np.diag([error**2, 1e-6, 0.0]),
         series=replace(one.series, error=np.zeros_like(one.series.error)),
     )  # fmt: skip
 
@@ -319,6 +319,21 @@ def test_the_latest_judgement_of_a_recording_counts(tmp_path):
         row = row_of("A", END, content="c", motion=0, twin=twin, kind="k", grade="healthy")
         store.add([row])
     assert store.rows()["twin"].to_pylist() == ["new"]
+
+
+def test_a_file_that_was_judged_while_it_was_written_counts_once(tmp_path):
+    store = FleetStore(tmp_path)
+    for content, day, grade in (
+        ("foreign", 0, SET_ASIDE),
+        ("half", 0, "healthy"),
+        ("whole", 0, "fault"),
+        ("of the next day, under the same name", 1, "healthy"),
+    ):
+        when = END + timedelta(days=day)
+        store.add([row_of("A", when, content=content, motion=0, twin="t", kind="k", grade=grade,
+                          source="run.csv")])  # fmt: skip
+    kept = store.rows()["content"].to_pylist()
+    assert kept == ["whole", "of the next day, under the same name"]
 
 
 def test_a_damaged_part_is_named(tmp_path):
