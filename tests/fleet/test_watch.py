@@ -14,6 +14,7 @@ import ematwin
 from ematwin import Fleet
 from ematwin.errors import InputError
 from ematwin.fleet.paths import Hashes
+from ematwin.fleet.store import FleetStore
 from ematwin.fleet.watch import watch
 from ematwin.models.reading import write
 
@@ -170,7 +171,7 @@ def parts(folder):
 
 
 def test_a_killed_watch_loses_nothing_and_two_do_nothing_twice(tmp_path):
-    for day in range(1, 7):
+    for day in range(1, 5):
         recorded(tmp_path / "recordings", "S-1", f"2026-03-{day:02d}", day)
     killed = subprocess.Popen(
         [sys.executable, "-m", "ematwin", "watch", "recordings", "--fleet", "fleet",
@@ -184,12 +185,12 @@ def test_a_killed_watch_loses_nothing_and_two_do_nothing_twice(tmp_path):
     before = {row["id"] for row in Fleet(tmp_path / "fleet")["S-1"].rows}
     assert before
     with ThreadPoolExecutor(2) as both:
-        fleets = [Fleet(tmp_path / "fleet") for _ in range(2)]
-        work = partial(Fleet.watch, recordings=tmp_path / "recordings", actuator=SERVO)
-        assert [one.judged + one.known for one in both.map(work, fleets)] == [6, 6]
+        stores = [FleetStore(tmp_path / "fleet") for _ in range(2)]
+        work = partial(watch, recordings=tmp_path / "recordings", actuator=SERVO)
+        assert [one.judged + one.known for one in both.map(work, stores)] == [4, 4]
     rows = Fleet(tmp_path / "fleet", now=datetime(2026, 6, 1, tzinfo=UTC))["S-1"].rows
     assert before <= {row["id"] for row in rows}
-    assert [row["time"].day for row in rows] == list(range(1, 7))
+    assert [row["time"].day for row in rows] == list(range(1, 5))
 
 
 def test_files_that_have_not_changed_are_not_read_again(tmp_path, monkeypatch):

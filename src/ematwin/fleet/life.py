@@ -1,10 +1,10 @@
 """Life left: the time until a magnitude passes its limit, or the actuator no longer does its job.
 
-From the posterior of level and slope (`ematwin.fleet.trend`) the wear goes on as one of two
-processes with that slope and that variance per year: a Wiener process, whose first passage has an
-inverse Gaussian distribution where slope and level are known (Folks and Chhikara 1978, J. R. Stat.
-Soc. B 40, 263-289), or a gamma process, which never goes back (van Noortwijk 2009, Reliab. Eng.
-Syst. Saf. 94, 2-21). The evidence of the fleet's increments decides which.
+From the posterior of level, slope and acceleration (`ematwin.fleet.trend`) the wear goes on as one
+of two processes with that slope and that variance per year: a Wiener process, whose first passage
+has an inverse Gaussian distribution where slope and level are known (Folks and Chhikara 1978,
+J. R. Stat. Soc. B 40, 263-289), or a gamma process, which never goes back (van Noortwijk 2009,
+Reliab. Eng. Syst. Saf. 94, 2-21). The evidence of the fleet's increments decides which.
 """
 
 import math

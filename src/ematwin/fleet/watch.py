@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.errors import EmatwinError, FileError, RecordError
+from ematwin.errors import EmatwinError, FileError, InputError, RecordError
 from ematwin.fleet.paths import Hashes, Paths
 from ematwin.fleet.store import SET_ASIDE, FleetStore, content_of, id_of, moment_of, row_of
 from ematwin.models.reading import read
@@ -82,7 +82,10 @@ class Twins:
         self._by: dict[str, list[tuple[datetime, str]]] = {}
         for path in sorted((store.folder / "calibrations").glob("[!.]*.toml")):
             serial, _, since = path.stem.partition("@")
-            begin = moment_of(since) if since else _EARLIEST
+            try:
+                begin = moment_of(since) if since else _EARLIEST
+            except InputError as error:
+                raise InputError(f"{path} has no day after its @. {error}") from None
             self._by.setdefault(serial, []).append((begin, self._keep(path)))
         for periods in self._by.values():
             periods.sort()
