@@ -4,7 +4,7 @@
     python benchmarks/fleet.py screw ../shared/data/xjtu_ball_screw/friction_torque.csv
     python benchmarks/fleet.py paths --seeds $(seq 300 399)
     python benchmarks/fleet.py predictions --seeds 104 --actuators 15 > predictions.json
-    python benchmarks/fleet.py kill
+    python benchmarks/fleet.py kill [postgresql://user@host/name]
     python benchmarks/fleet.py size
     python benchmarks/fleet.py errors
 
@@ -93,12 +93,29 @@ def watched(seed, actuators, per_year, every):
                     predictions.setdefault(key, []).append(
                         (Prediction(moment, life.draws), by_curve)
                     )
-    return made, truths, raised, predictions
+        known = {
+            unit.serial_number: [(row["time"] - made.start).days for row in unit.rows
+                                 if row["grade"] != "none"] for unit in fleet
+        }  # fmt: skip
+    return made, truths, raised, predictions, known
+
+
+def missed(truth, name, end, looks, known):
+    """Why a failure had no alarm before its limit."""
+    level = truth.level[name]
+    begin = max((r for r, _ in truth.repairs if r <= end), default=0)
+    began = begin + int(np.flatnonzero(level[begin:] >= SMALLEST)[0])
+    last = max(day for day in looks if day <= end)
+    seen = sum(began <= day <= last for day in known)
+    if seen > 1:
+        return "not recognised"
+    return "began after the last look" if began > last else f"{seen} recordings since it began"
 
 
 def judged(seed, actuators, per_year, every):
     """Counts of one fleet."""
-    made, truths, raised, predictions = watched(seed, actuators, per_year, every)
+    made, truths, raised, predictions, known = watched(seed, actuators, per_year, every)
+    looks = range(180, made.days, every)
     false = [
         one
         for one in raised
@@ -114,7 +131,7 @@ def judged(seed, actuators, per_year, every):
         and end > begin
         and not any(begin < r <= end for r, _ in truth.repairs)
     }
-    before = {step: 0 for step in ("watch", "plan", "act")}
+    before, why = {step: 0 for step in ("watch", "plan", "act")}, []
     for serial, name, end in fails:
         begin = max((r for r, _ in truths[serial].repairs if r <= end), default=0)
         steps = {
@@ -123,6 +140,8 @@ def judged(seed, actuators, per_year, every):
         order = ["watch", "plan", "act"]
         for n, step in enumerate(order):
             before[step] += bool(steps & set(order[n:]))
+        if not steps:
+            why.append([serial, name, end, missed(truths[serial], name, end, looks, known[serial])])
     for (_, _, end), several in predictions.items():
         ends = end / 365.25
         made_ones = [one for one, _ in several]
@@ -149,13 +168,13 @@ def judged(seed, actuators, per_year, every):
         "from_horizon": every_one, "held_from_horizon": held,
         "median_horizon_years": float(np.median(horizons)) if horizons else 0.0,
         "cra": float(np.mean(ours)), "cra_exponential": float(np.mean(curves)),
-        "false": false,
+        "missed": why, "false": false,
     }  # fmt: skip
 
 
 def exported(seed, actuators, per_year, every):
     """Estimates and predictions of each failure, for other programs."""
-    made, truths, _, predictions = watched(seed, actuators, per_year, every)
+    made, truths, _, predictions, _ = watched(seed, actuators, per_year, every)
     told = []
     with tempfile.TemporaryDirectory() as folder:
         fleet = Fleet(folder, now=END)
@@ -192,37 +211,49 @@ def exported(seed, actuators, per_year, every):
     return told
 
 
-def killed(times=20):
-    """Kill ``ematwin watch`` again and again: rows lost, and rows that are there twice."""
+def killed(address, times=20):
+    """Two ``ematwin watch`` on one store, killed in turn: rows lost, and rows there twice.
+
+    ``address`` of a PostgreSQL database; None for the folder.
+    """
     import ematwin
 
-    with tempfile.TemporaryDirectory() as folder:
-        inside = Path(folder) / "recordings" / "S-1"
-        inside.mkdir(parents=True)
-        for n in range(2 * times):
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for n in range(3 * times):
             made = ematwin.simulate(actuator="sts3215", noise=0.01, seed=n)
             day = datetime(2025, 1, 1, tzinfo=UTC) + timedelta(days=n)
+            inside = folder / "recordings" / f"S-{n % 3}"
+            inside.mkdir(parents=True, exist_ok=True)
             ematwin.write(made, inside / f"{day:%Y-%m-%d}.parquet")
+        (folder / "fleet").mkdir()
+        if address is not None:
+            (folder / "fleet" / "fleet.toml").write_text(f'store = "{address}"\n')
+        store = Fleet(folder / "fleet").store
         command = [
             sys.executable, "-m", "ematwin", "watch", "recordings", "--fleet", "fleet",
             "--actuator", "sts3215",
         ]  # fmt: skip
-        rows = Path(folder) / "fleet" / "rows"
-        lost, seen = 0, set()
-        for _ in range(times):
-            before = len(list(rows.glob("*/[!.]*.parquet")))
-            watcher = subprocess.Popen(command, cwd=folder, stdout=subprocess.DEVNULL)
-            while len(list(rows.glob("*/[!.]*.parquet"))) == before and watcher.poll() is None:
-                time.sleep(0.005)
-            watcher.kill()
-            watcher.wait()
-            now = {row["id"] for row in Fleet(rows.parent).store.rows().to_pylist()}
+
+        def start():
+            return subprocess.Popen(command, cwd=folder, stdout=subprocess.DEVNULL)
+
+        both, lost, seen, kills = [start(), start()], 0, set(), 0
+        while kills < times:
+            while True:  # until one of them has kept a recording more
+                now = set(store.rows()["id"].to_pylist())
+                if len(now) > len(seen) or all(one.poll() is not None for one in both):
+                    break
             lost += len(seen - now)
-            seen = now
-        subprocess.run(command, cwd=folder, check=True, stdout=subprocess.DEVNULL)
-        table = Fleet(rows.parent).store.rows()
-        return {"kills": times, "recordings": 2 * times, "rows": table.num_rows, "lost": lost,
-                "twice": table.num_rows - len(set(table["content"].to_pylist()))}  # fmt: skip
+            seen, n = now, kills % 2
+            kills += both[n].poll() is None
+            both[n].kill()
+            both[n].wait()
+            both[n] = start()
+        codes = [one.wait() for one in both]
+        content = store.rows()["content"].to_pylist()
+        return {"kills": kills, "recordings": 3 * times, "rows": len(content), "lost": lost,
+                "twice": len(content) - len(set(content)), "exit codes": codes}  # fmt: skip
 
 
 def forecast(test, value, share):
@@ -268,8 +299,10 @@ def counted(several):
     """Points of paths within the intervals of forecasts from parts of each."""
     told = []
     for share in (1 / 3, 1 / 2, 2 / 3):
-        inside = np.concatenate([forecast(*one, share) for one in several])
-        told.append({"share": share, "held": int(inside.sum()), "of": inside.size})
+        every = [forecast(*one, share) for one in several]
+        inside = np.concatenate(every)
+        told.append({"share": share, "held": int(inside.sum()), "of": inside.size,
+                     "whole_paths": sum(map(bool, map(np.all, every)))})  # fmt: skip
     return told
 
 
@@ -326,12 +359,14 @@ def main():
     elif given.what == "predictions":
         settings = given.actuators, given.per_year, given.every
         print(json.dumps([one for seed in given.seeds for one in exported(seed, *settings)]))
+    elif given.what == "kill":
+        print(json.dumps(killed(given.path)))
     elif given.what == "screw":
         print(json.dumps(screw(given.path)))
     elif given.what == "paths":
         print(json.dumps(counted([made_up(seed) for seed in given.seeds])))
     else:
-        print(json.dumps({"size": size, "kill": killed, "errors": errors}[given.what]()))
+        print(json.dumps({"size": size, "errors": errors}[given.what]()))
 
 
 if __name__ == "__main__":

@@ -93,12 +93,18 @@ def accuracy(predictions, one):
 
 
 def held(predictions, one):
-    """How many 80 % intervals hold the truth."""
-    return sum(
+    """Which 80 % intervals hold the truth, (N,) bools."""
+    return np.array([
         np.quantile(d, 0.1, method="inverted_cdf") <= one["end"] - m
         <= np.quantile(d, 0.9, method="inverted_cdf")
         for m, d in zip(one["moments"], predictions, strict=True)
-    )  # fmt: skip
+    ])  # fmt: skip
+
+
+def visible(one):
+    """At which moments the last three estimates show a fault, (N,) bools."""
+    time, value = np.array(one["time"]), np.array(one["value"])
+    return np.array([np.median(value[time <= m][-3:]) >= 0.05 for m in one["moments"]])
 
 
 def by_progpy(predictions, one):
@@ -126,27 +132,28 @@ def main():
     warnings.simplefilter("ignore")
     with open(sys.argv[1], encoding="utf-8") as file:
         several = json.load(file)
-    ours, same, count, ours_held = [], [], 0, 0
+    ours, same, count, ours_held = [], [], np.zeros(2, int), np.zeros(2, int)
     theirs = {noise: [] for noise in RATE_NOISES}
-    theirs_held = dict.fromkeys(RATE_NOISES, 0)
+    theirs_held = {noise: np.zeros(2, int) for noise in RATE_NOISES}
     for one in several:
         draws = [np.array([np.inf if x is None else x for x in d]) for d in one["draws"]]
         ours.append(accuracy(draws, one))
-        count += len(draws)
-        ours_held += held(draws, one)
+        shown = np.array([np.ones(len(draws), dtype=bool), visible(one)])  # all, and these
+        count += shown.sum(axis=1)
+        ours_held += (shown & held(draws, one)).sum(axis=1)
         for noise in RATE_NOISES:
             other = filtered(one, noise)
             theirs[noise].append(accuracy(other, one))
-            theirs_held[noise] += held(other, one)
+            theirs_held[noise] += (shown & held(other, one)).sum(axis=1)
         found = by_progpy(draws, one)
         same.append(found["alpha_lambda"] in (None, one["alpha_lambda"]))
     print(
         json.dumps(
             {
-                "failures": len(several), "predictions": count, "cra": np.mean(ours),
-                "held": int(ours_held), "alpha_lambda_agree": sum(same),
+                "failures": len(several), "predictions": count.tolist(), "cra": np.mean(ours),
+                "held": ours_held.tolist(), "alpha_lambda_agree": sum(same),
                 "cra_progpy": {noise: np.mean(several) for noise, several in theirs.items()},
-                "held_progpy": {noise: int(n) for noise, n in theirs_held.items()},
+                "held_progpy": {noise: n.tolist() for noise, n in theirs_held.items()},
             }
         )
     )  # fmt: skip

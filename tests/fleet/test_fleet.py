@@ -119,6 +119,49 @@ def test_an_overhaul_starts_the_actuator_anew(tmp_path):
     assert len(again.events) == len(Fleet(tmp_path, now=END)["EMA-01"].events)
 
 
+def test_a_wrong_entry_is_withdrawn_and_the_history_shows_both(alarmed, tmp_path):
+    folder, serial, name = alarmed
+    unit = Fleet(folder, now=END)[serial]
+    alarm, wrong = unit.alarms()[name], END - timedelta(days=40)
+    unit.overhaul(wrong, "gear")
+    unit.overhaul(wrong, "gear")  # again is once
+    unit.silence(name, END + timedelta(days=30))
+    assert years(wrong) in unit.series(name).overhauls
+    entries = [one["id"] for one in unit.events if one["what"] in ("overhaul", "silenced")]
+    assert len(entries) == 2
+    with pytest.raises(InputError, match=r"'beef' of EMA-.* is unknown; those that can be with"):
+        unit.withdraw(entries[0], "beef")
+    assert [one["id"] for one in unit.withdraw(*entries, note="wrong date")] == entries
+    assert unit.alarms()[name] == alarm
+    unit.report(tmp_path / "one.html")
+    page = (tmp_path / "one.html").read_text()
+    assert f"overhaul, entered on {END:%Y-%m-%d} (gear) \N{EM DASH} withdrawn" in page
+    assert f"withdrawn overhaul of {wrong:%Y-%m-%d} (wrong date)" in page
+    with pytest.raises(InputError, match="is withdrawn; those that can be withdrawn: "):
+        unit.withdraw(entries[0][:6])
+    later = Fleet(folder, now=END + timedelta(days=1))[serial]
+    later.overhaul(wrong, "gear")  # it was right after all
+    assert years(wrong) in later.series(name).overhauls
+    later.withdraw(*[one["id"] for one in later.events if one["what"] == "overhaul"])
+
+
+def test_an_overhauled_actuator_is_as_new_before_its_next_recording(alarmed):
+    folder, serial, name = alarmed
+    unit = Fleet(folder, now=END)[serial]
+    assert unit.alarms()[name].step != "none"
+    unit.overhaul(END)
+    assert unit.alarms()[name].step == "none"
+    assert "after a jump" not in unit.alarms()[name].why
+    level, error, _ = unit.trend(name).at(years(END))
+    assert abs(level - unit.unknown(name).healthy) < 3.0 * error
+    unit.withdraw(*[one["id"] for one in unit.events if one["what"] == "overhaul"])
+
+
+def test_an_overhaul_that_is_to_come_is_refused(alarmed):
+    with pytest.raises(InputError, match="received 2126-05-01 00:00, which is to come"):
+        Fleet(alarmed[0], now=END)[alarmed[1]].overhaul("2126-05-01")
+
+
 def state(fleet, level, slope=0.0, error=0.003):
     """A trend of friction at a level."""
     from dataclasses import replace
@@ -127,7 +170,7 @@ def state(fleet, level, slope=0.0, error=0.003):
 
     one = fleet["EMA-01"].trend("friction")
     return replace(
-        one, mean=np.array([level, slope]), covariance=np.diag([error**2, 1e-6]),
+        one, mean=np.array([level, slope, 0.0]), covariance=np.diag([error**2, 1e-6, 0.0]),
         series=replace(one.series, error=np.zeros_like(one.series.error)),
     )  # fmt: skip
 
@@ -181,6 +224,16 @@ def alarmed(tmp_path_factory):
     return folder, changed[0]["serial_number"], changed[0]["magnitude"]
 
 
+def test_the_same_alarm_of_two_watchers_is_one(alarmed):
+    folder, serial, name = alarmed
+    later = END + timedelta(seconds=2)
+    noted = [one for one in Fleet(folder, now=later)[serial].history if one["what"] == "alarm"]
+    step = next(one["step"] for one in noted if one["magnitude"] == name)
+    FleetStore(folder).note(serial, "alarm", later, magnitude=name, step=step, why="as well")
+    again = [one for one in Fleet(folder, now=later)[serial].history if one["what"] == "alarm"]
+    assert again == noted
+
+
 def test_an_alarm_is_seen_and_silenced(alarmed):
     folder, serial, name = alarmed
     fleet = Fleet(folder, now=END)
@@ -205,11 +258,18 @@ def test_maintainers_answer_in_the_shell(alarmed, ematwin):
     answer = ematwin("fleet", "overhaul", folder, serial, "--on", "2025-06-01", "--note", "new")
     assert answer.out == f"{serial}: overhaul on 2025-06-01 recorded.\n"
     assert years(datetime(2025, 6, 1, tzinfo=UTC)) in Fleet(folder)[serial].series(name).overhauls
+    events = json.loads(ematwin("fleet", "history", folder, serial, "--json").out)["events"]
+    entry = next(one["id"] for one in events if one["time"][:10] == "2025-06-01")
+    assert entry[:8] in ematwin("fleet", "history", folder, serial).out
+    answer = ematwin("fleet", "withdraw", folder, serial, entry[:8], "--note", "wrong day")
+    assert answer.out == f"{serial}: overhaul of 2025-06-01 withdrawn.\n", answer.err
+    assert Fleet(folder)[serial].series(name).overhauls == ()
     for wrong, said in (
         (("overhaul", folder, "EMA-99"), "no judged recording of 'EMA-99'"),
         (("overhaul", folder, serial, "--on", "soon"), "received 'soon'"),
         (("silence", folder, serial), "Missing option '--until'"),
         (("acknowledge", folder, serial, "rust"), "There is no estimate of 'rust'"),
+        (("withdraw", folder, serial, "beef"), "'beef' of EMA"),
         (("status", folder.parent / "none"), "There is no fleet in"),
     ):
         answer = ematwin("fleet", *wrong)
@@ -259,6 +319,21 @@ def test_the_latest_judgement_of_a_recording_counts(tmp_path):
         row = row_of("A", END, content="c", motion=0, twin=twin, kind="k", grade="healthy")
         store.add([row])
     assert store.rows()["twin"].to_pylist() == ["new"]
+
+
+def test_a_file_that_was_judged_while_it_was_written_counts_once(tmp_path):
+    store = FleetStore(tmp_path)
+    for content, day, grade in (
+        ("foreign", 0, SET_ASIDE),
+        ("half", 0, "healthy"),
+        ("whole", 0, "fault"),
+        ("of the next day, under the same name", 1, "healthy"),
+    ):
+        when = END + timedelta(days=day)
+        store.add([row_of("A", when, content=content, motion=0, twin="t", kind="k", grade=grade,
+                          source="run.csv")])  # fmt: skip
+    kept = store.rows()["content"].to_pylist()
+    assert kept == ["whole", "of the next day, under the same name"]
 
 
 def test_a_damaged_part_is_named(tmp_path):

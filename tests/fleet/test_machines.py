@@ -1,7 +1,12 @@
 """A fleet on many machines: a real PostgreSQL holds it, the workers of a Dask cluster judge."""
 
+import subprocess
+import sys
 import tempfile
+import time
+from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -11,8 +16,10 @@ from servers import Postgres
 import ematwin
 from ematwin import Fleet
 from ematwin.errors import FileError, InputError
+from ematwin.fleet.serve import FleetServer
 from ematwin.fleet.simulated import SimulatedFleet
 from ematwin.fleet.store import FleetStore, row_of
+from ematwin.fleet.watch import watch
 
 END = datetime(2026, 1, 1, tzinfo=UTC)
 SERVO = "sts3215"
@@ -55,6 +62,38 @@ def test_a_database_answers_as_the_folder_does(postgres, tmp_path):
     assert stores[1].version() != before
 
 
+def test_two_watchers_and_a_killed_one_lose_nothing_in_a_database_and_do_nothing_twice(
+    postgres, tmp_path
+):
+    for day in range(1, 5):
+        recording(tmp_path / "recordings" / "S-1", day)
+    url = postgres.database("two")
+    stores = [on_server(tmp_path / name, url) for name in ("one", "two")]
+    command = ("watch", "recordings", "--fleet", "one", "--actuator", SERVO)
+    with open(tmp_path / "said", "wb") as said:
+        killed = subprocess.Popen(
+            [sys.executable, "-m", "ematwin", *command], cwd=tmp_path, stdout=said, stderr=said
+        )
+    patience = time.monotonic() + 120.0
+    while not stores[0].rows().num_rows and killed.poll() is None and time.monotonic() < patience:
+        time.sleep(0.1)
+    killed.kill()
+    killed.wait()
+    before = stores[0].rows()["id"].to_pylist()
+    assert before, (tmp_path / "said").read_text()
+    with ThreadPoolExecutor(2) as both:
+        work = partial(watch, recordings=tmp_path / "recordings", actuator=SERVO)
+        found = list(both.map(work, stores))
+    rows = stores[1].rows()
+    assert set(before) <= set(rows["id"].to_pylist())
+    assert [f"{when:%d}" for when in rows["time"].to_pylist()] == [f"0{n}" for n in range(1, 5)]
+    assert [one.judged + one.known for one in found] == [4, 4]
+    with FleetServer(Fleet(stores[1].folder)) as server:
+        assert 'href="S-1"' in server.page("")
+        stores[0].note("S-1", "overhaul", datetime(2026, 3, 5, tzinfo=UTC), note="new gear")
+        assert "new gear" in server.page("S-1")  # as another machine has just entered it
+
+
 def test_another_machine_reads_rows_and_twins_from_the_database(postgres, tmp_path):
     url = postgres.database("shared")
     SimulatedFleet(2, 1.0, 20.0, seed=7, end=END).fill(on_server(tmp_path / "one", url))
@@ -82,11 +121,8 @@ def test_a_store_that_cannot_be_used_is_refused(tmp_path, monkeypatch, store, er
 
 def test_a_cluster_judges_into_the_database(postgres, tmp_path, ematwin):
     for day in range(1, 3):
-        made = ematwin_recording(day)
-        inside = tmp_path / "recordings" / "S-1"
-        inside.mkdir(parents=True, exist_ok=True)
-        made.save(inside / f"2026-03-0{day}.parquet")
-    (inside / "2026-03-09.csv").write_text("height\n1\n")
+        recording(tmp_path / "recordings" / "S-1", day)
+    (tmp_path / "recordings" / "S-1" / "2026-03-09.csv").write_text("height\n1\n")
     on_server(tmp_path / "fleet", postgres.database("judged"))
     arguments = ("watch", "recordings", "--fleet", "fleet", "--actuator", SERVO)
     # a cluster in this process: all that it is given goes through its messages even so
@@ -100,5 +136,7 @@ def test_a_cluster_judges_into_the_database(postgres, tmp_path, ematwin):
     assert Fleet(tmp_path / "fleet")["S-1"].rows[0]["time"] == datetime(2026, 3, 1, tzinfo=UTC)
 
 
-def ematwin_recording(seed):
-    return ematwin.simulate(actuator=SERVO, noise=0.01, seed=seed)
+def recording(folder, day):
+    folder.mkdir(parents=True, exist_ok=True)
+    made = ematwin.simulate(actuator=SERVO, noise=0.01, seed=day)
+    made.save(folder / f"2026-03-0{day}.parquet")

@@ -11,10 +11,10 @@ from ematwin.fleet.trend import Series, Wear, trend
 from naive.trend import dense
 
 WEAR = Wear(
-    np.array([0.0, 0.1, 0.0, 0.0]), np.array([0.02, 0.1, 0.01, 0.02]), np.array([0.05, 0.2]), 0.3,
-    1e-4, 1e-3, 0.005, 0.7, 1.0,
+    np.array([0.0, 0.1, 0.3, 0.0, 0.0]), np.array([0.02, 0.1, 0.2, 0.01, 0.02]),
+    np.array([0.05, 0.2]), 1e-4, 1e-3, 0.005, 0.7, 1.0,
 )  # fmt: skip
-STEADY = replace(WEAR, acceleration=0.0)
+STEADY = replace(WEAR, mean=WEAR.mean * [1, 1, 0, 1, 1], spread=WEAR.spread * [1, 1, 1e-6, 1, 1])
 
 
 def made(seed, n=30, slope=0.1, noise=0.01, overhauls=()):
@@ -37,8 +37,8 @@ def test_level_and_slope_are_those_of_a_dense_solution(overhauls):
     np.testing.assert_allclose(found.level, mean[:, 0], atol=1e-7)
     np.testing.assert_allclose(found.slope, mean[:, 1], atol=1e-7)
     np.testing.assert_allclose(found.level_error, np.sqrt(cov[:, 0, 0]), atol=1e-7)
-    np.testing.assert_allclose(found.mean, mean[-1, :2], atol=1e-7)
-    np.testing.assert_allclose(found.covariance, cov[-1, :2, :2], atol=1e-7)
+    np.testing.assert_allclose(found.mean, mean[-1, :3], atol=1e-7)
+    np.testing.assert_allclose(found.covariance, cov[-1, :3, :3], atol=1e-7)
     assert found.evidence == pytest.approx(told, abs=1e-9)
 
 
@@ -74,7 +74,7 @@ def test_jumps_are_where_ruptures_finds_them(seed):
     value = random.normal(0.0, 0.01, n)
     value[at:] += 0.2
     series = Series(np.linspace(0.0, 2.0, n), value, np.full(n, 0.01), np.zeros((n, 2)))
-    quiet = replace(STEADY, mean=np.zeros(4), q_level=1e-6, q_slope=1e-6)
+    quiet = replace(STEADY, mean=np.zeros(5), q_level=1e-6, q_slope=1e-6)
     peer = ruptures.Binseg(model="l2", jump=1).fit(value).predict(n_bkps=1)
     assert trend(series, quiet).jumps == (peer[0],)
 
@@ -100,7 +100,7 @@ def test_rates_of_the_fleet_are_learnt_with_the_effect_of_temperature():
     wear = learn(fleet_of(slopes, 60, 2, temperature=0.02), 0.0, 1.0)
     assert wear.mean[1] == pytest.approx(0.1, abs=0.02)
     assert wear.spread[1] == pytest.approx(np.std(slopes), rel=0.3)
-    assert wear.mean[2] == pytest.approx(0.02, abs=0.003)
+    assert wear.mean[3] == pytest.approx(0.02, abs=0.003)
     assert np.hypot(wear.occasion, 0.01 * wear.scale) == pytest.approx(0.01, rel=0.1)
 
 

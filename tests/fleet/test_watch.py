@@ -1,11 +1,11 @@
 """Watching: each recording once, whatever is between; what cannot be judged is set aside."""
 
-import os
-import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -14,6 +14,7 @@ import ematwin
 from ematwin import Fleet
 from ematwin.errors import InputError
 from ematwin.fleet.paths import Hashes
+from ematwin.fleet.store import FleetStore
 from ematwin.fleet.watch import watch
 from ematwin.models.reading import write
 
@@ -85,6 +86,31 @@ def test_what_cannot_be_judged_is_set_aside_and_the_rest_goes_on(recordings, tmp
     assert len(fleet.set_aside) == 6
 
 
+def test_what_was_set_aside_is_tried_again_when_it_is_mended_or_renamed(tmp_path):
+    folder, fleet = tmp_path / "recordings", Fleet(tmp_path / "fleet")
+    clock = recorded(folder, "S-1", "1971-01-01", 1)
+    growing = recorded(folder, "S-1", "2026-03-05", 2)
+    whole = growing.read_bytes()
+    growing.write_bytes(whole[: len(whole) // 2])
+    gone = folder / "S-1" / "2026-03-06.parquet"
+    gone.write_bytes(whole)
+
+    class Gone(Hashes):
+        def of(self, path):
+            gone.unlink(missing_ok=True)  # between the listing and the reading
+            return super().of(path)
+
+    found = fleet.watch(folder, actuator=SERVO, hashes=Gone())
+    assert (found.judged, len(found.set_aside)) == (0, 3)
+    assert any("No such file" in reason for _, reason in found.set_aside)
+    assert fleet.watch(folder, actuator=SERVO).known == 2
+    growing.write_bytes(whole)
+    clock.rename(clock.with_name("2026-03-01.parquet"))
+    assert fleet.watch(folder, actuator=SERVO).judged == 2
+    assert times(fleet, "S-1") == ["2026-03-01 00:00", "2026-03-05 00:00"]
+    assert fleet.set_aside == []
+
+
 def test_an_actuator_waits_for_its_twin_and_is_judged_again_by_another(recordings, tmp_path):
     fleet = Fleet(tmp_path / "fleet")
     first = fleet.watch(recordings)
@@ -140,34 +166,31 @@ def test_the_command_says_what_each_needs_and_ends_with_a_code(recordings, tmp_p
     assert "--fail-on takes watch, plan or act, received 'panic'" in wrong.err
 
 
-def started(folder):
-    return subprocess.Popen(
-        [sys.executable, "-m", "ematwin", "watch", "recordings", "--fleet", "fleet",
-         "--actuator", SERVO], cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-    )  # fmt: skip
-
-
 def parts(folder):
     return len(list((folder / "fleet" / "rows").glob("*/[!.]*.parquet")))
 
 
 def test_a_killed_watch_loses_nothing_and_two_do_nothing_twice(tmp_path):
-    for day in range(1, 13):
+    for day in range(1, 5):
         recorded(tmp_path / "recordings", "S-1", f"2026-03-{day:02d}", day)
-    watcher = started(tmp_path)
+    killed = subprocess.Popen(
+        [sys.executable, "-m", "ematwin", "watch", "recordings", "--fleet", "fleet",
+         "--actuator", SERVO], cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
     patience = time.monotonic() + 120.0
-    while parts(tmp_path) < 2 and watcher.poll() is None and time.monotonic() < patience:
+    while not parts(tmp_path) and killed.poll() is None and time.monotonic() < patience:
         time.sleep(0.02)
-    os.kill(watcher.pid, signal.SIGKILL)
-    watcher.wait()
+    killed.kill()
+    killed.wait()
     before = {row["id"] for row in Fleet(tmp_path / "fleet")["S-1"].rows}
     assert before
-    both = [started(tmp_path), started(tmp_path)]
-    assert [one.wait(timeout=240) for one in both] == [0, 0]
+    with ThreadPoolExecutor(2) as both:
+        stores = [FleetStore(tmp_path / "fleet") for _ in range(2)]
+        work = partial(watch, recordings=tmp_path / "recordings", actuator=SERVO)
+        assert [one.judged + one.known for one in both.map(work, stores)] == [4, 4]
     rows = Fleet(tmp_path / "fleet", now=datetime(2026, 6, 1, tzinfo=UTC))["S-1"].rows
     assert before <= {row["id"] for row in rows}
-    assert sorted({row["time"].day for row in rows}) == list(range(1, 13))
-    assert len(rows) == 12
+    assert [row["time"].day for row in rows] == list(range(1, 5))
 
 
 def test_files_that_have_not_changed_are_not_read_again(tmp_path, monkeypatch):

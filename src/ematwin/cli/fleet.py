@@ -30,7 +30,7 @@ StepOption = Annotated[
 ]
 
 fleet = typer.Typer(
-    help="Show a fleet, record overhauls, acknowledge and silence alarms.",
+    help="Show a fleet, record overhauls, acknowledge and silence alarms, withdraw such entries.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )
@@ -38,7 +38,7 @@ fleet = typer.Typer(
 
 @fleet.callback()
 def fleets() -> None:
-    """Show a fleet, record overhauls, acknowledge and silence alarms."""
+    """Show a fleet, record overhauls, acknowledge and silence alarms, withdraw such entries."""
 
 
 @fleet.command("status")
@@ -114,6 +114,37 @@ def silence(
 ) -> None:
     """Silence alarms of an actuator until a day."""
     _told(fleet, serial, f"silenced until {until}", lambda one: one.silence(magnitude, until, note))
+
+
+@fleet.command("history")
+def history(fleet: FleetArgument, serial: SerialArgument, json: options.JsonOption = False) -> None:
+    """Show alarms of an actuator and entries of its maintainers, the latest first."""
+    from ematwin.fleet.pages import history as known
+
+    unit = _opened(fleet)[serial]
+    plain = [
+        one | {name: one[name].isoformat() for name in ("time", "known")}
+        | {"withdrawn": one not in unit.events}
+        for one in reversed(unit.history)
+    ]  # fmt: skip
+    options.answer(
+        json, lambda: {"events": plain},
+        lambda: options.print_table("", known(unit), whole=("day", "entry"), width=200),
+    )  # fmt: skip
+
+
+@fleet.command("withdraw")
+def withdraw(
+    fleet: FleetArgument,
+    serial: SerialArgument,
+    entries: Annotated[
+        list[str], typer.Argument(help="Entries, as `ematwin fleet history` shows them.")
+    ],
+    note: NoteOption = "",
+) -> None:
+    """Withdraw entries that were wrong; the history shows both. Then enter what is right."""
+    for one in _opened(fleet)[serial].withdraw(*entries, note=note):
+        typer.echo(f"{serial}: {one['what']} of {one['time']:%Y-%m-%d} withdrawn.")
 
 
 def _opened(folder: Path) -> "Fleet":

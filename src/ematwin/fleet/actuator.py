@@ -26,6 +26,14 @@ if TYPE_CHECKING:
     from ematwin.fleet.fleet import Fleet
 
 
+ENTRIES = ("overhaul", "acknowledged", "silenced")  # of maintainers, who may withdraw them
+
+
+def shortened(entry: str) -> str:
+    """As much of the ``id`` of an entry as people need."""
+    return entry[:8]
+
+
 class FleetActuator:
     """One actuator of a fleet. `Fleet` makes it.
 
@@ -33,14 +41,27 @@ class FleetActuator:
     ----------
     serial_number : str
     rows : its judged recordings, by time
-    events : what happened to it, by time
+    history : all events, by time: alarms, and what maintainers entered and withdrew
+    events : those that are not withdrawn
     """
 
     def __init__(
         self, fleet: "Fleet", serial_number: str, rows: list[dict[str, Any]],
         events: list[dict[str, Any]],
     ) -> None:  # fmt: skip
-        self.fleet, self.serial_number, self.rows, self.events = fleet, serial_number, rows, events
+        self.fleet, self.serial_number, self.rows = fleet, serial_number, rows
+        self._withdrawn = {one["entry"] for one in events if one["what"] == "withdrawn"}
+        self.history: list[dict[str, Any]] = []
+        steps: dict[str, str] = {}
+        for one in events:
+            if one["what"] == "alarm":
+                if steps.get(one["magnitude"], "none") == one["step"]:
+                    continue  # another watcher had noted it already
+                steps[one["magnitude"]] = one["step"]
+            elif one["what"] == "overhaul" and one["id"] not in self._withdrawn:
+                steps.clear()
+            self.history.append(one)
+        self.events = [one for one in self.history if one["id"] not in self._withdrawn]
         self._trends: dict[str, Trend] = {}
         self._lives: dict[str, Life] = {}
 
@@ -204,8 +225,20 @@ class FleetActuator:
         return found
 
     def overhaul(self, when: str | datetime, note: str = "") -> None:
-        """State that it was repaired or exchanged: from then on it begins as the fleet does."""
-        self._note("overhaul", moment_of(when), note=note)
+        """State that it was repaired or exchanged: from then on it begins as the fleet does.
+
+        Raises
+        ------
+        InputError
+            If that is to come.
+        """
+        at = moment_of(when)
+        if at > self.fleet.now:
+            raise InputError(
+                f"An overhaul is entered when it is done, received {at:%Y-%m-%d %H:%M}, which is "
+                "to come."
+            )
+        self._note("overhaul", at, note=note)
 
     def acknowledge(self, magnitude: str | None = None, note: str = "") -> tuple[str, ...]:
         """State that an alarm, or all of them, were seen; gives the magnitudes.
@@ -239,12 +272,49 @@ class FleetActuator:
         end = moment_of(until).isoformat()
         return self._note("silenced", self.fleet.now, names, until=end, note=note)
 
+    def withdraw(self, *entries: str, note: str = "") -> list[dict[str, Any]]:
+        """Withdraw overhauls, acknowledgements or silences; the history shows both.
+
+        Parameters
+        ----------
+        entries : each the ``id`` in `history`, or the beginning of it
+
+        Returns
+        -------
+        list of dict, the entries
+
+        Raises
+        ------
+        InputError
+            If there is no such entry, or more than one, or it is withdrawn already.
+        """
+        held = [one for one in self.events if one["what"] in ENTRIES]
+        found = [[one for one in held if one["id"].startswith(entry)] for entry in entries]
+        for entry, several in zip(entries, found, strict=True):
+            if len(several) != 1:
+                gone = any(one.startswith(entry) for one in self._withdrawn)
+                why = "stands for several" if several else "is withdrawn" if gone else "is unknown"
+                raise InputError(
+                    f"The entry {entry!r} of {self.serial_number} {why}; those that can be "
+                    f"withdrawn: {', '.join(shortened(one['id']) for one in held) or 'none'}."
+                )
+        for (one,) in found:
+            self._note("withdrawn", self.fleet.now, entry=one["id"], note=note)
+        return [one for (one,) in found]
+
     def _note(
         self, what: str, when: datetime, names: Sequence[str] = (), **more: Any
     ) -> tuple[str, ...]:
-        for given in [{"magnitude": name} for name in names] or [{}]:
-            self.fleet.store.note(self.serial_number, what, when, **given, **more)
+        entered = self.fleet.now.isoformat()
+        for given in [{**more, "magnitude": name} for name in names] or [more]:
+            same = {"what": what, "time": when, **given}.items()
+            before = [one for one in self.history if same <= one.items()]
+            if not any(one in self.events for one in before):  # again is once
+                # one that was withdrawn can be entered again
+                given |= {"entered": entered, "again": len(before)}
+                self.fleet.store.note(self.serial_number, what, when, **given)
         self.fleet.refresh()
+        self.__dict__ = vars(self.fleet[self.serial_number])  # this one knows it as well
         return tuple(names)
 
     # --- tables and pages ------------------------------------------------------------------------

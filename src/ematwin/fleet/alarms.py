@@ -161,11 +161,12 @@ def _why(one: Trend, life: Life | None, moment: float, unknown: Any, step: Step)
     """One sentence on the magnitude, its slope and its limit."""
     level, error, slope = one.at(moment)
     share, spread = (level - unknown.healthy) / unknown.width, error / unknown.width
-    sudden = one.jumps and one.series.time[-1] - one.series.time[one.jumps[-1]] < _AGAIN
+    jumped = [at for at in one.series.time[list(one.jumps)] if one.time - at < _AGAIN]
+    sudden = jumped and not any(at > jumped[-1] for at in one.series.overhauls)
     said = f"{unknown.name.replace('_', ' ')} is {100 * share:+.1f} % of its range from healthy"
     said += f" (standard error {100 * spread:.1g} %)"
     if sudden:
-        said += f" after a jump {spoken(moment - float(one.series.time[one.jumps[-1]]))} ago"
+        said += f" after a jump {spoken(moment - float(jumped[-1]))} ago"
     elif step != "none":
         said += f" and changes by {100 * slope / unknown.width:+.1f} % a year"
     if life is not None and step in ("plan", "act"):

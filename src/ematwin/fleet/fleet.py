@@ -92,7 +92,7 @@ class Fleet:
                 self.set_aside.append(row)
             elif row["time"] <= last:
                 self._rows.setdefault(row["serial_number"], []).append(row)
-        self._events = [one for one in self.store.events() if one["time"] <= last]
+        self._events = [one for one in self.store.events() if one["known"] <= last]
         self._twins: dict[str, Calibration] = {}
         self._wear: dict[tuple[str, str], Wear] = {}
         self._process: dict[tuple[str, str], str] = {}

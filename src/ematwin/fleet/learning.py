@@ -2,8 +2,8 @@
 
 Means and spreads by expectation and maximisation (Shumway and Stoffer 1982, J. Time Ser. Anal. 3,
 253-264), the four variances by the slope of the likelihood, both with weak priors. Other
-plausible variances are drawn from a normal distribution of their logarithms with the curvature at
-the maximum (Laplace). A forecast averages over the draws, so that few estimates give a wide one.
+plausible values are drawn from a normal distribution (Laplace), of variances their logarithms. A
+forecast averages over the draws, so that few estimates, or few actuators, give a wide one.
 """
 
 import math
@@ -14,12 +14,12 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.special import wrightomega
 
-from ematwin.fleet.trend import SLOPE, Pass, Series, Trend, Wear, again, trend
+from ematwin.fleet.trend import Pass, Series, Trend, Wear, again, trend
 
 _ROUNDS, _CLIMB, _EM = 3, 12, 3  # iterations: variances by slopes, then means by EM
 _FACTOR = 2.0  # standard deviation of the logarithm of a variance beforehand: of few estimates
 # the likelihood alone makes variances nothing, and life left too certain
-_OTHERS = 12  # draws of the variances
+_OTHERS = 12  # draws of means, spreads and variances
 
 
 def learn(fleet: Sequence[Series], healthy: float, size: float) -> Wear:
@@ -41,16 +41,18 @@ def learn(fleet: Sequence[Series], healthy: float, size: float) -> Wear:
         wear = likelihood.climbed()
         for _ in range(_EM):
             passes = [again(s, t, wear) for s, t in zip(known, shocks, strict=True)]
-            wear = _maximised(known, passes, wear, before)
-    return replace(wear, others=_Likelihood(known, shocks, wear, before).draws())
+            wear = _maximised(passes, wear, before)
+    passes = [again(s, t, wear) for s, t in zip(known, shocks, strict=True)]
+    return replace(wear, others=_draws(_Likelihood(known, shocks, wear, before), passes, before))
 
 
 def _first(fleet: Sequence[Series], healthy: float, size: float) -> Wear:
     """A start of the iteration, and the centre of the priors.
 
     Scatter from differences of neighbours; slopes of the whole range in ten years, or as straight
-    lines show them; over the time of the record a slope changes by half of it, and a level wanders
-    by a fifth of its wear.
+    lines show them. Over the time of the record a slope changes steadily by as much as it is, as in
+    powers of time between 0 and 2, and by half of it at random; a level wanders by a fifth of its
+    wear.
     """
     steps = [np.diff(one.value) for one in fleet if one.time.size > 1]
     every = np.concatenate([*steps, np.zeros(0)])
@@ -61,8 +63,9 @@ def _first(fleet: Sequence[Series], healthy: float, size: float) -> Wear:
     seen = [float(np.polyfit(one.time - one.time[0], one.value, 1)[0]) for one in lines]
     slope = math.sqrt((0.1 * size) ** 2 + float(np.mean(np.square(seen or [0.0]))))
     return Wear(
-        np.array([healthy, 0.0, 0.0, 0.0]), np.array([0.02 * size, slope, *[0.02 * size] * 2]),
-        np.array([0.0, slope]), 0.0, (0.2 * slope) ** 2 * span, (0.5 * slope) ** 2 / span, scatter,
+        np.array([healthy, 0.0, 0.0, 0.0, 0.0]),
+        np.array([0.02 * size, slope, slope / span, *[0.02 * size] * 2]),
+        np.array([0.0, slope]), (0.2 * slope) ** 2 * span, (0.5 * slope) ** 2 / span, scatter,
         0.5, size,
     )  # fmt: skip
 
@@ -77,7 +80,7 @@ class _Likelihood:
     def __init__(
         self, fleet: Sequence[Series], shocks: Sequence[Trend], wear: Wear, before: Wear
     ) -> None:
-        self._fleet, self._shocks, self._wear = fleet, shocks, wear
+        self._fleet, self._shocks, self.wear = fleet, shocks, wear
         least = (1e-6 * wear.size) ** 2
         self._usual, self._begin = (
             np.log(np.maximum([one.q_level, one.q_slope, one.occasion**2, one.scale**2], least))
@@ -95,8 +98,8 @@ class _Likelihood:
         )  # fmt: skip
         return self._with(end.x)
 
-    def draws(self) -> tuple[Wear, ...]:
-        """Draws of the variances, with the curvature at the present ones."""
+    def draws(self, random: np.ndarray) -> list[Wear]:
+        """Other plausible variances, by normal deviates (N, 4), with the curvature at these."""
         step = 0.1
         slopes = [
             (self._told(self._begin + move)[1] - self._told(self._begin - move)[1]) / (2.0 * step)
@@ -105,14 +108,13 @@ class _Likelihood:
         values, vectors = np.linalg.eigh(0.5 * (np.array(slopes) + np.transpose(slopes)))
         # beyond what the prior says nothing is known less
         spread = np.maximum(values, _FACTOR**-2) ** -0.5
-        random = np.random.default_rng(1).standard_normal((_OTHERS // 2, 4))
-        points = self._begin + np.concatenate([random, -random]) * spread @ vectors.T
-        return tuple(self._with(np.clip(one, *self._bounds.T)) for one in points)
+        points = self._begin + random * spread @ vectors.T
+        return [self._with(np.clip(one, *self._bounds.T)) for one in points]
 
     def _with(self, x: np.ndarray) -> Wear:
         q_level, q_slope, occasion, scale = np.exp(x).tolist()
         return replace(
-            self._wear, q_level=q_level, q_slope=q_slope, occasion=occasion**0.5, scale=scale**0.5
+            self.wear, q_level=q_level, q_slope=q_slope, occasion=occasion**0.5, scale=scale**0.5
         )
 
     def _told(self, x: np.ndarray) -> tuple[float, np.ndarray]:
@@ -132,35 +134,41 @@ class _Likelihood:
         return 0.5 * float(away @ away) - total, away / _FACTOR - slopes * np.exp(x)
 
 
-def _maximised(
-    fleet: Sequence[Series], passes: Sequence[Pass], wear: Wear, before: Wear
-) -> Wear:  # fmt: skip
+def _draws(likelihood: _Likelihood, passes: Sequence[Pass], before: Wear) -> tuple[Wear, ...]:
+    """Other plausible variances, means and spreads.
+
+    An actuator whose own estimates leave the share 1 - r of the variance s^2 over the fleet tells
+    r/s^2 of the mean, and r^2/2 of log s^2 (Fisher information of a normal distribution).
+    """
+    wear, half = likelihood.wear, np.random.default_rng(1).standard_normal((_OTHERS // 2, 14))
+    random = np.concatenate([half, -half])
+    told = np.array([np.clip(1.0 - done.error[0] / wear.spread**2, 0.0, 1.0) for done in passes])
+    mean = (before.spread**-2 + told.sum(axis=0) / wear.spread**2) ** -0.5
+    factor = (_FACTOR**-2 + 0.5 * (told**2).sum(axis=0)) ** -0.5
+    several = zip(
+        likelihood.draws(random[:, :4]), wear.mean + mean * random[:, 4:9],
+        wear.spread * np.exp(0.5 * factor * random[:, 9:]), strict=True,
+    )  # fmt: skip
+    return tuple(replace(one, mean=m, spread=s) for one, m, s in several)
+
+
+def _maximised(passes: Sequence[Pass], wear: Wear, before: Wear) -> Wear:
     """Means and spreads after a step of expectation and maximisation (Shumway and Stoffer 1982)."""
     mean, spread = _moments(
         [done.smooth[0] for done in passes], [done.error[0] for done in passes],
         before.mean, before.spread,
     )  # fmt: skip
-    pushed, lasted = 0.0, 1.0  # a year speaks against an acceleration
     after: list[np.ndarray] = []
     unsure: list[np.ndarray] = []
-    for one, done in zip(fleet, passes, strict=True):
+    for done in passes:
         jumps = np.flatnonzero(done.jump > 0.0)
         after += list(done.smooth[jumps, 1:2])
         unsure += list(done.error[jumps, 1:2])
-        dt = np.diff(one.time)
-        free = ~done.reset[1:] & (done.jump[1:] == 0.0)
-        moved = wear.acceleration + wear.q_slope * done.score[1:, SLOPE]
-        pushed += float((dt * moved)[free].sum())
-        lasted += float(dt[free].sum())
     least = 1e-6 * wear.size
     following = wear.after
     if after:
         following = np.concatenate(_moments(after, unsure, *np.reshape(before.after, (2, 1))))
-    return replace(
-        wear, mean=mean, spread=np.maximum(spread, least), after=following,
-        # one actuator cannot tell what its kind does from how its own slope wanders
-        acceleration=pushed / lasted * (1.0 - 1.0 / len(fleet)),
-    )  # fmt: skip
+    return replace(wear, mean=mean, spread=np.maximum(spread, least), after=following)
 
 
 def _moments(

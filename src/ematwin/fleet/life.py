@@ -1,10 +1,10 @@
 """Life left: the time until a magnitude passes its limit, or the actuator no longer does its job.
 
-From the posterior of level and slope (`ematwin.fleet.trend`) the wear goes on as one of two
-processes with that slope and that variance per year: a Wiener process, whose first passage has an
-inverse Gaussian distribution where slope and level are known (Folks and Chhikara 1978, J. R. Stat.
-Soc. B 40, 263-289), or a gamma process, which never goes back (van Noortwijk 2009, Reliab. Eng.
-Syst. Saf. 94, 2-21). The evidence of the fleet's increments decides which.
+From the posterior of level, slope and acceleration (`ematwin.fleet.trend`) the wear goes on as one
+of two processes with that slope and that variance per year: a Wiener process, whose first passage
+has an inverse Gaussian distribution where slope and level are known (Folks and Chhikara 1978,
+J. R. Stat. Soc. B 40, 263-289), or a gamma process, which never goes back (van Noortwijk 2009,
+Reliab. Eng. Syst. Saf. 94, 2-21). The evidence of the fleet's increments decides which.
 """
 
 import math
@@ -118,10 +118,10 @@ def paths(
     which = np.arange(draws) % len(states)
     means = np.array([mean for _, mean, _ in states])
     roots = np.array(
-        [np.linalg.cholesky(cov + 1e-15 * np.trace(cov) * np.eye(2)) for _, _, cov in states]
+        [np.linalg.cholesky(cov + 1e-15 * np.trace(cov) * np.eye(3)) for _, _, cov in states]
     )
     start = means[which] + np.einsum(
-        "nij,nj->ni", roots[which], generator.standard_normal((draws, 2))
+        "nij,nj->ni", roots[which], generator.standard_normal((draws, 3))
     )  # fmt: skip
     q_level, q_slope = (
         np.array([getattr(wear, name) for wear, _, _ in states])[which, None]
@@ -130,8 +130,8 @@ def paths(
     ahead = np.concatenate([[0.0], np.geomspace(1.0 / 365.25, horizon, _STEPS)])
     dt = np.diff(ahead)
     wander = np.sqrt(q_slope * dt) * generator.standard_normal((draws, dt.size))
-    drift = start[:, 1:] + np.cumsum(wander, axis=1)
-    drift += one.wear.acceleration * 0.5 * (ahead[:-1] + ahead[1:])
+    drift = start[:, 1:2] + np.cumsum(wander, axis=1)
+    drift += start[:, 2:] * 0.5 * (ahead[:-1] + ahead[1:])
     variance = q_level * dt
     if process == "gamma":
         direction = 1.0 if one.mean[1] >= 0.0 else -1.0

@@ -6,7 +6,7 @@ from urllib.parse import quote
 
 import numpy as np
 
-from ematwin.fleet.actuator import FleetActuator
+from ematwin.fleet.actuator import ENTRIES, FleetActuator, shortened
 from ematwin.fleet.alarms import Alarm, worst
 from ematwin.fleet.fleet import Fleet
 from ematwin.fleet.life import LEVEL, paths, spoken
@@ -62,10 +62,7 @@ def actuator_page(unit: FleetActuator) -> str:
     why = row["advisory_reason"] or "No magnitude is larger than matters."
     left = "no limit is stated" if life is None else str(life)
     lead = f"{unit.serial_number}: {_ADVICE[row['advisory']]}. {_upper(why)} Life left: {left}."
-    events = [
-        Row([f"{one['time']:%Y-%m-%d}", _told(one)])
-        for one in reversed(unit.events)
-    ]  # fmt: skip
+    events = history(unit)
     known = [
         Row([f"{one['time']:%Y-%m-%d %H:%M}", one["grade"], one["sentence"] or one["reason"],
              one["source"]], marked=one["grade"] == "fault")
@@ -79,8 +76,8 @@ def actuator_page(unit: FleetActuator) -> str:
         sections.append(
             Section("Until it no longer does its job", facts={requirement.measure: text})
         )
-    if events:
-        sections.append(Section("Events", table=Table(["day", "what"], events, texts=(1,))))
+    if events.rows:
+        sections.append(Section("Events", table=events))
     header = ["recorded", "verdict", "because", "file"]
     sections.append(Section("Recordings", table=Table(header, known, texts=(1, 2, 3))))
     step = "none" if first is None else row["advisory"]
@@ -247,15 +244,35 @@ def _thinned(time: np.ndarray, value: np.ndarray, most: int) -> tuple[np.ndarray
     return time[kept], value[kept]
 
 
-def _told(event: dict[str, Any]) -> str:
-    """An event in words."""
-    magnitude = event.get("magnitude", "")
-    what = event["what"]
-    if what == "alarm":
+def history(unit: FleetActuator) -> Table:
+    """What happened to an actuator, the latest first, with the entries that can be withdrawn."""
+    by = {one["id"]: one for one in unit.history}
+    held = {one["id"] for one in unit.events}
+    rows = []
+    for one in reversed(unit.history):
+        entry = shortened(one["id"]) if one["what"] in ENTRIES else ""
+        said = _told(one, by) + ("" if one["id"] in held else " \N{EM DASH} withdrawn")
+        rows.append(Row([f"{one['time']:%Y-%m-%d}", said, entry]))
+    return Table(["day", "what", "entry"], rows, texts=(1, 2))
+
+
+def _told(event: dict[str, Any], by: dict[str, dict[str, Any]]) -> str:
+    """An event in words; ``by`` has the others by their id."""
+    if event["what"] == "alarm":
+        magnitude = event["magnitude"].replace("_", " ")
         return f"{magnitude}: {_ADVICE[event['step']]}. {_upper(event.get('why', ''))}"
-    note = f" ({event['note']})" if event.get("note") else ""
-    until = f" until {event['until'][:10]}" if what == "silenced" else ""
-    return f"{what} {magnitude}{until}".rstrip() + note
+    said, other = _brief(event), by.get(event.get("entry", ""))
+    if other is not None:
+        said += f" {_brief(other)} of {other['time']:%Y-%m-%d}"
+    if event["known"].date() != event["time"].date():
+        said += f", entered on {event['known']:%Y-%m-%d}"
+    return said + (f" ({event['note']})" if event.get("note") else "")
+
+
+def _brief(event: dict[str, Any]) -> str:
+    until = f"until {event['until'][:10]}" if event["what"] == "silenced" else ""
+    magnitude = event.get("magnitude", "").replace("_", " ")
+    return " ".join(filter(None, (event["what"], magnitude, until)))
 
 
 def _rules(fleet: Fleet) -> dict[str, str]:

@@ -19,25 +19,22 @@ import hashlib
 import json
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
 from ematwin.errors import FileError, InputError, MissingExtraError
 from ematwin.files import written_whole
+from ematwin.fleet.folder import FolderRows
 from ematwin.numerics.content import digest
 from ematwin.validation import load_toml
 
 YEAR = 365.25 * 86_400.0  # s
 SET_ASIDE = "set aside"  # grade of what could not be judged
-_PARTS = 64  # files of an actuator beyond which they are merged into one
 
 SCHEMA = pa.schema(
     [
@@ -95,7 +92,7 @@ class FleetStore:
             ) from None
         settings = self.folder / "fleet.toml"
         url = load_toml(settings, "settings").get("store") if settings.exists() else None
-        self._held: Any = FolderRows(self.folder)
+        self._held: Any = FolderRows(self.folder, SCHEMA)
         if url is not None:
             from ematwin.fleet.tables import TableRows
 
@@ -110,7 +107,8 @@ class FleetStore:
     def rows(self, serial_number: str | None = None) -> pa.Table:
         """The rows of all actuators or of one, by serial number and time; each recording once.
 
-        A recording that several twins have judged has the latest judgement.
+        A recording that several twins have judged has the latest judgement. A file that was judged
+        while it was still written counts as it is now.
 
         Raises
         ------
@@ -126,6 +124,7 @@ class FleetStore:
             again = pc.and_(*alike)
             first = pa.concat_arrays([pa.array([True]), pc.invert(again)])
             whole = whole.filter(first)
+        whole = whole.filter(_as_they_are(whole))
         return whole.sort_by([("serial_number", "ascending"), ("time", "ascending")])
 
     def known(self) -> dict[str, list[dict[str, Any]]]:
@@ -189,12 +188,13 @@ class FleetStore:
         self._held.note(json.dumps(event, sort_keys=True, default=str))
 
     def events(self) -> list[dict[str, Any]]:
-        """All events by time, each with ``time`` as a datetime."""
+        """All events by time, each with its ``id``, and since when it is ``known``; datetimes."""
         found = []
         for place, text in self._held.events():
             try:
                 event = json.loads(text)
-                event["time"] = moment_of(event["time"])
+                event |= {"id": digest(text), "time": moment_of(event["time"])}
+                event["known"] = moment_of(event.pop("entered", event["time"]))
             except (ValueError, KeyError, TypeError):
                 raise FileError(f"{place} is damaged. Remove it.") from None
             found.append(event)
@@ -207,97 +207,24 @@ class FleetStore:
         return (age, *self._held.version())
 
 
-class FolderRows:
-    """Rows and events as files in the folder of a fleet."""
+def _as_they_are(rows: pa.Table) -> pa.Array:
+    """Which rows, (N,) booleans, are of files as they are now.
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-
-    def add(self, rows: Iterable[Mapping[str, Any]]) -> None:
-        """Keep rows, of each actuator in one file; those that are there already stay once."""
-        by: dict[str, list[Mapping[str, Any]]] = {}
-        for row in rows:
-            by.setdefault(row["serial_number"], []).append(row)
-        for serial, several in by.items():
-            self._write(serial, pa.Table.from_pylist([dict(r) for r in several], schema=SCHEMA))
-
-    def rows(self, serial_number: str | None) -> list[pa.Table]:
-        """The rows of all actuators or of one."""
-        parts = [self._read(path) for path in self._files(serial_number)]
-        return [one for one in parts if one is not None]
-
-    def merge(self) -> None:
-        """Merge the files of actuators that have many; what another process moves is left."""
-        for folder in (self.folder / "rows").iterdir():
-            files = sorted(folder.glob("[!.]*.parquet"))  # not what a killed process left
-            if len(files) <= _PARTS:
-                continue
-            parts = [self._read(path) for path in files]
-            table = pa.concat_tables(p for p in parts if p is not None)
-            kept = self._write(table["serial_number"][0].as_py(), table)
-            for path in files:
-                if path != kept:
-                    path.unlink(missing_ok=True)
-
-    def has(self, serial_number: str, ids: Iterable[str]) -> bool:
-        """Whether these rows are kept as one part."""
-        return self._part(serial_number, ids).exists()
-
-    def note(self, text: str) -> None:
-        """Keep an event, JSON; the same one again is kept once."""
-        with written_whole(self.folder / "events" / f"{digest(text)}.json", durable=True) as draft:
-            draft.write_text(text, encoding="utf-8")
-
-    def events(self) -> list[tuple[str, str]]:
-        """Places and texts of all events."""
-        found = []
-        for path in (self.folder / "events").glob("[!.]*.json"):
-            with suppress(FileNotFoundError):
-                found.append((str(path), path.read_text("utf-8", errors="replace")))
-        return found
-
-    def version(self) -> tuple[str, ...]:
-        """Names of all files."""
-        names = (
-            str(path.relative_to(self.folder))
-            for name in ("rows", "events")
-            for path in (self.folder / name).rglob("[!.]*.*")
-        )
-        return tuple(sorted(names))
-
-    def twin(self, fingerprint: str) -> Path:
-        """The file of a twin."""
-        return self.folder / "twins" / f"{fingerprint}.toml"
-
-    def keep_twin(self, fingerprint: str) -> None:
-        """Nothing is to be done: the folder has it."""
-
-    def _part(self, serial: str, ids: Iterable[str]) -> Path:
-        folder = self.folder / "rows" / _folder_name(serial)
-        return folder / f"{digest(json.dumps(sorted(ids)))}.parquet"
-
-    def _write(self, serial: str, table: pa.Table) -> Path:
-        path = self._part(serial, table["id"].to_pylist())
-        path.parent.mkdir(exist_ok=True)
-        with written_whole(path, durable=True) as draft:
-            pq.write_table(table, draft)
-        return path
-
-    def _files(self, serial: str | None) -> list[Path]:
-        inside = "*" if serial is None else _folder_name(serial)
-        return sorted((self.folder / "rows").glob(f"{inside}/[!.]*.parquet"))
-
-    def _read(self, path: Path) -> pa.Table | None:
-        """A part; None where it was merged into another meanwhile."""
-        try:
-            return pq.ParquetFile(path).read().cast(SCHEMA)
-        except FileNotFoundError:
-            return None
-        except (pa.ArrowInvalid, OSError, ValueError) as error:
-            raise FileError(
-                f"{path} is damaged ({str(error).splitlines()[0][:80]}). Remove it, and watch its "
-                "recordings again."
-            ) from None
+    The others have source, actuator and time of a row that was judged later, with other contents;
+    or were set aside, and their source has later contents.
+    """
+    names = ("source", "serial_number", "time", "grade", "content", "judged")
+    several = list(zip(*(rows[name].to_pylist() for name in names), strict=True))
+    latest: dict[tuple[Any, ...], tuple[datetime, str]] = {}
+    for *place, _, content, judged in several:
+        for key in (tuple(place), (place[0],)):
+            latest[key] = max(latest.get(key, (judged, content)), (judged, content))
+    kept = [
+        place[0] is None
+        or latest[(place[0],) if grade == SET_ASIDE else tuple(place)][1] == content
+        for *place, grade, content, _ in several
+    ]
+    return pa.array(kept, pa.bool_())
 
 
 def row_of(
@@ -317,11 +244,6 @@ def row_of(
         "judged": datetime.now(UTC), "content": content, "motion": motion, "twin": twin,
         "kind": kind, "grade": grade, **more,
     }  # fmt: skip
-
-
-def _folder_name(serial_number: str) -> str:
-    """A serial number as the name of a folder: ``..`` and ``/`` are none."""
-    return quote(serial_number, safe="-_ ").replace(".", "%2E") or "unknown"
 
 
 def id_of(content: str, motion: int, twin: str) -> str:

@@ -30,7 +30,7 @@ def _type(one: pa.DataType) -> Any:
 
 
 class TableRows:
-    """Rows, events and twins of a fleet in a database; `ematwin.fleet.store.FolderRows` is alike.
+    """Rows, events and twins of a fleet in a database; `ematwin.fleet.folder.FolderRows` is alike.
 
     Parameters
     ----------

@@ -4,14 +4,14 @@ Local linear trend in continuous time (Harvey 1989, Forecasting, Structural Time
 the Kalman Filter, sec. 2.3; Durbin and Koopman 2012, Time Series Analysis by State Space Methods):
 
     d level = slope dt + dW,  var dW = q_level dt
-    d slope = acceleration dt + dV,  var dV = q_slope dt
+    d slope = acceleration dt + dV,  var dV = q_slope dt,  d acceleration = 0
     y = level + effects . covariates + e,              var e = occasion^2 + scale^2 s^2
 
 ``s`` is the standard error of an estimate, ``occasion`` the scatter between occasions that no
-recording shows. ``scale`` below one says that a part of ``s`` is the same in each recording. Start
-and slope of each actuator come from normal distributions of the fleet, learnt by
+recording shows. ``scale`` below one says that a part of ``s`` is the same in each recording. Start,
+slope and acceleration of each actuator come from normal distributions of the fleet, learnt by
 `ematwin.fleet.learning` (empirical Bayes): a new actuator begins with the fleet's (partial
-pooling). After a jump the slope starts anew, from the fleet's slopes after jumps.
+pooling). After a jump slope and acceleration start anew, the slope from the fleet's after jumps.
 
 Jumps and outliers are found by the auxiliary residuals of the smoother (de Jong and Penzer 1998,
 J. Am. Stat. Assoc. 93, 796-806), here as Bayes factors of one normal shock.
@@ -28,7 +28,7 @@ from ematwin.fleet.kalman import filtered, smoothed
 
 _MOST = 30  # shocks in one series
 _TAUGHT = 200  # estimates of an actuator that teach the fleet: all of them teach no more
-_LEVEL, SLOPE, _EFFECTS = 0, 1, 2
+_LEVEL, _SLOPE, _EFFECTS = 0, 1, 3
 
 
 @dataclass(frozen=True)
@@ -72,9 +72,8 @@ class Wear:
 
     Attributes
     ----------
-    mean, spread : (4,) arrays, of level, slope and two effects of covariates at the start
+    mean, spread : (5,) arrays, of level, slope, acceleration and two effects at the start
     after : (2,) array, mean and spread of the slope after a jump
-    acceleration : drift of the slope per year
     q_level, q_slope : variances per year
     occasion, scale : of the errors of estimates, see above
     size : standard deviation of jumps and of outliers, the range of the unknown
@@ -86,7 +85,6 @@ class Wear:
     mean: np.ndarray
     spread: np.ndarray
     after: np.ndarray
-    acceleration: float
     q_level: float
     q_slope: float
     occasion: float
@@ -115,7 +113,7 @@ class Trend:
     ----------
     series : the data
     wear : the fleet's prior
-    mean, covariance : (2,) and (2, 2) arrays, level and slope after the last estimate
+    mean, covariance : (3,) and (3, 3) arrays, level, slope and acceleration at ``time``
     level, level_error : (n,) arrays, smoothed, and its standard error
     slope : (n,) array, smoothed, per year
     corrected : (n,) array, estimates less the effects of covariates
@@ -137,17 +135,15 @@ class Trend:
 
     @cached_property
     def states(self) -> list[tuple[Wear, np.ndarray, np.ndarray]]:
-        """Mean and covariance of the state after the last estimate, for each draw of the wear."""
+        """Mean and covariance of the state at ``time``, for each draw of the wear."""
         if not self.wear.others:
             return [(self.wear, self.mean, self.covariance)]
-        passes = [(one, again(self.series, self, one)) for one in self.wear.others]
-        # copies: a view would keep all moments of the pass
-        return [(w, one.mean[-1, :2].copy(), one.cov[-1, :2, :2].copy()) for w, one in passes]
+        return [(one, *again(self.series, self, one).last()) for one in self.wear.others]
 
     @property
     def time(self) -> float:
-        """Of the last estimate, years."""
-        return float(self.series.time[-1])
+        """Of the last estimate, or of an overhaul after it, years."""
+        return max(float(self.series.time[-1]), *self.series.overhauls, -math.inf)
 
     @property
     def constant_variance(self) -> float:
@@ -161,19 +157,19 @@ class Trend:
         return float(mean[0]), math.sqrt(cov[0, 0]), float(mean[1])
 
     def later(self, ahead: float) -> list[tuple[Wear, np.ndarray, np.ndarray]]:
-        """`states` some years after the last estimate."""
+        """`states` some years after ``time``."""
         return [(one, *self._later(ahead, one, mean, cov)) for one, mean, cov in self.states]
 
     def _later(
         self, ahead: float, wear: Wear, mean: np.ndarray, cov: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        move = np.array([[1.0, ahead], [0.0, 1.0]])
-        mean = move @ mean + wear.acceleration * np.array([0.5 * ahead**2, ahead])
+        move = np.array([[1.0, ahead, 0.5 * ahead**2], [0.0, 1.0, ahead], [0.0, 0.0, 1.0]])
+        mean = move @ mean
         cov = move @ cov @ move.T
         cov[0, 0] += wear.q_level * ahead + wear.constant_variance(self.series.error)
         cov[0, 0] += wear.q_slope * ahead**3 / 3.0
         cov[0, 1] += wear.q_slope * ahead**2 / 2.0
-        cov[1, 0] = cov[0, 1]
+        cov[1, 0] += wear.q_slope * ahead**2 / 2.0
         cov[1, 1] += wear.q_slope * ahead
         return mean, cov
 
@@ -191,7 +187,8 @@ class Pass:
         self.reset = np.zeros(n, dtype=bool)
         starts = np.searchsorted(series.time, np.array(series.overhauls, dtype=float))
         self.reset[[i for i in starts if 0 < i < n]] = True
-        self.mean, self.cov, gain = np.empty((n + 1, 4)), np.empty((n + 1, 4, 4)), np.empty((n, 4))
+        self._renewed, self._wear = n in starts, wear
+        self.mean, self.cov, gain = np.empty((n + 1, 5)), np.empty((n + 1, 5, 5)), np.empty((n, 5))
         innovation, power = np.empty(n), np.empty(n)
         # contiguous: filter and smoother are compiled for each layout of their arguments
         time, value, covariates = map(
@@ -199,17 +196,24 @@ class Pass:
         )
         self.told = filtered(
             time, value, used, covariates, wear.mean, wear.spread,
-            wear.after, wear.acceleration, wear.q_level, wear.q_slope, self.jump, self.reset,
+            wear.after, wear.q_level, wear.q_slope, self.jump, self.reset,
             self.mean, self.cov, gain, innovation, power,
         )  # fmt: skip
-        self.score, self.weight = np.empty((n, 4)), np.empty((n, 4, 4))
+        self.score, self.weight = np.empty((n, 5)), np.empty((n, 5, 5))
         self.residual, self.precision = np.empty(n), np.empty(n)
-        self.smooth, self.error = np.empty((n, 4)), np.empty((n, 4))
+        self.smooth, self.error = np.empty((n, 5)), np.empty((n, 5))
         smoothed(
             time, covariates, self.jump, self.reset, self.mean, self.cov, gain,
             innovation, power, self.score, self.weight, self.residual, self.precision,
             self.smooth, self.error,
         )  # fmt: skip
+
+    def last(self) -> tuple[np.ndarray, np.ndarray]:
+        """Mean and covariance of the state but for effects, after the last estimate or overhaul."""
+        if self._renewed:
+            return self._wear.mean[:3], np.diag(self._wear.spread[:3] ** 2)
+        # copies: a view would keep all moments of the pass
+        return self.mean[-1, :3].copy(), self.cov[-1, :3, :3].copy()
 
     def odds(self, series: Series, wear: Wear) -> tuple[np.ndarray, np.ndarray]:
         """Log odds, (n,) each, of an outlier at, and of a jump before, each estimate."""
@@ -255,9 +259,9 @@ def trend(series: Series, wear: Wear) -> Trend:
         done = Pass(series, wear, outliers, jumps)
     effect = (done.smooth[:, _EFFECTS:] * series.covariates).sum(axis=1)
     return Trend(
-        series, wear, done.mean[-1, :2].copy(), done.cov[-1, :2, :2].copy(),
+        series, wear, *done.last(),
         done.smooth[:, _LEVEL], np.sqrt(np.maximum(done.error[:, _LEVEL], 0.0)),
-        done.smooth[:, SLOPE], series.value - effect,
+        done.smooth[:, _SLOPE], series.value - effect,
         tuple(sorted(outliers)), tuple(sorted(jumps)), done.told,
     )  # fmt: skip
 

@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.errors import EmatwinError, RecordError
+from ematwin.errors import EmatwinError, FileError, InputError, RecordError
 from ematwin.fleet.paths import Hashes, Paths
 from ematwin.fleet.store import SET_ASIDE, FleetStore, content_of, id_of, moment_of, row_of
 from ematwin.models.reading import read
@@ -82,7 +82,10 @@ class Twins:
         self._by: dict[str, list[tuple[datetime, str]]] = {}
         for path in sorted((store.folder / "calibrations").glob("[!.]*.toml")):
             serial, _, since = path.stem.partition("@")
-            begin = moment_of(since) if since else _EARLIEST
+            try:
+                begin = moment_of(since) if since else _EARLIEST
+            except InputError as error:
+                raise InputError(f"{path} has no day after its @. {error}") from None
             self._by.setdefault(serial, []).append((begin, self._keep(path)))
         for periods in self._by.values():
             periods.sort()
@@ -165,7 +168,11 @@ def watch(
     seen: dict[str, str] = {}
     todo: list[tuple[Path, str]] = []
     for path in paths.files:
-        content = hashes.of(path)
+        try:
+            content = hashes.of(path)
+        except FileError as error:  # unreadable, or removed meanwhile; it has no row
+            found.set_aside.append((str(path), str(error)))
+            continue
         if content in seen:
             found.duplicates.append(str(path))
             continue
@@ -230,9 +237,10 @@ def _workers(threads: int, scheduler: str | None) -> Iterator[Executor]:
 def _changed(
     rows: Sequence[dict[str, Any]], twins: Twins, paths: Paths, path: Path
 ) -> bool:  # fmt: skip
-    """Whether a file is now judged by another twin than before."""
+    """Whether a file is now judged by another twin, or was set aside under another name."""
     return any(
-        twins.select(
+        (row["grade"] == SET_ASIDE and Path(row["source"]).parts[-2:] != path.parts[-2:])
+        or twins.select(
             row["serial_number"] or paths.serial(path), row["time"] or paths.time(path)
         )
         != row["twin"]
@@ -331,10 +339,11 @@ def _aside(
     path: Path, content: str, motion: int, serial: str, when: datetime | None, reason: str,
     twin: str = "",
 ) -> dict[str, Any]:  # fmt: skip
-    return row_of(
+    row = row_of(
         serial, when, content=content, motion=motion, twin=twin, kind="", grade=SET_ASIDE,
         reason=reason, source=str(path),
     )  # fmt: skip
+    return {**row, "id": id_of(content, motion, f"{twin} {reason} {path}")}  # no judgement's
 
 
 def _sentence(error: Exception) -> str:
