@@ -31,6 +31,25 @@ _KNOWN = 1e-3  # share of its spread that is left of what counts as known
 
 
 @dataclass(frozen=True)
+class NominalParameter:
+    """One fitted parameter.
+
+    Attributes
+    ----------
+    place : e.g. "screw.friction_force"
+    value, template : SI units
+    standard_error : SI units
+    determined : whether the recordings say more of it than the template does
+    """
+
+    place: str
+    value: float
+    template: float
+    standard_error: float
+    determined: bool
+
+
+@dataclass(frozen=True)
 class Baseline:
     """Prior knowledge of an actuator.
 

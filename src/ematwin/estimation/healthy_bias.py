@@ -15,6 +15,7 @@ from ematwin.errors import RecordError
 from ematwin.estimation.assess import assess
 from ematwin.estimation.baseline import Baseline
 from ematwin.estimation.corrected_problem import as_searched, corrected_at
+from ematwin.estimation.free_unknowns import lowered
 from ematwin.estimation.local import LocalDescent
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import find, named
@@ -75,24 +76,16 @@ def _descended_to(
     one: Comparison, faults: Sequence[Unknown], held: Mapping[str, float]
 ) -> np.ndarray:
     """(d,) faults at the end of a descent from healthy, which may end below it."""
-    problem = Problem([one], _lowered(faults), held=held)
+    problem = Problem([one], lowered(faults), held=held)
     problem = corrected_at(problem, problem.healthy) or problem
     return LocalDescent().run(problem, budget=None, seed=1, report=lambda *_: None).point
-
-
-def _lowered(faults: Sequence[Unknown]) -> list[Unknown]:
-    """Faults that may lie as far below healthy as a kind lets monitoring look.
-
-    A twin that is worn itself finds healthy recordings there.
-    """
-    return [replace(one, lower=one.lower - one.slack) if one.slack else one for one in faults]
 
 
 def _judged(
     model: Model, actuator: ParameterSet, baseline: Baseline, compared: Comparison
 ) -> dict[str, tuple[float, float]]:
     """Each fault of a recording and its standard error, all else free as it is known."""
-    free = _lowered(model.faults(actuator))
+    free = lowered(model.faults(actuator))
     problem = as_searched(Problem([compared], free))
     seen = assess(model, actuator, problem, find(problem, named(model.default_search)), baseline)
     errors = np.sqrt(np.diag(seen.covariance)).tolist()

@@ -18,9 +18,8 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from ematwin.estimation.baseline import Baseline, uncertain
+from ematwin.estimation.baseline import Baseline, NominalParameter, uncertain
 from ematwin.estimation.constants import DETERMINED, TWO_SIGMA
-from ematwin.estimation.nominal import NominalParameter
 from ematwin.estimation.prior import Prior, coordinate
 from ematwin.models.base import Model
 from ematwin.models.comparison import Comparison, correlation_time

@@ -16,7 +16,6 @@ from ematwin.estimation.baseline import frees_parameters
 from ematwin.estimation.learn import learn
 from ematwin.models.base import Model
 from ematwin.models.channels_agree import checked
-from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.registry import load_actuator, model_of
 from ematwin.monitoring.by_population import by_population
@@ -149,18 +148,16 @@ def _calibrated(
     tell(0.05)
     taught = [one for one, own in zip(healthy, learning, strict=True) if own]
     first = None
-    means: list[Comparison] = []
-    if not by_values:
-        first = Bench(model, chosen, healthy, command, interval, settling)
-        means = mean_recordings(first, learning)
     if model.recordings_differ:
         few_of_them, left_out = _sound(model, chosen, taught)
     else:
         few_of_them, left_out = _evenly(taught, _MOST_LEARNT), []
-    learnt = learn(
-        model, chosen, [model.compare(one, chosen) for one in few_of_them],
-        means=means, progress=lambda share: tell(0.05 + 0.45 * share),
-    )  # fmt: skip
+    if by_values:
+        beside = [model.compare(one, chosen) for one in few_of_them]
+    else:
+        first = Bench(model, chosen, healthy, command, interval, settling)
+        beside = mean_recordings(first, learning)
+    learnt = learn(model, chosen, beside, lambda share: tell(0.05 + 0.45 * share))
     actuator, parameters = learnt.actuator, learnt.parameters
     if name is not None:
         actuator = actuator.model_copy(update={"name": name})

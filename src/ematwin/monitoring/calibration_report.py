@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from ematwin import __version__
-from ematwin.estimation.baseline import Baseline
+from ematwin.estimation.baseline import Baseline, NominalParameter
 from ematwin.estimation.forms import FoundForms
-from ematwin.estimation.nominal import NominalParameter
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.monitoring.calibration import Calibration
 from ematwin.monitoring.population_calibration import PopulationCalibration

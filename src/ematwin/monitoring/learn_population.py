@@ -10,9 +10,8 @@ from dataclasses import replace
 import numpy as np
 
 from ematwin.errors import RecordError
-from ematwin.estimation.baseline import Baseline
+from ematwin.estimation.baseline import Baseline, NominalParameter
 from ematwin.estimation.local import LocalDescent
-from ematwin.estimation.nominal import NominalParameter
 from ematwin.models.base import Model, Reported
 from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet

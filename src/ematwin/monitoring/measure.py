@@ -12,9 +12,9 @@ import numpy as np
 from ematwin.errors import RecordError
 from ematwin.estimation.constants import SAME_COMMAND
 from ematwin.estimation.estimate import Estimate
+from ematwin.estimation.free_unknowns import searched
 from ematwin.estimation.laplace import width_at
 from ematwin.estimation.local import LocalDescent
-from ematwin.estimation.nominal import searched
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found, Search, named
 from ematwin.models.base import Model
