@@ -34,4 +34,4 @@ def detection(count: int, dated: bool = False) -> Detection:
                 standing=Standing(1.0 + n, 3.0, 6.0, "physics" if fault else ""),
             )
         )  # fmt: skip
-    return Detection(tuple(rows), tuple(list(rows)), calibration)
+    return Detection(tuple(rows), tuple(list(rows)), {"": calibration})

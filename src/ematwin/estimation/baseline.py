@@ -15,7 +15,6 @@ import numpy as np
 
 from ematwin.errors import ParameterError
 from ematwin.estimation.constants import SEARCHED, TWO_SIGMA
-from ematwin.estimation.local import LocalDescent
 from ematwin.estimation.prior import Prior
 from ematwin.estimation.problem import Problem
 from ematwin.models.base import Model
@@ -197,10 +196,8 @@ def baseline_of(given: Any, actuator: ParameterSet) -> Baseline:
 
 
 def frees_parameters(model: Model) -> bool:
-    """Whether parameters are free beside the faults: as a kind says, or its default search."""
-    if model.frees_parameters is not None:
-        return model.frees_parameters
-    return model.default_search != LocalDescent().name
+    """Whether parameters are free beside the faults: unless a healthy population judges."""
+    return model.monitoring is None
 
 
 def uncertain(model: Model, actuator: ParameterSet) -> list[Unknown]:

@@ -4,12 +4,11 @@
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from ematwin.errors import InputError
-from ematwin.estimation.estimate import Estimate
 from ematwin.estimation.identification import Identification
 from ematwin.estimation.verdict import Grade, Verdict
 from ematwin.monitoring.calibration import Calibration
@@ -18,6 +17,7 @@ from ematwin.showing import markup
 from ematwin.showing.drawing import drawn, page_written
 from ematwin.showing.frames import frame_of_rows
 from ematwin.showing.numbers import number_of, said, said_between
+from ematwin.showing.words import listed
 
 UNNAMED = "unnamed change"
 
@@ -130,6 +130,7 @@ class Diagnosis:
     when : time at which its first recording began, ISO 8601, or None
     standing : beside the healthy population; None where that did not judge
     identification : source of the values; None where the population alone was asked
+    actuator : its serial number or name, where several are judged
     """
 
     name: str
@@ -142,6 +143,12 @@ class Diagnosis:
     when: str | None = None
     standing: Standing | None = None
     identification: Identification | None = field(default=None, repr=False, compare=False)
+    actuator: str = ""
+
+    @property
+    def title(self) -> str:
+        """Actuator and name."""
+        return f"{self.actuator} {self.name}".strip()
 
     @property
     def grade(self) -> Grade:
@@ -179,7 +186,8 @@ class Diagnosis:
     @property
     def row(self) -> dict[str, object]:
         """It as a row of a table: labels, verdict, each magnitude with its interval."""
-        found: dict[str, object] = {"name": self.name, **self.labels, "motions": self.motions}
+        found: dict[str, object] = {"actuator": self.actuator} if self.actuator else {}
+        found |= {"name": self.name, **self.labels, "motions": self.motions}
         at = self.standing
         if at is not None:
             found |= {"index": at.index, "limit": at.threshold, "named_by": at.named_by}
@@ -200,7 +208,7 @@ class Diagnosis:
         rows = [(m.name, str(m), m.healthy_text) for m in self.magnitudes]
         return "".join(
             [
-                markup.verdict(f"{self.name}: {self.verdict.sentence}", self.grade),
+                markup.verdict(f"{self.title}: {self.verdict.sentence}", self.grade),
                 markup.table(("quantity", "value (95 %)", "healthy"), rows),
                 *(markup.note(text) for text in self.notes),
             ]
@@ -233,23 +241,55 @@ class Diagnosis:
 
 @dataclass(frozen=True)
 class Detection:
-    """Diagnoses of recordings and of runs.
+    """Diagnoses of recordings and of runs, of one actuator or of several.
 
     Attributes
     ----------
     motions : of each recording
     runs : of the recordings of each run together, where a healthy population judges; else of each
         recording
-    calibration : Calibration
-    estimates : of each recording, in the order of ``motions``
+    calibrations : of each actuator, by its serial number or name; by "" where one alone is judged
     missing : how many recordings are left after an interruption
     """
 
     motions: tuple[Diagnosis, ...]
     runs: tuple[Diagnosis, ...]
-    calibration: Calibration
-    estimates: tuple[Estimate, ...] = ()
+    calibrations: Mapping[str, Calibration]
     missing: int = 0
+
+    @classmethod
+    def of(cls, parts: Mapping[str, Self], not_begun: int) -> Self:
+        """Several actuators together; ``not_begun`` recordings are of others."""
+
+        def named(name: str, rows: Sequence[Diagnosis]) -> list[Diagnosis]:
+            return [replace(row, actuator=name) for row in rows]
+
+        return cls(
+            tuple(row for name, one in parts.items() for row in named(name, one.motions)),
+            tuple(row for name, one in parts.items() for row in named(name, one.runs)),
+            {name: one.calibrations[""] for name, one in parts.items()},
+            not_begun + sum(one.missing for one in parts.values()),
+        )
+
+    def __getitem__(self, actuator: str) -> Self:
+        """The part of one actuator."""
+        motions, runs = (
+            tuple(row for row in rows if row.actuator == actuator)
+            for rows in (self.motions, self.runs)
+        )
+        return replace(
+            self, motions=motions, runs=runs, calibrations={actuator: self.calibrations[actuator]}
+        )
+
+    @property
+    def actuators(self) -> "dict[str, Self]":
+        """The part of each actuator."""
+        return {name: self[name] for name in self.calibrations}
+
+    @property
+    def is_of_several(self) -> bool:
+        """Whether its actuators have names, as those of a table of runs."""
+        return "" not in self.calibrations
 
     @property
     def grade(self) -> Grade:
@@ -265,22 +305,37 @@ class Detection:
 
     @property
     def sentence(self) -> str:
-        """How many runs raise an alarm, and for which faults."""
+        """How many actuators and runs raise an alarm, and for which faults."""
         kind = "runs" if self.by_run else "recordings"
-        return f"{said_of(self.runs, kind)}.{interrupted(self.missing)}"
+        interrupted = f" Interrupted: {self.missing} more were not judged." if self.missing else ""
+        return f"{self._said_of_actuators()}{said_of(self.runs, kind)}.{interrupted}"
+
+    def _said_of_actuators(self) -> str:
+        if not self.is_of_several:
+            return ""
+        faulty: dict[str, dict[str, None]] = {}
+        for run in self.runs:
+            if run.alarm:
+                faulty.setdefault(run.actuator, {})[run.fault] = None
+        told = [f"{name} ({', '.join(faults)})" for name, faults in faulty.items()]
+        said = f"{len(told)} of {len(self.calibrations)} actuators raise an alarm"
+        return f"{said}: {listed(told)}. " if told else f"{said}. "
 
     def rows(self, each: str = "run") -> list[dict[str, object]]:
         """A row of a table for each verdict."""
         return [one.row for one in self.each(each)]
 
     def to_frame(self, each: str = "run") -> Any:
-        """A pandas DataFrame with a row for each "run" or "motion", by name; needs pandas."""
-        return frame_of_rows(self.rows(each), "name")
+        """A pandas DataFrame with a row for each "run" or "motion"; needs pandas."""
+        return frame_of_rows(self.rows(each), "actuator" if self.is_of_several else "name")
 
     to_dataframe = to_frame
 
     def plot(self, each: str = "run") -> Any:
-        """The trend over runs, or over motions: a figure of plotly."""
+        """The trend over runs, or over motions, of one actuator: a figure of plotly."""
+        if self.is_of_several:
+            first = next(iter(self.calibrations), "NAME")
+            raise InputError(f"A trend is of one actuator; plot one, e.g. found[{first!r}].plot().")
         return drawn(self, each, dict.fromkeys(("run", "motion"), "plot_trend"), each)
 
     def report(self, path: str | Path) -> None:
@@ -294,11 +349,11 @@ class Detection:
         return self.runs if each == "run" else self.motions
 
     def __str__(self) -> str:
-        return "\n".join([self.sentence, *(f"{one.name}: {one.verdict}" for one in self.runs)])
+        return "\n".join([self.sentence, *(f"{one.title}: {one.verdict}" for one in self.runs)])
 
     def _repr_html_(self) -> str:
         """How many raise an alarm, then each run, in a notebook."""
-        rows = [(one.name, one.said, one.reason) for one in self.runs]
+        rows = [(one.title, one.said, one.reason) for one in self.runs]
         marked = [n for n, one in enumerate(self.runs) if one.alarm]
         return "".join(
             [
@@ -325,11 +380,6 @@ def said_of(rows: Sequence[Diagnosis], kind: str) -> str:
     return f"{counted(rows, kind)}{': ' + said if said else ''}"
 
 
-def interrupted(missing: int) -> str:
-    """A sentence on recordings that are left after an interruption; "" where none are."""
-    return f" Interrupted: {missing} more were not judged." if missing else ""
-
-
 def counted(rows: Sequence[Diagnosis], kind: str) -> str:
     """How many raise an alarm, and of how many of the rest something is to be said."""
     rest = [one.grade for one in rows if not one.alarm]
@@ -346,7 +396,7 @@ def gathered_notes(rows: Sequence[Diagnosis]) -> list[str]:
     seen: dict[str, list[tuple[str, str]]] = {}
     for one in rows:
         for note in one.notes:
-            seen.setdefault(note.partition(" (")[0], []).append((one.name, note))
+            seen.setdefault(note.partition(" (")[0], []).append((one.title, note))
     return [
         f"{found[0][0]}: {found[0][1]}"
         + (f" {len(found)} of {len(rows)} are like this." if len(found) > 1 else "")

@@ -330,7 +330,7 @@ def test_rewired_sensors_are_noted_and_no_verdict_rests_on_them(calibration):
         for before, after in zip(plain, found, strict=True):
             assert (after.alarm, after.fault) == (before.alarm, before.fault)
             # of slow noise a share stays: it cannot be told from what the actuator does
-            assert after.standing.index == pytest.approx(before.standing.index, abs=0.25)
+            assert after.standing.index == pytest.approx(before.standing.index, abs=0.4)
             assert (
                 after.standing.statistics[coupling] - before.standing.statistics[coupling]
             ) == pytest.approx(share, rel=0.2)

@@ -13,7 +13,8 @@ import pytest
 import ematwin
 from ematwin.errors import EmatwinError
 from ematwin.monitoring.calibration import Calibration
-from ematwin.monitoring.runs import Detections, Runs, is_table_of_runs, read_runs
+from ematwin.monitoring.diagnosis import Detection
+from ematwin.monitoring.runs import Runs, is_table_of_runs, read_runs
 
 
 def known_of(given: Any, first: Path) -> Calibration:
@@ -110,13 +111,13 @@ def test_a_table_that_cannot_be_used_is_refused_in_one_sentence(
 
 
 @pytest.fixture
-def found(folder: Path) -> Detections:
+def found(folder: Path) -> Detection:
     """Each actuator judged by its own file; friction alone is searched, which is quick."""
     (folder / "runs.csv").write_text(TABLES["rows"](folder))
     return ematwin.identify(folder / "runs.csv", exact=True, only="friction")
 
 
-def test_each_recording_is_judged_by_its_own_actuator(found: Detections, tmp_path: Path) -> None:
+def test_each_recording_is_judged_by_its_own_actuator(found: Detection, tmp_path: Path) -> None:
     assert list(found.actuators) == ["EMA-1", "EMA-2"]
     for one in found.actuators.values():
         assert [row.grade for row in one.motions] == ["healthy", "fault"]
