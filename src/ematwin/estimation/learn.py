@@ -96,8 +96,7 @@ def learn(
         If one recording is unlike the others, or they contradict the template.
     """
     if model.recordings_differ:
-        known = learn_effects(model, template, comparisons, progress)
-        return Learnt(known.actuator, known.baseline, known.parameters, [], [])
+        return Learnt(*learn_effects(model, template, comparisons, progress), [], [])
     if not uncertain(model, template):
         baseline = Baseline.of_template(model, template)
         return Learnt(template, replace(baseline, recordings=len(comparisons)), [], [], [])
