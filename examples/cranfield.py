@@ -22,7 +22,8 @@ import ematwin
 from ematwin.models.ball_screw.motions import simulate_motion
 from ematwin.models.reading import read_motions
 from ematwin.monitoring.calibration_report import CalibrationReport
-from ematwin.monitoring.diagnosis import Detection, Diagnosis
+from ematwin.monitoring.detection import Detection
+from ematwin.monitoring.diagnosis import Diagnosis
 from ematwin.monitoring.index import Scores
 from ematwin.report.detection import detection_page
 

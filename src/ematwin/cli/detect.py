@@ -13,7 +13,8 @@ from ematwin.errors import InputError
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from ematwin.monitoring.diagnosis import Detection, Diagnosis
+    from ematwin.monitoring.detection import Detection
+    from ematwin.monitoring.diagnosis import Diagnosis
     from ematwin.monitoring.runs import Runs
     from ematwin.recordings.recording import Recording
 
@@ -128,7 +129,7 @@ def answer(
             for name, known in found.calibrations.items()
         ]
         return {
-            **({"actuators": told} if found.is_of_several else told[0]), "each": each,
+            **({"actuators": told} if found.is_named else told[0]), "each": each,
             "not_judged": found.missing, "report": report, "assumed": assumed,
             "warnings": doubtful,
         }  # fmt: skip
@@ -144,14 +145,14 @@ def answer(
 
 def print_verdicts(found: "Detection", each: str) -> None:
     """Print the table, with a column for each fault that some verdict names, and the notes."""
-    from ematwin.monitoring.diagnosis import counted, gathered_notes, gathered_reasons
+    from ematwin.monitoring.detection import counted, gathered_notes, gathered_reasons
     from ematwin.report.detection import verdict_table
 
     rows = found.each(each)
     telling = dict.fromkeys(name for one in rows if one.alarm for name in _telling(one))
     what = each if found.by_run else "recording"
     options.print_table("", verdict_table(rows, what, list(telling)), width=200)
-    if found.by_run and not found.is_of_several:
+    if found.by_run and not found.is_named:
         for kind, verdicts in (("runs", found.runs), ("motions", found.motions)):
             typer.echo(counted(verdicts, kind))
     else:

@@ -21,15 +21,8 @@ from ematwin.estimation.constants import COVERAGE, EXPLAINED
 from ematwin.estimation.verdict import Grade, Verdict
 from ematwin.models.base import Monitoring, Reported
 from ematwin.monitoring.classification import Name, named_by_physics, named_by_signature
-from ematwin.monitoring.diagnosis import (
-    UNNAMED,
-    Covariate,
-    Detection,
-    Diagnosis,
-    Magnitude,
-    Standing,
-    name_of,
-)
+from ematwin.monitoring.detection import Detection, name_of
+from ematwin.monitoring.diagnosis import UNNAMED, Covariate, Diagnosis, Magnitude, Standing
 from ematwin.monitoring.index import health_index, single_reach
 from ematwin.monitoring.measure import Measured, reported_values, statistics_of
 from ematwin.monitoring.population_calibration import PopulationCalibration

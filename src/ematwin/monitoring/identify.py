@@ -26,7 +26,8 @@ from ematwin.estimation.verdict import Verdict
 from ematwin.models.reading import read
 from ematwin.monitoring.by_population import by_population
 from ematwin.monitoring.calibration import Calibration
-from ematwin.monitoring.diagnosis import Detection, Diagnosis, Magnitude, name_of
+from ematwin.monitoring.detection import Detection, name_of
+from ematwin.monitoring.diagnosis import Diagnosis, Magnitude
 from ematwin.monitoring.gather import Given, actuator_of, is_one, recordings_of
 from ematwin.monitoring.population_calibration import PopulationCalibration
 from ematwin.monitoring.runs import Runs, is_table_of_runs, over_groups, read_runs

@@ -18,7 +18,7 @@ from ematwin.estimation.search import Progress
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.reading import read
 from ematwin.monitoring.calibration import Calibration
-from ematwin.monitoring.diagnosis import Detection
+from ematwin.monitoring.detection import Detection
 from ematwin.monitoring.gather import files_of
 from ematwin.recordings.channel_map import Columns
 from ematwin.recordings.formats.clock import Clock

@@ -4,7 +4,8 @@ from collections.abc import Sequence
 
 from ematwin.estimation.constants import CERTAIN, SMALLEST
 from ematwin.monitoring.calibration import Calibration
-from ematwin.monitoring.diagnosis import Detection, Diagnosis, Standing, counted, gathered_notes
+from ematwin.monitoring.detection import Detection, counted, gathered_notes
+from ematwin.monitoring.diagnosis import Diagnosis, Standing
 from ematwin.monitoring.index import DRIFT
 from ematwin.monitoring.population_calibration import PopulationCalibration
 from ematwin.plots.detection import plot_trend
@@ -33,7 +34,7 @@ def detection_page(found: Detection) -> str:
         Section(f"{kind.capitalize()}s", table=verdict_table(shown, kind)),
         Section("Why", facts=reasons),
     ]
-    sections = [*sections, *trends] if found.is_of_several else [*trends, *sections]
+    sections = [*sections, *trends] if found.is_named else [*trends, *sections]
     for name, one in parts.items():
         if one.by_run:
             text = f"Judged alone, {counted(one.motions, 'motions')}."
@@ -42,7 +43,7 @@ def detection_page(found: Detection) -> str:
     facts = {name: _facts(known) for name, known in found.calibrations.items()}
     title = "Condition of actuators"
     learnt = {name: listed(one) for name, one in facts.items()}
-    if not found.is_of_several:
+    if not found.is_named:
         title, learnt = f"{found.calibrations[''].actuator.name}: condition", facts[""]
     sections.append(Section("How healthy was learnt", facts=learnt))
     return render(title, found.sentence, sections, gathered_notes(found.runs), grade=found.grade)

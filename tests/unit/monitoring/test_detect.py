@@ -11,7 +11,8 @@ import tomli_w
 import ematwin
 from ematwin.errors import ParameterError, RecordError
 from ematwin.monitoring.calibrate import signature as learn_signature
-from ematwin.monitoring.diagnosis import UNNAMED, gathered_notes
+from ematwin.monitoring.detection import gathered_notes
+from ematwin.monitoring.diagnosis import UNNAMED
 from ematwin.monitoring.identify import detect
 from ematwin.recordings.recording import Recording
 from made_up_rig import NOISE, healthy_runs, motion, run

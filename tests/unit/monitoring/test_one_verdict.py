@@ -16,7 +16,8 @@ from ematwin.estimation.baseline import Baseline
 from ematwin.models.registry import model_of
 from ematwin.monitoring import identify as identifying
 from ematwin.monitoring.calibration_report import CalibrationReport
-from ematwin.monitoring.diagnosis import Detection, Diagnosis
+from ematwin.monitoring.detection import Detection
+from ematwin.monitoring.diagnosis import Diagnosis
 from ematwin.monitoring.gather import files_of
 from ematwin.monitoring.population_calibration import PopulationCalibration
 from ematwin.report.detection import detection_page

@@ -11,9 +11,9 @@ import pandas as pd
 import pytest
 
 import ematwin
-from ematwin.errors import EmatwinError
+from ematwin.errors import EmatwinError, InputError
 from ematwin.monitoring.calibration import Calibration
-from ematwin.monitoring.diagnosis import Detection
+from ematwin.monitoring.detection import Detection
 from ematwin.monitoring.runs import Runs, is_table_of_runs, read_runs
 
 
@@ -127,6 +127,10 @@ def test_each_recording_is_judged_by_its_own_actuator(found: Detection, tmp_path
         "2 of 4 recordings raise an alarm: friction in 2."
     )
     assert found["EMA-1"].motions[0].when == "2026-03-01T00:00:00"
+    assert found["EMA-1"].sentence == "1 of 2 recordings raise an alarm: friction in 1."
+    assert found["EMA-1"].plot().data
+    with pytest.raises(InputError, match=r"plot one, e.g. found\['EMA-1'\]"):
+        found.plot()
     frame = found.to_frame()
     assert list(frame.index) == ["EMA-1", "EMA-1", "EMA-2", "EMA-2"]
     assert "EMA-2" in found._repr_html_()
