@@ -21,7 +21,10 @@ import numpy as np
 import ematwin
 from ematwin.models.ball_screw.motions import simulate_motion
 from ematwin.models.reading import read_motions
-from ematwin.monitoring import CalibrationReport, Detection, Diagnosis, Scores
+from ematwin.monitoring.calibration_report import CalibrationReport
+from ematwin.monitoring.detection import Detection
+from ematwin.monitoring.diagnosis import Diagnosis
+from ematwin.monitoring.index import Scores
 from ematwin.report.detection import detection_page
 
 HEALTHY = "normal"

@@ -6,7 +6,8 @@ from typing import Any
 import ematwin
 from ematwin.estimation.verdict import Verdict
 from ematwin.models.registry import model_of
-from ematwin.monitoring.diagnosis import Detection, Diagnosis, Magnitude, Standing
+from ematwin.monitoring.detection import Detection
+from ematwin.monitoring.diagnosis import Diagnosis, Magnitude, Standing
 
 _GRADES = ("healthy", "changed", "fault", "none", "fault", "healthy")
 _FAULTS = ("", "", "lubrication", "", "backlash", "")
@@ -34,4 +35,4 @@ def detection(count: int, dated: bool = False) -> Detection:
                 standing=Standing(1.0 + n, 3.0, 6.0, "physics" if fault else ""),
             )
         )  # fmt: skip
-    return Detection(tuple(rows), tuple(list(rows)), calibration)
+    return Detection(tuple(rows), tuple(list(rows)), {"": calibration})

@@ -243,8 +243,7 @@ def calibration() -> Calibration:
     command, interval = out_and_back(actuator, 0.1, 4.0, 2.0)
     features, runs = 63, ("1", "1", "2", "2", "3", "3")
     healthy = HealthyRuns(
-        features=random.normal(size=(6, features)),
-        values=random.normal(size=(6, 4)),
+        features=np.exp(random.normal(size=(6, features))),
         errors=np.exp(random.normal(size=(6, 3))),
         covariate=np.array([-120.0, 340.0, 10.0, 20.0, 30.0, 40.0]),
         groups=np.array([0, 0, 1, 1, 2, 2]),
@@ -263,7 +262,7 @@ def calibration() -> Calibration:
         healthy=healthy,
         false_alarm_rate=0.1,
         signatures=(Signature("lubrication", random.normal(size=(3, features)), "9 motions"),),
-        facts={"runs": ["1", "2"], "held_back": [], "sources": ["a.csv"], "undetermined": []},
+        facts={"runs": ["1", "2"], "sources": ["a.csv"], "undetermined": []},
     )
 
 
@@ -371,7 +370,6 @@ DAMAGES = {
     "no healthy runs": lambda table: table["calibration"].pop("healthy"),
     "a run too few": _shorter("calibration", "healthy", "runs"),
     "ragged features": lambda t: t["calibration"]["healthy"]["features"][1].pop(),
-    "a value too few": lambda t: [row.pop() for row in t["calibration"]["healthy"]["values"]],
     "an error too few": _shorter("calibration", "healthy", "errors"),
     "discrepancy of two rows": _shorter("calibration", "discrepancy"),
     "text for a number": _set("calibration", "interval", "often"),

@@ -14,7 +14,7 @@ import ematwin
 from ematwin import plots
 from ematwin.errors import InputError, MissingExtraError, RecordError
 from ematwin.estimation.identification import Identification
-from ematwin.monitoring.diagnosis import Detection
+from ematwin.monitoring.detection import Detection
 from ematwin.recordings.survey import survey
 from ematwin.showing import bars, markup
 from ematwin.showing.numbers import apart, plain, with_interval

@@ -32,12 +32,6 @@ def calibrate(
             '"lubrication:condition=dry;run=1,2". Repeatable.'
         ),
     ] = None,
-    hold_back: Annotated[
-        int | None,
-        typer.Option(
-            help="How many of the last runs only set the threshold; else all runs learn and set it."
-        ),
-    ] = None,
     false_alarms: Annotated[
         float | None,
         typer.Option(
@@ -86,7 +80,6 @@ def calibrate(
         found = run(
             fitting(recordings, wanted),
             template,
-            held_back=hold_back,
             false_alarm_rate=false_alarms,
             known=faults or None,
             name=out.stem if template.name in shipped_actuators() else None,  # its own stays

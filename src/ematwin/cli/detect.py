@@ -1,6 +1,5 @@
 """``ematwin detect``: recordings in, a verdict on each out."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,10 +11,11 @@ from ematwin.cli.recordings import load as loaded
 from ematwin.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
+    from collections.abc import Collection
 
-    from ematwin.monitoring.diagnosis import Detection, Diagnosis
-    from ematwin.monitoring.runs import Detections, Runs
+    from ematwin.monitoring.detection import Detection
+    from ematwin.monitoring.diagnosis import Diagnosis
+    from ematwin.monitoring.runs import Runs
     from ematwin.recordings.recording import Recording
 
 _EACH = ("motion", "run")
@@ -100,7 +100,7 @@ def _needed(actuator: Path | None) -> Path:
 
 
 def answer(
-    found: "Detection | Detections",
+    found: "Detection",
     recordings: "list[Recording] | Runs",
     each: str,
     table: Path | None,
@@ -109,10 +109,8 @@ def answer(
     failing: "Collection[str]",
 ) -> None:
     """Write table and page if they are wanted, and print the verdicts with assumptions."""
-    from ematwin.monitoring.runs import Detections, Runs
+    from ematwin.monitoring.runs import Runs
 
-    several = isinstance(found, Detections)
-    parts = found.actuators if isinstance(found, Detections) else {"": found}
     read = recordings.recordings if isinstance(recordings, Runs) else recordings
     assumed, doubtful = remarks(read)
     if table is not None:
@@ -123,21 +121,21 @@ def answer(
     def plain() -> dict[str, object]:
         told = [
             {
-                **({"name": name} if several else {}),
-                "actuator": part.calibration.actuator.name,
-                "kind": part.calibration.actuator.kind,
-                "verdicts": [{**_ALWAYS, **one.as_dict()} for one in part.each(each)],
+                **({"name": name} if name else {}),
+                "actuator": known.actuator.name,
+                "kind": known.actuator.kind,
+                "verdicts": [{**_ALWAYS, **one.as_dict()} for one in found[name].each(each)],
             }
-            for name, part in parts.items()
+            for name, known in found.calibrations.items()
         ]
         return {
-            **({"actuators": told} if several else told[0]), "each": each,
+            **({"actuators": told} if found.is_named else told[0]), "each": each,
             "not_judged": found.missing, "report": report, "assumed": assumed,
             "warnings": doubtful,
         }  # fmt: skip
 
     def tell() -> None:
-        print_verdicts(parts, found.sentence, each)
+        print_verdicts(found, each)
         options.print_notes("Assumed", assumed)
         options.print_notes("Warning", doubtful)
 
@@ -145,28 +143,22 @@ def answer(
     options.answer(json, plain, tell, table, report, fails=fails)
 
 
-def print_verdicts(parts: "Mapping[str, Detection]", sentence: str, each: str) -> None:
-    """Print the table, with a column for each fault that some verdict names, and the notes.
-
-    ``parts`` holds the verdicts on each actuator; a single one may have the name "".
-    """
-    from ematwin.monitoring.diagnosis import counted, gathered_notes, gathered_reasons
+def print_verdicts(found: "Detection", each: str) -> None:
+    """Print the table, with a column for each fault that some verdict names, and the notes."""
+    from ematwin.monitoring.detection import counted, gathered_notes, gathered_reasons
     from ematwin.report.detection import verdict_table
 
-    rows = [(name, one) for name, part in parts.items() for one in part.each(each)]
-    telling = dict.fromkeys(name for _, one in rows if one.alarm for name in _telling(one))
-    named, by_run = any(parts), any(part.by_run for part in parts.values())
-    what = each if by_run else "recording"
+    rows = found.each(each)
+    telling = dict.fromkeys(name for one in rows if one.alarm for name in _telling(one))
+    what = each if found.by_run else "recording"
     options.print_table("", verdict_table(rows, what, list(telling)), width=200)
-    if by_run and not named:
-        (found,) = parts.values()
+    if found.by_run and not found.is_named:
         for kind, verdicts in (("runs", found.runs), ("motions", found.motions)):
             typer.echo(counted(verdicts, kind))
     else:
-        typer.echo(sentence)
-    shown = [replace(one, name=f"{name} {one.name}".strip()) for name, one in rows]
-    options.print_notes("Why", gathered_reasons(shown))
-    options.print_notes("Note", gathered_notes(shown))
+        typer.echo(found.sentence)
+    options.print_notes("Why", gathered_reasons(rows))
+    options.print_notes("Note", gathered_notes(rows))
 
 
 def _telling(one: "Diagnosis") -> list[str]:

@@ -16,7 +16,6 @@ _OTHERWISE = {
     "columns": "--column",
     "held": "--hold",
     "where": "--where",
-    "held_back": "--hold-back",
     "false_alarm_rate": "--false-alarms",
 }
 # Entries of a channel map that --column takes as well, beside the channels, and an example of each.

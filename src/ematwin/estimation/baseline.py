@@ -15,7 +15,6 @@ import numpy as np
 
 from ematwin.errors import ParameterError
 from ematwin.estimation.constants import SEARCHED, TWO_SIGMA
-from ematwin.estimation.local import LocalDescent
 from ematwin.estimation.prior import Prior
 from ematwin.estimation.problem import Problem
 from ematwin.models.base import Model
@@ -28,6 +27,25 @@ from ematwin.validation import load_toml
 FORMAT = 1
 
 _KNOWN = 1e-3  # share of its spread that is left of what counts as known
+
+
+@dataclass(frozen=True)
+class NominalParameter:
+    """One fitted parameter.
+
+    Attributes
+    ----------
+    place : e.g. "screw.friction_force"
+    value, template : SI units
+    standard_error : SI units
+    determined : whether the recordings say more of it than the template does
+    """
+
+    place: str
+    value: float
+    template: float
+    standard_error: float
+    determined: bool
 
 
 @dataclass(frozen=True)
@@ -178,10 +196,8 @@ def baseline_of(given: Any, actuator: ParameterSet) -> Baseline:
 
 
 def frees_parameters(model: Model) -> bool:
-    """Whether parameters are free beside the faults: as a kind says, or its default search."""
-    if model.frees_parameters is not None:
-        return model.frees_parameters
-    return model.default_search != LocalDescent().name
+    """Whether parameters are free beside the faults: unless a healthy population judges."""
+    return model.monitoring is None
 
 
 def uncertain(model: Model, actuator: ParameterSet) -> list[Unknown]:

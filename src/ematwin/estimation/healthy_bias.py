@@ -17,6 +17,7 @@ from ematwin.estimation.assess import assess
 from ematwin.estimation.baseline import Baseline
 from ematwin.estimation.constants import AS_GOOD
 from ematwin.estimation.corrected_problem import as_searched, corrected_at
+from ematwin.estimation.free_unknowns import lowered
 from ematwin.estimation.local import LocalDescent
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Search, find, named
@@ -84,17 +85,9 @@ def _descended_to(
     one: Comparison, faults: Sequence[Unknown], held: Mapping[str, float]
 ) -> np.ndarray:
     """(d,) faults at the end of a descent from healthy, which may end below it."""
-    problem = Problem([one], _lowered(faults), held=held)
+    problem = Problem([one], lowered(faults), held=held)
     problem = corrected_at(problem, problem.healthy) or problem
     return LocalDescent().run(problem, budget=None, seed=1, report=lambda *_: None).point
-
-
-def _lowered(faults: Sequence[Unknown]) -> list[Unknown]:
-    """Faults that may lie as far below healthy as a kind lets monitoring look.
-
-    A twin that is worn itself finds healthy recordings there.
-    """
-    return [replace(one, lower=one.lower - one.slack) if one.slack else one for one in faults]
 
 
 class _Judged(NamedTuple):
@@ -112,7 +105,7 @@ def _judged(
     model: Model, actuator: ParameterSet, baseline: Baseline, compared: Comparison, search: Search
 ) -> _Judged:
     """The faults of a recording, all else free as it is known."""
-    problem = as_searched(Problem([compared], _lowered(model.faults(actuator))))
+    problem = as_searched(Problem([compared], lowered(model.faults(actuator))))
     seen = assess(model, actuator, problem, find(problem, search), baseline)
     values = np.array([seen.values[name] for name in problem.names])
     chosen = [n for n, one in enumerate(problem.unknowns) if one.direction_of is None]

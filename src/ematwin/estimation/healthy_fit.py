@@ -1,7 +1,8 @@
 """Joint fit of healthy recordings: the search of parameters, and the minimum of all together.
 
 Recordings of few commands are searched all over the ranges of the parameters, until two searches
-end equally deep. From there all recordings are fitted together, with sensors and load of each.
+end equally deep; a kind with one minimum starts from its template. From there all recordings are
+fitted together, with sensors and load of each.
 """
 
 import math
@@ -12,17 +13,20 @@ from typing import NamedTuple
 import numpy as np
 
 from ematwin.errors import RecordError
-from ematwin.estimation.baseline import effective, searched_range
+from ematwin.estimation.baseline import effective, frees_parameters, searched_range
 from ematwin.estimation.constants import AS_GOOD, SAME_COMMAND, WORSE
 from ematwin.estimation.corrected_problem import as_searched, corrected_at, reference_scatter
 from ematwin.estimation.correction import ROUNDS, Corrected, corrected, reweighed, with_model_error
 from ematwin.estimation.descent import Descent
+from ematwin.estimation.free_unknowns import searched
 from ematwin.estimation.healthy_bias import name_of
 from ematwin.estimation.laplace import Laplace, laplace
+from ematwin.estimation.local import LocalDescent
 from ematwin.estimation.multistart import MultistartDescent
 from ematwin.estimation.noise import noise_at
 from ematwin.estimation.prior import Prior
 from ematwin.estimation.problem import Problem
+from ematwin.estimation.search import find
 from ematwin.models.base import Model
 from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
@@ -45,10 +49,15 @@ def healthy_nuisances(
     model: Model, actuator: ParameterSet, comparisons: Sequence[Comparison]
 ) -> list[Unknown]:
     """Load and sensors that matter to healthy recordings; the load as a load cell states it."""
-    return [
+    unknowns = model.unknowns(actuator)
+    found = [
         replace(one, spread=_LOAD_GAIN) if one.name == "load_gain" else one
-        for one in effective(model.unknowns(actuator), comparisons)
+        for one in effective(unknowns, comparisons)
     ]
+    if frees_parameters(model):
+        return found
+    # a load that was not recorded
+    return [*(one for one in unknowns if one.role == "nuisance" and not one.marginal), *found]
 
 
 def expected_misfit(comparisons: Sequence[Comparison], command: str) -> float:
@@ -124,7 +133,9 @@ class HealthyFit:
         own = healthy_nuisances(self.model, self.template, beside)
         mine = [one.name for one in own]
         problem = Problem(beside, [*self.nominals, *own], own=mine)
-        if self.prior is None:
+        if not frees_parameters(self.model):
+            point, alone = self._from_template(problem, comparisons)
+        elif self.prior is None:
             point, alone = self._searched(problem, comparisons, own, tell)
         else:
             known = self.prior.of(one.name for one in self.nominals)
@@ -149,6 +160,22 @@ class HealthyFit:
     def _aliases(self, values: Mapping[str, float]) -> Sequence[Alias]:
         return self.model.aliases(self.template, values)
 
+    def _from_template(
+        self, problem: Problem, comparisons: Sequence[Comparison]
+    ) -> tuple[np.ndarray, float]:
+        """The template with the nuisances of each recording (d,), and the misfit of each alone."""
+        free = searched(self.model, self.template)
+        start, cost = {}, 0.0
+        for n, one in enumerate(comparisons):
+            starts = self.model.starts(self.template, one.recording)
+            alone = Problem([one], free, starts=starts)
+            found = find(alone, LocalDescent())
+            cost += found.cost
+            for name, value in alone.values(found.point).items():
+                start[name if len(comparisons) == 1 else f"{name}@{n}"] = value
+        first = [start.get(a, b) for a, b in zip(problem.names, problem.start, strict=True)]
+        return np.array(first), problem.relative_misfit(cost)
+
     def _searched(
         self,
         problem: Problem,
@@ -157,17 +184,17 @@ class HealthyFit:
         tell: Progress,
     ) -> tuple[np.ndarray, float]:
         """The best point (d,) from which all fit, and the misfit of the recordings searched."""
-        searched, ends = self._ends(comparisons, [o for o in own if o.name == "skew"], tell)
+        sought, ends = self._ends(comparisons, [o for o in own if o.name == "skew"], tell)
         best: Laplace | None = None
         for n, (cost, z) in enumerate(ends[:_TRIED]):
-            point = searched.chart.to_values(z[None])[0]
-            start = dict(zip(searched.names, point.tolist(), strict=True))
+            point = sought.chart.to_values(z[None])[0]
+            start = dict(zip(sought.names, point.tolist(), strict=True))
             first = [
                 start.get(name.partition("@")[0], value)
                 for name, value in zip(problem.names, problem.start, strict=True)
             ]
             # what a search has found fits as it is: smoothed currents hardly tell an inductance
-            settled = AS_GOOD * searched.relative_misfit(cost)
+            settled = AS_GOOD * sought.relative_misfit(cost)
             nearer = corrected_at(problem, np.array(first)) or problem
             peak = laplace(nearer, np.array(first), Descent(self._aliases, settled=settled))
             tell(0.6 + 0.2 * (n + 1) / _TRIED)
@@ -176,7 +203,7 @@ class HealthyFit:
             if problem.relative_misfit(best.cost) < AS_GOOD * self.floor:
                 break
         assert best is not None
-        return best.point, searched.relative_misfit(ends[0][0])
+        return best.point, sought.relative_misfit(ends[0][0])
 
     def _ends(
         self, comparisons: Sequence[Comparison], clocks: Sequence[Unknown], tell: Progress

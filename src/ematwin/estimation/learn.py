@@ -19,6 +19,7 @@ import numpy as np
 from ematwin.errors import ParameterError, RecordError
 from ematwin.estimation.baseline import (
     Baseline,
+    NominalParameter,
     frees_parameters,
     uncertain,
 )
@@ -36,7 +37,6 @@ from ematwin.estimation.forms import FoundForms, find_forms
 from ematwin.estimation.healthy_bias import healthy_bias
 from ematwin.estimation.healthy_fit import HealthyFit, Progress, expected_misfit, refuse_odd
 from ematwin.estimation.held_healthy import profiled
-from ematwin.estimation.nominal import NominalParameter, fit_nominal
 from ematwin.estimation.prior import Prior
 from ematwin.estimation.random_effects import learn_effects
 from ematwin.models.base import Model
@@ -79,8 +79,6 @@ def learn(
     model: Model,
     template: ParameterSet,
     comparisons: Sequence[Comparison],
-    *,
-    means: Sequence[Comparison] | None = None,
     progress: Progress = lambda share: None,
 ) -> Learnt:
     """Fit an actuator to healthy recordings.
@@ -89,8 +87,7 @@ def learn(
     ----------
     model : its kind
     template : parameters to start from, with their tolerances
-    comparisons : healthy recordings beside the twin of the template
-    means : of recordings that belong together, which a kind with one minimum is fitted to instead
+    comparisons : healthy recordings, or means of several, beside the twin of the template
     progress : called with the share done
 
     Raises
@@ -99,11 +96,7 @@ def learn(
         If one recording is unlike the others, or they contradict the template.
     """
     if model.recordings_differ:
-        known = learn_effects(model, template, comparisons, progress)
-        return Learnt(known.actuator, known.baseline, known.parameters, [], [])
-    if not frees_parameters(model):
-        actuator, parameters = fit_nominal(model, template, means or comparisons)
-        return Learnt(actuator, _local_baseline(model, actuator, parameters), parameters, [], [])
+        return Learnt(*learn_effects(model, template, comparisons, progress), [], [])
     if not uncertain(model, template):
         baseline = Baseline.of_template(model, template)
         return Learnt(template, replace(baseline, recordings=len(comparisons)), [], [], [])
@@ -174,7 +167,9 @@ def _learnt(
         {name.partition("@")[0]: x for name, x in values.items() if _is_of(n, name, places)}
         for n in range(len(comparisons))
     ]
-    scatter = healthy_bias(model, actuator, baseline, comparisons, beside)
+    scatter: Mapping[str, float] = {}
+    if frees_parameters(model):  # else the healthy population tells
+        scatter = healthy_bias(model, actuator, baseline, comparisons, beside)
     progress(1.0)
     return Learnt(
         actuator, replace(baseline, scatter=scatter),
@@ -278,16 +273,3 @@ def _notes(misfit: float, floor: float) -> list[str]:
         f"noise and its known errors would leave {100.0 * floor:.1f} %: this actuator has "
         "something that the twin has not. Intervals are wider for it."
     ]
-
-
-def _local_baseline(
-    model: Model, actuator: ParameterSet, parameters: Sequence[NominalParameter]
-) -> Baseline:
-    """Of a kind that is fitted by one descent: errors of the fit, tolerances for the rest."""
-    prior = Prior.independent(uncertain(model, actuator))
-    covariance = prior.covariance.copy()
-    for one in parameters:
-        if one.determined and one.place in prior.names:
-            n = prior.names.index(one.place)
-            covariance[n, n] = (one.standard_error / one.value) ** 2
-    return Baseline(Prior(prior.names, prior.mean, covariance), recordings=1)

@@ -14,6 +14,7 @@ is each recording's own.
 import math
 import time
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -26,9 +27,9 @@ from ematwin.estimation.free_unknowns import unknowns_of
 from ematwin.estimation.identification import Identification
 from ematwin.estimation.identify import Prepared, estimate_of
 from ematwin.estimation.intervals import Interval, deviations, physical_of
-from ematwin.estimation.prior import coordinate
+from ematwin.estimation.prior import Prior, coordinate
 from ematwin.estimation.problem import Problem
-from ematwin.estimation.random_effects import Normals, Peak, effects_of, fit
+from ematwin.estimation.random_effects import Peak, effects_of, fit
 from ematwin.estimation.spike_and_slab import FaultSet, FaultSets
 from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
@@ -45,65 +46,67 @@ _DRAWS, _SEED = 2000, 20_201
 def assessed_sets(
     comparisons: Sequence[Comparison],
     faults: Sequence[Unknown],
-    effects: Normals,
+    effects: Sequence[Unknown],
     held: Mapping[str, float],
 ) -> tuple[FaultSets, Peak, int]:
     """The posterior of sets of faults, the peak of the best one, and the simulations it took."""
     slabs = {one.name: _slab(one) for one in faults}
-    count = len(comparisons)
-    rest = np.tile(effects.mean, (count, 1))
 
-    def peak_of(names: Iterable[str], z: np.ndarray, each: np.ndarray) -> Peak:
-        chosen = [slabs[name] for name in names]
-        shared = Normals(
-            tuple(one for slab in chosen for one in slab.unknowns),
-            np.array([float(slab.mean[0]) for slab in chosen]),
-            np.array([float(slab.spread[0]) for slab in chosen]),
-        )
-        return fit(comparisons, shared, effects, start=(z, each), held=held)
+    def peak_of(names: Iterable[str], start: Mapping[str, float]) -> Peak:
+        return fit(comparisons, [slabs[name] for name in names], effects, start=start, held=held)
 
-    peaks: dict[tuple[str, ...], Peak] = {(): peak_of((), np.zeros(0), rest)}
+    none = peak_of((), {})
+    peaks: dict[tuple[str, ...], Peak] = {(): none}
     for name, slab in slabs.items():
-        at = _scanned(comparisons, slab, effects, held)
-        peaks[(name,)] = peak_of((name,), np.array([at]), peaks[()].each)
-    lead = max((names for names in peaks if names), key=lambda names: -_left(peaks[names]))
+        start = {**none.values, name: _scanned(comparisons, slab, effects, held)}
+        peaks[(name,)] = peak_of((name,), start)
+    lead = min((names for names in peaks if names), key=lambda names: _left(peaks[names]))
     # from where a fault led it, a descent without that fault may end lower
-    again = peak_of((), np.zeros(0), peaks[lead].each)
-    peaks[()] = min(peaks[()], again, key=_left)
+    peaks[()] = min(none, peak_of((), peaks[lead].values), key=_left)
+
+    def log_of(names: tuple[str, ...], noise_of: Peak) -> tuple[float, np.ndarray]:
+        """Logarithm of the probability of a set, but for a constant, and its peak's covariance."""
+        log, covariance = peaks[names].with_noise_of(noise_of).approximated()
+        return log + math.log(_beforehand(len(names), len(slabs))), covariance
+
     # a second fault only beside a first one that explains more than its prior takes
-    noises = peaks[lead].noises
-    if _evidence(peaks[lead], noises, len(slabs)) > _evidence(peaks[()], noises, len(slabs)):
+    if log_of(lead, peaks[lead])[0] > log_of((), peaks[lead])[0]:
         for other in (name for name in slabs if name not in lead):
-            z = np.r_[peaks[lead].z, slabs[other].mean]
-            peaks[(*lead, other)] = peak_of((*lead, other), z, peaks[lead].each)
+            peaks[(*lead, other)] = peak_of((*lead, other), peaks[lead].values)
     # one noise for all sets, that of the best fit: else evidence would not compare
-    noises = min(peaks.values(), key=_left).noises
-    logs = {names: _evidence(peak, noises, len(slabs)) for names, peak in peaks.items()}
-    most = max(logs.values())
-    weights = {names: math.exp(log - most) for names, log in logs.items()}
-    total = sum(weights.values())
+    best_fit = min(peaks.values(), key=_left)
+    found = {names: log_of(names, best_fit) for names in peaks}
+    most = max(log for log, _ in found.values())
+    total = sum(math.exp(log - most) for log, _ in found.values())
     sets = [
-        FaultSet(frozenset(names), weight / total, _drawn(faults, names, peaks[names], noises))
-        for names, weight in weights.items()
+        FaultSet(
+            frozenset(names),
+            math.exp(log - most) / total,
+            _drawn(faults, names, peaks[names], covariance),
+        )
+        for names, (log, covariance) in found.items()
     ]
     sets.sort(key=lambda one: -one.probability)
-    best = max(weights, key=lambda names: weights[names])
+    best = max(found, key=lambda names: found[names][0])
     spent = sum(peak.evaluations for peak in peaks.values())
     return FaultSets(tuple(faults), tuple(sets)), peaks[best], spent
 
 
 def _drawn(
-    faults: Sequence[Unknown], names: Sequence[str], peak: Peak, noises: np.ndarray
+    faults: Sequence[Unknown], names: Sequence[str], peak: Peak, covariance: np.ndarray
 ) -> np.ndarray:
     """Draws (N, f) of all faults around the peak of a set; those that are not in it are healthy."""
     rng = np.random.default_rng(_SEED)
     found = np.tile([one.healthy for one in faults], (_DRAWS, 1))
-    covariance = peak.weighed(noises)[1]
-    away = rng.standard_normal((_DRAWS, len(names))) @ np.linalg.cholesky(covariance).T
+    count = len(names)
+    root = np.linalg.cholesky(covariance[:count, :count])
+    away = rng.standard_normal((_DRAWS, count)) @ root.T
     places = [[one.name for one in faults].index(name) for name in names]
-    values = peak.shared.candidates(peak.z + away)
-    for place, name in zip(places, names, strict=True):
-        found[:, place] = values[name]
+    for n, place in enumerate(places):
+        one = faults[place]
+        drawn = coordinate(one, peak.point[n]) + away[:, n]
+        values = np.exp(drawn) if one.logarithmic else drawn
+        found[:, place] = np.clip(values, one.lower, one.upper)
     return found
 
 
@@ -112,16 +115,10 @@ def _left(peak: Peak) -> float:
     return float(np.mean(peak.misfits**2))
 
 
-def _evidence(peak: Peak, noises: np.ndarray, count: int) -> float:
-    """Logarithm of the probability of a set among ``count`` faults, but for a constant."""
-    return peak.weighed(noises)[0] + math.log(_beforehand(len(peak.z), count))
-
-
-def _slab(one: Unknown) -> Normals:
-    """Where a fault lies if it is there: a normal distribution whose middle holds its range."""
+def _slab(one: Unknown) -> Unknown:
+    """A fault that is there: normally distributed, its range within two standard deviations."""
     ends = coordinate(one, np.array([one.lower, one.upper]))
-    mean = coordinate(one, np.array([one.healthy]))
-    return Normals((one,), mean, np.array([np.abs(ends - mean).max() / _SLAB]))
+    return replace(one, spread=float(np.abs(ends - coordinate(one, one.healthy)).max()) / _SLAB)
 
 
 def _beforehand(size: int, count: int) -> float:
@@ -133,16 +130,20 @@ def _beforehand(size: int, count: int) -> float:
 
 
 def _scanned(
-    comparisons: Sequence[Comparison], slab: Normals, effects: Normals, held: Mapping[str, float]
+    comparisons: Sequence[Comparison],
+    slab: Unknown,
+    effects: Sequence[Unknown],
+    held: Mapping[str, float],
 ) -> float:
-    """The coordinate of a fault alone at which the misfit is least."""
-    one = slab.unknowns[0]
-    low, high = coordinate(one, np.array([one.lower, one.upper]))
-    z = np.r_[slab.mean, np.linspace(low, high, _SCANNED)]
-    values = {name: np.full(len(z), value) for name, value in held.items()}
-    values |= effects.candidates(np.tile(effects.mean, (len(z), 1))) | slab.candidates(z[:, None])
-    costs = np.sum([c.costs(values, len(z)) for c in comparisons], axis=0)
-    return float(z[int(np.argmin(costs))])
+    """The value of a fault alone at which the misfit is least."""
+    low, high = coordinate(slab, np.array([slab.lower, slab.upper]))
+    z = np.linspace(low, high, _SCANNED)
+    tried = np.r_[slab.healthy, np.exp(z) if slab.logarithmic else z]
+    known = {**held, **{one.name: one.healthy for one in effects}}
+    values = {name: np.full(len(tried), value) for name, value in known.items()}
+    values[slab.name] = np.clip(tried, slab.lower, slab.upper)
+    costs = np.sum([c.costs(values, len(tried)) for c in comparisons], axis=0)
+    return float(values[slab.name][int(np.argmin(costs))])
 
 
 def identified_by_sets(
@@ -176,11 +177,7 @@ def identified_by_sets(
             f"The kind {model.kind} is judged by its faults, with all parameters free beside them; "
             f"received {', '.join(others) or 'no fault'} to search. Name faults, or an algorithm."
         )
-    effects = effects_of(model, actuator, baseline)
-    kept = [n for n, name in enumerate(effects.names) if name not in fixed]
-    effects = Normals(
-        tuple(effects.unknowns[n] for n in kept), effects.mean[kept], effects.spread[kept]
-    )
+    effects = [one for one in effects_of(model, actuator, baseline) if one.name not in fixed]
     comparisons = [model.compare(one.recording, actuator) for one in ready]
     sets, peak, spent = assessed_sets(comparisons, faults, effects, fixed)
     values, intervals, errors = {}, {}, []
@@ -200,17 +197,21 @@ def identified_by_sets(
             for text in (*one.barred, *model.excitation(one.recording, actuator))
         )
     )
-    obstacles += _obstacles(peak, baseline, comparisons)
+    each = peak.each(effects)
+    obstacles += _obstacles(peak, effects, each, baseline, comparisons)
     verdict = verdict_on(
         model, actuator, faults, sets, intervals, physical, calibrated=baseline.calibrated,
         obstacles=obstacles,
     )  # fmt: skip
-    cost = float(sum(one.residuals @ one.residuals for one in peak.curvatures))
+    cost = float(peak.misfits**2 @ [one.independent for one in comparisons])
     misfit = math.sqrt(cost / sum(one.scale for one in comparisons))
     first = ready[0].recording
     problem = Problem(comparisons[:1], faults, held=fixed)
     point = np.array([values[name] for name in problem.names])
-    fitted = effects.candidates(peak.each.mean(axis=0)[None])
+    fitted = {
+        one.name: float(np.exp(z) if one.logarithmic else z)
+        for one, z in zip(effects, each.mean(axis=0), strict=True)
+    }
     return Identification(
         verdict=verdict,
         estimate=estimate_of(
@@ -231,15 +232,21 @@ def identified_by_sets(
         provenance=first.provenance,
         intervals={name: (one.low, one.high) for name, one in intervals.items()},
         physical_values={name: (x, one.low, one.high) for name, (x, one) in physical.items()},
-        fitted={name: float(values[0]) for name, values in fitted.items()},
+        fitted=fitted,
         calibrated=baseline.calibrated,
         recording=first,
         probabilities=sets.probabilities,
     )  # fmt: skip
 
 
-def _obstacles(peak: Peak, baseline: Baseline, comparisons: Sequence[Comparison]) -> list[str]:
-    """Sentences on what of a fit forbids a verdict."""
+def _obstacles(
+    peak: Peak,
+    effects: Sequence[Unknown],
+    each: np.ndarray,
+    baseline: Baseline,
+    comparisons: Sequence[Comparison],
+) -> list[str]:
+    """Sentences on what of a fit forbids a verdict; ``each`` (n, p) are values of the effects."""
     told = []
     left = float(np.max(peak.misfits * [one.expected_misfit for one in comparisons]))
     most = WORSE * baseline.misfit if baseline.recordings else WORST
@@ -248,9 +255,10 @@ def _obstacles(peak: Peak, baseline: Baseline, comparisons: Sequence[Comparison]
         if not baseline.recordings:
             usual = f"a good fit leaves less than {100.0 * most:.2g} %"
         told.append(unexplained(left, usual))
-    if peak.own.names:
-        away = np.abs(peak.each - peak.own.mean) / peak.own.spread
+    if effects:
+        prior = Prior.independent(effects)
+        away = np.abs(each - prior.mean) / np.sqrt(np.diag(prior.covariance))
         n, k = (int(x) for x in np.unravel_index(np.argmax(away), away.shape))
         if away[n, k] > IMPLAUSIBLE:
-            told.append(implausible(peak.own.names[k], float(away[n, k])))
+            told.append(implausible(effects[k].name, float(away[n, k])))
     return told

@@ -84,8 +84,6 @@ class Problem:
         starts: Sequence[Mapping[str, float]] = ({},),
         prior: Prior | None = None,
     ) -> None:
-        if not free:
-            raise InputError("No unknown is left to search; name at least one, e.g. friction.")
         self.comparisons = tuple(one.beside(comparisons) for one in comparisons)
         self.held = dict(held or {})
         count = len(self.comparisons)
@@ -133,6 +131,8 @@ class Problem:
         chosen = load_actuator(actuator)
         model = model_of(chosen)
         free, fixed = unknowns_of(model, chosen, only, held)
+        if not free:
+            raise InputError("No unknown is left to search; name at least one, e.g. friction.")
         comparison = model.compare(recording, chosen, threads=threads, **settings)
         starts = model.starts(chosen, recording)
         return cls([comparison], free, held=fixed, start=fixed, starts=starts)

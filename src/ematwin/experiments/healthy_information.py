@@ -117,8 +117,6 @@ def _seen(experiment: Experiment, known: Knowledge, recording: Recording) -> np.
     model, actuator, misfit = experiment.model, experiment.actuator, experiment.baseline.misfit
     comparison = model.compare(recording, actuator, threads=1).with_evidence()
     own = healthy_nuisances(model, actuator, [comparison])
-    if not frees_parameters(model):  # a load that was not recorded
-        own += [o for o in model.unknowns(actuator) if o.role == "nuisance" and not o.marginal]
     problem = Problem(
         [comparison], [*known.unknowns, *own], prior=known.prior.and_(Prior.independent(own))
     )

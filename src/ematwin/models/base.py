@@ -65,9 +65,6 @@ class Model(ABC):
     default_search : name of the search method that `identify` uses
     model_error : factor on standard errors for errors of the twin that last throughout a recording;
         the default was measured for the brushless actuator of version 0.1
-    frees_parameters : whether parameters are free within their tolerances where healthy recordings
-        are learnt and others judged; None where that follows from the default search
-        (so it is for all but a local one)
     recordings_differ : whether recordings of a healthy actuator differ by more than noise, as those
         of servos do with their temperature: calibration then learns how much, and faults are judged
         beside it (`ematwin.estimation.random_effects`)
@@ -78,7 +75,8 @@ class Model(ABC):
     nominal : places of the parameters that healthy recordings may determine, each with how far
         (as a factor, one standard deviation) a template may be off
     fixed : places of parameters that cannot be searched, because a batch shares them: the step
-    monitoring : the part that a healthy population uses, where one judges
+    monitoring : how a healthy population judges recordings; None of kinds that are judged by the
+        values of their faults, with all parameters free within their tolerances
     study : what studies of search methods need of it
     demands : quantities of a motion that a designed test may limit, the travel first; the size of
         the command where none is given
@@ -96,7 +94,6 @@ class Model(ABC):
     needs: ClassVar[tuple[str | tuple[tuple[str, ...], ...], ...]] = ()
     default_search: ClassVar[str] = "multistart"
     model_error: ClassVar[float] = 2.5
-    frees_parameters: ClassVar[bool | None] = None
     recordings_differ: ClassVar[bool] = False
     fidelities: ClassVar[tuple[str, ...]] = ("twin",)
     sample_rate: ClassVar[float] = 1000.0
@@ -104,7 +101,7 @@ class Model(ABC):
     on_request: ClassVar[tuple[str, ...]] = ()
     nominal: ClassVar[Mapping[str, float]] = {}
     fixed: ClassVar[tuple[str, ...]] = ()
-    monitoring: ClassVar[Monitoring] = Monitoring()
+    monitoring: ClassVar[Monitoring | None] = None
     study: ClassVar[Study] = Study()
     demands: ClassVar[tuple[Demand, ...]] = ()
     designable: ClassVar[Mapping[str, tuple[Component, ...]]] = {}

@@ -100,6 +100,13 @@ class Monitoring:
         compared: Comparison = model.compare(recording, actuator)
         return compared
 
+    @staticmethod
+    def of(model: Any) -> "Monitoring":
+        """The one of a kind that is judged by a healthy population."""
+        found = model.monitoring
+        assert isinstance(found, Monitoring), f"{model.kind} has no healthy population"
+        return found
+
     def derived(self, features: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         """Reported quantities that are no unknowns, (N,) by name, from features (N,) by name."""
         return {}

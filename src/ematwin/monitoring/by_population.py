@@ -1,6 +1,6 @@
 """The verdict of the healthy population, on recordings one by one and by the run.
 
-It judges kinds that one descent fits, where residuals of healthy recordings were learnt.
+It judges kinds with `Model.monitoring`, where residuals of healthy recordings were learnt.
 ``healthy``: the index is below its threshold, and no known fault explains the residual.
 ``changed``: it is above, but nothing can be named. ``fault``: a fault is named, from physics where
 the index is above its threshold, or from a signature that explains a good part of the change.
@@ -19,17 +19,10 @@ import numpy as np
 
 from ematwin.estimation.constants import COVERAGE, EXPLAINED
 from ematwin.estimation.verdict import Grade, Verdict
-from ematwin.models.base import Reported
+from ematwin.models.base import Monitoring, Reported
 from ematwin.monitoring.classification import Name, named_by_physics, named_by_signature
-from ematwin.monitoring.diagnosis import (
-    UNNAMED,
-    Covariate,
-    Detection,
-    Diagnosis,
-    Magnitude,
-    Standing,
-    name_of,
-)
+from ematwin.monitoring.detection import Detection, name_of
+from ematwin.monitoring.diagnosis import UNNAMED, Covariate, Diagnosis, Magnitude, Standing
 from ematwin.monitoring.index import health_index, single_reach
 from ematwin.monitoring.measure import Measured, reported_values, statistics_of
 from ematwin.monitoring.population_calibration import PopulationCalibration
@@ -72,7 +65,7 @@ def by_population(
         first = recordings[members[0]]
         labels = {k: v for k, v in first.labels.items() if k != "motion"}
         together.append(judge.diagnosis(members, name_of(first, labels, one_source), labels))
-    return Detection(single, tuple(together), calibration, measured.estimates)
+    return Detection(single, tuple(together), {"": calibration})
 
 
 class _Said(NamedTuple):
@@ -90,16 +83,16 @@ class _Judge:
     def __init__(self, calibration: PopulationCalibration, measured: Measured) -> None:
         self._calibration, self._measured = calibration, measured
         model, actuator = calibration.model, calibration.actuator
-        self._model = model
-        self._reported = model.monitoring.reported(model, actuator)
+        self._monitoring = Monitoring.of(model)
+        self._reported = self._monitoring.reported(model, actuator)
         self._lower = {one.name: one.lower - one.slack for one in model.faults(actuator)}
         self._scores = calibration.scores(measured).values
         self._values = reported_values(model, actuator, calibration.layout, measured.features)
         self._healthy = calibration.reported.mean(measured.covariate)
         self._statistics = statistics_of(measured.estimates)
         self._unit = ""
-        if model.monitoring.covariate is not None:
-            self._unit = model.unknown(actuator, model.monitoring.covariate).unit
+        if self._monitoring.covariate is not None:
+            self._unit = model.unknown(actuator, self._monitoring.covariate).unit
 
     def diagnosis(self, members: np.ndarray, name: str, labels: dict[str, str]) -> Diagnosis:
         """The diagnosis of some recordings taken together."""
@@ -214,7 +207,7 @@ class _Judge:
         if self._is_strange(members):
             return (
                 "So unlike the healthy recordings that another rig or a wrong unit is more likely "
-                "than a fault."
+                "than a fault; check the channels."
             )
         covariate = self._covariate(members)
         if covariate is None or self._outside(covariate) <= _FAR:
@@ -244,7 +237,7 @@ class _Judge:
         return tuple(one.name for one in magnitudes if abs(one.score) > bound)
 
     def _covariate(self, members: np.ndarray) -> Covariate | None:
-        name = self._model.monitoring.covariate
+        name = self._monitoring.covariate
         if name is None:
             return None
         return Covariate(name, self._unit, float(self._measured.covariate[members].mean()))
@@ -308,7 +301,7 @@ class _Judge:
         calibration = self._calibration
         estimates = [self._measured.estimates[n] for n in members]
         notes = list(dict.fromkeys(text for one in estimates for text in one.warnings))
-        for statistic in self._model.monitoring.statistics:
+        for statistic in self._monitoring.statistics:
             if not {statistic.name} <= self._statistics.keys() & calibration.statistics.keys():
                 continue
             mean, spread = calibration.statistics[statistic.name]
@@ -324,13 +317,7 @@ class _Judge:
                 f"({limit:.2f}), because few healthy runs were learnt: magnitudes were also judged "
                 "one by one. Calibrate with more healthy runs."
             )
-        notes += self._note_on_covariate(members)
-        if self._is_strange(members):
-            notes.append(
-                "It is so unlike the healthy recordings that another rig or a wrong unit is more "
-                "likely than a fault; check the channels."
-            )
-        return notes
+        return notes + self._note_on_covariate(members)
 
     def _note_on_covariate(self, members: np.ndarray) -> list[str]:
         covariate, limits = self._covariate(members), self._calibration.covariate_range

@@ -1,7 +1,7 @@
 """``calibrate``: from healthy recordings to a twin, and where it judges, the healthy population.
 
-One recording is enough for the twin. Kinds that one descent fits are judged by a healthy population
-as well, which takes three runs over one command.
+One recording is enough for the twin. Kinds with `Model.monitoring` are judged by a healthy
+population as well, which takes three runs over one command.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -14,9 +14,8 @@ import numpy as np
 from ematwin.errors import InputError, RecordError
 from ematwin.estimation.baseline import frees_parameters
 from ematwin.estimation.learn import learn
-from ematwin.models.base import Model
+from ematwin.models.base import Model, Monitoring
 from ematwin.models.channels_agree import checked
-from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.registry import load_actuator, model_of
 from ematwin.monitoring.by_population import by_population
@@ -49,7 +48,6 @@ def calibrate(
     recordings: Given,
     template: ParameterSet | str | Path | Any | None = None,
     *,
-    held_back: int | None = None,
     false_alarm_rate: float | None = None,
     known: Mapping[str, Given] | None = None,
     name: str | None = None,
@@ -61,12 +59,10 @@ def calibrate(
     Parameters
     ----------
     recordings : healthy ones, or the files or folders that hold them; one is enough for the twin;
-        three runs over one command also give the healthy population by which kinds that one
-        descent fits are judged; nuisances such as a load need not be known
+        three runs over one command also give the healthy population by which kinds with
+        `Model.monitoring` are judged; nuisances such as a load need not be known
     template : actuator of any kind to start from: parameters, the name of a shipped set, or a file;
         if not given the default one of the kind that has such channels
-    held_back : runs, the last ones, that take no part in learning and set the thresholds; by
-        default all runs are learnt from, and each, judged by the others, sets the thresholds
     false_alarm_rate : of a healthy recording, or run, of another day; 0.1 if not given
     known : recordings with a known fault, by a text ``fault`` or ``fault: remark``; each entry
         becomes a signature
@@ -76,8 +72,8 @@ def calibrate(
         population and thresholds are learnt from all; ``template`` is not looked at, and one run
         is enough
 
-    ``held_back``, ``false_alarm_rate``, ``known`` and ``add_to`` are of the healthy population, and
-    refused for kinds without one.
+    ``false_alarm_rate``, ``known`` and ``add_to`` are of the healthy population, and refused for
+    kinds without one.
 
     Raises
     ------
@@ -88,7 +84,7 @@ def calibrate(
     """
     with told(progress, "calibrating") as show:
         return _calibrated(
-            recordings, template, held_back, false_alarm_rate, known or {}, name,
+            recordings, template, false_alarm_rate, known or {}, name,
             show or (lambda share: None), add_to,
         )  # fmt: skip
 
@@ -96,7 +92,6 @@ def calibrate(
 def _calibrated(
     recordings: Given,
     template: ParameterSet | str | Path | Any | None,
-    held_back: int | None,
     false_alarm_rate: float | None,
     known: Mapping[str, Given],
     name: str | None,
@@ -108,20 +103,11 @@ def _calibrated(
     if not 0.0 < rate < 0.5:
         raise InputError(f"The false alarm rate must lie between 0 and 0.5, received {rate:g}.")
     if add_to is not None:
-        if held_back is not None:
-            raise InputError(
-                f"Runs that are added are judged by all others, received held_back={held_back}; "
-                "leave it out."
-            )
         return _added(recordings, add_to, rate, known, name, tell)
     chosen = actuator_of(recordings) if template is None else load_actuator(template)
     model = model_of(chosen)
     by_values = frees_parameters(model)
-    asked = {
-        "held_back": held_back is not None,
-        "false_alarm_rate": false_alarm_rate is not None,
-        "known": bool(known),
-    }
+    asked = {"false_alarm_rate": false_alarm_rate is not None, "known": bool(known)}
     given = [option for option, wanted in asked.items() if wanted]
     if by_values and given:
         raise InputError(
@@ -139,50 +125,44 @@ def _calibrated(
         f"received {len(runs)} ({', '.join(runs)}). Record more, on other days; a run is a file, "
         "or a value of the column run."
     )  # fmt: skip
-    if few and (held_back is not None or known):
+    if few and known:
         raise RecordError(few)
-    back = [] if by_values or few else _held_back(runs, held_back)
-    learnt_runs = [run for run in runs if run not in back]
-    learning = np.array([one.run not in back for one in healthy])
-    settling = model.monitoring.settling_time(chosen)
     command, interval = healthy[0].channels[model.command], healthy[0].interval
     tell(0.05)
-    taught = [one for one, own in zip(healthy, learning, strict=True) if own]
-    first = None
-    means: list[Comparison] = []
-    if not by_values:
-        first = Bench(model, chosen, healthy, command, interval, settling)
-        means = mean_recordings(first, learning)
-    if model.recordings_differ:
-        few_of_them, left_out = _sound(model, chosen, taught)
+    bench, left_out = None, list[str]()
+    if by_values:
+        some = _evenly(healthy, _MOST_LEARNT)
+        if model.recordings_differ:
+            some, left_out = _sound(model, chosen, healthy)
+        beside = [model.compare(one, chosen) for one in some]
     else:
-        few_of_them, left_out = _evenly(taught, _MOST_LEARNT), []
-    learnt = learn(
-        model, chosen, [model.compare(one, chosen) for one in few_of_them],
-        means=means, progress=lambda share: tell(0.05 + 0.45 * share),
-    )  # fmt: skip
+        settling = Monitoring.of(model).settling_time(chosen)
+        bench = Bench(model, chosen, healthy, command, interval, settling)
+        beside = mean_recordings(bench)
+    learnt = learn(model, chosen, beside, lambda share: tell(0.05 + 0.45 * share))
     actuator, parameters = learnt.actuator, learnt.parameters
     if name is not None:
         actuator = actuator.model_copy(update={"name": name})
     tell(0.5)
-    if first is None or few:
+    if bench is None or few:
         tell(1.0)
         notes = [*left_out, *learnt.notes]
         if few:
             notes.append(f"{few} Without that, ematwin detect cannot judge.")
         return CalibrationReport(
-            Calibration(actuator, learnt.baseline), parameters, learnt.tied, learnt_runs,
-            notes=tuple(notes), basis=Basis(chosen, few_of_them, learnt.nuisances, learnt.forms),
+            Calibration(actuator, learnt.baseline), parameters, learnt.tied, runs,
+            notes=tuple(notes),
+            basis=Basis(chosen, [c.recording for c in beside], learnt.nuisances, learnt.forms),
         )  # fmt: skip
-    bench = Bench(model, actuator, healthy, command, interval, settling, first.layout.channels)
+    bench = Bench(model, actuator, healthy, command, interval, settling, bench.layout.channels)
     layout = bench.layout
-    fit, discrepancy, scale = with_discrepancy(bench, learning)
+    fit, discrepancy, scale = with_discrepancy(bench)
     measured = bench.measured(fit)
     tell(0.8)
     of_run = [one.run for one in healthy]
     kept = healthy_runs(
-        model, actuator, layout, measured,
-        without_own_share(layout, measured, fit, scale, of_run, learning), of_run,
+        layout, measured,
+        without_own_share(layout, measured, fit, scale, of_run), of_run,
     )  # fmt: skip
     calibration = PopulationCalibration(
         actuator=actuator,
@@ -196,8 +176,7 @@ def _calibrated(
         healthy=kept,
         false_alarm_rate=rate,
         facts={
-            "runs": learnt_runs,
-            "held_back": back,
+            "runs": runs,
             "motions": len(healthy),
             "labels": _labels_of(healthy),
             "sources": sorted({one.source for one in healthy}),
@@ -274,9 +253,7 @@ def _added(
             f"Run {given[0].run} of {given[0].source} is among the healthy runs already; give runs "
             "that are new."
         )
-    more = healthy_runs(
-        before.model, before.actuator, before.layout, measured, measured.features, of_run
-    )
+    more = healthy_runs(before.layout, measured, measured.features, of_run)
     actuator = before.actuator if name is None else before.actuator.model_copy(
         update={"name": name}
     )  # fmt: skip
@@ -290,7 +267,6 @@ def _added(
         facts={
             **before.facts,
             "runs": kept.names,
-            "held_back": [],
             "motions": len(kept.runs),
             "labels": f"{before.facts.get('labels', 'none')}; added: {_labels_of(given)}",
             "sources": sorted({*before.facts.get("sources", []), *(one.source for one in given)}),
@@ -300,18 +276,6 @@ def _added(
     signatures += [signature(after, fault, examples) for fault, examples in known.items()]
     tell(1.0)
     return report_on(replace(after, signatures=tuple(signatures)), [], [], [])
-
-
-def _held_back(runs: list[str], wanted: int | None) -> list[str]:
-    """The runs that only set the thresholds; none where each is judged by the others."""
-    if wanted is None:
-        return []
-    if not 1 <= wanted <= len(runs) - 2:
-        raise InputError(
-            f"Of {len(runs)} runs between 1 and {len(runs) - 2} can be held back, received "
-            f"{wanted}."
-        )
-    return runs[-wanted:]
 
 
 def _labels_of(recordings: Sequence[Recording]) -> str:

@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from ematwin import __version__
-from ematwin.estimation.baseline import Baseline
+from ematwin.estimation.baseline import Baseline, NominalParameter
 from ematwin.estimation.forms import FoundForms
-from ematwin.estimation.nominal import NominalParameter
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.monitoring.calibration import Calibration
 from ematwin.monitoring.population_calibration import PopulationCalibration
@@ -46,10 +45,10 @@ class CalibrationReport:
     calibration : with the healthy population, where there is one (`PopulationCalibration`)
     parameters : fitted ones, with what could not be determined; none where runs were added
     tied : groups of parameters, known only by their ratios or products
-    learnt, held_back : names of the runs; none is held back where each was judged by the others
+    learnt : names of the runs
     run_spread : of each quantity of the population, standard deviations within a run and between
         runs; of logarithms for multiples of healthy, else SI
-    false_alarms : share of the recordings so judged above the threshold
+    false_alarms : share of the recordings above the threshold, each run judged by the others
     notes : sentences on what to be careful of
     basis : None of kinds with a healthy population
     """
@@ -58,7 +57,6 @@ class CalibrationReport:
     parameters: list[NominalParameter]
     tied: list[tuple[str, ...]]
     learnt: list[str]
-    held_back: list[str] = field(default_factory=list)
     run_spread: dict[str, tuple[float, float]] = field(default_factory=dict)
     false_alarms: float = 0.0
     notes: tuple[str, ...] = ()
@@ -156,7 +154,6 @@ class CalibrationReport:
             "spread": {k: {"within": a, "between": b} for k, (a, b) in self.run_spread.items()},
             "scatter": dict(self.baseline.scatter),
             "learnt": self.learnt,
-            "held_back": self.held_back,
             "false_alarms": self.false_alarms,
             "notes": list(self.notes),
             **of_population,

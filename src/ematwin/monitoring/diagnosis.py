@@ -1,22 +1,11 @@
-"""Diagnosis: the verdict on a recording with its values, as a row of a table; and the table.
+"""Diagnosis: the verdict on a recording with its values, as a row of a table."""
 
-`ematwin.identify` of several recordings and `ematwin.detect` give the same one.
-"""
-
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any
 
-from ematwin.errors import InputError
-from ematwin.estimation.estimate import Estimate
 from ematwin.estimation.identification import Identification
 from ematwin.estimation.verdict import Grade, Verdict
-from ematwin.monitoring.calibration import Calibration
-from ematwin.recordings.recording import Recording, label_text
 from ematwin.showing import markup
-from ematwin.showing.drawing import drawn, page_written
-from ematwin.showing.frames import frame_of_rows
 from ematwin.showing.numbers import number_of, said, said_between
 
 UNNAMED = "unnamed change"
@@ -130,6 +119,7 @@ class Diagnosis:
     when : time at which its first recording began, ISO 8601, or None
     standing : beside the healthy population; None where that did not judge
     identification : source of the values; None where the population alone was asked
+    actuator : its serial number or name, where several are judged
     """
 
     name: str
@@ -142,6 +132,12 @@ class Diagnosis:
     when: str | None = None
     standing: Standing | None = None
     identification: Identification | None = field(default=None, repr=False, compare=False)
+    actuator: str = ""
+
+    @property
+    def title(self) -> str:
+        """Actuator and name."""
+        return f"{self.actuator} {self.name}".strip()
 
     @property
     def grade(self) -> Grade:
@@ -179,7 +175,8 @@ class Diagnosis:
     @property
     def row(self) -> dict[str, object]:
         """It as a row of a table: labels, verdict, each magnitude with its interval."""
-        found: dict[str, object] = {"name": self.name, **self.labels, "motions": self.motions}
+        found: dict[str, object] = {"actuator": self.actuator} if self.actuator else {}
+        found |= {"name": self.name, **self.labels, "motions": self.motions}
         at = self.standing
         if at is not None:
             found |= {"index": at.index, "limit": at.threshold, "named_by": at.named_by}
@@ -200,7 +197,7 @@ class Diagnosis:
         rows = [(m.name, str(m), m.healthy_text) for m in self.magnitudes]
         return "".join(
             [
-                markup.verdict(f"{self.name}: {self.verdict.sentence}", self.grade),
+                markup.verdict(f"{self.title}: {self.verdict.sentence}", self.grade),
                 markup.table(("quantity", "value (95 %)", "healthy"), rows),
                 *(markup.note(text) for text in self.notes),
             ]
@@ -229,135 +226,3 @@ class Diagnosis:
             **({} if self.standing is None else self.standing.as_dict()),
             "notes": list(self.notes),
         }  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Detection:
-    """Diagnoses of recordings and of runs.
-
-    Attributes
-    ----------
-    motions : of each recording
-    runs : of the recordings of each run together, where a healthy population judges; else of each
-        recording
-    calibration : Calibration
-    estimates : of each recording, in the order of ``motions``
-    missing : how many recordings are left after an interruption
-    """
-
-    motions: tuple[Diagnosis, ...]
-    runs: tuple[Diagnosis, ...]
-    calibration: Calibration
-    estimates: tuple[Estimate, ...] = ()
-    missing: int = 0
-
-    @property
-    def grade(self) -> Grade:
-        """The grade of the run that somebody has to look at first."""
-        grades = [one.grade for one in self.runs]
-        order: tuple[Grade, ...] = ("fault", "changed", "none")
-        return next((grade for grade in order if grade in grades), "healthy")
-
-    @property
-    def by_run(self) -> bool:
-        """Whether recordings of a run are judged together as well."""
-        return any(one.standing is not None for one in self.runs)
-
-    @property
-    def sentence(self) -> str:
-        """How many runs raise an alarm, and for which faults."""
-        kind = "runs" if self.by_run else "recordings"
-        return f"{said_of(self.runs, kind)}.{interrupted(self.missing)}"
-
-    def rows(self, each: str = "run") -> list[dict[str, object]]:
-        """A row of a table for each verdict."""
-        return [one.row for one in self.each(each)]
-
-    def to_frame(self, each: str = "run") -> Any:
-        """A pandas DataFrame with a row for each "run" or "motion", by name; needs pandas."""
-        return frame_of_rows(self.rows(each), "name")
-
-    to_dataframe = to_frame
-
-    def plot(self, each: str = "run") -> Any:
-        """The trend over runs, or over motions: a figure of plotly."""
-        return drawn(self, each, dict.fromkeys(("run", "motion"), "plot_trend"), each)
-
-    def report(self, path: str | Path) -> None:
-        """Write its page (.html), which holds all that it shows."""
-        page_written(self, path, "detection:detection_page")
-
-    def each(self, each: str) -> tuple[Diagnosis, ...]:
-        """Diagnoses of each "run" or of each "motion"."""
-        if each not in ("run", "motion"):
-            raise InputError(f"each must be run or motion, received {each!r}.")
-        return self.runs if each == "run" else self.motions
-
-    def __str__(self) -> str:
-        return "\n".join([self.sentence, *(f"{one.name}: {one.verdict}" for one in self.runs)])
-
-    def _repr_html_(self) -> str:
-        """How many raise an alarm, then each run, in a notebook."""
-        rows = [(one.name, one.said, one.reason) for one in self.runs]
-        marked = [n for n, one in enumerate(self.runs) if one.alarm]
-        return "".join(
-            [
-                markup.verdict(self.sentence, self.grade),
-                markup.table(("run", "verdict", "because"), rows, marked),
-                *(markup.note(text) for text in gathered_notes(self.runs)),
-            ]
-        )
-
-
-def name_of(recording: Recording, labels: dict[str, str], one_source: bool) -> str:
-    """Labels for tables, with the file where there are several or no labels."""
-    said = label_text(labels)
-    return said if said and one_source else f"{recording.source} {said}".strip()
-
-
-def said_of(rows: Sequence[Diagnosis], kind: str) -> str:
-    """How many raise an alarm, and how many of each fault."""
-    names: dict[str, int] = {}
-    for one in rows:
-        for name in one.faults or ((one.fault,) if one.alarm else ()):
-            names[name] = names.get(name, 0) + 1
-    said = "; ".join(f"{fault} in {count}" for fault, count in names.items())
-    return f"{counted(rows, kind)}{': ' + said if said else ''}"
-
-
-def interrupted(missing: int) -> str:
-    """A sentence on recordings that are left after an interruption; "" where none are."""
-    return f" Interrupted: {missing} more were not judged." if missing else ""
-
-
-def counted(rows: Sequence[Diagnosis], kind: str) -> str:
-    """How many raise an alarm, and of how many of the rest something is to be said."""
-    rest = [one.grade for one in rows if not one.alarm]
-    said = {
-        "changed by no more than may drift": rest.count("changed"),
-        "without a verdict": rest.count("none"),
-    }
-    more = "".join(f", {count} {text}" for text, count in said.items() if count)
-    return f"{sum(one.alarm for one in rows)} of {len(rows)} {kind} raise an alarm{more}"
-
-
-def gathered_notes(rows: Sequence[Diagnosis]) -> list[str]:
-    """The notes of many, alike ones once, each with how many have it."""
-    seen: dict[str, list[tuple[str, str]]] = {}
-    for one in rows:
-        for note in one.notes:
-            seen.setdefault(note.partition(" (")[0], []).append((one.name, note))
-    return [
-        f"{found[0][0]}: {found[0][1]}"
-        + (f" {len(found)} of {len(rows)} are like this." if len(found) > 1 else "")
-        for found in seen.values()
-    ]
-
-
-def gathered_reasons(rows: Sequence[Diagnosis]) -> list[str]:
-    """Why verdicts are other than healthy, the first of each name or grade."""
-    found: dict[str, str] = {}
-    for one in rows:
-        if one.grade != "healthy":
-            found.setdefault(one.said, f"{one.said}: {one.reason}")
-    return list(found.values())

@@ -1,7 +1,7 @@
 """`identify` and `detect`: recordings in, one verdict on each out.
 
 Both ask `judge`. Where parameters are free beside the faults, the values of a recording decide
-(`ematwin.estimation.verdict`). Of kinds that one descent fits, the healthy population does, where
+(`ematwin.estimation.verdict`). Of kinds with `Model.monitoring` the healthy population does, where
 the calibration has one: it knows the residuals of healthy recordings.
 """
 
@@ -26,10 +26,11 @@ from ematwin.estimation.verdict import Verdict
 from ematwin.models.reading import read
 from ematwin.monitoring.by_population import by_population
 from ematwin.monitoring.calibration import Calibration
-from ematwin.monitoring.diagnosis import Detection, Diagnosis, Magnitude, name_of
+from ematwin.monitoring.detection import Detection, name_of
+from ematwin.monitoring.diagnosis import Diagnosis, Magnitude
 from ematwin.monitoring.gather import Given, actuator_of, is_one, recordings_of
 from ematwin.monitoring.population_calibration import PopulationCalibration
-from ematwin.monitoring.runs import Detections, Runs, is_table_of_runs, over_groups, read_runs
+from ematwin.monitoring.runs import Runs, is_table_of_runs, over_groups, read_runs
 from ematwin.numerics.side_by_side import cores
 from ematwin.optimizers.base import ITERATIONS, POPULATION, Optimizer
 from ematwin.recordings.channel_map import Columns
@@ -68,7 +69,7 @@ def identify(
     uncertainty: "str | Method | None" = None,
     thresholds: Mapping[str, float | str] | None = None,
     together: bool = False,
-) -> Identification | Detection | Detections:
+) -> Identification | Detection:
     """Find the values with which the twin answers as the recorded actuator did.
 
     Parameters
@@ -106,8 +107,8 @@ def identify(
     Returns
     -------
     Identification of one recording, also after an interruption (Ctrl-C), with the best found so far
-    Detection of several, as of `ematwin.detect`; after an interruption of those that were done
-    Detections of a table of runs
+    Detection of several, or of a table of runs, as of `ematwin.detect`; after an interruption of
+    those that were done
 
     Raises
     ------
@@ -198,7 +199,7 @@ def detect(
     load: float | None = None,
     progress: Callable[[float], None] | bool | None = None,
     threads: int | None = None,
-) -> Detection | Detections:
+) -> Detection:
     """Judge recordings against the healthy actuator: `identify` for each, as a table.
 
     Parameters
@@ -212,7 +213,6 @@ def detect(
     Returns
     -------
     Detection; after an interruption (Ctrl-C) of the recordings that were done
-    Detections of a table of runs
 
     Raises
     ------
@@ -285,9 +285,7 @@ def judge(
         _row(known, identification, one, name_of(one, one.labels, one_source) or f"recording {n}")
         for n, (one, identification) in enumerate(zip(recordings, found, strict=False), 1)
     )
-    return Detection(
-        rows, rows, known, tuple(one.estimate for one in found), len(recordings) - len(found)
-    )
+    return Detection(rows, rows, {"": known}, len(recordings) - len(found))
 
 
 def _row(known: Calibration, found: Identification, recording: Recording, name: str) -> Diagnosis:

@@ -10,18 +10,16 @@ from dataclasses import replace
 import numpy as np
 
 from ematwin.errors import RecordError
-from ematwin.estimation.baseline import Baseline
+from ematwin.estimation.baseline import Baseline, NominalParameter
 from ematwin.estimation.local import LocalDescent
-from ematwin.estimation.nominal import NominalParameter
-from ematwin.models.base import Model, Reported
+from ematwin.models.base import Monitoring, Reported
 from ematwin.models.comparison import Comparison
-from ematwin.models.parameter_set import ParameterSet
 from ematwin.monitoring.calibration_report import CalibrationReport
 from ematwin.monitoring.classification import REACH, Signature
 from ematwin.monitoring.features import Layout
 from ematwin.monitoring.gather import Given, recordings_of
 from ematwin.monitoring.index import health_index, single_reach
-from ematwin.monitoring.measure import Bench, Fit, Measured, reported_values, statistics_of
+from ematwin.monitoring.measure import Bench, Fit, Measured, statistics_of
 from ematwin.monitoring.population import HealthyRuns, Population, basis, fit_mean
 from ematwin.monitoring.population_calibration import PopulationCalibration, Thresholds
 
@@ -33,12 +31,7 @@ _ODD = 8.0  # robust standard deviations of what is reported
 
 
 def healthy_runs(
-    model: Model,
-    actuator: ParameterSet,
-    layout: Layout,
-    measured: Measured,
-    features: np.ndarray,
-    runs: Sequence[str],
+    layout: Layout, measured: Measured, features: np.ndarray, runs: Sequence[str]
 ) -> HealthyRuns:
     """Healthy runs from measurements; ``features`` in place of theirs."""
     errors = [
@@ -47,7 +40,6 @@ def healthy_runs(
     ]
     return HealthyRuns(
         features,
-        reported_values(model, actuator, layout, features),
         np.array(errors, dtype=float).reshape(len(features), len(layout.magnitudes)),
         measured.covariate,
         measured.groups,
@@ -74,7 +66,6 @@ def report_on(
     notes: list[str],
 ) -> CalibrationReport:
     """Report a calibration whose healthy runs were kept."""
-    back = calibration.facts["held_back"]
     over = calibration.tested().index() > calibration.thresholds.motion
     reported = calibration.reported
     runs = len(calibration.healthy.names)
@@ -83,13 +74,12 @@ def report_on(
         parameters,
         tied,
         calibration.facts["runs"],
-        back,
         {
             one.name: (float(reported.within[n]), float(reported.between[n]))
             for n, one in enumerate(calibration.quantities)
         },
         float(over.mean()),
-        (*notes, *_cautions(calibration.thresholds, calibration.layout, runs, len(back))),
+        (*notes, *_cautions(calibration.thresholds, calibration.layout, runs)),
     )
 
 
@@ -114,12 +104,12 @@ def signature(calibration: PopulationCalibration, fault: str, recordings: Given)
     )
 
 
-def mean_recordings(bench: Bench, learning: np.ndarray) -> list[Comparison]:
+def mean_recordings(bench: Bench) -> list[Comparison]:
     """The mean recording of each run and condition, evenly chosen where there are many.
 
     More than `_MOST_MEANS` make the fit slow, not better.
     """
-    groups = np.unique(bench.groups[learning])
+    groups = np.unique(bench.groups)
     places = np.linspace(0, len(groups) - 1, min(len(groups), _MOST_MEANS))
     means = []
     for group in groups[np.unique(np.round(places).astype(int))]:
@@ -128,16 +118,16 @@ def mean_recordings(bench: Bench, learning: np.ndarray) -> list[Comparison]:
     return means
 
 
-def with_discrepancy(bench: Bench, learning: np.ndarray) -> tuple[Fit, np.ndarray, float | None]:
+def with_discrepancy(bench: Bench) -> tuple[Fit, np.ndarray, float | None]:
     """The last fit, the discrepancy of the twin over the covariate, and the covariate's scale."""
     fit = bench.fit(search=LocalDescent())  # healthy ones lie in the valley of health
     scale = None
-    if bench.model.monitoring.covariate is not None:
-        scale = float(np.sqrt((fit.covariate[learning] ** 2).mean())) or 1.0
+    if Monitoring.of(bench.model).covariate is not None:
+        scale = float(np.sqrt((fit.covariate**2).mean())) or 1.0
     discrepancy = np.zeros(1)
     for _ in range(_ROUNDS):
-        left = np.concatenate(list(fit.residuals.values()), axis=1)[learning]
-        discrepancy = discrepancy + fit_mean(fit.covariate[learning], scale, left)
+        left = np.concatenate(list(fit.residuals.values()), axis=1)
+        discrepancy = discrepancy + fit_mean(fit.covariate, scale, left)
         fit = bench.fit(discrepancy, scale, fit)
     return fit, discrepancy, scale
 
@@ -173,7 +163,7 @@ def check_outliers(calibration: PopulationCalibration) -> None:
     for k, one in enumerate(calibration.quantities):
         if not np.isfinite(one.least):
             continue
-        level = np.array([healthy.values[healthy.of_run(run), k].mean() for run in runs])
+        level = np.array([calibration.values[healthy.of_run(run), k].mean() for run in runs])
         for n, run in enumerate(runs):
             rest = np.delete(level, n)
             away = abs(level[n] - float(np.median(rest)))
@@ -189,7 +179,6 @@ def without_own_share(
     fit: Fit,
     scale: float | None,
     runs: Sequence[str],
-    learning: np.ndarray,
 ) -> np.ndarray:
     """Features (N, F) with the bands that are left of a discrepancy from the other runs alone.
 
@@ -198,19 +187,16 @@ def without_own_share(
 
     Parameters
     ----------
-    fit : with the discrepancy of all recordings that are learnt from
+    fit : with the discrepancy of all recordings
     runs : name of the run of each recording
-    learning : (N,) array of bool, recordings that the discrepancy was learnt from
     """
     features = measured.features.copy()
     bands = [n for n, kind in enumerate(layout.kinds) if kind == "band"]
     left = np.concatenate([fit.residuals[name] for name in layout.channels], axis=1)
     of_run = np.array(runs)
-    for run in dict.fromkeys(of_run[learning].tolist()):
-        own = learning & (of_run == run)
-        others = learning & ~own
-        if not bands or not others.any():
-            continue
+    for run in dict.fromkeys(runs):
+        own = of_run == run
+        others = ~own
         missed = basis(fit.covariate[own], scale) @ fit_mean(
             fit.covariate[others], scale, left[others]
         )
@@ -240,13 +226,12 @@ def _odd_one(run: str, count: int, how: str) -> RecordError:
     )
 
 
-def _cautions(thresholds: Thresholds, layout: Layout, runs: int, back: int) -> list[str]:
+def _cautions(thresholds: Thresholds, layout: Layout, runs: int) -> list[str]:
     reach = single_reach(layout.kinds)
     if max(thresholds.motion, thresholds.run) < reach:
         return []
-    said = f"{runs - back} runs to learn from and {back} held back" if back else f"{runs} runs"
     return [
         f"The thresholds ({thresholds.motion:.2f} for a motion, {thresholds.run:.2f} for a run) "
-        f"are so high that no single magnitude reaches them (at most {reach:.2f}): {said} say too "
-        "little about how far healthy runs differ. Record more healthy runs, on other days."
+        f"are so high that no single magnitude reaches them (at most {reach:.2f}): {runs} runs say "
+        "too little about how far healthy runs differ. Record more healthy runs, on other days."
     ]

@@ -12,12 +12,12 @@ import numpy as np
 from ematwin.errors import RecordError
 from ematwin.estimation.constants import SAME_COMMAND
 from ematwin.estimation.estimate import Estimate
+from ematwin.estimation.free_unknowns import searched
 from ematwin.estimation.laplace import width_at
 from ematwin.estimation.local import LocalDescent
-from ematwin.estimation.nominal import searched
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found, Search, named
-from ematwin.models.base import Model
+from ematwin.models.base import Model, Monitoring
 from ematwin.models.channels_agree import checked
 from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
@@ -100,11 +100,12 @@ class Bench:
         channels: Sequence[str] | None = None,
     ) -> None:
         self.model, self.actuator, self.recordings = model, actuator, tuple(recordings)
+        self._monitoring = Monitoring.of(model)
         found = [check_alike(model, actuator, one, command, interval) for one in recordings]
         self.warnings = [doubts for doubts, _ in found]
         self.barred = [tuple(barred) for _, barred in found]
         self.comparisons: list[Comparison] = [
-            model.monitoring.compare(model, one, actuator, settling_time) for one in recordings
+            self._monitoring.compare(model, one, actuator, settling_time) for one in recordings
         ]
         self.groups = numbered([one.together for one in recordings])
         wanted = tuple(self.comparisons[0].measured() if channels is None else channels)
@@ -164,7 +165,7 @@ class Bench:
         scale: float | None,
     ) -> Fit:
         """Residuals of each problem at the point found."""
-        name = self.model.monitoring.covariate
+        name = self._monitoring.covariate
         covariate = np.array([
             0.0 if name is None else problem.values(one.point)[name]
             for problem, one in zip(problems, found, strict=True)
@@ -234,7 +235,7 @@ def layout_of(
     """The features of recordings over a command."""
     magnitudes = [one.name for one in model.faults(actuator) if one.direction_of is None]
     return Layout.of(
-        phases(command, interval, settling_time), magnitudes, channels, model.monitoring.short
+        phases(command, interval, settling_time), magnitudes, channels, Monitoring.of(model).short
     )
 
 
@@ -243,9 +244,10 @@ def reported_values(
 ) -> np.ndarray:
     """Reported values (N, R), SI; logarithms of values that are multiples of healthy."""
     by_name = dict(zip(layout.names, features.T, strict=True))
-    derived = model.monitoring.derived(by_name)
+    monitoring = Monitoring.of(model)
+    derived = monitoring.derived(by_name)
     columns = []
-    for one in model.monitoring.reported(model, actuator):
+    for one in monitoring.reported(model, actuator):
         values = by_name[one.name] if one.name in layout.magnitudes else derived[one.name]
         # a derived quantity comes as the logarithm
         log = one.logarithmic and one.name in layout.magnitudes

@@ -118,7 +118,6 @@ class HealthyRuns:
     Attributes
     ----------
     features : (N, F) array
-    values : (N, R) array, of the reported quantities
     errors : (N, M) array, standard errors of the magnitudes, at most their ranges
     covariate : (N,) array, SI; zeros for a kind that has none
     groups : (N,) array, number of the run (and condition) of each recording
@@ -127,7 +126,6 @@ class HealthyRuns:
     """
 
     features: np.ndarray
-    values: np.ndarray
     errors: np.ndarray
     covariate: np.ndarray
     groups: np.ndarray
@@ -158,7 +156,6 @@ class HealthyRuns:
         common = [name for name in self.statistics if name in other.statistics]
         return HealthyRuns(
             np.vstack([self.features, other.features]),
-            np.vstack([self.values, other.values]),
             np.vstack([self.errors, other.errors]),
             np.r_[self.covariate, other.covariate],
             np.r_[self.groups, other.groups + int(self.groups.max()) + 1],
@@ -173,7 +170,6 @@ class HealthyRuns:
             "groups": [int(g) for g in self.groups],
             "covariate": plain(self.covariate),
             "errors": plain(self.errors),
-            "values": plain(self.values),
             "statistics": {name: plain(values) for name, values in self.statistics.items()},
             "features": plain(self.features),
         }
@@ -183,14 +179,13 @@ class HealthyRuns:
         """What `as_table` gave; raises `ValueError` unless it has as many rows everywhere."""
         found = cls(
             features=np.array(table["features"], dtype=float),
-            values=np.array(table["values"], dtype=float),
             errors=np.array(table["errors"], dtype=float),
             covariate=np.array(table["covariate"], dtype=float),
             groups=np.array(table["groups"], dtype=int),
             runs=tuple(str(run) for run in table["runs"]),
             statistics={name: np.array(v, dtype=float) for name, v in table["statistics"].items()},
         )
-        arrays = [found.features, found.values, found.errors, found.covariate, found.groups]
+        arrays = [found.features, found.errors, found.covariate, found.groups]
         arrays += list(found.statistics.values())
         if any(len(one) != len(found.runs) or not np.isfinite(one).all() for one in arrays):
             raise ValueError("its healthy recordings are not complete")

@@ -14,14 +14,14 @@ import numpy as np
 
 from ematwin import __version__
 from ematwin.estimation.baseline import Baseline
-from ematwin.models.base import Reported
+from ematwin.models.base import Monitoring, Reported
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.monitoring.calibration import FORMAT, Calibration
 from ematwin.monitoring.classification import Signature
 from ematwin.monitoring.features import Layout
 from ematwin.monitoring.gather import Given, recordings_of
 from ematwin.monitoring.index import Scores, clear_limit, health_index, prediction_bound
-from ematwin.monitoring.measure import Bench, Measured, layout_of
+from ematwin.monitoring.measure import Bench, Measured, layout_of, reported_values
 from ematwin.monitoring.population import HealthyRuns, Population, plain
 
 
@@ -57,7 +57,7 @@ class Thresholds:
 
 @dataclass(frozen=True)
 class PopulationCalibration(Calibration):
-    """A calibration with the healthy population, which judges kinds that one descent fits.
+    """A calibration with the healthy population, which judges kinds with `Model.monitoring`.
 
     Attributes
     ----------
@@ -87,7 +87,7 @@ class PopulationCalibration(Calibration):
     @property
     def quantities(self) -> tuple[Reported, ...]:
         """Reported quantities of its kind."""
-        return self.model.monitoring.reported(self.model, self.actuator)
+        return Monitoring.of(self.model).reported(self.model, self.actuator)
 
     @cached_property
     def layout(self) -> Layout:
@@ -98,26 +98,29 @@ class PopulationCalibration(Calibration):
         )  # fmt: skip
 
     @cached_property
-    def _held_back(self) -> np.ndarray:
-        """(N,) of bool: healthy recordings that only set the thresholds."""
-        return np.isin(self.healthy.runs, self.facts.get("held_back", []))
+    def values(self) -> np.ndarray:
+        """(N, R), reported quantities of the healthy recordings."""
+        return reported_values(self.model, self.actuator, self.layout, self.healthy.features)
 
     @cached_property
+    def _populations(self) -> tuple[Population, Population]:
+        return self.populations(np.ones(len(self.healthy.runs), dtype=bool))
+
+    @property
     def population(self) -> Population:
         """Of the features."""
-        return self.populations(~self._held_back)[0]
+        return self._populations[0]
 
-    @cached_property
+    @property
     def reported(self) -> Population:
         """Of the reported quantities (`Monitoring.reported`)."""
-        return self.populations(~self._held_back)[1]
+        return self._populations[1]
 
     @property
     def statistics(self) -> dict[str, tuple[float, float]]:
         """Healthy mean and standard deviation of measurements beside the twin, by name."""
-        kept = ~self._held_back
         return {
-            name: (float(found[kept].mean()), float(found[kept].std(ddof=1)))
+            name: (float(found.mean()), float(found.std(ddof=1)))
             for name, found in self.healthy.statistics.items()
         }
 
@@ -159,8 +162,8 @@ class PopulationCalibration(Calibration):
                 place = magnitudes.index(one.name)
                 own_errors[n], own_cut[n] = errors[place], cut[place]
                 if one.logarithmic:
-                    own_errors[n] /= float(np.exp(self.healthy.values[members, n].mean()))
-        return population, self._population(self.healthy.values, members, own_errors, own_cut)
+                    own_errors[n] /= float(np.exp(self.values[members, n].mean()))
+        return population, self._population(self.values, members, own_errors, own_cut)
 
     def _population(
         self, features: np.ndarray, members: np.ndarray, errors: np.ndarray, cut: np.ndarray
@@ -172,12 +175,9 @@ class PopulationCalibration(Calibration):
         )  # fmt: skip
 
     def tested(self) -> Scores:
-        """Scores of the healthy recordings that set the thresholds, each left out of learning.
-
-        Those that are held back are judged by all others; where there are none, each run is.
-        """
-        healthy, back = self.healthy, self._held_back
-        folds = [back] if back.any() else [healthy.of_run(name) for name in healthy.names]
+        """Scores of the healthy recordings, each run judged by the others."""
+        healthy = self.healthy
+        folds = [healthy.of_run(name) for name in healthy.names]
         scores = np.vstack([self.scored_by_others(own) for own in folds])
         groups = np.concatenate([healthy.groups[own] for own in folds])
         return Scores(scores, self.layout.names, self.layout.kinds, groups)
@@ -255,7 +255,7 @@ class PopulationCalibration(Calibration):
         for made, now in ((magnitudes, list(self.layout.magnitudes)), (quantities, reported)):
             if list(made) != now:
                 raise ValueError(f"it knows {', '.join(made)}, the kind {', '.join(now)}")
-        covariate = self.model.monitoring.covariate
+        covariate = Monitoring.of(self.model).covariate
         if (covariate is None) != (self.scale is None):
             raise ValueError(f"the scale of the covariate is {self.scale}")
         rows, count = 1 if covariate is None else 3, len(self.healthy.runs)
@@ -263,7 +263,6 @@ class PopulationCalibration(Calibration):
         arrays: dict[str, tuple[np.ndarray, tuple[int, ...]]] = {
             "discrepancy": (self.discrepancy, (rows, samples)),
             "healthy features": (self.healthy.features, (count, features)),
-            "healthy values": (self.healthy.values, (count, len(reported))),
             "healthy errors": (self.healthy.errors, (count, len(self.layout.magnitudes))),
             **{f"signature {s.fault}": (s.coefficients, (rows, features)) for s in self.signatures},
         }

@@ -6,8 +6,8 @@ folder or a glob in each row. Further columns are optional: ``actuator`` (what j
 """
 
 import csv
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -15,19 +15,15 @@ from typing import Any
 from ematwin.errors import FileError, InputError, RecordError
 from ematwin.estimation.interrupt import noting_interrupts
 from ematwin.estimation.search import Progress
-from ematwin.estimation.verdict import Grade
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.reading import read
 from ematwin.monitoring.calibration import Calibration
-from ematwin.monitoring.diagnosis import Detection, Diagnosis, interrupted, said_of
+from ematwin.monitoring.detection import Detection
 from ematwin.monitoring.gather import files_of
 from ematwin.recordings.channel_map import Columns
 from ematwin.recordings.formats.clock import Clock
 from ematwin.recordings.recording import Recording
-from ematwin.showing import markup
-from ematwin.showing.drawing import page_written
-from ematwin.showing.frames import frame_of_rows, is_frame
-from ematwin.showing.words import listed
+from ematwin.showing.frames import is_frame
 
 PATH = "path"
 _OWN = (PATH, "actuator", "serial", "time")
@@ -129,101 +125,12 @@ def read_runs(
     return Runs(tuple(_called_apart(list(groups.values()))))
 
 
-@dataclass(frozen=True)
-class Detections:
-    """Diagnoses of recordings of several actuators.
-
-    Attributes
-    ----------
-    actuators : the `Detection` of each, by its serial number or name
-    not_begun : how many recordings of further actuators are left after an interruption
-    """
-
-    actuators: Mapping[str, Detection]
-    not_begun: int = 0
-
-    def __getitem__(self, name: str) -> Detection:
-        return self.actuators[name]
-
-    @property
-    def missing(self) -> int:
-        """How many recordings are left after an interruption."""
-        return self.not_begun + sum(one.missing for one in self.actuators.values())
-
-    @property
-    def motions(self) -> tuple[Diagnosis, ...]:
-        """Of each recording."""
-        return self.each("motion")
-
-    @property
-    def runs(self) -> tuple[Diagnosis, ...]:
-        """Of the recordings of each run together, as of `Detection`."""
-        return self.each("run")
-
-    @property
-    def grade(self) -> Grade:
-        """The grade of the run that somebody has to look at first."""
-        grades = [one.grade for one in self.actuators.values()]
-        order: tuple[Grade, ...] = ("fault", "changed", "none")
-        return next((grade for grade in order if grade in grades), "healthy")
-
-    @property
-    def sentence(self) -> str:
-        """How many raise an alarm, and which actuators have which faults."""
-        faulty = {
-            name: ", ".join(dict.fromkeys(run.fault for run in one.runs if run.alarm))
-            for name, one in self.actuators.items()
-        }
-        told = [f"{name} ({faults})" for name, faults in faulty.items() if faults]
-        said = f"{len(told)} of {len(faulty)} actuators raise an alarm" + (
-            f": {listed(told)}." if told else "."
-        )
-        return f"{said} {said_of(self.runs, 'recordings')}.{interrupted(self.missing)}"
-
-    def each(self, each: str) -> tuple[Diagnosis, ...]:
-        """Diagnoses of each "run" or each "motion"; their names begin with the actuator."""
-        return tuple(
-            replace(row, name=f"{name} {row.name}")
-            for name, one in self.actuators.items()
-            for row in one.each(each)
-        )
-
-    def rows(self, each: str = "run") -> list[dict[str, object]]:
-        """A row of a table for each verdict, which begins with its actuator."""
-        return [
-            {"actuator": name, **row.row}
-            for name, one in self.actuators.items()
-            for row in one.each(each)
-        ]
-
-    def to_frame(self, each: str = "run") -> Any:
-        """A pandas DataFrame with a row for each "run" or "motion"; needs pandas."""
-        return frame_of_rows(self.rows(each), "actuator")
-
-    to_dataframe = to_frame
-
-    def report(self, path: str | Path) -> None:
-        """Write one page (.html) of all actuators."""
-        page_written(self, path, "detection:detections_page")
-
-    def __str__(self) -> str:
-        return "\n\n".join([self.sentence, *(f"{k}. {one}" for k, one in self.actuators.items())])
-
-    def _repr_html_(self) -> str:
-        """How many raise an alarm, then each run, in a notebook."""
-        every = [(name, row) for name, one in self.actuators.items() for row in one.runs]
-        rows = [(name, row.name, row.said, row.reason) for name, row in every]
-        marked = [n for n, (_, row) in enumerate(every) if row.alarm]
-        head = ("actuator", "recording", "verdict", "because")
-        return markup.verdict(self.sentence, self.grade) + markup.table(head, rows, marked)
-
-
 def over_groups(
     runs: Runs,
     ready: Callable[[list[Recording], Calibration], Any],
     judged: Callable[[Calibration, Any, Progress | None], Detection],
     tell: Progress | None,
-) -> Detections:
+) -> Detection:
     """Judge the recordings of each actuator; what cannot be used is refused before any work.
 
     Parameters
@@ -255,7 +162,7 @@ def over_groups(
                 if not found:
                     raise
                 break
-    return Detections(found, total - done)
+    return Detection.of(found, total - done)
 
 
 def _names_in(path: Path) -> list[str]:

@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 from typing import Any
 
-from ematwin.monitoring.diagnosis import Detection, Diagnosis, Magnitude, Standing
+from ematwin.monitoring.detection import Detection
+from ematwin.monitoring.diagnosis import Diagnosis, Magnitude, Standing
 from ematwin.plots.style import (
     AMBER,
     GREEN,

@@ -154,12 +154,10 @@ def spread_sentences(report: CalibrationReport) -> list[str]:
         told.append(f"{one.name} scatters by {within} within a run and {between} between runs")
     facts, limits = calibration.facts, calibration.thresholds
     labels = "" if facts["labels"] == "none" else f" with {facts['labels']}"
-    back = ", ".join(report.held_back)
-    judged = f"held back {back}" if back else "each judged by the others"
     return [
         *told,
         f"healthy reference: {facts['motions']} recordings{labels}",
-        f"learnt from runs {', '.join(report.learnt)}; {judged}: "
+        f"learnt from runs {', '.join(report.learnt)}; each judged by the others: "
         f"{100.0 * report.false_alarms:.0f} % of their recordings above the threshold "
         f"({limits.motion:.2f} for a motion, {limits.run:.2f} for a run of {limits.run_size:.3g})",
         *(f"known fault: {one.fault}, from {one.source}" for one in calibration.signatures),

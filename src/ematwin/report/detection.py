@@ -3,10 +3,11 @@
 from collections.abc import Sequence
 
 from ematwin.estimation.constants import CERTAIN, SMALLEST
-from ematwin.monitoring.diagnosis import Detection, Diagnosis, Standing, counted, gathered_notes
+from ematwin.monitoring.calibration import Calibration
+from ematwin.monitoring.detection import Detection, counted, gathered_notes
+from ematwin.monitoring.diagnosis import Diagnosis, Standing
 from ematwin.monitoring.index import DRIFT
 from ematwin.monitoring.population_calibration import PopulationCalibration
-from ematwin.monitoring.runs import Detections
 from ematwin.plots.detection import plot_trend
 from ematwin.report.page import Row, Section, Table, listed, render
 
@@ -15,70 +16,60 @@ _MOST_ROWS = 400  # of the table; the figures show all
 
 def detection_page(found: Detection) -> str:
     """HTML page: trend of the magnitudes, table of verdicts, how healthy was learnt."""
-    shown = found.runs[:_MOST_ROWS]
+    shown, parts = found.runs[:_MOST_ROWS], found.actuators
     kind = "run" if found.by_run else "recording"
-    reasons = {one.name: one.verdict.sentence for one in shown if one.grade != "healthy"}
     told = f"A point for each {kind}, with its interval. In the band lie 95 % of healthy ones."
     if found.by_run:
         told += (
             " Above the dashed line a run has changed; an alarm is a fault that can be named, or "
             "an index above the dotted line, which no drift between occasions explains."
         )
+    trends = [
+        Section(name or "Trend", text=f"{one.sentence} {told}" if name else told,
+                figure=plot_trend(one))
+        for name, one in parts.items()
+    ]  # fmt: skip
+    reasons = {one.title: one.verdict.sentence for one in shown if one.grade != "healthy"}
     sections = [
-        Section("Trend", text=told, figure=plot_trend(found)),
-        Section(f"{kind.capitalize()}s", table=verdict_table([("", one) for one in shown], kind)),
+        Section(f"{kind.capitalize()}s", table=verdict_table(shown, kind)),
         Section("Why", facts=reasons),
     ]
-    if found.by_run:
-        text = f"Judged alone, {counted(found.motions, 'motions')}."
-        figure = plot_trend(found, "motion")
-        sections.append(Section("Each motion alone", text=text, figure=figure))
-    sections.append(Section("How healthy was learnt", facts=_facts(found)))
-    notes = gathered_notes(found.runs)
-    title = f"{found.calibration.actuator.name}: condition"
-    return render(title, found.sentence, sections, notes, grade=found.grade)
-
-
-def detections_page(found: Detections) -> str:
-    """HTML page on several actuators: a table of all verdicts, then the trend of each."""
-    every = [(name, row) for name, one in found.actuators.items() for row in one.runs]
-    rows = [
-        Row([name, row.name, row.said, row.verdict.sentence], marked=row.alarm)
-        for name, row in every[:_MOST_ROWS]
-    ]
-    header = ["actuator", "recording", "verdict", "in words"]
-    sections = [Section("Verdicts", table=Table(header, rows, last_is_text=True, texts=(2,)))]
-    for name, one in found.actuators.items():
-        text = f"{one.sentence} In the bands lie 95 % of healthy recordings."
-        sections.append(Section(name, text=text, figure=plot_trend(one)))
-    learnt = {name: listed(_facts(one)) for name, one in found.actuators.items()}
+    sections = [*sections, *trends] if found.is_named else [*trends, *sections]
+    for name, one in parts.items():
+        if one.by_run:
+            text = f"Judged alone, {counted(one.motions, 'motions')}."
+            title = f"{name} Each motion alone".strip()
+            sections.append(Section(title, text=text, figure=plot_trend(one, "motion")))
+    facts = {name: _facts(known) for name, known in found.calibrations.items()}
+    title = "Condition of actuators"
+    learnt = {name: listed(one) for name, one in facts.items()}
+    if not found.is_named:
+        title, learnt = f"{found.calibrations[''].actuator.name}: condition", facts[""]
     sections.append(Section("How healthy was learnt", facts=learnt))
-    notes = gathered_notes(found.runs)
-    return render("Condition of actuators", found.sentence, sections, notes, grade=found.grade)
+    return render(title, found.sentence, sections, gathered_notes(found.runs), grade=found.grade)
 
 
 def verdict_table(
-    rows: Sequence[tuple[str, Diagnosis]], what: str, magnitudes: Sequence[str] | None = None
+    verdicts: Sequence[Diagnosis], what: str, magnitudes: Sequence[str] | None = None
 ) -> Table:
     """A row for each verdict.
 
     Parameters
     ----------
-    rows : actuators, "" for the only one, and verdicts
+    verdicts : of one actuator or of several
     what : "recording", "run" or "motion"
     magnitudes : that are shown; None for all
     """
-    verdicts = [one for _, one in rows]
     if magnitudes is None:
         magnitudes = list(dict.fromkeys(m.name for one in verdicts for m in one.magnitudes))
     at = [one.standing for one in verdicts if one.standing is not None]
     covariates = list(dict.fromkeys(s.covariate.name for s in at if s.covariate is not None))
-    left = ["actuator"] if any(name for name, _ in rows) else []
+    left = ["actuator"] if any(one.actuator for one in verdicts) else []
     left += [what, "verdict", *(["index / limit"] if at else [])]
     shown = [
-        Row([*([name] if left[0] == "actuator" else []), *_cells(one, at, magnitudes, covariates)],
-            marked=one.alarm)
-        for name, one in rows
+        Row([*([one.actuator] if left[0] == "actuator" else []),
+             *_cells(one, at, magnitudes, covariates)], marked=one.alarm)
+        for one in verdicts
     ]  # fmt: skip
     texts = tuple(range(1, left.index("verdict") + 1))
     return Table([*left, *magnitudes, *covariates], shown, texts=texts, pairs=True)
@@ -98,8 +89,7 @@ def _cells(
     return cells + [(values | beside).get(name, "") for name in (*magnitudes, *covariates)]
 
 
-def _facts(found: Detection) -> dict[str, str]:
-    calibration = found.calibration
+def _facts(calibration: Calibration) -> dict[str, str]:
     actuator = {"actuator": f"{calibration.actuator.name}: {calibration.actuator.description}"}
     if not isinstance(calibration, PopulationCalibration):
         return actuator | {
@@ -109,12 +99,10 @@ def _facts(found: Detection) -> dict[str, str]:
             "intervals": "95 %, over noise, the twin's own error, and parameters, load and sensors",
         }
     facts, limits = calibration.facts, calibration.thresholds
-    held_back = facts.get("held_back", [])
-    back = f"runs {', '.join(held_back)}" if held_back else "each run, judged by the others"
     return actuator | {
         "learnt from": f"runs {', '.join(facts.get('runs', []))} of "
         f"{', '.join(facts.get('sources', []))}",
-        "threshold from": f"{back}: a healthy run of another "
+        "threshold from": "each run, judged by the others: a healthy run of another "
         f"day exceeds it with a probability of {100.0 * limits.false_alarm_rate:g} %",
         "drift between occasions": "assumed: one magnitude and the level of one channel may move "
         f"together by {DRIFT:g} healthy deviations before a change without a name is an alarm",

@@ -177,8 +177,9 @@ class DeclarationContract:
             )
             if one.direction_of is not None:
                 assert one.direction_of in names, f"{one.name}: no magnitude {one.direction_of}"
-        if model.monitoring.covariate is not None:
-            assert model.unknown(actuator, model.monitoring.covariate).role == "nuisance"
+        judged = model.monitoring
+        if judged is not None and judged.covariate is not None:
+            assert model.unknown(actuator, judged.covariate).role == "nuisance"
 
     def test_values_are_described_with_units(self, model: Model, actuator: ParameterSet) -> None:
         """Healthy and faulty values have a finite physical value in a known unit."""
@@ -194,6 +195,8 @@ class DeclarationContract:
 
     def test_reported_quantities_are_named_once(self, model: Model, actuator: ParameterSet) -> None:
         """A healthy population reports something, and each name once."""
+        if model.monitoring is None:
+            return
         names = [one.name for one in model.monitoring.reported(model, actuator)]
         assert names, "`Monitoring.reported` must name at least one quantity"
         assert len(set(names)) == len(names)

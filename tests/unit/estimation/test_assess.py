@@ -70,7 +70,7 @@ class Kind:
     """What an assessment asks of a kind."""
 
     default_search, model_error = "multistart", MODEL_ERROR
-    frees_parameters = None
+    monitoring = None
 
     def unknowns(self, actuator):
         return (

@@ -39,7 +39,7 @@ def run(wear: float, slip: float = 0.0, seed: int = 0) -> Beside:
 class Kind:
     """What is asked of a kind."""
 
-    default_search, model_error, frees_parameters = "levenberg-marquardt", 1.0, None
+    default_search, model_error, monitoring = "levenberg-marquardt", 1.0, None
     lacking_error = None
 
     def faults(self, actuator):

@@ -1,6 +1,7 @@
 """Parameters that differ between recordings, against what is known of linear, normal problems."""
 
 import math
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -8,7 +9,6 @@ import pytest
 
 from ematwin.estimation.mixed_effects import assessed_sets
 from ematwin.estimation.random_effects import (
-    Normals,
     effects_of,
     errors_of_mean,
     fit,
@@ -91,27 +91,26 @@ def healthy(rng, count, spread=0.1, mean=1.2):
 def test_mean_and_spread_of_many_recordings_are_found():
     rng = np.random.default_rng(1)
     each = np.log(1.2) + 0.1 * rng.standard_normal((60, 2))
-    known = learn_effects(MODEL, TEMPLATE, [recorded(rng, *np.exp(one)) for one in each])
-    assert known.baseline.prior.mean == pytest.approx(each.mean(axis=0), abs=0.02)
-    spread = np.sqrt(np.diag(known.baseline.prior.covariance))
+    _, baseline, _ = learn_effects(MODEL, TEMPLATE, [recorded(rng, *np.exp(one)) for one in each])
+    assert baseline.prior.mean == pytest.approx(each.mean(axis=0), abs=0.02)
+    spread = np.sqrt(np.diag(baseline.prior.covariance))
     assert spread == pytest.approx(each.std(axis=0), rel=0.2)
-    assert known.baseline.recordings == 60
+    assert baseline.recordings == 60
 
 
 def test_recordings_that_are_alike_have_no_more_spread_than_is_stated():
-    alike = learn_effects(MODEL, TEMPLATE, healthy(np.random.default_rng(2), 40, spread=1e-4))
-    assert np.all(np.sqrt(np.diag(alike.baseline.prior.covariance)) < 0.04)
+    _, alike, _ = learn_effects(MODEL, TEMPLATE, healthy(np.random.default_rng(2), 40, spread=1e-4))
+    assert np.all(np.sqrt(np.diag(alike.prior.covariance)) < 0.04)
 
 
 def test_peak_and_width_are_those_of_generalised_least_squares():
     """With the recordings' own parameters integrated out, what is shared is a weighted mean."""
     rng = np.random.default_rng(3)
-    own = Normals(
-        tuple(MODEL.unknown(TEMPLATE, place) for place in ("line.height", "line.slope")),
-        np.zeros(2), np.array([0.01, 0.01]),
-    )  # fmt: skip
-    bend = MODEL.unknown(TEMPLATE, "bend")
-    shared = Normals((bend,), np.zeros(1), np.array([10.0]))
+    own = [
+        replace(MODEL.unknown(TEMPLATE, place), spread=0.01)
+        for place in ("line.height", "line.slope")
+    ]
+    shared = [replace(MODEL.unknown(TEMPLATE, "bend"), spread=10.0)]
     comparisons = [
         recorded(rng, *np.exp(0.01 * rng.standard_normal(2)), bend=1.1) for _ in range(5)
     ]
@@ -125,19 +124,18 @@ def test_peak_and_width_are_those_of_generalised_least_squares():
     places = np.array([c.measured()["place"] for c in comparisons])
     left = (places - 1.0 - TIME).sum(axis=0)
     exact = float((left @ weight)[0]) / information
-    assert math.exp(peak.z[0]) - 1.0 == pytest.approx(exact, abs=2e-4)
-    _, covariance = peak.weighed(np.ones(5))
-    error = math.sqrt(covariance[0, 0]) * math.exp(peak.z[0])
+    assert peak.point[0] - 1.0 == pytest.approx(exact, abs=2e-4)
+    error = math.sqrt(peak.approximated()[1][0, 0]) * peak.point[0]
     assert error == pytest.approx(information**-0.5, rel=0.03)
 
 
 @pytest.mark.parametrize(("bend", "named"), [(1.0, False), (1.1, True)])
 def test_a_fault_is_probable_where_it_is_and_not_where_it_is_not(bend, named):
     rng = np.random.default_rng(4)
-    effects = Normals(
-        tuple(MODEL.unknown(TEMPLATE, place) for place in ("line.height", "line.slope")),
-        np.zeros(2), np.array([0.02, 0.02]),
-    )  # fmt: skip
+    effects = [
+        replace(MODEL.unknown(TEMPLATE, place), spread=0.02)
+        for place in ("line.height", "line.slope")
+    ]
     found, *_ = assessed_sets([recorded(rng, bend=bend)], MODEL.faults(TEMPLATE), effects, {})
     assert (found.probabilities["bend"] > 0.95) == named
     assert found.probabilities["other"] < 0.35  # no more than beforehand
@@ -153,8 +151,8 @@ def interval(found):
 
 def test_intervals_of_a_fault_hold_as_often_as_they_say():
     rng = np.random.default_rng(5)
-    known = learn_effects(MODEL, TEMPLATE, healthy(rng, 30))
-    effects = effects_of(MODEL, known.actuator, known.baseline)
+    actuator, baseline, _ = learn_effects(MODEL, TEMPLATE, healthy(rng, 30))
+    effects = effects_of(MODEL, actuator, baseline)
     inside = 0
     for one in healthy(rng, 60):
         low, high = interval(assessed_sets([one], MODEL.faults(TEMPLATE)[:1], effects, {})[0])
@@ -164,8 +162,8 @@ def test_intervals_of_a_fault_hold_as_often_as_they_say():
 
 def test_more_recordings_of_one_state_narrow_the_interval():
     rng = np.random.default_rng(6)
-    known = learn_effects(MODEL, TEMPLATE, healthy(rng, 30))
-    effects = effects_of(MODEL, known.actuator, known.baseline)
+    actuator, baseline, _ = learn_effects(MODEL, TEMPLATE, healthy(rng, 30))
+    effects = effects_of(MODEL, actuator, baseline)
     some = [
         recorded(rng, *(1.2 * np.exp(0.1 * rng.standard_normal(2))), bend=1.1) for _ in range(6)
     ]

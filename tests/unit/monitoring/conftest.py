@@ -9,4 +9,4 @@ from made_up_rig import healthy_runs
 
 @pytest.fixture(scope="session")
 def report() -> CalibrationReport:
-    return calibrate(healthy_runs(9), held_back=4, name="rig")
+    return calibrate(healthy_runs(9), name="rig")

@@ -11,7 +11,8 @@ import tomli_w
 import ematwin
 from ematwin.errors import ParameterError, RecordError
 from ematwin.monitoring.calibrate import signature as learn_signature
-from ematwin.monitoring.diagnosis import UNNAMED, gathered_notes
+from ematwin.monitoring.detection import gathered_notes
+from ematwin.monitoring.diagnosis import UNNAMED
 from ematwin.monitoring.identify import detect
 from ematwin.recordings.recording import Recording
 from made_up_rig import NOISE, healthy_runs, motion, run
@@ -330,7 +331,7 @@ def test_rewired_sensors_are_noted_and_no_verdict_rests_on_them(calibration):
         for before, after in zip(plain, found, strict=True):
             assert (after.alarm, after.fault) == (before.alarm, before.fault)
             # of slow noise a share stays: it cannot be told from what the actuator does
-            assert after.standing.index == pytest.approx(before.standing.index, abs=0.25)
+            assert after.standing.index == pytest.approx(before.standing.index, abs=0.4)
             assert (
                 after.standing.statistics[coupling] - before.standing.statistics[coupling]
             ) == pytest.approx(share, rel=0.2)

@@ -11,9 +11,10 @@ import pandas as pd
 import pytest
 
 import ematwin
-from ematwin.errors import EmatwinError
+from ematwin.errors import EmatwinError, InputError
 from ematwin.monitoring.calibration import Calibration
-from ematwin.monitoring.runs import Detections, Runs, is_table_of_runs, read_runs
+from ematwin.monitoring.detection import Detection
+from ematwin.monitoring.runs import Runs, is_table_of_runs, read_runs
 
 
 def known_of(given: Any, first: Path) -> Calibration:
@@ -110,13 +111,13 @@ def test_a_table_that_cannot_be_used_is_refused_in_one_sentence(
 
 
 @pytest.fixture
-def found(folder: Path) -> Detections:
+def found(folder: Path) -> Detection:
     """Each actuator judged by its own file; friction alone is searched, which is quick."""
     (folder / "runs.csv").write_text(TABLES["rows"](folder))
     return ematwin.identify(folder / "runs.csv", exact=True, only="friction")
 
 
-def test_each_recording_is_judged_by_its_own_actuator(found: Detections, tmp_path: Path) -> None:
+def test_each_recording_is_judged_by_its_own_actuator(found: Detection, tmp_path: Path) -> None:
     assert list(found.actuators) == ["EMA-1", "EMA-2"]
     for one in found.actuators.values():
         assert [row.grade for row in one.motions] == ["healthy", "fault"]
@@ -126,6 +127,10 @@ def test_each_recording_is_judged_by_its_own_actuator(found: Detections, tmp_pat
         "2 of 4 recordings raise an alarm: friction in 2."
     )
     assert found["EMA-1"].motions[0].when == "2026-03-01T00:00:00"
+    assert found["EMA-1"].sentence == "1 of 2 recordings raise an alarm: friction in 1."
+    assert found["EMA-1"].plot().data
+    with pytest.raises(InputError, match=r"plot one, e.g. found\['EMA-1'\]"):
+        found.plot()
     frame = found.to_frame()
     assert list(frame.index) == ["EMA-1", "EMA-1", "EMA-2", "EMA-2"]
     assert "EMA-2" in found._repr_html_()

@@ -5,7 +5,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ematwin.models.base import Demand, Law, Model, Monitoring, Signal, Values
+from ematwin.models.base import Demand, Law, Model, Signal, Values
 from ematwin.models.comparison import Candidates
 from ematwin.models.linear_axis.parameters import FIXED, LinearAxis
 from ematwin.models.linear_axis.unknowns import CONTRASTS, aliases, unknowns
@@ -51,7 +51,6 @@ class LinearAxisModel(Model):
         "drive.response_time": 1.75,
     }
     fixed = FIXED
-    monitoring = Monitoring(short={"position_error": "error"})
 
     demands = (
         Demand("travel", "m", ("reference", "position")),

@@ -34,7 +34,6 @@ class PmsmModel(ServoModel):
     needs = NEEDS
     # one descent from healthy finds the valley: the currents' frame turns with the recorded rotor
     default_search = "levenberg-marquardt"
-    frees_parameters = True
     sample_rate = 10_000.0
     on_request = ON_REQUEST
     fixed = FIXED

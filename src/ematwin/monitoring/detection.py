@@ -1,0 +1,191 @@
+"""Detection: diagnoses of recordings and runs as a table, of one actuator or of several.
+
+`ematwin.identify` of several recordings and `ematwin.detect` give the same one.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Self
+
+from ematwin.errors import InputError
+from ematwin.estimation.verdict import Grade
+from ematwin.monitoring.calibration import Calibration
+from ematwin.monitoring.diagnosis import Diagnosis
+from ematwin.recordings.recording import Recording, label_text
+from ematwin.showing import markup
+from ematwin.showing.drawing import drawn, page_written
+from ematwin.showing.frames import frame_of_rows
+from ematwin.showing.words import listed
+
+
+@dataclass(frozen=True)
+class Detection:
+    """Diagnoses of recordings and of runs, of one actuator or of several.
+
+    Attributes
+    ----------
+    motions : of each recording
+    runs : of the recordings of each run together, where a healthy population judges; else of each
+        recording
+    calibrations : of each actuator, by its serial number or name; by "" where one alone is judged
+    missing : how many recordings are left after an interruption
+    """
+
+    motions: tuple[Diagnosis, ...]
+    runs: tuple[Diagnosis, ...]
+    calibrations: Mapping[str, Calibration]
+    missing: int = 0
+
+    @classmethod
+    def of(cls, parts: Mapping[str, Self], not_begun: int) -> Self:
+        """Several actuators together; ``not_begun`` recordings are of others."""
+
+        def named(name: str, rows: Sequence[Diagnosis]) -> list[Diagnosis]:
+            return [replace(row, actuator=name) for row in rows]
+
+        return cls(
+            tuple(row for name, one in parts.items() for row in named(name, one.motions)),
+            tuple(row for name, one in parts.items() for row in named(name, one.runs)),
+            {name: one.calibrations[""] for name, one in parts.items()},
+            not_begun + sum(one.missing for one in parts.values()),
+        )
+
+    def __getitem__(self, actuator: str) -> Self:
+        """The part of one actuator; how many recordings are missing is known of all together."""
+        motions, runs = (
+            tuple(row for row in rows if row.actuator == actuator)
+            for rows in (self.motions, self.runs)
+        )
+        return type(self)(motions, runs, {actuator: self.calibrations[actuator]})
+
+    @property
+    def actuators(self) -> "dict[str, Self]":
+        """The part of each actuator."""
+        return {name: self[name] for name in self.calibrations}
+
+    @property
+    def is_named(self) -> bool:
+        """Whether its actuators have names, as those of a table of runs."""
+        return "" not in self.calibrations
+
+    @property
+    def grade(self) -> Grade:
+        """The grade of the run that somebody has to look at first."""
+        grades = [one.grade for one in self.runs]
+        order: tuple[Grade, ...] = ("fault", "changed", "none")
+        return next((grade for grade in order if grade in grades), "healthy")
+
+    @property
+    def by_run(self) -> bool:
+        """Whether recordings of a run are judged together as well."""
+        return any(one.standing is not None for one in self.runs)
+
+    @property
+    def sentence(self) -> str:
+        """How many actuators and runs raise an alarm, and for which faults."""
+        kind = "runs" if self.by_run else "recordings"
+        interrupted = f" Interrupted: {self.missing} more were not judged." if self.missing else ""
+        return f"{self._said_of_actuators()}{said_of(self.runs, kind)}.{interrupted}"
+
+    def _said_of_actuators(self) -> str:
+        if len(self.calibrations) < 2:
+            return ""
+        faulty: dict[str, dict[str, None]] = {}
+        for run in self.runs:
+            if run.alarm:
+                faulty.setdefault(run.actuator, {})[run.fault] = None
+        told = [f"{name} ({', '.join(faults)})" for name, faults in faulty.items()]
+        said = f"{len(told)} of {len(self.calibrations)} actuators raise an alarm"
+        return f"{said}: {listed(told)}. " if told else f"{said}. "
+
+    def rows(self, each: str = "run") -> list[dict[str, object]]:
+        """A row of a table for each verdict."""
+        return [one.row for one in self.each(each)]
+
+    def to_frame(self, each: str = "run") -> Any:
+        """A pandas DataFrame with a row for each "run" or "motion"; needs pandas."""
+        return frame_of_rows(self.rows(each), "actuator" if self.is_named else "name")
+
+    to_dataframe = to_frame
+
+    def plot(self, each: str = "run") -> Any:
+        """The trend over runs, or over motions, of one actuator: a figure of plotly."""
+        if len(self.calibrations) > 1:
+            first = next(iter(self.calibrations), "NAME")
+            raise InputError(f"A trend is of one actuator; plot one, e.g. found[{first!r}].plot().")
+        return drawn(self, each, dict.fromkeys(("run", "motion"), "plot_trend"), each)
+
+    def report(self, path: str | Path) -> None:
+        """Write its page (.html), which holds all that it shows."""
+        page_written(self, path, "detection:detection_page")
+
+    def each(self, each: str) -> tuple[Diagnosis, ...]:
+        """Diagnoses of each "run" or of each "motion"."""
+        if each not in ("run", "motion"):
+            raise InputError(f"each must be run or motion, received {each!r}.")
+        return self.runs if each == "run" else self.motions
+
+    def __str__(self) -> str:
+        return "\n".join([self.sentence, *(f"{one.title}: {one.verdict}" for one in self.runs)])
+
+    def _repr_html_(self) -> str:
+        """How many raise an alarm, then each run, in a notebook."""
+        rows = [(one.title, one.said, one.reason) for one in self.runs]
+        marked = [n for n, one in enumerate(self.runs) if one.alarm]
+        return "".join(
+            [
+                markup.verdict(self.sentence, self.grade),
+                markup.table(("run", "verdict", "because"), rows, marked),
+                *(markup.note(text) for text in gathered_notes(self.runs)),
+            ]
+        )
+
+
+def name_of(recording: Recording, labels: dict[str, str], one_source: bool) -> str:
+    """Labels for tables, with the file where there are several or no labels."""
+    said = label_text(labels)
+    return said if said and one_source else f"{recording.source} {said}".strip()
+
+
+def said_of(rows: Sequence[Diagnosis], kind: str) -> str:
+    """How many raise an alarm, and how many of each fault."""
+    names: dict[str, int] = {}
+    for one in rows:
+        for name in one.faults or ((one.fault,) if one.alarm else ()):
+            names[name] = names.get(name, 0) + 1
+    said = "; ".join(f"{fault} in {count}" for fault, count in names.items())
+    return f"{counted(rows, kind)}{': ' + said if said else ''}"
+
+
+def counted(rows: Sequence[Diagnosis], kind: str) -> str:
+    """How many raise an alarm, and of how many of the rest something is to be said."""
+    rest = [one.grade for one in rows if not one.alarm]
+    said = {
+        "changed by no more than may drift": rest.count("changed"),
+        "without a verdict": rest.count("none"),
+    }
+    more = "".join(f", {count} {text}" for text, count in said.items() if count)
+    return f"{sum(one.alarm for one in rows)} of {len(rows)} {kind} raise an alarm{more}"
+
+
+def gathered_notes(rows: Sequence[Diagnosis]) -> list[str]:
+    """The notes of many, alike ones once, each with how many have it."""
+    seen: dict[str, list[tuple[str, str]]] = {}
+    for one in rows:
+        for note in one.notes:
+            seen.setdefault(note.partition(" (")[0], []).append((one.title, note))
+    return [
+        f"{found[0][0]}: {found[0][1]}"
+        + (f" {len(found)} of {len(rows)} are like this." if len(found) > 1 else "")
+        for found in seen.values()
+    ]
+
+
+def gathered_reasons(rows: Sequence[Diagnosis]) -> list[str]:
+    """Why verdicts are other than healthy, the first of each name or grade."""
+    found: dict[str, str] = {}
+    for one in rows:
+        if one.grade != "healthy":
+            found.setdefault(one.said, f"{one.said}: {one.reason}")
+    return list(found.values())
