@@ -142,7 +142,7 @@ def withdraw(
     ],
     note: NoteOption = "",
 ) -> None:
-    """Withdraw entries that were wrong; the history shows both. Then enter what is right."""
+    """Withdraw wrong entries; the history shows both. Then enter the right ones."""
     for one in _opened(fleet)[serial].withdraw(*entries, note=note):
         typer.echo(f"{serial}: {one['what']} of {one['time']:%Y-%m-%d} withdrawn.")
 

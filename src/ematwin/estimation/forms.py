@@ -285,8 +285,8 @@ class _Selection:
     ) -> EquationFit:
         """Some parameters by Gauss-Newton steps, each held by its tolerance in the template.
 
-        Slopes follow the residuals (`with_secant`), those of a fit nearby (``like``) serve first,
-        and a fit ends by fresh ones.
+        Slopes follow the residuals (`with_secant`). A fit begins with the slopes of one nearby
+        (``like``), and ends with fresh ones.
         """
         here = self._linearised(actuator, places, self._left(actuator), like)
         fresh = like is None

@@ -104,7 +104,7 @@ def fit(
 ) -> Peak:
     """Descend to the most probable point.
 
-    What a start leaves counts as noise until the descent explains it: no jump to far minima.
+    The residual of a start counts as noise until the descent explains it: no jump to far minima.
 
     Parameters
     ----------

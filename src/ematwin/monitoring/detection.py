@@ -66,7 +66,7 @@ class Detection:
 
     @property
     def is_named(self) -> bool:
-        """Whether its actuators have names, as those of a table of runs."""
+        """Whether its actuators have names, as in a table of runs."""
         return "" not in self.calibrations
 
     @property
