@@ -125,9 +125,10 @@ def _changes(here: Problem, others: Sequence[Problem], point: np.ndarray) -> lis
     """By how much residuals (K,) at a point (d,) change from one problem to each of N others.
 
     The problems are corrected at points that differ. Answers of the reference scatter: a small
-    change moves samples, and these the impacts in a gap. All changes have the scatter of the answer ``here`` in
-    common, and all answers scatter alike. Each change counts as far as it exceeds scatter (empirical Bayes; Efron and Morris 1973, J. Am. Stat. Assoc. 68, 117-130): least squares
-    would take the rest for information.
+    change moves samples, and these the impacts in a gap. The scatter of the answer ``here`` is in
+    all changes, which shows its size, and all answers scatter alike. Each change counts as far as
+    it exceeds scatter (empirical Bayes; Efron and Morris 1973, J. Am. Stat. Assoc. 68, 117-130):
+    least squares would take scatter for information.
 
     Returns
     -------
