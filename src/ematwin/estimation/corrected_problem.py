@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ematwin.errors import ParameterError
+from ematwin.estimation.constants import DECIDES
 from ematwin.estimation.prior import Prior, coordinate, coordinates
 from ematwin.estimation.problem import Problem, ResidualChange
 from ematwin.models.chart import Chart
@@ -77,19 +78,20 @@ def corrected_at(
         return None
     known = {} if like is None else _slopes_of(like)
     other = _without(problem, first)
-    unseen = [one for one in problem.unknowns if one.name in problem.comparisons[0].unseen]
-    new = [one for one in unseen if one.name not in known]
-    there = [_likely(one, values[one.name], problem.prior) for one in new]
-    asked = [_missed(problem, point, {one.name: x}) for one, x in zip(new, there, strict=True)]
-    moved = [_without(problem, one) for one in asked if one is not None]
-    if len(moved) < len(new):
-        return None
-    for one, x, *rows in zip(new, there, *_changes(other, moved, point), strict=True):
-        far = coordinate(one, x) - coordinate(one, values[one.name])
-        known[one.name] = [row / far for row in rows]
-    changes: list[ResidualChange] = [
-        _Unseen(one, coordinate(one, values[one.name]), known[one.name]) for one in unseen
-    ]
+    changes: list[ResidualChange] = []
+    for one in problem.unknowns:
+        if one.name not in problem.comparisons[0].unseen:
+            continue
+        now = coordinate(one, values[one.name])
+        slopes = known.get(one.name)
+        if slopes is None:
+            there = _likely(one, values[one.name], problem.prior)
+            missed = _missed(problem, point, {one.name: there})
+            if missed is None:
+                return None
+            far = coordinate(one, there) - now
+            slopes = _slopes(other, _without(problem, missed), point, far)
+        changes.append(_Unseen(one, now, slopes))
     here = {name: np.array([value]) for name, value in values.items()}
     for change in () if like is None else like.changes:
         if isinstance(change, _Linear) and here.keys() >= {n.name for n in change.chart.unknowns}:
@@ -97,10 +99,14 @@ def corrected_at(
     return other.with_comparisons(other.comparisons, changes)
 
 
-def with_slopes(problem: Problem, here: Problem, z: np.ndarray, ways: np.ndarray) -> Problem:
+def with_slopes(
+    problem: Problem, here: Problem, z: np.ndarray, ways: np.ndarray, noise: float
+) -> Problem:
     """A corrected problem whose fast model changes with the unknowns as the reference does.
 
-    Along each way, one standard deviation long, the reference is asked once for each recording.
+    Along each way, one standard deviation long, the reference is asked once for each recording. Its
+    slope counts where the error of the fast model changes by far more than a standard deviation;
+    less is scatter of the reference, which least squares would follow.
 
     Parameters
     ----------
@@ -108,48 +114,25 @@ def with_slopes(problem: Problem, here: Problem, z: np.ndarray, ways: np.ndarray
     here : corrected at ``z``
     z : (d,) array, coordinates
     ways : (d, d) array, steps to other points, a row each
+    noise : standard deviation of an independent residual
     """
-    chart = problem.chart
+    chart, point = problem.chart, problem.chart.to_values(z[None])
     there = chart.project(z + ways)
     others = side_by_side(lambda one: corrected_at(problem, one, here), chart.to_values(there))
-    known = [k for k, one in enumerate(others) if one is not None]
-    moved = [one for one in others if one is not None]
-    point = chart.to_values(z[None])[0]
+    first = [here.residuals_of(n, point)[0] for n in range(len(here.comparisons))]
+    changes = [np.zeros((len(ways), len(one))) for one in first]
+    for k, one in enumerate(others):
+        if one is None:
+            continue
+        now = [one.residuals_of(n, point)[0] - before for n, before in enumerate(first)]
+        data = [x[: len(x) - c.evidence] for x, c in zip(now, here.comparisons, strict=True)]
+        if sum(float(part @ part) for part in data) > DECIDES * noise**2:
+            for change, part in zip(changes, now, strict=True):
+                change[k] = part
     size = np.linalg.norm(ways, axis=0)
-    shares = np.linalg.pinv((there[known] - z) / size, rcond=1e-6) / size[:, None]
-    slopes = _Linear(chart, z, [shares @ change for change in _changes(here, moved, point)])
+    shares = np.linalg.pinv((there - z) / size, rcond=1e-6) / size[:, None]
+    slopes = _Linear(chart, z, [shares @ change for change in changes])
     return here.with_comparisons(here.comparisons, (*here.changes, slopes))
-
-
-def _changes(here: Problem, others: Sequence[Problem], point: np.ndarray) -> list[np.ndarray]:
-    """By how much residuals (K,) at a point (d,) change from one problem to each of N others.
-
-    The problems are corrected at points that differ. Answers of the reference scatter: a small
-    change moves samples, and these the impacts in a gap. The scatter of the answer ``here`` is in
-    all changes, which shows its size, and all answers scatter alike. Each change counts as far as
-    it exceeds scatter (empirical Bayes; Efron and Morris 1973, J. Am. Stat. Assoc. 68, 117-130):
-    least squares would take scatter for information.
-
-    Returns
-    -------
-    of each recording, an (N, K) array
-    """
-    found, seen = [], []
-    for n, one in enumerate(here.comparisons):
-        first = here.residuals_of(n, point[None])[0]
-        rows = [other.residuals_of(n, point[None])[0] - first for other in others]
-        found.append(np.array(rows).reshape(len(others), first.size))
-        seen.append(found[-1][:, : first.size - one.evidence])
-    alike = sum((part @ part.T for part in seen), np.zeros((len(others),) * 2))
-    sizes, pairs = np.diag(alike), len(others) * (len(others) - 1)
-    scatter = max(0.0, float(alike.sum() - sizes.sum()) / pairs) if pairs else 0.0
-    if scatter == 0.0:
-        return found
-    own = np.maximum(sizes - 2.0 * scatter, 0.0)
-    weights = 1.0 / (own + scatter)
-    weights /= 1.0 / scatter + weights.sum()
-    share = own / (own + scatter)
-    return [share[:, None] * (part - weights @ part) for part in found]
 
 
 def has_slopes(problem: Problem) -> bool:
@@ -228,6 +211,15 @@ def _without(problem: Problem, missed: Sequence[Mapping[str, np.ndarray]]) -> Pr
     other = problem.with_comparisons([one.with_missed(by_channel) for one, by_channel in pairs])
     # no model error until a discrepancy shows (`ematwin.estimation.noise.with_discrepancy`)
     return other.with_noise(other.comparisons[0].noise, model_error=1.0)
+
+
+def _slopes(here: Problem, there: Problem, point: np.ndarray, far: float) -> list[np.ndarray]:
+    """Change of residuals (K,) of each recording from one problem to another, per ``far``."""
+    found = []
+    for n, (mine, other) in enumerate(zip(here.comparisons, there.comparisons, strict=True)):
+        candidates = here.candidates(point[None], n)
+        found.append((other.residuals(candidates, 1)[0] - mine.residuals(candidates, 1)[0]) / far)
+    return found
 
 
 def _slopes_of(problem: Problem) -> dict[str, list[np.ndarray]]:

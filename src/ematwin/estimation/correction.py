@@ -122,7 +122,7 @@ def corrected(
         last = first._replace(runs=last.runs)
     elif problem.lacks_forms and _leaves_more_than_noise(first):
         ways = principal(first.peak.data + first.peak.priors)
-        here = with_slopes(problem, first.here, first.z, ways)
+        here = with_slopes(problem, first.here, first.z, ways, first.peak.problem.noise)
         near, steps = descent.afresh(settled=np.inf), step_lengths(first.peak.covariance)
         runs = last.runs + len(ways) - 1  # the first round has its answer already
         visited = _rounds(problem, here, first.z, near, steps, rounds)
