@@ -103,13 +103,13 @@ class _Fit:
             costs = np.einsum("bk,bk->b", left, left)
             best = int(np.argmin(costs))
             gained = float(here @ here) - costs[best]
+            moved = (tried[best] - z[0])[free]
+            change = left[best] - here
             if gained > 0.0:
-                moved = (tried[best] - z[0])[free]
-                slopes = with_secant(slopes, moved, left[best] - here)
                 z, here = tried[best : best + 1], left[best]
             if gained > NOTHING:
-                fresh = False
-            elif fresh:
+                slopes, fresh = with_secant(slopes, moved, change), False
+            elif fresh:  # slopes of so short a step would be those of ripple
                 break
             else:
                 slopes, fresh = self._slopes(z, here), True

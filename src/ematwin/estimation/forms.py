@@ -294,8 +294,8 @@ class _Selection:
             before, after = here, self._stepped(here)
             ends = after is None or after.cost > (1.0 - _ENDS) * before.cost
             here = after or before
-            if ends and fresh:
-                break
+            if ends and fresh:  # slopes of so short a step would be those of ripple
+                return self._fit(here.actuator, places, here.left, before.slopes)
             if ends:
                 here = self._linearised(here.actuator, places, here.left)
             fresh = ends
