@@ -285,16 +285,3 @@ def test_what_no_signature_explains_stays_unnamed():
     assert named_by_signature(scores, np.zeros(1), 200.0, signatures()) is None
     scores[0, 5:] = -4.0  # the other way
     assert named_by_signature(scores, np.zeros(1), 200.0, signatures()) is None
-
-
-# The package
-
-
-def test_what_analyses_need_is_public():
-    from ematwin import monitoring
-
-    for name in monitoring.__all__:
-        assert getattr(monitoring, name).__doc__
-    assert monitoring.health_index is health_index
-    with pytest.raises(AttributeError, match="has no attribute 'spectrum'"):
-        _ = monitoring.spectrum
