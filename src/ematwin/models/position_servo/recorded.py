@@ -237,6 +237,7 @@ def _would_move(actuator: Any, recording: Recording, at: int, error: float) -> b
 
     An arm that hangs, or has a vertical axis, does not fall where its servo loses the torque.
     """
+    from ematwin.models.position_servo.step import friction
     from ematwin.models.position_servo.twin import servo_constants
 
     table = {one.name: one for one in unknowns(actuator)}
@@ -247,7 +248,7 @@ def _would_move(actuator: Any, recording: Recording, at: int, error: float) -> b
         c = servo_constants(actuator, {**healthy, name: value}, stated_arm(recording))
         linear = c.stall_torque * min(c.gain * abs(error), 1.0)
         load = abs(c.gravity * np.sin(recording.channels["position"][at]) + c.load_torque)
-        holds = load + c.coulomb + c.stribeck + (c.load_share + c.static_share) * load
+        holds = load + friction.py_func(0.0, load, c)
         if linear / np.hypot(1.0, linear / c.saturation) < holds:
             return False
     return True
