@@ -27,6 +27,7 @@ import argparse
 import math
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -68,7 +69,7 @@ UNSTATED: dict[str, tuple[str, ...]] = {
     "both loops and encoders": ("speed loop", "current loop", "encoder"),
     "both, cogging, rounded EMF": ("speed loop", "current loop", "cogging", "rounded EMF"),
 }
-INTERVALS = (50e-6, 62e-6, 75e-6, 100e-6, 125e-6)  # s; that of 75 us is in no list of the package
+INTERVALS = (50e-6, 62e-6, 75e-6, 100e-6, 125e-6)  # s
 NOISE = Noise(white=0.02, bits=12)
 REVERSALS = Scenario(
     name="reversals", duration=0.6, command=[{"type": "sine", "amplitude": 0.004, "frequency": 4.0}]
@@ -163,7 +164,7 @@ def as_built(name: str, sheet: BldcActuator, rng: np.random.Generator) -> Any:
             "encoder_lines": float(rng.choice((2000, 4096, 10_000, 20_000))),
             "output_lines": 2.0 ** rng.integers(20, 24) / sheet.transmission.ratio,
             "speed_lag": float(rng.choice((0.0, 2e-4, 5e-4))),
-            "encoder_phase": float(rng.uniform()), "sampling_phase": float(rng.uniform()),
+            "encoder_phase": float(rng.uniform()),
         },
     }  # fmt: skip
     terms = {key: x for term in UNSTATED[name] for key, x in drawn[term].items()}
@@ -198,8 +199,10 @@ def of_unstated(
         scenario = MODEL.load_scenario(command)
         grid = np.arange(0.0, scenario.duration + 1e-9, 5e-5)
         parameters = other.parameters_of(truth)
+        begins = np.random.default_rng([seed, number, 43]).uniform()  # among the samples
+        now = replace(structure, sampling_phase=float(begins))
         return other.simulate(
-            parameters, grid, *scenario.histories(grid), faults, structure, seed=seed + number
+            parameters, grid, *scenario.histories(grid), faults, now, seed=seed + number
         )
 
     found: dict[str, Any] = {"name": name, "seed": seed, "judged": []}

@@ -16,6 +16,7 @@ from ematwin.models.bldc.envelope import signed_current
 from ematwin.models.bldc.faults import FAULTS, Faults, error_percent
 from ematwin.models.bldc.motor import gap_factors
 from ematwin.models.bldc.parameters import BldcActuator
+from ematwin.models.bldc.simulate import reference_answer
 from ematwin.models.bldc.state import fault_state
 from ematwin.models.bldc.truer.motor import cogging_torque, truer_shapes
 from ematwin.models.bldc.truer.shorted_turns import loop_answer
@@ -287,6 +288,34 @@ def test_a_loop_that_counts_moves_as_that_of_a_simulator_of_other_make():
     assert far > 2.0 * gap
     steps = (own.motor_position - other.motor_position) / encoder.motor_step
     assert np.abs(steps - np.round(steps)).max() < 1e-6  # counts alike
+
+
+def test_loops_that_sample_later_answer_as_those_of_a_simulator_of_other_make():
+    """A modulated current differs from one instant of sampling to the next by far more."""
+    drive = PLAIN.changed({
+        "controller.position_gain": 60.0, "controller.speed_gain": 0.004,
+        "speed_loop.integral_gain": 0.1, "speed_loop.sample_time": 1e-4, "speed_loop.delay": 0.0,
+        "current_loop.proportional_gain": 2.9, "current_loop.integral_gain": 8520.0,
+        "current_loop.sample_time": 7.5e-5, "current_loop.delay": 7.5e-5,
+        "current_loop.lost_voltage": 1.0,
+    })  # fmt: skip
+    structure = another_actuator.Structure(
+        control_interval=1e-4, speed_integral=0.1, current_interval=7.5e-5, lost_voltage=0.5,
+        current_bandwidth=2.9 / drive.motor.inductance, sampling_phase=0.44,
+    )  # fmt: skip
+    time = np.linspace(0.0, 0.1, 2001)
+    other = another_actuator.simulate(
+        another_actuator.parameters_of(drive), time, 0.02 * np.sin(10.0 * np.pi * time),
+        np.zeros(time.size), {}, structure, noise=0.0, bits=None,
+    )  # fmt: skip
+    start = np.zeros(4)
+    late, at_once = (
+        reference_answer(one, drive, {}, start) for one in (other.with_first_sample(4.4e-5), other)
+    )
+    gap, far = (misfit(equivalent(one), equivalent(other)) for one in (late, at_once))
+    print(f"sampled as it was: {100.0 * gap:.2f} %, with the start {100.0 * far:.2f} %")
+    assert gap < 0.001
+    assert far > 5.0 * gap
 
 
 def test_a_gear_that_gives_as_its_contact_does_is_the_rigid_one():

@@ -18,13 +18,15 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ematwin.errors import EmatwinError
+from ematwin.estimation.constants import DECIDES
 from ematwin.estimation.equation_fit import with_secant
+from ematwin.estimation.first_sample import found_first_sample
 from ematwin.estimation.levenberg_marquardt import NOTHING
 from ematwin.estimation.prior import Information
 from ematwin.estimation.problem import Problem
 from ematwin.models.base import Model
 from ematwin.models.comparison import correlation_time
-from ematwin.models.optional import Equation
+from ematwin.models.optional import FIRST_SAMPLE, Equation
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.numerics.bounded_squares import bounded_squares
 from ematwin.numerics.side_by_side import side_by_side
@@ -60,18 +62,27 @@ def informed(
         z, _ = _Fit(actuator, problem, first, z).run(z)
         values = problem.values(chart.to_values(z)[0])
         every = [one if one.at is None else one.at(values) for one in every]
-    some = [one for one in every if one.size > 0.0]
-    z, known = _Fit(actuator, problem, some, z).run(z)
+    fit = _Fit(actuator, problem, [one for one in every if one.size > 0.0], z)
+    z, known = fit.run(z)
+    if fit.finds_first_sample(z):
+        z, known = fit.run(z)
+        problem = problem.sampled_first(fit.first_sample)
     return problem.informed(known), chart.to_values(z)[0]
 
 
 class _Fit:
-    """Some equations with their priors."""
+    """Some equations with their priors.
+
+    Attributes
+    ----------
+    first_sample : s, when loops sampled first, as far as it was found
+    """
 
     def __init__(
         self, actuator: ParameterSet, problem: Problem, equations: Sequence[Equation], z: np.ndarray
     ) -> None:
         self._actuator, self._problem, self._equations = actuator, problem, equations
+        self.first_sample = problem.comparisons[0].recording.first_sample
         self._matters = [_matters(one, actuator, problem) for one in equations]
         values = problem.values(problem.chart.to_values(z)[0])
         left = [
@@ -113,6 +124,7 @@ class _Fit:
                 break
             else:
                 slopes, fresh = self._slopes(z, here), True
+        self._last = here, slopes
         weights = self._weights(here)
         here = weights * here[: weights.size]
         rotation, root = np.linalg.qr((weights * slopes[:, : weights.size]).T)
@@ -121,6 +133,35 @@ class _Fit:
         moved = rotation.T @ here
         rest = math.sqrt(max(0.0, float(here @ here - moved @ moved)))
         return z, Information(chart, z[0], every, np.append(moved, rest))
+
+    def finds_first_sample(self, z: np.ndarray) -> bool:
+        """Find when loops sampled first, near coordinates (1, d) at which `run` ended.
+
+        Whether that explains more than another instant may by chance.
+        """
+        values = self._problem.values(self._problem.chart.to_values(z)[0])
+        actuator = self._actuator.changed({name: x for name, x in values.items() if "." in name})
+        here, slopes = self._last
+        basis = np.linalg.qr(slopes.T)[0]
+
+        def cost(instant: float) -> float:
+            left = here.copy()
+            for n, one in enumerate(self._equations):
+                if one.first_samples(actuator):
+                    first = sum(self._counts[:n])
+                    part = slice(first, first + self._counts[n])
+                    known = {name: values[name] for name in self._matters[n]}
+                    left[part] = self._scales[n] * self._left(one, known, instant)
+            along = left @ basis
+            return float(left @ left - along @ along)
+
+        for one in self._equations:
+            if instants := one.first_samples(actuator):
+                found = found_first_sample(cost, instants)
+                if cost(found) < cost(self.first_sample) - DECIDES:
+                    self.first_sample = found
+                    return True
+        return False
 
     def _weights(self, here: np.ndarray) -> np.ndarray:
         """Factors (K,) on residuals of the equations, by their size where that is more."""
@@ -148,9 +189,12 @@ class _Fit:
         least = max(self._least[n], noise)
         return 1.0 / math.sqrt(least**2 / independent + self._alike[n] ** 2)
 
-    def _left(self, equation: Equation, values: Mapping[str, float]) -> np.ndarray:
+    def _left(
+        self, equation: Equation, values: Mapping[str, float], instant: float | None = None
+    ) -> np.ndarray:
         places = {name: value for name, value in values.items() if "." in name}
         beside = {name: value for name, value in values.items() if "." not in name}
+        beside[FIRST_SAMPLE] = self.first_sample if instant is None else instant
         return equation.left(self._actuator.changed(places), beside)
 
     def residuals(self, z: np.ndarray) -> np.ndarray:

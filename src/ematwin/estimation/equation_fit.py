@@ -6,7 +6,7 @@ left of stretches that the fit has not seen (cross-validation).
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -39,6 +39,10 @@ class EquationFit:
     prior: np.ndarray
     weight: float
     alike: float = 0.0
+
+    def of(self, n: int) -> "EquationFit":
+        """The same of the nth recording alone."""
+        return replace(self, left=self.left[n : n + 1], slopes=self.slopes[n : n + 1])
 
     @property
     def cost(self) -> float:

@@ -13,19 +13,21 @@ equations has one value. What an equation idealises (`Equation.alike`) may resem
 parameter throughout, and counts as one sample.
 """
 
+import copy
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ematwin.errors import EmatwinError
-from ematwin.estimation.constants import TWO_SIGMA
+from ematwin.estimation.constants import DECIDES, TWO_SIGMA
 from ematwin.estimation.equation_fit import EquationFit, energy, with_secant
+from ematwin.estimation.first_sample import found_first_sample
 from ematwin.estimation.prior import Prior
 from ematwin.models.base import Model
 from ematwin.models.comparison import Comparison, correlation_time
-from ematwin.models.optional import Equation, Form, Values
+from ematwin.models.optional import FIRST_SAMPLE, Choices, Equation, Form, Values
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.numerics.side_by_side import side_by_side
 
@@ -34,6 +36,7 @@ _ENDS = 0.05  # relative fall of the cost at which a fit ends
 _MATTERS = 0.1  # share of what is left that a form has to explain
 _STEP = 0.01  # of a logarithm, or of a radian, that is differenced
 _FRACTIONS = (1.0, 0.4, 0.1)  # of a step that are tried
+_BEAM = 3  # choices of one form that are tried with those of the next
 _LONGEST = 2.0  # of a step, in logarithms
 _SURE = 0.004  # least standard error: simulators of other make differ by so much of a parameter
 _WIDE = 3.0  # standard deviation of the logarithm of what no file states
@@ -49,6 +52,7 @@ class FoundForms:
     found : the forms found, a phrase each
     explained : what each lowers the share that is left, when it joins
     absent : names of those that were tried and explain nothing
+    first_samples : of the recordings of which it was found, by number, s
     before, after : share of the recordings' energy that the equations leave without and with them
     prior : of all that the equations hold, forms and parameters of the file, by logarithms; None of
         an actuator without any form
@@ -61,6 +65,7 @@ class FoundForms:
     before: float = 0.0
     after: float = 0.0
     prior: Prior | None = None
+    first_samples: Mapping[int, float] = field(default_factory=dict)
 
     @property
     def said(self) -> str:
@@ -83,19 +88,23 @@ def find_forms(
     progress: Callable[[float], None] = lambda share: None,
 ) -> FoundForms:
     """Forms that the file leaves out and that healthy recordings show, equation by equation."""
-    by_name: dict[str, list[Equation]] = {}
-    for one in comparisons:
+    by_name: dict[str, dict[int, Equation]] = {}
+    for n, one in enumerate(comparisons):
         for equation in model.equations(one.recording, template):
             if equation.size > 0.0:
-                by_name.setdefault(equation.name, []).append(equation)
-    result, fits = FoundForms(template), []
-    for n, equations in enumerate(by_name.values()):
-        result, fit = _Selection(result, equations).run()
+                by_name.setdefault(equation.name, {})[n] = equation
+    result, fits, first_samples = FoundForms(template), [], dict[int, float]()
+    for n, some in enumerate(by_name.values()):
+        selection = _Selection(result, list(some.values()))
+        result, fit = selection.run()
         fits.append(fit)
+        if any(selection.first_samples):
+            first_samples |= zip(some, selection.first_samples, strict=True)
         progress((n + 1) / len(by_name))
-    stated = (form.is_stated(template) for some in by_name.values() for form in some[0].forms)
-    has_forms = result.found or any(stated)
-    return replace(result, prior=_together(template, fits)) if has_forms else result
+    every = [form for some in by_name.values() for form in next(iter(some.values())).forms]
+    has_forms = result.found or any(form.is_stated(template) for form in every)
+    prior = _together(template, fits) if has_forms else None
+    return replace(result, prior=prior, first_samples=first_samples)
 
 
 def _together(template: ParameterSet, fits: Sequence[EquationFit]) -> Prior:
@@ -144,6 +153,7 @@ class _Selection:
 
     def __init__(self, known: FoundForms, equations: Sequence[Equation]) -> None:
         self._known, self._equations = known, equations
+        self.first_samples = [0.0] * len(equations)
         self._size = math.sqrt(sum(one.size**2 for one in equations))
         self._stated = _known(known.actuator)
 
@@ -178,8 +188,20 @@ class _Selection:
             else:
                 absent += new
             rest = [form for form in rest if form not in new]
-        if found and fit.cost > self._least(fit.actuator):
-            fit = self._together(fit)
+        for choices in first.together if found else ():
+            if fit.cost <= self._least(fit.actuator):
+                break
+            together, first_samples = self._together(fit, choices)
+            if together.cost < fit.cost - DECIDES * fit.weight:
+                new = [form for form in absent if form.is_stated(together.actuator)]
+                gains += [fit.cost - together.cost] * len(new)
+                absent = [form for form in absent if form not in new]
+                found, self.first_samples = [*found, *new], first_samples
+                fit = self._chosen(together, found)
+        if first.first_samples(fit.actuator) and not any(self.first_samples):
+            other, first_samples = self._with_first_samples(fit, fit.actuator)
+            if other.cost < fit.cost - DECIDES * fit.weight:
+                fit, self.first_samples = other, first_samples
         told = self._told(plain, fit, found, absent)
         told = replace(told, explained=(*self._known.explained, *gains))
         alike = sum((one.alike(fit.actuator) * one.size) ** 2 for one in self._equations)
@@ -195,9 +217,10 @@ class _Selection:
             for one in form.starts(fit.actuator)
             if _count(rest, one) <= most
         ]
-        best = self._best(fit, starts)
-        if best is None:
+        ranked = self._ranked(fit, starts)
+        if not ranked:
             return fit, []
+        best = _set(fit.actuator, ranked[0])
         new = [form for form in rest if form.is_stated(best)]
         places = (*fit.places, *(place for form in new for place in form.fitted))
         return self._chosen(self._fitted(best, places, fit), [*found, *new]), new
@@ -210,21 +233,43 @@ class _Selection:
     def _chosen(self, fit: EquationFit, forms: Sequence[Form]) -> EquationFit:
         """The fit with the alternatives chosen from lists, form by form."""
         for form in forms:
-            other = self._best(fit, [(one, False) for one in form.alternatives(fit.actuator)])
-            if other is not None:
-                fit = min(fit, self._fitted(other, fit.places, fit), key=lambda one: one.cost)
+            starts = [(one, False) for one in form.alternatives(fit.actuator)]
+            for values in self._ranked(fit, starts)[:1]:
+                other = self._fitted(_set(fit.actuator, values), fit.places, fit)
+                fit = min(fit, other, key=lambda one: one.cost)
         return fit
 
-    def _together(self, fit: EquationFit) -> EquationFit:
-        """The fit with what several forms hold chosen together."""
-        fits = [fit]
-        for values in self._equations[0].together(fit.actuator):
-            try:
-                actuator = fit.actuator.changed(dict(values))
-            except EmatwinError:  # a loop that would be unstable
-                continue
-            fits.append(self._fitted(actuator, fit.places, fit))
-        return min(fits, key=lambda one: one.cost)
+    def _together(self, fit: EquationFit, choices: Choices) -> tuple[EquationFit, list[float]]:
+        """The fit with what several forms hold chosen together, by beam search; first samples.
+
+        The recording of which most is to be explained chooses.
+        """
+        main = int(np.argmax([one.size for one in self._equations]))
+        kept: list[Values] = [{}]
+        for some in choices:
+            starts = [{**one, **more} for one in kept for more in some(_set(fit.actuator, one))]
+            each = {tuple(sorted(one.items())): (one, False) for one in starts}
+            kept = self._ranked(fit, list(each.values()), main)[:_BEAM] or kept
+        ends = [self._with_first_samples(fit, _set(fit.actuator, one)) for one in kept]
+        return min(ends, key=lambda end: end[0].cost)
+
+    def _with_first_samples(
+        self, fit: EquationFit, actuator: ParameterSet
+    ) -> tuple[EquationFit, list[float]]:
+        """The fit of an actuator with the first samples that suit it, of each recording."""
+        other = copy.copy(self)
+
+        def found(n: int) -> float:
+            part, instants = fit.of(n), self._equations[n].first_samples(actuator)
+
+            def cost(instant: float) -> float:
+                left = self._left_of(n, actuator, {FIRST_SAMPLE: instant})
+                return part.projected([left], scaled=False)
+
+            return found_first_sample(cost, instants) if instants else self.first_samples[n]
+
+        other.first_samples = [found(n) for n in range(len(self._equations))]
+        return other._fitted(actuator, fit.places, fit), other.first_samples
 
     def _told(
         self, plain: EquationFit, fit: EquationFit, found: Sequence[Form], absent: Sequence[Form]
@@ -255,30 +300,39 @@ class _Selection:
         )
 
     def _left(self, actuator: ParameterSet) -> list[np.ndarray]:
-        return [one.left(actuator, {}) / self._size for one in self._equations]
+        return [self._left_of(n, actuator, {}) for n in range(len(self._equations))]
+
+    def _left_of(self, n: int, actuator: ParameterSet, values: Values) -> np.ndarray:
+        """What an actuator leaves of a recording, as a share of all that is to be explained."""
+        given = {FIRST_SAMPLE: values.get(FIRST_SAMPLE, self.first_samples[n])}
+        return self._equations[n].left(actuator, given) / self._size
 
     def _least(self, actuator: ParameterSet) -> float:
         """Energy that noise and the errors of the equation leave."""
         return sum((one.least(actuator) * one.size / self._size) ** 2 for one in self._equations)
 
-    def _best(self, fit: EquationFit, starts: Sequence[tuple[Values, bool]]) -> ParameterSet | None:
-        """The actuator that would leave least if all else were fitted; None without any.
+    def _ranked(
+        self, fit: EquationFit, starts: Sequence[tuple[Values, bool]], only: int | None = None
+    ) -> list[Values]:
+        """Values by what they would leave if all else were fitted anew, without unstable ones.
 
-        Of each start it is said whether the change that it makes may be of any size.
+        Of each it is said whether the change that they make may be of any size. ``only`` one
+        recording is looked at, if it is given.
         """
+        some = range(len(self._equations)) if only is None else [only]
+        part = fit if only is None else fit.of(only)
 
         def tried(one: tuple[Values, bool]) -> float:
+            values, scaled = one
             try:
-                left = self._left(fit.actuator.changed(dict(one[0])))
+                actuator = _set(fit.actuator, values)
+                left = [self._left_of(n, actuator, values) for n in some]
             except EmatwinError:  # a loop that would be unstable
                 return math.inf
-            cost = fit.projected(left, scaled=one[1])
-            return cost if math.isfinite(cost) else math.inf
+            return part.projected(left, scaled=scaled)
 
-        costs = side_by_side(tried, starts)
-        if not costs or math.isinf(min(costs)):
-            return None
-        return fit.actuator.changed(dict(starts[int(np.argmin(costs))][0]))
+        costs = np.array(side_by_side(tried, starts))
+        return [starts[n][0] for n in np.argsort(costs, kind="stable") if np.isfinite(costs[n])]
 
     def _fitted(
         self, actuator: ParameterSet, places: Sequence[str], like: EquationFit | None = None
@@ -359,6 +413,11 @@ class _Selection:
                 away[n] = math.log(actuator.value(place) / value)
         prior = weight * np.diag(1.0 / spread**2)
         return EquationFit(actuator, tuple(places), left, slopes, prior @ away, prior, weight)
+
+
+def _set(actuator: ParameterSet, values: Values) -> ParameterSet:
+    """The actuator with values by place; others are of a recording."""
+    return actuator.changed({name: value for name, value in values.items() if "." in name})
 
 
 def _count(forms: Sequence[Form], values: Values) -> int:

@@ -101,12 +101,20 @@ def learn(
         baseline = Baseline.of_template(model, template)
         return Learnt(template, replace(baseline, recordings=len(comparisons)), [], [], [])
     forms = find_forms(model, template, comparisons, lambda share: progress(0.2 * share))
-    if not forms.found:
+    recordings = [
+        one.recording.with_first_sample(forms.first_samples[n])
+        if n in forms.first_samples
+        else one.recording
+        for n, one in enumerate(comparisons)
+    ]
+    if not (forms.found or any(forms.first_samples.values())):
         return _learnt(model, template, comparisons, forms, progress)
     try:
-        beside = [model.compare(one.recording, forms.actuator) for one in comparisons]
+        beside = [model.compare(one, forms.actuator) for one in recordings]
         return _learnt(model, template, beside, forms, progress)
     except (ParameterError, RecordError) as refusal:  # a loop is unstable, or they do not fit
+        if not forms.found:
+            raise
         try:
             return _learnt(model, template, comparisons, FoundForms(template), progress)
         except RecordError:

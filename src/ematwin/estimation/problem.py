@@ -291,6 +291,10 @@ class Problem:
         """Whether only the reference has some forms of the actuator."""
         return any(one.unseen for one in self.comparisons)
 
+    def sampled_first(self, instant: float) -> "Problem":
+        """The same of which it was found when loops sampled first, s after the start."""
+        return self.with_comparisons([one.sampled_first(instant) for one in self.comparisons])
+
     def restarted(self) -> "Problem | None":
         """The same problem by stretches from recorded states, or None without states."""
         parts = [one.restarted() for one in self.comparisons]

@@ -133,6 +133,12 @@ class Comparison(ABC):
         """The same comparison with a finer step, where an answer is to be finer; or itself."""
         return self
 
+    def sampled_first(self, instant: float) -> "Comparison":
+        """The same of which it was found when loops sampled first, s after the start."""
+        other = copy.copy(self)
+        other.recording = self.recording.with_first_sample(instant)
+        return other
+
     def placed(self, values: Mapping[str, float]) -> "Placed | None":
         """What an answer shows of where its recording counts from; None where that is known."""
         return None

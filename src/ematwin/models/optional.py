@@ -15,6 +15,8 @@ from ematwin.models.unknown import Unknown
 from ematwin.recordings.recording import Recording
 
 Values = Mapping[str, float]
+Choices = Sequence[Callable[[Any], Sequence[Values]]]
+FIRST_SAMPLE = "first_sample"  # s, of `Recording.first_sample`, among values by name
 
 
 @dataclass(frozen=True)
@@ -164,8 +166,10 @@ class Equation(NamedTuple):
     unknowns : names of faults, load and sensors that matter to it
     rests : name of the equation on whose estimates it rests; "" if on none
     at : gives it for values of the unknowns, where it rests on another
-    together : gives values by place of several forms, fitted where more than noise is left; such as
-        delays of two loops, which may pass for one another
+    together : each gives values by place of one form after the other, some with `FIRST_SAMPLE`, to
+        be chosen together, such as times of two loops, which may pass for one another; tried in
+        turn while more than noise is left
+    first_samples : gives instants at which loops may sample first, evenly spaced on a circle
     alike : gives the share of it that the equation's own error leaves, alike throughout: standard
         errors count it once, however many samples there are
     """
@@ -179,5 +183,6 @@ class Equation(NamedTuple):
     unknowns: tuple[str, ...] = ()
     rests: str = ""
     at: Callable[[Values], "Equation"] | None = None
-    together: Callable[[Any], Sequence[Values]] = lambda actuator: ()
+    together: Sequence[Choices] = ()
+    first_samples: Callable[[Any], Sequence[float]] = lambda actuator: ()
     alike: Callable[[ParameterSet], float] = lambda actuator: 0.0

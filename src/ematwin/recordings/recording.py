@@ -121,6 +121,15 @@ class Recording:
         return float(self.time[-1] - self.time[0])
 
     @property
+    def first_sample(self) -> float:
+        """When the loops of a drive sampled first, s after the start, as far as that was found."""
+        return float(self.provenance.get("first_sample_s", 0.0))
+
+    def with_first_sample(self, instant: float) -> "Recording":
+        """The same of which it was found when loops sampled first, s after the start."""
+        return self.changed(provenance={**self.provenance, "first_sample_s": instant})
+
+    @property
     def name(self) -> str:
         """File and labels, for messages and tables."""
         said = label_text(self.labels)

@@ -54,6 +54,22 @@ def test_loops_and_cogging_are_found_with_their_values(drive):
     assert found.cogging.torque == pytest.approx(0.0015, rel=0.05)
 
 
+def test_times_of_both_loops_are_found_wherever_the_recordings_begin_among_the_samples():
+    structure = other.Structure(
+        control_interval=1.25e-4, speed_integral=0.1, current_interval=7.5e-5,
+        current_bandwidth=4500.0, lost_voltage=0.5, sampling_phase=0.37,
+    )  # fmt: skip
+    found = find_forms(MODEL, SHEET, compared(structure, {"load"}, recordings=1))
+    actuator, first = found.actuator, found.first_samples[0]
+    assert actuator.speed_loop.sample_time == pytest.approx(1.25e-4)
+    assert (actuator.speed_loop.delay, actuator.current_loop.delay) == pytest.approx((0.0, 7.5e-5))
+    assert actuator.current_loop.sample_time == pytest.approx(7.5e-5)
+    late = (first - 0.37 * 1.25e-4) / 7.5e-5  # sample times of the current loop
+    assert abs(late - round(late)) < 0.05
+    known = found.prior.of(["motor.resistance"])
+    assert abs(known.mean[0] - np.log(2.2)) < 2.0 * known.covariance[0, 0] ** 0.5 < 0.1
+
+
 def test_what_was_found_is_said_as_an_engineer_would(drive):
     assert "urrent loop of 50 us, about" in drive.said
     assert "ntegral term in the speed loop (40" in drive.said

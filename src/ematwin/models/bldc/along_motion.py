@@ -33,12 +33,12 @@ from ematwin.models.bldc.phase_sensors import balanced
 from ematwin.models.bldc.reference_step import ReferenceState, drive, more_after
 from ematwin.models.bldc.simulate import INPUT_INTERVAL, TimeGrid, answer_step
 from ematwin.models.bldc.state import fault_state
-from ematwin.models.bldc.truer.loops import last_reading
+from ematwin.models.bldc.truer.loops import resting
 from ematwin.models.bldc.truer.motor import KEPT_5, KEPT_7, SINE
-from ematwin.models.bldc.truer.state import NEUTRAL, REST, truer_state
+from ematwin.models.bldc.truer.state import NEUTRAL, truer_state
 from ematwin.models.bldc.unknowns import UNKNOWNS
 from ematwin.models.bldc.zeros import counted
-from ematwin.models.optional import Values
+from ematwin.models.optional import FIRST_SAMPLE, Values
 from ematwin.numerics.compile import loop
 from ematwin.numerics.signals import LowPass, white_noise
 from ematwin.recordings.recording import Recording
@@ -105,6 +105,7 @@ class Motion:
     Attributes
     ----------
     rate : Hz
+    first_sample : s, when sampled loops sample first
     time : (S,) array, s from its first sample on
     motor, output : splines of the angles
     command, load : (S,) arrays, rad and N m
@@ -118,6 +119,7 @@ class Motion:
     def __init__(self, recording: Recording, actuator: BldcActuator) -> None:
         recording = counted(balanced(recording), actuator)
         self.rate, ratio = recording.sample_rate, actuator.transmission.ratio
+        self.first_sample = recording.first_sample
         self.time = np.arange(len(recording)) / self.rate
         self.command = recording.channels["command"] * ratio
         self.load = recording.channels.get("load", np.zeros(len(recording))) / ratio
@@ -231,16 +233,18 @@ class Controller:
         grid, motion, given = self._grid, self._motion, values or {}
         command = np.interp(grid.time + given.get("skew", 0.0), motion.time, motion.command)
         # a comparator overshoots by what the current moves in a step
-        substeps = max(1, round(faster * grid.substeps * grid.step / answer_step(actuator)))
+        substeps = max(
+            1, round(faster * grid.substeps * grid.step / answer_step(actuator, motion.rate))
+        )
         truer = truer_constants(actuator) or NEUTRAL
         if truer.motor_step > 0.0 and not counts:
             truer = truer._replace(motor_step=_FINE_STEP, output_step=0.0)
         angle, speed, _ = self._states[:, 0]
-        rest = REST._replace(read=last_reading(truer, angle, speed), speed_seen=speed)
+        first = given.get(FIRST_SAMPLE, motion.first_sample)
         currents = currents_along(
             fault_vector(given), command, self._states, kernel_constants(actuator),
             grid.substeps * grid.step / substeps, substeps, grid.decimation,
-            truer, np.array(rest),
+            truer, np.array(resting(truer, angle, speed, first)),
         )  # fmt: skip
         gain, offset = given.get("current_gain", 1.0), given.get("current_offset", 0.0)
         return gain * self._equivalent(currents) + offset - self._seen

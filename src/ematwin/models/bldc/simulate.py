@@ -22,6 +22,7 @@ _MOST_SAMPLES = 10_000_000  # of a record: some 1 GB
 _MOST_POINTS = 50_000_000  # of the inputs: some 2 GB
 INPUT_INTERVAL = 1e-5  # s, at most, where steps are shorter
 _MODULATED = 2.5  # times the file's step
+_WHOLE = 1e-6  # of a step: rounding
 SLICE_STEPS = 1_000_000  # steps between two reports of progress: about 0.1 s
 _STATE_OF = {
     "motor_position": "theta_m", "motor_speed": "w_m", "output_position": "theta_o",
@@ -91,6 +92,7 @@ def simulated(
     grid: "TimeGrid",
     progress: Progress | None = None,
     count_offset: float = 0.5,
+    first_sample: float = 0.0,
 ) -> dict[str, np.ndarray]:
     """Columns (S,) of a trace; the phases carry no current at first.
 
@@ -103,13 +105,13 @@ def simulated(
     actuator, grid
     progress : called with the share done
     count_offset : where within a step the counts of encoders begin
+    first_sample : s, when sampled loops sample first
     """
     from ematwin.models.bldc import batch  # compiles, or loads what an earlier process compiled
     from ematwin.models.bldc.constants import kernel_constants, truer_constants
     from ematwin.models.bldc.monitor_step import MonitorState
     from ematwin.models.bldc.reference_step import ReferenceState
-    from ematwin.models.bldc.truer.loops import last_reading, read_angle
-    from ematwin.models.bldc.truer.state import REST
+    from ematwin.models.bldc.truer.loops import read_angle, resting
 
     rest: ReferenceState | MonitorState
     names: tuple[str, ...]
@@ -118,8 +120,7 @@ def simulated(
     if model == "reference":
         run, names = batch.reference_trace, batch.REFERENCE_COLUMNS
         truer = truer_constants(actuator, count_offset)
-        seen = {"read": last_reading(truer, theta_m, w_m), "speed_seen": w_m}
-        further = truer, np.array(REST._replace(**seen))
+        further = truer, np.array(resting(truer, theta_m, w_m, first_sample))
         rest = ReferenceState(0.0, 0.0, 0.0, w_m, theta_m, w_o, theta_o, 1.0, 0.0, 0.0, 0.0)
     else:
         run, names = batch.monitor_trace, batch.MONITOR_COLUMNS
@@ -165,16 +166,23 @@ def simulated(
     return found
 
 
-def answer_step(actuator: BldcActuator) -> float:
-    """Step of answers that are compared, s.
+def answer_step(actuator: BldcActuator, rate: float) -> float:
+    """Step of answers that are compared, s, to a recording of so many samples a second.
 
     The file's step resolves the instants at which a comparator switches. A modulated voltage has
-    none: behind a current loop a longer step changes currents by 0.03 %.
+    none: behind a current loop a longer step changes currents by 0.03 %. It is one of which a
+    sample time of that loop has whole ones, if there is any: else samples come a step late or soon.
     """
     step = actuator.steps.reference
     if actuator.current_loop is None:
         return step
-    return max(step, min(_MODULATED * step, actuator.largest_stable_step("reference")))
+    longest = max(step, min(_MODULATED * step, actuator.largest_stable_step("reference")))
+    spacing = 1.0 / (rate * math.ceil(1.0 / (rate * INPUT_INTERVAL) - _WHOLE))
+    for n in range(math.ceil(spacing / longest - _WHOLE), math.floor(spacing / step + _WHOLE) + 1):
+        steps = actuator.current_loop.sample_time * n / spacing
+        if abs(steps - round(steps)) < _WHOLE:
+            return spacing / n
+    return longest
 
 
 def reference_answer(
@@ -200,8 +208,8 @@ def reference_answer(
     key = [len(recording), *sorted((name, float(value)) for name, value in values.items())]
     drawn = zlib.crc32(repr(key).encode()) / 2.0**32
     actuator = actuator.with_arrays({name: x for name, x in values.items() if "." in name})
-    ratio, step = actuator.transmission.ratio, answer_step(actuator)
     rate, count = recording.sample_rate, len(recording)
+    ratio, step = actuator.transmission.ratio, answer_step(actuator, rate)
     grid = TimeGrid(step, max(INPUT_INTERVAL, step), (count - 0.5) / rate, rate)
     time = np.arange(count) / rate
     load = np.zeros(count) if recording.load is None else recording.load
@@ -212,7 +220,7 @@ def reference_answer(
     command = np.interp(grid.time, time, recording.command)
     columns = simulated(
         "reference", faults, command * ratio, load / ratio, start, actuator, grid,
-        count_offset=drawn,
+        count_offset=drawn, first_sample=recording.first_sample,
     )  # fmt: skip
     return Recording(time, {"command": recording.command, **columns}, units=UNITS)
 

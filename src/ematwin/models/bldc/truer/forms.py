@@ -10,7 +10,7 @@ that differ that of poles (Zhu and Howe 2000, IEEE Trans. Energy Conversion 15(4
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import product
 from typing import Any
 
@@ -18,12 +18,16 @@ from ematwin.models.bldc.along_motion import Controller, Motion, has_motion
 from ematwin.models.bldc.balance import Contact, TorqueBalance
 from ematwin.models.bldc.counts import comparable_cutoff
 from ematwin.models.bldc.unknowns import LOAD
-from ematwin.models.optional import Equation, Form, Values
+from ematwin.models.optional import FIRST_SAMPLE, Equation, Form, Values
 from ematwin.numerics.signals import LowPass
 from ematwin.recordings.recording import Recording
 
 _SAMPLED = (50e-6, 62.5e-6, 80e-6, 100e-6, 125e-6)  # s, of current loops: 20 to 8 kHz
-_SLOWER = (*_SAMPLED, 200e-6, 250e-6)  # of speed loops
+_USUAL = (*_SAMPLED, 2e-4 / 3, 75e-6, 2.5e-4 / 3)
+_ANY = tuple(1e-6 * n for n in range(50, 126))  # one that is nearly right samples elsewhere as well
+_SLOWER = (*_SAMPLED, 75e-6, 150e-6, 200e-6, 250e-6)  # of speed loops
+_SHARES = tuple(n / 8 for n in range(8))  # of a sample time, at which loops sample first
+_MOST, _ALIKE = 8, 1e-3  # sample times after which both loops sample as before, nearly
 _INTEGRAL = (0.01, 0.03, 0.1)  # s
 _FILTER = (5e-5, 2e-4, 5e-4, 1e-3)  # s, of speeds
 _BANDWIDTH = (2000.0, 4000.0, 8000.0)  # rad/s
@@ -53,14 +57,48 @@ def _sampled(
     ]
 
 
-def _delays(actuator: Any) -> list[Values]:
-    """Each loop answers at once or with its next sample."""
-    loops = {"speed_loop": actuator.speed_loop, "current_loop": actuator.current_loop}
-    sampled = [(name, own.sample_time) for name, own in loops.items() if own is not None]
+def _current_times(times: Sequence[float]) -> Callable[[Any], list[Values]]:
+    """Sample times, answered with the next sample: how soon hardly matters at a wrong one."""
+
+    def given(actuator: Any) -> list[Values]:
+        if actuator.current_loop is None:
+            return []
+        return [
+            {**one, FIRST_SAMPLE: share * one["current_loop.sample_time"]}
+            for one, share in product(_sampled("current_loop", times, (1.0,)), _SHARES)
+        ]
+
+    return given
+
+
+def _current_delays(actuator: Any) -> list[Values]:
+    if actuator.current_loop is None:
+        return []
+    time = actuator.current_loop.sample_time
     return [
-        {f"{name}.delay": late * time for (name, time), late in zip(sampled, each, strict=True)}
-        for each in product((0.0, 1.0), repeat=len(sampled))
+        {**one, FIRST_SAMPLE: share * time}
+        for one, share in product(_sampled("current_loop", (time,)), _SHARES)
     ]
+
+
+def _speed_times(actuator: Any) -> list[Values]:
+    """A drive that samples its current samples its speed as well."""
+    if actuator.current_loop is None and not SAMPLED.is_stated(actuator):
+        return []
+    return [{**_speed(actuator), **one} for one in _sampled("speed_loop", _SLOWER)]
+
+
+def _first_samples(actuator: Any) -> list[float]:
+    """Instants in a time after which both loops sample as before, s; none without a current loop.
+
+    That of a speed loop alone hardly matters.
+    """
+    if actuator.current_loop is None:
+        return []
+    own, other = actuator.current_loop.sample_time, actuator.speed_loop
+    ratio = own / other.sample_time if other is not None and other.sample_time > 0.0 else 0.0
+    again = (n for n in range(1, _MOST) if abs(n * ratio - round(n * ratio)) < _ALIKE)
+    return [(n + share) * own for n in range(next(again, _MOST)) for share in _SHARES]
 
 
 def _integrals(actuator: Any) -> list[Values]:
@@ -222,7 +260,11 @@ def equations(recording: Recording, actuator: Any, values: Values | None) -> tup
          "motor.resistance"),
         (INTEGRAL, *sampled),
         (*_WINDINGS, "gain", "skew", *_SENSOR),
-        together=_delays, alike=controller.alike,
+        together=tuple(
+            (_current_times(times), _current_delays, _speed_times) for times in (_USUAL, _ANY)
+        ),
+        first_samples=_first_samples,
+        alike=controller.alike,
     )  # fmt: skip
     if "load" not in recording.channels:
         return (of_controller,)

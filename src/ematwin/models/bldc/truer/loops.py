@@ -40,6 +40,7 @@ Dead time and switches take a voltage that has the sign of the current (`left_of
 
 import numpy as np
 
+from ematwin.models.bldc.truer.state import REST, Truer, TruerState
 from ematwin.numerics.compile import part
 from ematwin.numerics.scalar import clip
 
@@ -59,6 +60,19 @@ def read_angle(theta, size, offset):
 def last_reading(truer, theta_m, w_m):
     """Angle (rad) read a sample time ago by the encoder of a motor that turns at ``w_m``."""
     return read_angle(theta_m - truer.sample_time * w_m, truer.motor_step, truer.count_offset)
+
+
+def resting(truer: Truer, theta_m: float, w_m: float, first_sample: float) -> TruerState:
+    """State of loops that have asked for nothing yet, of a motor (rad) that turns at ``w_m``.
+
+    Both loops sample ``first_sample`` seconds from now, and at their intervals before and after.
+    """
+    return REST._replace(
+        read=last_reading(truer, theta_m, w_m),
+        speed_seen=w_m,
+        wait=first_sample % truer.sample_time if truer.sample_time > 0.0 else 0.0,
+        voltage_wait=first_sample % truer.current_sample,
+    )
 
 
 @part
