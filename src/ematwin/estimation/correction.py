@@ -16,7 +16,8 @@ J. ACM 12, 547-560, with steps measured in standard errors). Behind loops that t
 its slopes are wrong too: rounds end where these show no way down, beside the minimum, and leave
 more than noise. From the best point by the reference they then go on with slopes of R - f along the
 principal directions of the width (manifold mapping; Echeverria and Hemker 2005, Comput. Methods
-Appl. Math. 5, 107-136).
+Appl. Math. 5, 107-136). Sampled loops scatter too: near its minimum the cost by the reference goes
+up and down from round to round, and rounds end where two in succession do not lower it.
 
 The truth lies elsewhere within the width of the minimum, where the error of the fast model differs:
 impacts, ripple and slopes change. With J the slopes of the residuals r, noise s and
@@ -30,7 +31,7 @@ the kind's `Problem.model_error`.
 """
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from functools import cached_property
 
 import numpy as np
 
@@ -47,6 +48,7 @@ _STAYS = 0.25  # standard errors: adds 3 % to an error that it widens
 _NEAR = 1.0  # standard errors, within which scatter of the reference may be all that moves a peak
 _SHRINKS = 0.5  # of the step before: less is progress
 _DEPTH = 3  # rounds that are combined
+_IN_VAIN = 2  # rounds in succession that do not lower the cost by a reference that scatters
 _ELSEWHERE = 6  # points within the width at which the error of the model is measured
 
 
@@ -117,22 +119,23 @@ def corrected(
         return Corrected(laplace(problem, start, descent, steps=steps), 0, np.zeros((1, len(z))))
     visited = _rounds(problem, here, z, descent, steps, rounds)
     last, spent = visited[-1], sum(one.peak.evaluations for one in visited)
-    first = min(visited, key=lambda one: one.cost) if problem.lacks_forms else last
+    first = _lowest(visited) if problem.lacks_forms else last
     if has_slopes(here):
-        last = first._replace(runs=last.runs)
+        last = first
     elif problem.lacks_forms and _leaves_more_than_noise(first):
         ways = principal(first.peak.data + first.peak.priors)
         here = with_slopes(problem, first.here, first.z, ways, first.peak.problem.noise)
         near, steps = descent.afresh(settled=np.inf), step_lengths(first.peak.covariance)
         runs = last.runs + len(ways) - 1  # the first round has its answer already
         visited = _rounds(problem, here, first.z, near, steps, rounds)
-        last = min(visited, key=lambda one: one.cost)
-        last = last._replace(runs=runs + visited[-1].runs)
+        last = _lowest(visited)
+        last = replace(last, runs=runs + last.runs)
         spent += sum(one.peak.evaluations for one in visited)
     return Corrected(replace(last.peak, evaluations=spent), last.runs, last.left)
 
 
-class _Round(NamedTuple):
+@dataclass(frozen=True)
+class _Round:
     """A round of the correction.
 
     Attributes
@@ -150,11 +153,18 @@ class _Round(NamedTuple):
     left: np.ndarray
     runs: int
 
-    @property
+    @cached_property
     def cost(self) -> float:
         """Of the data where it began, by the reference."""
         point = self.here.chart.to_values(self.z[None])
         return self.here.data_cost(self.here.residuals(point)[0])
+
+
+def _lowest(visited: list[_Round]) -> _Round:
+    """The round with the lowest cost by the reference, as the end of all of them."""
+    lowest, last = min(visited, key=lambda one: one.cost), visited[-1]
+    settled = len(last.left) == 1
+    return replace(lowest, runs=last.runs, left=lowest.left if settled else last.left)
 
 
 def _leaves_more_than_noise(one: _Round) -> bool:
@@ -193,10 +203,16 @@ def _rounds(
         known = [*((one.z, one.peak.z - one.z) for one in found), (z, peak.z - z)]
         left = np.array([step for _, step in known[-1 if ends else -_DEPTH :]])
         found.append(_Round(z, here, peak, left, runs))
-        if ends:
+        if ends or (problem.lacks_forms and _in_vain(found)):
             break
         z = chart.project(_combined(known[-_DEPTH - 1 :], errors)[None])[0]
     return found
+
+
+def _in_vain(found: list[_Round]) -> bool:
+    """Whether the last rounds have not lowered the cost by the reference."""
+    costs = [one.cost for one in found]
+    return len(costs) > _IN_VAIN and min(costs[-_IN_VAIN:]) >= min(costs[:-_IN_VAIN])
 
 
 def reweighed(found: Corrected, descent: Descent) -> Corrected:

@@ -50,7 +50,7 @@ class FoundForms:
     ----------
     actuator : template with their sections
     found : the forms found, a phrase each
-    explained : what each lowers the share that is left, when it joins
+    explained : how many of these join together, and by what they lower the share that is left
     absent : names of those that were tried and explain nothing
     first_samples : of the recordings of which it was found, by number, s
     before, after : share of the recordings' energy that the equations leave without and with them
@@ -60,7 +60,7 @@ class FoundForms:
 
     actuator: ParameterSet
     found: tuple[str, ...] = ()
-    explained: tuple[float, ...] = ()
+    explained: tuple[tuple[int, float], ...] = ()
     absent: tuple[str, ...] = ()
     before: float = 0.0
     after: float = 0.0
@@ -170,7 +170,7 @@ class _Selection:
         fit = plain = self._fitted(known.actuator, places)
         rest = [form for form in first.forms if form not in stated]
         found: list[Form] = []
-        gains: list[float] = []
+        gains: list[tuple[int, float]] = []
         absent: list[Form] = []
         while rest and fit.cost > self._least(fit.actuator):
             more, new = self._with_more(fit, found, rest, len(rest))
@@ -181,7 +181,7 @@ class _Selection:
             if not new:
                 break
             if self._matters(more, fit):
-                gains.append(fit.cost - more.cost)
+                gains.append((len(new), fit.cost - more.cost))
                 fit = more
                 found += new
                 rest, absent = [*rest, *absent], []
@@ -194,7 +194,7 @@ class _Selection:
             together, first_samples = self._together(fit, choices)
             if together.cost < fit.cost - DECIDES * fit.weight:
                 new = [form for form in absent if form.is_stated(together.actuator)]
-                gains += [fit.cost - together.cost] * len(new)
+                gains += [(len(new), fit.cost - together.cost)] if new else []
                 absent = [form for form in absent if form not in new]
                 found, self.first_samples = [*found, *new], first_samples
                 fit = self._chosen(together, found)

@@ -2,6 +2,7 @@
 
 import math
 import shlex
+from itertools import islice
 
 from ematwin.models.registry import model_of
 from ematwin.monitoring.calibration_report import CalibrationReport
@@ -40,11 +41,14 @@ def calibration_page(report: CalibrationReport) -> str:
 
 
 def _forms_table(report: CalibrationReport) -> Table | None:
-    """Each form found, and the share of the residual that it explains."""
+    """The forms found, and the share of the residual that they explain as they join."""
     forms = None if report.basis is None else report.basis.forms
     if forms is None or not forms.found:
         return None
-    parts = [*zip(forms.found, forms.explained, strict=True), ("nothing yet", forms.after)]
+    names, parts = iter(forms.found), []
+    for count, share in forms.explained:  # such as two loops, which pass for one another alone
+        parts.append(("; ".join(islice(names, count)), share))
+    parts.append(("nothing yet", forms.after))
     rows = [Row([said, f"{100.0 * share / forms.before:.3g}"]) for said, share in parts]
     return Table(["form", "explains, %"], rows)
 

@@ -151,6 +151,25 @@ class Rough(TwoModels):
         return {"y": super().exact(values)["y"] + wave}
 
 
+class Scattering(OnlyTheReferenceHasALoop):
+    """A reference whose every answer has another ripple, larger than the noise of the recording."""
+
+    def exact(self, values):
+        ripple = np.random.default_rng(self.asked).standard_normal(SAMPLES)
+        return {"y": super().exact(values)["y"] + 10.0 * NOISE * ripple}
+
+
+def test_rounds_end_where_answers_of_the_reference_only_scatter():
+    comparison = Scattering(1.3)
+    problem = Problem([comparison], FAULTS, held={"loop.gain": 1.3})
+    descent = Descent(settled=np.inf)
+    end = corrected(problem, np.array([0.5, 0.5]), descent)
+    assert end.unsettled
+    assert len(end.left) > 1  # and the intervals hold how far they go
+    assert comparison.asked == end.rounds < 10
+    assert end.peak.point == pytest.approx([WEAR, GAP], abs=0.1)
+
+
 def test_the_error_of_the_model_is_how_far_minima_move_where_they_are_corrected_elsewhere():
     twice = TwoModels(slope=2.0)
     _, end = ended(twice)

@@ -84,7 +84,12 @@ def test_the_lag_of_an_encoders_speed_is_not_taken_for_that_of_the_current_loop(
         sampling_phase=0.3,
     )  # fmt: skip
     beside = compared(structure, {"load"}, duration=0.2, recordings=1)
-    found = find_forms(MODEL, SHEET, beside).actuator
+    forms = find_forms(MODEL, SHEET, beside)
+    # the loops join together, and explain what is explained
+    assert sum(count for count, _ in forms.explained) == len(forms.found)
+    gained = sum(gain for _, gain in forms.explained)
+    assert gained == pytest.approx(forms.before - forms.after, rel=0.01)
+    found = forms.actuator
     assert found.encoder.motor_steps == 10_000
     assert found.speed_loop.integral_gain == pytest.approx(0.1, rel=0.05)
     bandwidth = found.current_loop.proportional_gain / SHEET.motor.inductance

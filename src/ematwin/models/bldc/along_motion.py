@@ -31,7 +31,7 @@ from ematwin.models.bldc.envelope import trapezoid_shape
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.phase_sensors import balanced
 from ematwin.models.bldc.reference_step import ReferenceState, drive, more_after
-from ematwin.models.bldc.simulate import INPUT_INTERVAL, TimeGrid, answer_step
+from ematwin.models.bldc.simulate import INPUT_INTERVAL, TimeGrid, steps_within
 from ematwin.models.bldc.state import fault_state
 from ematwin.models.bldc.truer.loops import resting
 from ematwin.models.bldc.truer.motor import KEPT_5, KEPT_7, SINE
@@ -45,6 +45,7 @@ from ematwin.recordings.recording import Recording
 
 _LONGEST = 0.4  # s of a recording, of which a controller is simulated
 _FASTER = 1.3  # than the step of the reference: the ripple is another then
+_MODULATED = 2.5e-6  # s, of steps at most: estimates move by a tenth of a standard error
 LEAST = 0.001  # of the recorded current: what simulators of other make differ by
 _FINE_STEP = 1e-9  # rad: of an encoder whose counts do not show
 _THIRD = 2.0 * math.pi / 3.0
@@ -191,8 +192,7 @@ class Motion:
 
     def alike(self, trace: np.ndarray) -> np.ndarray:
         """A trace (S,) smoothed as the positions are."""
-        some = any(self.steps)
-        return np.asarray(smoothed(self.time, trace, self.cutoff)(self.time)) if some else trace
+        return smoothed(self.time, trace, self.cutoff) if any(self.steps) else trace
 
 
 class Controller:
@@ -232,10 +232,11 @@ class Controller:
         """
         grid, motion, given = self._grid, self._motion, values or {}
         command = np.interp(grid.time + given.get("skew", 0.0), motion.time, motion.command)
-        # a comparator overshoots by what the current moves in a step
-        substeps = max(
-            1, round(faster * grid.substeps * grid.step / answer_step(actuator, motion.rate))
-        )
+        own, step = actuator.current_loop, grid.step
+        if own is None:  # a comparator overshoots by what the current moves in a step
+            substeps = max(1, round(faster * step / actuator.steps.reference))
+        else:
+            substeps = steps_within(step, own.sample_time, _MODULATED, actuator.steps.reference)
         truer = truer_constants(actuator) or NEUTRAL
         if truer.motor_step > 0.0 and not counts:
             truer = truer._replace(motor_step=_FINE_STEP, output_step=0.0)

@@ -63,13 +63,13 @@ def said_of_steps(recording: Recording, actuator: Any) -> list[str]:
     ]
 
 
-def smoothed(time: np.ndarray, trace: np.ndarray, cutoff: float) -> Any:
-    """Natural smoothing spline through a trace (S,) at uniform times (s); ``cutoff`` in Hz.
+def smoothed(time: np.ndarray, trace: np.ndarray, cutoff: float) -> np.ndarray:
+    """Values (S,) of a smoothing spline through a trace (S,) at uniform times (s).
 
-    By Reinsch's equations: `scipy.interpolate.make_smoothing_spline` has them for any times, and
-    takes 30 times as long. The mechanics ask for one spline for each of their residuals.
+    ``cutoff`` is in Hz. The natural spline through these values is the smoothing one. By Reinsch's
+    equations: `scipy.interpolate.make_smoothing_spline` has them for any times, and takes 30 times
+    as long. The mechanics smooth a trace for each of their residuals.
     """
-    from scipy.interpolate import CubicSpline
     from scipy.linalg import solveh_banded
 
     interval = (time[-1] - time[0]) / (len(time) - 1)
@@ -77,7 +77,7 @@ def smoothed(time: np.ndarray, trace: np.ndarray, cutoff: float) -> Any:
     bands = np.empty((3, len(time) - 2))
     bands[0], bands[1], bands[2] = weight, 1.0 / 6.0 - 4.0 * weight, 2.0 / 3.0 + 6.0 * weight
     bends = np.pad(solveh_banded(bands, np.diff(trace, 2)), 2)
-    return CubicSpline(time, trace - weight * np.diff(bends, 2), bc_type="natural")
+    return np.asarray(trace - weight * np.diff(bends, 2))
 
 
 def spline_through(
@@ -86,7 +86,9 @@ def spline_through(
     """The motion (rad) over time (s) of a recorded position (S,) with steps of ``size`` (rad)."""
     from scipy.interpolate import CubicSpline
 
-    return smoothed(time, position, cutoff) if size > 0.0 else CubicSpline(time, position)
+    if size == 0.0:
+        return CubicSpline(time, position)
+    return CubicSpline(time, smoothed(time, position, cutoff), bc_type="natural")
 
 
 def comparable_cutoff(size: float) -> float:

@@ -170,19 +170,28 @@ def answer_step(actuator: BldcActuator, rate: float) -> float:
     """Step of answers that are compared, s, to a recording of so many samples a second.
 
     The file's step resolves the instants at which a comparator switches. A modulated voltage has
-    none: behind a current loop a longer step changes currents by 0.03 %. It is one of which a
-    sample time of that loop has whole ones, if there is any: else samples come a step late or soon.
+    none: behind a current loop a longer step changes currents by 0.03 %.
     """
     step = actuator.steps.reference
     if actuator.current_loop is None:
         return step
     longest = max(step, min(_MODULATED * step, actuator.largest_stable_step("reference")))
     spacing = 1.0 / (rate * math.ceil(1.0 / (rate * INPUT_INTERVAL) - _WHOLE))
-    for n in range(math.ceil(spacing / longest - _WHOLE), math.floor(spacing / step + _WHOLE) + 1):
-        steps = actuator.current_loop.sample_time * n / spacing
+    return spacing / steps_within(spacing, actuator.current_loop.sample_time, longest, step)
+
+
+def steps_within(spacing: float, sample_time: float, longest: float, shortest: float) -> int:
+    """How many steps to take in a spacing of inputs, s, few of them.
+
+    They are such that a sample time has whole ones, if ``shortest`` allows it: else samples would
+    come sooner or later than in the drive by a share of a step.
+    """
+    fewest = math.ceil(spacing / longest - _WHOLE)
+    for n in range(fewest, math.floor(spacing / shortest + _WHOLE) + 1):
+        steps = sample_time * n / spacing
         if abs(steps - round(steps)) < _WHOLE:
-            return spacing / n
-    return longest
+            return n
+    return fewest
 
 
 def reference_answer(
