@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ematwin.errors import ParameterError
-from ematwin.estimation.constants import DECIDES
 from ematwin.estimation.prior import Prior, coordinate, coordinates
 from ematwin.estimation.problem import Problem, ResidualChange
 from ematwin.models.chart import Chart
@@ -20,6 +19,7 @@ from ematwin.models.unknown import Unknown
 from ematwin.numerics.side_by_side import side_by_side
 
 _BESIDE = 0.1  # standard deviations of the prior
+_NEARLY = 0.01  # of steps one standard deviation long: what changes there is scatter
 
 
 class _Unseen(NamedTuple):
@@ -78,20 +78,25 @@ def corrected_at(
         return None
     known = {} if like is None else _slopes_of(like)
     other = _without(problem, first)
-    changes: list[ResidualChange] = []
-    for one in problem.unknowns:
-        if one.name not in problem.comparisons[0].unseen:
-            continue
-        now = coordinate(one, values[one.name])
-        slopes = known.get(one.name)
-        if slopes is None:
-            there = _likely(one, values[one.name], problem.prior)
-            missed = _missed(problem, point, {one.name: there})
-            if missed is None:
-                return None
-            far = coordinate(one, there) - now
-            slopes = _slopes(other, _without(problem, missed), point, far)
-        changes.append(_Unseen(one, now, slopes))
+    unseen = [one for one in problem.unknowns if one.name in problem.comparisons[0].unseen]
+    new = [one for one in unseen if one.name not in known]
+    if new:
+        far = {one.name: _likely(one, values[one.name], problem.prior) for one in new}
+        near = {
+            name: values[name] + _NEARLY * (there - values[name]) for name, there in far.items()
+        }
+        moved = [_missed(problem, point, one) for one in (near, *({n: far[n]} for n in far))]
+        if any(one is None for one in moved):
+            return None
+        steps = [_change(other, _without(problem, one), point) for one in moved if one is not None]
+        scatter = _size(other, steps[0])
+        for one, moves in zip(new, steps[1:], strict=True):
+            step = coordinate(one, far[one.name]) - coordinate(one, values[one.name])
+            share = _beyond_scatter(_size(other, moves), scatter)
+            known[one.name] = [share / step * part for part in moves]
+    changes: list[ResidualChange] = [
+        _Unseen(one, coordinate(one, values[one.name]), known[one.name]) for one in unseen
+    ]
     here = {name: np.array([value]) for name, value in values.items()}
     for change in () if like is None else like.changes:
         if isinstance(change, _Linear) and here.keys() >= {n.name for n in change.chart.unknowns}:
@@ -99,14 +104,12 @@ def corrected_at(
     return other.with_comparisons(other.comparisons, changes)
 
 
-def with_slopes(
-    problem: Problem, here: Problem, z: np.ndarray, ways: np.ndarray, noise: float
-) -> Problem:
+def with_slopes(problem: Problem, here: Problem, z: np.ndarray, ways: np.ndarray) -> Problem:
     """A corrected problem whose fast model changes with the unknowns as the reference does.
 
     Along each way, one standard deviation long, the reference is asked once for each recording. Its
-    slope counts where the error of the fast model changes by far more than a standard deviation;
-    less is scatter of the reference, which least squares would follow.
+    slope counts as far as the error of the fast model changes by more than it scatters: least
+    squares would follow scatter.
 
     Parameters
     ----------
@@ -114,25 +117,18 @@ def with_slopes(
     here : corrected at ``z``
     z : (d,) array, coordinates
     ways : (d, d) array, steps to other points, a row each
-    noise : standard deviation of an independent residual
     """
     chart, point = problem.chart, problem.chart.to_values(z[None])
-    there = chart.project(z + ways)
+    there = chart.project(z + np.vstack([_NEARLY * ways.sum(axis=0), ways]))
     others = side_by_side(lambda one: corrected_at(problem, one, here), chart.to_values(there))
-    first = [here.residuals_of(n, point)[0] for n in range(len(here.comparisons))]
-    changes = [np.zeros((len(ways), len(one))) for one in first]
-    for k, one in enumerate(others):
-        if one is None:
-            continue
-        now = [one.residuals_of(n, point)[0] - before for n, before in enumerate(first)]
-        data = [x[: len(x) - c.evidence] for x, c in zip(now, here.comparisons, strict=True)]
-        if sum(float(part @ part) for part in data) > DECIDES * noise**2:
-            for change, part in zip(changes, now, strict=True):
-                change[k] = part
+    nothing = [np.zeros(len(one)) for one in _change(here, here, point[0])]
+    changes = [nothing if one is None else _change(here, one, point[0]) for one in others]
+    sizes = [_size(here, change) for change in changes]
+    counted = [_beyond_scatter(size, sizes[0]) for size in sizes[1:]]
     size = np.linalg.norm(ways, axis=0)
-    shares = np.linalg.pinv((there - z) / size, rcond=1e-6) / size[:, None]
-    slopes = _Linear(chart, z, [shares @ change for change in changes])
-    return here.with_comparisons(here.comparisons, (*here.changes, slopes))
+    shares = counted * np.linalg.pinv((there[1:] - z) / size, rcond=1e-6) / size[:, None]
+    slopes = [shares @ np.array(each) for each in zip(*changes[1:], strict=True)]
+    return here.with_comparisons(here.comparisons, (*here.changes, _Linear(chart, z, slopes)))
 
 
 def has_slopes(problem: Problem) -> bool:
@@ -213,13 +209,23 @@ def _without(problem: Problem, missed: Sequence[Mapping[str, np.ndarray]]) -> Pr
     return other.with_noise(other.comparisons[0].noise, model_error=1.0)
 
 
-def _slopes(here: Problem, there: Problem, point: np.ndarray, far: float) -> list[np.ndarray]:
-    """Change of residuals (K,) of each recording from one problem to another, per ``far``."""
-    found = []
-    for n, (mine, other) in enumerate(zip(here.comparisons, there.comparisons, strict=True)):
-        candidates = here.candidates(point[None], n)
-        found.append((other.residuals(candidates, 1)[0] - mine.residuals(candidates, 1)[0]) / far)
-    return found
+def _change(here: Problem, there: Problem, point: np.ndarray) -> list[np.ndarray]:
+    """Change of residuals (K,) of each recording at a point (d,), from one problem to another."""
+    return [
+        (there.residuals_of(n, point[None]) - here.residuals_of(n, point[None]))[0]
+        for n in range(len(here.comparisons))
+    ]
+
+
+def _size(problem: Problem, change: Sequence[np.ndarray]) -> float:
+    """Sum of squares of a change of the data."""
+    pairs = zip(change, problem.comparisons, strict=True)
+    return sum(float(np.sum(x[: len(x) - one.evidence] ** 2)) for x, one in pairs)
+
+
+def _beyond_scatter(size: float, scatter: float) -> float:
+    """Share of a change that is no scatter, by the sums of squares of both."""
+    return max(0.0, 1.0 - scatter / size) if size > 0.0 else 0.0
 
 
 def _slopes_of(problem: Problem) -> dict[str, list[np.ndarray]]:

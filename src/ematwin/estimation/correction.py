@@ -93,6 +93,7 @@ def corrected(
     steps: np.ndarray | None = None,
     rounds: int = ROUNDS,
     like: Problem | None = None,
+    near: bool = False,
 ) -> Corrected:
     """The peak next to a point: of the reference model where the kind has one.
 
@@ -106,6 +107,8 @@ def corrected(
     rounds : at most
     like : corrected near another point of the same recordings: its slopes of the reference serve
         here too
+    near : whether the start is as near as equations along the motion come: slopes of the reference,
+        where the fast model lacks forms, are those at the first round
 
     Raises
     ------
@@ -117,17 +120,18 @@ def corrected(
     here = corrected_at(problem, start, like)
     if here is None:
         return Corrected(laplace(problem, start, descent, steps=steps), 0, np.zeros((1, len(z))))
-    visited = _rounds(problem, here, z, descent, steps, rounds)
+    closer = near and problem.lacks_forms and not has_slopes(here)
+    visited = _rounds(problem, here, z, descent, steps, 1 if closer else rounds)
     last, spent = visited[-1], sum(one.peak.evaluations for one in visited)
     first = _lowest(visited) if problem.lacks_forms else last
     if has_slopes(here):
         last = first
-    elif problem.lacks_forms and _leaves_more_than_noise(first):
+    elif closer or (problem.lacks_forms and _leaves_more_than_noise(first)):
         ways = principal(first.peak.data + first.peak.priors)
-        here = with_slopes(problem, first.here, first.z, ways, first.peak.problem.noise)
-        near, steps = descent.afresh(settled=np.inf), step_lengths(first.peak.covariance)
-        runs = last.runs + len(ways) - 1  # the first round has its answer already
-        visited = _rounds(problem, here, first.z, near, steps, rounds)
+        here = with_slopes(problem, first.here, first.z, ways)
+        again, steps = descent.afresh(settled=np.inf), step_lengths(first.peak.covariance)
+        runs = last.runs + len(ways)  # the first round has its answer already
+        visited = _rounds(problem, here, first.z, again, steps, rounds)
         last = _lowest(visited)
         last = replace(last, runs=runs + last.runs)
         spent += sum(one.peak.evaluations for one in visited)

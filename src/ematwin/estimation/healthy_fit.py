@@ -153,7 +153,7 @@ class HealthyFit:
             noise *= problem.model_error
         near = Descent(self._aliases, settled=np.inf, least_noise=noise)
         rounds = ROUNDS if self.prior is None else _ROUNDS
-        end = corrected(problem.refined(), point, near, rounds=rounds)
+        end = corrected(problem.refined(), point, near, rounds=rounds, near=self.prior is not None)
         left = end.peak.problem.relative_misfit(end.peak.cost)
         return Fitted(with_model_error(reweighed(end, near)), left, alone, scatter)
 

@@ -82,7 +82,7 @@ def minima(
     )  # fmt: skip
 
     def peak_from(point: np.ndarray) -> Corrected:
-        return corrected(full, point, descent)
+        return corrected(full, point, descent, near=full.is_informed)
 
     def beside_it(near: Corrected, anew: bool = False) -> list[Corrected]:
         near_it = descent.afresh(settled=math.inf)

@@ -165,7 +165,8 @@ class Contact:
         theta_m - theta_o = sgn T gap/2 + T/k.
 
     The zero angles of both positions are known to less than the gap: only how far the two faces are
-    apart counts.
+    apart counts. Where the twist is on the side of the other face the torque is wrong, or motor and
+    output are on the way from one to the other.
     """
 
     def __init__(
@@ -174,11 +175,14 @@ class Contact:
         self._balance = balance
         torque = balance.output_torque(actuator, values)
         sure = np.abs(torque) > _SURELY * actuator.transmission.friction_torque
-        self._pushes = balance.slides & balance.moves_together & sure
-        self._face = np.sign(torque)[self._pushes]
         motion = motion.smoother(_STEEP)
         twist, anew = motion.twist(), motion.recorded_anew()
+        self._pushes = balance.slides & balance.moves_together & sure
+        gap = actuator.transmission.backlash
+        self._pushes[self._pushes] = _rests(twist[self._pushes], torque[self._pushes] > 0.0, gap)
+        self._face = np.sign(torque)[self._pushes]
         self._noise = white_noise(twist) if anew is None else float(np.std(anew.twist() - twist))
+        self._noise = math.hypot(self._noise, LEAST * gap)
         self._twist = twist[self._pushes]
         self.size = float(np.linalg.norm(self._about_mean(self._twist)))
 
@@ -194,6 +198,20 @@ class Contact:
         torque = self._balance.output_torque(actuator, values)[self._pushes]
         twin = state_of(values, actuator).half_gap * self._face
         return self._about_mean(twin + torque / actuator.contact.stiffness - self._twist)
+
+
+def _rests(twist: np.ndarray, pushed: np.ndarray, gap: float) -> np.ndarray:
+    """(K,) of bool: whether twists (K,), rad, are of the face that is pushed, the upper one or not.
+
+    Where not both faces show, half of the gap (rad) apart at least, those of the one that shows
+    more.
+    """
+    if not pushed.any() or pushed.all():
+        return np.ones(len(twist), bool)
+    low, high = float(np.median(twist[~pushed])), float(np.median(twist[pushed]))
+    if high - low < 0.5 * gap:
+        return np.asarray(pushed == (pushed.mean() > 0.5))
+    return np.asarray((twist > 0.5 * (low + high)) == pushed)
 
 
 def state_of(values: Values | None, actuator: Any) -> FaultState:
