@@ -17,7 +17,7 @@ its slopes are wrong too: rounds end where these show no way down, beside the mi
 more than noise. From the best point by the reference they then go on with slopes of R - f along the
 principal directions of the width (manifold mapping; Echeverria and Hemker 2005, Comput. Methods
 Appl. Math. 5, 107-136). Sampled loops scatter too: near its minimum the cost by the reference goes
-up and down from round to round, and rounds end where two in succession do not lower it.
+up and down from round to round, and rounds end where three in succession do not lower it.
 
 The truth lies elsewhere within the width of the minimum, where the error of the fast model differs:
 impacts, ripple and slopes change. With J the slopes of the residuals r, noise s and
@@ -48,7 +48,7 @@ _STAYS = 0.25  # standard errors: adds 3 % to an error that it widens
 _NEAR = 1.0  # standard errors, within which scatter of the reference may be all that moves a peak
 _SHRINKS = 0.5  # of the step before: less is progress
 _DEPTH = 3  # rounds that are combined
-_IN_VAIN = 2  # rounds in succession that do not lower the cost by a reference that scatters
+_IN_VAIN = 3  # rounds in succession that do not lower the cost by a reference that scatters
 _ELSEWHERE = 6  # points within the width at which the error of the model is measured
 
 
@@ -209,7 +209,11 @@ def _rounds(
         found.append(_Round(z, here, peak, left, runs))
         if ends or (problem.lacks_forms and _in_vain(found)):
             break
-        z = chart.project(_combined(known[-_DEPTH - 1 :], errors)[None])[0]
+        lowest = min(found, key=lambda one: one.cost) if problem.lacks_forms else found[-1]
+        if has_slopes(here) and lowest is not found[-1]:  # the step was too long
+            z = 0.5 * (lowest.z + z)
+        else:
+            z = chart.project(_combined(known[-_DEPTH - 1 :], errors)[None])[0]
     return found
 
 

@@ -180,7 +180,8 @@ class Contact:
         self._pushes = balance.slides & balance.moves_together & sure
         gap = actuator.transmission.backlash
         self._pushes[self._pushes] = _rests(twist[self._pushes], torque[self._pushes] > 0.0, gap)
-        self._face = np.sign(torque)[self._pushes]
+        face = np.sign(torque)[self._pushes]
+        self._face = face - face.mean() if face.size else face
         self._noise = white_noise(twist) if anew is None else float(np.std(anew.twist() - twist))
         self._noise = math.hypot(self._noise, LEAST * gap)
         self._twist = twist[self._pushes]
@@ -196,8 +197,8 @@ class Contact:
     def left(self, actuator: Any, values: Values | None = None) -> np.ndarray:
         """Twist by the twin less the recorded one (K,), rad on the motor shaft."""
         torque = self._balance.output_torque(actuator, values)[self._pushes]
-        twin = state_of(values, actuator).half_gap * self._face
-        return self._about_mean(twin + torque / actuator.contact.stiffness - self._twist)
+        apart = state_of(values, actuator).half_gap * self._face
+        return apart + self._about_mean(torque / actuator.contact.stiffness - self._twist)
 
 
 def _rests(twist: np.ndarray, pushed: np.ndarray, gap: float) -> np.ndarray:
