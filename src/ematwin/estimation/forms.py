@@ -16,6 +16,7 @@ parameter throughout, and counts as one sample.
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -39,6 +40,21 @@ _SURE = 0.004  # least standard error: simulators of other make differ by so muc
 _WIDE = 3.0  # standard deviation of the logarithm of what no file states
 
 
+class Explained(NamedTuple):
+    """Forms of an equation that joined together, such as two loops that pass for one another.
+
+    Attributes
+    ----------
+    equation : its name
+    forms : how many, the next ones of `FoundForms.found`
+    share : of the residual of that equation without forms, by which they lower it
+    """
+
+    equation: str
+    forms: int
+    share: float
+
+
 @dataclass(frozen=True)
 class FoundForms:
     """Forms that recordings show.
@@ -47,7 +63,7 @@ class FoundForms:
     ----------
     actuator : template with their sections
     found : the forms found, a phrase each
-    explained : how many of these join together, and by what they lower the share that is left
+    explained : how much of the residual they explain, in their order
     absent : names of those that were tried and explain nothing
     before, after : share of the recordings' energy that the equations leave without and with them
     prior : of all that the equations hold, forms and parameters of the file, by logarithms; None of
@@ -56,7 +72,7 @@ class FoundForms:
 
     actuator: ParameterSet
     found: tuple[str, ...] = ()
-    explained: tuple[tuple[int, float], ...] = ()
+    explained: tuple[Explained, ...] = ()
     absent: tuple[str, ...] = ()
     before: float = 0.0
     after: float = 0.0
@@ -160,7 +176,7 @@ class _Selection:
         fit = plain = self._fitted(known.actuator, places)
         rest = [form for form in first.forms if form not in stated]
         found: list[Form] = []
-        gains: list[tuple[int, float]] = []
+        gains: list[Explained] = []
         absent: list[Form] = []
         while rest and fit.cost > self._least(fit.actuator):
             more, new = self._with_more(fit, found, rest, len(rest))
@@ -171,7 +187,8 @@ class _Selection:
             if not new:
                 break
             if self._matters(more, fit):
-                gains.append((len(new), fit.cost - more.cost))
+                share = (fit.cost - more.cost) / plain.cost
+                gains.append(Explained(first.name, len(new), share))
                 fit = more
                 found += new
                 rest, absent = [*rest, *absent], []
