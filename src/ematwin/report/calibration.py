@@ -41,7 +41,7 @@ def calibration_page(report: CalibrationReport) -> str:
 
 
 def _forms_table(report: CalibrationReport) -> Table | None:
-    """The forms found, and what they explain of the residual of their equation as they join."""
+    """Each form, or forms found together, and its share of the residual of its equation."""
     forms = None if report.basis is None else report.basis.forms
     if forms is None or not forms.found:
         return None
