@@ -213,7 +213,7 @@ def remarks_on(model: Model, actuator: ParameterSet, assessed: Assessment) -> li
             f"{one.meaning[:1].upper()}{one.meaning[1:]} is {number} "
             f"({between}); that was taken into account."
         )
-    faults = {one.name for one in model.faults(actuator)}
+    faults = {one.name for one in model.faults(actuator) if one.direction_of is None}
     moved = [name for name in assessed.unsettled if name in faults]
     if moved:
         found.append(
