@@ -213,11 +213,12 @@ def remarks_on(model: Model, actuator: ParameterSet, assessed: Assessment) -> li
             f"{one.meaning[:1].upper()}{one.meaning[1:]} is {number} "
             f"({between}); that was taken into account."
         )
-    if assessed.unsettled:
+    faults = {one.name for one in model.faults(actuator) if one.direction_of is None}
+    moved = [name for name in assessed.unsettled if name in faults]
+    if moved:
         found.append(
-            f"After {assessed.reference_runs} answers of the reference model "
-            f"{listed(assessed.unsettled)} still moved by more than a standard error; the "
-            "intervals are wider by that."
+            f"After {assessed.reference_runs} answers of the reference model {listed(moved)} still "
+            "moved by more than a standard error; the intervals are wider by that."
         )
     for other in assessed.others:
         answer = ", ".join(f"{name} {value:.2g}" for name, value in other.items())

@@ -17,6 +17,7 @@ import copy
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -42,6 +43,21 @@ _SURE = 0.004  # least standard error: simulators of other make differ by so muc
 _WIDE = 3.0  # standard deviation of the logarithm of what no file states
 
 
+class Explained(NamedTuple):
+    """Forms of an equation that joined together, such as two loops that pass for one another.
+
+    Attributes
+    ----------
+    equation : its name
+    forms : how many, the next ones of `FoundForms.found`
+    share : of the residual of that equation without forms, by which they lower it
+    """
+
+    equation: str
+    forms: int
+    share: float
+
+
 @dataclass(frozen=True)
 class FoundForms:
     """Forms that recordings show.
@@ -50,7 +66,7 @@ class FoundForms:
     ----------
     actuator : template with their sections
     found : the forms found, a phrase each
-    explained : how many of these join together, and by what they lower the share that is left
+    explained : how much of the residual they explain, in their order
     absent : names of those that were tried and explain nothing
     first_samples : of the recordings of which it was found, by number, s
     before, after : share of the recordings' energy that the equations leave without and with them
@@ -60,7 +76,7 @@ class FoundForms:
 
     actuator: ParameterSet
     found: tuple[str, ...] = ()
-    explained: tuple[tuple[int, float], ...] = ()
+    explained: tuple[Explained, ...] = ()
     absent: tuple[str, ...] = ()
     before: float = 0.0
     after: float = 0.0
@@ -170,7 +186,7 @@ class _Selection:
         fit = plain = self._fitted(known.actuator, places)
         rest = [form for form in first.forms if form not in stated]
         found: list[Form] = []
-        gains: list[tuple[int, float]] = []
+        gains: list[Explained] = []
         absent: list[Form] = []
         while rest and fit.cost > self._least(fit.actuator):
             more, new = self._with_more(fit, found, rest, len(rest))
@@ -181,7 +197,8 @@ class _Selection:
             if not new:
                 break
             if self._matters(more, fit):
-                gains.append((len(new), fit.cost - more.cost))
+                share = (fit.cost - more.cost) / plain.cost
+                gains.append(Explained(first.name, len(new), share))
                 fit = more
                 found += new
                 rest, absent = [*rest, *absent], []
@@ -194,7 +211,8 @@ class _Selection:
             together, first_samples = self._together(fit, choices)
             if together.cost < fit.cost - DECIDES * fit.weight:
                 new = [form for form in absent if form.is_stated(together.actuator)]
-                gains += [(len(new), fit.cost - together.cost)] if new else []
+                share = (fit.cost - together.cost) / plain.cost
+                gains += [Explained(first.name, len(new), share)] if new else []
                 absent = [form for form in absent if form not in new]
                 found, self.first_samples = [*found, *new], first_samples
                 fit = self._chosen(together, found)

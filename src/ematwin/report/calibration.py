@@ -41,16 +41,14 @@ def calibration_page(report: CalibrationReport) -> str:
 
 
 def _forms_table(report: CalibrationReport) -> Table | None:
-    """The forms found, and the share of the residual that they explain as they join."""
+    """Each form, or forms found together, and its share of the residual of its equation."""
     forms = None if report.basis is None else report.basis.forms
     if forms is None or not forms.found:
         return None
-    names, parts = iter(forms.found), []
-    for count, share in forms.explained:  # such as two loops, which pass for one another alone
-        parts.append(("; ".join(islice(names, count)), share))
-    parts.append(("nothing yet", forms.after))
-    rows = [Row([said, f"{100.0 * share / forms.before:.3g}"]) for said, share in parts]
-    return Table(["form", "explains, %"], rows)
+    names, rows = iter(forms.found), []
+    for equation, count, share in forms.explained:
+        rows.append(Row(["; ".join(islice(names, count)), equation, f"{100.0 * share:.3g}"]))
+    return Table(["form", "equation", "explains of its residual, %"], rows)
 
 
 def _fit_sections(report: CalibrationReport) -> list[Section]:

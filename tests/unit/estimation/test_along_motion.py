@@ -29,11 +29,15 @@ def recording():
     return simulate("reference", actuator=DRIVE, faults=FAULTS, noise=Noise(white=0.02), seed=3)
 
 
-def test_equations_lead_from_healthy_to_the_faults_within_standard_errors(recording):
+@pytest.fixture(scope="module")
+def found(recording):
+    """The problem without and with what equations tell, and their estimate."""
     problem = everything_free(recording)
-    found = informed(MODEL, DRIVE, problem, problem.healthy)
-    assert found is not None
-    known, point = found
+    return problem, *informed(MODEL, DRIVE, problem, problem.healthy)
+
+
+def test_equations_lead_from_healthy_to_the_faults_within_standard_errors(found):
+    problem, known, point = found
     chart = problem.chart
     z = chart.from_values(point[None])
     step = 1e-4 * np.eye(len(point))
@@ -43,15 +47,12 @@ def test_equations_lead_from_healthy_to_the_faults_within_standard_errors(record
     away = (z - chart.from_values(truth[None]))[0]
     faults = [n for n, one in enumerate(problem.unknowns) if one.role == "fault"]
     errors = np.sqrt(np.diag(covariance))
-    print({problem.names[n]: (away[n] / errors[n]).round(2).item() for n in faults})
-    print({problem.names[n]: errors[n].round(4).item() for n in faults})
     assert (np.abs(away[faults]) < 4.0 * errors[faults] + 1e-3).all()
     assert (errors[faults] < 0.1).all()
 
 
-def test_what_is_known_counts_in_costs_also_where_some_unknowns_are_held(recording):
-    problem = everything_free(recording)
-    known, point = informed(MODEL, DRIVE, problem, problem.healthy)
+def test_what_is_known_counts_in_costs_also_where_some_unknowns_are_held(found):
+    problem, known, point = found
     beside = np.clip(point + 0.01 * (problem.upper - problem.lower), None, problem.upper)
     points = np.stack([point, beside])
     residuals = known.residuals(points)
