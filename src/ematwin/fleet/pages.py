@@ -86,8 +86,8 @@ def actuator_page(unit: FleetActuator) -> str:
 
 
 _LEGEND = (
-    "Points: estimates; crosses: outliers. Line and band: level with 95 % interval; from the last "
-    "recording on the forecast with its 80 % interval. Dashed: limit. Vertical: overhaul (solid), "
+    "Points: estimates; crosses: outliers. Line and band: level with 95 % interval; after the day "
+    "of this page the forecast with its 80 % interval. Dashed: limit. Vertical: overhaul (solid), "
     "jump (dotted)."
 )
 
@@ -234,7 +234,7 @@ def _forecast(unit: FleetActuator, one: Trend, name: str) -> tuple[np.ndarray, n
     ahead, level, _ = paths(
         one, now, unit.fleet.process(unit.kind, name), horizon=_AHEAD, draws=200
     )  # fmt: skip
-    every = slice(None, None, 8)
+    every = slice(None, None, 6)  # of 60, to the last
     share = 0.5 - LEVEL / 2.0
     return now + ahead[every], np.quantile(level[:, every], [share, 0.5, 1.0 - share], axis=0)
 
